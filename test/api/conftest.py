@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from made_scene import write_folder
 
-import sfr_loc_map as sfr
+import sfr_loc_map as suite
 
 
 @pytest.fixture(scope="package")
@@ -17,14 +17,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="package")
-def estimate(folder: Path) -> sfr.Trajectory:
+def estimate(folder: Path) -> suite.Trajectory:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return sfr.localise(folder, start="truth")
+        return suite.localise(folder, start="truth")
 
 
 @pytest.fixture(scope="package")
-def cloud(folder: Path) -> sfr.PointCloud:
+def cloud(folder: Path) -> suite.PointCloud:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return sfr.map(sfr.open(folder))
+        return suite.map(suite.open(folder))

@@ -1,4 +1,4 @@
-"""Keys of a terminal."""
+"""Keys of a terminal, and what they do."""
 
 from __future__ import annotations
 
@@ -7,46 +7,71 @@ import pty
 import re
 import subprocess
 import sys
-import time
+
+import pytest
+
+from sfr_loc_map.pipeline.controls import Controls
+
+READ = """
+import sys, time, termios
+from sfr_loc_map.pipeline.controls import Keyboard
+before, keys = termios.tcgetattr(0), []
+with Keyboard() as keyboard:
+    print("there", keyboard.is_there, keyboard.pressed(), flush=True)
+    while keyboard.is_there and "q" not in keys:
+        keys += keyboard.pressed()
+        time.sleep(0.01)
+print(keys, termios.tcgetattr(0) == before, flush=True)
+"""
 
 
 def test_keys_of_a_terminal_come_one_by_one_and_the_terminal_is_restored() -> None:
-    code = (
-        "import sys, time, termios\nfrom sfr_loc_map.pipeline.controls import Keyboard\n"
-        "before = termios.tcgetattr(0)\nkeys = []\n"
-        "with Keyboard() as keyboard:\n    print('there', keyboard.is_there, flush=True)\n"
-        "    while 'q' not in keys:\n        keys += keyboard.pressed(); time.sleep(0.01)\n"
-        "print(keys, termios.tcgetattr(0) == before, flush=True)\n"
-    )
     pid, terminal = pty.fork()
     if pid == 0:
-        os.execv(sys.executable, [sys.executable, "-c", code])
+        os.execv(sys.executable, [sys.executable, "-c", READ])
     text = b""
-    while b"there" not in text:
-        text += os.read(terminal, 1000)
-    time.sleep(0.1)
-    os.write(terminal, b" s\x1b[C\x1b[Aq")
     while not re.search(rb"\] (True|False)", text):
         text += os.read(terminal, 1000)
+        if text.endswith(b"there True []\r\n"):
+            os.write(terminal, b" s\x1b[C\x1b[Aq")
     os.waitpid(pid, 0)
-    assert b"there True" in text
     assert b"[' ', 's', 'right', 'up', 'q'] True" in text
 
 
 def test_a_terminal_that_is_not_the_controlling_one_has_no_keys() -> None:
     """As with `setsid`, in containers and under some schedulers: to ask for its foreground group is an error."""
-    code = "from sfr_loc_map.pipeline.controls import Keyboard\nwith Keyboard() as k: print(k.is_there, k.pressed())"
     ours, theirs = pty.openpty()
-    try:
-        done = subprocess.run(
-            [sys.executable, "-c", code],
-            stdin=theirs,
-            capture_output=True,
-            text=True,
-            start_new_session=True,
-            check=False,
-        )
-    finally:
-        os.close(ours)
-        os.close(theirs)
-    assert (done.returncode, done.stdout) == (0, "False []\n"), done.stderr
+    command = [sys.executable, "-c", READ]
+    done = subprocess.run(command, stdin=theirs, capture_output=True, text=True, start_new_session=True, check=False)
+    os.close(ours)
+    os.close(theirs)
+    assert (done.returncode, done.stdout) == (0, "there False []\n[] True\n"), done.stderr
+
+
+def test_what_keys_do() -> None:
+    controls = Controls(rate=1.0, position_s=7.0, end_s=12.0)
+    for key, name, expected in (
+        (" ", "held", True),
+        ("right", "steps", 1),
+        ("s", "steps", 2),
+        (" ", "paused", False),
+        (" ", "steps", 0),
+        ("left", "seek_s", 2.0),
+        ("f", "seek_s", 12.0),
+        ("up", "rate", 1.1),
+        ("down", "rate", 1.0),
+        ("l", "loop", True),
+        ("?", "stopped", False),
+        ("q", "interrupted", True),
+    ):
+        controls.key(key)
+        assert getattr(controls, name) == pytest.approx(expected), key
+
+
+def test_nothing_is_sought_after_the_last_pair_nor_before_the_first() -> None:
+    controls = Controls(position_s=9.0, end_s=12.0)
+    controls.key("f")
+    assert controls.seek_s is None
+    controls.position_s = 3.0
+    controls.key("left")
+    assert (controls.next_start_s(), controls.next_start_s()) == (0.0, None)

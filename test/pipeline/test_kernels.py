@@ -1,48 +1,63 @@
+"""Kernels are loaded before they are needed, or compiled beside; signals wait meanwhile; a first run changes no bit."""
+
+from __future__ import annotations
+
 import itertools
 import os
 import signal
 import subprocess
 import sys
 from collections.abc import Callable
-from types import FrameType
-from typing import cast
+from pathlib import Path
 
 import numpy as np
 import pytest
+from first_run import RUNS, kept_digest
 from numba import njit
 
 from sfr_loc_map.child_process import child_environment
-from sfr_loc_map.pipeline.kernels import PARTS, announce_compilation, load_kernels
+from sfr_loc_map.pipeline import kernels
+from sfr_loc_map.pipeline.kernels import announce_compilation, load_kernels
+
+SCENES = Path(__file__).parents[1] / "scenes"
+Part = Callable[[Callable[[], object]], None]
+
+
+@pytest.fixture
+def part(monkeypatch: pytest.MonkeyPatch) -> Part:
+    """Let `tiny` be the one part; the process that compiles does not know it."""
+    return lambda load: monkeypatch.setattr(kernels, "PARTS", {"tiny": load})
+
+
+def run_python(*words: str, **environment: str) -> str:
+    command = [sys.executable, *words]
+    run = subprocess.run(command, env=child_environment() | environment, capture_output=True, text=True, check=False)
+    assert (run.returncode, run.stderr) == (0, "")
+    return run.stdout.strip()
 
 
 def test_what_is_compiled_is_announced_with_progress_and_what_is_there_is_not() -> None:
-    kernels = [njit(lambda x, k=k: x + k) for k in range(3)]
+    sums = [njit(lambda x, k=k: x + k) for k in range(3)]
     ticks = itertools.count(100.0, 2.0)
 
     def run() -> list[str]:
         lines: list[str] = []
         with announce_compilation(lines.append, lambda: next(ticks)):
-            for kernel in kernels:
+            for kernel in sums:
                 kernel(np.float64(1.0))
         return lines
 
-    first, *progress, last = run()
+    first, progress, last = run()  # the clock of this test has gone on by more than 5 s, and not by 10
     assert first == "compiles its kernels, once after an installation: this takes about a minute"
-    assert len(progress) == 1  # the clock of this test has gone on by more than 5 s, and not by 10
-    assert "kernels compiled, " in progress[0]
+    assert "kernels compiled, " in progress
     assert last.startswith("3 kernels compiled in ")
     assert run() == []
 
 
-def test_what_is_not_compiled_is_compiled_beside_and_here_where_that_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_not_compiled_is_compiled_beside_and_here_where_that_fails(part: Part) -> None:
     kernel = njit(lambda x: x + 7)
     compiled: list[int] = []
-
-    def tiny() -> None:
-        compiled.append(len(kernel.signatures))
-        kernel(np.float64(1.0))
-
-    monkeypatch.setitem(cast(dict[str, Callable[[], None]], PARTS), "tiny", tiny)  # the other process has no such part
+    part(lambda: (compiled.append(len(kernel.signatures)), kernel(np.float64(1.0))))
     lines: list[str] = []
     load_kernels("tiny", lines.append)
     assert compiled == [0, 0]  # refused, then compiled here
@@ -60,31 +75,22 @@ def test_kernels_are_loaded_without_what_only_the_compiler_needs() -> None:
     """
     unneeded = {"scipy.linalg", "numba.np.linalg", "numba.np.arraymath", "rosbags"}
     program = (
-        "import sys\nfrom sfr_loc_map.io import registry\nfrom sfr_loc_map.pipeline import scoring\n"
-        "from sfr_loc_map.pipeline import kernels\n"
-        "for part in kernels.PARTS: kernels.load_kernels(part)\n"
-        f"print(*{unneeded} & set(sys.modules))"
+        "import sys\nfrom sfr_loc_map.io import registry\nfrom sfr_loc_map.pipeline import kernels, scoring\n"
+        f"for part in kernels.PARTS: kernels.load_kernels(part)\nprint(*{unneeded} & set(sys.modules))"
     )
-    run = subprocess.run([sys.executable, "-c", program], env=child_environment(), capture_output=True, text=True)
-    assert (run.returncode, run.stdout, run.stderr) == (0, "\n", "")
+    assert run_python("-c", program) == ""
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_is_an_exception_after_kernels_are_loaded_not_within(
-    monkeypatch: pytest.MonkeyPatch, number: signal.Signals
-) -> None:
+def test_a_signal_is_an_exception_after_kernels_are_loaded_not_within(part: Part, number: signal.Signals) -> None:
     """In the callback from C that loads a kernel an exception would be discarded, and the kernel not be loaded."""
     done: list[str] = []
+    part(lambda: (os.kill(os.getpid(), number), done.append("loaded")))
 
-    def part() -> None:
-        os.kill(os.getpid(), number)
-        done.append("loaded")
-
-    def interrupt(received: int, frame: FrameType | None) -> None:
+    def interrupt(received: int, _: object) -> None:
         done.append(signal.Signals(received).name)
         raise KeyboardInterrupt
 
-    monkeypatch.setitem(cast(dict[str, Callable[[], None]], PARTS), "tiny", part)
     before = signal.signal(number, interrupt)
     try:
         with pytest.raises(KeyboardInterrupt):
@@ -95,11 +101,25 @@ def test_a_signal_is_an_exception_after_kernels_are_loaded_not_within(
         signal.signal(number, before)
 
 
-def test_nobody_waits_for_kernels_that_are_wanted_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nobody_waits_for_kernels_that_are_wanted_no_more(part: Part) -> None:
     """A node that a signal has shut down: the compiling process may have had the signal too, and ends first."""
     kernel = njit(lambda x: x + 8)
-    monkeypatch.setitem(cast(dict[str, Callable[[], None]], PARTS), "tiny", lambda: kernel(np.float64(1.0)))
+    part(lambda: kernel(np.float64(1.0)))
     lines: list[str] = []
     with pytest.raises(KeyboardInterrupt):
         load_kernels("tiny", lines.append, lambda: False)
     assert (lines, kernel.signatures) == ([], [])
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(400)
+@pytest.mark.parametrize("name", RUNS)
+def test_a_run_that_compiles_gives_the_bits_of_one_that_loads(name: str, tmp_path: Path) -> None:
+    script, cache = str(SCENES / "first_run.py"), {}
+    first = kept_digest(name)  # of `make test`, which compiles; compiled here where the code has changed since
+    if first is None:
+        cache["NUMBA_CACHE_DIR"] = str(tmp_path)
+        first = run_python(script, name, **cache)
+        assert any(tmp_path.rglob("*.nbi"))
+    assert len(first) == 64
+    assert run_python(script, name, **cache) == first

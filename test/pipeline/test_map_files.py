@@ -13,18 +13,14 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud
 from sfr_loc_map.mapping.config import TerrainConfig
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel
-from sfr_loc_map.mapping.terrain.grid import TerrainGrid, elevation_grid
+from sfr_loc_map.mapping.terrain.grid import elevation_grid
 from sfr_loc_map.pipeline import map_files
-from sfr_loc_map.pipeline.map_files import (
-    COLOURED_TYPE,
-    VOID,
-    save_coloured_ply,
-    shaded_heights,
-)
+from sfr_loc_map.pipeline.map_files import COLOURED_TYPE, VOID, save_coloured_ply, shaded_heights
 
 rasterio = pytest.importorskip("rasterio", reason="extra dem")
 
-NAMES = ("height", "sigma", "count", "slope", "roughness", "step", "hazard")
+LAYERS = {"height": "height_m", "sigma": "sigma_m", "count": "count", "slope": "slope_rad"}
+LAYERS |= {"roughness": "roughness_m", "step": "step_m", "hazard": "hazard"}
 
 
 def made_cloud() -> PointCloud:
@@ -38,35 +34,23 @@ def made_cloud() -> PointCloud:
     return PointCloud(xyz, sigma, 100 * sigma, pixel, pixel, np.zeros(len(xyz), np.uint8))
 
 
-@pytest.fixture(scope="module")
-def cloud() -> PointCloud:
-    return made_cloud()
-
-
-@pytest.fixture(scope="module")
-def grid(cloud: PointCloud) -> TerrainGrid:
-    return elevation_grid(cloud, TerrainConfig())
-
-
-def test_geotiff_and_archive_hold_the_grid_itself(grid: TerrainGrid, tmp_path: Path) -> None:
+def test_geotiff_and_archive_hold_the_grid_itself(tmp_path: Path) -> None:
+    grid = elevation_grid(made_cloud(), TerrainConfig())
     for name in ("a.tif", "a.npz"):
         map_files.save_dem(tmp_path / name, grid)
     read = np.load(tmp_path / "a.npz")
     with rasterio.open(tmp_path / "a.tif") as file:
-        assert file.driver == "GTiff"
-        assert file.descriptions == NAMES
-        assert set(file.dtypes) == {"float32"}
+        assert (file.driver, file.descriptions, set(file.dtypes)) == ("GTiff", tuple(LAYERS), {"float32"})
         assert np.isnan(file.nodata)
         assert 'LOCAL_CS["lm"' in file.crs.to_wkt()
         assert file.units[:4] == ("m", "m", "points", "rad")
-        bands = {name: file.read(index + 1)[::-1] for index, name in enumerate(NAMES)}
-        place = file.index(-0.95, 2.05)  # the cell with the least x and y
-        assert place == (grid.hazard.shape[0] - 1, 0)
-    arrays = ("height_m", "sigma_m", "count", "slope_rad", "roughness_m", "step_m", "hazard")
-    for name, array in zip(NAMES[:-1], arrays[:-1], strict=True):
+        bands = {name: file.read(index + 1)[::-1] for index, name in enumerate(LAYERS)}
+        assert file.index(-0.95, 2.05) == (grid.hazard.shape[0] - 1, 0)  # the cell with the least x and y
+    bands["hazard"][np.isnan(bands["hazard"])] = -1
+    for name, array in LAYERS.items():
         np.testing.assert_array_equal(bands[name], read[array].astype(np.float32))
     np.testing.assert_array_equal(read["height_m"], grid.elevation.height_m)
-    np.testing.assert_array_equal(np.where(np.isnan(bands["hazard"]), -1, bands["hazard"]), grid.hazard)
+    np.testing.assert_array_equal(read["hazard"], grid.hazard)
     assert (grid.hazard == 100).any()
     assert np.isnan(bands["height"]).any()
     assert read["origin_m"].tolist() == pytest.approx([-1.0, 2.0])
@@ -83,12 +67,15 @@ def test_heights_are_dark_in_holes_and_brighter_uphill() -> None:
     assert image[2, -3].sum() > image[2, 3].sum()
 
 
-def test_a_cloud_without_sigma_has_heights_without_sigma(cloud: PointCloud) -> None:
-    bare = map_files.grid_of_file(LoadedCloud(cloud.xyz.astype(np.float64), None), TerrainConfig())
-    assert np.isnan(bare.elevation.sigma_m).all()
-    whole = map_files.grid_of_file(LoadedCloud(cloud.xyz.astype(np.float64), cloud), TerrainConfig())
-    np.testing.assert_allclose(bare.elevation.height_m, whole.elevation.height_m, atol=1e-6)
-    assert np.nanmax(whole.elevation.sigma_m) > 0
+def test_a_cloud_without_sigma_has_heights_without_sigma() -> None:
+    cloud = made_cloud()
+    bare, whole = (
+        map_files.grid_of_file(LoadedCloud(cloud.xyz.astype(np.float64), item), TerrainConfig()).elevation
+        for item in (None, cloud)
+    )
+    assert np.isnan(bare.sigma_m).all()
+    assert np.nanmax(whole.sigma_m) > 0
+    np.testing.assert_allclose(bare.height_m, whole.height_m, atol=1e-6)
 
 
 def test_values_of_the_option(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -113,11 +100,8 @@ def test_values_of_the_option(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_coloured_ply_has_the_points_and_colours(tmp_path: Path) -> None:
     xyz = np.array([[0, 0, 0], [1, 0, 1], [2, 0, 2], [3, 1, 3]], np.float32)
-    ones = np.ones(4, np.float32)
-    pixel = np.zeros(4, np.uint16)
-    cloud = PointCloud(xyz, 0.1 * ones, 100 * ones, pixel, pixel, np.zeros(4, np.uint8))
-    path = tmp_path / "c.ply"
-    save_coloured_ply(path, cloud)
+    ones, pixel, path = np.ones(4, np.float32), np.zeros(4, np.uint16), tmp_path / "c.ply"
+    save_coloured_ply(path, PointCloud(xyz, 0.1 * ones, 100 * ones, pixel, pixel, np.zeros(4, np.uint8)))
     np.testing.assert_array_equal(load_cloud(path).xyz, xyz)
     data = path.read_bytes()
     assert b"property uchar red" in data

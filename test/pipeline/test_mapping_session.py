@@ -11,23 +11,20 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.pipeline.mapping_session import MAX_POSES, MAX_WAITING, PoseMatching
 
 
-def pose(x: float) -> Transform:
-    return Transform(np.eye(3), np.array([x, 0.0, 0.0]))
+class Matching(PoseMatching[int]):
+    """Has a clock of its own; pairs are their stamps, poses have their stamp as x."""
 
-
-class Matching:
-    """The matching under a clock of its own; pairs are their stamps, poses have their stamp as x."""
-
-    def __init__(self, tolerance_ns: int = 0, timeout_s: float = 1.0) -> None:
+    def __init__(self, tolerance_ns: int = 0) -> None:
         self.now = 0.0
         self.drops: list[int] = []
-        self.inner: PoseMatching[int] = PoseMatching(tolerance_ns, timeout_s, self.drops.append, lambda: self.now)
+        super().__init__(tolerance_ns, 1.0, self.drops.append, lambda: self.now)
 
     def pose(self, stamp: int) -> list[tuple[int, float]]:
-        return [(pair, p.translation[0]) for pair, p in self.inner.add_pose(stamp, pose(stamp))]
+        found = self.add_pose(stamp, Transform(np.eye(3), np.array([stamp, 0.0, 0.0])))
+        return [(pair, pose.translation[0]) for pair, pose in found]
 
     def pair(self, stamp: int) -> list[tuple[int, float]]:
-        return [(pair, p.translation[0]) for pair, p in self.inner.add_pair(stamp, stamp)]
+        return [(pair, pose.translation[0]) for pair, pose in self.add_pair(stamp, stamp)]
 
 
 @given(st.permutations([("pose", 1), ("pose", 2), ("pose", 3), ("pair", 1), ("pair", 2), ("pair", 3)]))
@@ -39,25 +36,21 @@ def test_every_pair_meets_its_pose_in_whatever_order_they_come(order: list[tuple
 
 def test_within_the_tolerance_the_nearest_pose_is_taken() -> None:
     matching = Matching(tolerance_ns=10)
-    assert matching.pair(100) == []
-    assert matching.pose(89) == []
+    assert matching.pair(100) == matching.pose(89) == []
     assert matching.pose(110) == [(100, 110.0)]
     matching.pose(95)
     assert matching.pair(97) == [(97, 95.0)]
 
 
 def test_pairs_that_wait_too_long_are_dropped_and_counted() -> None:
-    matching = Matching(timeout_s=1.0)
-    matching.pair(1)
-    matching.now = 0.5
-    matching.pair(2)
-    matching.now = 1.2
-    matching.inner.drop_overdue()
-    assert matching.drops == [1]
-    matching.now = 2.0
-    matching.inner.drop_overdue()
-    assert matching.drops == [1, 2]
-    assert matching.inner.dropped == 2
+    matching = Matching()
+    for stamp in (1, 2):
+        matching.pair(stamp)
+        matching.now += 0.6
+    for dropped in ([1], [1, 2]):
+        matching.drop_overdue()
+        assert (matching.drops, matching.dropped) == (dropped, len(dropped))
+        matching.now += 0.6
     assert matching.pose(1) == []
 
 
@@ -66,11 +59,10 @@ def test_what_waits_is_bounded() -> None:
     for stamp in range(MAX_WAITING + 2):
         matching.pair(stamp)
     assert matching.drops == [0, 1]
-    matching = Matching()
+    matching.clear()
     for stamp in range(MAX_POSES + 1):
         matching.pose(stamp)
-    assert matching.pair(0) == []
-    assert matching.pair(1) == [(1, 1.0)]
+    assert (matching.pair(0), matching.pair(1)) == ([], [(1, 1.0)])
 
 
 @pytest.mark.parametrize(("clear", "kept"), [("clear_pairs", True), ("clear", False)])
@@ -78,7 +70,6 @@ def test_forgotten_pairs_are_not_counted_and_poses_may_stay(clear: str, kept: bo
     matching = Matching()
     matching.pair(1)
     matching.pose(2)
-    getattr(matching.inner, clear)()
-    assert matching.pose(1) == []
-    assert matching.pair(2) == ([(2, 2.0)] if kept else [])
-    assert matching.inner.dropped == 0
+    getattr(matching, clear)()
+    assert (matching.pose(1), matching.pair(2)) == ([], [(2, 2.0)] if kept else [])
+    assert matching.dropped == 0

@@ -21,7 +21,7 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import StateReason, TrackingState
 from sfr_loc_map.localisation.visualisation import STRIP
 from sfr_loc_map.pipeline.call_stats import CallRecord
-from sfr_loc_map.pipeline.offline import CAUSES, localise, start_pose, states_text, track_video, tracking_warning
+from sfr_loc_map.pipeline.offline import CAUSES, localise, start_pose, track_video, tracking_warning
 
 FIRST_NS = 1_000_000_000_000
 IMAGE = np.zeros((2, 2), np.uint8)
@@ -31,13 +31,11 @@ IMAGE = np.zeros((2, 2), np.uint8)
 class OnePair:
     """A drive of a pair, whose truth goes 1 m in each second: its x is the time since the pair, seconds."""
 
-    seconds: tuple[float, ...] | None
+    seconds: tuple[float, ...]
     rig: StereoRig = LOC_RIG
 
     @property
     def ground_truth(self) -> Trajectory | None:
-        if self.seconds is None:
-            return None
         poses = (Transform(np.eye(3), np.array([s, 0.0, 0.0])) for s in self.seconds)
         stamps = (FIRST_NS + round(s * NS_PER_S) for s in self.seconds)
         return Trajectory.from_poses(zip(stamps, poses, strict=True))
@@ -68,14 +66,9 @@ def test_the_true_start_pose_is_that_of_its_stamp(
     assert start.stamp_ns == FIRST_NS + round(expected_s * NS_PER_S)
     np.testing.assert_allclose(start.T_ds_rb.translation, [expected_s, 0.0, 0.0], atol=1e-12)
     assert not start.covariance.any()
-
-
-def test_the_identity_holds_at_the_first_pair_whatever_the_truth() -> None:
-    start = start_pose(OnePair(None), "identity")
-    assert start.stamp_ns is None
-    np.testing.assert_array_equal(start.T_ds_rb.matrix, np.eye(4))
+    assert start_pose(OnePair(truth_s), "identity").stamp_ns is None  # it holds at the first pair
     with pytest.raises(InputError, match="needs ground truth"):
-        start_pose(OnePair(None), "truth")
+        start_pose(OnePair(()), "truth")
 
 
 @pytest.mark.parametrize("ending", [".avi", ".mp4"])
@@ -91,8 +84,7 @@ def test_a_film_has_one_image_for_each_pair_and_estimates_stay_the_same(tmp_path
     images = []
     while (read := film.read())[0]:
         images.append(read[1])
-    assert len(images) == 4
-    assert images[0].shape == (HEIGHT + STRIP, WIDTH, 3)
+    assert [image.shape for image in images] == 4 * [(HEIGHT + STRIP, WIDTH, 3)]
     grey = images[0][4 : HEIGHT - 4, 4 : WIDTH - 4].mean(axis=2)
     assert np.median(np.abs(grey - 0.75 * loc_pair(0).left[4:-4, 4:-4])) < 12
 
@@ -108,35 +100,18 @@ def test_an_unknown_ending_is_refused_and_a_failure_leaves_nothing(tmp_path: Pat
     assert not list(tmp_path.iterdir())
 
 
-def calls(*states: tuple[TrackingState, StateReason | None, int]) -> list[CallRecord]:
-    return [
-        CallRecord(0, 0.1, state.value, None, None, reason=reason.value if reason is not None else "")
-        for state, reason, count in states
-        for _ in range(count)
-    ]
-
-
-GOOD = (TrackingState.TRACKING, None, 44)
-
-
-def test_many_lost_pairs_name_the_cause_and_the_next_command() -> None:
-    records = calls(
-        GOOD,
-        (TrackingState.LOST, StateReason.UNTEXTURED_IMAGES, 16),
-        (TrackingState.LOST, StateReason.NO_STEREO, 36),
-        (TrackingState.DEGRADED, StateReason.NO_STEREO, 4),
+def test_many_lost_pairs_name_the_cause_and_the_next_command_and_few_do_not() -> None:
+    lost, degraded, tracking = (
+        CallRecord(0, 0.1, state, None, None, reason=reason)
+        for state, reason in (
+            (TrackingState.LOST, StateReason.NO_STEREO),
+            (TrackingState.DEGRADED, StateReason.UNTEXTURED_IMAGES),
+            (TrackingState.TRACKING, ""),
+        )
     )
-    assert states_text(records) == "52 lost, 4 degraded"
-    text = tracking_warning(records, "data/")
-    assert text == (
-        "52 lost, 4 degraded of 100 pairs; 40 of them because left and right are not a stereo pair of the rig: equal, "
+    assert tracking_warning([*50 * [tracking], lost, degraded], "data/") is None
+    assert tracking_warning([*44 * [tracking], *40 * [lost], *16 * [degraded]], "data/") == (
+        "40 lost, 16 degraded of 100 pairs; 40 of them because left and right are not a stereo pair of the rig: equal, "
         "swapped, or of different moments (no_stereo): look with sfr doctor data/"
     )
-
-
-def test_few_lost_pairs_are_no_warning_and_every_reason_has_words() -> None:
-    assert states_text(calls(GOOD)) == "0 lost"
-    assert tracking_warning(calls(GOOD), "data/") is None
-    assert tracking_warning(calls((TrackingState.TRACKING, None, 40), (TrackingState.LOST, None, 2)), "d") is None
-    assert "the reason is not known" in str(tracking_warning(calls((TrackingState.LOST, None, 3)), "d"))
     assert set(CAUSES) == set(StateReason)

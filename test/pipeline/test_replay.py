@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,31 +22,21 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.metrics.calls import NODE_CLOCK, score_calls, with_external
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.score import (
-    AnswerCounts,
-    ExternalScore,
-    MethodKind,
-    MethodRecord,
-    ProcessUsage,
-)
+from sfr_loc_map.metrics.score import AnswerCounts, ExternalScore, MethodKind, MethodRecord, ProcessUsage
 from sfr_loc_map.metrics.score_json import to_dict
-from sfr_loc_map.pipeline.call_stats import CallRecord, CallStats, load_call_stats, save_stats
+from sfr_loc_map.pipeline.call_stats import CallRecord, load_call_stats, save_stats
 from sfr_loc_map.pipeline.monitor_score import MonitorScore
 from sfr_loc_map.pipeline.offline import MapRun, map_pairs
 from sfr_loc_map.pipeline.replay import ExternalRun, ReplayFiles, ReplayResult, save_replay, score_replay
 from sfr_loc_map.pipeline.scoring import Correction, ScoreInputs, score_files
 
 USAGE = ProcessUsage(cpu_s=1.0, peak_rss_bytes=5_000, processes=2, method="as seen from outside")
-NODE = ExternalScore(task="localisation", topic="odom", frames="a -> b", answers=AnswerCounts(), latency_s=None)
+NODE = ExternalScore(
+    task="localisation", topic="odom", frames="a -> b", answers=AnswerCounts(), latency_s=None, process=USAGE
+)
 METHOD = MethodRecord(name="theirs", version=None, kind=MethodKind.EXTERNAL)
-
-
-def published_poses() -> Trajectory:
-    return Trajectory(np.arange(4) * 100, np.arange(12.0).reshape(4, 3), Rotation.random(4, random_state=1).as_quat())
-
-
-def run_of(*settings: str) -> ExternalRun:
-    return ExternalRun(METHOD, NODE, (), Correction(PoseConvention.parse(settings)))
+PUBLISHED = Trajectory(np.arange(4) * 100, np.arange(12.0).reshape(4, 3), Rotation.random(4, random_state=1).as_quat())
+SAMPLE = Path(__file__).parents[2] / "sample" / "sample.mcap"
 
 
 def test_each_pose_has_a_row_with_the_time_that_the_node_told_or_none(tmp_path: Path) -> None:
@@ -55,39 +45,26 @@ def test_each_pose_has_a_row_with_the_time_that_the_node_told_or_none(tmp_path: 
         CallRecord(100, float("nan"), "tracking", None, None, covariance=9999.0 * np.eye(6)),
         CallRecord(500, 0.5, "mapped", 7, 7),
     ]
-    config = ScoreConfig()
-    published = ReplayResult(published_poses(), None, told, "", ())
-    converted = published.converted(run_of("metres_per_unit=0.1"), None, None, config)
-    found, records, run = converted.estimate, converted.records, converted.external
+    node = ExternalRun(METHOD, NODE, (), Correction(PoseConvention.parse(("metres_per_unit=0.1",))))
+    converted = ReplayResult(PUBLISHED, None, told, "", ()).converted(node, None, None, ScoreConfig())
+    records, run = converted.records, converted.external
     assert run is not None
-    np.testing.assert_allclose(found.positions, 0.1 * published_poses().positions)
-    assert run.as_published is not None
-    np.testing.assert_array_equal(run.as_published.positions, published_poses().positions)
     assert run.convention is not None
     assert run.convention.declared == ("metres_per_unit=0.1",)
+    assert run.as_published is PUBLISHED
+    np.testing.assert_allclose(converted.estimate.positions, 0.1 * PUBLISHED.positions)
     assert [item.state for item in records] == ["tracking", "lost", "tracking", "tracking", "mapped"]
     assert records[0].covariance is not None
     np.testing.assert_allclose(np.diag(records[0].covariance), [0.01, 0.02, 0.03, 4, 5, 6])
     assert records[2].covariance is None
     save_stats(tmp_path / "stats.csv", records)
-    stats = load_call_stats(tmp_path / "stats.csv")
-    scored = score_calls(stats.calls)
-    assert scored.timing.localisation is not None
-    assert (scored.timing.localisation.count, scored.timing.localisation.mean) == (1, 0.25)
-    assert isinstance(stats, CallStats)
-    seen = with_external(scored, replace(NODE, process=USAGE))
-    assert seen.timing.localisation is not None
-    assert seen.timing.localisation.clock == NODE_CLOCK
-    assert seen.timing.mapping is not None
-    assert seen.timing.mapping.clock != NODE_CLOCK
-    assert seen.memory.localisation is not None
-    assert seen.memory.localisation.peak_bytes == 5_000
-    assert seen.memory.mapping is not None
-    assert seen.memory.mapping.peak_bytes == 7
-    assert str(seen.memory.method).startswith("localisation: as seen from outside; others: ")
-
-
-SAMPLE = Path(__file__).parents[2] / "sample" / "sample.mcap"
+    scored = score_calls(load_call_stats(tmp_path / "stats.csv").calls)
+    seen = with_external(scored, NODE)
+    timing, memory = asdict(seen.timing), asdict(seen.memory)
+    assert (timing["localisation"]["count"], timing["localisation"]["mean"]) == (1, 0.25)
+    assert [timing[kind]["clock"] == NODE_CLOCK for kind in ("localisation", "mapping")] == [True, False]
+    assert [memory[kind]["peak_bytes"] for kind in ("localisation", "mapping")] == [5_000, 7]
+    assert memory["method"].startswith("localisation: as seen from outside; others: ")
 
 
 def mapped(path: Path) -> tuple[Source, MapRun]:
@@ -96,7 +73,11 @@ def mapped(path: Path) -> tuple[Source, MapRun]:
     return source, map_pairs(source.nav, MappingConfig())
 
 
-def live_map(source: Source, run: MapRun, cloud: PointCloud) -> dict[str, Any]:
+def file_score(cloud: Path, source: Path) -> dict[str, Any]:
+    return dict(to_dict(score_files(ScoreInputs.of(cloud, source), ScoreConfig()))["map"])
+
+
+def live_score(source: Source, run: MapRun, cloud: PointCloud) -> dict[str, Any]:
     """Return the map's score as the monitor makes it of what is published."""
     assert source.nav is not None
     monitor = MonitorScore(ScoreConfig(), None)
@@ -108,42 +89,27 @@ def live_map(source: Source, run: MapRun, cloud: PointCloud) -> dict[str, Any]:
     for record in run.records:
         says = {"fused": float(cloud.fused is True)} if record.state == "fused" else {}
         monitor.add_call(replace(record, statistics={**record.statistics, **says}))
-    monitor.map_inputs.add_cloud(
-        run.maps[-1].stamp_ns, replace(cloud, fused=None, pair_stamps_ns=None)
-    )  # the message does not say
+    message = replace(cloud, fused=None, pair_stamps_ns=None)  # it does not say
+    monitor.map_inputs.add_cloud(run.maps[-1].stamp_ns, message)
     assert monitor.score_maps()
     return dict(to_dict(monitor.result())["map"])
 
 
-def scores(source: Source, run: MapRun, cloud: PointCloud, path: Path) -> list[dict[str, Any]]:
-    """Return the map's score of a replay, of the file that it wrote, and of the monitor."""
+@pytest.mark.parametrize(
+    "case", ["folder, fused", "folder, not fused", pytest.param("sample, fused", marks=pytest.mark.slow)]
+)
+def test_live_replay_and_score_of_every_file_format_are_equal_to_the_last_digit(tmp_path: Path, case: str) -> None:
+    source, run = mapped(SAMPLE if case == "sample, fused" else write_folder(tmp_path / "source", 0, 3))
+    cloud = run.unfused if case == "folder, not fused" else run.fused.cloud
     stamps = tuple(item.stamp_ns for item in run.maps)
-    result, files = ReplayResult(Trajectory.empty(), cloud, run.records, "", stamps), ReplayFiles(path)
+    result, files = ReplayResult(Trajectory.empty(), cloud, run.records, "", stamps), ReplayFiles(tmp_path)
     save_replay(result, files)
     replayed = to_dict(score_replay(source, result, files, ScoreConfig(), None))["map"]
-    filed = to_dict(score_files(ScoreInputs.of(files.cloud, source.path), ScoreConfig()))["map"]
-    return [replayed, filed, live_map(source, run, cloud)]
-
-
-@pytest.mark.slow
-def test_live_replay_and_score_of_the_sample_are_equal_to_the_last_digit(tmp_path: Path) -> None:
-    source, run = mapped(SAMPLE)
-    replayed, filed, live = scores(source, run, run.fused.cloud, tmp_path)
-    assert replayed == filed == live
-    assert replayed["cloud"] == "fused"
-    assert [row["coverage"] for row in replayed["by_range"]][:2] != [None, None]
-
-
-@pytest.mark.parametrize("fused", [True, False])
-def test_every_path_and_file_format_takes_a_cloud_for_what_it_says(tmp_path: Path, fused: bool) -> None:
-    source, run = mapped(write_folder(tmp_path / "source", 0, 3))
-    cloud = run.fused.cloud if fused else run.unfused
-    replayed, filed, live = scores(source, run, cloud, tmp_path)
-    assert replayed == filed == live
-    assert replayed["cloud"] == ("fused" if fused else "single pairs")
+    assert replayed["cloud"] == ("single pairs" if case == "folder, not fused" else "fused")
+    assert replayed == file_score(files.cloud, source.path) == live_score(source, run, cloud)
     for name in ("cloud.pcd", "cloud.npz"):
         save_cloud(tmp_path / name, cloud)
-        assert to_dict(score_files(ScoreInputs.of(tmp_path / name, source.path), ScoreConfig()))["map"] == replayed
+        assert file_score(tmp_path / name, source.path) == replayed
 
 
 def test_a_cloud_is_judged_by_the_truth_of_its_own_pairs(tmp_path: Path) -> None:
@@ -154,9 +120,9 @@ def test_a_cloud_is_judged_by_the_truth_of_its_own_pairs(tmp_path: Path) -> None
     last = list(source.nav.pairs())[2:]
     cloud = mapper.fuse([mapper.process(item.pair, item.T_lm_navsb, k) for k, item in enumerate(last)]).cloud
     save_cloud(tmp_path / "c.ply", cloud)
-    score = to_dict(score_files(ScoreInputs.of(tmp_path / "c.ply", source.path), ScoreConfig()))["map"]
+    score = file_score(tmp_path / "c.ply", source.path)
     assert (score["pairs"], score["coverage"] > 0.8) == (2, True)
     assert score["point_error_m"]["p50"] < 0.02
     save_cloud(tmp_path / "d.ply", replace(cloud, pair_stamps_ns=(1, 2)))
     with pytest.raises(InputError, match="give the source that it was made from"):
-        score_files(ScoreInputs.of(tmp_path / "d.ply", source.path), ScoreConfig())
+        file_score(tmp_path / "d.ply", source.path)

@@ -8,10 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 from cli_result import Sfr
+from made_scene import NAV_RIG, nav_pair, write_folder
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from sfr_loc_map.errors import InputError
@@ -28,7 +28,6 @@ from sfr_loc_map.pipeline.bag_estimates import DIAGNOSTICS
 from sfr_loc_map.pipeline.call_stats import CallRecord, load_call_stats, save_stats
 from sfr_loc_map.pipeline.scoring import Run, ScoreInputs, estimates_of, load_estimates, score_run
 
-WIDTH, HEIGHT, FOCAL = 64, 48, 60.0
 PERIOD_NS = 100_000_000
 Scored = Callable[..., dict[str, Any]]
 
@@ -69,17 +68,6 @@ def test_score_of_trajectory_files(files: tuple[Path, Path], scored: Scored, sfr
     assert "position error over 5 m" in sfr("score", *files).out
     conditions = scored(*files, "--condition", "time=3", "--condition", "frames=7")["trajectory"]["conditions"]
     assert [item["condition"] for item in conditions] == [{"time_s": 3.0}, {"frames": 7}]
-
-
-@pytest.mark.parametrize(("limit", "code"), [(0.06, 0), (0.04, 1)])
-def test_exit_code_is_the_verdict(
-    files: tuple[Path, Path], tmp_path: Path, scored: Scored, limit: float, code: int
-) -> None:
-    limits = tmp_path / "limits.yaml"
-    limits.write_text(f"trajectory:\n  - condition: distance=2\n    position_mean_plus_3sigma_m: {limit / 2.5}\n")
-    score = scored(*files, "--limits", limits, code=code)
-    assert score["verdicts"][0]["verdict"] == ("fail" if code else "pass")
-    assert score["trajectory"]["condition"] == {"distance_m": 5.0}
 
 
 def test_statistics_bring_states_times_and_memory(files: tuple[Path, Path], tmp_path: Path, scored: Scored) -> None:
@@ -130,20 +118,6 @@ def test_calls_of_another_drive_are_told(tmp_path: Path, caplog: pytest.LogCaptu
     assert "no call of the statistics has the stamp of an estimate" in caplog.text
 
 
-def test_times_of_a_target_stand_under_its_name(
-    files: tuple[Path, Path], tmp_path: Path, scored: Scored, sfr: Sfr
-) -> None:
-    target, limits = tmp_path / "target.csv", tmp_path / "limits.yaml"
-    target.write_text("processing_time_s,peak_rss_bytes\n1.5,1000\n2.5,3000\n")
-    limits.write_text("target:\n  localisation_max_s: 2.0\n  localisation_peak_bytes: 5000\n")
-    score = scored(*files, "--target", "GR740", "--target-timing", target, "--limits", limits, code=1)
-    assert "timing" not in score
-    assert score["target"]["name"] == "GR740"
-    assert score["target"]["timing"]["localisation_s"]["clock"] == "GR740"
-    assert [item["verdict"] for item in score["verdicts"]] == ["fail", "pass"]
-    assert sfr("score", *files, "--target-timing", target).code == 2
-
-
 def test_bags_score_as_the_files_they_were_made_of(
     files: tuple[Path, Path], tmp_path: Path, scored: Scored, sfr: Sfr
 ) -> None:
@@ -152,98 +126,26 @@ def test_bags_score_as_the_files_they_were_made_of(
     assert scored(*bags)["trajectory"] == scored(*files)["trajectory"]
 
 
-@pytest.fixture
-def nav_set(tmp_path: Path) -> tuple[Path, PointCloud]:
-    """A data set with one pair that looks at a wall 5 m away, and the cloud of the wall at 5.1 m."""
-    folder = tmp_path / "nav"
-    for name in ("left", "right", "truth"):
-        (folder / name).mkdir(parents=True)
-    for side in ("left", "right"):
-        cv2.imwrite(str(folder / side / "0.png"), np.zeros((HEIGHT, WIDTH), np.uint8))
-    k = [FOCAL, 0, 31.5, 0, FOCAL, 23.5, 0, 0, 1]
-    (folder / "rig.json").write_text(json.dumps({"width": WIDTH, "height": HEIGHT, "k": k, "baseline_m": 0.2}))
-    pose = [f"navsbOriginPos_m_Lm_{a}" for a in "xyz"] + [f"att_q_LmToNavsb_{i}" for i in (1, 2, 3, 4)]
-    columns = ",".join(["stamp_ns", "left", "right", *pose, "truth"])
-    (folder / "pairs.csv").write_text(f"{columns}\n5,left/0.png,right/0.png,0,0,0,0,0,0,1,truth/0.npy\n")
-    u, v = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
-    forward = np.full(u.shape, 5.0)
-    wall = np.stack((forward, 0.1 - (u - 31.5) / FOCAL * 5.0, -(v - 23.5) / FOCAL * 5.0), axis=-1).astype(np.float32)
-    np.save(folder / "truth/0.npy", wall)
-    records = np.zeros(u.size, PointCloud.dtype())
-    for axis, name in enumerate("xyz"):
-        records[name] = wall[..., axis].ravel()
-    records["x"] += np.float32(0.1)
-    records["sigma"] = 0.1
-    records["u"], records["v"] = u.ravel(), v.ravel()
-    return folder, PointCloud.from_structured(records, fused=False)
-
-
-@pytest.mark.parametrize("suffix", [".ply", ".pcd", ".npz"])
-def test_score_of_cloud_files(nav_set: tuple[Path, PointCloud], tmp_path: Path, scored: Scored, suffix: str) -> None:
-    folder, cloud = nav_set
-    save_cloud(tmp_path / f"cloud{suffix}", cloud)
-    part = scored(tmp_path / f"cloud{suffix}", folder)["map"]
-    assert (part["pairs"], part["points"], part["coverage"]) == (1, WIDTH * HEIGHT, 1.0)
-    assert part["point_error_m"]["mean"] == pytest.approx(0.1, abs=1e-6)
-
-
 def test_a_cloud_file_without_its_kind_needs_the_option_and_one_with_it_is_not_contradicted(
-    nav_set: tuple[Path, PointCloud], tmp_path: Path, scored: Scored, sfr: Sfr
+    tmp_path: Path, scored: Scored, sfr: Sfr
 ) -> None:
-    folder, cloud = nav_set
-    silent, path = tmp_path / "silent.ply", tmp_path / "cloud.ply"
+    """The cloud is the true points of one pair, 0.1 m further away."""
+    folder, silent, path = write_folder(tmp_path / "nav", 0, 1), tmp_path / "silent.ply", tmp_path / "cloud.ply"
+    xyz = nav_pair(0).truth.reshape(-1, 3) + np.float32([0.1, 0.0, 0.0])
+    v, u = np.indices((NAV_RIG.height, NAV_RIG.width), np.uint16).reshape(2, -1)
+    ones = np.ones(len(xyz), np.float32)
+    cloud = PointCloud(xyz, 0.1 * ones, ones, u, v, np.zeros(len(xyz), np.uint8), fused=False)
     save_cloud(silent, replace(cloud, fused=None))
     save_cloud(path, cloud)
+    part = scored(path, folder)["map"]
+    assert (part["pairs"], part["points"], part["coverage"]) == (1, len(xyz), 1.0)
+    assert part["point_error_m"]["mean"] == pytest.approx(0.1, abs=1e-6)
     assert "does not say whether it is fused: give --fused" in sfr("score", silent, folder).err
     kinds = [scored(silent, folder, option)["map"]["cloud"] for option in ("--fused", "--not-fused")]
     assert kinds == ["fused", "single pairs"]
     assert scored(path, folder, "--not-fused")["map"]["cloud"] == "single pairs"
     done = sfr("score", path, folder, "--fused")
     assert (done.code, "says that it is not fused" in done.err) == (2, True)
-
-
-def test_bad_input_is_one_line_and_leaves_nothing(files: tuple[Path, Path], tmp_path: Path, sfr: Sfr) -> None:
-    broken, limits, other = (tmp_path / name for name in ("broken.txt", "limits.yaml", "other.txt"))
-    broken.write_text("0 0 0 0 0 0 0 nan\n")
-    limits.write_text("position: 3\n")
-    save_trajectory(other, Trajectory(np.array([10**18]), np.zeros((1, 3)), np.array([[0.0, 0, 0, 1]])))
-    for arguments in (
-        (broken, files[1]),
-        (tmp_path / "missing.txt", files[1]),
-        (other, files[1]),
-        (*files, "--condition", "5m"),
-        (*files, "--spacing", "0"),
-        (*files, "--rebase", "se3"),
-        (*files, "--limits", limits),
-        (*files, "--stats", files[1].with_name("none.csv")),
-    ):
-        done = sfr("score", *arguments, "--json", tmp_path / "s.json")
-        assert (done.code, done.err.count("\n"), done.err[:5]) == (2, 1, "sfr: ")
-        assert not (tmp_path / "s.json").exists()
-
-
-def test_a_wrong_convention_is_warned_of_and_the_doctor_finds_it(tmp_path: Path, sfr: Sfr) -> None:
-    yaw = 2.0 * np.sin(np.arange(300) / 30.0)
-    positions = np.cumsum(np.column_stack((0.1 * np.cos(yaw), 0.1 * np.sin(yaw), 0 * yaw)), axis=0)
-    quats = np.column_stack((0 * yaw, 0 * yaw, np.sin(yaw / 2), np.cos(yaw / 2)))
-    truth = Trajectory(np.arange(300) * PERIOD_NS, positions, quats)
-    wrong = replace(truth, quats_xyzw=quats * [-1, -1, -1, 1])
-    late = replace(truth, stamps_ns=truth.stamps_ns + 10**12)
-    for name, content in (("truth", truth), ("wrong", wrong), ("late", late)):
-        save_trajectory(tmp_path / f"{name}.tum", content)
-    pairs = {name: (tmp_path / f"{name}.tum", tmp_path / "truth.tum") for name in ("truth", "wrong", "late")}
-    done = sfr("score", *pairs["wrong"], "--json", "-")
-    assert done.code == 3
-    assert "conjugated" in json.loads(done.out)["warnings"][0]
-    assert done.err.startswith("sfr: not judged: the estimate looks wrong: ")
-    done = sfr("score", *pairs["truth"], "--json", "-")
-    assert (done.code, done.err, "warnings" in json.loads(done.out)) == (0, "", False)
-    done = sfr("doctor", *pairs["wrong"], "--json", "-")
-    assert (done.code, json.loads(done.out)["found"]["mistake"]) == (1, "conjugated quaternion")
-    done = sfr("doctor", *pairs["late"])
-    assert (done.code, "-1000.000 s" in done.out) == (1, True)
-    done = sfr("doctor", *pairs["truth"])
-    assert (done.code, "no single convention mismatch" in done.out) == (0, True)
 
 
 def test_the_statistics_name_the_method_and_what_it_did_wrong(tmp_path: Path) -> None:

@@ -1,7 +1,6 @@
 """A simulated data set: read back, the same for any number of workers, continued after a kill, refused when unlike."""
 
 import hashlib
-import os
 import signal
 import subprocess
 import sys
@@ -9,11 +8,13 @@ import time
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 from sfr_loc_map.config import build, load_yaml
 from sfr_loc_map.errors import OutputError
 from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.sequence import drive_of, panorama_of
 from sfr_loc_map.pipeline.convert import perturb
 from sfr_loc_map.pipeline.simulate import SETTINGS, settings_text, simulate
 from sfr_loc_map.simulation.config import SimulationConfig
@@ -53,39 +54,26 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def test_folder_reads_back_with_the_plans_truth(made: Path) -> None:
-    source = open_source(made, {})
-    plan = Plan.make(CONFIG)
-    assert source.loc is not None
-    assert source.nav is not None
-    assert source.loc.ground_truth is not None
-    assert np.array_equal(source.loc.ground_truth.positions, plan.trajectory().positions)
-    assert [pair.left.std() > 3 for pair in source.loc.pairs()] == [True] * 3
-    (nav,) = source.nav.pairs()
+def test_folder_reads_back_with_the_plans_truth_and_two_workers_make_the_same_bytes(made: Path, tmp_path: Path) -> None:
+    source, plan = open_source(made, {}), Plan.make(CONFIG)
+    drive = drive_of(source)
+    assert drive.ground_truth is not None
+    assert np.array_equal(drive.ground_truth.positions, plan.trajectory().positions)
+    assert [pair.left.std() > 3 for pair in drive.pairs()] == [True] * 3
+    (nav,) = panorama_of(source).pairs()
     assert nav.truth is not None
     assert np.allclose(nav.T_lm_navsb.matrix, plan.lm_pose(0).matrix, atol=1e-12)
-
-
-def test_same_bytes_with_two_workers(made: Path, tmp_path: Path) -> None:
     simulate(CONFIG, tmp_path / "two", workers=2)
     assert digest(tmp_path / "two") == digest(made)
 
 
-def wait_for_workers(pid: int, end: float) -> list[int]:
-    """Wait until both workers of a run are at work for a second; return their ids."""
-    ids: list[int] = []
-    while time.monotonic() < end and len(ids) < 2:
-        children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-        ids = [int(child) for child in children if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()]
+def workers_at_work(pid: int, end: float) -> list[psutil.Process]:
+    """Wait until both workers of a run have worked for half a second."""
+    found: list[psutil.Process] = []
+    while time.monotonic() < end and (len(found) < 2 or any(sum(item.cpu_times()[:2]) < 0.5 for item in found)):
+        found = [item for item in psutil.Process(pid).children() if "spawn_main" in " ".join(item.cmdline())]
         time.sleep(0.05)
-    while time.monotonic() < end and any(_processor_s(child) < 0.5 for child in ids):
-        time.sleep(0.05)
-    return ids
-
-
-def _processor_s(pid: int) -> float:
-    ticks = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[11:13]
-    return sum(map(int, ticks)) / os.sysconf("SC_CLK_TCK")
+    return found
 
 
 def start(config: Path, out: Path, stderr: int = subprocess.DEVNULL) -> subprocess.Popen[bytes]:
@@ -129,14 +117,14 @@ def test_ctrl_c_ends_a_run_at_once_and_says_what_is_done(tmp_path: Path) -> None
         end = time.monotonic() + 100
         while time.monotonic() < end and not list(out.glob("loc/left")):
             time.sleep(0.05)
-        workers = wait_for_workers(process.pid, end)
+        workers = workers_at_work(process.pid, end)
         process.send_signal(signal.SIGINT)
         asked = time.monotonic()
         assert process.wait(30) == 130
         assert time.monotonic() - asked < 5.0  # 0.2 s where nothing else runs
         assert process.stderr is not None
         assert process.stderr.read().decode().splitlines()[-1].startswith("sfr: interrupted: 0 of ")
-    assert not any(Path(f"/proc/{pid}").exists() for pid in workers)
+    assert not any(worker.is_running() for worker in workers)
 
 
 def test_finished_or_unlike_folder(made: Path, tmp_path: Path) -> None:
@@ -152,13 +140,10 @@ def test_finished_or_unlike_folder(made: Path, tmp_path: Path) -> None:
 
 
 def test_faults_over_a_source(made: Path, tmp_path: Path) -> None:
-    source = open_source(made, {})
-    count = perturb(
-        source, tmp_path / "bad", [parse_fault("dropped:share=0.5"), parse_fault("black:share=1,start=0")], 1
-    )
-    assert count == 2 + 1  # one of the two later pairs of the drive is gone; the first pair stays
-    bad = open_source(tmp_path / "bad", {})
-    assert bad.loc is not None
-    assert bad.loc.ground_truth is not None
-    assert len(bad.loc.ground_truth) == 3
-    assert not any(pair.left.any() for pair in bad.loc.pairs())
+    faults = [parse_fault("dropped:share=0.5"), parse_fault("black:share=1,start=0")]
+    # one of the two later pairs of the drive is gone; the first pair stays
+    assert perturb(open_source(made, {}), tmp_path / "bad", faults, 1) == 2 + 1
+    bad = drive_of(open_source(tmp_path / "bad", {}))
+    assert bad.ground_truth is not None
+    assert len(bad.ground_truth) == 3
+    assert not any(pair.left.any() for pair in bad.pairs())

@@ -1,21 +1,37 @@
-"""The notebook runs as it stands: it ends with a figure and a verdict."""
+"""What the docs show of Python runs as it stands: the page, in a folder that has a data set, and the notebook."""
 
 from __future__ import annotations
 
+import re
+import shutil
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
+PAGE = next(iter(sorted((ROOT / "docs").rglob("python.md"))))
 FIGURE = "application/vnd.plotly.v1+json"
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_snippets_run_in_their_order(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("pandas", reason="pandas is not installed")
+    snippets = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    assert len(snippets) > 5
+    shutil.copytree(folder, tmp_path / "data")
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    for snippet in snippets:
+        exec(compile(snippet, str(PAGE), "exec"), names)
+    assert (tmp_path / "report.html").is_file()
+    assert len(names["trajectory"]) == 6  # type: ignore[arg-type]
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_ten_lines_end_with_a_figure_and_a_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
-    nbformat = pytest.importorskip("nbformat", reason="nbformat is not installed: no notebook can be read")
-    nbclient = pytest.importorskip("nbclient", reason="nbclient is not installed: no notebook can be run")
-    pytest.importorskip("ipykernel", reason="ipykernel is not installed: no notebook can be run")
+    needed = ("nbformat", "nbclient", "ipykernel")
+    nbformat, nbclient, _ = (pytest.importorskip(name, reason=f"{name} is not installed") for name in needed)
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     monkeypatch.setenv("PLOTLY_RENDERER", "plotly_mimetype")  # without 4 MB of script
     notebook = nbformat.read(ROOT / "examples" / "from_python.ipynb", as_version=4)
