@@ -52,18 +52,6 @@ def test_poses_wait_for_a_truth_that_is_on_its_way_and_are_interpolated() -> Non
     assert path.rows[-1].truth_m is None
 
 
-def test_without_truth_every_pose_is_shown_at_once_until_stamps_go_back() -> None:
-    path = LivePath()
-    for number in (0, 20, 40):
-        path.add(pose(Track.ESTIMATE, number, drive(number), LOST_VARIANCE if number == 20 else 1e-4))
-    assert [row.lost for row in path.rows] == [False, True, False]
-    assert path.under_way is None
-    assert path.rows[1].covariance_xy_m2 is None
-    path.add(pose(Track.ESTIMATE, 1, drive(1)))
-    assert [row.n for row in path.rows] == [0]
-    assert path.version == 1
-
-
 def test_sub_trajectory_under_way_is_rebased_at_its_start() -> None:
     path, drift, estimates = LivePath(), turned(0.0, 0.0, 0.001), [Transform.identity()]
     path.condition, path.spacing = Condition.parse("frames=20"), 10
@@ -80,11 +68,18 @@ def test_sub_trajectory_under_way_is_rebased_at_its_start() -> None:
     assert math.hypot(*found["error"]) > 1e-3
 
 
-def test_long_runs_keep_a_bounded_number_of_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_truth_poses_are_shown_at_once_and_bounded_until_stamps_go_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr("sfr_loc_map.live.path.MAX_ROWS", 50)
     path = LivePath()
     for number in range(200):
-        path.add(pose(Track.ESTIMATE, number, turned(0.1 * number, 0.0, 0.0)))
-    assert 25 <= len(path.rows) <= 50
+        path.add(pose(Track.ESTIMATE, number, drive(number), LOST_VARIANCE if number == 20 else 1e-4))
+    assert 25 <= len(path.rows) <= 51
     assert path.rows[0].n == 0
-    assert path.rows[-1].distance_m == pytest.approx(0.1 * path.rows[-1].n)
+    assert [row.n for row in path.rows if row.lost and row.covariance_xy_m2 is None] == [20]
+    assert path.rows[-1].distance_m == pytest.approx(math.hypot(0.1, 0.02) * path.rows[-1].n)
+    assert path.under_way is None
+    before = path.version
+    path.add(pose(Track.ESTIMATE, 1, drive(1)))
+    assert ([row.n for row in path.rows], path.version) == ([0], before + 1)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from sfr_loc_map.config import build
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.bag import TYPESTORE
+from sfr_loc_map.io.bag import ODOMETRY, TYPESTORE
 from sfr_loc_map.io.bag_messages import odometry
 from sfr_loc_map.io.cloud_file import save_cloud
 from sfr_loc_map.io.trajectory_file import save_trajectory
@@ -30,6 +29,7 @@ from sfr_loc_map.pipeline.call_stats import CallRecord, save_stats
 from sfr_loc_map.pipeline.scoring import ScoreInputs, score_files
 
 COUNT, NAV_COUNT, LOST_AT = 40, 2, 25
+NAV_STAMPS = tuple(START_NS + n * PERIOD_NS for n in range(NAV_COUNT))
 CONFIG = build(ScoreConfig, {"trajectory.conditions": ("frames=5", "time=1"), "trajectory.spacing": 3})
 STATISTICS = {"stage_tracking_s": 0.01, "latency_transport_s": 0.002}
 STEP = np.concatenate([np.eye(6)[np.triu_indices(6)] * 1e-5, np.full(6, 1e-4)])
@@ -56,21 +56,17 @@ def calls() -> list[CallRecord]:
         covariance = np.eye(6) * (9999.0 if lost else 1e-4 * (index + 1))
         costs = (stamp_ns, took, state, 300_000_000 + index, 1000, STATISTICS)
         made.append(CallRecord(*costs, covariance, "x" if lost else "", None if lost else STEP))
-    last_ns = START_NS + (NAV_COUNT - 1) * PERIOD_NS
-    made += [CallRecord(START_NS + n * PERIOD_NS, 0.5, "mapped", 200_000_000, 2000) for n in range(NAV_COUNT)]
-    return [*made, CallRecord(last_ns, 0.1, "fused", 200_000_000, 2000, {"pairs": NAV_COUNT, "fused": 1.0})]
+    made += [CallRecord(stamp_ns, 0.5, "mapped", 200_000_000, 2000) for stamp_ns in NAV_STAMPS]
+    return [*made, CallRecord(NAV_STAMPS[-1], 0.1, "fused", 200_000_000, 2000, {"pairs": NAV_COUNT, "fused": 1.0})]
 
 
 def cloud() -> PointCloud:
-    points = [(nav_pair(n).truth[::4, ::4] + 0.01 * (n + 1)).reshape(-1, 3) for n in range(NAV_COUNT)]
-    v, u = (axis.ravel() for axis in np.mgrid[0:120:4, 0:160:4])
-    made = []
-    for number, xyz in enumerate(points):
-        ones = np.ones(len(xyz), np.float32)
-        pixels = u.astype(np.uint16), v.astype(np.uint16), np.full(len(xyz), number, np.uint8)
-        made.append(PointCloud(xyz.astype(np.float32), 0.01 * ones, 100 * ones, *pixels))
-    stamps = tuple(START_NS + n * PERIOD_NS for n in range(NAV_COUNT))
-    return replace(PointCloud.concatenate(made), fused=True, pair_stamps_ns=stamps)
+    v, u = np.mgrid[0:120:4, 0:160:4].astype(np.uint16)
+    xyz = np.concatenate([(nav_pair(n).truth[v, u] + 0.01 * (n + 1)).reshape(-1, 3) for n in range(NAV_COUNT)])
+    pixels = np.tile(u.ravel(), NAV_COUNT), np.tile(v.ravel(), NAV_COUNT)
+    pair, ones = np.repeat(np.arange(NAV_COUNT, dtype=np.uint8), u.size), np.ones(len(xyz), np.float32)
+    known = {"fused": True, "pair_stamps_ns": NAV_STAMPS}
+    return PointCloud(xyz.astype(np.float32), 0.01 * ones, 100 * ones, *pixels, pair, **known)
 
 
 @pytest.fixture(scope="module")
@@ -133,35 +129,26 @@ def test_where_truth_is_gone_the_figures_are_those_of_the_report(out: Path, tmp_
 
 def write_run(path: Path) -> Path:
     """A recording of a live run, without images: poses, truth, calls and health."""
-    kinds = {
-        "localisation/odometry": "nav_msgs/msg/Odometry",
-        "ground_truth/odometry": "nav_msgs/msg/Odometry",
-        "diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
-    }
-    key, status, array = (
-        TYPESTORE.types[f"diagnostic_msgs/msg/{name}"] for name in ("KeyValue", "DiagnosticStatus", "DiagnosticArray")
-    )
+    said = "diagnostic_msgs/msg/DiagnosticArray"
+    names = ("KeyValue", "DiagnosticStatus", "DiagnosticArray")
+    pair, status, array = (TYPESTORE.types[f"diagnostic_msgs/msg/{name}"] for name in names)
     track = estimate()
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        put = {name: writer.add_connection(f"/{name}", kind, typestore=TYPESTORE) for name, kind in kinds.items()}
+        topics = {"/localisation/odometry": ODOMETRY, "/ground_truth/odometry": ODOMETRY, "/diagnostics": said}
+        put = {name: writer.add_connection(name, kind, typestore=TYPESTORE) for name, kind in topics.items()}
         for row, record in enumerate(calls()[:COUNT]):
             message = odometry(record.stamp_ns, track.positions[row], track.quats_xyzw[row])
             message.pose.covariance[:] = np.asarray(record.covariance).ravel()
-            said = {"task": "localisation", "stamp_ns": str(record.stamp_ns), "state": record.state}
-            said["processing_time_s"] = repr(record.processing_time_s)
-            told = [
-                status(0, "localisation_node: call", record.state, "host", [key(*item) for item in said.items()]),
-                status(1, "localisation_node: health", "warm", "host", [key("lifecycle", "active")]),
-            ]
-            messages = {
-                "ground_truth/odometry": odometry(
-                    record.stamp_ns, true_pose(row).translation, true_pose(row).quat_xyzw
-                ),
-                "localisation/odometry": message,
-                "diagnostics": array(message.header, told),
-            }
-            for later, (name, item) in enumerate(messages.items()):
-                writer.write(put[name], record.stamp_ns + 10**9 + later, TYPESTORE.serialize_cdr(item, kinds[name]))
+            truth = odometry(record.stamp_ns, true_pose(row).translation, true_pose(row).quat_xyzw)
+            values = {"task": "localisation", "stamp_ns": str(record.stamp_ns), "state": record.state}
+            values["processing_time_s"] = repr(record.processing_time_s)
+            call = status(0, "localisation_node: call", record.state, "host", [pair(*item) for item in values.items()])
+            health = status(1, "localisation_node: health", "warm", "host", [pair("lifecycle", "active")])
+            messages = truth, message, array(message.header, [call, health])
+            names = "/ground_truth/odometry", "/localisation/odometry", "/diagnostics"
+            for later, (name, item) in enumerate(zip(names, messages, strict=True)):
+                data = TYPESTORE.serialize_cdr(item, topics[name])
+                writer.write(put[name], record.stamp_ns + 10**9 + later, data)
     return path
 
 
@@ -198,8 +185,7 @@ def test_player_pauses_jumps_back_and_ends(source: Path, out: Path) -> None:
         final = state.report.content if state.report is not None else {}
         assert final["trajectory"]["matched"] == COUNT
         last_ns = START_NS + (COUNT - 1) * PERIOD_NS
-        nav_ns = START_NS + (NAV_COUNT - 1) * PERIOD_NS
-        last = {"loc/left": last_ns, "loc/right": last_ns, "nav/left": nav_ns, "nav/right": nav_ns}
+        last = {"loc/left": last_ns, "loc/right": last_ns, "nav/left": NAV_STAMPS[-1], "nav/right": NAV_STAMPS[-1]}
         until(lambda: last.items() <= {name: each.stamp_ns for name, each in taken(hub, state).media.items()}.items())
         assert player.run(Command(Action.SEEK, at_s=1.05)).startswith("goes to 1.")
         until(lambda: taken(hub, state).time_line == TimeLine(1.05, recording.end_s, False))

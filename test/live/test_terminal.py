@@ -86,7 +86,7 @@ def test_without_colour_there_is_no_colour_and_with_it_the_words_are_the_same(
     assert codes.sub("", colourful) == codes.sub("", plain)
 
 
-def test_what_is_stale_or_lost_is_said_and_what_finds_no_room_is_counted(recorded: list[Any]) -> None:
+def test_what_is_stale_lost_or_hostile_is_said_in_words_and_what_finds_no_room_is_counted(recorded: list[Any]) -> None:
     assert "STALE" not in drawn(recorded, END_S + 0.5)
     later = drawn(recorded, END_S + 7.0)
     assert "STALE: no pose for 7.1 s" in later
@@ -98,9 +98,6 @@ def test_what_is_stale_or_lost_is_said_and_what_finds_no_room_is_counted(recorde
     assert "pose 201: lost" in back
     assert "localisation_node: lost: no_features" in back
     assert re.search(r"\d+ lines more: enlarge the window", drawn(recorded, END_S, height=12))
-
-
-def test_hostile_names_stay_words() -> None:
     hostile = Report('{"schema": "sfr-score/1", "verdicts": [], "warnings": ["[red]\\u001b]0;own\\u0007[/] x"]}', END_S)
     text = drawn([hostile, TimeLine(1.0, 2.0, True)], END_S)
     assert not re.search(r"\x1b\]0|\x07", text)
