@@ -21,19 +21,10 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray32
 from sfr_loc_map.inputs import parse_json
+from sfr_loc_map.live import updates
 from sfr_loc_map.live.hub import Hub
 from sfr_loc_map.live.path import ROW_FIELDS
 from sfr_loc_map.live.state import LiveState, ReportView
-from sfr_loc_map.live.updates import (
-    CloudSample,
-    ElevationSample,
-    ImageSample,
-    Media,
-    TimeLine,
-    TrackSample,
-    Update,
-    View,
-)
 
 if TYPE_CHECKING:
     from aiohttp import web
@@ -50,7 +41,7 @@ def message(kind: str, content: dict[str, Any]) -> str:
     return json.dumps({"type": kind, **content}, allow_nan=False, separators=(",", ":"))
 
 
-def frame_of(media: Media) -> bytes:
+def frame_of(media: updates.Media) -> bytes:
     """Return the binary frame of an image, a cloud, a map or tracks.
 
     bytes 0..3     length of the header with its padding, unsigned, little endian
@@ -62,15 +53,15 @@ def frame_of(media: Media) -> bytes:
     facts: dict[str, Any]
     body: bytes | FloatArray32
     match media:
-        case ImageSample(jpeg=body):
+        case updates.ImageSample(jpeg=body):
             kind, facts = "image", {"size": media.size, "full_size": media.full_size}
-        case CloudSample(points=points, error=error):
+        case updates.CloudSample(points=points, error=error):
             kind, body = "cloud", points if error is None else np.column_stack([points, error])
             facts = {"count": len(points), "total": media.total, "error": error is not None}
-        case ElevationSample(layers=body):
+        case updates.ElevationSample(layers=body):
             kind, facts = "elevation", {"rows": body.shape[0], "columns": body.shape[1], "origin_m": media.origin_m}
             facts |= {"cell_m": media.cell_m, "names": media.names, "every": media.every}
-        case TrackSample(tracks=body):
+        case updates.TrackSample(tracks=body):
             masks = {side: [np.round(ring, 1).tolist() for ring in rings] for side, rings in media.masks.items()}
             kind, facts = "tracks", {"count": len(body), "masks": masks}
     name = {"type": kind, "topic": media.topic, "stamp_ns": str(media.stamp_ns), "published_s": media.published_s}
@@ -88,8 +79,7 @@ class Pages:
         self.state = state
         self.pages: list[Page] = []
         self.report_text = self.nodes_text = ""  # the latest messages, empty before the first
-        self.frames: dict[str, tuple[Media, bytes]] = {}  # the newest of each topic with its bytes
-        self.epoch = 0  # restarts of a player
+        self.frames: dict[str, tuple[updates.Media, bytes]] = {}  # the newest of each topic with its bytes
         self.is_over = False
         self.cut_off = self.replaced = 0
         self._hub = hub
@@ -97,15 +87,14 @@ class Pages:
         self._nodes_s = 0.0
         self._silent: frozenset[str] = frozenset()
 
-    def note(self, update: Update) -> None:
+    def note(self, update: updates.Update) -> None:
         """Note a record that the state has taken in."""
-        if isinstance(update, Media) and update.topic in self.state.media:
+        if isinstance(update, updates.Media) and update.topic in self.state.media:
             before, _ = self.frames.get(update.topic, (None, b""))
             looking = [page for page in self.pages if before is not None and update.view in page.views]
             self.replaced += sum(page.sent.get(update.topic) is not before for page in looking)
             self.frames[update.topic] = update, frame_of(update)
-        elif isinstance(update, TimeLine) and update.restarted:
-            self.epoch += 1
+        elif isinstance(update, updates.TimeLine) and update.restarted:
             self.frames.clear()
 
     def tell(self, now_s: float) -> None:
@@ -139,7 +128,7 @@ class Pages:
         if not isinstance(content, dict):
             return
         if content.get("type") == "want" and isinstance(content.get("views"), list):
-            page.views = frozenset(view for view in View if view.value in content["views"])
+            page.views = frozenset(view for view in updates.View if view.value in content["views"])
             self._want()
         elif content.get("type") == "ping":
             sent_ms = content.get("sent_ms")
@@ -176,15 +165,15 @@ class Page:
 
         How many bytes wait for the network tells `waiting`.
         """
-        self.views: frozenset[View] = frozenset()
+        self.views: frozenset[updates.View] = frozenset()
         self.news = asyncio.Event()
         self.pong = ""
         self.waiting = waiting
-        self.sent: dict[str, Media] = {}  # of each topic the last; the topic that was sent last is the last
+        self.sent: dict[str, updates.Media] = {}  # of each topic the last; the topic that was sent last is the last
         self._all, self._channel, self._rate, self._clock = pages, channel, bytes_per_s, clock
         self._credit, self._credited_s = bytes_per_s, clock()
         self._report = self._nodes = ""
-        self._version = self._epoch = -1
+        self._version = -1  # of the path, which changes with each restart of a player
         self._next_row = self._next_call = 0
 
     async def send_all(self, server: dict[str, Any]) -> None:
@@ -232,10 +221,9 @@ class Page:
             self._version, self._next_row = path.version, rows[-1].n + 1 if rows else 0
             content = {"whole": whole, "rows": [row.to_plain() for row in rows], "under_way": path.under_way}
             yield message("path", content)
-        whole = every.epoch != self._epoch
         calls = [call for call in state.calls if whole or call["n"] >= self._next_call]
         if whole or calls:
-            self._epoch, self._next_call = every.epoch, calls[-1]["n"] + 1 if calls else self._next_call
+            self._next_call = calls[-1]["n"] + 1 if calls else self._next_call
             yield message("calls", {"calls": calls, "whole": whole})
         if every.nodes_text is not self._nodes:
             self._nodes = every.nodes_text

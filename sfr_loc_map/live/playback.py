@@ -31,21 +31,10 @@ from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.cloud_file import load_cloud
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.live import updates
 from sfr_loc_map.live.hub import Action, Command, Hub
 from sfr_loc_map.live.media import CloudTruth, cloud_samples, image_sample
 from sfr_loc_map.live.state import MAX_REPORT_CHARACTERS
-from sfr_loc_map.live.updates import (
-    CloudSample,
-    ElevationSample,
-    PoseSample,
-    Report,
-    Status,
-    StatusKind,
-    TimeLine,
-    Track,
-    Update,
-    View,
-)
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.cloud_error import PairTruth, ScoredMap, score_map
@@ -67,7 +56,7 @@ IMAGES_BUDGET_S = 0.03
 """Of each tick, for reading images: figures do not wait for them."""
 MOST_WAITING = 2000
 """Records that may wait in the hub while the player is ahead."""
-Moment = tuple[float, Update]
+Moment = tuple[float, updates.Update]
 """Place, seconds since the begin of its task; the time of receipt is filled in when it is played."""
 Frame = tuple[float, str, int, GreyImage]
 """Place, topic such as `loc/left`, stamp and pixels of one image of a pair."""
@@ -170,7 +159,7 @@ def _recording(
     path: Path,
     estimates: Estimates | None,
     truth: Trajectory | None,
-    said: Sequence[Status],
+    said: Sequence[updates.Status],
     source: Source | None,
     cloud: PointCloud | None = None,
     report: str = "",
@@ -182,7 +171,7 @@ def _recording(
     """
     drive = [int(stamp) for track in (estimates and estimates.trajectory, truth) if track for stamp in track.stamps_ns]
     panorama = [] if cloud is None else list(_pair_stamps(cloud))
-    calls = [call_of(status.values) if status.kind is StatusKind.CALL else None for status in said]
+    calls = [call_of(status.values) if status.kind is updates.StatusKind.CALL else None for status in said]
     for status, call in zip(said, calls, strict=True):
         if call is not None:
             (panorama if status.node == MAPPING_NODE else drive).append(call.record.stamp_ns)
@@ -234,7 +223,7 @@ def _poses(trajectory: Trajectory | None, estimates: Estimates | None, begin_ns:
     """Yield poses in the order in which they were given; the covariance of a lost one says so."""
     if trajectory is None:
         return
-    track = Track.TRUTH if estimates is None else Track.ESTIMATE
+    track = updates.Track.TRUTH if estimates is None else updates.Track.ESTIMATE
     covariances = None if estimates is None else estimates.covariance
     latest_ns = 0
     for row, stamp_ns in enumerate(trajectory.stamps_ns.tolist()):
@@ -247,10 +236,10 @@ def _poses(trajectory: Trajectory | None, estimates: Estimates | None, begin_ns:
             covariance[UPPER] = covariances[row]
             covariance += np.triu(covariance, 1).T
         latest_ns = max(latest_ns, stamp_ns)
-        yield _place(latest_ns, begin_ns), PoseSample(track, stamp_ns, (x, y, z), (a, b, c, d), 0.0, covariance)
+        yield _place(latest_ns, begin_ns), updates.PoseSample(track, stamp_ns, (x, y, z), (a, b, c, d), 0.0, covariance)
 
 
-def _calls(stats: Path) -> Iterator[Status]:
+def _calls(stats: Path) -> Iterator[updates.Status]:
     """Yield the calls of statistics as the nodes tell them on /diagnostics."""
     text = read_table(stats).decode("utf-8-sig")
     for read in csv.DictReader(io.StringIO(text, newline="")):
@@ -261,7 +250,7 @@ def _calls(stats: Path) -> Iterator[Status]:
         values |= {"task": "mapping" if is_map else "localisation", "step": " ".join(steps) if all(steps) else ""}
         values.setdefault("processing_time_s", "0")
         node, message = MAPPING_NODE if is_map else LOCALISATION_NODE, f"{state}: {reason}" if reason else state
-        yield Status(node, StatusKind.CALL, LEVELS.get(state, 0), message, values, 0.0)
+        yield updates.Status(node, updates.StatusKind.CALL, LEVELS.get(state, 0), message, values, 0.0)
 
 
 def _is_number(text: str) -> bool:
@@ -272,15 +261,15 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _diagnostics(bag: Bag) -> Iterator[Status]:
+def _diagnostics(bag: Bag) -> Iterator[updates.Status]:
     """Yield what the nodes said of themselves in a run."""
     topic = bag.find("diagnostics", DIAGNOSTICS)
     for _, _, message in () if topic is None else bag.messages([topic]):
         for item in message.status:
             name, _, kind = item.name.partition(": ")
-            if kind in set(StatusKind):
+            if kind in set(updates.StatusKind):
                 values, node = {pair.key: pair.value for pair in item.values}, PurePosixPath("/" + name).name
-                yield Status(node, StatusKind(kind), int(item.level), item.message, values, 0.0)
+                yield updates.Status(node, updates.StatusKind(kind), int(item.level), item.message, values, 0.0)
 
 
 class Player:
@@ -293,8 +282,8 @@ class Player:
     ) -> None:
         """Stand before the begin; the rate is a multiple of the recorded speed."""
         self._hub, self._recording, self._settings, self._rate = hub, recording, (config, limits), rate
-        said = [update for _, update in recording.moments if isinstance(update, Status)]
-        self._silent = {status.node for status in said} - {s.node for s in said if s.kind is StatusKind.HEALTH}
+        said = [update for _, update in recording.moments if isinstance(update, updates.Status)]
+        self._silent = {status.node for status in said} - {s.node for s in said if s.kind is updates.StatusKind.HEALTH}
         self._map_score: ScoredMap | None = None
         self._lock, self._stopped = Lock(), Event()
         self._playing = True
@@ -341,9 +330,9 @@ class Player:
             update = moments[self._next][1]
             self._next += 1
             self._take_in(update)
-            if isinstance(update, CloudSample | ElevationSample):
+            if isinstance(update, updates.CloudSample | updates.ElevationSample):
                 update = replace(update, published_s=time.time())
-            elif isinstance(update, PoseSample | Status):
+            elif isinstance(update, updates.PoseSample | updates.Status):
                 update = replace(update, received_s=time.time())
             self._hub.put(update)
             if self._next % MOST_WAITING == 0:  # a hub drops what it has no room for: let the views catch up
@@ -357,11 +346,11 @@ class Player:
         begin_s, now_s = time.monotonic(), time.time()
         for node in self._silent:
             message = "as recorded; its health was not"
-            self._hub.put(Status(node, StatusKind.HEALTH, 0, message, {"lifecycle": "recorded"}, now_s))
+            self._hub.put(updates.Status(node, updates.StatusKind.HEALTH, 0, message, {"lifecycle": "recorded"}, now_s))
         if self._recording.report:
-            self._hub.put(Report(self._recording.report, now_s))
+            self._hub.put(updates.Report(self._recording.report, now_s))
         elif self._next:
-            self._hub.put(Report(to_json(self._score.result(details=False)), now_s))
+            self._hub.put(updates.Report(to_json(self._score.result(details=False)), now_s))
         end_s = time.monotonic()
         self._report_due_s = end_s + max(REPORT_PERIOD_S, 10.0 * (end_s - begin_s))
 
@@ -372,19 +361,19 @@ class Player:
         self._frames: Iterator[Frame] | None = None
         self._frame: Frame | None = None
 
-    def _take_in(self, update: Update) -> None:
+    def _take_in(self, update: updates.Update) -> None:
         """Score what the monitor of a running graph would have received."""
         score = self._score
         match update:
-            case PoseSample(track=Track.TRUTH):
+            case updates.PoseSample(track=updates.Track.TRUTH):
                 score.add_truth(update.stamp_ns, update.position, update.quat_xyzw)
-            case PoseSample():
+            case updates.PoseSample():
                 score.add_estimate(update.stamp_ns, update.position, update.quat_xyzw, update.covariance)
-            case Status(kind=StatusKind.CALL):
+            case updates.Status(kind=updates.StatusKind.CALL):
                 call = call_of(update.values)
                 if call is not None:
                     score.add_call(call.record)
-            case CloudSample():
+            case updates.CloudSample():
                 cloud, truths = self._recording.cloud, self._recording.truths
                 is_known = cloud is not None and cloud.fused is not None and len(truths) == len(_pair_stamps(cloud))
                 if cloud is not None and is_known and self._map_score is None:  # it takes seconds: once is enough
@@ -392,40 +381,41 @@ class Player:
                 score.map_score = self._map_score
 
     def _play(self) -> None:
+        last_s = time.monotonic()
         try:
-            self._loop()
+            while not self._stopped.is_set():
+                last_s = self._tick(last_s)
+                self._stopped.wait(TICK_S)
         except SfrError as error:
-            self._hub.put(Status("recording", StatusKind.HEALTH, 2, str(error), {}, time.time()))
+            self._hub.put(updates.Status("recording", updates.StatusKind.HEALTH, 2, str(error), {}, time.time()))
 
-    def _loop(self) -> None:
-        last_s, end_s = time.monotonic(), self._recording.end_s
-        while not self._stopped.is_set():
-            now_s = time.monotonic()
-            with self._lock:
-                jump_to, self._jump_to = self._jump_to, None
-                playing = self._playing
-            if jump_to is not None:
-                if jump_to < self._at_s:
-                    self._rewind()
-                    self._hub.put(TimeLine(jump_to, end_s, playing, restarted=True))
-                self.advance(jump_to)
-            elif playing:
-                self.advance(min(self._at_s + (now_s - last_s) * self._rate, end_s))
-            has_ended = playing and self._at_s >= end_s
-            if jump_to is not None or has_ended or (playing and now_s >= self._report_due_s):
-                self.report()
-            with self._lock:
-                self._playing = self._playing and not has_ended
-            last_s = now_s if jump_to is None else time.monotonic()
-            self._show_images()
-            if jump_to is not None or has_ended or now_s - self._told_s >= TIME_LINE_PERIOD_S:
-                self._told_s = now_s
-                self._hub.put(TimeLine(round(self._at_s, 3), end_s, self._playing))
-            self._stopped.wait(TICK_S)
+    def _tick(self, last_s: float) -> float:
+        """Go on by the time since the last tick, or jump; return when this was."""
+        now_s, end_s = time.monotonic(), self._recording.end_s
+        with self._lock:
+            jump_to, self._jump_to = self._jump_to, None
+            playing = self._playing
+        if jump_to is not None:
+            if jump_to < self._at_s:
+                self._rewind()
+                self._hub.put(updates.TimeLine(jump_to, end_s, playing, restarted=True))
+            self.advance(jump_to)
+        elif playing:
+            self.advance(min(self._at_s + (now_s - last_s) * self._rate, end_s))
+        has_ended = playing and self._at_s >= end_s
+        if jump_to is not None or has_ended or (playing and now_s >= self._report_due_s):
+            self.report()
+        with self._lock:
+            self._playing = self._playing and not has_ended
+        self._show_images()
+        if jump_to is not None or has_ended or now_s - self._told_s >= TIME_LINE_PERIOD_S:
+            self._told_s = now_s
+            self._hub.put(updates.TimeLine(round(self._at_s, 3), end_s, self._playing))
+        return now_s if jump_to is None else time.monotonic()
 
     def _show_images(self) -> None:
         """Tell the newest images up to the place, as far as they can be read in the time that a tick has for them."""
-        if View.IMAGES not in self._hub.wanted:
+        if updates.View.IMAGES not in self._hub.wanted:
             return
         until_s, newest = time.monotonic() + IMAGES_BUDGET_S, dict[str, Frame]()
         if self._frames is None:

@@ -37,9 +37,7 @@ from sfr_loc_map.live.state import LiveState
 
 DEFAULT_HOST, DEFAULT_PORT = "127.0.0.1", 8080
 KINDS = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
-TOKEN_MARK = b"@COMMAND_TOKEN@"
-MIN_TOKEN = 8
-COOKIE, COMMAND_HEADER = "sfr_live_token", "X-SFR-Token"
+TOKEN_MARK, COOKIE, COMMAND_HEADER = b"@COMMAND_TOKEN@", "sfr_live_token", "X-SFR-Token"
 HEADERS = {
     "Content-Security-Policy": (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self'; "
@@ -50,14 +48,12 @@ HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
-MAX_PAGES = 32
-MAX_MESSAGE_BYTES = 4096
+MIN_TOKEN, MAX_PAGES, MAX_MESSAGE_BYTES = 8, 32, 4096
 SOCKET_BUFFER_BYTES = 262_144
 """Of the kernel, for each page: what waits there is older than what waits here."""
-SHUTDOWN_S = 1.0
-"""Time for requests under way when the server ends: a page that keeps its connection open keeps nobody."""
-LAST_MESSAGE_S = 0.1
-"""Time for the last message to the pages."""
+SHUTDOWN_S, LAST_MESSAGE_S = 1.0, 0.1
+"""Time for requests under way when the server ends (a page that keeps its connection open keeps nobody), and for the
+last message to the pages."""
 TICK_S, PERIOD_S = 0.01, 0.1
 """Time between two looks at what has come, longest time between two looks at what is stale."""
 
@@ -101,16 +97,13 @@ class LiveServer:
         Raises:
             NodeError: If the port cannot be listened on.
         """
-        config = self._config
-        logger = logging.getLogger("sfr_loc_map.live")
+        config, logger = self._config, logging.getLogger("sfr_loc_map.live")
         logger.addFilter(_is_fault)
         options: dict[str, Any] = {"access_log": None, "handle_signals": False, "logger": logger}
         app = web.Application(middlewares=[self._guard], client_max_size=MAX_MESSAGE_BYTES)
-        app.router.add_get("/healthz", self._healthz)
-        app.router.add_get("/state.json", self._state_json)
-        app.router.add_get("/ws", self._websocket)
-        app.router.add_post("/command", self._command)
-        app.router.add_get("/{name:[^/]*}", self._file)
+        routes = {"/healthz": self._healthz, "/state.json": self._state_json, "/ws": self._websocket}
+        app.add_routes([web.get(path, handler) for path, handler in routes.items()])
+        app.add_routes([web.post("/command", self._command), web.get("/{name:[^/]*}", self._file)])
         runner = web.AppRunner(app, shutdown_timeout=SHUTDOWN_S, **options)
         await runner.setup()
         try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 import statistics
@@ -13,24 +12,8 @@ from typing import Any
 
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.inputs import one_line, parse_json
+from sfr_loc_map.live import updates
 from sfr_loc_map.live.path import ROW_FIELDS, LivePath
-from sfr_loc_map.live.updates import (
-    LOCALISATION,
-    REPORT,
-    TRUTH,
-    CloudSample,
-    ElevationSample,
-    GraphView,
-    Media,
-    PoseSample,
-    Report,
-    Sampled,
-    Status,
-    StatusKind,
-    TimeLine,
-    Track,
-    Update,
-)
 from sfr_loc_map.metrics.config import CallKind, VerdictState
 from sfr_loc_map.metrics.score import Score, Verdict
 from sfr_loc_map.metrics.score_json import SCHEMA, from_dict, to_dict
@@ -85,13 +68,10 @@ class TopicView:
 
     def to_plain(self, now_s: float, lost: int) -> dict[str, Any]:
         """Return it as JSON values."""
-        return {
-            "stamp_ns": None if self.stamp_ns is None else str(self.stamp_ns),
-            "age_s": round(max(now_s - self.received_s, 0.0), 3),
-            "rate_hz": round(1.0 / self.period_s, 2) if self.period_s > MIN_PERIOD_S else None,
-            "stale": self.is_stale(now_s),
-            "lost": lost,
-        }
+        stamp = None if self.stamp_ns is None else str(self.stamp_ns)
+        age_s = round(max(now_s - self.received_s, 0.0), 3)
+        rate_hz = round(1.0 / self.period_s, 2) if self.period_s > MIN_PERIOD_S else None
+        return {"stamp_ns": stamp, "age_s": age_s, "rate_hz": rate_hz, "stale": self.is_stale(now_s), "lost": lost}
 
 
 @dataclass(slots=True)
@@ -107,26 +87,25 @@ class NodeView:
     heard_s: float = 0.0
     health_s: float | None = None
     in_graph: bool | None = None
-    _periods: deque[float] = field(default_factory=lambda: deque(maxlen=5))
+    periods: deque[float] = field(default_factory=lambda: deque(maxlen=5))
 
-    def add(self, status: Status) -> None:
+    def add(self, status: updates.Status) -> None:
         """Take a status in."""
-        message = status.message[:MAX_LETTERS]
-        if status.kind is StatusKind.HEALTH:
-            if self.health_s is not None:
-                self._periods.append(status.received_s - self.health_s)
-            self.health_s, self.level, self.message = status.received_s, min(max(status.level, 0), 3), message
+        message, now_s = status.message[:MAX_LETTERS], status.received_s
+        self.heard_s = max(self.heard_s, now_s)
+        if status.kind is updates.StatusKind.INPUT:
+            self.problem = message
+        elif status.kind is updates.StatusKind.CALL:
+            self.state = message
+        else:
+            self.periods.extend(() if self.health_s is None else (now_s - self.health_s,))
+            self.health_s, self.level, self.message = now_s, min(max(status.level, 0), 3), message
             kept = islice(status.values.items(), MAX_VALUES)
             self.values = {name[:MAX_LETTERS]: text[:MAX_LETTERS] for name, text in kept}
-        elif status.kind is StatusKind.INPUT:
-            self.problem = message
-        else:
-            self.state = message
-        self.heard_s = max(self.heard_s, status.received_s)
 
     def is_stale(self, now_s: float) -> bool:
         """Tell whether it has been silent for too long."""
-        period = statistics.median(self._periods) if len(self._periods) > 2 else 0.0
+        period = statistics.median(self.periods) if len(self.periods) > 2 else 0.0
         return now_s - self.heard_s > max(STALE_AFTER_S, STALE_PERIODS * period)
 
     def to_plain(self, now_s: float) -> dict[str, Any]:
@@ -155,16 +134,16 @@ class LiveState:
         self.report: ReportView | None = None
         self.nodes: dict[str, NodeView] = {}
         self.calls: deque[dict[str, Any]] = deque(maxlen=MAX_CALLS)  # JSON values, each with its number `n`
-        self.media: dict[str, Media] = {}  # the newest of each topic
+        self.media: dict[str, updates.Media] = {}  # the newest of each topic
         self.topics: dict[str, TopicView] = {}
         self.lost: dict[str, int] = {}  # messages that did not arrive here, by topic
-        self.time_line: TimeLine | None = None  # of the player of a recorded run
+        self.time_line: updates.TimeLine | None = None  # of the player of a recorded run
         self.problems: deque[str] = deque(maxlen=MAX_PROBLEMS)  # what could not be read, the latest last
         self._published: OrderedDict[int, float] = OrderedDict()
         self._call_count = 0
         self._heard_s = 0.0
 
-    def apply(self, update: Update) -> bool:
+    def apply(self, update: updates.Update) -> bool:
         """Take a record in and return True; one that makes no sense is noted as a problem."""
         try:
             received_s, published_s = (float(getattr(update, name, 0.0)) for name in ("received_s", "published_s"))
@@ -185,17 +164,17 @@ class LiveState:
     def live_to_plain(self, now_s: float, *, tables: bool = True) -> dict[str, Any]:
         """Return what `state.json` adds to the score, as JSON values; the tables change with the report only."""
         now_s = self.moment(now_s)
-        report, latest = self.report, self.path.rows[-1] if self.path.rows else None
+        report, rows, line = self.report, self.path.rows, self.time_line
         shown = report.to_plain() if report is not None and tables else {"overall": None, "tables": []}
-        line, node = self.time_line, self.nodes.get("localisation_node")
         localisation = None
-        if latest is not None:
-            localisation = dict(zip(ROW_FIELDS, latest.to_plain(), strict=True))
+        if rows:
+            node = self.nodes.get("localisation_node")
+            localisation = dict(zip(ROW_FIELDS, rows[-1].to_plain(), strict=True))
             localisation["state"] = "" if node is None else node.state
         return {
             "schema": "sfr-live/1",
             "time_s": now_s,
-            "stale": LOCALISATION in self.silent(now_s),
+            "stale": updates.LOCALISATION in self.silent(now_s),
             "overall": shown["overall"],
             "tables": shown["tables"],
             "report_age_s": None if report is None else round(now_s - report.received_s, 3),
@@ -204,7 +183,7 @@ class LiveState:
             "localisation": localisation,
             "under_way": self.path.under_way,
             "last_call": {call["node"]: call for call in self.calls},
-            "poses": 0 if latest is None else latest.n + 1,
+            "poses": rows[-1].n + 1 if rows else 0,
             "problems": list(self.problems),
             "time_line": None if line is None else {"at_s": line.at_s, "end_s": line.end_s, "playing": line.playing},
         }
@@ -230,37 +209,38 @@ class LiveState:
             self.nodes[name] = NodeView(name)
         return self.nodes.get(name)
 
-    def _take_in(self, update: Update) -> None:
+    def _take_in(self, update: updates.Update) -> None:
         match update:
-            case Report():
-                self._note_topic(REPORT, None, update.received_s)
+            case updates.Report():
+                self._note_topic(updates.REPORT, None, update.received_s)
                 self.report = ReportView.read(update.text, update.received_s)
                 if (part := self.report.score.trajectory) is not None:  # the first that is scored is that under way
                     self.path.condition = (part.several or (part.first,))[0].condition
                     self.path.spacing = part.first.spacing_frames or self.path.spacing
-            case PoseSample():
-                topic = LOCALISATION if update.track is Track.ESTIMATE else TRUTH
+            case updates.PoseSample():
+                topic = updates.LOCALISATION if update.track is updates.Track.ESTIMATE else updates.TRUTH
                 self._note_topic(topic, update.stamp_ns, update.received_s)
                 self.path.add(update, self._published.get(update.stamp_ns))
-            case Status():
+            case updates.Status():
                 if (node := self._node(update.node)) is None:
                     return
                 node.add(update)
-                if update.kind is StatusKind.CALL and (call := _call_to_plain(self._call_count, update)) is not None:
+                call = _call_to_plain(self._call_count, update) if update.kind is updates.StatusKind.CALL else None
+                if call is not None:
                     self.calls.append(call)
                     self._call_count += 1
-            case Sampled():
+            case updates.Sampled():
                 self._note_topic(update.topic, update.stamp_ns, update.published_s)
                 self._published[update.stamp_ns] = update.published_s
                 if len(self._published) > MAX_STAMPS:
                     self._published.popitem(last=False)
-            case GraphView():
+            case updates.GraphView():
                 self.lost = dict(update.lost)
                 for name in update.nodes:
                     self._node(name)
                 for name, node in self.nodes.items():
                     node.in_graph = name in update.nodes
-            case TimeLine():
+            case updates.TimeLine():
                 self.time_line = update
                 if update.restarted:
                     self.path.restart()
@@ -271,12 +251,12 @@ class LiveState:
                 if before is None and len(self.media) >= MAX_TOPICS:
                     return
                 is_new = before is None or before.stamp_ns != update.stamp_ns
-                if is_new and isinstance(update, CloudSample | ElevationSample):
+                if is_new and isinstance(update, updates.CloudSample | updates.ElevationSample):
                     self._note_topic(update.topic, update.stamp_ns, update.published_s)
                 self.media[update.topic] = update
 
 
-def _call_to_plain(n: int, status: Status) -> dict[str, Any] | None:
+def _call_to_plain(n: int, status: updates.Status) -> dict[str, Any] | None:
     """Return the call that a status describes as JSON values, None where a number of it cannot be read."""
     values = status.values
     try:
@@ -294,7 +274,7 @@ def _call_to_plain(n: int, status: Status) -> dict[str, Any] | None:
 
 @dataclass(frozen=True, slots=True)
 class ReportView:
-    """One report: its JSON values as they came, the score that they are, and what is shown of it."""
+    """One report: its JSON values, the score that they are, and what is shown of it."""
 
     content: dict[str, Any]
     score: Score
@@ -308,16 +288,11 @@ class ReportView:
         if len(text) > MAX_REPORT_CHARACTERS:
             raise InputError(f"metrics/report has {len(text)} characters: up to {MAX_REPORT_CHARACTERS} are read")
         try:
-            content = parse_json(text, parse_constant=lambda _: None)
+            score = from_dict(parse_json(text, parse_constant=lambda _: None), "metrics/report")
         except ValueError as error:
             raise InputError(f"metrics/report is no JSON ({error})") from error
-        score = from_dict(content, "metrics/report")
-        try:
-            json.dumps(content, allow_nan=False)
-        except ValueError:  # 1e999 is JSON, and no number here
-            content = to_dict(score)
         tables = tuple(filter(None, (_live_table(score), *score_tables(score))))
-        return cls(content, score, overall_of(score), tables, received_s)
+        return cls(to_dict(score), score, overall_of(score), tables, received_s)
 
     def to_plain(self) -> dict[str, Any]:
         """Return what a page shows, as JSON values."""

@@ -110,11 +110,7 @@ class CloudSample:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ElevationSample:
-    """A map from above in cells, thinned for the screen.
-
-    Layers are some of `height`, `sigma`, `error` (metres), `hazard` (0 to 100), `slope` (radians), `roughness`, `step`
-    (metres) and `count`.
-    """
+    """A map from above in cells, thinned for the screen; its layers are named height, sigma, error, hazard, ..."""
 
     view: ClassVar[View] = View.CLOUDS
     topic: str
@@ -129,17 +125,13 @@ class ElevationSample:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackSample:
-    """What the localiser tracked in the images of a stamp, and where it looks for nothing.
-
-    A row of tracks is: pixel in the left image, pixel in the newest keyframe, residual (1 and more: outlier; NaN: not
-    found). Masks are outlines `(K, 2)`, pixels, of what is left out, by side.
-    """
+    """What the localiser tracked in the images of a stamp, and where it looks for nothing."""
 
     view: ClassVar[View] = View.TRACKS
     topic: str
     stamp_ns: int
-    tracks: FloatArray32  # (N, 5)
-    masks: Mapping[str, tuple[FloatArray32, ...]]
+    tracks: FloatArray32  # (N, 5): pixel left, pixel in the newest keyframe, residual (>= 1: outlier; NaN: not found)
+    masks: Mapping[str, tuple[FloatArray32, ...]]  # outlines (K, 2), pixels, of what is left out, by side
     published_s: float
 
 
