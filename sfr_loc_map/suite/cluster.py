@@ -57,12 +57,7 @@ class JobOutcome:
 
 @contextlib.contextmanager
 def connected(settings: SuiteSettings, *, workers: int, scheduler: str | None) -> Iterator[Client]:
-    """Yield a client of a cluster.
-
-    Args:
-        settings: Limits and threads of the workers that are started here.
-        workers: Number of these.
-        scheduler: Address of a running scheduler, whose workers are used in place of them.
+    """Yield a client of workers that are started here, or of the running scheduler at an address.
 
     Raises:
         MissingExtraError: If Dask is not installed.
@@ -110,7 +105,7 @@ def connected(settings: SuiteSettings, *, workers: int, scheduler: str | None) -
 
 
 def _end(cluster: Any) -> None:  # noqa: ANN401 - distributed is typed in part
-    """End the workers at once: what they still run is not wanted, and a polite close waits for it."""
+    """End the workers at once; a polite close waits for what they still run."""
     for nanny in cluster.workers.values():
         with contextlib.suppress(Exception):
             nanny.auto_restart = False
@@ -122,13 +117,8 @@ def _end(cluster: Any) -> None:  # noqa: ANN401 - distributed is typed in part
 def run_jobs(client: Client, jobs: Sequence[Job], timeout_s: float, cache: Path) -> Generator[tuple[Job, JobOutcome]]:
     """Yield each job with what came of it, as it is done.
 
-    As many are handed out as run at a time; on a running cluster, which may grow with them, twice as many.
-
-    Args:
-        client: Of a cluster.
-        jobs: The jobs.
-        timeout_s: Time after which a try is ended.
-        cache: Folder of simulated and fetched sources; workers that do not see it use one of their own.
+    As many are handed out as run at a time; on a running cluster, which may grow with them, twice as many. Workers that
+    do not see the folder of simulated and fetched sources use one of their own.
 
     Raises:
         InputError: If the scheduler is lost; what is done is done.
@@ -153,22 +143,25 @@ def run_jobs(client: Client, jobs: Sequence[Job], timeout_s: float, cache: Path)
             job = handed_out.pop(future)
             error = future.exception() if future.status == "error" else None
             if isinstance(error, KilledWorker):
-                if not _ran_beside(client, error.last_worker.address, {other.key for other in handed_out.values()}):
+                worker = error.last_worker.address
+                started = [event["key"] for _, event in client.get_events(STARTED) if event["worker"] == worker]
+                # a job that only waited there while one of the others ran is not to blame
+                if not started or started[-1] not in {other.key for other in handed_out.values()}:
                     tries[job.key] += error.allowed_failures + 1
                 if tries[job.key] < TRIES:
                     waiting.appendleft(job)
                     continue
-                yield job, _cause_of_death(client, error.last_worker.address, tries[job.key])
+                yield job, _cause_of_death(client, worker, tries[job.key])
             elif error is not None:
                 message = " ".join(f"{type(error).__name__}: {error}".split())[:MESSAGE_LENGTH]
                 yield job, JobOutcome(result=None, cause=FailureCause.FAULT, message=message, tries=TRIES)
             elif future.status == "finished":
                 outcome: JobOutcome = future.result()
                 yield job, replace(outcome, tries=tries[job.key] + outcome.tries)
-            else:
-                raise _LostError(future.status)
+            else:  # the scheduler has forgotten it
+                raise ConnectionError(future.status)
             future.release()
-    except (OSError, StopIteration, _LostError) as error:
+    except (OSError, StopIteration) as error:
         raise InputError(
             f"the Dask scheduler is gone ({type(error).__name__}): what was done is kept; start it and give the same "
             "command again"
@@ -178,10 +171,6 @@ def run_jobs(client: Client, jobs: Sequence[Job], timeout_s: float, cache: Path)
             client.cancel(list(handed_out), force=True)
 
 
-class _LostError(Exception):
-    """The scheduler has forgotten a job."""
-
-
 def _places(client: Client) -> int:
     """Return how many jobs are handed out at a time; the workers of a running cluster come and go."""
     workers = client.scheduler_info(n_workers=-1)["workers"].values()
@@ -189,20 +178,14 @@ def _places(client: Client) -> int:
     return threads if client.cluster is not None else 2 * threads
 
 
-def _ran_beside(client: Client, address: str, others: set[str]) -> bool:
-    """Tell whether one of the others ran on a worker when it ended: a job that waited there is not to blame."""
-    started = [event["key"] for _, event in client.get_events(STARTED) if event["worker"] == address]
-    return bool(started) and started[-1] in others
-
-
 def _cause_of_death(client: Client, address: str, tries: int) -> JobOutcome:
     cause, message = FailureCause.DIED, "its worker process was killed or crashed"
-    for topic in (OVER_MEMORY, OVER_TIME):
-        for _, event in client.get_events(topic):
-            if event["worker"] == address and topic == OVER_TIME:
-                cause, message = FailureCause.TIME, f"not done after {event['seconds']:g} s"
-            elif event["worker"] == address:
-                cause, message = FailureCause.MEMORY, f"{event['rss'] / 1e6:.0f} MB, more than its worker may use"
+    for _, event in client.get_events(OVER_MEMORY):
+        if event["worker"] == address:
+            cause, message = FailureCause.MEMORY, f"{event['rss'] / 1e6:.0f} MB, more than its worker may use"
+    for _, event in client.get_events(OVER_TIME):
+        if event["worker"] == address:
+            cause, message = FailureCause.TIME, f"not done after {event['seconds']:g} s"
     return JobOutcome(result=None, cause=cause, message=message, tries=tries)
 
 

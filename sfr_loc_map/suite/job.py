@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.score_json import to_plain
 
 KEY_LENGTH = 32
@@ -63,15 +64,6 @@ class JobSource:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Scoring:
-    """How a job is scored: ends of sub-trajectories, frames from one start to the next, what a start is rebased by."""
-
-    conditions: tuple[str, ...]
-    spacing: int
-    rebase: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
     """One run: a pure function of its fields."""
 
@@ -83,7 +75,7 @@ class Job:
     #: Parameters that differ from the defaults, by dotted name (`localisation.max_features`).
     parameters: Mapping[str, object] = field(default_factory=dict)
     start: str  #: First pose: `identity` or `truth`.
-    scoring: Scoring  #: How it is scored.
+    scoring: TrajectoryScoreConfig  #: How it is scored.
     repeat: int  #: Number of the repetition, from 0.
     alone: bool  #: Whether no other job of the suite runs beside it, so that its times count.
     threads: int  #: Threads that it may use.
@@ -94,18 +86,9 @@ class Job:
     @property
     def key(self) -> str:
         """Name of the result: a hash of all that the result depends on; names and places of files are not among it."""
-        identity = {
-            "kind": self.kind.value,
-            "source": self.source.identity,
-            "faults": [self.faults, self.fault_seed if self.faults else 0],
-            "parameters": dict(self.parameters),
-            "start": self.start,
-            "scoring": to_plain(self.scoring),
-            "repeat": self.repeat,
-            "timing": [self.alone, self.threads],
-            "code": self.code,
-        }
-        return digest(identity)
+        faults = [self.faults, self.fault_seed if self.faults else 0]
+        how = [self.parameters, self.start, self.scoring, self.repeat, self.alone, self.threads]
+        return digest([self.kind, self.source.identity, *faults, *how, self.code])
 
     @property
     def label(self) -> str:
@@ -118,11 +101,11 @@ class Job:
     @property
     def pairing(self) -> str:
         """What jobs of two suites have in common that are compared: the same work on the same data."""
-        data = [self.kind.value, *self.source.identity, self.faults, self.fault_seed, self.repeat]
-        return digest([*data, self.start, to_plain(self.scoring)])
+        data = [self.kind, *self.source.identity, self.faults, self.fault_seed, self.repeat]
+        return digest([*data, self.start, self.scoring])
 
 
 def digest(value: object) -> str:
-    """Return the hash of JSON values, written with sorted keys."""
+    """Return the hash of records and plain values, as JSON with sorted keys."""
     text = json.dumps(to_plain(value), sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]

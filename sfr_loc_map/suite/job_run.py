@@ -20,6 +20,7 @@ from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.cloud_file import load_cloud, save_cloud
 from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.trajectory_file import save_trajectory
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
@@ -32,7 +33,7 @@ from sfr_loc_map.metrics.score_json import from_json, to_plain
 from sfr_loc_map.pipeline.call_stats import load_call_stats, save_stats
 from sfr_loc_map.pipeline.convert import faulty, perturb
 from sfr_loc_map.pipeline.offline import localise, localise_with, map_pairs, map_pairs_with, start_pose, trajectory_of
-from sfr_loc_map.pipeline.scoring import Run, ScoredCloud, ScoreInputs, score_files, score_run
+from sfr_loc_map.pipeline.scoring import Run, ScoredCloud, ScoreInputs, load_run, score_files, score_run
 from sfr_loc_map.simulation.faults import Fault, parse_fault
 from sfr_loc_map.suite.job import REFERENCE, Job, JobKind
 from sfr_loc_map.suite.sources import local_path
@@ -46,49 +47,44 @@ REPLAY = (
 
 
 def run_job(job: Job, scratch: Path, cache: Path) -> Score:
-    """Return the score of a job.
+    """Return the score of a job; paths in it are relative to `scratch`, an empty folder.
 
-    Args:
-        job: The job.
-        scratch: An empty folder; paths in the score are relative to it.
-        cache: Folder in which simulated and fetched sources are kept.
+    Simulated and fetched sources are kept in `cache`.
 
     Raises:
         SfrError: If the source cannot be read, or nothing can be scored.
     """
     cv2.setNumThreads(job.threads)
     numba.set_num_threads(min(job.threads, numba.get_num_threads()))
-    path = local_path(job.source, cache)
+    path, config = local_path(job.source, cache), ScoreConfig(trajectory=job.scoring)
     if job.kind is JobKind.SCORE:
-        score = score_files(ScoreInputs.of(path, Path(job.source.truth)), _score_config(job))
+        score = score_files(ScoreInputs.of(path, Path(job.source.truth)), config)
     elif job.kind is JobKind.REPLAY:
         score = _replay(job, path, scratch)
     else:
-        score = (_localise if job.kind is JobKind.LOCALISE else _map)(job, path, scratch)
+        source = faulty(open_source(path), _faults(job), job.fault_seed)
+        score = score_run((_localise if job.kind is JobKind.LOCALISE else _map)(job, source, path, scratch), config)
     judged = verdicts(parse_limits(job.limits, "limits"), score) if job.limits else ()
     return replace(score, verdicts=judged, provenance=_provenance(job, score.provenance, scratch))
 
 
-def _localise(job: Job, path: Path, scratch: Path) -> Score:
-    source = faulty(open_source(path), _faults(job), job.fault_seed)
+def _localise(job: Job, source: Source, truth: Path, scratch: Path) -> Run:
     if source.loc is None:
         raise InputError(f"no drive in '{job.source.path}': give a source that has one")
     section, start = _section(job, "localisation"), start_pose(source.loc, job.start)
-    method = chosen_method(section, Task.LOCALISATION)
+    method, about = chosen_method(section, Task.LOCALISATION), record_of_ours(Task.LOCALISATION)
     if method is None:
         results = list(localise(source.loc, build(LocalisationConfig, section), start))
-        about = record_of_ours(Task.LOCALISATION)
     else:
         done = list(localise_with(method, source.loc, start.T_ds_rb, MethodLimits()))
         results, about = [(result, record) for result, record, _ in done], done[-1][2]
     estimate, stats = scratch / "estimate.csv", scratch / "stats.csv"
     save_trajectory(estimate, trajectory_of([result for result, _ in results]))
     save_stats(stats, [record for _, record in results], about)
-    return score_files(ScoreInputs(estimate=estimate, truth=path, stats=(stats,)), _score_config(job))
+    return load_run(ScoreInputs(estimate=estimate, truth=truth, stats=(stats,)))
 
 
-def _map(job: Job, path: Path, scratch: Path) -> Score:
-    source = faulty(open_source(path), _faults(job), job.fault_seed)
+def _map(job: Job, source: Source, truth: Path, scratch: Path) -> Run:
     if source.nav is None:
         raise InputError(f"no mapping pairs in '{job.source.path}': give a source that has them")
     section = _section(job, "mapping")
@@ -100,9 +96,9 @@ def _map(job: Job, path: Path, scratch: Path) -> Score:
     cloud, stats = scratch / "cloud.npz", scratch / "stats.csv"
     save_cloud(cloud, run.fused.cloud)
     save_stats(stats, run.records, about)
-    inputs = ScoreInputs(cloud=cloud, map_truth=path, stats=(stats,))
     scored = ScoredCloud(load_cloud(cloud), truths_of(list(source.nav.pairs()), source.nav.rig))
-    return score_run(Run(inputs, [load_call_stats(stats)], cloud=scored), _score_config(job))
+    inputs = ScoreInputs(cloud=cloud, map_truth=truth, stats=(stats,))
+    return Run(inputs, [load_call_stats(stats)], cloud=scored)
 
 
 def _replay(job: Job, path: Path, scratch: Path) -> Score:
@@ -135,12 +131,6 @@ def _faults(job: Job) -> list[Fault]:
 def _section(job: Job, section: str) -> dict[str, object]:
     prefix = f"{section}."
     return {name.removeprefix(prefix): value for name, value in job.parameters.items() if name.startswith(prefix)}
-
-
-def _score_config(job: Job) -> ScoreConfig:
-    scoring = job.scoring
-    values = {"conditions": scoring.conditions, "spacing": scoring.spacing, "rebase": scoring.rebase}
-    return build(ScoreConfig, {f"trajectory.{name}": value for name, value in values.items()})
 
 
 def _provenance(job: Job, provenance: Provenance | None, scratch: Path) -> Provenance:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import importlib.metadata
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import product
 from pathlib import Path
 
 from sfr_loc_map.config import build
@@ -48,10 +49,6 @@ def make_plan(
 ) -> tuple[list[Job], list[Refusal]]:
     """Return the jobs of a suite in the order of its file, the same work once, and the sources that cannot be read.
 
-    Args:
-        specification: The suite.
-        facts_of: Tells what a source holds; raises an error for one that cannot be read.
-
     Raises:
         ConfigError: If there is no job at all.
     """
@@ -61,17 +58,15 @@ def make_plan(
         if names.count(source.name) > 1 and source.kind is not SourceKind.SIMULATED:
             sources[index] = replace(source, name="/".join(Path(source.path).parts[-3:]))
 
-    def known(source: JobSource) -> tuple[JobSource, tuple[JobKind, ...]] | Refusal:
-        try:
-            return _known(source, facts_of)
-        except SfrError as error:
-            return Refusal(source.path, str(error))
-
     with ThreadPoolExecutor(READERS) as readers:
-        found = list(readers.map(known, sources))
-    refusals = [item for item in found if isinstance(item, Refusal)]
-    named = [item for item in found if not isinstance(item, Refusal)]
-    jobs = {job.key: job for source, possible in named for job in _jobs(specification, source, possible)}
+        found = [readers.submit(_known, source, facts_of) for source in sources]
+    jobs: dict[str, Job] = {}
+    refusals = []
+    for source, facts in zip(sources, found, strict=True):
+        try:
+            jobs |= {job.key: job for job in _jobs(specification, *facts.result())}
+        except SfrError as error:
+            refusals.append(Refusal(source.path, str(error)))
     if not jobs and not refusals:
         raise ConfigError(f"{specification.path}: no task: the sources have nothing that 'tasks' asks for")
     return list(jobs.values()), refusals
@@ -108,39 +103,28 @@ def _jobs(specification: SuiteSpecification, source: JobSource, possible: tuple[
             faults, configurations = ("",), {NO_CONFIGURATION: {}}
         elif kind not in asked if asked is not None else kind is JobKind.REPLAY:
             continue
-        for fault in faults:
-            for name, parameters in configurations.items():
-                for repeat in range(settings.repeats):
-                    yield Job(
-                        kind=kind,
-                        source=source,
-                        faults=fault,
-                        fault_seed=settings.seed,
-                        configuration=name,
-                        parameters=_of_kind(parameters, kind),
-                        start=settings.start,
-                        scoring=specification.scoring,
-                        repeat=repeat,
-                        alone=settings.timing,
-                        threads=settings.threads,
-                        code=code_fingerprint(),
-                        limits=specification.limits,
-                    )
-
-
-def _of_kind(parameters: Mapping[str, object], kind: JobKind) -> dict[str, object]:
-    """Return the parameters that a job uses: those of the other part do not change it."""
-    sections = {JobKind.LOCALISE: ("localisation.",), JobKind.MAP: ("mapping.",)}
-    prefixes = sections.get(kind, ("localisation.", "mapping."))
-    return {name: value for name, value in parameters.items() if name.startswith(prefixes)}
+        # parameters of the other part do not change a job
+        used = {JobKind.LOCALISE: "localisation.", JobKind.MAP: "mapping."}.get(kind, "")
+        for fault, (name, parameters), repeat in product(faults, configurations.items(), range(settings.repeats)):
+            yield Job(
+                kind=kind,
+                source=source,
+                faults=fault,
+                fault_seed=settings.seed,
+                configuration=name,
+                parameters={key: value for key, value in parameters.items() if key.startswith(used)},
+                start=settings.start,
+                scoring=specification.scoring,
+                repeat=repeat,
+                alone=settings.timing,
+                threads=settings.threads,
+                code=code_fingerprint(),
+                limits=specification.limits,
+            )
 
 
 def inspect_source(path: Path) -> SourceFacts:
-    """Return what a plan needs to know of a source.
-
-    Raises:
-        InputError: If it cannot be read.
-    """
+    """Return what a plan needs to know of a source; raise InputError if it cannot be read."""
     from sfr_loc_map.io.registry import open_source  # takes half a second, and a resumed suite knows its sources
 
     source = open_source(path)

@@ -16,17 +16,19 @@ from sfr_loc_map.inputs import Task, read_text
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.methods.registry import LIBRARY_PREFIX, OURS, Method, find_method
-from sfr_loc_map.metrics.config import Condition
+from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig
 from sfr_loc_map.metrics.limits import parse_limits
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.faults import parse_fault
-from sfr_loc_map.suite.job import JobKind, JobSource, Scoring, SourceKind, digest
+from sfr_loc_map.suite.job import JobKind, JobSource, SourceKind, digest
 from sfr_loc_map.suite.sources import expand, is_remote
 
-SECTIONS = {"localisation": LocalisationConfig, "mapping": MappingConfig}
+SECTIONS: Mapping[str, tuple[type[LocalisationConfig | MappingConfig], Task]] = {
+    "localisation": (LocalisationConfig, Task.LOCALISATION),
+    "mapping": (MappingConfig, Task.MAPPING),
+}
 METHOD_KEYS = ("method", "method_config", "method_sha256")
 """Keys beside the parameters of a part: the method, the file with its configuration; the last is added here."""
-METHOD_TASKS = {"localisation": Task.LOCALISATION, "mapping": Task.MAPPING}
 LISTS = ("sources", "perturb", "tasks", "conditions")
 
 
@@ -61,18 +63,9 @@ class SuiteSpecification:
     perturb: tuple[str, ...]  #: Injected faults; the source without faults comes first, as an empty text.
     configurations: Mapping[str, Mapping[str, object]]  #: Parameters by dotted name, by the configuration's name.
     tasks: tuple[JobKind, ...] | None  #: What is done; None for what each source has.
-    conditions: tuple[str, ...]  #: Ends of sub-trajectories.
+    scoring: TrajectoryScoreConfig  #: How each task is scored; conditions that only the limits name are among it.
     limits: Mapping[str, Any]  #: Limits, empty for none.
     settings: SuiteSettings  #: Single values.
-
-    @property
-    def scoring(self) -> Scoring:
-        """How each task is scored; conditions that only the limits name are scored as well."""
-        named = [Condition.parse(text) for text in self.conditions]
-        if self.limits:
-            named += parse_limits(self.limits, "limits").conditions
-        conditions = tuple(dict.fromkeys(item.setting for item in named))
-        return Scoring(conditions=conditions, spacing=self.settings.spacing, rebase=self.settings.rebase)
 
 
 def load_specification(path: Path) -> SuiteSpecification:
@@ -110,15 +103,20 @@ def load_specification(path: Path) -> SuiteSpecification:
     far = [source.path for source in sources if source.kind is SourceKind.REMOTE]
     if far and tasks is None:
         raise ConfigError(f"{path}: '{far[0]}' is not read before it is run: give 'tasks', as [localise]")
+    settings = build(SuiteSettings, {key: content[key] for key in content if key in single}, origin=str(path))
+    limits = _limits(content.get("limits"), path)
+    named = [Condition.parse(str(text)) for text in lists["conditions"] or ["distance=5"]]
+    named += parse_limits(limits, f"{path}: limits").conditions if limits else ()
+    conditions = tuple(dict.fromkeys(item.setting for item in named))
     return SuiteSpecification(
         path=path,
         sources=tuple(sources),
         perturb=("", *map(str, lists["perturb"])),
         configurations=_configurations(content.get("configurations"), path),
         tasks=tasks,
-        conditions=tuple(Condition.parse(str(text)).setting for text in lists["conditions"]) or ("distance=5",),
-        limits=_limits(content.get("limits"), path),
-        settings=build(SuiteSettings, {key: content[key] for key in content if key in single}, origin=str(path)),
+        scoring=TrajectoryScoreConfig(conditions, settings.spacing, settings.rebase),
+        limits=limits,
+        settings=settings,
     )
 
 
@@ -194,13 +192,14 @@ def _parameters(content: object, origin: str, folder: Path) -> dict[str, object]
     for section, values in content.items():
         if section not in SECTIONS or not isinstance(values, Mapping):
             raise ConfigError(f"{origin}: '{section}' is not a mapping of parameters; known: {', '.join(SECTIONS)}")
-        default = flatten(SECTIONS[section]())
+        kind, task = SECTIONS[section]
+        default = flatten(kind())
         own = {name: value for name, value in values.items() if name not in METHOD_KEYS}
-        given = flatten(build(SECTIONS[section], own, origin=origin))
-        changed |= {f"{section}.{name}": value for name, value in given.items() if value != default[name]}
+        given = flatten(build(kind, own, origin=origin))
+        new = {name: value for name, value in given.items() if value != default[name]}
         if METHOD_KEYS[0] in values:
-            chosen = _method(values, METHOD_TASKS[section], folder)
-            changed |= {f"{section}.{name}": value for name, value in chosen.items()}
+            new |= _method(values, task, folder)
+        changed |= {f"{section}.{name}": value for name, value in new.items()}
     return changed
 
 
@@ -240,5 +239,4 @@ def _limits(value: object, path: Path) -> Mapping[str, Any]:
     content = load_yaml(path.parent / value) if isinstance(value, str) else value
     if not isinstance(content, Mapping):
         raise ConfigError(f"{path}: 'limits' must be a file or a mapping")
-    parse_limits(content, f"{path}: limits")
     return dict(content)

@@ -12,7 +12,8 @@ import yaml
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.trajectory_file import save_trajectory
-from sfr_loc_map.suite.job import Job, JobKind, JobSource, Scoring, SourceKind
+from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.suite.job import Job, JobKind, JobSource, SourceKind
 
 SFR = (sys.executable, "-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
 MEASURED = ("timing", "memory")
@@ -22,7 +23,7 @@ JOB = Job(
     fault_seed=0,
     configuration="default",
     start="truth",
-    scoring=Scoring(conditions=("distance=5",), spacing=10, rebase="pose"),
+    scoring=TrajectoryScoreConfig(),
     repeat=0,
     alone=False,
     threads=1,
