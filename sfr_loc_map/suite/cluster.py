@@ -31,7 +31,7 @@ TRIES = 3
 MESSAGE_LENGTH = 500
 STARTED, OVER_TIME, OVER_MEMORY = "sfr-started", "sfr-over-time", "worker-restart-memory"
 """Topics of events: the first two are ours, the last is that of Dask's nanny."""
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class FailureCause(StrEnum):
@@ -80,6 +80,8 @@ def connected(settings: SuiteSettings, *, workers: int, scheduler: str | None) -
         "distributed.worker.profile.enabled": False,
         "distributed.worker.preload": ["sfr_loc_map.suite.worker_start"],
         "distributed.nanny.pre-spawn-environ": dict.fromkeys(THREADS, settings.threads),
+        # not before the spawn, where it is set in this process too: numba reads it again and refuses a change
+        "distributed.nanny.environ": {"NUMBA_NUM_THREADS": settings.threads},
     }
     with contextlib.ExitStack() as stack:
         stack.enter_context(dask.config.set(options))
