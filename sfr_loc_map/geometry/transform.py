@@ -17,8 +17,9 @@ from sfr_loc_map.geometry.rotation import (
     quat_conjugate,
     quat_from_matrix,
     rotvec_from_matrix,
-    skew,
 )
+
+IDENTITY = np.eye(3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,20 +121,25 @@ class Transform:
         return np.asarray(np.asarray(points, dtype=np.float64) @ self.rotation.T + self.translation)
 
 
-def propagated_covariance(covariance: FloatArray, displacement: FloatArray) -> FloatArray:
+def propagated_covariance(
+    covariance: FloatArray, displacement: FloatArray, rotation: FloatArray = IDENTITY
+) -> FloatArray:
     """Return what the covariance `(6, 6)` of a pose makes of that of a pose fixed to it, `(6, 6)`: `F P F^T`.
 
     A rotation error `w` about the fixed axes of a frame moves what lies `d`, the displacement, beyond the pose by
-    `w x d`. Covariances are in ROS order.
+    `w x d`. Covariances are in ROS order. A rotation takes components in the axes of the first one to those of the
+    other, in which the displacement is.
     """
-    carried = propagation(displacement)
+    carried = np.zeros((6, 6))
+    carried[:3, :3] = carried[3:, 3:] = rotation
+    carried[:3, 3:] = np.cross(displacement, IDENTITY) @ rotation
     return np.asarray(carried @ covariance @ carried.T)
 
 
 def propagation(displacement: FloatArray) -> FloatArray:
     """Return F `(6, 6)`, which takes the error of a pose to that of a pose fixed to it, see `propagated_covariance`."""
     carried = np.eye(6)
-    carried[:3, 3:] = -skew(displacement)
+    carried[:3, 3:] = np.cross(displacement, IDENTITY)
     return carried
 
 

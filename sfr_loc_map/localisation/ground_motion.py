@@ -21,6 +21,7 @@ from sfr_loc_map.localisation.frontend.dynamic_regions import (
     project,
     stays_in,
     unexplained_by,
+    where_seen,
 )
 from sfr_loc_map.localisation.frontend.landmarks import ENOUGH_TO_FOLLOW, Landmarks
 from sfr_loc_map.localisation.frontend.pose_solver import RightOffset
@@ -87,7 +88,8 @@ class GroundMotionFinder:
     def __init__(self, tracker: Tracker, relocaliser: Relocaliser, rig: StereoRig, config: LocalisationConfig) -> None:
         """Start before the first pair."""
         self._tracker, self._relocaliser = tracker, relocaliser
-        self.regions = DynamicRegions((rig.height, rig.width), min(config.max_features, ENOUGH_TO_FOLLOW))
+        self._shape = rig.height, rig.width
+        self.regions = DynamicRegions(self._shape, min(config.max_features, ENOUGH_TO_FOLLOW))
         self.tears = TearWatch()
         self._min_tracked, self._camera = config.min_tracked, rig.camera
         self._usual_share, self._has_moved, self._in_doubt = 0.0, False, False
@@ -219,9 +221,14 @@ class GroundMotionFinder:
         return high_distance(*uv) > MIN_DIFFERENCE_PX
 
     def _note_motion(self, result: TrackingResult, guesses: Guesses) -> None:
-        if not self._has_moved:
-            uv = (project(pose, result.landmarks, self._camera) for pose in (result.pose, guesses.poses[1]))
-            self._has_moved = high_distance(*uv) > STILL_PX
+        if self._has_moved:
+            return
+        (hosts, rays, inverse_depth, _), host_uv = result.landmarks.estimates, result.landmarks.planes.uv
+        moved, still = (
+            where_seen(pose, hosts, rays, inverse_depth, host_uv, self._camera, self._shape)[0]
+            for pose in (result.pose, guesses.poses[1])
+        )
+        self._has_moved = bool(np.nanpercentile(np.linalg.norm(moved - still, axis=1), 90) > STILL_PX)
 
     def _leave_out(
         self, frame: StereoFrame, result: TrackingResult, dynamic: Mask, seen: FloatArray | None = None

@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, GreyImage, Mask
-from sfr_loc_map.geometry.stereo import StereoPair, are_equal
+from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.localisation.estimate import StateReason
 from sfr_loc_map.localisation.frontend.dynamic_regions import Unexplained
 
@@ -98,7 +98,7 @@ class StaleImageFilter:
             self._before, nothing = pair, StaleRows(np.zeros(len(pair.left), np.bool_), all=False, stays=False)
             self._last = nothing, nothing
             return pair, None
-        swapped = are_equal(before.right, pair.left) and are_equal(before.left, pair.right)
+        swapped = np.array_equal(before.right, pair.left) and np.array_equal(before.left, pair.right)
         stale = []
         for old, new in ((before.left, pair.left), (before.right, pair.right)):
             # most images move, and differ by more than noise: this is cheap

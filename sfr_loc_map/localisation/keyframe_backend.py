@@ -8,7 +8,7 @@ from concurrent.futures import Future
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray, median
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
@@ -23,8 +23,6 @@ from sfr_loc_map.localisation.parallel import in_background
 
 KEYFRAME_FLOW = 0.05
 """Median optical flow since the last keyframe, as a share of the image width, that triggers a new one."""
-KEYFRAME_SHARE = 0.65
-"""Share of the last keyframe's landmarks below which a new keyframe is made."""
 ADJUSTMENT_ROUNDS = 2
 """Gauss-Newton iterations of each window adjustment: the next keyframe goes on from there."""
 MIN_DEPTH_M = 0.5
@@ -122,17 +120,6 @@ class KeyframeBackend:
         else:
             self.keyframe_count += 1
         return found
-
-    def wants_keyframe(self, result: TrackingResult) -> bool:
-        """Tell whether a pair shall be a keyframe: few landmarks of the last one are left, or they moved far."""
-        last_seen = result.landmarks.last_seen
-        flow = np.linalg.norm(result.observations[:, :2] - last_seen[:, :2], axis=1)[result.inliers]
-        flow = flow[np.isfinite(flow)]
-        if result.landmarks is not self.landmarks.followed:
-            last_seen = last_seen[result.landmarks.among(self.landmarks)]
-        if len(flow) < KEYFRAME_SHARE * np.count_nonzero(np.isfinite(last_seen[:, 0])):
-            return True
-        return median(flow) > KEYFRAME_FLOW * self._rig.width
 
     def complete(self, frame: StereoFrame, result: TrackingResult) -> TrackingResult:
         """Return the tracking of all landmarks, as in a keyframe, from that of those that are followed."""

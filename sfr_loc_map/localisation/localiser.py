@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -9,12 +10,11 @@ from numpy.typing import NDArray
 
 from sfr_loc_map import __version__
 from sfr_loc_map.errors import LocalisationError
-from sfr_loc_map.geometry.arrays import median
-from sfr_loc_map.geometry.stereo import StereoPair, StereoRig, are_equal
-from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.geometry.camera import Pose
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.localisation.backend.sliding_window import SlidingWindow
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.covariance_model import StepModel, covariance_of_point
 from sfr_loc_map.localisation.estimate import (
     PoseEstimate,
     StartPose,
@@ -31,14 +31,19 @@ from sfr_loc_map.localisation.frontend.sparse_stereo import refine_slopes
 from sfr_loc_map.localisation.frontend.tracking import MIN_TEXTURE, StereoFrame, Tracker, TrackingResult, is_textured
 from sfr_loc_map.localisation.ground_motion import GroundMotion, GroundMotionFinder, Guesses
 from sfr_loc_map.localisation.image_checks import Exposure, StaleImageFilter
-from sfr_loc_map.localisation.keyframe_backend import KeyframeBackend
+from sfr_loc_map.localisation.keyframe_backend import KEYFRAME_FLOW, KeyframeBackend
 from sfr_loc_map.localisation.parallel import both
 from sfr_loc_map.localisation.pose_track import PoseTrack
-from sfr_loc_map.localisation.relocalisation import Relocaliser
+from sfr_loc_map.localisation.relocalisation import KnownImage, Relocaliser
 
 MIN_RIGHT_SHARE = 0.3
 """Share of the landmarks seen in the left image that are seen in the right one too, below which the images may be
 swapped."""
+
+KEYFRAME_SHARE = 0.65
+"""Share of the last keyframe's landmarks below which a new keyframe is made."""
+Outcome = tuple[TrackingStatistics, StepEstimate | None, tuple[SlidingWindow, StereoFrame, TrackingResult] | None]
+"""Figures of a call, the step to its pose (None when lost), and the keyframe to be made of its pair."""
 
 
 class Localiser:
@@ -81,7 +86,6 @@ class Localiser:
         self._relocaliser = Relocaliser(self._tracker, self._config, self._rig.camera)
         self._ground = GroundMotionFinder(self._tracker, self._relocaliser, self._rig, self._config)
         self._track = PoseTrack(self._rig, self._config.motion, StartPose.of(start))
-        self._steps = StepModel(self._rig)
         self._stale = StaleImageFilter()
         self._state = TrackingState.INITIALISING
         self._reason: StateReason | None = None
@@ -91,7 +95,6 @@ class Localiser:
 
     def set_pose(self, pose: StartPose | Transform) -> None:
         """Take a pose from outside: it holds at its stamp; without one the next estimate starts there."""
-        self._finish_keyframe()
         self._track.set_pose(StartPose.of(pose))
 
     @property
@@ -120,47 +123,60 @@ class Localiser:
         Raises:
             LocalisationError: If the pair does not have the rig's size.
         """
-        rig, track, backend = self._rig, self._track, self._backend
+        rig, track, backend, relocaliser = self._rig, self._track, self._backend, self._relocaliser
+        stamp_ns = pair.stamp_ns
         if pair.left.shape != (rig.height, rig.width):
             found, needed = f"{pair.left.shape[1]} x {pair.left.shape[0]}", f"{rig.width} x {rig.height}"
-            raise LocalisationError(f"pair {pair.stamp_ns} is {found}, the rig is {needed}: give images of the rig")
+            raise LocalisationError(f"pair {stamp_ns} is {found}, the rig is {needed}: give images of the rig")
         self.last_result, self._stage_s, start = None, {}, perf_counter()
-        if backend.pending is not None:
-            self._finish_keyframe()
+        if backend.pending is not None and backend.window is not None:
+            self._stage_s["keyframe"], backend.pending = backend.pending.result(), None
+            rotations, positions = backend.window.problem.keyframes
+            if not track.adjusted(Pose(rotations[-1], positions[-1]), backend.window.covariance):
+                backend.reset()
+            elif relocaliser.last is not None:  # that image is a keyframe now
+                before, landmarks = relocaliser.last, backend.landmarks
+                relocaliser.last = KnownImage(before.image, landmarks.last_seen[:, :2], landmarks)
+                relocaliser.best = relocaliser.last if relocaliser.best is before else relocaliser.best
         self._stage_s["wait"] = perf_counter() - start
         if track.before_first_pair:
-            track.arrive(pair.stamp_ns)
-        window = backend.window
+            track.arrive(stamp_ns)
+        statistics, step, keyframe = self._see(pair, motion)
+        if track.pending is not None and track.bind(track.pending, stamp_ns):
+            backend.leave_window()
+        T_ds_left = track.T_ds_world @ track.T_world_left
+        T_ds_rb = T_ds_left @ track.T_left_rb
+        if self._state is TrackingState.LOST:
+            covariance = lost_covariance()
+        else:
+            of_left = track.covariance_of_left(backend.landmarks.median_depth, backend.calibration)
+            lever = T_ds_rb.translation - T_ds_left.translation
+            of_rb = propagated_covariance(of_left, lever, track.T_ds_world.rotation)
+            covariance = np.asarray(0.5 * (of_rb + of_rb.T))
+        stages = dict(self._stage_s)  # a keyframe in work adds to them
+        if keyframe is not None:  # the backend belongs to its thread from here until the next call has waited
+            backend.add_keyframe(*keyframe)
+        return PoseEstimate(stamp_ns, T_ds_rb, covariance, self._state, statistics, stages, self._reason, step)
+
+    def _see(self, pair: StereoPair, motion: Transform | None) -> Outcome:
+        """Find the pose of a pair: predict, align, refine, relocalise where that fails; follow the ground."""
+        track, backend, tracker, camera = self._track, self._backend, self._tracker, self._camera
+        stamp_ns, window, calibration = pair.stamp_ns, backend.window, backend.calibration
         fresh, doubt = self._stale.fresh(pair, may_repeat=window is not None)
         if fresh is None:
-            return self._repeat(pair.stamp_ns)
-        if are_equal(pair.left, pair.right) and float(np.std(pair.left)) > MIN_TEXTURE:
-            return self._unknown(pair.stamp_ns, StateReason.NO_STEREO, TrackingStatistics())
+            return self._repeat(stamp_ns)
+        if np.array_equal(pair.left, pair.right) and float(np.std(pair.left)) > MIN_TEXTURE:
+            return self._unknown(StateReason.NO_STEREO, TrackingStatistics())
         start = perf_counter()
         shown = pair if window is None else fresh
-        frame = StereoFrame(pair.stamp_ns, shown.left, *both(build_pyramid, (shown.left,), (shown.right,)))
+        frame = StereoFrame(stamp_ns, shown.left, *both(build_pyramid, (shown.left,), (shown.right,)))
         self._stage_s["pyramid"] = perf_counter() - start
         if window is None:
             return self._begin(frame)
         if len(backend.landmarks.index) < self._config.min_tracked:
             return self._lose(frame, _few_landmarks(frame))
-        ground = self._find(frame, window, motion, torn=doubt is StateReason.TORN_IMAGES)
-        self.last_result = result = ground.result
-        if not result.trusted:
-            return self._lose(frame, _few_landmarks(frame))
-        sign, size = np.linalg.slogdet(result.information)
-        if not (sign > 0.0 and np.isfinite(size)) or track.plausible(frame.stamp_ns, result.pose) is None:
-            return self._lose(frame, StateReason.IMPLAUSIBLE_MOTION)
-        one_sided = result.right_share <= MIN_RIGHT_SHARE and is_textured(frame.right)
-        if one_sided and self._tracker.fits_swapped(frame, result, backend.calibration.offset):
-            return self._lose(frame, StateReason.NO_STEREO)
-        return self._update(frame, window, ground, doubt)
-
-    def _find(self, frame: StereoFrame, window: SlidingWindow, motion: Transform | None, *, torn: bool) -> GroundMotion:
-        """Predict, align, refine, relocalise where that fails; follow the ground, and a drift of the right camera."""
-        backend, tracker = self._backend, self._tracker
-        landmarks, calibration, start = backend.landmarks.followed, backend.calibration, perf_counter()
-        guesses = Guesses(self._track.guesses(frame.stamp_ns, motion), calibration.offset)
+        landmarks, start = backend.landmarks.followed, perf_counter()
+        guesses = Guesses(track.guesses(stamp_ns, motion), calibration.offset)
         coarse = tracker.align(frame.left, landmarks.few, guesses.poses)
         aligned = perf_counter()
         result = tracker.refine(frame, landmarks, coarse, guesses.offset)
@@ -169,7 +185,7 @@ class Localiser:
         if not result.trusted:
             result = self._relocaliser.relocalise(frame, landmarks, guesses.offset) or result
             self._stage_s["relocate"] = perf_counter() - refined
-        if torn:
+        if doubt is StateReason.TORN_IMAGES:
             self._ground.tears.tear(self._stale.rows)
             ground = GroundMotion(result)
         else:
@@ -177,33 +193,64 @@ class Localiser:
             result, backend.dynamic_mask = ground.result, self._ground.regions.mask
             if len(ground.dynamic):
                 backend.stop_tracking(window, ground.dynamic)
+        if result.trusted:  # follow a drift of the right camera
+            seen = StereoObservations(result.observations, result.variance)
+            px = calibration.learn_shift(*right_shift(result.pose, result.landmarks.estimates, seen, camera))
+            if px != 0.0:
+                observations = result.observations.copy()
+                observations[:, 2:] -= RightOffset(u=px).at(observations[:, 2:], camera)
+                shifted = replace(result, observations=observations)
+                result = tracker.refine(frame, result.landmarks, result.pose, calibration.offset, shifted)
+        self.last_result = result
         if not result.trusted:
-            return ground
-        seen, camera = StereoObservations(result.observations, result.variance), self._camera
-        px = calibration.learn_shift(*right_shift(result.pose, result.landmarks.estimates, seen, camera))
-        if px != 0.0:
-            observations = result.observations.copy()
-            observations[:, 2:] -= RightOffset(u=px).at(observations[:, 2:], camera)
-            result = tracker.solve(result.pose, result.landmarks, observations, result.variance)
-        return ground._replace(result=result)
+            return self._lose(frame, _few_landmarks(frame))
+        sign, size = np.linalg.slogdet(result.information)
+        if not (sign > 0.0 and np.isfinite(size) and np.isfinite(np.column_stack(result.pose)).all()):
+            return self._lose(frame, StateReason.IMPLAUSIBLE_MOTION)
+        one_sided = result.right_share <= MIN_RIGHT_SHARE and is_textured(frame.right)
+        if one_sided and tracker.fits_swapped(frame, result, calibration.offset):
+            return self._lose(frame, StateReason.NO_STEREO)
+        return self._update(frame, window, ground._replace(result=result), doubt)
 
     def _update(
         self, frame: StereoFrame, window: SlidingWindow, ground: GroundMotion, doubt: StateReason | None
-    ) -> PoseEstimate:
-        """Take the pose that was found; add a keyframe where one is wanted."""
+    ) -> Outcome:
+        """Take the pose that was found, if it is plausible; make the pair a keyframe where one is wanted."""
         track, backend, calibration, result = self._track, self._backend, self._backend.calibration, ground.result
-        follows = self._state is not TrackingState.LOST
+        depth_m, in_left = backend.landmarks.median_depth, np.isfinite(result.observations[:, 0])
         # the right image alone gives a pose, but nothing that later pairs can start from, nor do parts of images
-        left_inliers = int(np.count_nonzero(result.inliers & np.isfinite(result.observations[:, 0])))
+        left_inliers = int(np.count_nonzero(result.inliers & in_left))
         whole = doubt is None and ground.exposure is not Exposure.TORN
         by_left = whole and left_inliers >= self._config.min_tracked
-        wanted = by_left and backend.wants_keyframe(result)
+        # a keyframe where few landmarks of the last one are left, or they moved far
+        last_seen = result.landmarks.last_seen
+        flow = np.linalg.norm(result.observations[:, :2] - last_seen[:, :2], axis=1)[result.inliers]
+        flow = flow[np.isfinite(flow)]
+        if result.landmarks is not backend.landmarks.followed:
+            last_seen = last_seen[result.landmarks.among(backend.landmarks)]
+        wanted = by_left and (
+            len(flow) < KEYFRAME_SHARE * np.count_nonzero(np.isfinite(last_seen[:, 0]))
+            or (len(flow) > 0 and float(np.median(flow)) > KEYFRAME_FLOW * self._rig.width)
+        )
         if wanted:
             start = perf_counter()
             result = backend.complete(frame, result)
             self._stage_s["refine"] += perf_counter() - start
             left_inliers = int(np.count_nonzero(result.inliers & np.isfinite(result.observations[:, 0])))
-        now, depth_m = Transform(*result.pose), backend.landmarks.median_depth
+        chi_median = float(np.median(result.chi2_per_dof[~np.isnan(result.chi2_per_dof)]))
+        step = track.moved(
+            frame.stamp_ns,
+            result,
+            window,
+            depth_m,
+            calibration,
+            chi_median,
+            follows=self._state is not TrackingState.LOST,
+            late=ground.exposure is not Exposure.WHOLE,
+            doubt=ground.doubt,
+        )
+        if step is None:
+            return self._lose(frame, StateReason.IMPLAUSIBLE_MOTION)
         reasons = (
             (doubt is not None, doubt),
             (ground.exposure is not Exposure.WHOLE, StateReason.TORN_IMAGES),
@@ -213,18 +260,12 @@ class Localiser:
         )
         self._reason = next((reason for there, reason in reasons if there), None)
         self._state = TrackingState.TRACKING if self._reason is None else TrackingState.DEGRADED
-        if ground.doubt is not None:
-            track.covariance.doubt(now.translation, ground.doubt)
-        in_window = np.asarray(np.linalg.inv(result.information) + window.covariance)
-        position, step = now.translation, now.translation - track.T_world_left.translation
-        mark = track.covariance.follow(position, step, in_window, depth_m, calibration.constant_u)
-        late = ground.exposure is not Exposure.WHOLE
-        unseen = track.allow_unseen(frame.stamp_ns) if late else np.zeros((6, 6))
-        track.moved(frame.stamp_ns, now, mark, follows=follows)
         self._relocaliser.attempts = 0
         if by_left:
-            self._relocaliser.remember(frame.image, result, left_inliers)
-        chi_median = median(result.chi2_per_dof[~np.isnan(result.chi2_per_dof)])
+            known = KnownImage(frame.image, result.observations[:, :2], result.landmarks)
+            self._relocaliser.last = known
+            if left_inliers >= 0.5 * len(result.inliers):
+                self._relocaliser.best = known
         # typical residual: root of chi2 per degree of freedom times the mean variance
         found, offset = np.isfinite(result.observations[:, ::2]), calibration.offset
         total = np.where(found, 0.5 * (result.variance[:, :, 0] + result.variance[:, :, 2]), 0.0).sum(axis=1)
@@ -234,94 +275,51 @@ class Localiser:
             inliers=result.inlier_count,
             keyframes=backend.keyframe_count + wanted,
             chi_median=chi_median,
-            residual_px=median(residuals[result.inliers]),
+            residual_px=float(np.median(residuals[result.inliers])),
             vertical_offset_px=offset.v,
             disparity_offset_px=-offset.u,
             roll_offset_px=offset.roll,
             masked_share=self._ground.regions.share,
         )
-        moved = self._steps.tracked(
-            frame.stamp_ns, now, result, chi_median, window.drift, calibration, unseen, ground.doubt
-        )
-        estimate = self._estimate(frame.stamp_ns, statistics, moved)
-        if wanted:  # the backend belongs to its thread from here until the next call has waited
-            backend.add_keyframe(window, frame, result)
-        return estimate
+        return statistics, step, (window, frame, result) if wanted else None
 
-    def _repeat(self, stamp_ns: int) -> PoseEstimate:
-        """Return the last pose again; the rover may stand still, or have moved."""
+    def _repeat(self, stamp_ns: int) -> Outcome:
+        """Keep the last pose; the rover may stand still, or have moved."""
         statistics = TrackingStatistics(repeated=1)
         if self._state is TrackingState.LOST:
-            return self._unknown(stamp_ns, self._reason, statistics)
-        self._track.allow_unseen(stamp_ns)
+            return self._unknown(self._reason, statistics)
         self._state, self._reason = TrackingState.DEGRADED, StateReason.REPEATED_IMAGES
-        return self._estimate(stamp_ns, statistics, self._unseen_step(stamp_ns))
+        return statistics, self._track.kept(stamp_ns), None
 
-    def _begin(self, frame: StereoFrame) -> PoseEstimate:
+    def _begin(self, frame: StereoFrame) -> Outcome:
         """Begin a window at the last known pose; stay lost without enough landmarks."""
         track, backend = self._track, self._backend
         found = backend.begin(frame, track.T_world_left)
+        statistics = TrackingStatistics(features=found)
         if found < self._config.min_tracked or backend.window is None:
-            return self._unknown(frame.stamp_ns, _few_landmarks(frame), TrackingStatistics(features=found))
+            return self._unknown(_few_landmarks(frame), statistics)
         self._state, self._reason = TrackingState.TRACKING, None
         if track.unseen_s(frame.stamp_ns) > 0.0:
             self._state, self._reason = TrackingState.DEGRADED, StateReason.UNSEEN_MOTION
             self._doubted_keyframes = backend.keyframe_count + self._config.window_keyframes - 1
         elif backend.keyframe_count == 1:
             self._state = TrackingState.INITIALISING
-        landmarks, position = backend.landmarks, track.T_world_left.translation
-        covariance = track.covariance.of_start_and_drift(position) + track.unseen(frame.stamp_ns)
-        step = self._unseen_step(frame.stamp_ns)
-        in_window = backend.window.covariance
-        track.begin(frame.stamp_ns, track.covariance.start(position, covariance, in_window, landmarks.median_depth))
+        landmarks = backend.landmarks
+        step = track.begin(frame.stamp_ns, backend.window.covariance, landmarks.median_depth)
         self._relocaliser.restart(frame.image, landmarks)
-        return self._estimate(frame.stamp_ns, TrackingStatistics(features=found), step)
+        return statistics, step, None
 
-    def _unseen_step(self, stamp_ns: int) -> StepEstimate:
-        return self._steps.unseen(stamp_ns, self._track.T_world_left, self._track.unseen_of_rb(stamp_ns))
-
-    def _lose(self, frame: StereoFrame, reason: StateReason) -> PoseEstimate:
+    def _lose(self, frame: StereoFrame, reason: StateReason) -> Outcome:
         """Report that the pose is unknown; begin a new window where good images come and none is recognised."""
         if self._relocaliser.gives_up(frame, self._backend.landmarks):
             return self._begin(frame)
-        return self._unknown(frame.stamp_ns, reason, TrackingStatistics(inliers=0))
+        return self._unknown(reason, TrackingStatistics(inliers=0))
 
-    def _unknown(self, stamp_ns: int, reason: StateReason | None, statistics: TrackingStatistics) -> PoseEstimate:
-        """Return the last pose as lost."""
+    def _unknown(self, reason: StateReason | None, statistics: TrackingStatistics) -> Outcome:
+        """Keep the last pose as lost."""
         self._track.stop()
         self._state, self._reason = TrackingState.LOST, reason
-        return self._estimate(stamp_ns, statistics, None)
-
-    def _finish_keyframe(self) -> None:
-        """Wait for the keyframe in work, and go on from its adjusted pose; leave a window that is not plausible."""
-        backend, track = self._backend, self._track
-        seconds, window = backend.wait(), backend.window
-        if seconds is None or window is None:
-            return
-        self._stage_s["keyframe"] = seconds
-        adjusted = track.plausible(track.known_ns or 0, window.pose)
-        if adjusted is None or not np.isfinite(window.covariance).all():
-            backend.reset()
-            return
-        track.T_world_left = adjusted
-        track.covariance.set_in_window(window.covariance)
-        self._relocaliser.update(backend.landmarks)
-
-    def _estimate(self, stamp_ns: int, statistics: TrackingStatistics, step: StepEstimate | None) -> PoseEstimate:
-        track, backend = self._track, self._backend
-        if track.pending is not None and track.bind(track.pending, stamp_ns):
-            backend.leave_window()
-        T_ds_left = track.T_ds_world @ track.T_world_left
-        T_ds_rb = T_ds_left @ track.T_left_rb
-        if self._state is TrackingState.LOST:
-            covariance = lost_covariance()
-        else:
-            depth_m, position = backend.landmarks.median_depth, track.T_world_left.translation
-            of_left = track.covariance.of_left(position, depth_m, backend.calibration)
-            lever = T_ds_rb.translation - T_ds_left.translation
-            covariance = covariance_of_point(of_left, track.T_ds_world.rotation, lever)
-        stages = dict(self._stage_s)  # a keyframe in work adds to them
-        return PoseEstimate(stamp_ns, T_ds_rb, covariance, self._state, statistics, stages, self._reason, step)
+        return statistics, None, None
 
 
 def _few_landmarks(frame: StereoFrame) -> StateReason:
@@ -345,4 +343,4 @@ def _warm_up() -> None:
     image, at = np.zeros((SIDE, SIDE), np.float32), np.zeros((1, 2))
     stays(image, np.zeros((1, SIDE * SIDE), np.float32), at)
     refine_slopes(image, np.zeros((1, 3, SIDE * SIDE), np.float32), at, at)
-    localiser.set_pose(Transform.identity())  # waits for the last keyframe
+    localiser.reset(Transform.identity())  # waits for the last keyframe

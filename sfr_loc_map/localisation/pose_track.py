@@ -1,4 +1,19 @@
-"""Where the left camera is, since when that is known, where it may be next, and where poses from outside belong."""
+"""The poses so far, how well they are known, where the left camera may be next, and the world's place in DS.
+
+The covariance of a pose is that since the start: drift of the window, start, calibration, and errors that all landmarks
+share. Two poses share most of it, and it shrinks when the right camera's yaw is learnt, so it does not tell how well
+the motion between them is known. That is made of steps:
+
+- drift, independent from step to step: the covariance of the newest keyframe given the one before, of their joint
+  adjustment, in proportion to the size of the step and to the variance factor: the residuals found, over those stated
+  (the variance factor of least squares, as in Foerstner and Wrobel, Photogrammetric Computer Vision, chapter 4);
+- a common error of all disparities, alike in all steps: it scales each by `depth / (fx baseline)`, and adds up with
+  its sign;
+- what no image showed: it is in the step to a pose that was kept or may be late, and in the step from it.
+
+Positions are `(3,)`, metres, in the world, depths the median ones of the landmarks. A covariance `(6, 6)` is of
+position and rotation about fixed axes, of the left camera in the world if not said otherwise.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +27,14 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.geometry.transform import Transform, interpolated
+from sfr_loc_map.geometry.transform import Transform, interpolated, propagated_covariance
 from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
+from sfr_loc_map.localisation.backend.sliding_window import SlidingWindow
 from sfr_loc_map.localisation.config import MotionBounds
-from sfr_loc_map.localisation.covariance_model import CovarianceMark, CovarianceModel, covariance_of_point
-from sfr_loc_map.localisation.estimate import StartPose
+from sfr_loc_map.localisation.estimate import StartPose, StepEstimate
+from sfr_loc_map.localisation.frontend.tracking import TrackingResult
+from sfr_loc_map.localisation.keyframe_backend import KEYFRAME_FLOW
 
 HISTORY_PAIRS: Final = 1000
 """Pairs back to which a pose from outside can be bound."""
@@ -34,25 +52,64 @@ SLACK_M: Final = 1.0
 SLACK_RAD: Final = 1.0
 """Motion that is never implausible, whatever the stamps say."""
 
+COMMON_PX: Final = 0.03
+"""Standard deviation of the error of a whole image (blur, jitter), pixels: it is unobservable."""
+COMMON_DISPARITY_PX: Final = 0.01
+"""Standard deviation of the error that all disparities share, pixels: it scales the path."""
+INFLATION: Final = 2.0
+"""Factor on the covariance of an adjustment: errors of neighbouring landmarks are correlated."""
+DRIFT_SHARE: Final = 0.1
+"""Standard deviation of the attitude that a drift of the right camera leaves, as a share of the drift followed."""
+KEYFRAME_PX: Final = 0.01
+"""Standard deviation of the position error of a keyframe that its landmarks share, pixels at their median depth."""
+MIN_SHARE: Final = 0.02
+"""Share of a keyframe's drift that the smallest step has: no pose is exactly that of the one before."""
+MIN_SIZE_SHARE: Final = 0.25
+"""Smallest size of a keyframe interval, in intervals as the flow triggers them."""
+EXPECTED_CHI_MEDIAN: Final = 0.839
+"""Median of chi-square with four degrees of freedom, divided by them: of a landmark whose variances are as stated."""
+FACTOR_SHARE: Final = 0.1
+"""Share of a pair in the variance factor: it follows the light and the ground within some ten pairs."""
+MIN_FACTOR: Final = 0.2
+"""Smallest variance factor: below it errors dominate that a residual does not show."""
+STEP_INFLATION: Final = 1.5
+"""Factor on `INFLATION` where the variance factor is known: what neighbours have alike is in no residual."""
+FIRST_VARIANCE: Final = 1e-12
+"""Keeps each covariance of a step positive definite (m^2, rad^2)."""
+NOTHING: Final = np.zeros((6, 6))
+
+
+class Known(NamedTuple):
+    """A position `(3,)`, metres, in some frame, and the covariance `(6, 6)` of the pose there about its fixed axes."""
+
+    position: FloatArray
+    covariance: FloatArray
+
 
 class TrackedPose(NamedTuple):
-    """A pose of the past: stamp, left camera, what its covariance was made of, whether the pair before was tracked."""
+    """A pose of the past, and what its covariance was made of, so that a later one can be taken relative to it."""
 
     stamp_ns: int
     T_world_left: Transform
-    mark: CovarianceMark
-    follows: bool
+    follows: bool  #: Whether the pair before was tracked.
+    window: int  #: Number of its window.
+    in_window: Known  #: The pose in its window.
+    per_disparity_bias: FloatArray  #: `(3,)` path integral of position over disparity error up to it.
+    corrected_bias: FloatArray  #: `(3,)` the part of it that was corrected.
+    doubt: FloatArray  #: `(2,)` metres and radians by which motions up to it may have been other ones.
 
 
 class PoseTrack:
-    """The poses so far, and the world's place in DS.
+    """The poses so far, their uncertainty, and the world's place in DS.
+
+    The path integral of position over disparity error tells how far a constant error of all disparities has moved the
+    pose: a disparity error of 1 px scales a step by `depth / (fx baseline)`.
 
     Attributes:
         T_ds_world: Takes points in the world to DS.
         T_world_left: Left camera at the last stamp at which it is known.
         T_left_rb: Takes points in RB to the left camera.
         known_ns: That stamp; None before the first pair.
-        covariance: What is known of the uncertainty.
         before_first_pair: Whether no pair has arrived yet.
         pending: A pose from outside that has not got its place yet.
     """
@@ -64,13 +121,21 @@ class PoseTrack:
             GeometryError: If the extrinsics of the rig are unknown.
         """
         self._T_rb_left, self.T_left_rb, self._bounds = rig.T_rb_left, rig.T_rb_left.inverse(), bounds
-        self.covariance = CovarianceModel(rig)
+        self._fx, self._per_px = rig.fx, rig.fx * rig.baseline_m
+        self._interval = KEYFRAME_FLOW * rig.width / rig.fx
+        """Size of the motion between two keyframes, radians of optical flow."""
         self._history: deque[TrackedPose] = deque(maxlen=HISTORY_PAIRS)
         self.pending: StartPose | None = None
         self.before_first_pair = True
         self.known_ns: int | None = None
         self.T_world_left = self._T_before_last = Transform.identity()
         self._tracked_ns, self._period_ns = 0, 0
+        # the last pose that was given out, what no image showed of the motion to it, in RB, and the variance factor
+        self._given_out: tuple[int, Transform] | None = None
+        self._unseen_to_given = NOTHING
+        self._variance_factor: float | None = None
+        self._window, self._doubt = 0, np.zeros(2)
+        self._bias = self._corrected_bias = np.zeros(3)
         self._place(start, start.stamp_ns)
 
     # ---- poses from images
@@ -92,59 +157,181 @@ class PoseTrack:
             guesses.append(last @ self.T_left_rb @ T_rb_motion @ self._T_rb_left)
         return [Pose(guess.rotation, guess.translation) for guess in guesses]
 
-    def plausible(self, stamp_ns: int, pose: Pose) -> Transform | None:
-        """Return a pose of the left camera; None if it is not finite, or if no rover moves like that since the last."""
-        if not (np.isfinite(pose.rotation).all() and np.isfinite(pose.position).all()):
-            return None
-        T_world_left, seconds = Transform(*pose), abs(stamp_ns - (self.known_ns or 0)) / NS_PER_S
-        motion = self.T_world_left.inverse() @ T_world_left
+    def moved(
+        self,
+        stamp_ns: int,
+        result: TrackingResult,
+        window: SlidingWindow,
+        depth_m: float,
+        calibration: OnlineCalibration,
+        chi_median: float,
+        *,
+        follows: bool,
+        late: bool = False,
+        doubt: tuple[float, float] | None = None,
+    ) -> StepEstimate | None:
+        """Take a pose that was tracked, unless no rover moves like that since the last one.
+
+        Args:
+            stamp_ns: Stamp of the pair.
+            result: Its tracking.
+            window: Window that it was tracked in.
+            depth_m: Median depth of the landmarks of the window.
+            calibration: Rotation error of the right camera.
+            chi_median: Median of the squared Mahalanobis residuals per degree of freedom; NaN without any.
+            follows: Whether the pair before was tracked, too.
+            late: Whether the pair may not show all of the motion.
+            doubt: Metres and radians by which the motion may be another one, always the same way.
+
+        Returns:
+            The step to it from the pose given out before; None if it was not taken.
+        """
+        now, last = Transform(*result.pose), self.T_world_left
+        seconds = abs(stamp_ns - (self.known_ns or 0)) / NS_PER_S
+        motion = last.inverse() @ now
         metres, angle = np.linalg.norm(motion.translation), np.linalg.norm(rotvec_from_matrix(motion.rotation))
         most_m, most_rad = self._bounds.max_speed_m_s * seconds, self._bounds.max_turn_rad_s * seconds
-        return T_world_left if metres <= SLACK_M + most_m and angle <= SLACK_RAD + most_rad else None
-
-    def moved(self, stamp_ns: int, T_world_left: Transform, mark: CovarianceMark, *, follows: bool) -> None:
-        """Take a pose of the left camera that was tracked; `follows` if that of the pair before was, too."""
-        motion, seconds = self.T_world_left.inverse() @ T_world_left, abs(stamp_ns - (self.known_ns or 0)) / NS_PER_S
-        self._T_before_last = motion
-        self._tracked_ns, self._period_ns = stamp_ns, stamp_ns - self._tracked_ns
+        if not (metres <= SLACK_M + most_m and angle <= SLACK_RAD + most_rad):
+            return None
+        if doubt is not None:
+            self._add_doubt(now.translation, doubt)
+        # the path, and what the covariance of the pose is made of; the step was corrected by an offset, pixels
+        per_bias = (now.translation - last.translation) * depth_m / self._per_px
+        self._bias = self._bias + per_bias
+        self._corrected_bias = self._corrected_bias + per_bias * calibration.constant_u
+        of_pose = np.asarray(np.linalg.inv(result.information))
+        self._in_window, self._unseen, unseen = of_pose + window.covariance, NOTHING, NOTHING
+        if late:
+            unseen = self._allow_unseen(stamp_ns)
+        # the variance factor, from the residuals of this pair and of those before it
+        found, factor = chi_median / EXPECTED_CHI_MEDIAN, self._variance_factor
+        if np.isfinite(found):
+            self._variance_factor = factor = found if factor is None else factor + FACTOR_SHARE * (found - factor)
+        stated = 1.0 if factor is None else STEP_INFLATION * max(factor, MIN_FACTOR)
+        # drift of the left camera since the pose given out before, in the world
+        before_ns, before = (stamp_ns, now) if self._given_out is None else self._given_out
+        from_before, depth_m = before.inverse(), result.landmarks.median_depth
+        of_left, drift = from_before @ now, window.drift
+        size = np.linalg.norm(of_left.translation) / depth_m + np.linalg.norm(rotvec_from_matrix(of_left.rotation))
+        if drift is None:  # the pose given the landmarks stands for the drift of the first keyframe
+            covariance, interval = of_pose, self._interval
+        else:
+            covariance = drift.covariance
+            interval = max(drift.metres / depth_m + drift.radians, MIN_SIZE_SHARE * self._interval)
+        common = np.zeros(6)
+        common[:3] = (KEYFRAME_PX * depth_m / self._fx) ** 2
+        share = max(float(size) / interval, MIN_SHARE)
+        covariance = stated * np.asarray(share * (INFLATION * covariance + np.diag(common)))
+        # the same of RB, in RB before
+        T_rb_left = self._T_rb_left
+        of_rb = T_rb_left @ from_before @ now @ self.T_left_rb
+        to_rb = T_rb_left.rotation @ before.rotation.T
+        covariance = propagated_covariance(covariance, -of_rb.rotation @ T_rb_left.translation, to_rb)
+        covariance = 0.5 * (covariance + covariance.T) + FIRST_VARIANCE * np.eye(6) + self._unseen_to_given + unseen
+        if doubt is not None:
+            covariance = covariance + covariance_of_doubt(doubt)
+        # one standard deviation of what the common error of all disparities adds
+        remaining = calibration.target_u - calibration.constant_u
+        sigma_px = np.sqrt(COMMON_DISPARITY_PX**2 + calibration.sigma_u**2 + remaining**2)
+        systematic = sigma_px * depth_m / self._per_px * (now.translation - before.translation)
+        self._given_out, self._unseen_to_given = (stamp_ns, now), unseen
         if follows:
-            angle, metres = np.linalg.norm(rotvec_from_matrix(motion.rotation)), np.linalg.norm(motion.translation)
             self._speed = (float(metres) / seconds, float(angle) / seconds) if seconds > 0.0 else (0.0, 0.0)
-        self.T_world_left, self.known_ns = T_world_left, stamp_ns
-        self._history.append(TrackedPose(stamp_ns, T_world_left, mark, follows))
+        self.T_world_left, self.known_ns, self._T_before_last = now, stamp_ns, motion
+        self._tracked_ns, self._period_ns = stamp_ns, stamp_ns - self._tracked_ns
+        of_window = Known(now.translation, self._in_window)
+        self._history.append(
+            TrackedPose(stamp_ns, now, follows, self._window, of_window, self._bias, self._corrected_bias, self._doubt)
+        )
+        vector = np.concatenate((of_rb.translation, rotvec_from_matrix(of_rb.rotation)))
+        systematic = np.concatenate((to_rb @ systematic, np.zeros(3)))
+        return StepEstimate((stamp_ns - before_ns) / NS_PER_S, vector, covariance, systematic)
 
-    def begin(self, stamp_ns: int, mark: CovarianceMark) -> None:
-        """Take the last pose for that of a pair with which a window begins, at rest; the period is unknown."""
+    def adjusted(self, pose: Pose, covariance: FloatArray) -> bool:
+        """Go on from the adjusted pose of the last pair and its covariance `(6, 6)`; tell whether it is plausible."""
+        if not (np.isfinite(np.column_stack(pose)).all() and np.isfinite(covariance).all()):
+            return False
+        T_world_left = Transform(*pose)
+        motion = self.T_world_left.inverse() @ T_world_left
+        metres, angle = np.linalg.norm(motion.translation), np.linalg.norm(rotvec_from_matrix(motion.rotation))
+        if not (metres <= SLACK_M and angle <= SLACK_RAD):
+            return False
+        self.T_world_left, self._in_window, self._unseen = T_world_left, covariance, NOTHING
+        return True
+
+    def begin(self, stamp_ns: int, in_window: FloatArray, depth_m: float) -> StepEstimate:
+        """Take the last pose for that of a pair with which a window begins, at rest; return the step to it.
+
+        The period is unknown. The covariance `(6, 6)` of the pose in the window is given. The first image has the error
+        of any whole image.
+        """
+        position, angle = self.T_world_left.translation, COMMON_PX / self._fx
+        to_world = self.T_world_left.rotation @ self._T_rb_left.rotation.T
+        unseen = self._of_left(self._unseen_of_rb(stamp_ns), to_world)
+        known = self.covariance_of_left(depth_m, None) + unseen
+        step = self._step_to_kept(stamp_ns)
+        self._start = Known(position, known + covariance_of_doubt((angle * depth_m, angle)))
+        self._reference, self._in_window, self._unseen = None, in_window, NOTHING
+        self._window += 1
         self.stop()
-        self._tracked_ns, self._period_ns = stamp_ns, 0
-        self.known_ns = stamp_ns
-        self._history.append(TrackedPose(stamp_ns, self.T_world_left, mark, follows=False))
+        self.known_ns = self._tracked_ns = stamp_ns
+        self._period_ns = 0
+        bias, corrected = self._bias, self._corrected_bias
+        of_pose = Known(position, in_window)
+        self._history.append(
+            TrackedPose(stamp_ns, self.T_world_left, False, self._window, of_pose, bias, corrected, self._doubt)
+        )
+        return step
+
+    def kept(self, stamp_ns: int) -> StepEstimate:
+        """Keep the last pose up to a stamp, and allow for a motion that no image may show; return the step to it."""
+        self._allow_unseen(stamp_ns)
+        return self._step_to_kept(stamp_ns)
 
     def stop(self) -> None:
         """Assume rest, as after lost tracking."""
         self._T_before_last = Transform.identity()
 
-    # ---- what was not seen
+    # ---- what is known of them
+
+    def covariance_of_left(self, depth_m: float, calibration: OnlineCalibration | None) -> FloatArray:
+        """Return the covariance `(6, 6)` of the left camera in the world.
+
+        Without a calibration it is that of the drift since the window's start, or a pose given, and of that pose. A
+        rotation error of the start swings the path.
+        """
+        position, drift, start = self.T_world_left.translation, self._in_window, self._start
+        if self._reference is not None:
+            before = self._reference
+            growth = drift - propagated_covariance(before.covariance, position - before.position)
+            values, vectors = np.linalg.eigh(0.5 * (growth + growth.T))
+            drift = (vectors * np.maximum(values, 0.0)) @ vectors.T
+        covariance = drift * INFLATION + propagated_covariance(start.covariance, position - start.position)
+        if calibration is None:
+            return np.asarray(covariance)
+        if self._doubt.any():
+            doubted = self._doubted
+            covariance = covariance + propagated_covariance(doubted.covariance, position - doubted.position)
+        angle = COMMON_PX / self._fx  # the error of a whole image
+        covariance = covariance + np.diag(np.repeat(np.square([angle * depth_m, angle]), 3))
+        # errors that all disparities share: a constant one, the yaw of the right camera as far as it is unknown, and
+        # the path travelled before the yaw was found
+        bias = self._bias - self._bias_before[0]
+        uncorrected = calibration.target_u * bias - (self._corrected_bias - self._bias_before[1])
+        variance = COMMON_DISPARITY_PX**2 + calibration.sigma_u**2
+        covariance[:3, :3] += variance * np.outer(bias, bias) + np.outer(uncorrected, uncorrected)
+        covariance[3:, 3:] += np.eye(3) * (DRIFT_SHARE * calibration.followed_px / self._fx) ** 2
+        return np.asarray(covariance + self._unseen)
 
     def unseen_s(self, stamp_ns: int) -> float:
         """Return how long before a stamp, seconds, the pose was known last."""
         return 0.0 if self.known_ns is None else abs(stamp_ns - self.known_ns) / NS_PER_S
 
-    def unseen_of_rb(self, stamp_ns: int) -> FloatArray:
+    def _unseen_of_rb(self, stamp_ns: int) -> FloatArray:
         """Return the covariance `(6, 6)` of the motion since the pose was known last, in RB there."""
-        return self._unseen(self.unseen_s(stamp_ns))
+        return self._unseen_in(self.unseen_s(stamp_ns))
 
-    def unseen(self, stamp_ns: int) -> FloatArray:
-        """Return the same of the left camera, in the world."""
-        to_world = self.T_world_left.rotation @ self._T_rb_left.rotation.T
-        return self._of_left(self.unseen_of_rb(stamp_ns), to_world)
-
-    def allow_unseen(self, stamp_ns: int) -> FloatArray:
-        """Allow for the motion up to a stamp, which no image may show, until the next pose; return it of RB."""
-        self.covariance.unseen = self.unseen(stamp_ns)
-        return self.unseen_of_rb(stamp_ns)
-
-    def _unseen(self, seconds: float) -> FloatArray:
+    def _unseen_in(self, seconds: float) -> FloatArray:
         """Return the covariance `(6, 6)` of a motion that nothing showed for so long, in RB where it began.
 
         A rover may go on as fast as it did.
@@ -154,6 +341,27 @@ class PoseTrack:
         heading = max(self._bounds.unseen_turn_rad_s, radians_s) * seconds
         tilt = min(TILT_SHARE * heading, MAX_ANGLE)
         return np.diag(np.square([metres, metres, CLIMB_SHARE * metres, tilt, tilt, min(heading, MAX_ANGLE)]))
+
+    def _allow_unseen(self, stamp_ns: int) -> FloatArray:
+        """Allow for the motion up to a stamp, which no image may show, until the next pose; return it of RB."""
+        of_rb = self._unseen_of_rb(stamp_ns)
+        self._unseen = self._of_left(of_rb, self.T_world_left.rotation @ self._T_rb_left.rotation.T)
+        return of_rb
+
+    def _step_to_kept(self, stamp_ns: int) -> StepEstimate:
+        """Return the step to a pose that stays; all that was not seen since the pose was known is in it once."""
+        seconds = 0.0 if self._given_out is None else (stamp_ns - self._given_out[0]) / NS_PER_S
+        before, self._unseen_to_given = self._unseen_to_given, self._unseen_of_rb(stamp_ns)
+        self._given_out = stamp_ns, self.T_world_left
+        more = self._unseen_to_given - before + FIRST_VARIANCE * np.eye(6)
+        return StepEstimate(seconds, np.zeros(6), more, np.zeros(6))
+
+    def _add_doubt(self, position: FloatArray, step: tuple[float, float]) -> None:
+        """Allow for a motion that may have been another one: it may err by metres and radians, always the same way."""
+        before, self._doubt = self._doubt, self._doubt + step
+        more = covariance_of_doubt(self._doubt) - covariance_of_doubt(before)
+        swung = propagated_covariance(self._doubted.covariance, position - self._doubted.position)
+        self._doubted = Known(position, swung + more)
 
     # ---- poses from outside
 
@@ -193,21 +401,33 @@ class PoseTrack:
         return False
 
     def _place(self, pose: StartPose, stamp_ns: int | None) -> None:
-        """Let the last pose of the camera be this one, known at a stamp."""
+        """Let the last pose of the camera be this one, known at a stamp; the path so far is forgotten."""
+        position = self.T_world_left.translation
         self._given = pose
         self.T_ds_world = pose.T_ds_rb @ self._T_rb_left @ self.T_world_left.inverse()
         self.known_ns, self._speed = stamp_ns, (0.0, 0.0)
         self._history.clear()
-        covariance = self._of_left(pose.covariance, self.T_ds_world.rotation.T)
-        self.covariance.restart(self.T_world_left.translation, covariance)
+        self._start, self._reference = Known(position, self._of_left(pose.covariance, self.T_ds_world.rotation.T)), None
+        self._doubt, self._doubted = np.zeros(2), Known(position, NOTHING)
+        self._in_window = self._unseen = NOTHING
+        self._bias_before = self._bias, self._corrected_bias
 
     def _rebase(self, pose: StartPose, at_ns: int) -> None:
-        """Let the camera have been at this pose at a stamp of the past."""
+        """Let the camera have been at this pose at a stamp of the past, and count from there."""
         past, apart_s = self._past(at_ns)
         self.T_ds_world = pose.T_ds_rb @ self._T_rb_left @ past.T_world_left.inverse()
-        unseen = covariance_of_point(self._unseen(apart_s), pose.T_ds_rb.rotation, np.zeros(3))
+        unseen = propagated_covariance(self._unseen_in(apart_s), np.zeros(3), pose.T_ds_rb.rotation)
+        unseen = 0.5 * (unseen + unseen.T)
         covariance = self._of_left(pose.covariance + unseen, self.T_ds_world.rotation.T, past.T_world_left)
-        self.covariance.rebase(past.mark, covariance)
+        self._bias_before = past.per_disparity_bias, past.corrected_bias
+        self._doubt, at = self._doubt - past.doubt, past.in_window.position
+        self._doubted = Known(at, covariance_of_doubt(self._doubt))
+        if past.window == self._window:
+            self._start, self._reference = Known(at, covariance), past.in_window
+            return
+        position, known = self._start  # what was not seen between the windows is in the present start
+        self._start = Known(position, known + propagated_covariance(covariance, position - at))
+        self._reference = None
 
     def _past(self, stamp_ns: int) -> tuple[TrackedPose, float]:
         """Return the pose of a stamp that is not after the last one, and how far from it, seconds, it is known."""
@@ -222,7 +442,7 @@ class PoseTrack:
         if later.follows:
             share = (stamp_ns - earlier.stamp_ns) / (later.stamp_ns - earlier.stamp_ns)
             between = interpolated(earlier.T_world_left, later.T_world_left, share)
-            return TrackedPose(stamp_ns, between, later.mark, follows=True), 0.0
+            return later._replace(stamp_ns=stamp_ns, T_world_left=between), 0.0
         nearest = min(earlier, later, key=lambda pose: abs(pose.stamp_ns - stamp_ns))
         return nearest, abs(nearest.stamp_ns - stamp_ns) / NS_PER_S
 
@@ -230,4 +450,10 @@ class PoseTrack:
         """Return the covariance of the left camera in the world from that of RB; rotation takes its axes there."""
         R_world_left = (at or self.T_world_left).rotation
         lever = R_world_left @ self._T_rb_left.rotation.T @ self._T_rb_left.translation
-        return covariance_of_point(covariance, rotation, lever)
+        of_left = propagated_covariance(covariance, lever, rotation)
+        return np.asarray(0.5 * (of_left + of_left.T))
+
+
+def covariance_of_doubt(doubt: tuple[float, float] | FloatArray) -> FloatArray:
+    """Return the covariance `(6, 6)` of errors of so many metres and radians."""
+    return np.diag(np.repeat(np.square(doubt), 3))

@@ -47,45 +47,30 @@ class KnownImage(NamedTuple):
 class Relocaliser:
     """Recovers lost tracking.
 
-    It keeps two images: the last one tracked, from which optical flow reaches the next few, and the last one in which
-    most landmarks were observed, which descriptors recognise also after a gap.
-
     Attributes:
+        last: The last image tracked, from which optical flow reaches the next few.
+        best: The last one in which most landmarks were observed, which descriptors recognise also after a gap.
         attempts: Good images since a landmark was recognised; the caller starts them again.
     """
 
     def __init__(self, tracker: Tracker, config: LocalisationConfig, camera: StereoCamera) -> None:
         """Start without images."""
         self._tracker, self._config, self._camera = tracker, config, camera
-        self._last: KnownImage | None = None
-        self._best: KnownImage | None = None
+        self.last: KnownImage | None = None
+        self.best: KnownImage | None = None
         self.attempts = 0
 
     def restart(self, image: GreyImage, landmarks: Landmarks) -> None:
         """Keep the first keyframe of a window alone."""
-        self._last = self._best = KnownImage(image, landmarks.last_seen[:, :2], landmarks)
+        self.last = self.best = KnownImage(image, landmarks.last_seen[:, :2], landmarks)
         self.attempts = 0
-
-    def remember(self, image: GreyImage, result: TrackingResult, left_inliers: int) -> None:
-        """Keep a tracked left image in which so many landmarks agree with the pose."""
-        self._last = KnownImage(image, result.observations[:, :2], result.landmarks)
-        if left_inliers >= 0.5 * len(result.inliers):
-            self._best = self._last
-
-    def update(self, landmarks: Landmarks) -> None:
-        """Take the landmarks of the keyframe that the last image has become."""
-        if self._last is None:
-            return
-        known = KnownImage(self._last.image, landmarks.last_seen[:, :2], landmarks)
-        self._best = known if self._best is self._last else self._best
-        self._last = known
 
     def pose_by_flow(self, frame: StereoFrame, landmarks: Landmarks) -> Pose | None:
         """Return the pose that some landmarks of the last tracked image give by optical flow, None without one."""
-        if self._last is None:
+        if self.last is None:
             return None
-        places = self._last.places(landmarks)
-        return pnp_from_optical_flow(self._last.image, *places, frame.image, self._camera, self._config.min_tracked)
+        places = self.last.places(landmarks)
+        return pnp_from_optical_flow(self.last.image, *places, frame.image, self._camera, self._config.min_tracked)
 
     def relocalise(self, frame: StereoFrame, landmarks: Landmarks, offset: RightOffset) -> TrackingResult | None:
         """Track the landmarks from poses by optical flow, then by descriptors.
@@ -93,16 +78,16 @@ class Relocaliser:
         Returns:
             The first result that is trusted, otherwise the last one; None where no pose was found at all.
         """
-        if self._last is None or self._best is None:
+        if self.last is None or self.best is None:
             return None
         camera, enough, result = self._camera, self._config.min_tracked, None
-        pose = pnp_from_optical_flow(self._last.image, *self._last.places(), frame.image, camera, enough)
+        pose = pnp_from_optical_flow(self.last.image, *self.last.places(), frame.image, camera, enough)
         if pose is not None:
             result = self._tracker.refine_from_afar(frame, landmarks, pose, offset)
             if result.trusted:
                 return result
         corners = find_corners(frame.left[0].image, NO_POINTS, 2 * self._config.max_features, BORDER)
-        pose = pnp_from_descriptors(self._best.image, *self._best.places(), frame.image, corners, camera, enough)
+        pose = pnp_from_descriptors(self.best.image, *self.best.places(), frame.image, corners, camera, enough)
         return result if pose is None else self._tracker.refine_from_afar(frame, landmarks, pose, offset)
 
     def gives_up(self, frame: StereoFrame, landmarks: Landmarks) -> bool:

@@ -1,45 +1,119 @@
-"""Initial guesses of the next pose."""
+"""Initial guesses of the next pose, and what is added to the covariance of a pose in its window."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from made_scene import LOC_RIG
 
-from sfr_loc_map.geometry.rotation import matrix_from_rotvec
-from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.geometry.camera import Pose
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec, rotvec_from_matrix
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.transform import Transform, propagated_covariance
+from sfr_loc_map.localisation.backend.online_calibration import FIRST_SIGMA_PX, OnlineCalibration
 from sfr_loc_map.localisation.config import MotionBounds
-from sfr_loc_map.localisation.estimate import StartPose
-from sfr_loc_map.localisation.pose_track import MAX_MISSED_PAIRS, PoseTrack
+from sfr_loc_map.localisation.estimate import StartPose, StepEstimate
+from sfr_loc_map.localisation.pose_track import (
+    COMMON_DISPARITY_PX,
+    COMMON_PX,
+    INFLATION,
+    MAX_MISSED_PAIRS,
+    PoseTrack,
+)
 
-T_RB_SB = Transform.from_quat([0.3, 0.1, 0.2], [0.5, -0.5, 0.5, -0.5])
-RIG = replace(LOC_RIG, T_rb_sb=T_RB_SB)
-STEP = Transform(matrix_from_rotvec([0.01, -0.02, 0.03]), np.array([0.05, 0.01, 0.2]))
+RIG = StereoRig(640, 480, 400.0, 400.0, 320.0, 240.0, 0.2, Transform.from_quat([0.3, 0.1, 0.2], [0.5, -0.5, 0.5, -0.5]))
+IN_CAMERA = replace(RIG, T_rb_sb=RIG.T_sb_left.inverse())
+"""A rig whose left camera is RB."""
+TURN = Transform(matrix_from_rotvec([0.01, -0.02, 0.03]), np.array([0.05, 0.01, 0.2]))
 PERIOD_NS = 100_000_000
+DEPTH_M, PER_PX = 5.0, 5.0 / 80.0
+"""Depth, metres, and its share by which a disparity error of one pixel scales a step: depth / (f b)."""
+STEP, NOTHING = np.array([0.1, 0.0, 0.3]), np.zeros((6, 6))
+LENGTH = np.linalg.norm(STEP)
+ANGLE = COMMON_PX / 400.0
+IMAGE = np.diag(np.square([ANGLE * DEPTH_M] * 3 + [ANGLE] * 3))
+"""Covariance of an error of a whole image: an angle, and that angle at the depth."""
+UNKNOWN_PX = np.hypot(FIRST_SIGMA_PX, COMMON_DISPARITY_PX)
 
 
 def path(count: int) -> list[Transform]:
     poses = [Transform.identity()]
     for _ in range(count - 1):
-        poses.append(poses[-1] @ STEP)
+        poses.append(poses[-1] @ TURN)
     return poses
 
 
-def move(track: PoseTrack, stamp_ns: int, pose: Transform) -> None:
-    mark = track.covariance.follow(pose.translation, STEP.translation, np.eye(6), 3.0, 0.0)
-    track.moved(stamp_ns, pose, mark, follows=True)
+def begun(rig: StereoRig = IN_CAMERA) -> PoseTrack:
+    track = PoseTrack(rig, MotionBounds(), StartPose(Transform.identity()))
+    track.arrive(0)
+    track.begin(0, NOTHING, DEPTH_M)
+    return track
+
+
+def move(
+    track: PoseTrack,
+    number: int,
+    to: Transform | np.ndarray,
+    in_window: np.ndarray = NOTHING,
+    known: OnlineCalibration | None = None,
+    doubt: tuple[float, float] | None = None,
+) -> StepEstimate | None:
+    """Let the pair of a number be tracked at a pose, or a position, that is known so well in its window."""
+    pose = Pose(to.rotation, to.translation) if isinstance(to, Transform) else Pose(np.eye(3), to)
+    result = SimpleNamespace(pose=pose, information=1e18 * np.eye(6), landmarks=SimpleNamespace(median_depth=DEPTH_M))
+    window, known = SimpleNamespace(covariance=in_window, drift=None), known or OnlineCalibration(RIG.camera, 7)
+    return track.moved(
+        number * PERIOD_NS,
+        result,  # type: ignore[arg-type]
+        window,  # type: ignore[arg-type]
+        DEPTH_M,
+        known,
+        1.0,
+        follows=True,
+        doubt=doubt,
+    )
+
+
+def of_path(track: PoseTrack, known: OnlineCalibration | None = None) -> np.ndarray:
+    """Return what the path adds to the covariance of the position."""
+    covariance = track.covariance_of_left(DEPTH_M, known or OnlineCalibration(RIG.camera, 7))
+    images = IMAGE + propagated_covariance(IMAGE, track.T_world_left.translation)
+    return np.asarray((covariance - images)[:3, :3])
+
+
+def random_covariance(seed: int) -> np.ndarray:
+    root = np.random.default_rng(seed).normal(size=(6, 6))
+    return np.asarray(1e-6 * root @ root.T)
+
+
+def numeric_jacobian(moved: Callable[[Transform], Transform], pose: Transform) -> np.ndarray:
+    """Return the derivative `(6, 6)` of a pose by position and rotation about fixed axes of another."""
+    step, columns = 1e-6, []
+    for axis in range(6):
+        ends = []
+        for sign in (1.0, -1.0):
+            change = np.zeros(6)
+            change[axis] = sign * step
+            rotation = matrix_from_rotvec(change[3:]) @ pose.rotation
+            ends.append(moved(Transform(rotation, pose.translation + change[:3])))
+        translation = (ends[0].translation - ends[1].translation) / (2.0 * step)
+        rotation = rotvec_from_matrix(ends[0].rotation @ ends[1].rotation.T) / (2.0 * step)
+        columns.append(np.concatenate((translation, rotation)))
+    return np.column_stack(columns)
+
+
+# ---- guesses
 
 
 @pytest.fixture
 def driven() -> PoseTrack:
     """A track that has seen three poses one period apart."""
-    track = PoseTrack(RIG, MotionBounds(), StartPose(Transform.identity()))
-    track.arrive(0)
-    track.begin(0, track.covariance.start(np.zeros(3), np.eye(6), np.eye(6), 3.0))
-    for index, pose in enumerate(path(3)[1:], 1):
-        move(track, index * PERIOD_NS, pose)
+    track = begun(RIG)
+    for number, pose in enumerate(path(3)[1:], 1):
+        assert move(track, number, pose) is not None
     return track
 
 
@@ -47,22 +121,16 @@ def guesses(track: PoseTrack, stamp_ns: int, motion: Transform | None = None) ->
     return [Transform(*guess).matrix for guess in track.guesses(stamp_ns, motion)]
 
 
-def test_constant_velocity_first_then_standstill(driven: PoseTrack) -> None:
-    first, second = guesses(driven, 3 * PERIOD_NS)
+@pytest.mark.parametrize("missed", [0, 1, MAX_MISSED_PAIRS, MAX_MISSED_PAIRS + 1])
+def test_constant_velocity_then_standstill_then_as_many_missed_pairs_as_the_stamps_tell(
+    driven: PoseTrack, missed: int
+) -> None:
+    first, second, *further = guesses(driven, (3 + missed) * PERIOD_NS)
     np.testing.assert_allclose(first, path(4)[-1].matrix, atol=1e-12)
     np.testing.assert_array_equal(second, path(3)[-1].matrix)
-
-
-@pytest.mark.parametrize("missed", [1, MAX_MISSED_PAIRS])
-def test_missed_pairs_are_counted_by_the_stamps(driven: PoseTrack, missed: int) -> None:
-    found = guesses(driven, (3 + missed) * PERIOD_NS)
-    assert len(found) == 3
-    np.testing.assert_allclose(found[2], path(4 + missed)[-1].matrix, atol=1e-12)
-
-
-@pytest.mark.parametrize("stamp_ns", [3 * PERIOD_NS, round(3.4 * PERIOD_NS), (4 + MAX_MISSED_PAIRS) * PERIOD_NS, 0])
-def test_no_extrapolation_over_no_pair_nor_over_too_many(driven: PoseTrack, stamp_ns: int) -> None:
-    assert len(guesses(driven, stamp_ns)) == 2
+    assert len(further) == (0 < missed <= MAX_MISSED_PAIRS)
+    for guess in further:
+        np.testing.assert_allclose(guess, path(4 + missed)[-1].matrix, atol=1e-12)
 
 
 def test_wheel_odometry_is_a_motion_of_the_rover(driven: PoseTrack) -> None:
@@ -76,17 +144,92 @@ def test_a_stopped_track_predicts_rest_and_a_new_window_does_not_know_the_period
     driven.stop()
     for guess in guesses(driven, 5 * PERIOD_NS):
         np.testing.assert_array_equal(guess, path(3)[-1].matrix)
-    move(driven, 5 * PERIOD_NS, path(4)[-1])
+    move(driven, 5, path(4)[-1])
     assert len(guesses(driven, 8 * PERIOD_NS)) == 2  # that is the period now
     assert len(guesses(driven, 11 * PERIOD_NS)) == 3
-    driven.begin(10 * PERIOD_NS, driven.covariance.start(np.zeros(3), np.eye(6), np.eye(6), 3.0))
+    driven.begin(10 * PERIOD_NS, NOTHING, DEPTH_M)
     assert len(guesses(driven, 13 * PERIOD_NS)) == 2
 
 
-def test_no_rover_leaps_and_no_pose_is_infinite(driven: PoseTrack) -> None:
-    last = path(3)[-1]
-    at = np.array([10.0, 0.0, 0.0])
-    for shift, fits in ((0.0, True), (10.0, False), (np.nan, False)):
-        pose = driven.guesses(3 * PERIOD_NS, None)[1]._replace(position=last.translation + shift)
-        assert (driven.plausible(3 * PERIOD_NS, pose) is not None) is fits
-    assert driven.plausible(10 * PERIOD_NS, driven.guesses(0, None)[1]._replace(position=at)) is not None  # 50 m/s
+def test_no_rover_leaps() -> None:
+    for number, metres, fits in ((1, 0.3, True), (1, 10.0, False), (10, 10.0, True)):  # 50 m/s
+        track = begun()
+        assert (move(track, number, np.array([metres, 0.0, 0.0])) is not None) is fits
+        assert track.T_world_left.translation[0] == (metres if fits else 0.0)
+    pose = Pose(np.eye(3), np.array([np.nan, 0.0, 0.0]))
+    assert not begun().adjusted(pose, NOTHING)
+    assert not begun().adjusted(pose._replace(position=np.array([2.0, 0.0, 0.0])), NOTHING)
+
+
+# ---- covariance
+
+
+def test_the_first_image_and_this_one_have_the_error_of_a_whole_image() -> None:
+    found = begun().covariance_of_left(DEPTH_M, OnlineCalibration(RIG.camera, 7))
+    np.testing.assert_allclose(found, 2.0 * IMAGE)
+
+
+def test_yaw_error_grows_in_proportion_to_the_path_and_a_path_back_takes_it_back() -> None:
+    track = begun()
+    for count in range(1, 6):
+        move(track, count, count * STEP)
+        covariance = of_path(track)
+        assert np.sqrt(np.trace(covariance)) == pytest.approx(count * UNKNOWN_PX * PER_PX * LENGTH)
+        np.testing.assert_allclose(covariance @ np.array([0.3, 0.0, -0.1]), 0.0, atol=1e-12)  # along the path alone
+    move(track, 6, 0.0 * STEP)
+    np.testing.assert_allclose(of_path(track), 0.0, atol=1e-16)
+
+
+def test_a_yaw_found_late_leaves_the_path_before_it_uncertain() -> None:
+    track, known = begun(), OnlineCalibration(RIG.camera, 7)
+    known.target_u, known.sigma_u = 0.5, 0.0
+    common = COMMON_DISPARITY_PX * PER_PX * LENGTH
+    move(track, 1, STEP, known=known)  # not corrected
+    assert np.trace(of_path(track, known)) == pytest.approx((0.5 * PER_PX * LENGTH) ** 2 + common**2)
+    known.constant_u = 0.5
+    move(track, 2, 2.0 * STEP, known=known)
+    assert np.trace(of_path(track, known)) == pytest.approx((0.5 * PER_PX * LENGTH) ** 2 + (2 * common) ** 2)
+
+
+def test_a_motion_that_may_have_been_another_one_counts_for_good() -> None:
+    track = begun()
+    for number in (1, 2):  # always the same way: metres and radians add up
+        move(track, number, STEP, doubt=(0.2, 0.1))
+    added = track.covariance_of_left(DEPTH_M, OnlineCalibration(RIG.camera, 7))
+    np.testing.assert_allclose(np.diag(added), [0.16] * 3 + [0.04] * 3, rtol=0.05)
+
+
+def test_a_pose_given_for_the_past_replaces_what_was_known_then() -> None:
+    """The drift of the window and the yaw error of the path before it do not count any more."""
+    track, known = begun(), OnlineCalibration(RIG.camera, 7)
+    early, late, given, here = random_covariance(2), random_covariance(3), random_covariance(4), 3.0 * STEP
+    move(track, 1, STEP, early)
+    T_given = Transform.from_quat([7.0, 8.0, 9.0], [0.0, 0.0, 0.0, 1.0])
+    assert not track.bind(StartPose(T_given, given, PERIOD_NS), PERIOD_NS)
+    np.testing.assert_allclose((track.T_ds_world @ track.T_world_left).translation, T_given.translation, atol=1e-12)
+    np.testing.assert_allclose(track.covariance_of_left(DEPTH_M, known), given + IMAGE, atol=1e-15)
+    move(track, 2, here, propagated_covariance(early, here - STEP) + late)
+    expected = propagated_covariance(given, here - STEP) + INFLATION * late + IMAGE
+    expected[:3, :3] += UNKNOWN_PX**2 * np.outer(2.0 * STEP, 2.0 * STEP) * PER_PX**2
+    np.testing.assert_allclose(track.covariance_of_left(DEPTH_M, known), expected, atol=1e-15)
+
+
+def test_rotation_error_of_the_start_swings_the_path() -> None:
+    covariance, later = random_covariance(3), path(8)[-1]
+    track = PoseTrack(IN_CAMERA, MotionBounds(), StartPose(Transform.identity(), covariance))
+    track.arrive(0)
+    move(track, 1, later)
+    jacobian = numeric_jacobian(lambda start: start @ later, Transform.identity())
+    found = track.covariance_of_left(DEPTH_M, None)
+    np.testing.assert_allclose(found, jacobian @ covariance @ jacobian.T, atol=1e-12)
+
+
+def test_covariance_of_the_rover_follows_its_extrinsics() -> None:
+    T_ds_world = Transform.from_quat([5.0, 6.0, 7.0], [0.3, -0.1, 0.5, 0.8])
+    T_world_left = Transform.from_quat([1.0, -2.0, 0.5], [0.2, 0.1, -0.4, 0.9])
+    T_left_rb, covariance = Transform.from_quat([0.3, 0.4, -0.5], [0.5, 0.5, -0.5, 0.5]), random_covariance(4)
+    jacobian = numeric_jacobian(lambda T: T_ds_world @ T @ T_left_rb, T_world_left)
+    T_ds_left = T_ds_world @ T_world_left
+    lever = (T_ds_left @ T_left_rb).translation - T_ds_left.translation
+    found = propagated_covariance(covariance, lever, T_ds_world.rotation)
+    np.testing.assert_allclose(found, jacobian @ covariance @ jacobian.T, atol=1e-12)

@@ -92,13 +92,15 @@ def fixed_correlation(image: FloatImage, patches: Patch, uv: FloatArray) -> Floa
     return out
 
 
+@jit
 def stays(image: FloatImage, patches: Patch, uv: FloatArray) -> Mask:
     """Tell which patches `(N, S * S)` an image still shows at the pixels `(N, 2)` where they were cut, and only there.
 
     A patch that looks the same beside, as on a straight edge, says nothing.
     """
-    here, beside = fixed_correlation(image, np.ascontiguousarray(patches), uv).T
-    return np.asarray((here > MIN_FIXED_NCC) & (1.0 - here < MAX_AMBIGUITY * (1.0 - beside)))
+    found = fixed_correlation(image, patches, uv)
+    here, beside = found[:, 0], found[:, 1]
+    return (here > MIN_FIXED_NCC) & (1.0 - here < MAX_AMBIGUITY * (1.0 - beside))
 
 
 class Marks(NamedTuple):
@@ -201,11 +203,12 @@ def project(pose: Pose, landmarks: Landmarks, camera: StereoCamera) -> FloatArra
 
 def stays_in(frame: StereoFrame, landmarks: Landmarks) -> Mask:
     """Tell which landmarks `(M,)` the left image still shows at their host pixels."""
-    return stays(frame.left[0].image, landmarks.patches[0].values[:, 0], landmarks.planes.uv)
+    patches = np.ascontiguousarray(landmarks.patches[0].values[:, 0])
+    return stays(frame.left[0].image, patches, landmarks.planes.uv)
 
 
 @jit
-def _where_seen(
+def where_seen(
     pose: Pose,
     hosts: Poses,
     rays: FloatArray,
@@ -246,7 +249,7 @@ def unexplained_by(result: TrackingResult, frame: StereoFrame, camera: StereoCam
     landmarks, outliers = result.landmarks, ~result.inliers
     hosts, rays, inverse_depth, _ = landmarks.estimates
     host_uv = landmarks.planes.uv
-    uv, in_view, moved = _where_seen(result.pose, hosts, rays, inverse_depth, host_uv, camera, frame.image.shape)
+    uv, in_view, moved = where_seen(result.pose, hosts, rays, inverse_depth, host_uv, camera, frame.image.shape)
     rows = in_view & outliers
     fixed = np.zeros(len(outliers), np.bool_)
     candidates = np.flatnonzero(outliers & moved)

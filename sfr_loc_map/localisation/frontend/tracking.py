@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray, GreyImage, Mask, median
+from sfr_loc_map.geometry.arrays import FloatArray, GreyImage, Mask
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
@@ -132,24 +132,20 @@ class Tracker:
             uv, variance = np.empty((len(landmarks.index), 4)), np.empty((len(landmarks.index), 2, 3))
             uv[before], uv[~before] = known.observations[rows], new_uv
             variance[before], variance[~before] = known.variance[rows], new_variance
-        return self.solve(start, landmarks, uv, variance)
+        seen = StereoObservations(uv, variance)
+        pose, information, chi2 = solve_pose(start, landmarks.estimates, seen, self._camera, POSE_ITERATIONS)
+        inliers = chi2 < INLIER_CHI2_PER_DOF  # NaN is none
+        count, found = int(np.count_nonzero(inliers)), int(np.count_nonzero(np.isfinite(chi2)))
+        trusted = count >= self._min_tracked and count > 0.5 * found and found > 0.2 * len(chi2)
+        seen_left = np.isfinite(uv[:, 0])
+        right_share = float((seen_left & np.isfinite(uv[:, 2])).sum() / max(int(seen_left.sum()), 1))
+        return TrackingResult(pose, information, landmarks, uv, variance, chi2, inliers, count, trusted, right_share)
 
     def refine_from_afar(
         self, frame: StereoFrame, landmarks: Landmarks, start: Pose, offset: RightOffset
     ) -> TrackingResult:
         """Return the same from a pose that is right to some pixels."""
         return self.refine(frame, landmarks, self.align(frame.left, landmarks, [start], (0,)), offset)
-
-    def solve(self, start: Pose, landmarks: Landmarks, uv: FloatArray, variance: FloatArray) -> TrackingResult:
-        """Return observations `(M, 4)` of some variance `(M, 2, 3)` with the pose that they give."""
-        seen = StereoObservations(uv, variance)
-        pose, information, chi2 = solve_pose(start, landmarks.estimates, seen, self._camera, POSE_ITERATIONS)
-        inliers = chi2 < INLIER_CHI2_PER_DOF  # NaN is none
-        count, found = int(np.count_nonzero(inliers)), int(np.count_nonzero(np.isfinite(chi2)))
-        trusted = count >= self._min_tracked and count > 0.5 * found and found > 0.2 * len(chi2)
-        in_left = np.isfinite(uv[:, 0])
-        right_share = float((in_left & np.isfinite(uv[:, 2])).sum() / max(int(in_left.sum()), 1))
-        return TrackingResult(pose, information, landmarks, uv, variance, chi2, inliers, count, trusted, right_share)
 
     def fits_swapped(self, frame: StereoFrame, result: TrackingResult, offset: RightOffset) -> bool:
         """Tell whether the landmarks fit well where left and right image are swapped."""
@@ -168,7 +164,7 @@ class Tracker:
             residual: `(N,)` RMS, grey levels; NaN where not found.
         """
         found = residual[~np.isnan(residual)]
-        typical = median(found) if len(found) else 1.0
+        typical = float(np.median(found)) if len(found) else 1.0
         level = np.maximum(residual, typical)
         variance = covariance * (1.2 * (level * level))[:, None]
         floor: FloatArray | float = PIXEL_FLOOR**2

@@ -76,7 +76,7 @@ def test_trust(
 ) -> None:
     chi2 = np.repeat([1.0, 50.0, np.nan], [inliers, outliers, missing])
     monkeypatch.setattr(tracking, "solve_pose", lambda *_: PoseSolution(STILL, np.eye(6), chi2))
-    found = TRACKER.solve(STILL, landmarks, np.ones((len(chi2), 4)), np.ones((len(chi2), 2, 3)))
+    found = TRACKER.refine(frame(0), landmarks.subset(np.arange(len(landmarks.index)) < len(chi2)), STILL, STRAIGHT)
     assert found.trusted is trusted
     assert found.inlier_count == inliers
 
