@@ -273,7 +273,7 @@ class Localiser:
         statistics = TrackingStatistics(
             features=len(result.inliers),
             inliers=result.inlier_count,
-            keyframes=backend.keyframe_count + wanted,
+            keyframes=backend.keyframe_count + int(wanted),
             chi_median=chi_median,
             residual_px=float(np.median(residuals[result.inliers])),
             vertical_offset_px=offset.v,

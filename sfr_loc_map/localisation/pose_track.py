@@ -136,6 +136,8 @@ class PoseTrack:
         self._variance_factor: float | None = None
         self._window, self._doubt = 0, np.zeros(2)
         self._bias = self._corrected_bias = np.zeros(3)
+        self._doubted = Known(np.zeros(3), NOTHING)
+        self._reference: Known | None = None
         self._place(start, start.stamp_ns)
 
     # ---- poses from images
@@ -407,7 +409,8 @@ class PoseTrack:
         self.T_ds_world = pose.T_ds_rb @ self._T_rb_left @ self.T_world_left.inverse()
         self.known_ns, self._speed = stamp_ns, (0.0, 0.0)
         self._history.clear()
-        self._start, self._reference = Known(position, self._of_left(pose.covariance, self.T_ds_world.rotation.T)), None
+        self._start = Known(position, self._of_left(pose.covariance, self.T_ds_world.rotation.T))
+        self._reference = None
         self._doubt, self._doubted = np.zeros(2), Known(position, NOTHING)
         self._in_window = self._unseen = NOTHING
         self._bias_before = self._bias, self._corrected_bias
