@@ -11,8 +11,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 from execution import run_command
+from made_layouts import write_katwijk, write_lusnar, write_madmax
 from made_ros1 import write_ros1
-from made_rovers import write_katwijk, write_lusnar, write_madmax
 from made_scene import LOC_RIG, NAV_RIG, PERIOD_NS, START_NS, fill, loc_pair, true_pose, write_bag, write_folder
 
 from sfr_loc_map.geometry.cloud import PointCloud

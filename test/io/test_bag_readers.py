@@ -5,9 +5,7 @@ from __future__ import annotations
 import bz2
 import sqlite3
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import lz4.frame
 import pytest
@@ -17,7 +15,7 @@ from made_worlds import World, assert_is_world, assert_same_pairs, write_bag
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import FREE_BYTES
 from sfr_loc_map.io.bag import Bag
-from sfr_loc_map.io.bag_files import MCAP_MAGIC, check_database, is_bag
+from sfr_loc_map.io.bag_files import MCAP_MAGIC, check_database
 from sfr_loc_map.io.bag_readers import LZ4FrameDecompressor, check_zstd_file, unpack
 from sfr_loc_map.io.registry import open_source
 
@@ -27,7 +25,7 @@ else:
     from backports import zstd
 
 TOO_MUCH = bytes(FREE_BYTES + 1)
-PACKERS: dict[str, tuple[Callable[[bytes], bytes], Any]] = {
+PACKERS = {
     "zstd": (zstd.compress, zstd.ZstdDecompressor),
     "lz4": (lz4.frame.compress, LZ4FrameDecompressor),
     "bz2": (bz2.compress, bz2.BZ2Decompressor),
@@ -47,10 +45,8 @@ def test_what_is_compressed_is_bounded_whatever_is_claimed(bombs: dict[str, byte
     assert unpack(pack(b"abc") + pack(b"def"), new) == b"abcdef"
     with pytest.raises(ValueError, match="ends within a frame"):
         unpack(pack(data)[:-10], new, len(data))
-    with pytest.raises(ValueError, match="claims to hold"):
-        unpack(bombs[name], new, len(TOO_MUCH))
-    for claimed, limit in ((1000, "1000"), (None, "")):
-        with pytest.raises(ValueError, match=f"holds more than {limit}"):
+    for claimed, words in ((len(TOO_MUCH), "claims to hold"), (1000, "holds more than 1000"), (None, "holds more")):
+        with pytest.raises(ValueError, match=words):
             unpack(bombs[name], new, claimed)
 
 
@@ -60,23 +56,20 @@ def test_a_file_of_too_much_is_refused(bombs: dict[str, bytes], tmp_path: Path) 
         check_zstd_file(tmp_path / "x.db3.zstd")
 
 
-def record(opcode: int, content: bytes) -> bytes:
-    return bytes([opcode]) + len(content).to_bytes(8, "little") + content
-
-
-def text(value: str) -> bytes:
-    return len(value).to_bytes(4, "little") + value.encode()
-
-
-@pytest.mark.parametrize("end", [record(0x0F, bytes(4)) + record(0x02, bytes(20)) + MCAP_MAGIC, b""])
+@pytest.mark.parametrize("finished", [True, False])
 @pytest.mark.parametrize("size", [len(TOO_MUCH), 1000])
 @pytest.mark.parametrize("name", ["zstd", "lz4"])
 def test_a_bag_with_a_chunk_of_too_much_is_refused(
-    tmp_path: Path, bombs: dict[str, bytes], name: str, size: int, end: bytes
+    tmp_path: Path, bombs: dict[str, bytes], name: str, size: int, finished: bool
 ) -> None:
+    def record(opcode: int, content: bytes) -> bytes:
+        return bytes([opcode]) + len(content).to_bytes(8, "little") + content
+
     sizes = bytes(8) + (1).to_bytes(8, "little") + size.to_bytes(8, "little") + bytes(4)
-    chunk = sizes + text(name) + len(bombs[name]).to_bytes(8, "little") + bombs[name]
-    header = record(0x01, text("ros2") + text(""))
+    compression = len(name).to_bytes(4, "little") + name.encode()
+    chunk = sizes + compression + len(bombs[name]).to_bytes(8, "little") + bombs[name]
+    header = record(0x01, b"\x04\0\0\0ros2" + bytes(4))
+    end = record(0x0F, bytes(4)) + record(0x02, bytes(20)) + MCAP_MAGIC if finished else b""
     (tmp_path / "x.mcap").write_bytes(MCAP_MAGIC + header + record(0x06, chunk) + end)
     with pytest.raises(InputError, match=r"claims to hold|holds more than|holds no message"):
         Bag(tmp_path / "x.mcap")
@@ -88,7 +81,6 @@ def test_a_bag_with_a_chunk_of_too_much_is_refused(
         ("a: &a [*a]", "within its own anchor"),
         ("[" * 200, "nested too deeply"),
         ("rosbag2_bagfile_information: 3", "does not name the files"),
-        (": [", "cannot be read"),
     ],
 )
 def test_metadata_of_a_bag_is_bounded(tmp_path: Path, content: str, words: str) -> None:
@@ -109,55 +101,40 @@ def test_a_database_that_lacks_its_end_is_named(tmp_path: Path, missing: int) ->
     path.write_bytes(whole[:-missing])
     with pytest.raises(InputError, match=f"{len(whole) - missing} of {len(whole)} bytes"):
         check_database(path)
-    for content in (b"", b"no database", bytes(200)):  # left to the library
-        path.write_bytes(content)
-        check_database(path)
 
 
 @pytest.fixture
-def ros1(tmp_path: Path, world: World) -> Path:
-    return write_ros1(tmp_path / "a.bag", write_bag(tmp_path / "a.mcap", world))
+def ros2(tmp_path: Path, world: World) -> Path:
+    return write_bag(tmp_path / "a.mcap", world)
 
 
 @pytest.mark.parametrize("compression", ["", "BZ2", "LZ4"])
-def test_a_ros_1_bag_holds_the_same_world(tmp_path: Path, world: World, compression: str) -> None:
-    path = write_ros1(tmp_path / "a.bag", write_bag(tmp_path / "a.mcap", world), compression=compression)
-    assert is_bag(path)
-    source = open_source(path)
-    assert source.format == "bag"
-    assert_is_world(source, world)
-
-
-def test_topics_of_ros_1_are_renamed_as_in_other_bags(tmp_path: Path, world: World) -> None:
+def test_a_ros_1_bag_holds_the_same_world(tmp_path: Path, ros2: Path, world: World, compression: str) -> None:
+    assert_is_world(open_source(write_ros1(tmp_path / "a.bag", ros2, compression=compression)), world)
     names = {f"/loc/{side}/image_rect": f"/cam{i}/image" for i, side in enumerate(("left", "right"))}
-    path = write_ros1(tmp_path / "a.bag", write_bag(tmp_path / "a.mcap", world), names)
-    source = open_source(path, {new: old for old, new in names.items()})
+    source = open_source(write_ros1(tmp_path / "b.bag", ros2, names), {new: old for old, new in names.items()})
     assert_same_pairs(source.loc.pairs(), world.pairs)
 
 
 @pytest.mark.parametrize("keep", [0.0, 0.01, 0.3, 0.999])
-def test_a_truncated_ros_1_bag_is_one_line(ros1: Path, keep: float) -> None:
-    data = ros1.read_bytes()
-    ros1.write_bytes(data[: int(keep * len(data))])
-    with pytest.raises(InputError) as caught:
-        for _ in (open_source(ros1).loc or pytest.fail("no drive")).pairs():
-            pass
-    assert str(ros1) in str(caught.value)
-    assert "\n" not in str(caught.value)
+def test_a_truncated_ros_1_bag_is_one_line(tmp_path: Path, ros2: Path, keep: float) -> None:
+    path = write_ros1(tmp_path / "a.bag", ros2)
+    path.write_bytes(path.read_bytes()[: int(keep * path.stat().st_size)])
+    with pytest.raises(InputError, match=f"^[^\n]*{path}[^\n]*$"):
+        list(open_source(path).loc.pairs())
 
 
-def test_a_ros_1_recording_that_was_killed_says_what_to_do(ros1: Path) -> None:
-    path = ros1.rename(ros1.with_suffix(".bag.active"))
-    data = bytearray(path.read_bytes())
-    place = data.index(b"index_pos=") + len(b"index_pos=")
-    data[place : place + 8] = bytes(8)
-    path.write_bytes(data)
+def test_a_ros_1_recording_that_was_killed_says_what_to_do(tmp_path: Path, ros2: Path) -> None:
+    path = write_ros1(tmp_path / "a.bag.active", ros2)
+    head, mark, rest = path.read_bytes().partition(b"index_pos=")
+    path.write_bytes(head + mark + bytes(8) + rest[8:])
     with pytest.raises(InputError, match="not indexed, reindex before reading"):
         Bag(path)
 
 
-def test_another_definition_of_a_type_is_noticed(ros1: Path) -> None:
+def test_another_definition_of_a_type_is_noticed(tmp_path: Path, ros2: Path) -> None:
+    path = write_ros1(tmp_path / "a.bag", ros2)
     digest = NOETIC.generate_msgdef("sensor_msgs/msg/Image", ros_version=1)[1].encode()
-    ros1.write_bytes(ros1.read_bytes().replace(digest, digest[::-1]))
+    path.write_bytes(path.read_bytes().replace(digest, digest[::-1]))
     with pytest.raises(InputError, match="has other fields than that of ROS Noetic"):
-        len(open_source(ros1).loc or ())
+        len(open_source(path).loc)

@@ -1,8 +1,10 @@
-import os
+"""Recordings: what was flushed is read by any reader, whatever comes then."""
+
 import resource
 import signal
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from rosbags.highlevel import AnyReader
@@ -19,60 +21,58 @@ def raw(number: int, size: int = 20) -> bytes:
     return bytes(TYPESTORE.serialize_cdr(message, STRING))
 
 
-def started(path: Path, *, zstd: bool = False) -> tuple[BagRecorder, object]:
+def started(path: Path, *, zstd: bool = False) -> tuple[BagRecorder, Any]:
     bag = BagRecorder(path, zstd=zstd).__enter__()
     text, _ = TYPESTORE.generate_msgdef(STRING, ros_version=2)
     return bag, bag.add_topic("/words", STRING, text, TYPESTORE.hash_rihs01(STRING), [])
 
 
-def ours(path: Path) -> list[bytes]:
-    return [message for *_, message in Bag(path).raw_messages(["words"])]
+def read(path: Path) -> list[bytes]:
+    """Return the messages, the same by our reader and by the library's."""
+    ours = [message for *_, message in Bag(path).raw_messages(["words"])]
+    with AnyReader(list(path.glob("*.mcap"))) as reader:
+        assert ours == [bytes(message) for _, _, message in reader.messages()]
+    return ours
 
 
-def theirs(path: Path) -> list[bytes]:
-    (file,) = path.glob("*.mcap")
-    with AnyReader([file]) as reader:
-        return [bytes(message) for _, _, message in reader.messages()]
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "x.mcap"
 
 
 @pytest.mark.parametrize("zstd", [False, True])
-def test_what_was_flushed_is_read_by_any_reader_while_the_recording_goes_on(tmp_path: Path, zstd: bool) -> None:
-    path = tmp_path / "x.mcap"
+def test_what_was_flushed_is_read_by_any_reader_while_the_recording_goes_on(path: Path, zstd: bool) -> None:
     bag, topic = started(path, zstd=zstd)
     for number in range(12):
         bag.write(topic, 1000 - number, raw(number))  # a clock that goes back must not hide what comes
         if number % 4 == 3:
             bag.flush()
             bag.flush()
-            expected = [raw(n) for n in range(number + 1)]
-            assert ours(path) == theirs(path) == expected
+            assert read(path) == [raw(n) for n in range(number + 1)]
             assert not Bag(path).unfinished
     bag.__exit__(None, None, None)
-    assert ours(path) == theirs(path) == expected
+    assert read(path) == [raw(n) for n in range(12)]
     with AnyReader([path]) as reader:
-        assert reader.message_count == 12
-    assert bag.count == 12
+        assert reader.message_count == bag.count == 12
 
 
-def test_an_error_leaves_what_was_flushed(tmp_path: Path) -> None:
-    path = tmp_path / "x.mcap"
+def test_an_error_leaves_what_was_flushed(path: Path) -> None:
     bag, topic = started(path)
     bag.write(topic, 1, raw(1))
     bag.flush()
     bag.write(topic, 2, raw(2))
     bag.__exit__(RuntimeError, RuntimeError(), None)
-    assert ours(path) == theirs(path) == [raw(1)]
+    assert read(path) == [raw(1)]
 
 
-def test_large_chunks_are_written_without_a_flush(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_large_chunks_are_written_without_a_flush(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sfr_loc_map.io.bag_writer.CHUNK_BYTES", 3_000_000)
-    path = tmp_path / "x.mcap"
     bag, topic = started(path)
     for number in range(5):
         bag.write(topic, number, raw(number, 1_100_000))
-    assert ours(path) == [raw(n, 1_100_000) for n in range(3)]
+    assert read(path) == [raw(n, 1_100_000) for n in range(3)]
     bag.__exit__(None, None, None)
-    assert len(ours(path)) == 5
+    assert len(read(path)) == 5
 
 
 def test_what_is_there_is_not_written_over(tmp_path: Path) -> None:
@@ -91,38 +91,39 @@ def file_limit() -> Iterator[None]:
     signal.signal(signal.SIGXFSZ, handler)
 
 
+def limit_files(size: int) -> None:
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
+
+
 @pytest.mark.parametrize("limit", [5000, 20_500, 41_000])
-def test_when_the_disk_is_full_all_that_was_flushed_stays(tmp_path: Path, file_limit: None, limit: int) -> None:
-    path = tmp_path / "x.mcap"
+def test_when_the_disk_is_full_all_that_was_flushed_stays(path: Path, file_limit: None, limit: int) -> None:
     bag, topic = started(path)
     bag.flush()
-    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))  # the system writes up to it, then fails
-    flushed: list[int] = []
+    limit_files(limit)  # the system writes up to it, then fails
+    flushed = 0
 
     def fill() -> None:
+        nonlocal flushed
         for number in range(100):
             bag.write(topic, number, raw(number, 1000))
             if number % 3 == 2:
                 bag.flush()
-                flushed[:] = range(number + 1)
+                flushed = number + 1
 
     with pytest.raises(OutputError, match=f"{path}' broke off after [0-9]+ messages: File too large; all but"):
         fill()
     bag.__exit__(OutputError, OutputError(), None)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
-    if flushed:
-        assert ours(path) == theirs(path) == [raw(n, 1000) for n in flushed]
-    assert os.stat(next(path.glob("*.mcap"))).st_size <= limit
+    limit_files(resource.RLIM_INFINITY)
+    assert not flushed or read(path) == [raw(n, 1000) for n in range(flushed)]
+    assert next(path.glob("*.mcap")).stat().st_size <= limit
 
 
-def test_a_disk_that_is_full_at_the_end_costs_the_index_only(tmp_path: Path, file_limit: None) -> None:
-    path = tmp_path / "x.mcap"
+def test_a_disk_that_is_full_at_the_end_costs_the_index_only(path: Path, file_limit: None) -> None:
     bag, topic = started(path)
     bag.write(topic, 1, raw(1))
     bag.flush()
-    size = next(path.glob("*.mcap")).stat().st_size
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size + 10, resource.RLIM_INFINITY))
+    limit_files(next(path.glob("*.mcap")).stat().st_size + 10)
     with pytest.raises(OutputError, match="broke off after 1 messages"):
         bag.__exit__(None, None, None)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
-    assert ours(path) == theirs(path) == [raw(1)]
+    limit_files(resource.RLIM_INFINITY)
+    assert read(path) == [raw(1)]

@@ -1,16 +1,23 @@
-"""Rigs through camera_info."""
+"""Rigs through camera_info; what is not of a rectified pair is refused."""
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from made_worlds import START_NS
 
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag_messages import camera_info
-from sfr_loc_map.io.camera_info import baseline_from_projection, message_baseline, rig_from_camera_info
+from sfr_loc_map.io.camera_info import baseline_from_projection, message_baseline, projection, rig_from_camera_info
 
 focal = st.floats(10, 5000)
+RIG = StereoRig(24, 16, 20.1, 20.3, 11.7, 7.9, 0.12)
 
 
 @given(focal, st.integers(1, 10**6))
@@ -23,5 +30,24 @@ def test_baselines_in_micrometres_are_exact(fx: float, micrometres: int) -> None
 def test_rigs_of_files_come_through_messages_unchanged(fx: float, fy: float, baseline: float) -> None:
     rig = message_baseline(StereoRig(80, 60, fx, fy, 33.3, 22.2, baseline))
     assert abs(rig.baseline_m - baseline) <= 4e-16 * baseline
-    infos = [camera_info(START_NS, rig, "loc", side) for side in ("left", "right")]
+    infos = [camera_info(START_NS, rig, "loc", side) for side in SIDES]
     assert rig_from_camera_info(*infos, "loc").same_cameras(rig)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "words"),
+    [
+        ("d", np.array([0.1, 0, 0, 0, 0]), "non-rectified .*distortion"),
+        ("r", np.eye(3)[[1, 0, 2]], "non-rectified .*rotation"),
+        ("p", np.zeros(12), "non-rectified .*projection"),
+        ("k", 2 * RIG.camera_matrix, "non-rectified .*k and p"),
+        ("p", projection(RIG, "right") * np.tile([1, 1, 1, -1], 3), "swapped"),
+        ("p", projection(RIG, "left"), "baseline"),
+        ("width", 25, "24 x 16 and 25 x 16"),
+    ],
+)
+def test_camera_info_that_is_not_of_a_rectified_pair(field: str, value: Any, words: str) -> None:
+    left, right = (camera_info(START_NS, RIG, "loc", side) for side in SIDES)
+    object.__setattr__(right, field, value)
+    with pytest.raises(InputError, match=words):
+        rig_from_camera_info(left, right, "loc")

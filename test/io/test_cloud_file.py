@@ -27,106 +27,58 @@ def random_cloud(count: int, seed: int = 0) -> PointCloud:
     return PointCloud.from_structured(records)
 
 
-@given(st.integers(0, 20), st.integers(0, 5))
-@pytest.mark.parametrize("suffix", [".ply", ".pcd", ".npz"])
-def test_round_trip_is_exact(tmp_path_factory: pytest.TempPathFactory, suffix: str, count: int, seed: int) -> None:
-    path, cloud = tmp_path_factory.mktemp("c") / f"c{suffix}", random_cloud(count, seed)
+@given(st.integers(0, 20), st.integers(0, 5), st.sampled_from([(True, (1, 2**62)), (False, ()), (None, None)]))
+@pytest.mark.parametrize("suffix", [".ply", ".pcd", ".npz", ".las", ".laz"])
+def test_round_trip_keeps_all(
+    tmp_path_factory: pytest.TempPathFactory, suffix: str, count: int, seed: int, said: tuple
+) -> None:
+    path = tmp_path_factory.mktemp("c") / f"c{suffix}"
+    cloud = replace(random_cloud(count, seed), fused=said[0], pair_stamps_ns=said[1])
     save_cloud(path, cloud)
     loaded = load_cloud(path)
-    assert loaded.cloud.to_structured().tobytes() == cloud.to_structured().tobytes()
-    np.testing.assert_array_equal(loaded.xyz, cloud.xyz)
+    assert (loaded.cloud.fused, loaded.cloud.pair_stamps_ns) == said
+    np.testing.assert_allclose(loaded.xyz, cloud.xyz, rtol=0, atol=6e-7 if suffix in (".las", ".laz") else 0)
+    for name in ("sigma", "intensity", "u", "v", "pair"):
+        np.testing.assert_array_equal(getattr(loaded.cloud, name), getattr(cloud, name))
 
 
 def test_files_are_what_others_expect(tmp_path: Path) -> None:
-    cloud = random_cloud(3)
-    for suffix in (".ply", ".pcd", ".npz"):
+    cloud = replace(random_cloud(3), fused=True)
+    for suffix in (".ply", ".pcd", ".npz", ".laz"):
         save_cloud(tmp_path / f"c{suffix}", cloud)
     head, body = (tmp_path / "c.ply").read_bytes().split(b"end_header\n", 1)
-    assert head.decode().splitlines()[:4] == [
-        "ply",
-        "format binary_little_endian 1.0",
-        "element vertex 3",
-        "property float x",
-    ]
+    begin = b"ply\nformat binary_little_endian 1.0\ncomment sfr fused true\nelement vertex 3\nproperty float x\n"
+    assert head.startswith(begin)
     assert np.frombuffer(body[:12], "<f4").tolist() == cloud.xyz[0].tolist()
     assert len(body) == 3 * (5 * 4 + 2 * 2 + 1)
     assert b"FIELDS x y z sigma intensity u v pair\n" in (tmp_path / "c.pcd").read_bytes()
     with np.load(tmp_path / "c.npz") as arrays:
-        assert list(arrays.files) == ["x", "y", "z", "sigma", "intensity", "u", "v", "pair"]
+        assert list(arrays.files) == ["x", "y", "z", "sigma", "intensity", "u", "v", "pair", "fused"]
         assert (arrays["u"].dtype, arrays["pair"].dtype) == (np.uint16, np.uint8)
-
-
-@pytest.mark.parametrize(("count", "seed"), [(0, 0), (1, 1), (500, 2)])
-@pytest.mark.parametrize("suffix", [".las", ".laz"])
-def test_las_keeps_micrometres_and_all_fields(tmp_path: Path, suffix: str, count: int, seed: int) -> None:
-    path, cloud = tmp_path / f"c{suffix}", random_cloud(count, seed)
-    save_cloud(path, cloud)
-    loaded = load_cloud(path).cloud
-    np.testing.assert_allclose(loaded.xyz, cloud.xyz, atol=6e-7)
-    for name in ("sigma", "intensity", "u", "v", "pair"):
-        np.testing.assert_array_equal(getattr(loaded, name), getattr(cloud, name))
-    foreign = laspy.read(path)
-    assert [dim.name for dim in foreign.point_format.extra_dimensions] == ["sigma", "grey", "u", "v", "pair"]
-    np.testing.assert_allclose(foreign.xyz, cloud.xyz, atol=6e-7)
+    points = laspy.read(tmp_path / "c.laz")
+    assert [dim.name for dim in points.point_format.extra_dimensions] == ["sigma", "grey", "u", "v", "pair"]
+    np.testing.assert_allclose(points.xyz, cloud.xyz, atol=6e-7)
 
 
 def test_points_of_other_programs_and_broken_las(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    foreign = laspy.create(point_format=3, file_version="1.2")
-    foreign.x, foreign.y, foreign.z = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.25]])
+    points = laspy.create(point_format=3, file_version="1.2")
+    points.x, points.y, points.z = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.25]])
     path = tmp_path / "c.laz"
-    foreign.write(path)
+    points.write(path)
     assert load_cloud(path).cloud is None
     assert load_cloud(path).xyz.tolist() == [[1.0, 3.0, 5.0], [2.0, 4.0, 6.25]]
     whole = path.read_bytes()
     table = int.from_bytes(whole[laspy.open(path).header.offset_to_point_data :][:8], "little")
-    chunks = whole[: table + 4] + (2**31).to_bytes(4, "little") + whole[table + 8 :]
-    points = whole[:107] + (2**31).to_bytes(4, "little") + whole[111:]
-    records = whole[:100] + (2**32 - 1).to_bytes(4, "little") + whole[104:]
-    for data, words in (
-        (whole[:-40], "c.laz"),
-        (points, "claims to hold"),
-        (records, "records"),
-        (chunks, "chunks"),
-        (b"LASF", "header"),
-    ):
-        path.write_bytes(data)
+    path.write_bytes(whole[:-40])
+    with pytest.raises(InputError, match=r"c\.laz"):
+        load_cloud(path)
+    for place, words in ((107, "claims to hold"), (100, "records"), (table + 4, "chunks")):
+        path.write_bytes(whole[:place] + (2**31).to_bytes(4, "little") + whole[place + 4 :])
         with pytest.raises(InputError, match=words):
             load_cloud(path)
     monkeypatch.setitem(sys.modules, "lazrs", None)
     with pytest.raises(MissingExtraError, match=r"LAS and LAZ need laspy .*: pip install 'sfr_loc_map\[laz\]'"):
         load_cloud(path)
-
-
-@pytest.mark.parametrize(("fused", "stamps_ns"), [(True, (1, 2**62)), (False, ()), (None, None)])
-@pytest.mark.parametrize("suffix", [".ply", ".pcd", ".npz", ".laz"])
-def test_a_cloud_file_says_whether_it_is_fused_and_of_which_pairs(
-    tmp_path: Path, suffix: str, fused: bool | None, stamps_ns: tuple[int, ...] | None
-) -> None:
-    path = tmp_path / f"c{suffix}"
-    save_cloud(path, replace(random_cloud(3), fused=fused, pair_stamps_ns=stamps_ns))
-    cloud = load_cloud(path).cloud
-    assert (cloud.fused, cloud.pair_stamps_ns) == (fused, stamps_ns)
-    if suffix == ".npz":
-        with np.load(path) as arrays:
-            assert arrays["fused"].tolist() is fused if fused is not None else "fused" not in arrays.files
-    else:
-        sign = {".ply": b"comment ", ".pcd": b"# ", ".laz": b""}[suffix]
-        assert (sign + b"sfr fused " in path.read_bytes()) == (fused is not None)
-
-
-def test_a_file_that_says_something_else_of_fusion_is_refused(tmp_path: Path) -> None:
-    for name, sign in (("c.ply", b"comment"), ("c.pcd", b"#")):
-        path = tmp_path / name
-        save_cloud(path, replace(random_cloud(3), fused=True))
-        path.write_bytes(path.read_bytes().replace(sign + b" sfr fused true", sign + b" sfr fused maybe"))
-        with pytest.raises(InputError, match="must end in true or false"):
-            load_cloud(path)
-    save_cloud(tmp_path / "d.ply", replace(random_cloud(3), pair_stamps_ns=(5,)))
-    for text, words in ((b"-5", "whole nanoseconds"), (b"9" * 30, "whole nanoseconds")):
-        path = tmp_path / "e.ply"
-        path.write_bytes((tmp_path / "d.ply").read_bytes().replace(b"stamps_ns 5", b"stamps_ns " + text))
-        with pytest.raises(InputError, match=words):
-            load_cloud(path)
 
 
 def test_ply_of_others(tmp_path: Path) -> None:
@@ -136,31 +88,16 @@ def test_ply_of_others(tmp_path: Path) -> None:
         "property double y\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
         "3 255 1.00000000001 2\nnan 0 1 1\n3 0 1 1\n"
     )
-    loaded = load_cloud(path)
-    assert loaded.cloud is None
-    assert loaded.xyz.tolist() == [[1.00000000001, 2, 3]]  # the point that is not finite is left out
-    head = b"ply\nformat binary_big_endian 1.0\nelement vertex 1\n" + b"".join(
-        b"property %s %s\n" % pair
-        for pair in (
-            (b"float64", b"x"),
-            (b"int", b"pair"),
-            (b"float", b"y"),
-            (b"float", b"z"),
-            (b"int32", b"u"),
-            (b"short", b"v"),
-        )
-    )
+    assert load_cloud(path).cloud is None
+    assert load_cloud(path).xyz.tolist() == [[1.00000000001, 2, 3]]  # the point that is not finite is left out
+    fields = ("float64 x", "int pair", "float y", "float z", "int32 u", "short v")
+    head = "".join(f"property {field}\n" for field in fields)
     record = np.array([(1.5, 2, 2.5, 3.5, 700, 400)], ">f8,>i4,>f4,>f4,>i4,>i2").tobytes()
-    path.write_bytes(head + b"end_header\n" + record)
+    path.write_bytes(f"ply\nformat binary_big_endian 1.0\nelement vertex 1\n{head}end_header\n".encode() + record)
     cloud = load_cloud(path).cloud
-    assert (cloud.xyz.tolist(), int(cloud.u[0]), int(cloud.v[0]), int(cloud.pair[0])) == (
-        [[1.5, 2.5, 3.5]],
-        700,
-        400,
-        2,
-    )
+    assert (cloud.xyz.tolist(), cloud.fused) == ([[1.5, 2.5, 3.5]], None)
+    assert (int(cloud.u[0]), int(cloud.v[0]), int(cloud.pair[0])) == (700, 400, 2)
     assert np.isnan(cloud.sigma[0])
-    assert cloud.fused is None
 
 
 def test_pcd_of_others(tmp_path: Path) -> None:
@@ -172,9 +109,7 @@ def test_pcd_of_others(tmp_path: Path) -> None:
     assert (cloud.u.tolist(), cloud.v.tolist(), cloud.pair.tolist()) == ([0, 1, 0, 1], [0, 0, 1, 1], [0] * 4)
     np.testing.assert_array_equal(cloud.xyz, numbers)
     assert cloud.fused is False  # one point a pixel of one image
-    path.write_bytes(
-        (head + "binary\n").encode() + b"".join(row.astype("<f4").tobytes() + b"\0\0\0\0" for row in numbers)
-    )
+    path.write_bytes((head + "binary\n").encode() + b"".join(row.astype("<f4").tobytes() + bytes(4) for row in numbers))
     np.testing.assert_array_equal(load_cloud(path).xyz, numbers)
 
 
@@ -184,8 +119,7 @@ def test_pcd_of_others(tmp_path: Path) -> None:
         ({"u": [1.5]}, "field u must hold whole numbers"),
         ({"y": [1.0, 2.0]}, "differ in length"),
         ({"z": ["1.0"]}, "real numbers are needed"),
-        ({"z": [1 + 2j]}, "real numbers are needed"),
-        ({"z": np.array([None])}, "real numbers are needed"),
+        ({"z": [1e308]}, "coordinate of 1e.308 m"),
         ({"fused": [1.0]}, "needed"),
         ({"pair_stamps_ns": [1.5]}, "needed"),
     ],
@@ -197,72 +131,48 @@ def test_arrays_that_are_no_cloud_are_refused(tmp_path: Path, changes: dict, wor
         load_cloud(tmp_path / "c.npz")
 
 
-def test_missing_files_and_other_endings(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match=r"\.ply, \.pcd, \.npz"):
-        save_cloud(tmp_path / "c.obj", random_cloud(1))
-    with pytest.raises(InputError, match="No such file"):
-        load_cloud(tmp_path / "none.ply")
-    with pytest.raises(InputError, match=r"ends in '\.xyz'"):
-        load_cloud(tmp_path / "c.xyz")
-
-
-@pytest.mark.parametrize("suffix", [".npz", ".pcd"])
-def test_absurd_coordinates_are_refused_and_infinite_ones_left_out(suffix: str, tmp_path: Path) -> None:
-    path = tmp_path / f"c{suffix}"
-    for value, words in (("1e308", "coordinate of 1e.308 m"), ("inf", "")):
-        if suffix == ".npz":
-            np.savez(path, x=[1.0, float(value)], y=[1.0, 2.0], z=[1.0, 2.0])
-        else:
-            head = "FIELDS x y z\nSIZE 8 8 8\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 2\nHEIGHT 1\nPOINTS 2\nDATA ascii\n"
-            path.write_text(f"{head}1 1 1\n{value} 2 2\n")
-        if words:
-            with pytest.raises(InputError, match=words):
-                load_cloud(path)
-        else:
-            assert load_cloud(path).xyz.tolist() == [[1.0, 1.0, 1.0]]
-
-
 PCD = "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 1\nHEIGHT 1\nPOINTS 1\nDATA ascii\n1 2 3\n"
-PLY = (
-    "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n1 2 3\n"
-)
+PROPERTIES = "property float x\nproperty float y\nproperty float z\nend_header\n1 2 3\n"
+PLY = f"ply\nformat ascii 1.0\ncomment sfr pair_stamps_ns 5\nelement vertex 1\n{PROPERTIES}"
 
 
 @pytest.mark.parametrize(
-    ("name", "old", "new", "words"),
+    ("whole", "old", "new", "words"),
     [
-        ("c.pcd", "WIDTH 1\nHEIGHT 1", "WIDTH -1\nHEIGHT -1", "'-1' is not a number"),
-        ("c.pcd", "WIDTH 1", f"WIDTH {'9' * 5000}", "is not a number"),
-        ("c.pcd", "1\nHEIGHT 1\nPOINTS 1", "900000000000\nHEIGHT 1\nPOINTS 900000000000", "bytes of text found"),
-        ("c.pcd", "POINTS 1", "POINTS 7", "WIDTH and HEIGHT say 1"),
-        ("c.pcd", "COUNT 1 1 1", "COUNT 1 1 999999999", "which is not read"),
-        ("c.pcd", "TYPE F F F", "TYPE F F O", "TYPE O, SIZE 4"),
-        ("c.pcd", "DATA ascii", "DATA binary_compressed", "binary_compressed"),
-        ("c.pcd", "DATA ascii\n1 2 3", "DATA binary\n1234", "bytes found where 1 points"),
-        ("c.pcd", PCD, "VERSION .7\n", "no PCD header"),
-        ("c.ply", "vertex 1", "vertex -1", "'-1' is not a number"),
-        ("c.ply", "vertex 1", "vertex 900000000000", "bytes of text found"),
-        ("c.ply", "1 2 3\n", "1\n", "found where"),
-        ("c.ply", "float z", "list uchar int z", "'list'"),
-        ("c.ply", "ascii", "weird", "no known format"),
-        ("c.ply", "element vertex", "element face", "'face'"),
-        ("c.ply", PLY, "", "no PLY header"),
+        (PCD, "WIDTH 1\nHEIGHT 1", "WIDTH -1\nHEIGHT -1", "'-1' is not a number"),
+        (PCD, "1\nHEIGHT 1\nPOINTS 1", "900000000000\nHEIGHT 1\nPOINTS 900000000000", "bytes of text found"),
+        (PCD, "POINTS 1", "POINTS 7", "WIDTH and HEIGHT say 1"),
+        (PCD, "COUNT 1 1 1", "COUNT 1 1 999999999", "which is not read"),
+        (PCD, "TYPE F F F", "TYPE F F O", "TYPE O, SIZE 4"),
+        (PCD, "DATA ascii", "DATA binary_compressed", "binary_compressed"),
+        (PCD, "DATA ascii\n1 2 3", "DATA binary\n1234", "bytes found where 1 points"),
+        (PLY, "vertex 1", "vertex -1", "'-1' is not a number"),
+        (PLY, "vertex 1", "vertex 900000000000", "bytes of text found"),
+        (PLY, "1 2 3\n", "1\n", "found where"),
+        (PLY, "float z", "list uchar int z", "'list'"),
+        (PLY, "ascii", "weird", "no known format"),
+        (PLY, "element vertex", "element face", "'face'"),
+        (PLY, "stamps_ns 5", "stamps_ns -5", "whole nanoseconds"),
+        (PLY, "pair_stamps_ns 5", "fused maybe", "must end in true or false"),
     ],
 )
-def test_broken_files(tmp_path: Path, name: str, old: str, new: str, words: str) -> None:
-    head = PLY if name == "c.ply" else PCD
-    (tmp_path / name).write_text(head)
-    assert load_cloud(tmp_path / name).xyz.tolist() == [[1, 2, 3]]
-    (tmp_path / name).write_text(head.replace(old, new))
-    with pytest.raises(InputError, match=words) as caught:
-        load_cloud(tmp_path / name)
-    assert str(tmp_path) in str(caught.value)
+def test_broken_files(tmp_path: Path, whole: str, old: str, new: str, words: str) -> None:
+    path = tmp_path / ("c.ply" if whole is PLY else "c.pcd")
+    path.write_text(whole)
+    assert load_cloud(path).xyz.tolist() == [[1, 2, 3]]
+    path.write_text(whole.replace(old, new))
+    with pytest.raises(InputError, match=f"{path}.*{words}"):
+        load_cloud(path)
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".pcd", ".npz"])
-def test_cut_off_files(tmp_path: Path, suffix: str) -> None:
+def test_cut_off_files_and_other_endings(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"c{suffix}"
     save_cloud(path, random_cloud(50))
     path.write_bytes(path.read_bytes()[:-200])
     with pytest.raises(InputError, match=f"c{suffix}"):
         load_cloud(path)
+    with pytest.raises(OutputError, match=r"\.ply, \.pcd, \.npz"):
+        save_cloud(tmp_path / "c.obj", random_cloud(1))
+    with pytest.raises(InputError, match=r"ends in '\.xyz'"):
+        load_cloud(tmp_path / "c.xyz")

@@ -25,11 +25,7 @@ from sfr_loc_map.io.image_codec import (
 
 images = hnp.arrays(np.uint8, st.tuples(st.integers(1, 9), st.integers(1, 9)))
 HEADER = SimpleNamespace(stamp=SimpleNamespace(sec=12, nanosec=34))
-
-
-def test_sixteen_bits_are_rounded() -> None:
-    image = np.arange(65536, dtype=np.uint16).reshape(256, 256)
-    assert np.array_equal(grey8(image), (image.astype(np.uint32) + 128) // 257)
+LUMA = np.array([0.299, 0.587, 0.114])  # of red, green, blue: ITU-R BT.601
 
 
 def message(array: np.ndarray, coding: str, padding: int = 0, *, big: bool = False, **changes: Any) -> Any:
@@ -42,42 +38,40 @@ def message(array: np.ndarray, coding: str, padding: int = 0, *, big: bool = Fal
     return SimpleNamespace(**fields | changes)
 
 
-@given(images, st.integers(0, 5))
-def test_mono8_with_padding(image: np.ndarray, padding: int) -> None:
+@given(images, st.integers(0, 5), st.booleans())
+def test_grey_of_8_and_16_bits_with_padding(image: np.ndarray, padding: int, big: bool) -> None:
     np.testing.assert_array_equal(image_from_message(message(image, "mono8", padding)), image)
-
-
-@given(images, st.integers(0, 3), st.booleans())
-def test_mono16_of_either_byte_order(image: np.ndarray, padding: int, big: bool) -> None:
+    np.testing.assert_array_equal(decode_grey(encode_png(image)), image)
     sixteen = image.astype(np.uint16) * 257  # 0 .. 255 spread to 0 .. 65535
-    np.testing.assert_array_equal(image_from_message(message(sixteen, "mono16", padding, big=big)), image)
-    nearest = np.clip(sixteen.astype(int) + 128, 0, 65535).astype(np.uint16)
-    np.testing.assert_array_equal(image_from_message(message(nearest, "16UC1", padding, big=big)), image)
+    for coding in ("mono16", "16UC1"):
+        np.testing.assert_array_equal(image_from_message(message(sixteen, coding, padding, big=big)), image)
+
+
+def test_sixteen_bits_are_rounded() -> None:
+    image = np.arange(65536, dtype=np.uint16).reshape(256, 256)
+    assert np.array_equal(grey8(image), (image.astype(np.uint32) + 128) // 257)
 
 
 @given(images)
-def test_rgb_and_bgr_differ_in_order_only(image: np.ndarray) -> None:
+def test_colours_become_luma_in_any_order(image: np.ndarray) -> None:
     rgb = np.dstack((image, image // 2, 255 - image))
-    luma = 0.299 * rgb[..., 0] + 0.587 * rgb[..., 1] + 0.114 * rgb[..., 2]  # ITU-R BT.601
-    first, second = (image_from_message(message(a, e)) for a, e in ((rgb, "rgb8"), (rgb[..., ::-1], "bgr8")))
-    np.testing.assert_array_equal(first, second)
-    assert np.abs(first - luma).max() <= 0.6
-    alpha = image[..., None]
-    for colour, encoding in ((rgb, "rgba8"), (rgb[..., ::-1], "bgra8")):
-        found = image_from_message(message(np.concatenate((colour, alpha), axis=2), encoding))
-        np.testing.assert_array_equal(found, first)
+    first = image_from_message(message(rgb, "rgb8"))
+    assert np.abs(first - rgb @ LUMA).max() <= 0.6
+    alpha = np.dstack((rgb, image)), np.dstack((rgb[..., ::-1], image))
+    for colour, coding in ((rgb[..., ::-1], "bgr8"), (alpha[0], "rgba8"), (alpha[1], "bgra8")):
+        np.testing.assert_array_equal(image_from_message(message(colour, coding)), first)
 
 
 @pytest.mark.parametrize("bits", [8, 16])
 @pytest.mark.parametrize("order", ["rggb", "bggr", "gbrg", "grbg"])
 def test_mosaics_become_luma(order: str, bits: int) -> None:
     colours = {"r": 200, "g": 120, "b": 40}
-    cell = np.array([[colours[order[0]], colours[order[1]]], [colours[order[2]], colours[order[3]]]])
-    mosaic = np.tile(cell, (5, 6)).astype(np.uint16 if bits == 16 else np.uint8) * (257 if bits == 16 else 1)
-    luma = 0.299 * 200 + 0.587 * 120 + 0.114 * 40  # ITU-R BT.601
+    mosaic = np.tile(np.reshape([colours[name] for name in order], (2, 2)), (5, 6)).astype(np.uint8)
+    if bits == 16:
+        mosaic = mosaic.astype(np.uint16) * 257
     found = image_from_message(message(mosaic, f"bayer_{order}{bits}"))
     assert found.shape == mosaic.shape
-    assert np.abs(found[1:-1, 1:-1] - luma).max() <= 1.0
+    assert np.abs(found[1:-1, 1:-1] - LUMA @ [200, 120, 40]).max() <= 1.0
 
 
 @pytest.mark.parametrize(("coding", "luma_at"), [("yuv422", 1), ("uyvy", 1), ("yuv422_yuy2", 0), ("yuyv", 0)])
@@ -93,18 +87,12 @@ def test_luma_of_yuv422_is_the_image(coding: str, luma_at: int) -> None:
         ({"encoding": "yuv422"}, "too few"),
         ({"encoding": "bayer_rggb8", "height": 3}, "too small for a Bayer mosaic"),
         ({"step": 3}, "step 3"),
-        ({"height": 5}, "too few"),
         ({"width": 0}, "0 x 4"),
     ],
 )
 def test_broken_messages_name_the_stamp(changes: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError, match=f"stamp 12000000034 .*{words}"):
         image_from_message(message(np.zeros((4, 4), np.uint8), "mono8", **changes))
-
-
-@given(images)
-def test_png_is_lossless(image: np.ndarray) -> None:
-    np.testing.assert_array_equal(decode_grey(encode_png(image)), image)
 
 
 def smooth_image() -> np.ndarray:
@@ -126,6 +114,8 @@ def test_jpeg_is_close_and_a_cut_or_garbled_one_is_refused() -> None:
     data = encode_jpeg(image, 95)
     assert np.abs(decode_grey(data).astype(int) - image).max() <= 6
     np.testing.assert_array_equal(decode_grey(data), cv2.imdecode(np.frombuffer(data, np.uint8), 0))
+    red = np.full((32, 32, 3), (0, 0, 200), np.uint8)  # in BGR
+    assert np.abs(decode_grey(bytes(cv2.imencode(".jpg", red)[1])) - LUMA[0] * 200).max() <= 2
     garbled = bytearray(data)
     garbled[300:500:5] = b"\xd9" * 40
     for broken in (data[:-300], data[:100], bytes(garbled), b"\xff\xd8", b""):
@@ -133,30 +123,28 @@ def test_jpeg_is_close_and_a_cut_or_garbled_one_is_refused() -> None:
             image_from_compressed_message(SimpleNamespace(header=HEADER, data=np.frombuffer(broken, np.uint8)))
 
 
-def test_colour_jpeg_gives_its_luma() -> None:
-    colour = np.zeros((32, 32, 3), np.uint8)
-    colour[..., 2] = 200  # red in BGR: 0.299 * 200 = 60
-    assert np.abs(decode_grey(bytes(cv2.imencode(".jpg", colour)[1])).astype(int) - 60).max() <= 2
-
-
 def test_images_of_formats_whose_size_is_known_beforehand_are_read() -> None:
     grey = smooth_image()
     colour = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
     for ending, image in ((".pgm", grey), (".ppm", colour), (".bmp", grey), (".bmp", colour)):
         np.testing.assert_array_equal(decode_grey(bytes(cv2.imencode(ending, image)[1])), grey)
-    commented = b"P5\n# made by hand\n2 1\n#x\n255\n\x07\x09"
-    np.testing.assert_array_equal(decode_grey(commented), [[7, 9]])
+    np.testing.assert_array_equal(decode_grey(b"P5\n# made by hand\n2 1\n#x\n255\n\x07\x09"), [[7, 9]])
+
+
+def png(depth: int, colour: int, side: int) -> bytes:
+    """Return the beginning of a PNG."""
+    header = struct.pack(">II5B", side, side, depth, colour, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + struct.pack(">I", len(header)) + b"IHDR" + header + bytes(100)
 
 
 BMP = bytes(cv2.imencode(".bmp", np.zeros((9, 9), np.uint8))[1])
-PNG_HEAD = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR"
+SMALL = r"up to \d+ (in all|bytes are decoded)"
 
 
 @pytest.mark.parametrize(
     ("data", "words"),
     [
         (b"v/1\x01\x02\0\0\0" + bytes(200), "another format; PNG, JPEG"),
-        (b"GIF89a" + bytes(99), "another format"),
         (b"P5\n-1 2\n255\n" + bytes(9), "another format"),
         (b"P5\n999999 999999\n255\n" + bytes(9), "it is 999999 x 999999"),
         (b"P5\n2 2\n70000\n" + bytes(9), "broken"),
@@ -164,20 +152,12 @@ PNG_HEAD = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR"
         (b"P3\n2 2\n255\n1 2 x", "broken"),
         (b"BM" + bytes(12) + (40).to_bytes(4, "little") + bytes(200), "it is 0 x 0"),
         (BMP[:60], "broken"),
-        (PNG_HEAD + (20_000).to_bytes(4, "big") * 2 + b"\x08\0\0\0\0" + bytes(99), "it is 20000 x 20000"),
+        *((png(depth, colour, side), SMALL) for depth, colour, side in ((8, 0, 8193), (8, 2, 8000), (16, 6, 5000))),
     ],
 )
-def test_broken_images_are_refused_in_silence(data: bytes, words: str, capfd: pytest.CaptureFixture[str]) -> None:
+def test_broken_or_too_large_images_are_refused_in_silence(
+    data: bytes, words: str, capfd: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(InputError, match=words):
         decode_grey(data)
     assert capfd.readouterr() == ("", "")
-
-
-@pytest.mark.parametrize(
-    ("depth", "colour", "side"), [(8, 0, 8193), (8, 2, 8000), (16, 0, 20_000), (16, 6, 5000), (8, 3, 8000)]
-)
-def test_a_small_png_that_decodes_to_much_is_refused_before_it_is_decoded(depth: int, colour: int, side: int) -> None:
-    header = struct.pack(">II5B", side, side, depth, colour, 0, 0, 0)
-    data = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", len(header)) + b"IHDR" + header + bytes(100)
-    with pytest.raises(InputError, match=r"up to \d+ (in all|bytes are decoded)"):
-        decode_grey(data)

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from made_worlds import blob, centre_of
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
@@ -49,16 +50,6 @@ def distorted(normalised: np.ndarray, model: str) -> np.ndarray:
     return np.array([K[0] * x + K[2], K[4] * y + K[5]])
 
 
-def spot(at: np.ndarray) -> np.ndarray:
-    v, u = np.mgrid[:160, :200]
-    return np.rint(250.0 * np.exp(-((u - at[0]) ** 2 + (v - at[1]) ** 2) / (2 * 2.5**2))).astype(np.uint8)
-
-
-def centre(image: np.ndarray) -> np.ndarray:
-    v, u = np.mgrid[:160, :200]
-    return np.array([(image * u).sum(), (image * v).sum()]) / image.sum()
-
-
 @pytest.mark.parametrize("model", D)
 def test_a_point_is_where_the_rectified_rig_sees_it(model: str) -> None:
     rig, rectifier = rectified_rig([info("left", model), info("right", model)], "loc")
@@ -68,33 +59,25 @@ def test_a_point_is_where_the_rectified_rig_sees_it(model: str) -> None:
         for side, shift in (("left", 0.0), ("right", rig.baseline_m)):
             rectified = np.array(point) - [shift, 0.0, 0.0]
             ray = matrix_from_rotvec(ROTVEC[side]).T @ rectified
-            raw.append(spot(distorted(ray[:2] / ray[2], model)))
+            raw.append(blob(distorted(ray[:2] / ray[2], model), (160, 200)))
             wanted.append(rectified[:2] / rectified[2] * 150.0 + [99.5, 79.5])
         for image, pixel in zip(rectifier.rectify(*raw), wanted, strict=True):
-            assert np.abs(centre(image) - pixel).max() < 0.1
+            assert np.abs(centre_of(image) - pixel).max() < 0.1
 
 
-def test_what_is_rectified_stays_as_it_is() -> None:
-    k = (150.0, 0.0, 99.5, 0.0, 150.0, 79.5, 0.0, 0.0, 1.0)
-    plain = {"d": (), "k": k, "r": np.zeros(9), "distortion_model": ""}
-    _, rectifier = rectified_rig([info("left", **plain), info("right", **plain)], "loc")
+def test_what_is_rectified_stays_as_it_is_and_maps_are_made_once() -> None:
+    plain = {"d": (), "k": RIG.camera_matrix.reshape(-1), "r": np.zeros(9), "distortion_model": ""}
+    _, first = rectified_rig([info("left", **plain), info("right", **plain)], "loc")
     images = np.random.default_rng(1).integers(0, 256, (2, 160, 200), dtype=np.uint8)
-    assert all(np.array_equal(a, b) for a, b in zip(rectifier.rectify(*images), images, strict=True))
-
-
-def test_maps_are_made_once() -> None:
-    infos = [info("left"), info("right")]
-    _, first = rectified_rig(infos, "loc")
-    assert rectified_rig([info("left"), info("right")], "loc", first)[1] is first
-    other = [info("left", d=(-0.21, 0.05, 0.001, -0.002, -0.01)), info("right")]
-    assert rectified_rig(other, "loc", first)[1] is not first
+    np.testing.assert_array_equal(first.rectify(*images), images)
+    assert rectified_rig([info("left", **plain), info("right", **plain)], "loc", first)[1] is first
+    assert rectified_rig([info("left"), info("right", **plain)], "loc", first)[1] is not first
 
 
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
         ({"distortion_model": "omni"}, "'omni': one of plumb_bob, rational_polynomial, equidistant, fisheye"),
-        ({"distortion_model": ""}, "distortion model ''"),
         ({"d": (0.1, 0.2)}, "2 coefficients d: model plumb_bob needs 4 or 5"),
         ({"k": (0.0,) * 9}, "no k or p"),
         ({"p": (np.nan,) * 12}, "numbers that are not finite"),
@@ -103,7 +86,6 @@ def test_maps_are_made_once() -> None:
         ({"roi": SimpleNamespace(x_offset=8, y_offset=0, width=64, height=64)}, "region of interest"),
     ],
 )
-def test_what_cannot_be_rectified_is_refused_in_one_line(changes: dict[str, Any], words: str) -> None:
-    with pytest.raises(InputError, match=f"^loc/left/camera_info.*{words}") as caught:
+def test_what_cannot_be_rectified_is_refused(changes: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=f"^loc/left/camera_info[^\n]*{words}"):
         rectified_rig([info("left", **changes), info("right")], "loc")
-    assert "\n" not in str(caught.value)

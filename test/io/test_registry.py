@@ -1,0 +1,154 @@
+"""Broken sources of every layout of files are one error, in one line that names the file."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import made_layouts as made
+import numpy as np
+import pytest
+from made_worlds import make_world, write_folder
+
+from sfr_loc_map.config import load_yaml
+from sfr_loc_map.errors import InputError, SfrError
+from sfr_loc_map.io.cloud_file import load_cloud
+from sfr_loc_map.io.folder import load_rig
+from sfr_loc_map.io.image_codec import read_grey
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.text_table import read_lines
+from sfr_loc_map.io.trajectory_file import load_trajectory
+from sfr_loc_map.localisation.frontend.feature_detection import read_mask
+from sfr_loc_map.pipeline.call_stats import load_call_stats
+from sfr_loc_map.report.page import load_score
+
+LAYOUTS: dict[str, Callable[[Path], Path]] = {
+    "folder": lambda path: write_folder(path, make_world()),
+    "kitti": made.write_kitti,
+    "euroc": made.write_euroc,
+    "madmax": made.write_madmax,
+    "lusnar": made.write_lusnar,
+}
+ALL = ""
+"""The whole text is replaced."""
+BASELINE = '"baseline_m": 0.12'
+CAM0, CAM1 = "mav0/cam0/data.csv", "mav0/cam1/sensor.yaml"
+CAMERA, TRUTH = "../calibration/camera_rect_{}_info.txt", "ground_truth/gt_6DoF_gnss_and_imu.csv"
+BROKEN = [
+    ("folder", "loc/rig.json", ALL, "[]", "Expected `object`"),
+    ("folder", "loc/rig.json", BASELINE, f'{BASELINE}, "baseline": 1', "unknown field `baseline`"),
+    ("folder", "loc/rig.json", BASELINE, '"baseline_m": "0.1"', r"Expected `float`, got `str` - at `\$.baseline_m`"),
+    ("folder", "loc/rig.json", BASELINE, '"baseline_m": 0', "baseline"),
+    ("folder", "loc/rig.json", "20.1,", "", r"length 9, got 8 - at `\$.k`"),
+    ("folder", "loc/rig.json", "0.0,", "0.5,", "k is"),
+    ("folder", "loc/rig.json", "7.9", "1e300", "principal point"),
+    ("folder", "loc/rig.json", "quat_xyzw", "quat", "quat"),
+    ("folder", "loc/pairs.csv", "left,", "Left,", "line 1"),
+    ("folder", "loc/pairs.csv", ",right/000003.png", "", "line 5: 2 columns"),
+    ("folder", "loc/pairs.csv", "1700000000000000001", "1700000000999999999", "must be in order"),
+    ("folder", "loc/pairs.csv", "\n17", "\n1_7", "line 2: stamp"),
+    ("folder", "nav/pairs.csv", "-0.035", "1e308", "line 3: "),
+    ("folder", "nav/pairs.csv", "truth/000000.npy", "truth/\0.npy", "names a truth that is not there"),
+    ("kitti", "times.txt", ALL, "0\nx\n", "line 2: stamp 'x' is not a number of seconds"),
+    ("kitti", "times.txt", ALL, "", "no time"),
+    ("kitti", "times.txt", ALL, "0\n2\n1\n", "in order"),
+    ("kitti", "poses.txt", ALL, "1 0 0 0 0 1 0 0 0 0 1 0\n", "1 poses for 3 times"),
+    ("kitti", "poses.txt", ALL, "1 0 0\n" * 3, "line 1: 3 columns found where 12"),
+    ("kitti", "calib.txt", ALL, "P0: 1 2 3\n", "12 finite numbers"),
+    ("kitti", "calib.txt", "P1:", "Q1:", r"P0 and P1 are needed"),
+    ("kitti", "calib.txt", "-3.78", "3.78", "swapped"),
+    ("kitti", "calib.txt", "P1: 7.0e+02", "P1: 7.1e+02", "differ"),
+    ("euroc", CAM1, "radial-tangential", "equidistant", "equidistant"),
+    ("euroc", CAM1, "intrinsics", "other", "intrinsics"),
+    ("euroc", CAM1, "[64, 48]", "[63, 48]", "one size"),
+    ("euroc", CAM1, "0.16", "-0.16", "swapped"),
+    ("euroc", CAM1, "0.16, 0.0, 1.0, 0.0, -0.02", "0.05, 0.0, 1.0, 0.0, 0.2", "one above the other"),
+    ("euroc", CAM0, ALL, "#x\n12,a.png\n", "equal stamps"),
+    ("euroc", CAM0, ALL, "#x\n1.5,a.png\n", "'1.5'"),
+    ("madmax", CAMERA.format("left"), "P:", "Q:", "no camera_info with P"),
+    ("madmax", CAMERA.format("left"), "P: [868.246", "P: [nan", "differ in more than"),
+    ("madmax", CAMERA.format("right"), "-78", "78", "swapped"),
+    ("madmax", "../calibration/tf__camera_left_to_camera_right.csv", "0.09", "0.9", "0.9 m apart along x, by P 0.09 m"),
+    ("madmax", "../calibration/tf__imu_to_B.csv", "0.1", "x", "'x' is not a finite number"),
+    ("madmax", TRUTH, "x-enu(m)", "lat", r"no column x-enu\(m\)"),
+    ("madmax", TRUTH, "1544000000.22", "1543000000.22", "in order"),
+    ("madmax", TRUTH, "0.0, 0.0, 0.0, 1.0", "0.0", "columns found"),
+]
+
+
+@pytest.mark.parametrize(("layout", "file", "old", "new", "words"), BROKEN)
+def test_a_broken_text_is_one_error(tmp_path: Path, layout: str, file: str, old: str, new: str, words: str) -> None:
+    folder = LAYOUTS[layout](tmp_path / "a")
+    text = (folder / file).read_text()
+    assert old in text
+    (folder / file).write_text(new if old is ALL else text.replace(old, new, 1))
+    with pytest.raises(InputError, match=f"^[^\n]*{tmp_path}[^\n]*{words}[^\n]*$"):
+        open_source(folder)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_a_pair_without_its_image_is_left_out_and_counted(tmp_path: Path, layout: str) -> None:
+    path = LAYOUTS[layout](tmp_path / "a")
+    files = sorted(file for file in path.rglob("*.png") if "nav" not in file.parts)
+    files[-1].unlink()
+    source = open_source(path)
+    assert source.left_out == 1
+    assert len(list(source.loc.pairs())) == len(source.loc) > 0
+    for file in files[:-1]:
+        file.unlink()
+    with pytest.raises(InputError, match=r"that are not there: .*; restore them|equal stamps|has no image"):
+        open_source(path)
+
+
+def test_truth_that_is_missing_or_beyond_the_sky(tmp_path: Path) -> None:
+    file = LAYOUTS["folder"](tmp_path / "a") / "nav/truth/000000.npy"
+    np.save(file, np.full((16, 26, 3), 1e30, np.float32))
+    with pytest.raises(InputError, match=r"truth .*000000.npy.*beyond 1e.09 m"):
+        list(open_source(tmp_path / "a").nav.pairs())
+    file.unlink()
+    with pytest.raises(InputError, match=r"a truth that is not there: .*000000.npy"):
+        open_source(tmp_path / "a")
+
+
+def test_unknown_things_say_what_is_sought(tmp_path: Path) -> None:
+    (tmp_path / "photo.jpg").write_bytes(b"")
+    with pytest.raises(InputError, match=r"no format.*pairs.csv.*KITTI.*found photo.jpg"):
+        open_source(tmp_path)
+    with pytest.raises(InputError, match="found a file"):
+        open_source(tmp_path / "photo.jpg")
+
+
+@pytest.fixture
+def no_waiting() -> Iterator[None]:
+    """Fail where a reader waits for a writer."""
+
+    def fail(*_: object) -> None:
+        raise TimeoutError("it waits")
+
+    before = signal.signal(signal.SIGALRM, fail)
+    signal.alarm(5)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
+READERS: dict[str, Callable[[Path], object]] = {
+    **dict.fromkeys(("t.csv", "t.tum"), load_trajectory),
+    **dict.fromkeys(("c.ply", "c.pcd", "c.npz"), load_cloud),
+    **{"i.png": read_grey, "mask.png": lambda path: read_mask(str(path))},
+    **dict.fromkeys(("x.mcap", "x.db3"), open_source),
+    **dict.fromkeys(("f/metadata.yaml", "f/x.mcap", "f/pairs.csv"), lambda path: open_source(path.parent)),
+    **{"rig.json": load_rig, "limits.yaml": load_yaml, "calib.txt": read_lines},
+    **{"s.csv": load_call_stats, "score.json": load_score},
+}
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_a_pipe_is_refused_as_opening_it_would_wait_for_ever(no_waiting: None, tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.parent.mkdir(exist_ok=True)
+    os.mkfifo(path)
+    with pytest.raises(SfrError, match="a named pipe"):
+        READERS[name](path)
