@@ -3,6 +3,9 @@
 Who may look on: on loopback no token is needed, but the name that the page was asked by must be one of loopback, as a
 name of somebody else's may resolve to this host (DNS rebinding). Served to other hosts, each request needs the token,
 as `?token=` once (a cookie keeps it) or as `Authorization: Bearer`. Who may command: whoever has the word in the page.
+
+A page takes what is new for it when the network has room, so nothing waits here but what the state keeps anyway: all
+figures in their order, of each image and cloud topic the newest. One that does not read is cut off.
 """
 
 from __future__ import annotations
@@ -13,27 +16,34 @@ import hmac
 import ipaddress
 import json
 import logging
+import math
 import secrets
 import signal
 import socket
+import struct
 import time
 import webbrowser
-from collections.abc import Awaitable, Callable
+from bisect import bisect_left
+from collections.abc import Awaitable, Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib.resources import files
+from operator import attrgetter
 from typing import Any
 from urllib.parse import urlsplit
 
+import numpy as np
 from aiohttp import WSMsgType, http_exceptions, web
 
 from sfr_loc_map import __version__
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import ConfigError, NodeError, SfrError
+from sfr_loc_map.geometry.arrays import FloatArray32
 from sfr_loc_map.inputs import parse_json
+from sfr_loc_map.live import updates
 from sfr_loc_map.live.hub import Command, Hub
-from sfr_loc_map.live.pages import Page, Pages
-from sfr_loc_map.live.state import LiveState
+from sfr_loc_map.live.path import ROW_FIELDS
+from sfr_loc_map.live.state import LiveState, ReportView
 
 DEFAULT_HOST, DEFAULT_PORT = "127.0.0.1", 8080
 KINDS = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
@@ -56,6 +66,10 @@ SHUTDOWN_S, LAST_MESSAGE_S = 1.0, 0.1
 last message to the pages."""
 TICK_S, PERIOD_S = 0.01, 0.1
 """Time between two looks at what has come, longest time between two looks at what is stale."""
+SEND_TIMEOUT_S, PAUSE_S = 10.0, 0.02
+"""A page that takes nothing for so long is cut off; one whose budget is spent waits so long."""
+NODES_PERIOD_S = 0.5
+"""At least so often the pages hear of the nodes, and by that of the server."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,13 +97,19 @@ class LiveServer:
         """Read the page; the title may be a namespace or the name of a bag."""
         self.state = LiveState()
         self.url = ""
+        self.pages: list[Page] = []
+        self.report_text = self.nodes_text = ""  # the latest messages, empty before the first
+        self.frames: dict[str, tuple[updates.Media, bytes]] = {}  # the newest of each topic with its bytes
+        self.is_over = False
+        self.cut_off = self.replaced = 0
         self._config, self._hub, self._title = config, hub, title
         self._command_token = secrets.token_urlsafe(18)
         page = (files("sfr_loc_map.live") / "web").iterdir()
         self._files = {item.name: item.read_bytes() for item in page if item.name.rpartition(".")[2] in KINDS}
         self._files["index.html"] = self._files["index.html"].replace(TOKEN_MARK, self._command_token.encode())
-        self._pages = Pages(self.state, hub)
-        self._begin_s = time.time()
+        self._begin_s, self._nodes_s = time.time(), 0.0
+        self._report: ReportView | None = None
+        self._silent: frozenset[str] = frozenset()
 
     async def serve(self, ready: Callable[[str], None]) -> None:
         """Serve until the task is cancelled; `ready` is called with the address once the page can be opened.
@@ -119,13 +139,12 @@ class LiveServer:
             ready(self.url)
             told_s = 0.0
             while True:
-                updates, now_s = self._hub.take(), time.time()
-                for update in updates:
-                    if self.state.apply(update):
-                        self._pages.note(update)
-                if updates or not 0.0 <= now_s - told_s < PERIOD_S:
+                taken, now_s = self._hub.take(), time.time()
+                for update in taken:
+                    self.take_in(update)
+                if taken or not 0.0 <= now_s - told_s < PERIOD_S:
                     told_s = now_s
-                    self._pages.tell(now_s)
+                    self.tell(now_s)
                 await asyncio.sleep(TICK_S)
         finally:
             if self._hub.operator is not None:
@@ -134,8 +153,42 @@ class LiveServer:
 
     def end(self) -> None:
         """Tell the pages that the run is over: what is silent from now on is not missing."""
-        self._pages.is_over = True
-        self._pages.tell(time.time())
+        self.is_over = True
+        self.tell(time.time())
+
+    def take_in(self, update: updates.Update) -> None:
+        """Take a record in, for the state and for the pages."""
+        if not self.state.apply(update):
+            return
+        if isinstance(update, updates.Media) and update.topic in self.state.media:
+            before, _ = self.frames.get(update.topic, (None, b""))
+            looking = [page for page in self.pages if before is not None and update.view in page.views]
+            self.replaced += sum(page.sent.get(update.topic) is not before for page in looking)
+            self.frames[update.topic] = update, frame_of(update)
+        elif isinstance(update, updates.TimeLine) and update.restarted:
+            self.frames.clear()
+
+    def tell(self, now_s: float) -> None:
+        """Let the pages send what has changed."""
+        report, silent = self.state.report, self.state.silent(now_s)
+        if report is not None and report is not self._report:
+            self._report, self.report_text = report, message("report", report.to_plain())
+        if now_s - self._nodes_s >= NODES_PERIOD_S or silent != self._silent:
+            self._nodes_s, self._silent = now_s, silent
+            live = self.state.live_to_plain(now_s, tables=False)
+            self.nodes_text = message("nodes", live | {"load": self._load(), "actions": self._hub.actions})
+        for page in self.pages:
+            page.news.set()
+
+    def _load(self) -> dict[str, Any]:
+        """Return what the pages cost and what was thinned for them."""
+        return {
+            "pages": len(self.pages),
+            "waiting_bytes": sum(page.waiting() for page in self.pages),
+            "replaced": self._hub.replaced + self.replaced,
+            "dropped": self._hub.dropped,
+            "cut_off": self.cut_off,
+        }
 
     @web.middleware
     async def _guard(
@@ -191,11 +244,11 @@ class LiveServer:
             "uptime_s": round(now_s - self._begin_s, 3),
             "actions": self._hub.actions,
             "bytes_per_s": self._config.bytes_per_s,
-            **self._pages.load(),
+            **self._load(),
         }
 
     async def _websocket(self, request: web.Request) -> web.StreamResponse:
-        if len(self._pages.pages) >= MAX_PAGES:
+        if len(self.pages) >= MAX_PAGES:
             raise web.HTTPServiceUnavailable
         channel = web.WebSocketResponse(heartbeat=20.0, max_msg_size=MAX_MESSAGE_BYTES, compress=False)
         await channel.prepare(request)
@@ -203,8 +256,7 @@ class LiveServer:
         if transport is None:
             return channel
         transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SOCKET_BUFFER_BYTES)
-        page = Page(self._pages, channel, self._config.bytes_per_s, transport.get_write_buffer_size)
-        self._pages.join(page)
+        page = Page(self, channel, self._config.bytes_per_s, transport.get_write_buffer_size)
 
         async def send() -> None:
             """Send, and close the connection of one that is cut off without waiting for it."""
@@ -212,15 +264,22 @@ class LiveServer:
                 await page.send_all(self._server(time.time()))
             transport.abort()
 
+        self.pages.append(page)
+        self.tell(time.time())
         sender = asyncio.create_task(send())
         try:
             async for received in channel:
                 if received.type is WSMsgType.TEXT:
-                    self._pages.receive(page, received.data)
+                    page.receive(received.data)
+                    self._want()
         finally:
-            self._pages.leave(page)
+            self.pages.remove(page)
+            self._want()
             sender.cancel()
         return channel
+
+    def _want(self) -> None:
+        self._hub.want(frozenset().union(*(page.views for page in self.pages)))
 
     async def _command(self, request: web.Request) -> web.Response:
         if not _equal(request.headers.get(COMMAND_HEADER, ""), self._command_token):
@@ -233,6 +292,153 @@ class LiveServer:
         except (ValueError, web.RequestPayloadError):
             return web.json_response({"ok": False, "text": "the command is no JSON"}, status=400)
         return web.json_response({"ok": True, "text": text})
+
+
+def message(kind: str, content: dict[str, Any]) -> str:
+    """Return a message of figures: JSON with its kind as `type`."""
+    return json.dumps({"type": kind, **content}, allow_nan=False, separators=(",", ":"))
+
+
+def frame_of(media: updates.Media) -> bytes:
+    """Return the binary frame of an image, a cloud, a map or tracks.
+
+    bytes 0..3     length of the header with its padding, unsigned, little endian
+    bytes 4..      header: UTF-8 JSON, padded with spaces to four bytes
+    the rest       image: a JPEG file; others: float32, little endian. cloud: `count` points, x y z sigma (and error,
+                   where `error` is true); elevation: `rows` times `columns` cells with the layers of `names`; tracks:
+                   `count` rows u v before_u before_v residual
+    """
+    facts: dict[str, Any]
+    body: bytes | FloatArray32
+    match media:
+        case updates.ImageSample(jpeg=body):
+            kind, facts = "image", {"size": media.size, "full_size": media.full_size}
+        case updates.CloudSample(points=points, error=error):
+            kind, body = "cloud", points if error is None else np.column_stack([points, error])
+            facts = {"count": len(points), "total": media.total, "error": error is not None}
+        case updates.ElevationSample(layers=body):
+            kind, facts = "elevation", {"rows": body.shape[0], "columns": body.shape[1], "origin_m": media.origin_m}
+            facts |= {"cell_m": media.cell_m, "names": media.names, "every": media.every}
+        case updates.TrackSample(tracks=body):
+            masks = {side: [np.round(ring, 1).tolist() for ring in rings] for side, rings in media.masks.items()}
+            kind, facts = "tracks", {"count": len(body), "masks": masks}
+    name = {"type": kind, "topic": media.topic, "stamp_ns": str(media.stamp_ns), "published_s": media.published_s}
+    header = json.dumps(name | facts, allow_nan=False, separators=(",", ":")).encode()
+    header += b" " * (-len(header) % 4)
+    data = body if isinstance(body, bytes) else np.ascontiguousarray(body, "<f4").tobytes()
+    return struct.pack("<I", len(header)) + header + data
+
+
+class Page:
+    """One page: how far it is, what it looks at. Used by the thread of the server's loop alone."""
+
+    def __init__(
+        self,
+        server: LiveServer,
+        channel: web.WebSocketResponse,
+        bytes_per_s: float,
+        waiting: Callable[[], int] = lambda: 0,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Start with nothing sent; the budget is that of images and clouds, figures count but never wait for it.
+
+        How many bytes wait for the network tells `waiting`.
+        """
+        self.views: frozenset[updates.View] = frozenset()
+        self.news = asyncio.Event()
+        self.waiting = waiting
+        self.sent: dict[str, updates.Media] = {}  # of each topic the last; the topic that was sent last is the last
+        self._all, self._channel, self._rate, self._clock = server, channel, bytes_per_s, clock
+        self._credit, self._credited_s = bytes_per_s, clock()
+        self._report = self._nodes = self._pong = ""
+        self._version = -1  # of the path, which changes with each restart of a player
+        self._next_row = self._next_call = 0
+
+    def receive(self, text: str) -> None:
+        """Take a message of the page in: what it looks at, or a request for the server's time."""
+        try:
+            content = parse_json(text)
+        except ValueError:
+            return
+        if not isinstance(content, dict):
+            return
+        if content.get("type") == "want" and isinstance(content.get("views"), list):
+            self.views = frozenset(view for view in updates.View if view.value in content["views"])
+        elif content.get("type") == "ping":
+            sent_ms = content.get("sent_ms")
+            if isinstance(sent_ms, int | float) and math.isfinite(sent_ms):
+                self._pong = message("pong", {"sent_ms": sent_ms, "time_s": time.time()})
+                self.news.set()
+
+    async def send_all(self, server: dict[str, Any]) -> None:
+        """Greet the page and send what is new, until it is cut off.
+
+        Raises:
+            ConnectionError: If the page is gone.
+        """
+        try:
+            await self._send(message("hello", {"server": server, "row_fields": ROW_FIELDS}))
+            ended = False
+            while True:
+                self.news.clear()
+                for text in self._new_figures():
+                    await self._send(text)
+                if self._all.is_over and not ended:
+                    ended = True
+                    await self._send(message("end", {"time_s": time.time()}))
+                topic, now_s = self._waiting_topic(), self._clock()
+                self._credit = min(self._credit + (now_s - self._credited_s) * self._rate, self._rate)
+                self._credited_s = now_s
+                if topic is None:
+                    await self.news.wait()
+                elif self._credit > 0.0:
+                    media, data = self._all.frames[topic]
+                    self.sent.pop(topic, None)
+                    self.sent[topic] = media
+                    await self._send(data)
+                else:
+                    with suppress(TimeoutError):
+                        await asyncio.wait_for(self.news.wait(), PAUSE_S)
+        except TimeoutError:
+            self._all.cut_off += 1
+
+    def _new_figures(self) -> Iterator[str]:
+        """Yield what the page has not been sent: report, path, calls, nodes, answers."""
+        every, state = self._all, self._all.state
+        if every.report_text is not self._report:
+            self._report = every.report_text
+            yield self._report
+        path = state.path
+        whole = path.version != self._version
+        rows = path.rows if whole else path.rows[bisect_left(path.rows, self._next_row, key=attrgetter("n")) :]
+        if whole or rows:
+            self._version, self._next_row = path.version, rows[-1].n + 1 if rows else 0
+            content = {"whole": whole, "rows": [row.to_plain() for row in rows], "under_way": path.under_way}
+            yield message("path", content)
+        calls = [call for call in state.calls if whole or call["n"] >= self._next_call]
+        if whole or calls:
+            self._next_call = calls[-1]["n"] + 1 if calls else self._next_call
+            yield message("calls", {"calls": calls, "whole": whole})
+        if every.nodes_text is not self._nodes:
+            self._nodes = every.nodes_text
+            yield self._nodes
+        if self._pong:
+            pong, self._pong = self._pong, ""
+            yield pong
+
+    def _waiting_topic(self) -> str | None:
+        """Return a topic whose newest frame it looks at and has not been sent, the one that was sent longest ago."""
+        frames = self._all.frames
+        for topic in (*(topic for topic in frames if topic not in self.sent), *self.sent):
+            media, _ = frames.get(topic, (None, b""))
+            if media is not None and media.view in self.views and self.sent.get(topic) is not media:
+                return topic
+        return None
+
+    async def _send(self, data: str | bytes) -> None:
+        self._credit -= len(data)
+        send = self._channel.send_str(data) if isinstance(data, str) else self._channel.send_bytes(data)
+        await asyncio.wait_for(send, SEND_TIMEOUT_S)
 
 
 async def serve_until_signal(server: LiveServer, *, open_browser: bool = False) -> None:

@@ -17,15 +17,13 @@ from made_scores import json_of, whole_score
 
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.live.hub import Action, Command, Hub
-from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import ImageSample, View
 
 aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed: pip install '.[live]'")
 
 from page_server import Recorder, served  # noqa: E402 - needs aiohttp
 
-from sfr_loc_map.live.pages import Page, Pages  # noqa: E402 - as above
-from sfr_loc_map.live.server import LiveConfig, LiveServer  # noqa: E402 - as above
+from sfr_loc_map.live.server import LiveConfig, LiveServer, Page  # noqa: E402 - as above
 
 
 class Served:
@@ -223,18 +221,18 @@ class Channel:
 
 
 def test_a_page_that_does_not_read_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sfr_loc_map.live.pages.SEND_TIMEOUT_S", 0.05)
-    pages = Pages(LiveState(), Hub())
-    asyncio.run(asyncio.wait_for(Page(pages, Channel(takes=False), 2e6).send_all({}), 5.0))
-    assert pages.cut_off == 1
+    monkeypatch.setattr("sfr_loc_map.live.server.SEND_TIMEOUT_S", 0.05)
+    server = LiveServer(LiveConfig(), Hub())
+    asyncio.run(asyncio.wait_for(Page(server, Channel(takes=False), 2e6).send_all({}), 5.0))
+    assert server.cut_off == 1
 
 
 def test_figures_are_never_left_out_and_media_keep_to_the_budget() -> None:
     async def run() -> None:
         now, channel, size = [0.0], Channel(), 20_000
-        pages = Pages(LiveState(), Hub())
-        page = Page(pages, channel, 100_000.0, clock=lambda: now[0])
-        pages.join(page)
+        server = LiveServer(LiveConfig(), Hub())
+        page = Page(server, channel, 100_000.0, clock=lambda: now[0])
+        server.pages.append(page)
         page.views = frozenset(View)
         sender = asyncio.create_task(page.send_all({}))
         for number in range(200):  # ten seconds of 20 images a second, 20 kB each: four times the budget
@@ -242,14 +240,13 @@ def test_figures_are_never_left_out_and_media_keep_to_the_budget() -> None:
             names = ("loc/left", "loc/right")
             images = [ImageSample(name, number, bytes(size), (1, 1), (1, 1), 0.0) for name in names]
             for update in (*frame(number, 1.0), *images):
-                pages.state.apply(update)
-                pages.note(update)
-            pages.tell(1.0)
+                server.take_in(update)
+            server.tell(1.0)
             await asyncio.sleep(0.001)
         rows = [row[0] for text in channel.texts if text["type"] == "path" for row in text["rows"]]
         assert rows[-199:] == list(range(1, 200))
         assert 0.5 * 1e6 < sum(map(len, channel.frames)) <= 1.1e6 + 2 * size
-        assert pages.replaced > 200
+        assert server.replaced > 200
         sender.cancel()
 
     asyncio.run(run())
