@@ -99,10 +99,20 @@ def open_recording(path: Path, truth: Path | None = None) -> Recording:
     files = ReplayFiles(path)
     if path.is_dir() and any(file.is_file() for file in (files.estimate, files.cloud, files.report)):
         return _replayed(files, truth)
-    if is_bag(path):
-        return _bag(path, truth)
-    source = open_source(path)
-    return _recording(path, None, load_truth(truth) if truth is not None else _truth_of(source), (), source)
+    bag = Bag(path) if is_bag(path) else None
+    is_run = bag is not None and bag.find("localisation/odometry", ODOMETRY) is not None
+    try:
+        source = open_source(truth if is_run and truth is not None else path)
+    except InputError:
+        if not is_run:
+            raise
+        source = None  # a recording without images
+    if truth is not None:
+        true_poses: Trajectory | None = load_truth(truth)
+    else:
+        true_poses = _truth_of(source) if bag is None else read_trajectory(bag, GROUND_TRUTH)
+    said = [] if bag is None else list(_diagnostics(bag))
+    return _recording(path, load_estimates(path) if is_run else None, true_poses, said, source)
 
 
 def _replayed(files: ReplayFiles, truth: Path | None) -> Recording:
@@ -138,21 +148,6 @@ def _source_of(score: Score) -> Path | None:
 def _truth_of(source: Source | None) -> Trajectory | None:
     truth = None if source is None or source.loc is None else source.loc.ground_truth
     return truth if truth is not None and len(truth) else None
-
-
-def _bag(path: Path, truth: Path | None) -> Recording:
-    """Return a bag: with estimates that of a run, else the images and the truth of a drive."""
-    bag = Bag(path)
-    has_estimates = bag.find("localisation/odometry", ODOMETRY) is not None
-    try:
-        source = open_source(path if truth is None else truth)
-    except InputError:
-        if not has_estimates:
-            raise
-        source = None  # a recording without images
-    estimates = load_estimates(path) if has_estimates else None
-    true_poses = load_truth(truth) if truth is not None else read_trajectory(bag, GROUND_TRUTH)
-    return _recording(path, estimates, true_poses, list(_diagnostics(bag)), source)
 
 
 def _recording(

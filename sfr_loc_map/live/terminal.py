@@ -8,7 +8,7 @@ from __future__ import annotations
 import signal
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import ExitStack, suppress
 from typing import Any
 
 from rich.console import Console, Group, RenderableType
@@ -48,26 +48,31 @@ class Terminal:
         Raises:
             KeyboardInterrupt: On SIGINT and SIGTERM; the terminal is as it was before.
         """
-        console = self._console
+        console, due_s = self._console, 0.0
         with suppress(AttributeError, ValueError):  # a terminal without these signs
             console.file.reconfigure(errors="replace")  # type: ignore[attr-defined]
-        screen = console.is_terminal
-        drawn = Live(console=console, screen=True, auto_refresh=False) if screen else None
-        with _sigterm_interrupts(), Keyboard() if screen else nullcontext() as keyboard, drawn or nullcontext():
-            due_s = time.monotonic()
+        with ExitStack() as stack:
+            before = signal.signal(
+                signal.SIGTERM, signal.default_int_handler
+            )  # it must leave the terminal as SIGINT does
+            stack.callback(signal.signal, signal.SIGTERM, before)
+            keyboard, screen = None, None
+            if console.is_terminal:
+                keyboard = stack.enter_context(Keyboard())
+                screen = stack.enter_context(Live(console=console, screen=True, auto_refresh=False))
             while not self._ended:
                 self.take()
                 for key in keyboard.pressed() if keyboard is not None else ():
                     self._press(key)
                     due_s = 0.0
                 if time.monotonic() >= due_s:
-                    if drawn is not None:
-                        drawn.update(self.drawing(time.time()), refresh=True)
+                    if screen is not None:
+                        screen.update(self.drawing(time.time()), refresh=True)
                     else:
                         self._print_line()
-                    due_s = time.monotonic() + (PERIOD_S if screen else LINE_PERIOD_S)
+                    due_s = time.monotonic() + (PERIOD_S if screen is not None else LINE_PERIOD_S)
                 time.sleep(KEY_PERIOD_S)
-        if screen:
+        if console.is_terminal:
             self._print_line()
 
     def take(self) -> None:
@@ -104,16 +109,6 @@ class Terminal:
         elif place is not None and key in ("left", "right"):
             step = SEEK_STEP_S if key == "right" else -SEEK_STEP_S
             self._hub.run(Command(Action.SEEK, at_s=min(max(place.at_s + step, 0.0), place.end_s)))
-
-
-@contextmanager
-def _sigterm_interrupts() -> Iterator[None]:
-    """Let SIGTERM do what SIGINT does: the terminal must be left as it was."""
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def one_line_of(state: LiveState, now_s: float) -> str:
@@ -211,12 +206,10 @@ def _node_words(node: dict[str, Any], live: dict[str, Any]) -> list[Text | str]:
     return [one_line(node["name"]), health, one_line(node["state"]), *costs, str(sum(_drops(node).values())), heard]
 
 
-def _stale(live: dict[str, Any]) -> Iterator[str]:
+def _stale(live: dict[str, Any]) -> list[str]:
     """Say what is not of this moment any more."""
-    for name, words in ((LOCALISATION, "pose"), (REPORT, "figures")):
-        topic = live["topics"].get(name)
-        if topic is not None and topic["stale"]:
-            yield f"no {words} for {topic['age_s']:.1f} s"
+    topics = ((words, live["topics"].get(name)) for name, words in ((LOCALISATION, "pose"), (REPORT, "figures")))
+    return [f"no {words} for {topic['age_s']:.1f} s" for words, topic in topics if topic is not None and topic["stale"]]
 
 
 def _now(live: dict[str, Any]) -> Iterator[str]:
