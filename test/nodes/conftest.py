@@ -1,7 +1,8 @@
 """Makes the helpers beside the tests importable, and keeps each test in a ROS domain of its own."""
 
+import importlib.util
 import sys
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,26 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 
 from sfr_loc_map.nodes import environment
+
+WITHOUT_ROS = ("test_environment.py", "test_launch_parts.py", "test_motion_prior.py", "test_worker.py")
+
+
+class Skipped(pytest.Module):
+    def collect(self) -> list[pytest.Item]:
+        pytest.skip("ROS is not installed: no module 'rclpy'", allow_module_level=True)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_pycollect_makemodule(module_path: Path, parent: pytest.Collector) -> Generator[None, pytest.Module]:
+    """Mark the tests that need ROS, and do not import them where it is absent."""
+    module = yield
+    if module_path.name in WITHOUT_ROS:
+        return module
+    if importlib.util.find_spec("rclpy") is None:
+        module = Skipped.from_parent(parent, path=module_path)
+    module.add_marker(pytest.mark.ros)
+    module.add_marker(pytest.mark.timeout(240))
+    return module
 
 
 @pytest.fixture(autouse=True)
@@ -23,7 +44,8 @@ def own_domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 @pytest.fixture
 def ros(own_domain: None) -> Iterator[None]:
     """ROS within the test's process."""
-    rclpy = pytest.importorskip("rclpy")
+    import rclpy
+
     rclpy.init(args=[])
     yield
     rclpy.try_shutdown()

@@ -8,19 +8,29 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
-from made_scene import loc_pair
+from made_scene import LOC_RIG, loc_pair
 from nav_msgs.msg import Odometry
 from processes import Peer
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParametersAtomically
-from scenes import calls, send_pair
+from rclpy.parameter import Parameter
+from scenes import calls, problems, send_pair
 
 from sfr_loc_map.geometry.stereo import StereoPair
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.nodes.diagnostics import Level, level_of, values_of
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.messages.pose import odometry_row
 
 Capture = pytest.CaptureFixture[str]
+Position = tuple[float, ...]
+
+
+def localised(indices: list[int], **settings: Any) -> list[Position]:
+    """Return the positions that the localiser finds offline."""
+    localiser = Localiser(LOC_RIG, LocalisationConfig(**settings), Transform.identity())
+    return [tuple(localiser.process(loc_pair(index)).T_ds_rb.translation) for index in indices]
 
 
 class Manager(Peer):
@@ -45,26 +55,23 @@ class Manager(Peer):
     def state(self) -> str:
         return str(self.ask(GetState, "get_state", GetState.Request()).current_state.label)
 
-    def set(self, **values: float | int) -> tuple[bool, str]:
-        parameters = []
-        for name, value in values.items():
-            kind = ParameterType.PARAMETER_DOUBLE if isinstance(value, float) else ParameterType.PARAMETER_INTEGER
-            field = "double_value" if isinstance(value, float) else "integer_value"
-            parameters.append(
-                Parameter(name=name.replace("__", "."), value=ParameterValue(type=kind, **{field: value}))
-            )
+    def set(self, **values: float | int) -> str:
+        """Set parameters, `__` for a dot; return why not, empty where it was done."""
+        parameters = [Parameter(name.replace("__", "."), value=v).to_parameter_msg() for name, v in values.items()]
         request = SetParametersAtomically.Request(parameters=parameters)
         result = self.ask(SetParametersAtomically, "set_parameters_atomically", request).result
-        return result.successful, result.reason
+        return "" if result.successful else str(result.reason)
 
-    def play(self, index: int, shift_ns: int = 0) -> tuple[float, ...]:
+    def play(self, index: int, shift_ns: int = 0) -> Position:
         """Send a pair and return the position that comes back; wait for what the call says of itself, too."""
-        count = len(self.odometry)
-        pair = loc_pair(index)
+        count, pair = len(self.odometry), loc_pair(index)
         stamp_ns = pair.stamp_ns + shift_ns
         send_pair(self, "loc", StereoPair(stamp_ns, pair.left, pair.right))
         self.until(lambda: len(self.odometry) > count and self.last_call() == stamp_ns, "odometry and call")
-        return odometry_row(self.odometry[-1])[1]
+        return self.positions()[-1]
+
+    def positions(self) -> list[Position]:
+        return [odometry_row(message)[1] for message in self.odometry]
 
     def last_values(self) -> dict[str, str]:
         """Return the values of the last call."""
@@ -74,10 +81,16 @@ class Manager(Peer):
         """Return the stamp of the last call, -1 before the first."""
         return int(self.last_values()["stamp_ns"]) if calls(self.diagnostics) else -1
 
+    def refused(self, words: str) -> None:
+        """Wait until input is reported that cannot be used."""
+        self.until(lambda: words in problems(self.diagnostics), f"'{words}'")
+
     def health(self) -> list[DiagnosticStatus]:
         return [s for array in self.diagnostics for s in array.status if s.name == f"{self.name}: health"]
 
     def well(self, level: Level, words: str = "") -> DiagnosticStatus:
+        """Wait for a health of this level with such words."""
+
         def found() -> DiagnosticStatus | None:
             last = self.health()[-1:]
             return last[0] if last and level_of(last[0]) is level and words in last[0].message else None
@@ -90,7 +103,7 @@ class LocalNode:
 
     def __init__(self, peer: Peer, capture: Capture, kind: type[ManagedNode[Any]], *arguments: str) -> None:
         self._peer, self._capture, self._text = peer, capture, ""
-        self.node = kind(cli_args=list(arguments), use_global_arguments=False)
+        self.node = kind(cli_args=["--ros-args", *arguments], use_global_arguments=False)
         peer.executor.add_node(self.node)
         self.node.start()
 

@@ -18,15 +18,18 @@ from sfr_loc_map.io.bag import TYPESTORE
 if TYPE_CHECKING:
     from processes import Peer
 
-RELIABLE = ["-p", "input.reliability:=reliable"]
+
+def params(*assignments: str) -> list[str]:
+    """Return assignments of parameters as arguments of a node."""
+    return [word for text in assignments for word in ("-p", text)]
+
+
+RELIABLE = params("input.reliability:=reliable")
 """For nodes in a process of their own: by best effort the first message after discovery may be lost."""
-MOUNT = [
-    *RELIABLE,
-    "-p",
+MOUNT = RELIABLE + params(
     f"T_rb_locsb.translation_m:={T_RB_LOCSB.translation.tolist()}",
-    "-p",
     f"T_rb_locsb.quat_xyzw:={T_RB_LOCSB.file_quat_xyzw.tolist()}",
-]
+)
 
 
 def raw(message: Any) -> bytes:
@@ -50,9 +53,10 @@ def calls(diagnostics: list[DiagnosticArray]) -> list[DiagnosticStatus]:
     return [status for array in diagnostics for status in array.status if status.name.endswith(": call")]
 
 
-def problems(diagnostics: list[DiagnosticArray]) -> list[str]:
-    """Return what was wrong with the input."""
-    return [status.message for array in diagnostics for status in array.status if status.name.endswith(": input")]
+def problems(diagnostics: list[DiagnosticArray]) -> str:
+    """Return what was wrong with the input, a line each."""
+    found = [status for array in diagnostics for status in array.status if status.name.endswith(": input")]
+    return "\n".join(status.message for status in found)
 
 
 def sent(message: Any) -> Any:

@@ -11,8 +11,6 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("colcon_core", reason="colcon is not installed: pip install colcon-common-extensions")
-pytest.importorskip("rclpy")
-pytestmark = pytest.mark.ros
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = "sfr_loc_map"

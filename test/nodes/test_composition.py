@@ -1,22 +1,15 @@
 """Nodes within another program's process."""
 
-# ruff: noqa: E402 - ROS may be absent
 import weakref
 from dataclasses import dataclass
 from pathlib import Path
 
-import pytest
-
-pytest.importorskip("rclpy")
-pytestmark = pytest.mark.ros
-
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped, PoseStamped
 from made_scene import LOC_RIG, NAV_RIG, loc_pair, nav_pair
 from nav_msgs.msg import Odometry
 from our_localisation import OurLocalisation
-from processes import Peer
-from scenes import MOUNT, calls, raw, send_infos, send_pair
+from peers import Capture, LocalNode, Manager
+from scenes import MOUNT, calls, params, raw, send_infos, send_pair
 from sensor_msgs.msg import PointCloud2
 
 from sfr_loc_map.config import param
@@ -24,20 +17,18 @@ from sfr_loc_map.io import bag_messages
 from sfr_loc_map.nodes.localisation_node import LocalisationNode, LocalisationNodeConfig
 from sfr_loc_map.nodes.mapping_node import MappingNode
 
-ARGUMENTS = ["--ros-args", *MOUNT, "-r", "__ns:=/rover"]
+ROVER = ["-r", "__ns:=/rover"]
 
 
-def test_two_nodes_share_a_process_and_cleanup_frees_what_they_held(ros: None) -> None:
-    localisation = LocalisationNode(cli_args=ARGUMENTS)
-    mapping = MappingNode(cli_args=["--ros-args", "-r", "__ns:=/rover", "-p", "pairs_per_map:=2"])
-    with Peer() as peer:
+def test_two_nodes_share_a_process_and_cleanup_frees_what_they_held(ros: None, capfd: Capture) -> None:
+    with (
+        Manager() as peer,
+        LocalNode(peer, capfd, LocalisationNode, *MOUNT, *ROVER) as first,
+        LocalNode(peer, capfd, MappingNode, *ROVER, *params("pairs_per_map:=2")) as second,
+    ):
+        localisation, mapping = first.node, second.node
         odometry = peer.listen(Odometry, "/rover/localisation/odometry")
         clouds = peer.listen(PointCloud2, "/rover/mapping/points")
-        diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
-        for node in (localisation, mapping):
-            peer.executor.add_node(node)
-            node.start()
-            assert node.state == "active"
         send_infos(peer, "loc", LOC_RIG, "/rover/")
         send_infos(peer, "nav", NAV_RIG, "/rover/")
         for index in range(2):
@@ -46,7 +37,7 @@ def test_two_nodes_share_a_process_and_cleanup_frees_what_they_held(ros: None) -
             pose = bag_messages.pose(item.pair.stamp_ns, item.T_lm_navsb)
             peer.publish(PoseStamped, "/rover/nav/pose", raw(pose))
             send_pair(peer, "nav", item.pair, "/rover/")
-        peer.until(lambda: len(odometry) == 2 and len(clouds) == 1 and len(calls(diagnostics)) == 5, "all results")
+        peer.until(lambda: (len(odometry), len(clouds), len(calls(peer.diagnostics))) == (2, 1, 5), "all results")
         held = (localisation._session._localiser, mapping._session._mapper, mapping.worker)
         held = [weakref.ref(item) for item in held]
         for node in (localisation, mapping):
@@ -55,41 +46,30 @@ def test_two_nodes_share_a_process_and_cleanup_frees_what_they_held(ros: None) -
             assert node.state == "unconfigured"
         peer.spin(0.1)
         assert [item() for item in held] == [None, None, None]
-        for node in (localisation, mapping):
-            peer.executor.remove_node(node)
-            node.destroy_node()
 
 
-def test_a_package_of_ones_own_extends_the_node_without_copying(ros: None) -> None:
+@dataclass(frozen=True, slots=True)
+class OurConfig(LocalisationNodeConfig):
+    far_m: float = param(3.0, unit="m", doc="What is far.", low=0.0, high=100.0)
+
+
+class WithParameter(OurLocalisation):
+    config_type = OurConfig
+
+
+def test_a_package_of_ones_own_extends_the_node_without_copying(ros: None, capfd: Capture) -> None:
     """The example of the page on the nodes, with a parameter of its own."""
-
-    @dataclass(frozen=True, slots=True)
-    class OurConfig(LocalisationNodeConfig):
-        far_m: float = param(3.0, unit="m", doc="What is far.", low=0.0, high=100.0)
-
-    class WithParameter(OurLocalisation):
-        config_type = OurConfig
-
-    node = WithParameter(cli_args=[*ARGUMENTS, "-p", "far_m:=7.0"])
-    assert node.config.far_m == 7.0
-    with Peer() as peer:
-        odometry = peer.listen(Odometry, "/rover/localisation/odometry")
-        positions = peer.listen(PointStamped, "/rover/our/position")
-        peer.executor.add_node(node)
-        node.start()
-        assert peer.call("/rover/localisation_node/where").message == "nowhere yet"
-        send_infos(peer, "loc", LOC_RIG, "/rover/")
-        for index in range(3):
-            send_pair(peer, "loc", loc_pair(index), "/rover/")
-        peer.until(lambda: len(odometry) == len(positions) == 3, "odometry and positions")
-        for message, position in zip(odometry, positions, strict=True):
-            assert message.pose.pose.position == position.point
-        assert peer.call("/rover/localisation_node/where").message.startswith("at [")
-        peer.executor.remove_node(node)
-        node.destroy_node()
-
-
-def test_the_page_shows_the_example_that_is_tested() -> None:
     page = (Path(__file__).parents[2] / "docs" / "nodes.md").read_text(encoding="utf-8")
     example = Path(__file__).with_name("our_localisation.py").read_text(encoding="utf-8")
     assert f"```python\n{example}```" in page
+    with Manager() as peer, LocalNode(peer, capfd, WithParameter, *MOUNT, *params("far_m:=7.0")) as node:
+        assert node.node.config.far_m == 7.0
+        positions = peer.listen(PointStamped, "our/position")
+        assert peer.call("localisation_node/where").message == "nowhere yet"
+        send_infos(peer, "loc", LOC_RIG)
+        for index in range(3):
+            peer.play(index)
+        peer.until(lambda: len(positions) == 3, "positions")
+        for message, position in zip(peer.odometry, positions, strict=True):
+            assert message.pose.pose.position == position.point
+        assert peer.call("localisation_node/where").message.startswith("at [")

@@ -1,18 +1,13 @@
 """What a node says of itself: health by what happened, calls to the last bit."""
 
-# ruff: noqa: E402 - ROS may be absent
 import math
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")  # levels are those of a message
-pytestmark = pytest.mark.ros
-
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.serialization import deserialize_message, serialize_message
+from scenes import sent
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.calls import CallUsage
@@ -57,7 +52,6 @@ def test_a_node_that_works_is_well_and_gives_its_figures() -> None:
     assert verdict.values["processed_hz"] == pytest.approx(10.0)
     assert verdict.values["last_processing_time_s"] == 0.1
     assert verdict.values["latency_transport_p95_s"] == 0.002
-    assert verdict.values["dropped_stale"] == 0
 
 
 def test_silence_is_stale_only_where_something_is_due() -> None:
@@ -65,10 +59,7 @@ def test_silence_is_stale_only_where_something_is_due() -> None:
     node.call()
     node.now += 2.1
     assert node.judge().level is Level.STALE
-    assert node.judge(expecting=False).level is Level.OK
-    assert node.judge(lifecycle="inactive").level is Level.OK
-    node.health.note_arrival()
-    assert node.judge().level is Level.OK
+    assert node.judge(expecting=False).level is node.judge(lifecycle="inactive").level is Level.OK
 
 
 def test_drops_and_problems_show_for_the_window() -> None:
@@ -77,21 +68,13 @@ def test_drops_and_problems_show_for_the_window() -> None:
     node.counts["dropped_stale"] = 1
     assert (node.judge().level, node.judge().message) == (Level.WARN, "dropped_stale")
     node.health.note_problem(Level.ERROR, "no camera_info")
-    assert node.judge().message == "no camera_info; dropped_stale"
-    assert node.judge().level is Level.ERROR
+    assert (node.judge().level, node.judge().message) == (Level.ERROR, "no camera_info; dropped_stale")
     node.now += 3.1
     assert node.judge().level is Level.OK
     for share in (25, 40):
         node.health.note_problem(Level.WARN, f"{share}% are lost", "transport")
     assert node.judge().message == "40% are lost"
-
-
-def test_lost_is_an_error_and_much_memory_a_warning() -> None:
-    node = Node(memory_warn_mb=1)
-    node.call()
-    assert (node.judge().level, "more than 1 MB" in node.judge().message) == (Level.WARN, True)
-    node.call(Level.ERROR, "lost")
-    assert node.judge().level is Level.ERROR
+    assert "more than 1 MB" in Node(memory_warn_mb=1).judge().message
 
 
 def test_many_problems_are_counted_not_listed_and_are_one_change() -> None:
@@ -100,11 +83,10 @@ def test_many_problems_are_counted_not_listed_and_are_one_change() -> None:
     well = node.judge()
     node.health.note_problem(Level.ERROR, "pair 0 is broken")
     ill = node.judge()
-    assert ill.kind != well.kind
     for number in range(1, 10):
         node.health.note_problem(Level.ERROR, f"pair {number} is broken")
     verdict = node.judge()
-    assert verdict.kind == ill.kind
+    assert verdict.kind == ill.kind != well.kind
     listed = "; ".join(f"pair {number} is broken" for number in (9, 8, 7, 6))
     assert verdict.message == f"{listed}; and 6 more"
 
@@ -116,13 +98,10 @@ def test_a_calibration_that_is_off_is_warned_of_beyond_its_limit(name: str, sign
     node.call(**{name: sign * 0.19})
     assert node.judge().level is Level.OK
     node.call(**{name: sign * 0.21})
-    verdict = node.judge()
-    assert verdict.level is Level.WARN
-    assert "0.2" in verdict.message
-    assert "check the calibration" in verdict.message
-    assert verdict.values[name] == sign * 0.21
     node.call()  # a call without the figure (lost) does not take it back
-    assert node.judge().level is Level.WARN
+    verdict = node.judge()
+    assert (verdict.level, verdict.values[name]) == (Level.WARN, sign * 0.21)
+    assert "check the calibration" in verdict.message
 
 
 def published(usage: CallUsage) -> DiagnosticStatus:
@@ -134,39 +113,32 @@ def published(usage: CallUsage) -> DiagnosticStatus:
     call = Call(5, usage, "lost", Level.ERROR, statistics, {"latency_x_s": 0.5}, "few_landmarks", STEP)
     reporter.call(call, {"dropped_stale": 4})
     node.destroy_node()
-    return deserialize_message(serialize_message(taken[0]), DiagnosticArray).status[0]
+    return sent(taken[0]).status[0]
 
 
 def test_a_call_comes_back_to_the_last_bit(ros: None) -> None:
     status = published(CallUsage(0.1 + 0.2, 123456789, 1000))
-    assert status.name == "rover/tried: call"
-    assert (level_of(status), status.message) == (Level.ERROR, "lost: few_landmarks")
+    assert (status.name, level_of(status), status.message) == ("rover/tried: call", Level.ERROR, "lost: few_landmarks")
     assert values_of(status)["dropped_stale"] == "4"
     found = task_record(status)
-    assert found is not None
-    assert found.task == "localisation"
     record = found.record
-    assert (record.stamp_ns, record.processing_time_s) == (5, 0.1 + 0.2)
+    assert (found.task, record.stamp_ns, record.processing_time_s) == ("localisation", 5, 0.1 + 0.2)
     assert (record.state, record.reason) == ("lost", "few_landmarks")
     assert (record.peak_rss_bytes, record.above_idle_bytes) == (123456789, 1000)
     np.testing.assert_array_equal(record.step, STEP)
     assert record.statistics == {"inliers": 1 / 3, "features": 12.0}
-    unmeasured = task_record(published(CallUsage(1.0)))
-    assert unmeasured is not None
-    assert unmeasured.record.peak_rss_bytes is None
+    assert task_record(published(CallUsage(1.0))).record.peak_rss_bytes is None
 
 
-def test_other_statuses_are_passed_over_and_broken_ones_named() -> None:
+def test_statuses_of_others_are_passed_over() -> None:
     assert task_record(status_msg("battery", Level.OK, "", {"volts": 12.5})) is None
     assert task_record(DiagnosticStatus()) is None
-    missing = status_msg("n: call", Level.OK, "", {"task": "mapping", "processing_time_s": 1.0})
-    with pytest.raises(InputError, match=r"status 'n: call' on /diagnostics cannot be read: .*stamp_ns"):
-        task_record(missing)
 
 
 @pytest.mark.parametrize(
     ("name", "text"),
     [
+        ("stamp_ns", None),
         ("stamp_ns", "9" * 30),
         ("stamp_ns", "9" * 5000),
         ("stamp_ns", "-1"),
@@ -177,11 +149,12 @@ def test_other_statuses_are_passed_over_and_broken_ones_named() -> None:
         ("peak_rss_bytes", "9" * 30),
     ],
 )
-def test_a_call_whose_figures_no_array_could_hold_is_refused(name: str, text: str) -> None:
+def test_a_call_whose_figures_no_array_could_hold_is_refused(name: str, text: str | None) -> None:
     values = {"task": "localisation", "stamp_ns": "5", "state": "tracking", "processing_time_s": "0.1"}
     values |= {"peak_rss_bytes": "7", "above_idle_bytes": "3"} | {name: text}
-    with pytest.raises(InputError, match="cannot be read"):
-        task_record(status_msg("n: call", Level.OK, "tracking", values))
+    given = {key: value for key, value in values.items() if value is not None}
+    with pytest.raises(InputError, match="status 'n: call' on /diagnostics cannot be read"):
+        task_record(status_msg("n: call", Level.OK, "tracking", given))
 
 
 def test_values_read_back_to_the_same_number() -> None:

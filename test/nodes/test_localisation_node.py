@@ -1,6 +1,5 @@
 """The localisation node over DDS: what it publishes, and what it survives."""
 
-# ruff: noqa: E402 - ROS may be absent
 import json
 import math
 import re
@@ -11,19 +10,15 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
-
-pytest.importorskip("rclpy")
-pytestmark = [pytest.mark.ros, pytest.mark.timeout(240)]
-
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from made_scene import LOC_RIG, PERIOD_NS, START_NS, forged, loc_pair, true_pose
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMsg
-from peers import Capture, LocalNode, Manager
-from processes import Peer, node_process
+from peers import Capture, LocalNode, Manager, localised
+from processes import Peer
 from rosgraph_msgs.msg import Clock
-from scenes import MOUNT, calls, problems, raw, send_infos, send_pair
+from scenes import MOUNT, calls, params, raw, send_infos, send_pair
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from std_msgs.msg import String
 
@@ -41,84 +36,87 @@ from sfr_loc_map.localisation.visualisation import draw_tracks
 from sfr_loc_map.nodes.diagnostics import Level, values_of
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
 from sfr_loc_map.nodes.messages.fields import header_msg, time_msg
-from sfr_loc_map.nodes.messages.pose import odometry_row, pose_msg
+from sfr_loc_map.nodes.messages.pose import covariance_of, odometry_row, pose_msg
 from sfr_loc_map.nodes.messages.tracks import tracks_from_msg
 from sfr_loc_map.nodes.monitor_node import MonitorNode
 from sfr_loc_map.nodes.motion_prior import OdometryBuffer
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
-ARGUMENTS = ("--ros-args", *MOUNT)
-SCORING = ["--ros-args", "-p", "publish_period_s:=0.1", "-p", "score.trajectory.conditions:=['frames=2']"]
-SCORING += ["-p", "score.trajectory.spacing:=1"]
+SCORING = params("publish_period_s:=0.1", "score.trajectory.conditions:=['frames=2']", "score.trajectory.spacing:=1")
 OTHER_FRAME = Transform.from_quat([7.0, -2.0, 1.0], [0.0, 0.0, 0.6, 0.8])
+ORIGIN = pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
 
 
-@pytest.mark.slow
+def start_pose(pose: Transform) -> PoseWithCovarianceStamped:
+    message = PoseWithCovarianceStamped()  # without a stamp it holds at the next pair
+    message.pose.pose = pose_msg(pose, pose.file_quat_xyzw)
+    return message
+
+
 def test_wheel_odometry_tells_where_to_look(ros: None, capfd: Capture) -> None:
     prior = OdometryBuffer()
     localiser = Localiser(LOC_RIG, LocalisationConfig(), Transform.identity())
-    arguments = (*ARGUMENTS, "-p", "motion_prior.wait_s:=0.5")
-    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *arguments) as node:
+    with (
+        Manager() as peer,
+        LocalNode(peer, capfd, LocalisationNode, *MOUNT, *params("motion_prior.wait_s:=0.5")) as node,
+    ):
         send_infos(peer, "loc", LOC_RIG)
         # the subscription takes best effort: what is sent before it knows the publisher does not come
         early = bag_messages.odometry(loc_pair(0).stamp_ns - 10**10, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
         early.child_frame_id = "rb"
         peer.publish(Odometry, "motion_prior", raw(early))
-        peer.spin(1.0)
-        expected, sent = [], []
-        for index, ahead in ((0, 0), (1, 0), (2, -1), (6, 1)):
+        peer.spin(0.5)
+        expected, sent = [], 0
+        # in a frame of its own; before, at and after the stamp of the pair
+        for before, index, ahead in ((0, 0, 0), (0, 1, 0), (1, 2, -1), (2, 6, 1)):
             pair = loc_pair(index)
-            # in a frame of its own; before, at and after the stamp of the pair
-            for moment in range(len(sent), index + 1 + ahead):
-                pose = OTHER_FRAME @ true_pose(moment)
-                message = bag_messages.odometry(loc_pair(moment).stamp_ns, pose.translation, pose.quat_xyzw)
+            for moment in range(sent, index + 1 + ahead):
+                pose, stamp_ns = OTHER_FRAME @ true_pose(moment), loc_pair(moment).stamp_ns
+                message = bag_messages.odometry(stamp_ns, pose.translation, pose.quat_xyzw)
                 message.child_frame_id = "rb"
-                sent.append(moment)
-                prior.add(loc_pair(moment).stamp_ns, Transform.from_quat(pose.translation, pose.quat_xyzw))
+                prior.add(stamp_ns, Transform.from_quat(pose.translation, pose.quat_xyzw))
                 peer.publish(Odometry, "motion_prior", raw(message), arrival=True)
-            before_ns = loc_pair({1: 0, 2: 1, 6: 2}.get(index, 0)).stamp_ns
-            motion = prior.between(before_ns, pair.stamp_ns, 0.0) if index else None
+                sent += 1
+            motion = prior.between(loc_pair(before).stamp_ns, pair.stamp_ns, 0.0) if index else None
             expected.append(tuple(localiser.process(pair, motion).T_ds_rb.translation))
             peer.play(index)
-        assert [odometry_row(message)[1] for message in peer.odometry] == expected
+        assert peer.positions() == expected
         used = ["statistic.motion_prior" in values_of(status) for status in calls(peer.diagnostics)]
         assert used == [False, True, False, True]
         peer.publish(Odometry, "motion_prior", Odometry(child_frame_id="camera"))
         node.wait_for("motion_prior is of 'camera', of 'rb' (parameter rb_frame) is needed; ignored")
 
 
-@pytest.mark.slow
 def test_two_rovers_in_two_namespaces_do_not_hear_each_other(ros: None, capfd: Capture) -> None:
-    arguments = ["--ros-args", "--params-file", str(CONFIG / "rep105.yaml"), *MOUNT, "-r"]
+    file = ["--params-file", str(CONFIG / "rep105.yaml"), *MOUNT]
+    rovers = {number: ["-r", f"__ns:=/rover{number}"] for number in (1, 2)}
+    names = {number: params(f"frame_prefix:=rover{number}/") for number in (1, 2)}
     with (
         Peer() as peer,
-        LocalNode(peer, capfd, LocalisationNode, *arguments, "__ns:=/rover1", "-p", "frame_prefix:=rover1/"),
-        LocalNode(peer, capfd, LocalisationNode, *arguments, "__ns:=/rover2", "-p", "frame_prefix:=rover2/"),
-        LocalNode(peer, capfd, MonitorNode, *SCORING, "-r", "__ns:=/rover1"),
-        LocalNode(peer, capfd, MonitorNode, *SCORING, "-r", "__ns:=/rover2"),
+        LocalNode(peer, capfd, LocalisationNode, *file, *rovers[1], *names[1]),
+        LocalNode(peer, capfd, LocalisationNode, *file, *rovers[2], *names[2]),
+        LocalNode(peer, capfd, MonitorNode, *SCORING, *rovers[1]),
+        LocalNode(peer, capfd, MonitorNode, *SCORING, *rovers[2]),
     ):
         reports = [peer.listen(String, f"/rover{number}/metrics/report", latched=True) for number in (1, 2)]
         odometry = [peer.listen(Odometry, f"/rover{number}/localisation/odometry") for number in (1, 2)]
         diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
-        plays = ((1, [0, 1, 2, 3]), (2, [10, 11, 12]))
-        expected = []
-        for number, indices in plays:
+        for number in (1, 2):
             send_infos(peer, "loc", LOC_RIG, f"/rover{number}/")
-            localiser = Localiser(LOC_RIG, LocalisationConfig(), Transform.identity())
-            expected.append([tuple(localiser.process(loc_pair(i)).T_ds_rb.translation) for i in indices])
         for number, index in ((1, 0), (2, 10), (1, 1), (2, 11), (1, 2), (2, 12), (1, 3)):
             pair, pose = loc_pair(index), true_pose(index)
             truth = bag_messages.odometry(pair.stamp_ns, pose.translation, pose.quat_xyzw)
             peer.publish(Odometry, f"/rover{number}/ground_truth/odometry", raw(truth))
             send_pair(peer, "loc", pair, f"/rover{number}/")
         peer.until(lambda: [len(found) for found in odometry] == [4, 3], "all odometry")
-        assert [[odometry_row(message)[1] for message in found] for found in odometry] == expected
+        positions = [[odometry_row(message)[1] for message in found] for found in odometry]
+        assert positions == [localised([0, 1, 2, 3]), localised([10, 11, 12])]
         for number, found in enumerate(odometry, 1):
             frames = {(m.header.frame_id, m.child_frame_id) for m in found}
             assert frames == {(f"rover{number}/odom", f"rover{number}/base_link")}
         peer.until(lambda: len(calls(diagnostics)) == 7, "all calls")
-        names = [status.name for status in calls(diagnostics)]
-        assert sorted(names) == ["rover1/localisation_node: call"] * 4 + ["rover2/localisation_node: call"] * 3
+        found = [status.name for status in calls(diagnostics)]
+        assert sorted(found) == ["rover1/localisation_node: call"] * 4 + ["rover2/localisation_node: call"] * 3
 
         def scored() -> list[tuple[int, int]]:
             found = [json.loads(report[-1].data) if report else {} for report in reports]
@@ -132,9 +130,9 @@ def test_two_rovers_in_two_namespaces_do_not_hear_each_other(ros: None, capfd: C
 
 @pytest.mark.slow
 def test_health_and_latency_say_what_is_wrong_and_when_it_is_over(ros: None, capfd: Capture) -> None:
-    arguments = (*ARGUMENTS, "-p", "health.stale_after_s:=1.0", "-p", "health.window_s:=1.0")
-    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *arguments):
-        peer.well(Level.STALE, "nothing came for more than 1 s")
+    arguments = params("health.stale_after_s:=0.6", "health.window_s:=0.6", "health.period_s:=0.1")
+    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT, *arguments):
+        peer.well(Level.STALE, "nothing came for more than 0.6 s")
         send_infos(peer, "loc", LOC_RIG)
         peer.play(0)  # of the year 2023: its stamp says nothing of latency
         assert "latency_stamp_to_publish_s" not in peer.last_values()
@@ -158,11 +156,11 @@ def test_health_and_latency_say_what_is_wrong_and_when_it_is_over(ros: None, cap
 
 
 def test_a_clock_that_goes_back_begins_a_new_run(ros: None, capfd: Capture) -> None:
-    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *ARGUMENTS, "-p", "use_sim_time:=true") as node:
+    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT, *params("use_sim_time:=true")) as node:
 
         def tick(stamp_ns: int) -> None:
             peer.publish(Clock, "/clock", Clock(clock=time_msg(stamp_ns)), arrival=True)
-            peer.spin(0.2)
+            peer.spin(0.1)
 
         begin = loc_pair(0).stamp_ns
         send_infos(peer, "loc", LOC_RIG)
@@ -172,7 +170,7 @@ def test_a_clock_that_goes_back_begins_a_new_run(ros: None, capfd: Capture) -> N
         assert peer.play(30) != pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
         tick(begin)
         node.wait_for("the clock has gone back: localisation restarts at its first pose")
-        assert peer.play(0) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
+        assert peer.play(0) == ORIGIN
         assert "stamps have gone back" not in node.text  # once is enough
         assert float(peer.last_values()["latency_stamp_to_publish_s"]) < 60.0  # by the simulated clock
 
@@ -189,8 +187,8 @@ def test_raw_images_are_rectified_and_tracks_mask_and_debug_image_show_what_was_
     mask[-24:] = 0
     path.write_bytes(encode_png(mask))
     localiser = Localiser(LOC_RIG, LocalisationConfig(left_mask=str(path)), Transform.identity())
-    arguments = (*ARGUMENTS, "-p", "input.rectify:=true", "-p", f"localisation.left_mask:={path}")
-    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *arguments):
+    arguments = params("input.rectify:=true", f"localisation.left_mask:={path}")
+    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT, *arguments):
         images = peer.listen(Image, "localisation/debug_image")
         tracks, masks = peer.listen(PointCloud2, "localisation/tracks"), peer.listen(Image, "localisation/left_mask")
         for side, side_info in zip(SIDES, infos, strict=True):
@@ -204,9 +202,10 @@ def test_raw_images_are_rectified_and_tracks_mask_and_debug_image_show_what_was_
             peer.until(lambda count=index, found=found: min(map(len, found)) > count, "all messages")
             pair = StereoPair(pair.stamp_ns, *rectifier.rectify(pair.left, pair.right))
             estimate = localiser.process(pair)
-            assert odometry_row(peer.odometry[-1])[1] == tuple(estimate.T_ds_rb.translation)
+            assert peer.positions()[-1] == tuple(estimate.T_ds_rb.translation)
             drawn, sent = draw_tracks(pair.left, localiser.last_result, estimate), images[-1]
             assert (sent.encoding, sent.step, stamp_of(sent)) == ("bgr8", 3 * sent.width, pair.stamp_ns)
+            assert sent.header.frame_id == infos[0].header.frame_id != ""
             assert np.array_equal(np.frombuffer(sent.data, np.uint8).reshape(drawn.shape), drawn)
             assert stamp_of(tracks[-1]) == stamp_of(masks[-1]) == pair.stamp_ns
             rows, result = tracks_from_msg(tracks[-1]), localiser.last_result
@@ -227,7 +226,7 @@ def test_namespace_remapping_and_a_parameter_file_reach_the_node_and_its_results
         "    localisation:\n      max_features: 300\n",
         encoding="utf-8",
     )
-    arguments = ["--ros-args", "--params-file", str(file), "-r", "__ns:=/rover1", *MOUNT]
+    arguments = ["--params-file", str(file), "-r", "__ns:=/rover1", *MOUNT]
     arguments += ["-r", "loc/left/image_rect:=/cam/l", "-r", "initialpose:=/start"]
     with Peer() as peer, LocalNode(peer, capfd, LocalisationNode, *arguments) as node:
         odometry = peer.listen(Odometry, "/rover1/localisation/odometry")
@@ -236,10 +235,8 @@ def test_namespace_remapping_and_a_parameter_file_reach_the_node_and_its_results
         for name in ("/start", "/cam/l", "/rover1/loc/right/camera_info", "/rover1/localisation/odometry"):
             assert name in line
         first = Transform.from_quat(true_pose(0).translation, true_pose(0).quat_xyzw)
-        start = PoseWithCovarianceStamped(header=header_msg(0, "world"))
-        start.pose.pose = pose_msg(first, first.file_quat_xyzw)
-        peer.publish(PoseWithCovarianceStamped, "/start", start)
-        peer.spin(0.2)
+        peer.publish(PoseWithCovarianceStamped, "/start", start_pose(first), arrival=True)
+        peer.spin(0.1)
         send_infos(peer, "loc", LOC_RIG, "/rover1/")
         localiser = Localiser(LOC_RIG, LocalisationConfig(max_features=300), first)
         for index in range(4):
@@ -248,12 +245,10 @@ def test_namespace_remapping_and_a_parameter_file_reach_the_node_and_its_results
             right = raw(bag_messages.image(pair.stamp_ns, pair.right, "loc", "right"))
             peer.publish(Image, "/rover1/loc/right/image_rect", right)
             peer.until(lambda index=index: len(odometry) > index and len(calls(diagnostics)) > index, "odometry")
-            expected = localiser.process(pair)
-            stamp, position, quat = odometry_row(odometry[index])
-            assert (stamp, position) == (pair.stamp_ns, tuple(expected.T_ds_rb.translation))
-            assert quat == tuple(expected.T_ds_rb.quat_xyzw)
-            covariance = np.array(odometry[index].pose.covariance).reshape(6, 6)
-            assert np.array_equal(covariance, expected.covariance)
+            expected, message = localiser.process(pair), odometry[index]
+            place, turn = tuple(expected.T_ds_rb.translation), tuple(expected.T_ds_rb.quat_xyzw)
+            assert odometry_row(message) == (pair.stamp_ns, place, turn)
+            assert np.array_equal(covariance_of(message), expected.covariance)
             status = calls(diagnostics)[index]
             values = values_of(status)
             assert (status.name, values["state"]) == ("rover1/localisation_node: call", expected.state.value)
@@ -261,19 +256,17 @@ def test_namespace_remapping_and_a_parameter_file_reach_the_node_and_its_results
             assert float(values["processing_time_s"]) > 0
             assert int(values["peak_rss_bytes"]) > 50e6
         assert (odometry[0].header.frame_id, odometry[0].child_frame_id) == ("world", "rover")
-        error = np.linalg.norm(np.array(odometry_row(odometry[3])[1]) - true_pose(3).translation)
-        assert error < 0.02
+        assert np.linalg.norm(np.array(place) - true_pose(3).translation) < 0.02
 
 
 def test_localisation_survives_what_the_network_may_send(ros: None, capfd: Capture) -> None:
-    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *ARGUMENTS) as node:
-        diagnostics = peer.diagnostics
+    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT) as node:
         bad = bag_messages.camera_info(START_NS, LOC_RIG, "loc", "left")
         bad.d[0] = 0.1
         peer.publish(CameraInfo, "loc/left/camera_info", raw(bad))
         right_info = raw(bag_messages.camera_info(START_NS, LOC_RIG, "loc", "right"))
         peer.publish(CameraInfo, "loc/right/camera_info", right_info)
-        peer.until(lambda: any("non-rectified" in text for text in problems(diagnostics)), "refusal of camera_info")
+        peer.refused("non-rectified")
         send_infos(peer, "loc", LOC_RIG)
         before = psutil.Process().memory_info().rss
         good = raw(bag_messages.image(START_NS, loc_pair(0).left, "loc", "left"))
@@ -292,11 +285,11 @@ def test_localisation_survives_what_the_network_may_send(ros: None, capfd: Captu
             header = header_msg(START_NS - PERIOD_NS * (len(images) - number), "")
             for side in SIDES:
                 peer.publish(kind, f"loc/{side}/image_rect{end}", kind(header=header, **fields))
-            peer.until(lambda words=words: any(words in text for text in problems(diagnostics)), words)
+            peer.refused(words)
         nowhere = PoseWithCovarianceStamped(header=header_msg(0, "ds"))
         nowhere.pose.pose.position.x = math.nan
         peer.publish(PoseWithCovarianceStamped, "initialpose", nowhere)
-        assert peer.play(0) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
+        assert peer.play(0) == ORIGIN
         assert len(peer.odometry) == 1
         assert psutil.Process().memory_info().rss - before < 100e6
         at = peer.play(1)
@@ -304,23 +297,20 @@ def test_localisation_survives_what_the_network_may_send(ros: None, capfd: Captu
         node.wait_for("camera_info has changed: localisation restarts at its last pose")
         assert peer.play(2) == pytest.approx(at, abs=1e-12)
         send_infos(peer, "loc", forged(LOC_RIG, width=65_536, height=65_536))
-        words = "camera_info of loc: image is 65536 x 65536: whole numbers"
-        peer.until(lambda: any(words in text for text in problems(diagnostics)), words)
+        peer.refused("camera_info of loc: image is 65536 x 65536: whole numbers")
         peer.play(3)  # the rig known stays
 
 
 def test_localisation_restarts_by_service_by_pose_and_when_stamps_go_back(ros: None, capfd: Capture) -> None:
-    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *ARGUMENTS) as node:
+    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT) as node:
         answers = peer.listen(PoseWithCovarianceStamped, "localisation/initialpose_set")
         send_infos(peer, "loc", LOC_RIG)
-        assert peer.play(0) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
+        assert peer.play(0) == ORIGIN
         peer.play(1)
-        message = PoseWithCovarianceStamped()
-        message.pose.pose = pose_msg(true_pose(1), true_pose(1).quat_xyzw)
+        message = start_pose(true_pose(1))
         peer.publish(PoseWithCovarianceStamped, "initialpose", message)
         (answer,) = peer.until(lambda: answers, "what was set")
         assert answer.pose.pose == message.pose.pose
-        # without a stamp it holds at the next pair
         assert peer.play(2) == pytest.approx(true_pose(1).translation, abs=1e-9)
         assert peer.play(3) == pytest.approx(true_pose(2).translation, abs=0.005)
         paths = peer.listen(PathMsg, "localisation/path", latched=True)
@@ -330,7 +320,7 @@ def test_localisation_restarts_by_service_by_pose_and_when_stamps_go_back(ros: N
         assert peer.play(0, -10 * PERIOD_NS - 10**9) == pytest.approx(true_pose(1).translation, abs=1e-9)
         assert "stamps have gone back" in node.text
         assert peer.call("localisation_node/reset").success
-        assert peer.play(5) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
+        assert peer.play(5) == ORIGIN
 
 
 def test_localisation_without_extrinsics_says_what_is_missing(ros: None, capfd: Capture) -> None:
@@ -338,12 +328,12 @@ def test_localisation_without_extrinsics_says_what_is_missing(ros: None, capfd: 
         node.wait_for("the extrinsics of the stereo rig (parameters T_rb_locsb) are not given")
         send_infos(peer, "loc", LOC_RIG)
         send_pair(peer, "loc", loc_pair(0))
-        peer.until(lambda: any("T_rb_locsb.translation_m" in text for text in problems(peer.diagnostics)), "the error")
+        peer.refused("T_rb_locsb.translation_m")
         assert not peer.odometry
 
 
 def test_offsets_of_the_right_camera_are_figures_and_warned_of(ros: None, capfd: Capture) -> None:
-    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *ARGUMENTS):
+    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT):
         send_infos(peer, "loc", LOC_RIG)
         for count, index in enumerate(range(0, 30, 2), 1):
             pair = loc_pair(index)  # the right camera looks up a little: all it sees lies a row lower
@@ -357,26 +347,18 @@ def test_offsets_of_the_right_camera_are_figures_and_warned_of(ros: None, capfd:
         assert float(values_of(status)["vertical_offset_px"]) > 0.3
 
 
-INVALID = [
-    ("T_rb_locsb.quat_xyzw:=[0.0, 0.0, 0.0, 2.0]", "a unit quaternion is needed"),
-    ("T_rb_locsb.translation_m:=[1.0, 0.0, 0.0]", "give both"),
-    ("ds_frame:=''", "'' is no name of a frame"),
-    ("frame_prefix:=/rover1/", "'/rover1/ds' is no name of a frame"),
-    ("rb_frame:=ds", "must have different names"),
-    ("localisation.max_feature:=3", "unknown key 'localisation.max_feature'"),
-    ("input.image_transport:=theora", "must be one of raw, compressed, auto"),
-]
-
-
-@pytest.mark.parametrize(("argument", "words"), INVALID)
+@pytest.mark.parametrize(
+    ("argument", "words"),
+    [
+        ("T_rb_locsb.quat_xyzw:=[0.0, 0.0, 0.0, 2.0]", "a unit quaternion is needed"),
+        ("T_rb_locsb.translation_m:=[1.0, 0.0, 0.0]", "give both"),
+        ("ds_frame:=''", "'' is no name of a frame"),
+        ("frame_prefix:=/rover1/", "'/rover1/ds' is no name of a frame"),
+        ("rb_frame:=ds", "must have different names"),
+        ("localisation.max_feature:=3", "unknown key 'localisation.max_feature'"),
+        ("input.image_transport:=theora", "must be one of raw, compressed, auto"),
+    ],
+)
 def test_parameters_that_are_not_valid_are_named(ros: None, argument: str, words: str) -> None:
     with pytest.raises(ConfigError, match=re.escape(words)):
-        LocalisationNode(cli_args=["--ros-args", "-p", argument])
-
-
-def test_parameters_that_are_not_valid_are_one_line_and_exit_2(tmp_path: Path) -> None:
-    argument, words = INVALID[0]
-    with node_process(tmp_path, "localisation_node", "--ros-args", "-p", argument) as node:
-        assert node.popen.wait(60) == 2
-        assert words in node.text
-        assert len(node.text.strip().splitlines()) == 1
+        LocalisationNode(cli_args=["--ros-args", *params(argument)])

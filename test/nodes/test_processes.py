@@ -1,6 +1,5 @@
 """Nodes and a user's command as processes: started, named when they end, and nothing of them left."""
 
-# ruff: noqa: E402 - ROS may be absent
 import re
 import signal
 import time
@@ -9,9 +8,6 @@ from pathlib import Path
 import psutil
 import pytest
 from processes import wait_until
-
-pytest.importorskip("rclpy")
-pytestmark = pytest.mark.ros
 
 from sfr_loc_map.errors import ConfigError, NodeError
 from sfr_loc_map.nodes import processes

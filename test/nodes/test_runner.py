@@ -9,9 +9,6 @@ import psutil
 import pytest
 from processes import Process, handles_signals, wait_until
 
-pytest.importorskip("rclpy")
-pytestmark = pytest.mark.ros
-
 NODE = """
 import sys, time
 from rclpy.node import Node

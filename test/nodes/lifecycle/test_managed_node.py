@@ -1,39 +1,29 @@
 """The states of a managed node, its live parameters, its queue and its quality of service."""
 
-# ruff: noqa: E402 - ROS may be absent
 import json
 import math
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-pytestmark = [pytest.mark.ros, pytest.mark.timeout(240)]
-
 import rclpy
 from lifecycle_msgs.msg import Transition
 from made_scene import LOC_RIG, loc_pair, true_pose
-from peers import Capture, LocalNode, Manager
+from peers import Capture, LocalNode, Manager, localised
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
-from scenes import MOUNT, RELIABLE, calls, raw, send_infos, send_pair
+from scenes import MOUNT, RELIABLE, calls, params, raw, send_infos, send_pair
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io import bag_messages
-from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.nodes.diagnostics import Level, values_of
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
-from sfr_loc_map.nodes.mapping_node import MappingNode
-from sfr_loc_map.nodes.messages.pose import odometry_row
+from sfr_loc_map.nodes.messages.pose import covariance_of
 from sfr_loc_map.nodes.monitor_node import MonitorNode
 from sfr_loc_map.nodes.stereo_input import ReceivedPair
 
@@ -43,37 +33,44 @@ CONFIGURE, CLEANUP, ACTIVATE, DEACTIVATE = (
     Transition.TRANSITION_ACTIVATE,
     Transition.TRANSITION_DEACTIVATE,
 )
-ARGUMENTS = ("--ros-args", *MOUNT)
 CALLS_AT_ONCE = 40
 """What comes at 57 Hz within a call of 0.7 s."""
 
 
-@pytest.mark.slow
 def test_a_node_goes_through_its_states_and_receives_only_when_active(ros: None, capfd: Capture) -> None:
-    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *ARGUMENTS, "-p", "autostart:=false") as node:
+    waits = params("autostart:=false")
+    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT, *waits) as node:
+
+        def ends(count: int) -> None:
+            """Wait for so many publishers of results and subscriptions to images."""
+            names = "localisation/odometry", "loc/left/image_rect"
+            peer.until(
+                lambda: peer.node.count_publishers(names[0]) + peer.node.count_subscribers(names[1]) == count,
+                f"{count} ends",
+            )
+
         assert peer.state() == "unconfigured"
         assert peer.change(ACTIVATE) == (False, "unconfigured")  # there is no such step from here
-        assert peer.node.count_publishers("localisation/odometry") == 0
+        ends(0)
         assert values_of(peer.well(Level.OK, "unconfigured"))["lifecycle"] == "unconfigured"
         assert peer.change(CONFIGURE) == (True, "inactive")
-        peer.until(lambda: peer.node.count_publishers("localisation/odometry") == 1, "the publisher")
-        assert peer.node.count_subscribers("loc/left/image_rect") == 0
+        ends(1)
         assert peer.change(ACTIVATE) == (True, "active")
+        ends(2)
         assert peer.change(CONFIGURE) == (False, "active")
         send_infos(peer, "loc", LOC_RIG)
-        first = peer.play(0), peer.play(1)
+        peer.play(0)
+        peer.play(1)
         assert peer.change(DEACTIVATE) == (True, "inactive")
-        peer.until(lambda: peer.node.count_subscribers("loc/left/image_rect") == 0, "no listener")
+        ends(1)
         assert not peer.call("localisation_node/reset").success
         assert peer.change(ACTIVATE) == (True, "active")
         send_infos(peer, "loc", LOC_RIG)
         peer.play(2)  # goes on where it was: no start at the origin
-        localiser = Localiser(LOC_RIG, LocalisationConfig(), Transform.identity())
-        expected = [tuple(localiser.process(loc_pair(index)).T_ds_rb.translation) for index in range(3)]
-        assert [*first, odometry_row(peer.odometry[-1])[1]] == expected
+        assert peer.positions() == localised([0, 1, 2])
         assert peer.change(DEACTIVATE) == (True, "inactive")
         assert peer.change(CLEANUP) == (True, "unconfigured")
-        peer.until(lambda: peer.node.count_publishers("localisation/odometry") == 0, "no publisher")
+        ends(0)
         assert peer.change(CONFIGURE) == (True, "inactive")
         assert peer.change(ACTIVATE) == (True, "active")
         send_infos(peer, "loc", LOC_RIG)
@@ -85,16 +82,13 @@ def test_a_node_goes_through_its_states_and_receives_only_when_active(ros: None,
 def test_a_transition_that_fails_is_named_and_can_be_tried_again(ros: None, capfd: Capture, tmp_path: Path) -> None:
     limits, precious = tmp_path / "limits.yaml", tmp_path / "thesis"
     (precious / "chapter").mkdir(parents=True)
-    arguments = ["--ros-args", "-p", "autostart:=false", "-p", f"limits_file:={limits}"]
-    arguments += ["-p", f"save_file:={precious}", "-p", "save_period_s:=1.0"]
+    arguments = params("autostart:=false", f"limits_file:={limits}", f"save_file:={precious}", "save_period_s:=1.0")
     with Manager("monitor_node") as peer, LocalNode(peer, capfd, MonitorNode, *arguments) as node:
         assert peer.change(CONFIGURE) == (False, "unconfigured")
-        assert "configure failed: cannot read" in node.text
         peer.well(Level.ERROR, "configure failed: cannot read")
         limits.write_text("timing:\n  localisation_p95_s: 1.0\n", encoding="utf-8")
         assert peer.change(CONFIGURE) == (False, "unconfigured")
         assert "a folder that is not empty is there" in node.text
-        assert (precious / "chapter").is_dir()
         (precious / "chapter").rmdir()
         precious.rmdir()
         assert peer.change(CONFIGURE) == (True, "inactive")
@@ -102,56 +96,44 @@ def test_a_transition_that_fails_is_named_and_can_be_tried_again(ros: None, capf
 
 
 def test_parameters_change_live_as_a_whole_or_not_at_all(ros: None, capfd: Capture) -> None:
-    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *ARGUMENTS):
+    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT):
         configurations = peer.listen(String, "localisation/configuration", latched=True)
         send_infos(peer, "loc", LOC_RIG)
         peer.play(0)
         at = peer.play(1)
-        ok, reason = peer.set(localisation__max_features=300, localisation__min_tracked=7)
-        assert (ok, "min_tracked" in reason) == (False, True)
-        ok, reason = peer.set(localisation__motion__max_turn_rad_s=math.inf)
-        assert (ok, "range" in reason) == (False, True)
-        ok, reason = peer.set(queue_size=7)
-        assert (ok, "read-only" in reason) == (False, True)
-        assert peer.set(localisation__max_features=300, localisation__min_tracked=20) == (True, "")
+        assert "min_tracked" in peer.set(localisation__max_features=300, localisation__min_tracked=7)
+        assert "range" in peer.set(localisation__motion__max_turn_rad_s=math.inf)
+        assert "read-only" in peer.set(queue_size=7)
+        assert peer.set(localisation__max_features=300, localisation__min_tracked=20) == ""
 
         def adopted() -> bool:
             values = json.loads(configurations[-1].data)
             return (values["localisation.max_features"], values["localisation.min_tracked"]) == (300, 20)
 
         peer.until(adopted, "the configuration")
-        before = np.array(peer.odometry[-1].pose.covariance).reshape(6, 6)
+        before = covariance_of(peer.odometry[-1])
         assert peer.play(2) == pytest.approx(at, abs=1e-12)  # restarts at its last pose
         step = np.linalg.norm(true_pose(1).translation - true_pose(0).translation)
-        after = np.array(peer.odometry[-1].pose.covariance).reshape(6, 6)
+        after = covariance_of(peer.odometry[-1])
         # which it knows no better than before, and the rover has gone on by a step meanwhile
         assert np.linalg.eigvalsh(after - before - 0.8 * np.diag([step**2] * 3 + [0] * 3)).min() > -1e-12
-        localiser = Localiser(LOC_RIG, LocalisationConfig(max_features=300, min_tracked=20), Transform.identity())
-        features = [localiser.process(loc_pair(index)).statistics.features for index in (2, 3)]
-        peer.play(3)
-        found = [float(values_of(status)["statistic.features"]) for status in calls(peer.diagnostics)[-2:]]
-        assert found == features
+        moved = np.array(peer.play(3)) - at
+        first, second = localised([2, 3], max_features=300, min_tracked=20)
+        # in the frame of before, which is turned by a step
+        assert np.linalg.norm(moved) == pytest.approx(np.linalg.norm(np.subtract(second, first)), abs=1e-9)
 
 
-def test_parameters_are_open_until_the_node_is_configured(ros: None, tmp_path: Path) -> None:
-    cv2 = pytest.importorskip("cv2")
-    mask = tmp_path / "mask.png"
-    cv2.imwrite(str(mask), loc_pair(0).left)
-    node = LocalisationNode(cli_args=[*ARGUMENTS, "-p", "autostart:=false"])
+def test_parameters_are_open_until_the_node_is_configured(ros: None) -> None:
+    node = LocalisationNode(cli_args=["--ros-args", *MOUNT, *params("autostart:=false")])
 
-    def change(name: str, value: Any) -> str:
+    def change(name: str, value: object) -> str:
         return str(node.set_parameters([Parameter(name, value=value)])[0].reason)
 
     for name, value in (("queue_size", 3), ("output_reliability", "best_effort"), ("rb_frame", "base_link")):
         assert change(name, value) == ""
-    assert change("health.period_s", 0.5) == ""
-    assert "must lie in 1 .. 1000" in change("queue_size", 0) or "out of range" in change("queue_size", 0)
+    assert change("queue_size", 0) != ""
     assert "read-only" in change("autostart", True)
     assert "mask '/nowhere.png': No such file" in change("localisation.left_mask", "/nowhere.png")
-    assert change("localisation.right_mask", str(mask)) == ""
-    mask.unlink()  # a file that is gone is named when the node is configured
-    assert node.trigger_configure().name == "FAILURE"
-    assert change("localisation.right_mask", "") == ""
     node.trigger_configure()
     assert node.config.queue()[1] == 3
     (odometry,) = node.get_publishers_info_by_topic("/localisation/odometry")
@@ -164,8 +146,8 @@ def test_parameters_are_open_until_the_node_is_configured(ros: None, tmp_path: P
 
 
 def test_what_comes_too_fast_is_dropped_by_the_rule_and_counted(ros: None, capfd: Capture) -> None:
-    arguments = (*ARGUMENTS, "-p", "overload:=newest_first", "-p", "input.queue_depth:=100")
-    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *arguments):
+    arguments = params("overload:=newest_first", "input.queue_depth:=100")
+    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT, *arguments):
         send_infos(peer, "loc", LOC_RIG)
         peer.play(0)
         for index in range(1, 21):  # nobody receives meanwhile
@@ -182,32 +164,32 @@ def test_what_comes_too_fast_is_dropped_by_the_rule_and_counted(ros: None, capfd
 
 
 class Slow(LocalisationNode):
-    """Works for half a second on each pair; has a fault at its third."""
+    """Works for a while on each pair; has a fault at its third."""
 
     begun = 0
 
     def _process(self, received: ReceivedPair) -> None:
         self.begun += 1
-        time.sleep(0.5)
+        time.sleep(0.3)
         assert self.begun != 3, "a third"
         super()._process(received)
 
 
-@pytest.mark.slow
 def test_the_node_answers_while_a_pair_is_worked_on_and_survives_a_fault(ros: None, capfd: Capture) -> None:
-    with Manager() as peer, LocalNode(peer, capfd, Slow, *ARGUMENTS) as node:
+    with Manager() as peer, LocalNode(peer, capfd, Slow, *MOUNT) as node:
         send_infos(peer, "loc", LOC_RIG)
-        peer.state()  # the service is known now
+        peer.state()  # the services are known now
+        peer.set()
         for index in (0, 1):
             send_pair(peer, "loc", loc_pair(index))
         peer.until(lambda: node.node.begun, "work")
         assert peer.state() == "active"
-        assert peer.set(localisation__max_features=300) == (True, "")
+        assert peer.set(localisation__max_features=300) == ""
         assert (node.node.begun, len(peer.odometry)) == (1, 0)
         # what is under way is finished and published, what waits is not begun
         assert peer.change(DEACTIVATE) == (True, "inactive")
         peer.until(lambda: peer.odometry, "the result of the pair under way")
-        peer.spin(0.3)
+        peer.spin(0.2)
         assert (node.node.begun, len(peer.odometry)) == (1, 1)
         assert peer.change(ACTIVATE) == (True, "active")
         send_infos(peer, "loc", LOC_RIG)
@@ -220,9 +202,8 @@ def test_the_node_answers_while_a_pair_is_worked_on_and_survives_a_fault(ros: No
 
 
 def test_a_node_at_its_defaults_serves_best_effort_cameras_and_says_what_is_lost(ros: None, capfd: Capture) -> None:
-    arguments = ["--ros-args", *MOUNT[len(RELIABLE) :], "-p", "health.period_s:=0.1"]
+    arguments = [*MOUNT[len(RELIABLE) :], *params("health.period_s:=0.1")]
     with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *arguments) as node:
-        overlays = peer.listen(Image, "localisation/debug_image")
         camera = {
             f"loc/{side}/{name}": peer.node.create_publisher(kind, f"loc/{side}/{name}", qos_profile_sensor_data)
             for side in SIDES
@@ -235,13 +216,9 @@ def test_a_node_at_its_defaults_serves_best_effort_cameras_and_says_what_is_lost
                 camera[f"loc/{side}/camera_info"].publish(raw(info))
                 image = bag_messages.image(pair.stamp_ns, pixels, "loc", side)
                 camera[f"loc/{side}/image_rect"].publish(raw(image))
-        peer.until(lambda: len(peer.odometry) == 2 and overlays, "odometry of best-effort images")
-        frame = bag_messages.camera_info(0, LOC_RIG, "loc", "left").header.frame_id
-        assert overlays[0].header.frame_id == frame != ""
+        peer.until(lambda: len(peer.odometry) == 2, "odometry of best-effort images")
         assert "offers less" not in node.text
-        status = peer.until(lambda: [s for s in peer.health() if s.message == "tracking"], "health")[-1]
-        assert status.hardware_id
-        assert 0.0 < float(values_of(status)["received_messages_hz"]) < 100.0
+        assert 0.0 < float(values_of(peer.well(Level.OK, "tracking"))["received_messages_hz"]) < 100.0
 
         (images,) = (item for item in node.node.subscriptions if item.topic_name == "/loc/left/image_rect")
         for number in range(1, 50, 2):  # a driver with too little shared memory
@@ -260,8 +237,8 @@ def test_a_node_at_its_defaults_serves_best_effort_cameras_and_says_what_is_lost
 
 
 def test_quality_of_service_that_does_not_fit_is_named(ros: None, capfd: Capture) -> None:
-    arguments = (*ARGUMENTS, "-p", "output_reliability:=best_effort")
-    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *arguments):
+    arguments = params("output_reliability:=best_effort", "health.period_s:=0.1")
+    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT, *arguments):
         peer.well(Level.WARN, "a subscriber of /localisation/odometry requests more RELIABILITY than this node offers")
         best_effort = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
         peer.node.create_publisher(Image, "loc/left/image_rect", best_effort)
@@ -269,29 +246,34 @@ def test_quality_of_service_that_does_not_fit_is_named(ros: None, capfd: Capture
 
 
 def test_every_subscription_may_be_set_on_its_own(ros: None, capfd: Capture) -> None:
-    name = "qos_overrides./{}.subscription.{}"
-    given = {
-        name.format("localisation/odometry", "reliability"): "best_effort",
-        name.format("nav/pose", "reliability"): "reliable",
-        name.format("mapping/points", "durability"): "transient_local",
-        name.format("mapping/pionts", "reliability"): "best_effort",
-    }
-    node = MonitorNode(parameter_overrides=[Parameter(name, value=value) for name, value in given.items()])
+    def monitor(**values: str) -> MonitorNode:
+        names = {"odometry": "localisation/odometry", "pose": "nav/pose", "points": "mapping/points", "wrong": "mapp"}
+        overrides = []
+        for name, value in values.items():
+            topic, policy = name.split("_")
+            key = f"qos_overrides./{names[topic]}.subscription.{policy}"
+            overrides.append(Parameter(key, value=value))
+        return MonitorNode(parameter_overrides=overrides)
+
+    node = monitor(
+        odometry_reliability="best_effort",
+        pose_reliability="reliable",
+        points_durability="transient_local",
+        wrong_reliability="best_effort",
+    )
     node.start()
     wanted = {
         "localisation/odometry": ("BEST_EFFORT", "VOLATILE"),
         "ground_truth/odometry": ("BEST_EFFORT", "VOLATILE"),
-        "nav/left/camera_info": ("BEST_EFFORT", "VOLATILE"),
         "nav/pose": ("RELIABLE", "VOLATILE"),
         "mapping/points": ("RELIABLE", "TRANSIENT_LOCAL"),
     }
     for topic, policies in wanted.items():
         (info,) = node.get_subscriptions_info_by_topic(f"/{topic}")
         assert (info.qos_profile.reliability.name, info.qos_profile.durability.name) == policies, topic
-    assert "mapping/pionts.subscription.reliability is of no subscription" in capfd.readouterr().err
+    assert "mapp.subscription.reliability is of no subscription" in capfd.readouterr().err
     node.destroy_node()
-    wrong = [Parameter(name.format("nav/pose", "reliability"), value="besteffort")]
-    node = MappingNode(parameter_overrides=wrong)
+    node = monitor(pose_reliability="besteffort")
     with pytest.raises(ConfigError, match="must be one of reliable, best_effort"):
         node.start()
     node.destroy_node()
@@ -299,4 +281,4 @@ def test_every_subscription_may_be_set_on_its_own(ros: None, capfd: Capture) -> 
 
 def test_a_clock_that_ros_would_ignore_is_refused(ros: None) -> None:
     with pytest.raises(ConfigError, match="'use_sim_time' to '1' of type 'INTEGER', expecting type 'BOOL'"):
-        MonitorNode(cli_args=["--ros-args", "-p", "use_sim_time:=1"], use_global_arguments=False)
+        MonitorNode(cli_args=["--ros-args", *params("use_sim_time:=1")], use_global_arguments=False)

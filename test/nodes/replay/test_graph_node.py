@@ -1,15 +1,10 @@
 """What a replay meets and gives in the graph: nodes of other programs, the extrinsics as a frame."""
 
-# ruff: noqa: E402 - ROS may be absent
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-pytestmark = pytest.mark.ros
-
 import rclpy
 from made_scene import T_RB_LOCSB
 from std_msgs.msg import String
@@ -27,16 +22,22 @@ def refuse() -> bool:
 
 
 def test_a_node_of_another_program_is_the_reason_and_not_what_it_publishes() -> None:
-    supervisor: Any = SimpleNamespace(processes={"localisation_node": None}, check=lambda: None)
+    supervisor = SimpleNamespace(processes={"localisation_node": None}, check=lambda: None)
     with ReplayNode(supervisor) as replay:
-        elsewhere = rclpy.create_node("localisation_node", namespace="rover1")
-        ours = rclpy.create_node("localisation_node")
+        nodes = [rclpy.create_node("localisation_node", namespace=name) for name in ("rover1", "")]
         replay.wait_for(lambda: True, 1.0, lambda: "nothing")
-        theirs = rclpy.create_node("localisation_node")
+        nodes.append(rclpy.create_node("localisation_node"))
         with pytest.raises(NodeError, match=r"another localisation_node is in ROS domain .*unset ROS_DOMAIN_ID"):
             replay.wait_for(refuse, 1.0, lambda: "nothing")
-        for node in (elsewhere, ours, theirs):
+        for node in nodes:
             node.destroy_node()
+
+
+def page_node(name: str, *topics: str) -> Any:
+    node = rclpy.create_node(name)
+    for topic in topics:
+        node.create_subscription(String, topic, lambda _: None, 10)
+    return node
 
 
 class SlowPage:
@@ -49,27 +50,20 @@ class SlowPage:
     def node_name(self) -> str:
         self.asked += 1
         if self.asked == 5:
-            self.node = rclpy.create_node("sfr_live_7")
-            for topic in self.topics:
-                self.node.create_subscription(String, topic, lambda _: None, 10)
+            self.node = page_node("sfr_live_7", *self.topics)
         return "sfr_live_7"
 
 
 def test_a_replay_waits_for_its_page_and_for_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    supervisor: Any = SimpleNamespace(processes={}, check=lambda: None)
-    with ReplayNode(supervisor) as replay:
-        other = rclpy.create_node("sfr_live_8")
-        for topic in PAGE_TOPICS:
-            other.create_subscription(String, topic, lambda _: None, 10)
-        page: Any = SlowPage(*PAGE_TOPICS)
+    with ReplayNode(SimpleNamespace(processes={}, check=lambda: None)) as replay:
+        other = page_node("sfr_live_8", *PAGE_TOPICS)
+        page, deaf = SlowPage(*PAGE_TOPICS), SlowPage(PAGE_TOPICS[0])
         assert replay.wait_for_page(page)
         assert page.asked >= 5
         page.node.destroy_node()
-        monkeypatch.setattr(graph_node, "PAGE_TIMEOUT_S", 0.5)
-        deaf: Any = SlowPage(PAGE_TOPICS[0])
+        monkeypatch.setattr(graph_node, "PAGE_TIMEOUT_S", 0.4)
         assert not replay.wait_for_page(deaf)
-        ended: Any = SimpleNamespace(node_name="")
-        assert replay.wait_for_page(ended)
+        assert replay.wait_for_page(SimpleNamespace(node_name=""))  # it has ended
         for node in (other, deaf.node):
             node.destroy_node()
 
@@ -85,8 +79,4 @@ def test_the_extrinsics_are_published_as_those_who_listen_read_them(monkeypatch:
     extrinsics.publish_extrinsics(SimpleNamespace(create_publisher=create), T_RB_LOCSB)
     assert made == [("/tf_static", "TRANSIENT_LOCAL")]
     extrinsics.add_static_transforms(sent[0], tree)
-    found = tree.find("rb", "locsb")
-    assert found is not None
-    assert np.allclose(found.matrix, T_RB_LOCSB.matrix, atol=1e-15)
-    monkeypatch.setattr(extrinsics, "tf_message_type", lambda: None)
-    assert extrinsics.publish_extrinsics(SimpleNamespace(), T_RB_LOCSB) is None
+    assert np.allclose(tree.find("rb", "locsb").matrix, T_RB_LOCSB.matrix, atol=1e-15)
