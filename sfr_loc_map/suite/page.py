@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.score_json import to_plain
+from sfr_loc_map.metrics.score_json import json_line, to_plain
 from sfr_loc_map.report.page import render_overview, render_page
-from sfr_loc_map.report.plots import Plot, axis, error_scale, largest, marks, scaled
+from sfr_loc_map.report.plots import COLORS, Column, Plot, axis, error_scale, largest, marks, scaled
 from sfr_loc_map.suite.comparison import History
 from sfr_loc_map.suite.summary import ScoredJob, Summary
 from sfr_loc_map.suite.tables import PAGES, history_tables, linked, suite_tables
 
 RUNS = "runs, by their number in the table"
-COLORS = ("@one", "@two", "@three", "@four", "@five")
 
 
 def write_summary(summary: Summary, folder: Path) -> None:
@@ -26,16 +24,13 @@ def write_summary(summary: Summary, folder: Path) -> None:
     Raises:
         OutputError: If a file cannot be written.
     """
-    with atomic_path(folder / "suite.json") as temporary:
-        temporary.write_text(json.dumps(summary.to_dict(), allow_nan=False) + "\n", encoding="utf-8")
-    with atomic_path(folder / "report.html") as temporary:
-        temporary.write_text(render_summary(summary), encoding="utf-8")
+    (folder / PAGES).mkdir(exist_ok=True)
+    texts = {"suite.json": json_line(summary.to_dict()), "report.html": render_summary(summary)}
+    texts |= {f"{PAGES}/{drive.job.key}.html": render_page(drive.score, figures=False) for drive in linked(summary)}
+    for name, text in texts.items():
+        with atomic_path(folder / name) as temporary:
+            temporary.write_text(text, encoding="utf-8")
     _write_parquet(summary, folder / "results.parquet")
-    pages = folder / PAGES
-    pages.mkdir(exist_ok=True)
-    for drive in linked(summary):
-        with atomic_path(pages / f"{drive.job.key}.html") as temporary:
-            temporary.write_text(render_page(drive.score, figures=False), encoding="utf-8")
 
 
 def _write_parquet(summary: Summary, path: Path) -> None:
@@ -73,23 +68,22 @@ def render_summary(summary: Summary) -> str:
     text = f"{counts['done']} of {counts['tasks']} tasks done, {counts['failed']} failed, {counts['waiting']} waiting."
     # no text of a user is in the figures: runs stand as their number in the table `groups`
     numbers = {(group.task, group.configuration, group.faults): n for n, group in enumerate(summary.groups, 1)}
-    driven = [(numbers[drive.runs], drive) for drive in summary.drives]
+    driven = sorted(((numbers[drive.runs], drive) for drive in summary.drives), key=lambda item: item[0])
     sections = [("Errors", [*_error_plots(summary, driven), *_fault_plots(driven)]), ("Cost", _cost_plots(summary))]
     shown = [(title, plots) for title, plots in sections if plots]
     return render_overview("Suite of runs", summary.verdict, text, suite_tables(summary, commands=True), shown)
 
 
 def _error_plots(summary: Summary, driven: Sequence[tuple[int, ScoredJob]]) -> list[Plot]:
-    points = sorted(((n, drive.figure) for n, drive in driven if drive.figure), key=lambda point: point[0])
-    if not points:
+    each = [(number, drive.figure) for number, drive in driven if drive.figure]
+    if not each:
         return []
-    groups = [(number, group) for number, group in enumerate(summary.groups, 1) if group.conditions]
-    factor, unit = error_scale(largest([value for _, value in points]))
-    each = scaled([value for _, value in points], factor)
-    pooled = scaled([group.conditions[0].position_m.mean_plus_3sigma for _, group in groups], factor)
+    groups = [(number, group.conditions[0]) for number, group in enumerate(summary.groups, 1) if group.conditions]
+    pooled = [(number, condition.position_m.mean_plus_3sigma) for number, condition in groups]
+    factor, unit = error_scale(largest([value for _, value in each]))
     traces = [
-        marks("one drive", ([n for n, _ in points], each), "@one", size=6),
-        marks("all drives pooled", ([n for n, _ in groups], pooled), "@two", symbol="line-ew-open", size=22),
+        marks("one drive", _columns(each, factor), "@one", size=6),
+        marks("all drives pooled", _columns(pooled, factor), "@two", symbol="line-ew-open", size=22),
     ]
     layout = {"xaxis": axis(RUNS, dtick=1), "yaxis": axis(f"position, mean + 3 sigma, {unit}", type="log")}
     caption = "Each drive, and the sub-trajectories of all drives pooled; first condition."
@@ -105,26 +99,26 @@ def _fault_plots(driven: Sequence[tuple[int, ScoredJob]]) -> list[Plot]:
     clean = {identity(drive): drive.figure for _, drive in driven if not drive.job.faults}
     points = [
         (number, drive.figure / reference)
-        for number, drive in sorted(driven, key=lambda item: item[0])
+        for number, drive in driven
         if drive.job.faults and drive.figure and (reference := clean.get(identity(drive)))
     ]
     if not points:
         return []
-    trace = marks("one drive", ([n for n, _ in points], [_short(v) for _, v in points]), "@three", size=6)
+    trace = marks("one drive", _columns(points), "@three", size=6)
     layout = {"xaxis": axis(RUNS, dtick=1), "yaxis": axis("error over that without faults", type="log")}
     caption = "Mean + 3 sigma of the position with the fault, over that of the same drive without it."
     return [Plot("suite-faults", "Faults against error", caption, [trace], layout, width="full")]
 
 
 def _cost_plots(summary: Summary) -> list[Plot]:
-    by_kind: dict[str, tuple[list[float], list[float]]] = {}
+    by_kind: dict[str, list[tuple[float, float]]] = {}
     for drive in summary.drives:
         trajectory, score = drive.score.trajectory, drive.score.map
         if drive.seconds is not None:
-            pairs, seconds = by_kind.setdefault(drive.job.kind.value, ([], []))
-            pairs.append(float(trajectory.estimate_poses if trajectory else score.pairs if score else 0))
-            seconds.append(float(f"{drive.seconds:.4g}"))
-    traces = [marks(kind, rows, color, size=6) for (kind, rows), color in zip(by_kind.items(), COLORS, strict=False)]
+            pairs = float(trajectory.estimate_poses if trajectory else score.pairs if score else 0)
+            by_kind.setdefault(drive.job.kind.value, []).append((pairs, drive.seconds))
+    kinds = zip(by_kind.items(), COLORS, strict=False)
+    traces = [marks(kind, _columns(rows, digits=4), color, size=6) for (kind, rows), color in kinds]
     layout = {"xaxis": axis("pairs"), "yaxis": axis("seconds", rangemode="tozero")}
     caption = "Time of a whole task: reading, work, score."
     return [Plot("suite-cost", "Time of tasks", caption, traces, layout, width="full")] if traces else []
@@ -142,17 +136,19 @@ def render_history(history: History) -> str:
 
 def _history_plot(number: int, figure: str, history: History) -> Plot:
     points = [point for point in history.points if point.figure == figure]
-    order = {name: float(position) for position, name in enumerate(history.runs)}
-    rows = ([order[point.run] for point in points], [_short(point.ratio) for point in points])
-    trace = marks("over baseline", rows, "@one")
+    rows = [(float(history.runs.index(point.run)), point.ratio) for point in points]
+    bounds = [point.ci95 or (point.ratio, point.ratio) for point in points]
     low, high = (
-        [_short(abs((point.ratio if point.ci95 is None else point.ci95[side]) - point.ratio)) for point in points]
+        scaled([abs(bound[side] - point.ratio) for bound, point in zip(bounds, points, strict=True)], 1.0)
         for side in (0, 1)
     )
+    trace = marks("over baseline", _columns(rows), "@one")
     trace["error_y"] = {"type": "data", "symmetric": False, "array": high, "arrayminus": low}
     layout = {"xaxis": axis("run, in the order of the table", dtick=1), "yaxis": axis("over baseline")}
     return Plot(f"history-{number}", figure, "Geometric mean over the drives, 95 % interval.", [trace], layout)
 
 
-def _short(value: float) -> float:
-    return float(f"{value:.6g}")
+def _columns(rows: Sequence[tuple[float, float | None]], factor: float = 1.0, digits: int = 6) -> list[Column]:
+    """Return x and y of points."""
+    y = [None if value is None else float(f"{value * factor:.{digits}g}") for _, value in rows]
+    return [[x for x, _ in rows], y]

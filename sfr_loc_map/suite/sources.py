@@ -21,15 +21,8 @@ if TYPE_CHECKING:
 
 FETCHED = "fetched"
 """Folder of the copies of remote sources in the cache, a folder each."""
-VERSION_FACTS = (
-    *("ETag", "etag", "Content-MD5", "Digest", "LastModified", "Last-Modified", "last_modified", "mtime", "created"),
-)
-"""What file systems name the version of a file by."""
-
-
-def is_remote(place: str) -> bool:
-    """Tell whether a source is named by a URL."""
-    return "://" in place
+VERSION_FACTS = {"etag", "content-md5", "digest", "lastmodified", "last-modified", "last_modified", "mtime", "created"}
+"""What file systems name the version of a file by, in small letters."""
 
 
 def local_path(source: JobSource, cache: Path) -> Path:
@@ -81,7 +74,6 @@ def expand(url: str) -> list[str]:
 
     Raises:
         InputError: If the server does not answer.
-        MissingExtraError: If what reads such URLs is not installed.
     """
     if not any(sign in url.partition("://")[2] for sign in "*?["):
         return [url]
@@ -94,7 +86,6 @@ def remote_version(url: str) -> str:
 
     Raises:
         InputError: If there is nothing, the server does not answer, or it tells no size or no version.
-        MissingExtraError: If what reads such URLs is not installed.
     """
     with _opened(url) as (system, path):
         system.invalidate_cache()
@@ -107,7 +98,7 @@ def remote_version(url: str) -> str:
             raise FileNotFoundError(url)
     listed = []
     for name, facts in sorted(files.items()):
-        told = {key: str(facts[key]) for key in VERSION_FACTS if facts.get(key)}
+        told = {key: str(value) for key, value in facts.items() if value and key.lower() in VERSION_FACTS}
         if facts.get("size") is None or not told:
             raise InputError(
                 f"'{url}': the server tells no size or no version (ETag, Last-Modified); download it and give its path"

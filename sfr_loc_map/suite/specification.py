@@ -6,7 +6,7 @@ import difflib
 import glob
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from sfr_loc_map.metrics.limits import parse_limits
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.faults import parse_fault
 from sfr_loc_map.suite.job import JobKind, JobSource, SourceKind, digest
-from sfr_loc_map.suite.sources import expand, is_remote
+from sfr_loc_map.suite.sources import expand
 
 SECTIONS: Mapping[str, tuple[type[LocalisationConfig | MappingConfig], Task]] = {
     "localisation": (LocalisationConfig, Task.LOCALISATION),
@@ -82,24 +82,19 @@ def load_specification(path: Path) -> SuiteSpecification:
             hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(known)}"
             raise ConfigError(f"{path}: unknown key '{key}' ({hint})")
     lists = {name: content.get(name) or [] for name in LISTS}
-    for name, value in lists.items():
-        if not isinstance(value, list):
-            raise ConfigError(f"{path}: '{name}' is a {type(value).__name__}: a list is needed")
+    if odd := next((name for name, value in lists.items() if not isinstance(value, list)), None):
+        raise ConfigError(f"{path}: '{odd}' is a {type(lists[odd]).__name__}: a list is needed")
     if not lists["sources"]:
         raise ConfigError(f"{path}: no 'sources': give paths, globs or simulations")
     try:
         tasks = tuple(JobKind(str(name)) for name in lists["tasks"]) or None
     except ValueError as error:
         raise ConfigError(f"{path}: 'tasks' may hold {', '.join(JobKind)}: {error}") from error
-    for fault in lists["perturb"]:
-        for part in str(fault).split("+"):
-            parse_fault(part)
-    folder = path.absolute().parent
-    sources = [
-        source
-        for number, entry in enumerate(lists["sources"], 1)
-        for source in _sources(entry, folder, f"{path}: source {number}")
-    ]
+    for part in "+".join(map(str, lists["perturb"])).split("+") if lists["perturb"] else ():
+        parse_fault(part)
+    sources: list[JobSource] = []
+    for number, entry in enumerate(lists["sources"], 1):
+        sources += _sources(entry, path.absolute().parent, f"{path}: source {number}")
     far = [source.path for source in sources if source.kind is SourceKind.REMOTE]
     if far and tasks is None:
         raise ConfigError(f"{path}: '{far[0]}' is not read before it is run: give 'tasks', as [localise]")
@@ -121,25 +116,24 @@ def load_specification(path: Path) -> SuiteSpecification:
 
 
 def _sources(entry: object, folder: Path, origin: str) -> Iterator[JobSource]:
-    """Yield the sources of an entry."""
-    if isinstance(entry, str) and is_remote(entry):
+    if isinstance(entry, str) and "://" in entry:
         urls = expand(entry)
         if not urls:
             raise ConfigError(f"source '{entry}': nothing there matches; give an existing URL or glob")
-        yield from (JobSource(name=_name(url), kind=SourceKind.REMOTE, path=url, sha256="") for url in urls)
+        yield from (_source(SourceKind.REMOTE, url) for url in urls)
     elif isinstance(entry, str) and entry:
         found = sorted(glob.glob(str(folder / entry), recursive=True))
         if not found:
             raise ConfigError(f"source '{entry}': nothing in '{folder}' matches; give an existing path or glob")
-        yield from (JobSource(name=_name(path), kind=SourceKind.FILE, path=path, sha256="") for path in found)
+        yield from (_source(SourceKind.FILE, path) for path in found)
     elif isinstance(entry, Mapping) and set(entry) == {"estimate", "truth"}:
         path, truth = (str(folder / str(entry[name])) for name in ("estimate", "truth"))
-        yield JobSource(name=_name(path), kind=SourceKind.ESTIMATE, path=path, truth=truth, sha256="")
+        yield _source(SourceKind.ESTIMATE, path, truth=truth)
     elif isinstance(entry, Mapping) and set(entry) == {"url", "sha256"}:
         url, sha256 = str(entry["url"]), str(entry["sha256"]).lower()
-        if not is_remote(url) or not re.fullmatch("[0-9a-f]{64}", sha256):
+        if "://" not in url or not re.fullmatch("[0-9a-f]{64}", sha256):
             raise ConfigError(f"{origin}: 'url' takes a URL as https://..., 'sha256' 64 hexadecimal digits")
-        yield JobSource(name=_name(url), kind=SourceKind.REMOTE, path=url, sha256=sha256)
+        yield _source(SourceKind.REMOTE, url, sha256=sha256)
     elif isinstance(entry, Mapping) and "simulate" in entry:
         yield from _simulations(entry, folder, origin)
     else:
@@ -149,8 +143,9 @@ def _sources(entry: object, folder: Path, origin: str) -> Iterator[JobSource]:
         )
 
 
-def _name(path: str) -> str:
-    return path.rstrip("/").rpartition("/")[2]
+def _source(kind: SourceKind, path: str, *, truth: str = "", sha256: str = "") -> JobSource:
+    """Return a source named by the end of its path."""
+    return JobSource(name=path.rstrip("/").rpartition("/")[2], kind=kind, path=path, truth=truth, sha256=sha256)
 
 
 def _simulations(entry: Mapping[str, Any], folder: Path, origin: str) -> Iterator[JobSource]:
@@ -161,16 +156,9 @@ def _simulations(entry: Mapping[str, Any], folder: Path, origin: str) -> Iterato
     scenario = folder / str(entry["simulate"])
     config = flatten(build(SimulationConfig, load_yaml(scenario) | {"seed": 0}, origin=str(scenario)))
     for seed in seeds:
-        settings = flatten(
-            build(SimulationConfig, config | dict(changes) | {"seed": seed}, origin=f"{scenario}: 'set'")
-        )
-        yield JobSource(
-            name=f"{scenario.stem}-{seed}",
-            kind=SourceKind.SIMULATED,
-            path=str(scenario),
-            settings=settings,
-            sha256=digest(settings),
-        )
+        made = build(SimulationConfig, config | dict(changes) | {"seed": seed}, origin=f"{scenario}: 'set'")
+        source = _source(SourceKind.SIMULATED, str(scenario), sha256=digest(flatten(made)))
+        yield replace(source, name=f"{scenario.stem}-{seed}", settings=flatten(made))
 
 
 def _configurations(value: object, path: Path) -> dict[str, dict[str, object]]:
@@ -223,11 +211,7 @@ def _method(values: Mapping[str, object], task: Task, folder: Path) -> dict[str,
 
 
 def chosen_method(section: Mapping[str, object], task: Task) -> Method | None:
-    """Return the method of a part of a configuration, None where it is ours.
-
-    Raises:
-        MethodError: If there is no such method any more.
-    """
+    """Return the method of a part of a configuration, None where it is ours; raise MethodError if it is gone."""
     if METHOD_KEYS[0] not in section:
         return None
     return find_method(str(section["method"]), task, str(section.get("method_config", "")))

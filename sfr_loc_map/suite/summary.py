@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from functools import lru_cache
 
 import numpy as np
@@ -79,13 +78,6 @@ class PooledCondition:
     heading_deg: IntervalStatistic  #: Heading error; the mean is taken without its sign.
 
 
-class Over(StrEnum):
-    """What a verdict over a group is about."""
-
-    POOLED = "pooled"
-    WORST = "worst drive"
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GroupVerdict:
     """The verdict on one limit over all drives of a group."""
@@ -96,8 +88,7 @@ class GroupVerdict:
     value: float | None  #: The figure, None where it is undefined.
     ci95: Interval | None  #: Its 95 % interval over drives, None where it has none.
     count: int  #: Sub-trajectories, or drives that have the figure.
-    #: Whether the values of all drives are pooled, or the worst drive decides (figures that cannot be pooled).
-    over: Over
+    over: str  #: `pooled` values of all drives, or the `worst drive` (figures that cannot be pooled).
     state: VerdictState  #: The verdict.
     missed_by: int  #: Drives that miss the limit on their own.
 
@@ -165,15 +156,7 @@ class Summary:
 
 
 def summarise(store: Store, refusals: Sequence[Refusal] = ()) -> Summary:
-    """Return what follows from the results of a suite's folder.
-
-    Args:
-        store: The folder.
-        refusals: Sources that could not be read.
-
-    Raises:
-        InputError: If a result cannot be read.
-    """
+    """Return what follows from the results of a suite's folder; raise InputError if one cannot be read."""
     entries = store.entries()
     limits = next((parse_limits(job.limits, "limits") for job, _, _ in entries if job.limits), None)
     drives = []
@@ -182,13 +165,12 @@ def summarise(store: Store, refusals: Sequence[Refusal] = ()) -> Summary:
             score = from_json(store.result_text(job.key), f"'{store.results / job.key}.json'")
             judged = () if limits is None else tuple(item for item in verdicts(limits, score) if _applies(item, score))
             drives.append(ScoredJob(job, seconds, replace(score, verdicts=judged)))
-    failures = [store.failure(job.key) for job, state, _ in entries if state == "failed"]
     return Summary(
         tasks=len(entries),
         waiting=sum(state == "waiting" for _, state, _ in entries),
         groups=tuple(groups_of(drives, limits)),
         drives=tuple(drives),
-        failures=tuple(failures),
+        failures=tuple(store.failure(job.key) for job, state, _ in entries if state == "failed"),
         refusals=tuple(refusals),
         code=entries[0][0].code if entries else "",
     )
@@ -231,21 +213,17 @@ def _verdicts(
 ) -> Iterator[GroupVerdict]:
     for limit in limits.limits:
         values = [value for score in scores if (value := figure_of(limit, score).value) is not None]
-        judged = {
-            LimitPart.TRAJECTORY: any(score.trajectory is not None for score in scores),
-            LimitPart.MAP: any(score.map is not None for score in scores),
-        }
-        if not judged.get(limit.part, bool(values)):
+        part = {LimitPart.TRAJECTORY: "trajectory", LimitPart.MAP: "map"}.get(limit.part)
+        if not (any(getattr(score, part) is not None for score in scores) if part else values):
             continue  # maps are not judged by the limits of drives
-        over, interval, count = Over.WORST, None, len(values)
-        lower = limit.key == COVERAGE_MIN
-        value = None if not values else min(values) if lower else max(values, key=abs)
+        over, value, interval, count = "worst drive", max(values, key=abs, default=None), None, len(values)
         if limit.condition is not None:
-            over, value, interval, count = Over.POOLED, *_of_pooled(limit, pooled.get(limit.condition))
-        if value is None or (over is Over.POOLED and count < limits.minimum_count):
-            state = VerdictState.NOT_ENOUGH_DATA
-        else:
-            state = VerdictState.PASS if _meets(value, limit) else VerdictState.FAIL
+            over, (value, interval, count) = "pooled", _of_pooled(limit, pooled.get(limit.condition))
+        elif limit.key == COVERAGE_MIN:
+            value = min(values, default=None)
+        enough = value is not None and (limit.condition is None or count >= limits.minimum_count)
+        met = value is not None and _meets(value, limit)
+        state = VerdictState.NOT_ENOUGH_DATA if not enough else VerdictState.PASS if met else VerdictState.FAIL
         yield GroupVerdict(
             metric=f"target {limit.key}" if limit.part is LimitPart.TARGET else limit.key,
             condition=limit.condition,
@@ -277,12 +255,11 @@ def _of_pooled(limit: Limit, part: PooledCondition | None) -> tuple[float | None
 def pool(scores: Sequence[ConditionScore]) -> PooledCondition:
     """Return the pooled errors of the scores of one condition, one score a drive."""
     used = [item for item in scores if item.count > 1]
-    parts = [item.components for item in used]
     return PooledCondition(
         condition=scores[0].condition,
         drives=len(used),
         count=sum(item.count for item in used),
-        position_m=pooled_statistic([(n.count, (c.x_m, c.y_m, c.z_m)) for n, c in zip(used, parts, strict=True)]),
+        position_m=pooled_statistic([(n.count, (n.components.x_m, n.components.y_m, n.components.z_m)) for n in used]),
         attitude_deg=pooled_statistic([(item.count, (item.attitude_deg,)) for item in used]),
         heading_deg=pooled_statistic([(item.count, (item.heading_deg,)) for item in used]),
     )
@@ -291,8 +268,7 @@ def pool(scores: Sequence[ConditionScore]) -> PooledCondition:
 def pooled_statistic(drives: Sequence[tuple[int, Sequence[Statistic]]]) -> IntervalStatistic:
     """Return mean, sigma and mean + 3 sigma of all values, with the interval of the last.
 
-    Args:
-        drives: Count and statistics of the components of each; one with fewer than two values is left out.
+    Of each drive there are its count and the statistics of its components; one with fewer than two values is left out.
     """
     used = [(n, parts) for n, parts in drives if n > 1]
     if not used:
@@ -317,11 +293,8 @@ def _pooled(
 ) -> tuple[FloatArray, FloatArray]:
     """Return norm of the mean and norm of the sigma `(R,)` of all values, each drive counted as often as its weight.
 
-    Args:
-        count: `(D,)`.
-        means: `(D, d)`.
-        squares: `(D, d)` sum of squared deviations from the drive's mean.
-        weights: `(R, D)`.
+    Of each drive there are its count `(D,)`, means `(D, d)`, sums of squared deviations from them `(D, d)`, and weights
+    `(R, D)`.
     """
     total = weights @ count
     mean = (weights @ (count[:, None] * means)) / total[:, None]

@@ -157,9 +157,7 @@ def _cell(row: Mapping[str, Any], kind: Kind, keys: str) -> Cell:
 def suite_tables(summary: Summary, *, commands: bool = False) -> list[Table]:
     """Return the tables of a suite: counts, verdicts, pooled errors, drives from the worst on, failures.
 
-    Args:
-        summary: What is shown.
-        commands: Whether each failure has the command that repeats it, which is too long for a terminal's table.
+    With `commands` each failure has the command that repeats it, which is too long for a terminal's table.
     """
     counts: Columns = tuple((name, NONE, f"counts.{name}") for name in summary.counts)
     refused = {"counts": summary.counts, "refusals": len(summary.refusals)}
@@ -186,30 +184,20 @@ def suite_tables(summary: Summary, *, commands: bool = False) -> list[Table]:
     pages = {drive.job.key for drive in linked(summary)}
     maps = [_row(drive, pages) for drive in summary.drives if drive.score.map is not None]
     maps.sort(key=lambda row: -((row["map"].get("point_error_m") or {}).get("mean_plus_3sigma") or 0.0))
+    drives = [_row(drive, pages) for drive in worst_first(summary)]
     of_verdicts = "Pooled: the sub-trajectories of all drives are one sample. Worst drive: the figure cannot be pooled."
     of_pooled = "95 % interval of mean + 3 sigma by resampling whole drives; it needs five of them."
-    of_drives = (
-        "Errors over the sub-trajectories of the first condition. A drive links to its page, a result to the file."
-    )
+    of_drives = "Errors over the sub-trajectories of the first condition. "
+    of_drives += "A drive links to its page, a result to the file."
+    of_failures = FAILURES if commands else tuple(column for column in FAILURES if column[0] != "again")
     tables = (
         _table("counts", "Tasks", (*counts, ("sources refused", NONE, "refusals")), [refused]),
         _table("verdicts", "Verdicts over all drives", VERDICTS, verdicts, of_verdicts),
         _table("groups", "Runs", GROUPS, groups, "Drives of one number were run alike."),
         _table("pooled", "Errors over the sub-trajectories of all drives", POOLED, pooled, of_pooled),
         _table("maps", "Maps, the worst first", MAPS, maps),
-        _table(
-            "drives",
-            "Drives, the worst first",
-            DRIVES,
-            [_row(drive, pages) for drive in worst_first(summary)],
-            of_drives,
-        ),
-        _table(
-            "failures",
-            "Failures",
-            FAILURES if commands else tuple(column for column in FAILURES if column[0] != "again"),
-            [row | {"folder": "failures"} for row in failures],
-        ),
+        _table("drives", "Drives, the worst first", DRIVES, drives, of_drives),
+        _table("failures", "Failures", of_failures, [row | {"folder": "failures"} for row in failures]),
     )
     return [table for table in tables if table.rows]
 
