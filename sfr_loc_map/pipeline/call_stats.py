@@ -7,6 +7,7 @@ import io
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.text_table import parse_stamp_ns
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.association import UPPER, Estimates
-from sfr_loc_map.metrics.calls import Calls, CallUsage, stage_of
+from sfr_loc_map.metrics.calls import Calls, stage_of
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.consistency import STEP_SIZE
 from sfr_loc_map.metrics.score import FindingKind, FindingRecord, MethodKind, MethodRecord
@@ -38,67 +39,31 @@ MAX_NUMBER = 1e18
 
 @dataclass(frozen=True, slots=True)
 class CallRecord:
-    """One call of a processing API.
+    """One call of localiser or mapper."""
 
-    Attributes:
-        stamp_ns: Stamp of the pair.
-        processing_time_s: Wall-clock time of the call on this host.
-        state: State after the call: initialising, tracking, degraded, lost; mapped, fused.
-        peak_rss_bytes: Peak resident memory of the process during the call, None where it cannot be measured.
-        above_idle_bytes: The same above the idle process.
-        statistics: Figures of the call by name.
-        covariance: `(6, 6)` of the pose (ROS order), None for mapping.
-        reason: Why it is degraded or lost, in one word; empty otherwise.
-        step: `(27,)` upper triangle of the covariance of the motion since the pose before, in RB there, then one
-            standard deviation of the error that all such motions have alike; None where not known.
-        finding: What the method did wrong in this call, `KIND: text`; empty for nothing.
-    """
-
-    stamp_ns: int
-    processing_time_s: float
-    state: str
-    peak_rss_bytes: int | None
-    above_idle_bytes: int | None
-    statistics: Mapping[str, float] = field(default_factory=dict)
-    covariance: FloatArray | None = None
-    reason: str = ""
+    stamp_ns: int  # of the pair
+    processing_time_s: float  # wall-clock time on this host
+    state: str  # after the call: initialising, tracking, degraded, lost; mapped, fused
+    peak_rss_bytes: int | None  # resident memory of the process during the call; None where it cannot be measured
+    above_idle_bytes: int | None  # the same above the idle process
+    statistics: Mapping[str, float] = field(default_factory=dict)  # figures of the call by name
+    covariance: FloatArray | None = None  # `(6, 6)` of the pose (ROS order), None for mapping
+    reason: str = ""  # why it is degraded or lost, in one word
     step: FloatArray | None = None
-    finding: str = ""
-
-    @classmethod
-    def of(
-        cls,
-        stamp_ns: int,
-        usage: CallUsage,
-        state: str,
-        statistics: Mapping[str, float],
-        covariance: FloatArray | None = None,
-        reason: str = "",
-        step: FloatArray | None = None,
-        finding: str = "",
-    ) -> CallRecord:
-        """Return a call with what it took."""
-        costs = (usage.processing_time_s, str(state), usage.peak_rss_bytes, usage.above_idle_bytes)
-        return cls(stamp_ns, *costs, statistics, covariance, reason, step, finding)
+    """`(27,)` upper triangle of the covariance of the motion since the pose before, in RB there, then one standard
+    deviation of the error that all such motions have alike; None where not known."""
+    finding: str = ""  # what the method did wrong in this call, `KIND: text`
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CallStats:
-    """Calls as columns: what the file holds.
-
-    Attributes:
-        calls: Times, states and memory.
-        covariance: `(N, 21)` upper triangles, NaN where not known; None if none is.
-        steps: `(N, 27)` steps between the poses, NaN where not known; None if none is.
-        method: The method that was called; None if nobody says so.
-        findings: What the method did wrong, one for each kind.
-    """
+    """Calls as columns: what the file holds."""
 
     calls: Calls
-    covariance: FloatArray | None
-    steps: FloatArray | None
-    method: MethodRecord | None = None
-    findings: tuple[FindingRecord, ...] = ()
+    covariance: FloatArray | None  # `(N, 21)` upper triangles, NaN where not known; None if none is
+    steps: FloatArray | None  # `(N, 27)` steps between the poses, likewise
+    method: MethodRecord | None = None  # None if nobody says which was called
+    findings: tuple[FindingRecord, ...] = ()  # what the method did wrong, one for each kind
 
     @property
     def localised(self) -> dict[int, int]:
@@ -125,28 +90,25 @@ def stats_of(records: Sequence[CallRecord], method: MethodRecord | None = None) 
     def numbers(values: Iterable[float | None]) -> FloatArray:
         return np.array([np.nan if value is None else value for value in values], np.float64)
 
-    def rows(values: list[FloatArray | None], width: int) -> FloatArray | None:
-        if all(record.covariance is None and record.step is None for record in records):
-            return None
+    def rows(values: list[FloatArray | None], width: int) -> FloatArray:
         return np.array([np.full(width, np.nan) if value is None else value for value in values])
 
     names = sorted({name for record in records for name in record.statistics})
+    stages = {stage: numbers(r.statistics.get(name) for r in records) for name in names if (stage := stage_of(name))}
     calls = Calls(
         np.array([record.stamp_ns for record in records], np.int64),
         numbers(record.processing_time_s for record in records),
         [record.state for record in records],
         numbers(record.peak_rss_bytes for record in records),
         numbers(record.above_idle_bytes for record in records),
-        {stage: numbers(r.statistics.get(name) for r in records) for name in names if (stage := stage_of(name))},
+        stages,
     )
     covariances = [None if record.covariance is None else record.covariance[UPPER] for record in records]
-    return CallStats(
-        calls,
-        rows(covariances, len(COVARIANCE_NAMES)),
-        rows([record.step for record in records], STEP_SIZE),
-        method,
-        findings_of([record.finding for record in records], calls.stamps_ns.tolist()),
-    )
+    steps = [record.step for record in records]
+    findings = findings_of([record.finding for record in records], calls.stamps_ns.tolist())
+    if all(item is None for item in (*covariances, *steps)):
+        return CallStats(calls, None, None, method, findings)
+    return CallStats(calls, rows(covariances, len(COVARIANCE_NAMES)), rows(steps, STEP_SIZE), method, findings)
 
 
 def save_stats(path: Path, records: Sequence[CallRecord], method: MethodRecord | None = None) -> None:
@@ -172,12 +134,7 @@ def save_stats(path: Path, records: Sequence[CallRecord], method: MethodRecord |
 
 
 def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
-    """Read the file; columns are found by name, all but one are optional, others are ignored.
-
-    Args:
-        path: The file.
-        needed: Column that must be there. Without `stamp_ns` the calls are numbered.
-    """
+    """Read the file; all columns but the needed one are optional. Without `stamp_ns` the calls are numbered."""
     try:
         text = read_table(path).decode("utf-8-sig")
         rows = list(csv.DictReader(io.StringIO(text, newline="")))
@@ -199,8 +156,8 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
             raise InputError(
                 f"statistics '{path}' line {number}: state is '{state}', must be one of {', '.join(STATES)} or empty"
             )
-    costs = (_column(path, rows, name) for name in ("processing_time_s", "peak_rss_bytes", "above_idle_bytes"))
-    seconds, peak, above_idle = costs
+    costs = ("processing_time_s", "peak_rss_bytes", "above_idle_bytes")
+    seconds, peak, above_idle = (_column(path, rows, name) for name in costs)
     stages = {stage: _column(path, rows, name) for name in rows[0] if (stage := stage_of(name or ""))}
     covariance, steps = (
         np.column_stack([_column(path, rows, name) for name in names]) if rows[0].keys() >= set(names) else None
@@ -239,12 +196,7 @@ def _column(path: Path, rows: list[dict[str, str]], name: str) -> FloatArray:
 
 
 def findings_of(texts: Sequence[str], stamps_ns: Sequence[int]) -> tuple[FindingRecord, ...]:
-    """Return what a method did wrong, one for each kind in the order of their first calls.
-
-    Args:
-        texts: Of each call `KIND: text`, empty for nothing; other texts are no findings.
-        stamps_ns: Stamps of the calls.
-    """
+    """Return what a method did wrong by the `KIND: text` of each call, one for each kind; other texts are none."""
     counted: dict[FindingKind, FindingRecord] = {}
     for text, stamp_ns in zip(texts, stamps_ns, strict=True):
         word, _, rest = text.partition(": ")
@@ -255,8 +207,7 @@ def findings_of(texts: Sequence[str], stamps_ns: Sequence[int]) -> tuple[Finding
     return tuple(counted.values())
 
 
-@dataclass(frozen=True, slots=True)
-class TaskRecord:
+class TaskRecord(NamedTuple):
     """A call of a node, the task it belongs to (`localisation`, `mapping`), and how the memory was measured."""
 
     task: str

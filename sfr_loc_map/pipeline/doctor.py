@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.arrays import FloatArray, GreyImage, IntArray
+from sfr_loc_map.geometry.arrays import GreyImage, IntArray
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.inputs import NS_PER_S, SIDES
 from sfr_loc_map.io.bag import COMPRESSED, IMAGE
@@ -27,27 +27,18 @@ from sfr_loc_map.pipeline.doctor_observation import (
 )
 from sfr_loc_map.pipeline.reception import MUCH_LOST, loss_fix
 
-FEW_LOST = 0.01
-"""Share of images lost in transport above which there is a warning."""
+FEW_LOST = 0.01  # share of images lost in transport above which there is a warning
 CLOCKS_APART_NS = 60 * NS_PER_S
 """Stamps further from the time of the host are of another clock; the nodes omit their latencies, too."""
-PAIRED = 0.5
-"""Share of stamps with a partner below which no useful result is possible."""
-COMPLETE = 0.9
-"""Share of stamps with a partner below which there is a warning."""
-EDGE = 0.1
-"""Share of the observed time at either end in which a partner may lie outside."""
+PAIRED = 0.5  # share of stamps with a partner below which no useful result is possible
+COMPLETE = 0.9  # and below which there is a warning
+EDGE = 0.1  # share of the observed time at either end in which a partner may lie outside
 CORNERS = 80
-PATCH_PX = 6
-"""Half the side of a patch that is searched for."""
-MIN_NCC = 0.85
-"""Normalised cross-correlation of a patch that is matched."""
-MIN_MATCHES = 10
-"""Matches on the wrong side that a decision needs."""
-SWAPPED_RATIO = 4.0
-"""Swapped: more than so many matches on the wrong side for each on the right one."""
-QUEUES_BYTES = 1_000_000
-"""What a process has in /dev/shm beside its segment."""
+PATCH_PX = 6  # half the side of a patch that is searched for
+MIN_NCC = 0.85  # normalised cross-correlation of a patch that is matched
+MIN_MATCHES = 10  # matches on the wrong side that a decision needs
+SWAPPED_RATIO = 4.0  # swapped: more than so many matches on the wrong side for each on the right one
+QUEUES_BYTES = 1_000_000  # what a process has in /dev/shm beside its segment
 
 
 class Cause(StrEnum):
@@ -92,8 +83,8 @@ class Finding:
 
     def as_dict(self) -> dict[str, str | bool]:
         """Return it for JSON, under the public keys."""
-        about = {"cause": self.cause.value, "stops": self.is_blocking, "where": self.where}
-        return about | {"text": self.text, "cure": self.fix}
+        public = {"cause": self.cause.value, "stops": self.is_blocking, "where": self.where}
+        return public | {"text": self.text, "cure": self.fix}
 
 
 Findings = Iterator[Finding]
@@ -101,23 +92,23 @@ Findings = Iterator[Finding]
 
 def examine(seen: Observation) -> list[Finding]:
     """Return the findings of all checks, blocking ones first."""
-    found = [*check_source(seen)]
+    found = [*_source(seen)]
     if not seen.broken or seen.topics:
-        found += check_names(seen)
+        found += _names(seen)
         for task in seen.tasks:
-            found += check_camera_topics(seen, task)
+            found += _camera_topics(seen, task)
             if seen.has_images(task):
-                found += [finding for check in IMAGE_CHECKS for finding in check(seen, task)]
-        found += [finding for check in CHECKS for finding in check(seen)]
-    found += check_shared_memory(seen)
+                found += [*_transport(seen, task), *_pairs(seen, task), *_stereo(seen, task)]
+        for check in (_extrinsics, _order, _poses, _truth, _nodes, _host_clock):
+            found += check(seen)
+    found += _shared_memory(seen)
     return sorted(found, key=lambda finding: not finding.is_blocking)
 
 
 # ---- the source and its topics
 
 
-def check_source(seen: Observation) -> Findings:
-    """Yield whether a bag or source is broken, was not closed or lacks files."""
+def _source(seen: Observation) -> Findings:
     if seen.broken:
         fix = "correct or copy the file again" if seen.files else "record or copy it again; what is whole can be read"
         yield Finding(Cause.BROKEN, seen.subject, seen.broken, fix)
@@ -131,8 +122,7 @@ def check_source(seen: Observation) -> Findings:
         yield Finding(Cause.UNFINISHED, seen.subject, text, fix, False)
 
 
-def check_names(seen: Observation) -> Findings:
-    """Yield names that several topics could have, and whether no topic has an expected name."""
+def _names(seen: Observation) -> Findings:
     for name, found in seen.ambiguous.items():
         fix = "choose a rover by --namespace, or one topic by --remap FOUND:=EXPECTED"
         yield Finding(Cause.AMBIGUOUS, name, f"several topics could be it: {', '.join(found)}", fix)
@@ -144,8 +134,7 @@ def check_names(seen: Observation) -> Findings:
         yield Finding(Cause.NO_TOPIC, seen.subject, text, fix)
 
 
-def check_topic(seen: Observation, name: str, topic: ObservedTopic | None) -> Findings:
-    """Yield issues of a topic that a task needs, by the suite's name; None where it is absent."""
+def _topic(seen: Observation, name: str, topic: ObservedTopic | None) -> Findings:
     if name in seen.ambiguous:
         return
     if topic is None or not topic.offers:
@@ -178,12 +167,11 @@ def check_topic(seen: Observation, name: str, topic: ObservedTopic | None) -> Fi
         yield Finding(Cause.SILENT, topic.found, text, fix)
 
 
-def check_camera_topics(seen: Observation, task: str) -> Findings:
-    """Yield issues of the topics of images and camera_info of a task."""
+def _camera_topics(seen: Observation, task: str) -> Findings:
     for side in SIDES:
-        yield from check_topic(seen, f"{task}/{side}/{seen.image_name(task)}", seen.images(task, side))
+        yield from _topic(seen, f"{task}/{side}/{seen.image_name(task)}", seen.images(task, side))
         name = f"{task}/{side}/camera_info"
-        yield from check_topic(seen, name, seen.topics.get(name))
+        yield from _topic(seen, name, seen.topics.get(name))
     node = seen.node(task)
     if seen.is_idle(task) and not (node is not None and node.has_worked):
         fix = "watch until a pair comes (--seconds)" if seen.live else "record it again, if there should be pairs"
@@ -193,8 +181,7 @@ def check_camera_topics(seen: Observation, task: str) -> Findings:
 # ---- images of both sides
 
 
-def check_transport(seen: Observation, task: str) -> Findings:
-    """Yield whether images of a task are lost on the way from their publishers."""
+def _transport(seen: Observation, task: str) -> Findings:
     share = seen.lost_share(task)
     if share > FEW_LOST:
         text = f"{share:.0%} of the images are lost between their publisher and this process"
@@ -202,8 +189,7 @@ def check_transport(seen: Observation, task: str) -> Findings:
         yield Finding(Cause.TRANSPORT, seen.both_images(task), text, fix, share > MUCH_LOST)
 
 
-def check_pairs(seen: Observation, task: str) -> Findings:
-    """Yield whether left and right images have no common stamps."""
+def _pairs(seen: Observation, task: str) -> Findings:
     node = seen.node(task)
     tolerance_ns = node.stamp_tolerance_ns if node is not None else 0
     share, typical_ns = _paired(seen.image_stamps(task, "left"), seen.image_stamps(task, "right"), tolerance_ns)
@@ -220,8 +206,7 @@ def check_pairs(seen: Observation, task: str) -> Findings:
         yield Finding(Cause.UNSYNCHRONISED, seen.both_images(task), f"{text}, typically {off_s} s off", fix)
 
 
-def check_stereo(seen: Observation, task: str) -> Findings:
-    """Yield issues of camera_info and of the first images of a rig."""
+def _stereo(seen: Observation, task: str) -> Findings:
     rig: StereoRig | None = None
     rectifier: StereoRectifier | None = None
     infos = [topic for side in SIDES if (topic := seen.topics.get(f"{task}/{side}/camera_info")) and topic.messages]
@@ -236,8 +221,8 @@ def check_stereo(seen: Observation, task: str) -> Findings:
             text, _, fix = str(error).partition(": ")
             yield Finding(Cause.CAMERA_INFO, f"{task}/left/camera_info, {task}/right/camera_info", text, fix)
     images: list[list[tuple[int, GreyImage]]] = []
-    for topic in (seen.images(task, side) for side in SIDES):
-        if topic is None:
+    for side in SIDES:
+        if (topic := seen.images(task, side)) is None:
             return
         try:
             read = [
@@ -255,51 +240,43 @@ def check_stereo(seen: Observation, task: str) -> Findings:
             return
         images.append([(stamp_of(message), image) for message, image in zip(topic.messages, read, strict=True)])
     if rectifier is not None:
-        pairs, images = zip(*images, strict=False), [[], []]  # of more images on one side the last are left out
-        for (left_ns, left), (right_ns, right) in pairs:
-            rectified = rectifier.rectify(left, right)
-            images[0].append((left_ns, rectified[0]))
-            images[1].append((right_ns, rectified[1]))
-    if left_right_swapped(*images):
+        pairs = [  # of more images on one side the last are left out
+            [*zip((left_ns, right_ns), rectifier.rectify(left, right), strict=True)]
+            for (left_ns, left), (right_ns, right) in zip(*images, strict=False)
+        ]
+        images = [[pair[0] for pair in pairs], [pair[1] for pair in pairs]]
+    if _left_right_swapped(*images):
         text = "objects lie further right in the right images: left and right are swapped"
         where = f"{task}/left/{seen.image_name(task)}"
         yield Finding(Cause.SWAPPED, where, text, "swap the topics (cables, remaps)")
 
 
-def left_right_swapped(lefts: list[tuple[int, GreyImage]], rights: list[tuple[int, GreyImage]]) -> bool:
+def _left_right_swapped(lefts: list[tuple[int, GreyImage]], rights: list[tuple[int, GreyImage]]) -> bool:
     """Tell by patches of the left images whether they lie further right in the right ones of the nearest stamp.
 
     A point in front of parallel cameras lies at u_left - u_right = f baseline / Z > 0.
     """
     if lefts[0][1].shape != rights[0][1].shape:
         return False
-    shifts = np.zeros(0)
+    wrong = correct = 0
     for stamp_ns, left in lefts:
         _, right = min(rights, key=lambda item: abs(item[0] - stamp_ns))
-        shifts = np.concatenate((shifts, _shifts(left, right)))
-    wrong, correct = int(np.sum(shifts < -0.5)), int(np.sum(shifts > 0.5))
+        corners = cv2.goodFeaturesToTrack(left, CORNERS, 0.02, 2.0 * PATCH_PX)
+        for u, v in np.rint(np.empty((0, 2)) if corners is None else corners[:, 0]).astype(int):
+            top, first = max(v - PATCH_PX, 0), max(u - PATCH_PX, 0)
+            patch = left[top : v + PATCH_PX + 1, first : u + PATCH_PX + 1]
+            scores = cv2.matchTemplate(right[top : v + PATCH_PX + 1], patch, cv2.TM_CCOEFF_NORMED)[0]
+            best = int(np.argmax(scores))
+            if scores[best] > MIN_NCC:
+                wrong += best > first
+                correct += best < first
     return wrong >= MIN_MATCHES and wrong > SWAPPED_RATIO * correct
-
-
-def _shifts(left: GreyImage, right: GreyImage) -> FloatArray:
-    """Return u_left - u_right of distinct patches of the left image that are matched in their row of the right one."""
-    corners = cv2.goodFeaturesToTrack(left, CORNERS, 0.02, 2.0 * PATCH_PX)
-    found = []
-    for u, v in np.rint(np.empty((0, 2)) if corners is None else corners[:, 0]).astype(int):
-        patch = left[max(v - PATCH_PX, 0) : v + PATCH_PX + 1, max(u - PATCH_PX, 0) : u + PATCH_PX + 1]
-        rows = right[max(v - PATCH_PX, 0) : v + PATCH_PX + 1]
-        scores = cv2.matchTemplate(rows, patch, cv2.TM_CCOEFF_NORMED)[0]
-        best = int(np.argmax(scores))
-        if scores[best] > MIN_NCC:
-            found.append(float(max(u - PATCH_PX, 0) - best))
-    return np.array(found)
 
 
 # ---- stamps, truth, extrinsics, nodes
 
 
-def check_extrinsics(seen: Observation) -> Findings:
-    """Yield whether the extrinsics of the localisation rig are unknown."""
+def _extrinsics(seen: Observation) -> Findings:
     node = seen.node("loc")
     given = seen.extrinsics_given or seen.extrinsics_in_tf or (node is not None and node.extrinsics_given)
     if "loc" not in seen.tasks or given:
@@ -317,8 +294,8 @@ def check_extrinsics(seen: Observation) -> Findings:
     yield Finding(Cause.FRAMES, "extrinsics of the localisation rig (T_rb_locsb)", text, fix)
 
 
-def check_order(seen: Observation) -> Findings:
-    """Yield topics of a bag whose stamps go back; on a graph that is a new run."""
+def _order(seen: Observation) -> Findings:
+    # on a graph stamps that go back are a new run
     topics = [(topic, 1) for task in seen.tasks for side in SIDES if (topic := seen.images(task, side)) is not None]
     if (truth := seen.topics.get("ground_truth/odometry")) is not None:
         topics.append((truth, 0))
@@ -329,12 +306,11 @@ def check_order(seen: Observation) -> Findings:
             yield Finding(Cause.STAMP_ORDER, topic.found, text, fix)
 
 
-def check_poses(seen: Observation) -> Findings:
-    """Yield issues of the poses of the mapping pairs."""
+def _poses(seen: Observation) -> Findings:
     if "nav" not in seen.tasks:
         return
     topic, images = seen.topics.get("nav/pose"), seen.image_stamps("nav")
-    yield from check_topic(seen, "nav/pose", topic)
+    yield from _topic(seen, "nav/pose", topic)
     if topic is None or not len(topic.stamps_ns) or not len(images):
         return
     share, typical_ns = _paired(images, topic.stamps_ns, 0)
@@ -344,14 +320,13 @@ def check_poses(seen: Observation) -> Findings:
         yield Finding(Cause.POSE_STAMPS, topic.found, text, fix, share < PAIRED)
 
 
-def check_truth(seen: Observation) -> Findings:
-    """Yield whether there is no truth, or of another clock."""
+def _truth(seen: Observation) -> Findings:
     for task, name in (("loc", "ground_truth/odometry"), ("nav", "ground_truth/points")):
         if task not in seen.tasks:
             continue
         topic, images = seen.topics.get(name), seen.image_stamps(task)
         if topic is not None and set(topic.types) - set(EXPECTED[name]):
-            yield from check_topic(seen, name, topic)
+            yield from _topic(seen, name, topic)
         elif topic is None or not topic.offers or not len(topic.stamps_ns):
             comes_with_pairs = task == "nav" and topic is not None and topic.offers
             if not (comes_with_pairs and (seen.live or seen.is_idle(task))):
@@ -363,8 +338,7 @@ def check_truth(seen: Observation) -> Findings:
             yield Finding(Cause.TRUTH_CLOCK, topic.found, text, "stamp truth and images by one clock", False)
 
 
-def check_nodes(seen: Observation) -> Findings:
-    """Yield nodes without a clock, and nodes that are not active."""
+def _nodes(seen: Observation) -> Findings:
     for node in seen.nodes:
         if node.use_sim_time and not seen.has_clock:
             text = "use_sim_time is on but /clock has no publisher: its time stops"
@@ -376,8 +350,7 @@ def check_nodes(seen: Observation) -> Findings:
             yield Finding(Cause.INACTIVE, node.name, f"the node is {node.state}", fix)
 
 
-def check_host_clock(seen: Observation) -> Findings:
-    """Yield whether stamps are of another clock than that of the host."""
+def _host_clock(seen: Observation) -> Findings:
     if seen.now_ns is None or seen.has_clock:
         return
     for task in seen.tasks:
@@ -390,8 +363,7 @@ def check_host_clock(seen: Observation) -> Findings:
             yield Finding(Cause.CLOCKS_APART, f"{task}/left/{seen.image_name(task)}", text, fix, False)
 
 
-def check_shared_memory(seen: Observation) -> Findings:
-    """Yield whether /dev/shm is too small."""
+def _shared_memory(seen: Observation) -> Findings:
     processes = max(len(seen.nodes), 1) + 1  # and the image publisher
     memory = seen.memory
     needed = processes * (memory.segment_bytes + QUEUES_BYTES) if memory.segment_bytes else 0
@@ -402,18 +374,6 @@ def check_shared_memory(seen: Observation) -> Findings:
         )
         fix = f"docker run --shm-size={-(-needed * 2 // 2**20)}m, or --ipc=host; mount -o remount,size=..."
         yield Finding(Cause.SHARED_MEMORY, "/dev/shm", text, fix, seen.live)
-
-
-IMAGE_CHECKS: tuple[Callable[[Observation, str], Findings], ...] = (check_transport, check_pairs, check_stereo)
-"""Checks of a task with images of both sides."""
-CHECKS: tuple[Callable[[Observation], Findings], ...] = (
-    check_extrinsics,
-    check_order,
-    check_poses,
-    check_truth,
-    check_nodes,
-    check_host_clock,
-)
 
 
 def _paired(first: IntArray, second: IntArray, tolerance_ns: int) -> tuple[float, int]:

@@ -51,105 +51,59 @@ class Reliability(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ObservedTopic:
-    """One topic.
-
-    Attributes:
-        found: Its name in the bag or graph.
-        types: Types under that name.
-        offers: Reliability that each publisher offers; of a bag, one publisher.
-        stamps_ns: Stamps of the headers of its messages `(N,)`, in the order of reception.
-        messages: The first of them; for readers by attributes.
-        requests: Reliability that each node of the suite requests of its publishers, by the node.
-        lost: Messages that were published between the received ones and not received.
-    """
+    """One topic: its name and types in the bag or graph, and its messages."""
 
     found: str
     types: tuple[str, ...]
-    offers: tuple[Reliability, ...] = (Reliability.RELIABLE,)
-    stamps_ns: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
-    messages: tuple[Any, ...] = ()
-    requests: Mapping[str, Reliability] = field(default_factory=dict)
-    lost: int = 0
+    offers: tuple[Reliability, ...] = (Reliability.RELIABLE,)  # of each publisher; of a bag, one
+    stamps_ns: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))  # `(N,)`, in the order of reception
+    messages: tuple[Any, ...] = ()  # the first of them; for readers by attributes
+    requests: Mapping[str, Reliability] = field(default_factory=dict)  # of the publishers, by nodes of the suite
+    lost: int = 0  # messages that were published between the received ones and not received
 
 
 @dataclass(frozen=True, slots=True)
 class ObservedNode:
-    """One node of the suite that runs.
-
-    Attributes:
-        name: With its namespace.
-        task: `loc`, `nav`, or empty for the monitor.
-        state: Of the managed node; empty where it did not answer.
-        use_sim_time: Whether it follows /clock.
-        extrinsics_given: Whether its parameters have the extrinsics of the stereo rig.
-        stamp_tolerance_ns: Largest difference of stamps of a pair.
-        has_worked: Whether it has processed something since it became active.
-        rectifies: Whether it takes raw images and rectifies them itself.
-    """
+    """One node of the suite that runs; its name is with its namespace."""
 
     name: str
-    task: str
-    state: str = "active"
+    task: str  # `loc`, `nav`, or empty for the monitor
+    state: str = "active"  # of the managed node; empty where it did not answer
     use_sim_time: bool = False
-    extrinsics_given: bool = False
+    extrinsics_given: bool = False  # by its parameters
     stamp_tolerance_ns: int = 0
-    has_worked: bool = False
-    rectifies: bool = False
+    has_worked: bool = False  # since it became active
+    rectifies: bool = False  # takes raw images and rectifies them itself
 
 
 @dataclass(frozen=True, slots=True)
 class HostMemory:
-    """Shared memory of the host.
+    """Shared memory of the host, what each process reserves of it, and the line of a shell that gives it so much."""
 
-    Attributes:
-        size_bytes: Size of /dev/shm; None where there is none.
-        segment_bytes: What each process reserves of it.
-        export_line: Line of a shell that gives a process so much.
-    """
-
-    size_bytes: int | None = None
+    size_bytes: int | None = None  # of /dev/shm; None where there is none
     segment_bytes: int = 0
     export_line: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """A bag, a source of files, or a graph over some time.
+    """A bag, a source of files, or a graph over some time (`live`)."""
 
-    Attributes:
-        subject: What was observed, for messages.
-        live: Whether it is a graph.
-        prefix: What comes before the suite's names in the graph.
-        topics: Expected topics by the suite's names; absent ones are left out.
-        ambiguous: Several names found, by the suite's name that each of them could have.
-        others: Types of all topics by name.
-        extrinsics_given: Whether a parameter file has the extrinsics of the stereo rig.
-        extrinsics_in_tf: Whether /tf_static has them; None where it cannot be read.
-        nodes: Nodes of the suite that run.
-        has_clock: Whether /clock is published.
-        now_ns: Time of the host at the end; None where stamps are of a recording: of a bag, beside `sfr replay`.
-        memory: Shared memory of the host.
-        broken: Why reading ended early, empty if it did not.
-        unfinished: Whether the bag was not closed, so that its last second may be missing.
-        left_out: Of a source of files (data set folder, KITTI, EuRoC) the pairs that are listed but not there; its
-            topics are what it would be played as. None of a bag or a graph.
-    """
-
-    subject: str
+    subject: str  # for messages
     live: bool
-    prefix: str = ""
-    topics: Mapping[str, ObservedTopic] = field(default_factory=dict)
-    ambiguous: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    others: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    extrinsics_given: bool = False
-    extrinsics_in_tf: bool | None = False
+    prefix: str = ""  # what comes before the suite's names in the graph
+    topics: Mapping[str, ObservedTopic] = field(default_factory=dict)  # those that are there, by the suite's names
+    ambiguous: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # names found that each could have
+    others: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # types of all topics by name
+    extrinsics_given: bool = False  # by a parameter file
+    extrinsics_in_tf: bool | None = False  # in /tf_static (rig.json of files); None where that cannot be read
     nodes: tuple[ObservedNode, ...] = ()
-    has_clock: bool = False
-    now_ns: int | None = None
+    has_clock: bool = False  # /clock is published
+    now_ns: int | None = None  # time of the host at the end; None where stamps are of a recording
     memory: HostMemory = field(default_factory=HostMemory)
-    broken: str = ""
-    unfinished: bool = False
-    left_out: int | None = None
+    broken: str = ""  # why reading ended early
+    unfinished: bool = False  # the bag was not closed, its last second may be missing
+    left_out: int | None = None  # of a source of files the pairs that are listed but not there; None of a bag or graph
 
     @property
     def files(self) -> bool:
@@ -196,11 +150,8 @@ class Observation:
         return lost / max(lost + sum(len(topic.stamps_ns) for topic in topics), 1)
 
     def is_idle(self, task: str) -> bool:
-        """Tell whether a task has no pair for now, which is no fault.
-
-        The mapping task has pairs only where a map is made, so that silence is usual on a graph; a bag may have been
-        recorded while one of the tasks had none.
-        """
+        """Tell whether a task has no pair for now, which is no fault."""
+        # maps are made now and then, so that silence is usual on a graph; a bag may have been recorded meanwhile
         usual = task == "nav" if self.live else any(self.has_images(other) for other in TASKS if other != task)
         topics = [self.images(task, side) for side in SIDES]
         return usual and all(topic is not None and topic.offers and not topic.messages for topic in topics)
@@ -211,21 +162,27 @@ class Observation:
 
 
 class _Messages:
-    """Collects the stamps and the first messages of topics; what was read before an error stays."""
+    """Stamps and first messages of topics; what was read before an error stays."""
 
     def __init__(self) -> None:
-        self.stamps: dict[str, list[int]] = {}
-        self.kept: dict[str, list[Any]] = {}
+        self._stamps: dict[str, list[int]] = {}
+        self._kept: dict[str, list[Any]] = {}
 
     def note(self, name: str, stamp_ns: int, make: Callable[..., Any], *values: object) -> None:
         """Note a stamp of a topic, and while few are kept the message that `make` makes of the values."""
-        self.stamps.setdefault(name, []).append(stamp_ns)
-        kept = self.kept.setdefault(name, [])
+        self._stamps.setdefault(name, []).append(stamp_ns)
+        kept = self._kept.setdefault(name, [])
         if len(kept) < MESSAGES_KEPT:
             kept.append(make(*values))
 
-    def of(self, name: str) -> tuple[IntArray, tuple[Any, ...]]:
-        return np.array(self.stamps.get(name, []), np.int64), tuple(self.kept.get(name, []))
+    def topics(self) -> dict[str, ObservedTopic]:
+        """Return all topics that have messages, by their names in the suite."""
+        return {
+            name: ObservedTopic(
+                name, EXPECTED[name], stamps_ns=np.array(stamps, np.int64), messages=(*self._kept[name],)
+            )
+            for name, stamps in self._stamps.items()
+        }
 
 
 def observe_bag(path: Path, remap: Mapping[str, str], *, extrinsics_given: bool) -> Observation:
@@ -235,7 +192,7 @@ def observe_bag(path: Path, remap: Mapping[str, str], *, extrinsics_given: bool)
         bag = Bag(path, remap)
     except InputError as error:
         return Observation(subject, live=False, broken=str(error))
-    names: dict[str, list[str]] = {name: bag.matches(name) for name in EXPECTED}
+    names = {name: tuple(bag.matches(name)) for name in EXPECTED}
     topics = {n: ObservedTopic(f[0], (bag.topics[f[0]],)) for n, f in names.items() if len(f) == 1}
     readable = [Topic(n, t.found, t.types[0]) for n, t in topics.items() if t.types[0] in allowed_types(n)]
     messages, in_tf, broken = _Messages(), False, ""
@@ -245,14 +202,13 @@ def observe_bag(path: Path, remap: Mapping[str, str], *, extrinsics_given: bool)
         in_tf = read_extrinsics(bag) is not None
     except InputError as error:
         broken = str(error)
-    for topic in readable:
-        stamps_ns, kept = messages.of(topic.name)
-        topics[topic.name] = replace(topics[topic.name], stamps_ns=stamps_ns, messages=kept)
+    for name, read in messages.topics().items():
+        topics[name] = replace(read, found=topics[name].found, types=topics[name].types)
     return Observation(
         subject,
         live=False,
         topics=topics,
-        ambiguous={name: tuple(found) for name, found in names.items() if len(found) > 1},
+        ambiguous={name: found for name, found in names.items() if len(found) > 1},
         others={name: (kind,) for name, kind in bag.topics.items()},
         extrinsics_given=extrinsics_given,
         extrinsics_in_tf=in_tf,
@@ -273,14 +229,10 @@ def observe_source(path: Path, *, extrinsics_given: bool, progress: Callable[[],
         _read_source(source, messages, progress)
     except InputError as error:
         broken = str(error)
-    topics = {name: ObservedTopic(name, EXPECTED[name]) for name in messages.stamps}
-    for name, topic in topics.items():
-        stamps_ns, kept = messages.of(name)
-        topics[name] = replace(topic, stamps_ns=stamps_ns, messages=kept)
     return Observation(
         subject,
         live=False,
-        topics=topics,
+        topics=messages.topics(),
         extrinsics_given=extrinsics_given,
         extrinsics_in_tf=in_file,
         broken=broken,
@@ -289,8 +241,6 @@ def observe_source(path: Path, *, extrinsics_given: bool, progress: Callable[[],
 
 
 def _read_source(source: Source, messages: _Messages, progress: Callable[[], None]) -> None:
-    """Note all messages of a source."""
-
     def note_rig(task: str, rig: StereoRig) -> None:
         for side in SIDES:
             messages.note(f"{task}/{side}/camera_info", 0, bag_messages.camera_info, 0, rig, task, side)
@@ -301,16 +251,16 @@ def _read_source(source: Source, messages: _Messages, progress: Callable[[], Non
             messages.note(f"{task}/{side}/image_rect", pair.stamp_ns, bag_messages.image, *values)
         progress()
 
-    if source.loc is not None:
-        note_rig("loc", source.loc.rig)
-        truth = source.loc.ground_truth or Trajectory.empty()
-        for stamp_ns, *pose in zip(truth.stamps_ns.tolist(), truth.positions, truth.quats_xyzw, strict=True):
-            messages.note("ground_truth/odometry", stamp_ns, bag_messages.odometry, stamp_ns, *pose)
-        for pair in source.loc.pairs():
+    if (loc := source.loc) is not None:
+        note_rig("loc", loc.rig)
+        truth = loc.ground_truth or Trajectory.empty()
+        for pose in zip(truth.stamps_ns.tolist(), truth.positions, truth.quats_xyzw, strict=True):
+            messages.note("ground_truth/odometry", pose[0], bag_messages.odometry, *pose)
+        for pair in loc.pairs():
             note_pair("loc", pair)
-    if source.nav is not None:
-        note_rig("nav", source.nav.rig)
-        for posed in source.nav.pairs():
+    if (nav := source.nav) is not None:
+        note_rig("nav", nav.rig)
+        for posed in nav.pairs():
             stamp_ns = posed.pair.stamp_ns
             messages.note("nav/pose", stamp_ns, bag_messages.pose, stamp_ns, posed.T_lm_navsb)
             if posed.truth is not None:

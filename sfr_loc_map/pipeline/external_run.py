@@ -23,17 +23,11 @@ METHOD = f"sum over the process tree, sampled {1 / PERIOD_S:.0f} times a second 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What a node published.
-
-    Attributes:
-        stamp_ns: Stamp of its header.
-        frames: `parent -> child` of a pose, `parent` of a cloud.
-        problem: Why it is no pose or no cloud; empty for one.
-    """
+    """What a node published."""
 
     stamp_ns: int
-    frames: str
-    problem: str = ""
+    frames: str  # `parent -> child` of a pose, `parent` of a cloud
+    problem: str = ""  # why it is no pose or no cloud
 
 
 class AnswerBook:
@@ -42,14 +36,7 @@ class AnswerBook:
     def __init__(
         self, task: str, timeout_s: float, frames: str = "", clock: Callable[[], float] = time.monotonic
     ) -> None:
-        """Begin.
-
-        Args:
-            task: Rig of the pairs: `loc` or `nav`.
-            timeout_s: An answer that comes later is late.
-            frames: What the answers name; empty: what the first of them names.
-            clock: Monotonic seconds.
-        """
+        """Begin; the task is `loc` or `nav`. Without frames the answers must name those of the first of them."""
         self.task, self.frames, self.ended = task, frames, ""
         self._timeout_s, self._clock = timeout_s, clock
         self._sent: dict[int, float] = {}
@@ -134,9 +121,9 @@ class AnswerBook:
         if stamp_ns in self._latency_s:
             self._note("doubled", FindingKind.DOUBLED, stamp_ns, "the pair had its answer")
             return
-        self._latency_s[stamp_ns] = latency = max(received_s - self._sent[stamp_ns], 0.0)
-        if latency > self._timeout_s:
-            self._note("late", FindingKind.LATE, stamp_ns, f"{latency:.3g} s after the pair was published")
+        self._latency_s[stamp_ns] = latency_s = max(received_s - self._sent[stamp_ns], 0.0)
+        if latency_s > self._timeout_s:
+            self._note("late", FindingKind.LATE, stamp_ns, f"{latency_s:.3g} s after the pair was published")
 
     def _note(self, count: str, kind: FindingKind, stamp_ns: int, text: str) -> None:
         self._counts = replace(self._counts, **{count: getattr(self._counts, count) + 1})
@@ -168,9 +155,8 @@ class ProcessWatch:
     def __init__(self, pids: Sequence[int], period_s: float = PERIOD_S) -> None:
         """Watch nothing yet; the processes are the roots of the trees."""
         self._pids, self._period_s = list(pids), period_s
-        self._cpu_s: dict[tuple[int, float], float] = {}
-        self._begin_s: dict[tuple[int, float], float] = {}
-        self._peak_bytes, self._most = 0, 0
+        self._cpu_s: dict[tuple[int, float], tuple[float, float]] = {}  # at the begin and last, by id and start
+        self._peak_bytes = self._most = 0
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="process-watch", daemon=True)
 
@@ -191,8 +177,8 @@ class ProcessWatch:
         """What was used since the watch began; None if nothing could be seen."""
         if not self._most:
             return None
-        spent = sum(self._cpu_s[key] - self._begin_s[key] for key in self._cpu_s)
-        return ProcessUsage(cpu_s=spent, peak_rss_bytes=self._peak_bytes, processes=self._most, method=METHOD)
+        spent_s = sum(last_s - begin_s for begin_s, last_s in self._cpu_s.values())
+        return ProcessUsage(cpu_s=spent_s, peak_rss_bytes=self._peak_bytes, processes=self._most, method=METHOD)
 
     def _run(self) -> None:
         while not self._stop.wait(self._period_s):
@@ -208,9 +194,9 @@ class ProcessWatch:
         for process in tree.values():
             with contextlib.suppress(psutil.Error):
                 key = (process.pid, process.create_time())
-                times = process.cpu_times()
+                cpu_s = sum(process.cpu_times()[:2])
                 resident += process.memory_info().rss
-                self._cpu_s[key] = times.user + times.system
-                self._begin_s.setdefault(key, self._cpu_s[key] if first else 0.0)
+                begin_s, _ = self._cpu_s.get(key, (cpu_s if first else 0.0, 0.0))
+                self._cpu_s[key] = (begin_s, cpu_s)
                 seen += 1
         self._peak_bytes, self._most = max(self._peak_bytes, resident), max(self._most, seen)

@@ -62,14 +62,7 @@ class LocalisationSession:
         warn: Callable[[str], None] = lambda text: None,
         make_localiser: LocaliserFactory = Localiser,
     ) -> None:
-        """Start at the identity, or at a kept pose.
-
-        Args:
-            config: Of the localiser.
-            pose_file: Keeps the last pose for a restart of the process; None: none is kept.
-            warn: Called with what is worth a warning.
-            make_localiser: Makes the localiser.
-        """
+        """Start at the identity, or at the pose that a file has kept for a restart of the process."""
         self.phase = Phase.NEW if pose_file is not None else Phase.READY
         self.tracked_ns: int | None = None
         self._config, self._pose_file, self._warn, self._make_localiser = config, pose_file, warn, make_localiser
@@ -124,12 +117,7 @@ class LocalisationSession:
     # ---- a pair
 
     def localiser_at(self, stamp_ns: int, T_rb_sb: Transform | None) -> Localiser:
-        """Return the localiser for a pair, started if there is none.
-
-        Args:
-            stamp_ns: Stamp of the pair.
-            T_rb_sb: Extrinsics of the rig, None where not known.
-        """
+        """Return the localiser for a pair, started if there is none; extrinsics are None where not known."""
         if self._localiser is not None:
             return self._localiser
         if self._rig is None or T_rb_sb is None:
@@ -140,7 +128,14 @@ class LocalisationSession:
         rig = replace(self._rig, T_rb_sb=T_rb_sb)
         if self.phase is Phase.NEW:
             self.phase = Phase.READY
-            self._resume(stamp_ns, rig)
+            try:
+                known = None if self._pose_file is None else self._pose_file.load(stamp_ns, rig)
+            except InputError as error:
+                known = None
+                self._warn(str(error))
+            if known is not None and known.stamp_ns is not None:
+                self._start, gap_s = known, (stamp_ns - known.stamp_ns) * 1e-9
+                self._warn(f"localisation resumes at the pose of {gap_s:.1f} s before: the motion since is not known")
         self._localiser, self._localiser_rig = self._make_localiser(rig, self._config, self._start), rig
         self.phase, self.tracked_ns = Phase.RUNNING, None
         return self._localiser
@@ -165,20 +160,6 @@ class LocalisationSession:
             except OutputError as error:
                 self._warn(str(error))
 
-    def _resume(self, stamp_ns: int, rig: StereoRig) -> None:
-        """Start at the kept pose, if there is one that belongs to this run."""
-        if self._pose_file is None:
-            return
-        try:
-            known = self._pose_file.load(stamp_ns, rig)
-        except InputError as error:
-            self._warn(str(error))
-            return
-        if known is not None and known.stamp_ns is not None:
-            self._start = known
-            gap_s = (stamp_ns - known.stamp_ns) * 1e-9
-            self._warn(f"localisation resumes at the pose of {gap_s:.1f} s before: the motion since is not known")
-
 
 class _Content(msgspec.Struct):
     """What is in the file of a kept pose."""
@@ -200,12 +181,7 @@ class PoseFile:
     """
 
     def __init__(self, path: Path, max_age_s: float) -> None:
-        """Touch nothing yet.
-
-        Args:
-            path: The file, or a link to it.
-            max_age_s: A pose older than this, by the stamps, is not loaded.
-        """
+        """Touch nothing yet; a pose that is older, by the stamps, is not loaded."""
         self._path, self._max_age_s = Path(os.path.realpath(path)), max_age_s
 
     def check(self) -> None:

@@ -33,7 +33,7 @@ from sfr_loc_map.mapping.disparity.semi_global_matching import search_range
 from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
 from sfr_loc_map.methods.isolated_method import IsolatedMethod
 from sfr_loc_map.methods.registry import Method, MethodLimits
-from sfr_loc_map.metrics.calls import CallMeter
+from sfr_loc_map.metrics.calls import CallMeter, CallUsage
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.score import MethodRecord
 from sfr_loc_map.pipeline.call_stats import CallRecord
@@ -76,11 +76,8 @@ FrameObserver = Callable[[StereoPair, PoseEstimate, Localiser], None]
 def start_pose(sequence: LocSequence, start: str, offset_s: float = 0.0) -> StartPose:
     """Return the pose at which a drive starts, with its stamp.
 
-    Args:
-        sequence: The drive.
-        start: `identity` (RB is DS at the first pair) or `truth`: the true pose at the first pair, if need be between
-            two poses of the truth; without one the next pose of the truth, or its last.
-        offset_s: Seconds of the drive that are left out; the true pose is then the first one after them.
+    `identity`: RB is DS at the first pair. `truth`: the true pose at the first pair, if need be between two poses of
+    the truth; without one, and after seconds that are left out, the next pose of the truth, or its last.
     """
     if start == "identity":
         return StartPose(Transform.identity())
@@ -103,14 +100,7 @@ def start_pose(sequence: LocSequence, start: str, offset_s: float = 0.0) -> Star
 def localise(
     sequence: LocSequence, config: LocalisationConfig, start: StartPose, watch: FrameObserver | None = None
 ) -> Iterator[tuple[PoseEstimate, CallRecord]]:
-    """Yield the estimate and the cost of each pair of a drive.
-
-    Args:
-        sequence: The drive.
-        config: Parameters of the localiser.
-        start: Pose of RB in DS, at its stamp or at the first pair.
-        watch: Called after each pair.
-    """
+    """Yield the estimate and the cost of each pair of a drive; `watch` is called after each."""
     localiser = Localiser(sequence.rig, config, start)
     load_kernels("localisation")
     meter = CallMeter()
@@ -121,7 +111,7 @@ def localise(
             watch(pair, estimate, localiser)
         step = None if estimate.step is None else estimate.step.uncertainty
         about = (estimate.figures, estimate.covariance, estimate.reason_text, step)
-        yield estimate, CallRecord.of(pair.stamp_ns, call, estimate.state.value, *about)
+        yield estimate, CallRecord(pair.stamp_ns, *_cost(call, estimate.state), *about)
 
 
 def localise_with(
@@ -133,9 +123,14 @@ def localise_with(
     with IsolatedMethod(method, sequence.rig, T_ds_rb, limits, {"rate_hz": 1.0 / step_s}) as localiser:
         for pair in sequence.pairs():
             estimate, call = localiser.localise(pair, {"since_start_s": (pair.stamp_ns - first_ns) / NS_PER_S})
-            about = (call.statistics, call.covariance, call.reason, call.step, call.finding)
-            record = CallRecord.of(pair.stamp_ns, call.usage, estimate.state.value, *about)
+            cost = _cost(call.usage, estimate.state)
+            figures, covariance = call.statistics, call.covariance
+            record = CallRecord(pair.stamp_ns, *cost, figures, covariance, call.reason, call.step, call.finding)
             yield estimate, record, localiser.record
+
+
+def _cost(call: CallUsage, state: str) -> tuple[float, str, int | None, int | None]:
+    return call.processing_time_s, str(state), call.peak_rss_bytes, call.above_idle_bytes
 
 
 def trajectory_of(estimates: Iterable[PoseEstimate]) -> Trajectory:
@@ -145,10 +140,7 @@ def trajectory_of(estimates: Iterable[PoseEstimate]) -> Trajectory:
 
 @contextmanager
 def track_video(path: Path, rig: StereoRig) -> Iterator[FrameObserver]:
-    """Give an observer that appends an image of the tracks of each pair to a film.
-
-    The film takes its name when the block ends well.
-    """
+    """Give an observer that appends an image of the tracks of each pair to a film, which is there if all ends well."""
     if path.suffix not in CODECS:
         raise OutputError(f"'{path}' is not the name of a video: give one that ends in {' or '.join(CODECS)}")
     with atomic_path(path) as temporary:
@@ -201,17 +193,11 @@ def tracking_warning(records: Sequence[CallRecord], source: object) -> str | Non
 
 @dataclass(frozen=True, slots=True)
 class MapRun:
-    """The map of a source.
-
-    Attributes:
-        maps: What each pair gave.
-        fused: All pairs in one cloud.
-        records: One a pair, then one for the fusion.
-    """
+    """The map of a source."""
 
     maps: list[PairMap]
     fused: FusedMap
-    records: list[CallRecord]
+    records: list[CallRecord]  # one a pair, then one for the fusion
 
     @property
     def unfused(self) -> PointCloud:
@@ -243,11 +229,11 @@ def map_pairs(sequence: NavSequence, config: MappingConfig, progress: Progress =
         with meter.measure() as usage:
             done = mapper.process(item.pair, item.T_lm_navsb, index)
         maps.append(done)
-        records.append(CallRecord.of(item.pair.stamp_ns, usage, MappingState.MAPPED, done.statistics))
+        records.append(CallRecord(item.pair.stamp_ns, *_cost(usage, MappingState.MAPPED), done.statistics))
         progress(index + 1)
     with meter.measure() as usage:
         fused = mapper.fuse(maps)
-    records.append(CallRecord.of(maps[-1].stamp_ns, usage, MappingState.FUSED, fused.statistics))
+    records.append(CallRecord(maps[-1].stamp_ns, *_cost(usage, MappingState.FUSED), fused.statistics))
     return MapRun(maps, fused, records)
 
 
@@ -264,13 +250,13 @@ def map_pairs_with(
             done, call = mapper.map_pair(item.pair, item.T_lm_navsb, index)
             stamp_ns = item.pair.stamp_ns
             maps.append(done)
-            mapped = CallRecord.of(stamp_ns, call.usage, MappingState.MAPPED, done.statistics, finding=call.finding)
-            records.append(mapped)
+            cost = _cost(call.usage, MappingState.MAPPED)
+            records.append(CallRecord(stamp_ns, *cost, done.statistics, finding=call.finding))
             progress(index + 1)
         fused, fusion = mapper.fuse(maps, item.pair)
         if fusion is not None:
-            about = (MappingState.FUSED, fused.statistics)
-            records.append(CallRecord.of(stamp_ns, fusion.usage, *about, finding=fusion.finding))
+            cost = _cost(fusion.usage, MappingState.FUSED)
+            records.append(CallRecord(stamp_ns, *cost, fused.statistics, finding=fusion.finding))
         return MapRun(maps, fused, records), mapper.record
 
 

@@ -42,50 +42,29 @@ from sfr_loc_map.pipeline.scoring import (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExternalRun:
-    """What is known of an external node after a replay.
-
-    Attributes:
-        method: Its name and version.
-        score: How it behaved.
-        findings: What was wrong with its answers.
-        correction: How its poses are converted.
-        log: What its process wrote; empty where it was not started here.
-        as_published: Its poses as it published them.
-        convention: How they have been converted; None where they have not.
-    """
+    """What is known of an external node after a replay."""
 
     method: MethodRecord
-    score: ExternalScore
-    findings: tuple[FindingRecord, ...]
-    correction: Correction
-    log: str = ""
-    as_published: Trajectory | None = None
-    convention: ConventionRecord | None = None
+    score: ExternalScore  # how it behaved
+    findings: tuple[FindingRecord, ...]  # what was wrong with its answers
+    correction: Correction  # how its poses are to be converted
+    log: str = ""  # what its process wrote; empty where it was not started here
+    as_published: Trajectory | None = None  # its poses as it published them
+    convention: ConventionRecord | None = None  # how they have been converted
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReplayResult:
-    """What came out of a replay.
+    """What came out of a replay."""
 
-    Attributes:
-        estimate: Estimated trajectory, without poses if there was no drive.
-        cloud: The last cloud, None if there was no mapping.
-        records: All calls of localiser and mapper.
-        monitor_report: Report of the monitor (JSON), empty if it gave none.
-        mapped_ns: Stamps of the pairs of the cloud, in the order of the points' `pair`: it is judged by their truth.
-        cut_short: Other runs, which a jump or a signal ended.
-        external: The external node, None without one; `finished` converts its poses.
-        points: `(N, 3)` points in LM of an external mapper that tells no pixels, None otherwise.
-    """
-
-    estimate: Trajectory
-    cloud: PointCloud | None
-    records: Sequence[CallRecord]
-    monitor_report: str
-    mapped_ns: tuple[int, ...]
-    cut_short: tuple[ReplayResult, ...] = ()
-    external: ExternalRun | None = None
-    points: FloatArray | None = None
+    estimate: Trajectory  # without poses if there was no drive
+    cloud: PointCloud | None  # the last one
+    records: Sequence[CallRecord]  # all calls of localiser and mapper
+    monitor_report: str  # JSON, empty if the monitor gave none
+    mapped_ns: tuple[int, ...]  # of the pairs of the cloud, in the order of the points' `pair`: their truth judges it
+    cut_short: tuple[ReplayResult, ...] = ()  # other runs, which a jump or a signal ended
+    external: ExternalRun | None = None  # `finished` converts its poses
+    points: FloatArray | None = None  # `(N, 3)` in LM of an external mapper that tells no pixels
 
     def finished(self, source: Source, config: ScoreConfig) -> ReplayResult:
         """Return it with the poses of an external localiser as poses of RB in DS; without one it stays as it is."""
@@ -191,13 +170,7 @@ def score_replay(
 ) -> Score:
     """Return the score of what `save_replay` has written.
 
-    Args:
-        source: What was replayed.
-        result: What came out.
-        files: Where it was written.
-        config: Settings.
-        limits: Limits to judge by.
-        settings: Of localiser and mapper, where they differ from the defaults; they join those of the score.
+    Settings are those of localiser and mapper that differ from the defaults; they join those of the score.
     """
     stats = [load_call_stats(files.stats)] if result.records else []
     inputs, drive = ScoreInputs(stats=(files.stats,) if stats else ()), None
@@ -213,8 +186,7 @@ def score_replay(
     if (node := result.external) is not None:
         run = replace(run, method=node.method, external=node.score, findings=node.findings, convention=node.convention)
     score = score_run(run, config, limits)
-    made = score.provenance
-    if made is None or not settings:
+    if (made := score.provenance) is None:
         return score
     return replace(score, provenance=replace(made, configuration={**made.configuration, **settings}))
 
