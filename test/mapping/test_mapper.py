@@ -66,16 +66,14 @@ def test_sigma_is_calibrated_on_hills(noise: float) -> None:
 
 @pytest.mark.parametrize("rows", [-0.5, 0.25, 0.5])
 def test_vertical_disparity_and_unequal_exposure_are_measured_and_compensated(rows: float) -> None:
-    plain, made = make_world(slope), make_world(slope, rows=rows, gain=0.8, offset=20.0)
+    made = make_world(slope, rows=rows, gain=0.8, offset=20.0)
     result = mapped(made)
     assert result.statistics["vertical_offset_px"] == pytest.approx(rows, abs=0.06)
     assert result.statistics["gain"] == pytest.approx(0.8, abs=0.03)
     assert abs(errors(made, result).mean()) < 0.015
-    assert errors(made, result).std() < 1.5 * errors(plain, mapped(plain)).std()
-    assert [any(word in line for line in result.warnings) for word in ("vertical", "contrast")] == [
-        abs(rows) > 0.3,
-        True,
-    ]
+    assert errors(made, result).std() < 0.015
+    told = [any(word in line for line in result.warnings) for word in ("vertical", "contrast")]
+    assert told == [abs(rows) > 0.3, True]
 
 
 @pytest.mark.parametrize(("noise", "blur"), [(1.2, 0.0), (2.5, 0.6)])

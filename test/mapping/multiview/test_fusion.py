@@ -40,7 +40,7 @@ ASIDE = ((0.0, 0.0), (0.021, 0.013), (-0.011, 0.023))
 """Positions of cameras that see a plane at 4 m between each other's samples."""
 
 
-@pytest.mark.parametrize("order", permutations(range(3)))
+@pytest.mark.parametrize("order", list(permutations(range(3))))
 def test_points_lie_at_the_mean_weighted_by_inverse_variance_in_any_order(order: tuple[int, ...]) -> None:
     depths, sigmas = (4.0, 4.06, 3.97), (0.1, 0.2, 0.15)
     views = [plane_view(d, s, i, ASIDE[i]) for i, (d, s) in enumerate(zip(depths, sigmas, strict=True))]
@@ -104,9 +104,7 @@ def test_a_pose_one_degree_off_is_named(two_views: Any, axis: int, degrees: floa
     assert any("their poses" in line for line in fuse_views([first, wrong], two_views.rig)[2])
 
 
-def agreement(
-    spread: float, grey: float = 3.0, shifted: float = 15.0, seen: int = 20_000
-) -> tuple[dict[str, float], str]:
+def agreement(spread: float, grey: float = 3.0, shifted: float = 15.0, seen: int = 20_000) -> tuple[dict, str]:
     """Return that of points that differ by a normal law around 1 mm, seen with sigmas of 3 and 4 cm."""
     rng, deviation = np.random.default_rng(0), np.full(seen, 0.04, F)
     difference, greys, beside = (rng.normal(*law, seen).astype(F) for law in ((0.001, spread), (7, grey), (7, shifted)))

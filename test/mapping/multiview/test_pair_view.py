@@ -33,12 +33,10 @@ def cloud_at(u: np.ndarray, v: np.ndarray, depth: np.ndarray, sigma: float = 0.1
     return replace(PointCloud.from_structured(records), xyz=POSE.apply(ray * depth[:, None]).astype(F))
 
 
-def seen(
-    u: np.ndarray, v: np.ndarray, depth: np.ndarray, disparity: np.ndarray, known: bool = True
-) -> ReprojectedPoints:
+def seen(u: np.ndarray, v: np.ndarray, depth: np.ndarray, disparity: np.ndarray, hole: float = 1) -> ReprojectedPoints:
     """Reproject into a view whose weights encode the pixel and whose grey levels rise along both axes."""
     view = ViewImages(disparity.astype(F), (1.0 + U + 100.0 * V).astype(F), (0.5 * U + 0.25 * V).astype(F))
-    view.weight[40, 20] *= known
+    view.weight[40, 20] *= hole
     return reproject_into_view(cloud_at(u, v, depth), POSE, view, RIG)
 
 
@@ -84,4 +82,4 @@ def test_nothing_is_seen_outside_behind_across_a_jump_or_where_there_is_no_point
     disparity[:, 30:] = 6.0
     disparity[20, 10] = np.nan
     u, v = np.array([29.5, 28.5, 30.5, 10.2, 20.2]), np.array([30.0, 30.0, 30.0, 20.3, 40.3])
-    np.testing.assert_array_equal(seen(u, v, np.full(5, 4.0), disparity, known=False).index, [1, 2])
+    np.testing.assert_array_equal(seen(u, v, np.full(5, 4.0), disparity, hole=0).index, [1, 2])
