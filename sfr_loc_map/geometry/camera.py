@@ -11,15 +11,7 @@ from sfr_loc_map.geometry.transform import Transform
 
 
 class StereoCamera(NamedTuple):
-    """Rectified stereo camera; both images have the same camera matrix.
-
-    Attributes:
-        fx: Focal length along rows, pixels.
-        fy: Focal length along columns, pixels.
-        cx: Principal point, pixels.
-        cy: Principal point, pixels.
-        baseline_m: Distance between the optical centres, metres.
-    """
+    """Rectified stereo camera; both images have the same camera matrix (pixels)."""
 
     fx: float
     fy: float
@@ -33,15 +25,10 @@ class StereoCamera(NamedTuple):
 
 
 class Pose(NamedTuple):
-    """Pose of a camera in the world.
+    """Pose of a camera in the world."""
 
-    Attributes:
-        rotation: `(3, 3)` camera to world.
-        position: `(3,)` camera in the world, metres.
-    """
-
-    rotation: FloatArray
-    position: FloatArray
+    rotation: FloatArray  #: `(3, 3)` camera to world.
+    position: FloatArray  #: `(3,)` camera in the world, metres.
 
     @classmethod
     def of(cls, T_world_camera: Transform) -> Pose:
@@ -50,12 +37,7 @@ class Pose(NamedTuple):
 
 
 class Poses(NamedTuple):
-    """Poses of N cameras in the world.
+    """Poses of N cameras in the world."""
 
-    Attributes:
-        rotations: `(N, 3, 3)` cameras to world.
-        positions: `(N, 3)` cameras in the world, metres.
-    """
-
-    rotations: FloatArray
-    positions: FloatArray
+    rotations: FloatArray  #: `(N, 3, 3)` cameras to world.
+    positions: FloatArray  #: `(N, 3)` cameras in the world, metres.

@@ -22,31 +22,22 @@ FIELD_TYPES: dict[str, type[np.generic]] = {
 }
 """Fields of a cloud in the order of the topic `mapping/points` and of the cloud files."""
 COLUMNS = ("xyz", "sigma", "intensity", "u", "v", "pair")
-"""Arrays of a cloud, one row a point."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointCloud:
-    """Points in LM, each with the pixel and pair it comes from.
+    """Points in LM, each with the pixel and pair it comes from; one row a point.
 
-    Attributes:
-        xyz: `(N, 3)` float32, metres, LM.
-        sigma: `(N,)` float32, metres, standard deviation along the ray.
-        intensity: `(N,)` float32, grey level of the left pixel.
-        u: `(N,)` uint16, column of the left pixel.
-        v: `(N,)` uint16, row of the left pixel.
-        pair: `(N,)` uint8, index of the stereo pair within its set (0, 1, 2).
-        fused: Whether several pairs were fused to one surface (True), or each pair's points stand as it saw them
-            (False). None where nobody has said so.
-        pair_stamps_ns: Stamps of the pairs 0, 1, ... that the points name, None where nobody has said so.
+    `fused` says whether several pairs were fused to one surface (True) or each pair's points stand as it saw them
+    (False); it and the stamps of the pairs are None where nobody has said so.
     """
 
-    xyz: NDArray[np.float32]
-    sigma: NDArray[np.float32]
-    intensity: NDArray[np.float32]
-    u: NDArray[np.uint16]
-    v: NDArray[np.uint16]
-    pair: NDArray[np.uint8]
+    xyz: NDArray[np.float32]  #: `(N, 3)`, metres, LM.
+    sigma: NDArray[np.float32]  #: Standard deviation along the ray, metres.
+    intensity: NDArray[np.float32]  #: Grey level of the left pixel.
+    u: NDArray[np.uint16]  #: Column of the left pixel.
+    v: NDArray[np.uint16]  #: Row of the left pixel.
+    pair: NDArray[np.uint8]  #: Index of the stereo pair within its set (0, 1, 2).
     fused: bool | None = None
     pair_stamps_ns: tuple[int, ...] | None = None
 

@@ -14,13 +14,7 @@ import numpy as np
 from sfr_loc_map.config import build, flatten, param, parameters
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.rotation import (
-    quat_conjugate,
-    quat_from_matrix,
-    quat_multiply,
-    quat_normalised,
-    quat_rotate,
-)
+from sfr_loc_map.geometry.rotation import quat_conjugate, quat_from_matrix, quat_multiply, quat_normalised, quat_rotate
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
@@ -98,12 +92,7 @@ class PoseConvention:
         return bool(self.extrinsics) or self.frame != RB
 
     def T_rb_child(self, rig: StereoRig | None) -> Transform:
-        """Return the pose in RB of the frame that the poses are of.
-
-        Raises:
-            ConfigError: If the frame follows from a rig that is not known (None).
-            GeometryError: If the extrinsics are no pose.
-        """
+        """Return the pose in RB of the frame that the poses are of; ConfigError if its rig is not known."""
         if self.extrinsics:
             return Transform.from_quat(self.extrinsics[:3], self.extrinsics[3:])
         if self.frame in (RB, RB_OPTICAL):
@@ -119,10 +108,7 @@ class PoseConvention:
 
 
 def converted(trajectory: Trajectory, convention: PoseConvention, T_rb_child: Transform) -> Trajectory:
-    """Return poses of RB, in the world frame of the estimate, of poses as they were written.
-
-    `T_rb_child` is that of the convention; GeometryError if what comes out are no poses.
-    """
+    """Return poses of RB, in the world frame of the estimate, of poses of a child of RB as they were written."""
     stamps, positions, quats = trajectory.stamps_ns, trajectory.positions, trajectory.quats_xyzw
     if convention.time_offset_ns:
         stamps = stamps + np.int64(convention.time_offset_ns)

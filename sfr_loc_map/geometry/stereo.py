@@ -6,10 +6,9 @@ import hashlib
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfr_loc_map.errors import GeometryError
-from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
+from sfr_loc_map.geometry.arrays import FloatArray, GreyImage, PointImage
 from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.geometry.plausibility import check_baseline, check_camera, check_extrinsics
 from sfr_loc_map.geometry.transform import Transform
@@ -20,17 +19,7 @@ class StereoRig:
     """A rectified stereo rig; both cameras have the same camera matrix, and rows correspond.
 
     Pixel centres are at integer coordinates: `u = fx X / Z + cx`, X, Z in the left optical frame (x right, y down,
-    z forward); disparity `u_left - u_right = fx baseline_m / Z`.
-
-    Attributes:
-        width: Pixels.
-        height: Pixels.
-        fx: Focal length along rows, pixels.
-        fy: Focal length along columns, pixels.
-        cx: Principal point, pixels.
-        cy: Principal point, pixels.
-        baseline_m: Distance between the optical centres, metres, > 0.
-        T_rb_sb: Takes points in the stereo bench frame SB (LOCSB) to RB; None where it is not known or not needed.
+    z forward); disparity `u_left - u_right = fx baseline_m / Z`. Sizes, focal lengths and principal point in pixels.
     """
 
     width: int
@@ -39,8 +28,8 @@ class StereoRig:
     fy: float
     cx: float
     cy: float
-    baseline_m: float
-    T_rb_sb: Transform | None = None
+    baseline_m: float  #: Distance between the optical centres.
+    T_rb_sb: Transform | None = None  #: Pose of the stereo bench SB (LOCSB) in RB; None where not known or not needed.
 
     def __post_init__(self) -> None:
         """Check the values; GeometryError if one cannot be that of a camera or a rover."""
@@ -124,15 +113,8 @@ def are_equal(one: GreyImage, other: GreyImage) -> bool:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PosedStereoPair:
-    """A stereo pair for mapping with its pose in the local map frame.
-
-    Attributes:
-        pair: The images.
-        T_lm_navsb: Takes points in NAVSB to LM.
-        truth: `(H, W, 3)` float32, metres, the point in LM seen by the centre of each left pixel, NaN where none;
-            None where the source has no truth.
-    """
+    """A stereo pair for mapping with its pose in the local map frame."""
 
     pair: StereoPair
     T_lm_navsb: Transform
-    truth: NDArray[np.float32] | None = None
+    truth: PointImage | None = None  #: Points in LM seen by the centres of the left pixels, where the source has truth.

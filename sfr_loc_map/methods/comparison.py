@@ -32,7 +32,8 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity.semi_global_matching import search_range
-from sfr_loc_map.methods.isolated_method import IsolatedMethod, MethodCall
+from sfr_loc_map.methods.isolated_method import IsolatedMethod
+from sfr_loc_map.methods.method_process import MethodCall
 from sfr_loc_map.methods.registry import BUILT_IN, PEERS, Method, MethodLimits, find_method, find_peer
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.cloud_error import PairTruth, score_map

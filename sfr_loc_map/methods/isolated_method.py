@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from math import isfinite, isnan
 from operator import sub
 from pathlib import Path
@@ -22,9 +22,8 @@ from sfr_loc_map.mapping.disparity.uncertainty import Saturation
 from sfr_loc_map.mapping.mapper import FusedMap, PairMap
 from sfr_loc_map.mapping.multiview.pair_view import PairView
 from sfr_loc_map.mapping.reprojection import CalibrationSigma, cloud_from_disparity
-from sfr_loc_map.methods.method_process import MethodAnswer, MethodFailureError, MethodProcess, no_usage
+from sfr_loc_map.methods.method_process import MethodCall, MethodFailureError, MethodProcess
 from sfr_loc_map.methods.registry import Method, MethodLimits
-from sfr_loc_map.metrics.calls import CallUsage
 from sfr_loc_map.metrics.score import FindingKind, MethodRecord
 
 F = np.float32
@@ -33,18 +32,6 @@ SYMMETRY = 1e-6
 DISPARITY_SIGMA_PX = F(0.5)
 """Standard deviation that is assumed of a disparity of a matcher, which states none."""
 NO_CALIBRATION = CalibrationSigma(0.0, 0.0, 0.0, 0.0, 0.0)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MethodCall:
-    """What one call of a method under test took, stated and did wrong."""
-
-    usage: CallUsage = field(default_factory=no_usage)  # the time is NaN where it did not return
-    finding: str = ""  # what it did wrong, `KIND: text`; empty for nothing
-    reason: str = ""  # why its pose is degraded or lost
-    statistics: Mapping[str, float] = field(default_factory=dict)
-    covariance: FloatArray | None = None  # of the pose
-    step: FloatArray | None = None  # `(27,)` uncertainty of the step
 
 
 class IsolatedMethod:
@@ -63,14 +50,7 @@ class IsolatedMethod:
         limits: MethodLimits | None = None,
         setup: Mapping[str, object] | None = None,
     ) -> None:
-        """Start it.
-
-        Args:
-            method: The method.
-            rig: Rig of the images; with its extrinsics for a localiser.
-            T_ds_rb: Pose of RB in DS at the first pair.
-            limits: What it may take.
-            setup: Sent to its adapter besides that.
+        """Start it at a pose; `setup` is sent to its adapter besides rig and pose.
 
         Raises:
             MethodError: If it does not start.
@@ -129,53 +109,41 @@ class IsolatedMethod:
     def localise(self, pair: StereoPair, order: Mapping[str, object] | None = None) -> tuple[PoseEstimate, MethodCall]:
         """Return the estimate at one pair, lost where the method gave none that is valid, and what the call did.
 
-        Args:
-            pair: Images of the rig's size.
-            order: Sent to its adapter with the pair.
+        The order is sent to its adapter with the pair.
         """
         if self._is_given_up:
             return self._lost(pair, MethodCall(reason="not started again"))
+        call = MethodCall()
         try:
-            answer = self._started().call(pair, order or {})
-        except MethodError as error:
-            return self._lost(pair, self._failed(error))
-        result = answer.result
-        try:
-            _check_stamp(pair, answer)
+            call, result = self._started().call(pair, order or {})
+            _check_stamp(pair, result)
             T_ds_rb = self._pose(result)
             covariance = _covariance(result.get("covariance"))
-        except MethodFailureError as failure:
-            return self._lost(pair, replace(self._failed(failure), usage=answer.usage))
-        call = replace(_call_of(answer), reason=str(result.get("reason", "")))
+        except MethodError as error:
+            return self._lost(pair, replace(self._failed(error), usage=call.usage))
+        call = replace(call, reason=str(result.get("reason", "")))
         state = TrackingState(result.get("state", TrackingState.TRACKING))
         if T_ds_rb is None or state is TrackingState.LOST:
             return self._lost(pair, call)
         self._last = T_ds_rb
-        estimate = PoseEstimate(
-            pair.stamp_ns, T_ds_rb, np.full((6, 6), np.nan) if covariance is None else covariance, state
-        )
-        step = result.get("step")
-        return estimate, replace(
-            call, covariance=covariance, step=None if step is None else np.asarray(step, np.float64)
-        )
+        stated = np.full((6, 6), np.nan) if covariance is None else covariance
+        step = None if result.get("step") is None else np.asarray(result["step"], np.float64)
+        call = replace(call, covariance=covariance, step=step)
+        return PoseEstimate(pair.stamp_ns, T_ds_rb, stated, state), call
 
     def _pose(self, result: Mapping[str, Any]) -> Transform | None:
-        """Return the pose of RB in DS, None where the method does not know it.
-
-        Raises:
-            MethodFailureError: If it is no pose.
-        """
+        """Return the pose of RB in DS, None where the method does not know it."""
         by_left = "T_first_left" in result
         numbers = result["T_first_left" if by_left else "T_ds_rb"]
         if numbers is None:
             return None
         matrix = np.reshape(np.asarray(numbers, np.float64), (4, 4))
         if not all(map(isfinite, matrix.ravel().tolist())):
-            raise MethodFailureError(FindingKind.NOT_FINITE, "the pose has a number that is not finite", ended=False)
+            raise MethodFailureError(FindingKind.NOT_FINITE, "the pose has a number that is not finite")
         try:
             pose = Transform.from_matrix(matrix)
         except GeometryError as error:
-            raise MethodFailureError(FindingKind.INVALID_RESULT, str(error), ended=False) from error
+            raise MethodFailureError(FindingKind.INVALID_RESULT, str(error)) from error
         return self._T_ds_first_left @ pose @ self._T_rb_left.inverse() if by_left else pose
 
     def _lost(self, pair: StereoPair, call: MethodCall) -> tuple[PoseEstimate, MethodCall]:
@@ -191,12 +159,12 @@ class IsolatedMethod:
         cloud, warnings = PointCloud.empty(fused=False), ()
         try:
             if self._is_given_up:
-                raise MethodFailureError(FindingKind.CRASHED, "not started again", ended=False)
+                raise MethodFailureError(FindingKind.CRASHED, "not started again")
             process = self._started()
             for what in ("cloud", "disparity"):
                 self._file(what).unlink(missing_ok=True)
-            answer = process.call(pair, {"T_lm_navsb": T_lm_navsb.matrix.ravel().tolist(), "index": index})
-            _check_stamp(pair, answer)
+            call, result = process.call(pair, {"T_lm_navsb": T_lm_navsb.matrix.ravel().tolist(), "index": index})
+            _check_stamp(pair, result)
             disparity = self._disparity(pair)
             if self._file("cloud").exists():
                 cloud = self._cloud(index)
@@ -205,32 +173,25 @@ class IsolatedMethod:
                 sigma = np.full_like(disparity, DISPARITY_SIGMA_PX)
                 cloud = cloud_from_disparity(disparity, sigma, pair.left, self._rig, T_lm_left, index)
             shown = shown if disparity is None else disparity
-            call, warnings = _call_of(answer), tuple(answer.result.get("warnings") or ())
+            warnings = tuple(result.get("warnings") or ())
         except MethodError as error:
             call, self._complete = self._failed(error), False
         unsaturated = Saturation(np.zeros(shown.shape, np.bool_), np.zeros(shown.shape, np.uint8), 0.0)
         view, figures = PairView(cloud, shown, T_lm_left, 0.0), call.statistics
-        return (
-            PairMap(pair.stamp_ns, cloud, cloud.sigma, view, unsaturated, NO_CALIBRATION, figures, warnings),
-            call,
-        )
+        made = PairMap(pair.stamp_ns, cloud, cloud.sigma, view, unsaturated, NO_CALIBRATION, figures, warnings)
+        return made, call
 
     def fuse(self, maps: Sequence[PairMap], last: StereoPair) -> tuple[FusedMap, MethodCall | None]:
-        """Return one cloud of the pairs' maps: the method's, or their points side by side where it does not fuse.
+        """Return one cloud of the pairs' maps, and what the call did, None where the method does not fuse.
 
-        Args:
-            maps: What `map_pair` returned.
-            last: A pair; it is shown, and not used.
-
-        Returns:
-            The map, and what the call did; None where there was none.
+        Then the points of the pairs stand side by side. `last` is a pair that is shown, and not used.
         """
         call: MethodCall | None = None
         cloud = PointCloud.concatenate([item.cloud for item in maps])
         if self._process is not None and self._process.fuses and self._complete:
             try:
-                answer = self._process.call(last, {"fuse": True})
-                cloud, call = replace(self._cloud(None), fused=True), _call_of(answer)
+                made, _ = self._process.call(last, {"fuse": True})
+                cloud, call = replace(self._cloud(None), fused=True), made
             except MethodError as error:
                 call = self._failed(error)
         cloud = replace(cloud, pair_stamps_ns=tuple(item.stamp_ns for item in maps))
@@ -249,9 +210,9 @@ class IsolatedMethod:
         found: FloatImage = np.load(path)
         if found.shape != pair.left.shape:
             text = f"the disparity image is {found.shape}, the left image {pair.left.shape}"
-            raise MethodFailureError(FindingKind.INVALID_RESULT, text, ended=False)
+            raise MethodFailureError(FindingKind.INVALID_RESULT, text)
         if np.isinf(found).any():
-            raise MethodFailureError(FindingKind.NOT_FINITE, "a disparity is infinite", ended=False)
+            raise MethodFailureError(FindingKind.NOT_FINITE, "a disparity is infinite")
         return found
 
     def _cloud(self, index: int | None) -> PointCloud:
@@ -259,33 +220,24 @@ class IsolatedMethod:
         try:
             cloud = PointCloud.from_structured(np.load(self._file("cloud")), fused=False)
         except (OSError, ValueError, GeometryError) as error:
-            raise MethodFailureError(FindingKind.INVALID_RESULT, f"no cloud: {error}", ended=False) from error
+            raise MethodFailureError(FindingKind.INVALID_RESULT, f"no cloud: {error}") from error
         if not (np.isfinite(cloud.xyz).all() and np.isfinite(cloud.sigma).all()):
-            raise MethodFailureError(FindingKind.NOT_FINITE, "a point or its sigma is not finite", ended=False)
+            raise MethodFailureError(FindingKind.NOT_FINITE, "a point or its sigma is not finite")
         if len(cloud) and not (cloud.u.max() < self._rig.width and cloud.v.max() < self._rig.height):
-            raise MethodFailureError(FindingKind.INVALID_RESULT, "a point names a pixel outside the image", ended=False)
+            raise MethodFailureError(FindingKind.INVALID_RESULT, "a point names a pixel outside the image")
         return cloud if index is None else replace(cloud, pair=np.full(len(cloud), index, np.uint8))
 
 
-def _call_of(answer: MethodAnswer) -> MethodCall:
-    finding = f"{FindingKind.LEAKING}: {answer.leaking}" if answer.leaking else ""
-    return MethodCall(answer.usage, finding, statistics=answer.result.get("statistics") or {})
-
-
-def _check_stamp(pair: StereoPair, answer: MethodAnswer) -> None:
-    """Raise `MethodFailureError` if an answer is that to another pair; one without a stamp is to this."""
-    stamp_ns = answer.result.get("stamp_ns", pair.stamp_ns)
+def _check_stamp(pair: StereoPair, result: Mapping[str, Any]) -> None:
+    """Refuse the answer to another pair; one without a stamp is to this."""
+    stamp_ns = result.get("stamp_ns", pair.stamp_ns)
     if stamp_ns != pair.stamp_ns:
         text = f"answered for stamp {stamp_ns}, asked for {pair.stamp_ns}"
-        raise MethodFailureError(FindingKind.WRONG_STAMP, text, ended=False)
+        raise MethodFailureError(FindingKind.WRONG_STAMP, text)
 
 
 def _covariance(numbers: Any) -> FloatArray | None:  # noqa: ANN401 - 36 numbers or None
-    """Return a covariance `(6, 6)`, None where none is stated.
-
-    Raises:
-        MethodFailureError: If it is none.
-    """
+    """Return a covariance `(6, 6)`, None where none is stated."""
     if numbers is None:
         return None
     covariance = np.reshape(np.asarray(numbers, np.float64), (6, 6))
@@ -293,11 +245,10 @@ def _covariance(numbers: Any) -> FloatArray | None:  # noqa: ANN401 - 36 numbers
     if not all(map(isfinite, values)):
         if all(map(isnan, values)):
             return None
-        raise MethodFailureError(FindingKind.NOT_FINITE, "the covariance has a number that is not finite", ended=False)
+        raise MethodFailureError(FindingKind.NOT_FINITE, "the covariance has a number that is not finite")
     transposed: list[float] = covariance.T.ravel().tolist()
     asymmetry = max(map(abs, map(sub, values, transposed)))
     if min(values[::7]) < 0.0 or asymmetry > SYMMETRY * max(map(abs, values)):
-        raise MethodFailureError(
-            FindingKind.INVALID_RESULT, "the covariance is not symmetric, or a variance is negative", ended=False
-        )
+        text = "the covariance is not symmetric, or a variance is negative"
+        raise MethodFailureError(FindingKind.INVALID_RESULT, text)
     return covariance

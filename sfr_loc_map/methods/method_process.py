@@ -13,7 +13,7 @@ import tempfile
 import time
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ import numpy as np
 
 from sfr_loc_map.child_process import child_environment
 from sfr_loc_map.errors import MethodError
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.methods.registry import Method, MethodLimits
@@ -34,44 +35,34 @@ CAMERA = ("width", "height", "fx", "fy", "cx", "cy", "baseline_m")
 SHARED_MEMORY = Path("/dev/shm")
 MB = 1_000_000
 LEAKS = {10: 100 * MB, 50: 20 * MB}
-"""A method that keeps more after each of so many calls in a row, so much in all, leaks; a window that fills up does
-not."""
+"""A method leaks that keeps more after each of so many calls, so much in all; a window that fills up does not."""
 
 
 class MethodFailureError(MethodError):
-    """A call of a method gave no result: of what kind, and whether its process is gone."""
+    """A call of a method gave no valid result: of what kind, and whether its process is gone."""
 
-    def __init__(self, kind: FindingKind, text: str, *, ended: bool = True) -> None:
+    def __init__(self, kind: FindingKind, text: str, *, ended: bool = False) -> None:
         super().__init__(text)
         self.kind, self.ended = kind, ended
 
 
-def no_usage() -> CallUsage:
-    """Return the costs of a call that did not return."""
-    return CallUsage(math.nan)
+@dataclass(frozen=True, slots=True, eq=False)
+class MethodCall:
+    """What one call of a method under test took, stated and did wrong."""
 
-
-@dataclass(frozen=True, slots=True)
-class MethodAnswer:
-    """The answer to an order.
-
-    Time and memory are by the clock and the kernel's mark of the method's process; idle is the process that was warmed
-    up and had done nothing yet.
-    """
-
-    usage: CallUsage
-    leaking: str  # what is wrong with the memory that is kept from call to call, empty for nothing
-    result: Mapping[str, Any]  # what the adapter reports
+    usage: CallUsage = field(default_factory=lambda: CallUsage(math.nan))  # NaN where it did not return
+    finding: str = ""  # what it did wrong, `KIND: text`; empty for nothing
+    reason: str = ""  # why its pose is degraded or lost
+    statistics: Mapping[str, float] = field(default_factory=dict)
+    covariance: FloatArray | None = None  # of the pose
+    step: FloatArray | None = None  # `(27,)` uncertainty of the step
 
 
 class MethodProcess:
-    """A method's process, warmed up and waiting once constructed.
+    """A method's process, warmed up and waiting once constructed, of a stated `version`; it `fuses` pairs or not.
 
     Attributes:
-        method: The method.
-        version: Version that it reports.
-        fuses: Whether it fuses pairs.
-        idle_bytes: Its resident memory after warm-up.
+        idle_bytes: Its resident memory after warm-up, None where that is not known.
         output: Where the arrays of its results are, without the ending that says what they are.
     """
 
@@ -83,7 +74,7 @@ class MethodProcess:
         Raises:
             MethodError: If it does not start; the message has its last log line.
         """
-        self.method, self._limits = method, limits
+        self._limits = limits
         shared = SHARED_MEMORY if os.access(SHARED_MEMORY, os.W_OK) else None
         self._folder = Path(tempfile.mkdtemp(prefix="sfr_method_", dir=shared))
         self._log, images = self._folder / "log", self._folder / "images"
@@ -101,9 +92,9 @@ class MethodProcess:
             )
         self._rest = b""
         self._kept = self._growing = self._grown = 0
-        poses = {"start": _numbers(T_ds_rb), "T_rb_sb": None, "T_rb_left": None}
-        if rig.T_rb_sb is not None:
-            poses |= {"T_rb_sb": _numbers(rig.T_rb_sb), "T_rb_left": _numbers(rig.T_rb_left)}
+        T_rb_left = None if rig.T_rb_sb is None else rig.T_rb_left
+        transforms = {"start": T_ds_rb, "T_rb_sb": rig.T_rb_sb, "T_rb_left": T_rb_left}
+        poses = {name: None if T is None else T.matrix.ravel().tolist() for name, T in transforms.items()}
         about = {"task": method.task.value, "target": method.target, "config": method.config, "images": str(images)}
         camera = {name: getattr(rig, name) for name in CAMERA}
         try:
@@ -116,8 +107,10 @@ class MethodProcess:
             raise
         self.version, self.fuses, self.idle_bytes = str(hello["version"]), bool(hello["fuses"]), hello["idle_bytes"]
 
-    def call(self, pair: StereoPair, order: Mapping[str, object]) -> MethodAnswer:
-        """Show it a pair, give an order and return the answer.
+    def call(self, pair: StereoPair, order: Mapping[str, object]) -> tuple[MethodCall, Mapping[str, Any]]:
+        """Show it a pair, give an order and return what the call took, and what its adapter reports.
+
+        Time and memory are by the clock and the kernel's mark of the method's process.
 
         Raises:
             MethodFailureError: If there is no result: what the method did.
@@ -128,10 +121,11 @@ class MethodProcess:
         resident, peak = answer["resident_bytes"], answer["peak_bytes"]
         self._check_limits(resident or 0)
         if "fault" in answer:
-            raise MethodFailureError(FindingKind(answer["fault"]), answer["text"], ended=False)
-        idle = self.idle_bytes
-        above = None if peak is None or idle is None else max(peak - idle, 0)
-        return MethodAnswer(CallUsage(answer["seconds"], peak, above), self._leak(resident), answer["result"])
+            raise MethodFailureError(FindingKind(answer["fault"]), answer["text"])
+        above = None if peak is None or self.idle_bytes is None else max(peak - self.idle_bytes, 0)
+        usage, result, leak = CallUsage(answer["seconds"], peak, above), answer["result"], self._leak(resident)
+        finding = f"{FindingKind.LEAKING}: {leak}" if leak else ""
+        return MethodCall(usage, finding, statistics=result.get("statistics") or {}), result
 
     def _exchange(self, order: Mapping[str, object], timeout_s: float) -> dict[str, Any]:
         assert self._process.stdin is not None
@@ -149,10 +143,12 @@ class MethodProcess:
         answers.register(place, select.POLLIN)
         while b"\n" not in self._rest:
             if not answers.poll(1000 * POLL_S):
-                self._check_limits(_resident_bytes(self._process.pid))
+                with suppress(FileNotFoundError, ProcessLookupError, IndexError):
+                    pages = Path(f"/proc/{self._process.pid}/statm").read_text("ascii").split()[1]
+                    self._check_limits(int(pages) * os.sysconf("SC_PAGE_SIZE"))
                 if time.monotonic() > end:
                     self.kill()
-                    raise MethodFailureError(FindingKind.HANGING, f"has not answered for {timeout_s:g} s")
+                    raise MethodFailureError(FindingKind.HANGING, f"has not answered for {timeout_s:g} s", ended=True)
                 continue
             data = os.read(place, 65536)
             if not data:
@@ -166,7 +162,7 @@ class MethodProcess:
         if resident > limit * MB:
             self.kill()
             text = f"has {resident // MB} MB resident, the limit is {limit} MB"
-            raise MethodFailureError(FindingKind.OUT_OF_MEMORY, text)
+            raise MethodFailureError(FindingKind.OUT_OF_MEMORY, text, ended=True)
 
     def _crashed(self) -> None:
         try:
@@ -180,7 +176,7 @@ class MethodProcess:
             how = f"with {code}"
         else:
             how = "by " + next((item.name for item in signal.Signals if item == -code), f"signal {-code}")
-        raise MethodFailureError(FindingKind.CRASHED, f"has ended {how}: {last}")
+        raise MethodFailureError(FindingKind.CRASHED, f"has ended {how}: {last}", ended=True)
 
     def _leak(self, resident: int | None) -> str:
         """Return what is wrong with the memory that is kept after the calls, once for each of `LEAKS`."""
@@ -216,16 +212,3 @@ class MethodProcess:
             if stream is not None:
                 stream.close()
         shutil.rmtree(self._folder, ignore_errors=True)
-
-
-def _numbers(transform: Transform) -> list[float]:
-    numbers: list[float] = transform.matrix.ravel().tolist()
-    return numbers
-
-
-def _resident_bytes(pid: int) -> int:
-    try:
-        with open(f"/proc/{pid}/statm", "rb", buffering=0) as stream:
-            return int(stream.read(200).split()[1]) * os.sysconf("SC_PAGE_SIZE")
-    except (OSError, IndexError):
-        return 0

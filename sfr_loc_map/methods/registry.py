@@ -25,8 +25,6 @@ GROUPS = {Task.LOCALISATION: "sfr_loc_map.localisers", Task.MAPPING: "sfr_loc_ma
 LIBRARY_PREFIX = "lib:"
 CLASS_WORKER, LIBRARY_WORKER = "python_class.py", "c_library.py"
 HEADER = "sfr_candidate.h"
-HEADER_PLACES = ("include", "share/sfr_loc_map/include")
-"""Of the sources, and of what is installed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,12 +120,7 @@ PEERS = {
 
 
 def find_method(spec: str, task: Task, config: str = "") -> Method:
-    """Return the method that a text names.
-
-    Args:
-        spec: Name, `package.module:Class`, `file.py:Class` or `lib:PATH.so`.
-        task: What it is wanted for.
-        config: Text of its configuration. That of a peer names its interpreter: `python: PATH`.
+    """Return the method that a text names; the configuration of a peer names its interpreter: `python: PATH`.
 
     Raises:
         MethodError: If there is none, or a peer is not installed.
@@ -177,11 +170,7 @@ def _configured_peer(peer: Peer, config: str) -> Method:
 
 
 def find_peer(peer: Peer, python: Path | None, files: dict[str, object]) -> tuple[Method | None, str]:
-    """Return a peer's method with an interpreter and files by name, or None and the reason why it cannot be run.
-
-    Raises:
-        MethodError: If `python` is not an interpreter.
-    """
+    """Return a peer's method with an interpreter and files by name, or None and the reason why it cannot be run."""
     if reason := lacks(python, peer):
         return None, reason
     for name, what in peer.needs:
@@ -195,11 +184,7 @@ def find_peer(peer: Peer, python: Path | None, files: dict[str, object]) -> tupl
 
 
 def lacks(python: Path | None, peer: Peer) -> str:
-    """Return why an interpreter cannot import a peer's modules, empty if it can; nothing is imported.
-
-    Raises:
-        MethodError: If `python` is not an interpreter.
-    """
+    """Return why an interpreter cannot import a peer's modules, empty if it can; MethodError if it is none."""
     if python is None:
         return f"not looked for: give --peer-python, an interpreter with it ({peer.install})"
     code = f"import importlib.util as u, sys; sys.exit(0 if all(map(u.find_spec, {peer.modules!r})) else 3)"
@@ -256,13 +241,9 @@ def record_of_ours(task: Task) -> MethodRecord:
 
 
 def header_folder() -> Path:
-    """Return the folder of the header of candidates in C, of the sources or of the installation of this module.
-
-    Raises:
-        MethodError: If it is not there.
-    """
+    """Return the folder of the header of candidates in C, of the sources or of what is installed."""
     for parent in Path(__file__).resolve().parents[2:]:
-        for place in HEADER_PLACES:
+        for place in ("include", "share/sfr_loc_map/include"):
             if (parent / place / HEADER).is_file():
                 return parent / place
     raise MethodError(f"{HEADER} is not installed beside '{Path(__file__).parents[1]}': install the package again")

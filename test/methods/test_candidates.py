@@ -21,7 +21,8 @@ from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.methods import registry
-from sfr_loc_map.methods.isolated_method import IsolatedMethod, MethodCall
+from sfr_loc_map.methods.isolated_method import IsolatedMethod
+from sfr_loc_map.methods.method_process import MethodCall
 from sfr_loc_map.methods.protocols import LocaliserProtocol, MapperProtocol
 from sfr_loc_map.methods.registry import find_method
 from sfr_loc_map.metrics.score import MethodKind, MethodRecord

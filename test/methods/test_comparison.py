@@ -28,7 +28,8 @@ from sfr_loc_map.methods.comparison import (
     ratios,
     run_pass,
 )
-from sfr_loc_map.methods.isolated_method import IsolatedMethod, MethodCall
+from sfr_loc_map.methods.isolated_method import IsolatedMethod
+from sfr_loc_map.methods.method_process import MethodCall
 from sfr_loc_map.methods.registry import Method
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.score import MethodKind

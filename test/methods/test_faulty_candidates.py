@@ -19,7 +19,8 @@ from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.methods.comparison import PassInput, run_pass
-from sfr_loc_map.methods.isolated_method import IsolatedMethod, MethodCall
+from sfr_loc_map.methods.isolated_method import IsolatedMethod
+from sfr_loc_map.methods.method_process import MethodCall
 from sfr_loc_map.methods.registry import MethodLimits, find_method
 
 Build = Callable[..., Path]

@@ -125,7 +125,8 @@ class LibraryLocaliser(Library):
     def report(self, answer: Any, order: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ANN401 - as of the call
         """Return pose, covariance and state; raise ValueError if the candidate failed, or wrote what it may not."""
         failed, pose, covariance, status, _ = answer
-        _check_return("process", failed)
+        if failed:
+            raise ValueError(f"sfr_candidate_process returned {failed}")
         if bytes(pose)[PoseStruct.mark.offset :] != MARK or covariance[36:].tobytes() != MARK:
             raise ValueError("wrote beyond the pose or the covariance")
         if not 0 <= status.value < len(STATES):
@@ -169,7 +170,8 @@ class LibraryMapper(Library):
     def report(self, answer: Any, order: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ANN401 - as of the call
         """Save the points; raise ValueError if the candidate failed, or wrote what it may not."""
         failed, count, (left, _, _) = answer
-        _check_return("map", failed)
+        if failed:
+            raise ValueError(f"sfr_candidate_map returned {failed}")
         if self._mark.tobytes() != MARK or count.value > self._capacity:
             raise ValueError(f"wrote {count.value} points: there is room for {self._capacity}")
         points = self._points[: count.value]
@@ -182,11 +184,6 @@ class LibraryMapper(Library):
         cloud["intensity"], cloud["pair"] = left[points["v"], points["u"]], order["index"]
         np.save(order["output"] + ".cloud.npy", cloud)
         return {"stamp_ns": order["stamp_ns"]}
-
-
-def _check_return(name: str, failed: int) -> None:
-    if failed:
-        raise ValueError(f"sfr_candidate_{name} returned {failed}")
 
 
 def _rotation(quat: NDArray[np.float64]) -> NDArray[np.float64]:

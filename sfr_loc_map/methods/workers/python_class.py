@@ -54,10 +54,6 @@ class PythonClass:
         if callable(getattr(self.method, "warm_up", None)):
             self.method.warm_up()
 
-    def figures(self) -> dict[str, float]:
-        """Return the numbers that the method states of its last call."""
-        return _figures(getattr(self.method, "statistics", {}))
-
 
 class PythonLocaliser(PythonClass):
     """A localiser: its result is a `PoseEstimate`, a `Transform`, a matrix `(4, 4)`, or None where it is lost."""
@@ -81,7 +77,7 @@ class PythonLocaliser(PythonClass):
         """Return the pose as 16 numbers, None when lost, and what else the estimate says."""
         if answer is None:
             return {"T_ds_rb": None}
-        about: dict[str, Any] = {"statistics": self.figures()}
+        about: dict[str, Any] = {"statistics": _figures(self.method)}
         if isinstance(answer, PoseEstimate):
             about |= {"stamp_ns": answer.stamp_ns, "state": answer.state.value, "reason": answer.reason_text}
             about["statistics"] |= answer.figures
@@ -125,12 +121,13 @@ class PythonMapper(PythonClass):
             raise TypeError(f"a map is a PointCloud, has a 'cloud', or is a disparity image: got {_described(answer)}")
         return {
             "stamp_ns": getattr(answer, "stamp_ns", order["stamp_ns"]),
-            "statistics": _figures(getattr(answer, "statistics", {})) | self.figures(),
+            "statistics": _figures(answer) | _figures(self.method),
             "warnings": [str(line) for line in getattr(answer, "warnings", ())],
         }
 
 
-def _figures(stated: object) -> dict[str, float]:
+def _figures(of: object) -> dict[str, float]:
+    stated = getattr(of, "statistics", {})
     return {str(name): float(value) for name, value in stated.items()} if isinstance(stated, Mapping) else {}
 
 
