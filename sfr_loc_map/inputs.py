@@ -66,6 +66,7 @@ _UNPRINTABLE = re.compile(
 )
 """Controls (C0 without tab and line feed, DEL, C1), marks of direction, separators of lines, surrogates."""
 _SPECIAL_FILES = {
+    stat.S_IFDIR: "a folder",
     stat.S_IFIFO: "a named pipe",
     stat.S_IFCHR: "a device",
     stat.S_IFBLK: "a device",
@@ -97,7 +98,7 @@ def refusing(where: str, advice: str = "correct the file") -> Iterator[None]:
 
 def special_kind(mode: int) -> str:
     """Return what a file of this `st_mode` is if neither a regular file nor a folder, in words; else an empty text."""
-    return _SPECIAL_FILES.get(stat.S_IFMT(mode), "")
+    return "" if stat.S_ISDIR(mode) else _SPECIAL_FILES.get(stat.S_IFMT(mode), "")
 
 
 def check_regular(path: Path) -> None:
@@ -106,27 +107,37 @@ def check_regular(path: Path) -> None:
     Raises:
         OSError: If it is missing or something else, or its name is that of no file.
     """
-    if "\0" in str(path):  # Python would raise a ValueError
-        raise OSError(errno.EINVAL, "its name holds a zero byte", str(path))
-    mode = path.stat().st_mode
-    if stat.S_ISDIR(mode):
-        raise IsADirectoryError(errno.EISDIR, "it is a folder", str(path))
-    if kind := special_kind(mode):
-        raise OSError(errno.EINVAL, f"it is {kind}, not a file", str(path))
+    read_bytes(path, None)
 
 
-def read_bytes(path: Path, limit: int) -> bytes:
-    """Return the content of a regular file.
+def read_bytes(path: Path, limit: int | None, *, table: bool = False) -> bytes:
+    """Return the content of a regular file of at most so many bytes; without a limit nothing is read.
+
+    Of a `table` of text the number and the length of its lines are bounded as well.
 
     Raises:
-        OSError: If it cannot be read, is not a regular file (a named pipe would wait for ever) or has more bytes.
+        OSError: If it cannot be read, is not a regular file (a named pipe would wait for ever) or is too large.
     """
-    check_regular(path)
+    if "\0" in str(path):  # Python would raise a ValueError
+        raise OSError(errno.EINVAL, "its name holds a zero byte", str(path))
+    if kind := _SPECIAL_FILES.get(stat.S_IFMT(path.stat().st_mode)):
+        raise OSError(errno.EINVAL, f"it is {kind}, not a file", str(path))
+    if limit is None:
+        return b""
     with path.open("rb") as stream:
         size = os.fstat(stream.fileno()).st_size
         data = stream.read(limit + 1) if size <= limit else b""
     if max(size, len(data)) > limit:
         raise OSError(errno.EFBIG, f"it is larger than {limit / MB:g} MB", str(path))
+    if table and data.count(b"\n") + data.count(b"\r") > MAX_TABLE_LINES:
+        raise OSError(errno.EFBIG, f"it has more than {MAX_TABLE_LINES} lines", str(path))
+    begin = 0
+    while table and len(data) - begin > MAX_LINE_BYTES:
+        window = begin + MAX_LINE_BYTES
+        end = max(data.rfind(b"\n", begin, window), data.rfind(b"\r", begin, window))
+        if end < 0:
+            raise OSError(errno.EFBIG, f"it has a line of more than {MAX_LINE_BYTES} bytes", str(path))
+        begin = end + 1
     return data
 
 
@@ -141,27 +152,8 @@ def read_text(path: Path, limit: int = MAX_TEXT_BYTES) -> str:
 
 
 def read_table(path: Path) -> bytes:
-    """Return the content of a table of text.
-
-    Raises:
-        OSError: As `read_bytes`, or if it has too many lines or one of them is too long.
-    """
-    data = read_bytes(path, MAX_TABLE_BYTES)
-    if count_line_ends(data) > MAX_TABLE_LINES:
-        raise OSError(errno.EFBIG, f"it has more than {MAX_TABLE_LINES} lines", str(path))
-    begin = 0
-    while len(data) - begin > MAX_LINE_BYTES:
-        window = begin + MAX_LINE_BYTES
-        end = max(data.rfind(b"\n", begin, window), data.rfind(b"\r", begin, window))
-        if end < 0:
-            raise OSError(errno.EFBIG, f"it has a line of more than {MAX_LINE_BYTES} bytes", str(path))
-        begin = end + 1
-    return data
-
-
-def count_line_ends(data: bytes) -> int:
-    """Return how many line feeds and carriage returns there are."""
-    return data.count(b"\n") + data.count(b"\r")
+    """Return the content of a table of text; OSError as `read_bytes`."""
+    return read_bytes(path, MAX_TABLE_BYTES, table=True)
 
 
 def expansion_limit(compressed: int) -> int:

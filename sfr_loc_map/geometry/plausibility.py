@@ -18,6 +18,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, Mask
 MAX_IMAGE_PIXELS = 8192 * 8192
 """Largest image: a header may claim any size, and every allocation follows from it."""
 MAX_IMAGE_SIDE = 32_768
+IMAGE_SIZE = f"{{}} is {{}} x {{}}: whole numbers of pixels > 0, up to {MAX_IMAGE_PIXELS} in all, are needed"
 FOCAL_SHARE = (0.01, 100.0)
 """Focal length over the longer side of the image: fields of view from 178 to 0.6 degrees."""
 MAX_CENTRE_SHARE = 10.0
@@ -45,9 +46,7 @@ def check_image_size(width: float, height: float, name: str = "image") -> None:
     """
     sides_ok = all(1 <= n <= MAX_IMAGE_SIDE and n == int(n) for n in (width, height))
     if not (sides_ok and width * height <= MAX_IMAGE_PIXELS):
-        raise GeometryError(
-            f"{name} is {width} x {height}: whole numbers of pixels > 0, up to {MAX_IMAGE_PIXELS} in all, are needed"
-        )
+        raise GeometryError(IMAGE_SIZE.format(name, width, height))
 
 
 def check_camera(size: tuple[float, float], focal: tuple[float, float], centre: tuple[float, float]) -> None:
@@ -61,8 +60,10 @@ def check_camera(size: tuple[float, float], focal: tuple[float, float], centre: 
     Raises:
         GeometryError: If they cannot be those of a camera.
     """
-    check_image_size(*size)
     side = max(size)
+    sides_ok = all(1 <= n <= MAX_IMAGE_SIDE and n == int(n) for n in size)
+    if not (sides_ok and size[0] * size[1] <= MAX_IMAGE_PIXELS):
+        raise GeometryError(IMAGE_SIZE.format("image", *size))
     low, high = (share * side for share in FOCAL_SHARE)
     if not all(low <= f <= high for f in focal):
         raise GeometryError(
@@ -73,13 +74,6 @@ def check_camera(size: tuple[float, float], focal: tuple[float, float], centre: 
         raise GeometryError(
             f"principal point is ({centre[0]:g}, {centre[1]:g}): it lies far outside an image of {size[0]} x {size[1]}"
         )
-
-
-def check_baseline(baseline_m: float) -> None:
-    """Check the distance of the cameras; GeometryError if it cannot be that of a stereo rig."""
-    low, high = BASELINE_M
-    if not low <= baseline_m <= high:
-        raise GeometryError(f"baseline is {baseline_m:g} m: {low:g} to {high:g} m are possible")
 
 
 def check_extrinsics(position_m: FloatArray) -> None:

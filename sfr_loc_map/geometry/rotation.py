@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray
 
+MIN_NORM: Final = 1e-12
 NO_LENGTH: Final = "a quaternion has no length or is not finite: a rotation needs four finite numbers, not all zero"
 
 
@@ -22,7 +23,7 @@ def quat_normalised(quat_xyzw: ArrayLike) -> FloatArray:
     """Return unit quaternions `(..., 4)`; GeometryError if one has no length or is not finite."""
     quat = np.asarray(quat_xyzw, dtype=np.float64)
     norm = np.sqrt(np.sum(quat * quat, axis=-1, keepdims=True))
-    if not np.all(np.isfinite(norm)) or np.any(norm < 1e-12):
+    if not np.all(np.isfinite(norm)) or np.any(norm < MIN_NORM):
         raise GeometryError(NO_LENGTH)
     return np.asarray(quat / norm)
 
@@ -60,8 +61,11 @@ def quat_rotate(quat_xyzw: ArrayLike, vectors: ArrayLike) -> FloatArray:
 
 def matrix_from_quat(quat_xyzw: ArrayLike) -> FloatArray:
     """Return rotation matrices `(..., 3, 3)` of quaternions `(..., 4)`, normalised first."""
-    quat = quat_normalised(quat_xyzw)
-    x, y, z, w = (quat[..., i] for i in range(4))
+    quat = np.asarray(quat_xyzw, dtype=np.float64)
+    norm = np.sqrt(np.sum(quat * quat, axis=-1))
+    if not np.all(np.isfinite(norm)) or np.any(norm < MIN_NORM):
+        raise GeometryError(NO_LENGTH)
+    x, y, z, w = (quat[..., i] / norm for i in range(4))
     rows = (
         (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
         (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
@@ -115,7 +119,7 @@ def _quat_from_one_matrix(matrix: FloatArray) -> FloatArray:
         quat = (1.0 + 2.0 * a - trace, d + b, c + g, h - f)
     x, y, z, w = quat
     norm = math.sqrt(x * x + y * y + z * z + w * w)
-    if not 1e-12 <= norm < math.inf:
+    if not MIN_NORM <= norm < math.inf:
         raise GeometryError(NO_LENGTH)
     if w / norm < 0:
         norm = -norm

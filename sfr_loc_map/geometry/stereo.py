@@ -10,7 +10,7 @@ import numpy as np
 from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray, GreyImage, PointImage
 from sfr_loc_map.geometry.camera import StereoCamera
-from sfr_loc_map.geometry.plausibility import check_baseline, check_camera, check_extrinsics
+from sfr_loc_map.geometry.plausibility import BASELINE_M, MAX_EXTRINSICS_M, check_camera
 from sfr_loc_map.geometry.transform import Transform
 
 
@@ -34,9 +34,14 @@ class StereoRig:
     def __post_init__(self) -> None:
         """Check the values; GeometryError if one cannot be that of a camera or a rover."""
         check_camera((self.width, self.height), (self.fx, self.fy), (self.cx, self.cy))
-        check_baseline(self.baseline_m)
-        if self.T_rb_sb is not None:
-            check_extrinsics(self.T_rb_sb.translation)
+        low, high = BASELINE_M
+        if not low <= self.baseline_m <= high:
+            raise GeometryError(f"baseline is {self.baseline_m:g} m: {low:g} to {high:g} m are possible")
+        if self.T_rb_sb is not None and not (np.abs(self.T_rb_sb.translation) <= MAX_EXTRINSICS_M).all():
+            raise GeometryError(
+                f"the stereo rig is at {self.T_rb_sb.translation.tolist()} m in RB: up to {MAX_EXTRINSICS_M:g} m are "
+                "possible"
+            )
 
     @property
     def camera_matrix(self) -> FloatArray:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, check_rotation, plausible_quats
+from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, QUATERNION_SQUARES, check_rotation
 from sfr_loc_map.geometry.rotation import (
     matrix_from_quat,
     matrix_from_rotvec,
@@ -68,7 +68,8 @@ class Transform:
                 absurd.
         """
         quat = np.array(quat_xyzw, dtype=np.float64)
-        if quat.shape != (4,) or not plausible_quats(quat):
+        low, high = QUATERNION_SQUARES
+        if quat.shape != (4,) or not low <= sum(value * value for value in quat.tolist()) <= high:
             raise GeometryError(f"the quaternion {quat.tolist()} is not a rotation: a unit quaternion is needed")
         return cls(matrix_from_quat(quat), np.array(translation, dtype=np.float64), quat)
 

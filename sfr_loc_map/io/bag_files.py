@@ -20,8 +20,9 @@ LARGEST_PAGE = 65536
 def is_bag(path: Path) -> bool:
     """Tell whether a path looks like a bag: the folder of a ROS 2 bag, its storage file, or a ROS 1 bag."""
     if path.is_dir():
-        return (path / "metadata.yaml").exists() or bool(_storage_files(path))
-    return path.suffix in STORAGE_SUFFIXES or is_ros1_bag(path)
+        parts = ("metadata.yaml", *(f"*{suffix}" for suffix in STORAGE_SUFFIXES))
+        return any(True for part in parts for _ in path.glob(part))
+    return path.suffix in STORAGE_SUFFIXES or (path.suffix in ROS1_SUFFIXES and is_ros1_bag(path))
 
 
 def is_ros1_bag(path: Path) -> bool:
@@ -39,7 +40,9 @@ def reader_paths(path: Path) -> list[Path]:
     """Return what readers shall open: the folder, or the storage files where metadata.yaml is missing."""
     if not path.exists():
         raise InputError(f"there is no bag '{path}': give its folder or its .mcap, .db3 or .bag file")
-    files = _storage_files(path) if path.is_dir() else [path]
+    files = [path]
+    if path.is_dir():
+        files = sorted(file for suffix in STORAGE_SUFFIXES for file in path.glob(f"*{suffix}"))
     for file in files:
         with refusing(f"bag '{file}' cannot be read", "give a .mcap, .db3 or .bag file"):
             check_regular(file)
@@ -77,7 +80,3 @@ def is_unfinished(path: Path) -> bool:
             return begins and stream.read() != MCAP_MAGIC
     except OSError:
         return False
-
-
-def _storage_files(folder: Path) -> list[Path]:
-    return sorted(file for suffix in STORAGE_SUFFIXES for file in folder.glob(f"*{suffix}"))

@@ -7,7 +7,6 @@ formula is that of sensor_msgs/CameraInfo: the right camera's `P[3] = -fx baseli
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -43,15 +42,6 @@ def baseline_from_projection(fx: float, shift: float) -> float:
             near.add(step)
     exact = [b for b in near if -(fx * b) == shift]
     return min(exact, key=lambda b: (len(repr(b)), abs(b - middle))) if exact else middle
-
-
-def message_baseline(rig: StereoRig) -> StereoRig:
-    """Return the rig as it comes out of its camera_info messages.
-
-    Readers of files use it, so that a rig read from a file and the same rig received over topics are equal to the
-    last digit. It changes nothing but, for a baseline of 16 digits or more, the last one.
-    """
-    return replace(rig, baseline_m=baseline_from_projection(rig.fx, -(rig.fx * rig.baseline_m)))
 
 
 def rig_from_projections(

@@ -29,7 +29,7 @@ from sfr_loc_map.io.image_files import ImageFileSequence, TableWriter, pairs_of,
 from sfr_loc_map.io.rectification import CalibratedCamera, rectified_pair
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.text_table import check_order, parse_stamp_ns, read_data, read_lines
-from sfr_loc_map.io.trajectory_file import EUROC_HEADER, parse_euroc_poses
+from sfr_loc_map.io.trajectory_file import EUROC_HEADER, parse_euroc_table
 
 CAMERAS = ("cam0", "cam1")
 TRUTH = "state_groundtruth_estimate0"
@@ -92,7 +92,8 @@ def load_body_truth(path: Path) -> Trajectory | None:
     """Read poses `timestamp [ns], p_xyz [m], q_wxyz, ...`; None without the file or a pose."""
     if not path.exists():
         return None
-    truth = parse_euroc_poses(read_data(path), f"'{path}'")
+    table = parse_euroc_table(read_data(path), f"'{path}'")
+    truth = table.trajectory(table.values[:, :3], table.values[:, [4, 5, 6, 3]])
     check_order(truth.stamps_ns, f"'{path}'", strict=False)
     return truth if len(truth) else None
 

@@ -24,16 +24,15 @@ from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import quat_conjugate
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
-from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import SIDES, parse_json, read_bytes, read_table, read_text, refusing
+from sfr_loc_map.inputs import MAX_TABLE_BYTES, MAX_TEXT_BYTES, SIDES, read_bytes, refusing
 from sfr_loc_map.io.array_file import MAX_HEADER, parse_npy
-from sfr_loc_map.io.camera_info import message_baseline
+from sfr_loc_map.io.camera_info import baseline_from_projection
 from sfr_loc_map.io.image_codec import checked_points, encode_png
 from sfr_loc_map.io.image_files import ImageFiles, ImageFileSequence, ImagePair, TableWriter, read_pair, whole_pairs
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.text_table import check_order, parse_number, parse_stamp_ns
-from sfr_loc_map.io.trajectory_file import CSV_HEADER, csv_row, load_trajectory
+from sfr_loc_map.io.text_table import BOM, parse_number, parse_stamp_ns
+from sfr_loc_map.io.trajectory_file import CSV_HEADER, TrajectoryFormat, csv_row, read_trajectory_file
 
 LOC_COLUMNS = ("stamp_ns", "left", "right")
 NAV_COLUMNS = (
@@ -42,6 +41,9 @@ NAV_COLUMNS = (
     *(f"att_q_LmToNavsb_{i}" for i in (1, 2, 3, 4)),
 )
 TRUTH_COLUMN = "truth"
+HEADERS = (LOC_COLUMNS, NAV_COLUMNS, (*NAV_COLUMNS, TRUTH_COLUMN))
+PLACES = tuple(f"{part}/{name}" for part in (".", "loc", "nav") for name in ("pairs.csv", "rig.json"))
+"""What a data set folder is known by."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,26 +59,68 @@ class FolderNavSequence(ImageFiles):
             yield PosedStereoPair(read_pair(entry, self.rig), entry.T_lm_navsb, truth)
 
 
-def is_folder(path: Path) -> bool:
-    """Tell whether a path looks like a data set folder."""
-    return any((path / part / name).exists() for part in (".", "loc", "nav") for name in ("pairs.csv", "rig.json"))
-
-
 def open_folder(path: Path) -> Source:
-    """Open a data set folder: of either task, or of both as `loc/` and `nav/`."""
-    loc_folder, nav_folder = (path / part if (path / part).is_dir() else None for part in ("loc", "nav"))
-    if (path / "pairs.csv").exists() or (path / "rig.json").exists():
-        is_nav = NAV_COLUMNS[3] in _read_rows(path / "pairs.csv")[0]
-        loc_folder, nav_folder = (None, path) if is_nav else (path, None)
-    loc, nav, left_out = None, None, 0
-    if loc_folder is not None:
-        rig = load_rig(loc_folder / "rig.json")
-        entries, left_out = _load_pairs(loc_folder)
-        loc = ImageFileSequence(rig, entries, _load_truth(loc_folder / "groundtruth.csv"))
-    if nav_folder is not None:
-        rig = load_rig(nav_folder / "rig.json")
-        entries, missing = _load_pairs(nav_folder)
-        nav, left_out = FolderNavSequence(rig, entries), left_out + missing
+    """Open a data set folder: of either task, or of both as `loc/` and `nav/`.
+
+    Raises:
+        InputError: If a file is missing or broken, or a value in it is; names it.
+    """
+    loc: ImageFileSequence | None = None
+    nav: FolderNavSequence | None = None
+    left_out, is_whole = 0, (path / "pairs.csv").exists() or (path / "rig.json").exists()
+    for folder in [path] if is_whole else [path / part for part in ("loc", "nav") if (path / part).is_dir()]:
+        file, table, truth_file = folder / "rig.json", folder / "pairs.csv", folder / "groundtruth.csv"
+        with refusing(f"cannot read '{table}'", "a data set folder needs its pairs.csv"):
+            text = read_bytes(table, MAX_TABLE_BYTES, table=True).decode("utf-8-sig")
+        with refusing(f"cannot read '{file}'", "a data set folder needs its rig.json"):
+            found = msgspec.json.decode(read_bytes(file, MAX_TEXT_BYTES).removeprefix(BOM), type=_RigFile)
+        with refusing(f"'{file}'"):
+            fx, skew, cx, low, fy, cy, *last = found.k
+            if (skew, low, *last) != (0, 0, 0, 0, 1):
+                raise GeometryError(f"k is {list(found.k)}: [fx, 0, cx, 0, fy, cy, 0, 0, 1] is needed")
+            pose = found.T_rb_locsb
+            T_rb_sb = None if pose is None else Transform.from_quat(pose.translation_m, pose.quat_xyzw)
+            # as it comes out of camera_info messages: a rig from a file and one from topics are equal to the last digit
+            baseline_m = baseline_from_projection(fx, -(fx * found.baseline_m)) if fx else found.baseline_m
+            rig = StereoRig(found.width, found.height, fx, fy, cx, cy, baseline_m, T_rb_sb)
+
+        header, *rows = [[word.strip() for word in line.split(",")] for line in text.splitlines()] or [[""]]
+        if tuple(header) not in HEADERS:
+            headers = " or ".join(f"'{','.join(names)}'" for names in HEADERS)
+            raise InputError(f"'{table}' line 1 is '{','.join(header)}': the header must be one of {headers}")
+        pairs = []
+        for number, row in enumerate(rows, start=2):
+            if len(row) != len(header):
+                raise InputError(f"'{table}' line {number}: {len(row)} columns found where {len(header)} are needed")
+            of_row, T_lm_navsb = dict(zip(header, row, strict=True)), None
+            with refusing(f"'{table}' line {number}", "correct or leave out the pair"):
+                stamp = parse_stamp_ns(row[0])
+                if len(row) > len(LOC_COLUMNS):
+                    numbers = [parse_number(of_row[name]) for name in NAV_COLUMNS[3:]]
+                    T_lm_navsb = Transform.from_origin_and_attitude(numbers[:3], numbers[3:])
+            points = folder / of_row[TRUTH_COLUMN] if of_row.get(TRUTH_COLUMN) else None
+            if points is not None and not points.is_file():  # said at once, not after an hour of work
+                raise InputError(
+                    f"'{table}' names a truth that is not there: {points}; restore it, or leave out its name"
+                )
+            pairs.append(ImagePair(stamp, folder / row[1], folder / row[2], T_lm_navsb, points))
+        if not pairs:
+            raise InputError(f"'{table}' lists no pair: at least one is needed")
+        whole, missing = whole_pairs(pairs, f"'{table}'")
+        left_out += missing
+
+        if folder.name == "nav" if not is_whole else len(header) > len(LOC_COLUMNS):
+            nav = FolderNavSequence(rig, whole)
+            continue
+        truth = None
+        if truth_file.exists():
+            loaded = read_trajectory_file(truth_file)
+            truth = loaded.trajectory
+            back = np.flatnonzero(np.diff(truth.stamps_ns) < 0)
+            if loaded.format is not TrajectoryFormat.CSV or len(back):
+                problem = f"line {back[0] + 3} goes back in time" if len(back) else f"line 1 is not '{CSV_HEADER}'"
+                raise InputError(f"'{truth_file}': {problem}: stamps must be in order")
+        loc = ImageFileSequence(rig, whole, truth)
     return Source(path, "sfr", loc, nav, left_out)
 
 
@@ -88,57 +132,6 @@ def _load_point_image(path: Path, rig: StereoRig) -> NDArray[np.float32]:
             f"truth '{path}' is {points.dtype} {points.shape}: float32 ({rig.height}, {rig.width}, 3) is needed"
         )
     return checked_points(points, f"truth '{path}'")
-
-
-def _load_truth(path: Path) -> Trajectory | None:
-    if not path.exists():
-        return None
-    truth = load_trajectory(path)
-    check_order(truth.stamps_ns, f"'{path}'", strict=False)
-    return truth
-
-
-def _read_rows(path: Path) -> list[list[str]]:
-    with refusing(f"cannot read '{path}'", "a data set folder needs its pairs.csv"):
-        text = read_table(path).decode("utf-8-sig")
-        rows = [[word.strip() for word in line.split(",")] for line in text.splitlines()]
-    if not rows or not rows[0]:
-        raise InputError(f"'{path}' is empty: a header {','.join(LOC_COLUMNS)} and a line for each pair are needed")
-    return rows
-
-
-def _load_pairs(folder: Path) -> tuple[list[ImagePair], int]:
-    """Return the pairs of a folder and how many are left out, as their images are not there."""
-    path = folder / "pairs.csv"
-    header, *rows = _read_rows(path)
-    allowed = (LOC_COLUMNS, NAV_COLUMNS, (*NAV_COLUMNS, TRUTH_COLUMN))
-    if tuple(header) not in allowed:
-        headers = " or ".join(f"'{','.join(names)}'" for names in allowed)
-        raise InputError(f"'{path}' line 1 is '{','.join(header)}': the header must be one of {headers}")
-    entries = []
-    for number, row in enumerate(rows, start=2):
-        if row:
-            if len(row) != len(header):
-                raise InputError(f"'{path}' line {number}: {len(row)} columns found where {len(header)} are needed")
-            entries.append(_entry(folder, f"'{path}' line {number}", dict(zip(header, row, strict=True))))
-    if not entries:
-        raise InputError(f"'{path}' lists no pair: at least one is needed")
-    check_order([entry.stamp_ns for entry in entries], f"'{path}'", strict=True)
-    missing = [entry.truth for entry in entries if entry.truth is not None and not entry.truth.is_file()]
-    if missing:  # said at once, not after an hour of work
-        raise InputError(f"'{path}' names a truth that is not there: {missing[0]}; restore it, or leave out its name")
-    return whole_pairs(entries, f"'{path}'")
-
-
-def _entry(folder: Path, where: str, row: dict[str, str]) -> ImagePair:
-    pose = None
-    with refusing(where, "correct or leave out the pair"):
-        stamp = parse_stamp_ns(row["stamp_ns"])
-        if NAV_COLUMNS[3] in row:
-            numbers = [parse_number(row[name]) for name in NAV_COLUMNS[3:]]
-            pose = Transform.from_origin_and_attitude(numbers[:3], numbers[3:])
-    truth = folder / row[TRUTH_COLUMN] if row.get(TRUTH_COLUMN) else None
-    return ImagePair(stamp, folder / row["left"], folder / row["right"], pose, truth)
 
 
 class _PoseOfRig(msgspec.Struct, forbid_unknown_fields=True):
@@ -154,29 +147,8 @@ class _RigFile(msgspec.Struct, forbid_unknown_fields=True):
     T_rb_locsb: _PoseOfRig | None = None
 
 
-def load_rig(path: Path) -> StereoRig:
-    """Read a rig.json.
-
-    Raises:
-        InputError: If it is missing, not JSON, or a value is missing, unknown or of the wrong type; names them.
-    """
-    with refusing(f"cannot read '{path}'", "a data set folder needs its rig.json"):
-        text = read_text(path)
-    with refusing(f"'{path}' is not valid JSON"):
-        content = parse_json(text)
-    with refusing(f"'{path}'"):
-        rig = msgspec.convert(content, _RigFile)
-        fx, skew, cx, low, fy, cy, *last = rig.k
-        if (skew, low, *last) != (0, 0, 0, 0, 1):
-            raise GeometryError(f"k is {list(rig.k)}: [fx, 0, cx, 0, fy, cy, 0, 0, 1] is needed")
-        pose = None
-        if rig.T_rb_locsb is not None:
-            pose = Transform.from_quat(rig.T_rb_locsb.translation_m, rig.T_rb_locsb.quat_xyzw)
-        return message_baseline(StereoRig(rig.width, rig.height, fx, fy, cx, cy, rig.baseline_m, pose))
-
-
 def rig_json(rig: StereoRig) -> str:
-    """Return the text of the rig.json that `load_rig` reads as this rig."""
+    """Return the text of the rig.json that `open_folder` reads as this rig."""
     content: dict[str, Any] = {
         "width": rig.width,
         "height": rig.height,

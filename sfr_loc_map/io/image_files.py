@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
@@ -35,7 +36,16 @@ class ImagePair:
 
 
 def whole_pairs(entries: Sequence[ImagePair], name: str) -> tuple[list[ImagePair], int]:
-    """Return the pairs both images of which are there, and how many are not; warn of those in one line."""
+    """Return the pairs both images of which are there, and how many are not; warn of those in one line.
+
+    Raises:
+        InputError: If none is whole, or the stamps do not grow.
+    """
+    for earlier, later in pairwise(entries):
+        if later.stamp_ns <= earlier.stamp_ns:
+            raise InputError(
+                f"{name}: stamp {later.stamp_ns} does not come after {earlier.stamp_ns}: stamps must be in order"
+            )
     missing = [file for entry in entries for file in (entry.left, entry.right) if not file.is_file()]
     if not missing:
         return list(entries), 0

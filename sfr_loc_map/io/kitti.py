@@ -29,7 +29,7 @@ from sfr_loc_map.io.camera_info import projection, rig_from_projections
 from sfr_loc_map.io.image_codec import encode_png, read_grey
 from sfr_loc_map.io.image_files import ImageFileSequence, ImagePair, TableWriter, whole_pairs
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.text_table import check_order, numbers_of, parse_table, read_data, read_lines, seconds_text
+from sfr_loc_map.io.text_table import numbers_of, parse_table, read_data, read_lines, seconds_text
 from sfr_loc_map.io.trajectory_file import read_times
 
 CAMERAS = ((0, 1), (2, 3))
@@ -49,7 +49,6 @@ def open_kitti(path: Path) -> Source:
     stamps = read_times(times).tolist()
     if not stamps:
         raise InputError(f"'{times}' holds no time: a line for each pair is needed")
-    check_order(stamps, f"'{times}'", strict=True)
     entries = [
         ImagePair(stamp, path / f"image_{left}" / f"{i:06d}.png", path / f"image_{right}" / f"{i:06d}.png")
         for i, stamp in enumerate(stamps)

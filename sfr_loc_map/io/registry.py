@@ -8,7 +8,7 @@ from pathlib import Path
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.euroc import is_euroc, open_euroc
-from sfr_loc_map.io.folder import is_folder, open_folder
+from sfr_loc_map.io.folder import PLACES, open_folder
 from sfr_loc_map.io.kitti import is_kitti, open_kitti
 from sfr_loc_map.io.rover_data_sets import (
     is_katwijk,
@@ -32,7 +32,7 @@ def _open_bag(path: Path, remap: Remap) -> Source:
 
 READERS: dict[str, tuple[Callable[[Path], bool], Opener]] = {
     "bag": (is_bag, _open_bag),
-    "sfr": (is_folder, lambda path, _: open_folder(path)),
+    "sfr": (lambda path: any((path / place).exists() for place in PLACES), lambda path, _: open_folder(path)),
     "kitti": (is_kitti, lambda path, _: open_kitti(path)),
     "euroc": (is_euroc, lambda path, _: open_euroc(path)),
     "madmax": (is_madmax, lambda path, _: open_madmax(path)),

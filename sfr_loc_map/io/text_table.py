@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sfr_loc_map.errors import InputError
+from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, plausible_positions, plausible_quats
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -138,21 +138,21 @@ class Table:
     stamps_ns: IntArray
     values: FloatArray
 
-    def require_pose(self) -> None:
-        """Raise an `InputError` if there is no row."""
-        if not len(self.lines):
-            raise InputError(f"{self.name} has no pose: at least one line with one is needed")
-
     def trajectory(self, positions: FloatArray, quats_xyzw: FloatArray) -> Trajectory:
         """Return the poses that stand in the rows."""
+        try:
+            return Trajectory(self.stamps_ns, positions.copy(), quats_xyzw.copy())
+        except GeometryError as error:
+            raise self.no_pose(positions, quats_xyzw) from error
+
+    def no_pose(self, positions: FloatArray, quats_xyzw: FloatArray) -> InputError:
+        """Return the error that names the first line that holds no pose."""
         near, unit = plausible_positions(positions), plausible_quats(quats_xyzw)
-        if not (near & unit).all():
-            row = int(np.argmin(near & unit))
-            problem = f"the quaternion {quats_xyzw[row].tolist()} is not a rotation: a unit quaternion is needed"
-            if not near[row]:
-                problem = f"the position is absurd: numbers up to {MAX_POSITION_M:g} are possible, in metres"
-            raise InputError(f"{self.name} line {self.lines[row]}: {problem}; correct or leave out the line")
-        return Trajectory(self.stamps_ns, positions.copy(), quats_xyzw.copy())
+        row = int(np.argmin(near & unit))
+        problem = f"the quaternion {quats_xyzw[row].tolist()} is not a rotation: a unit quaternion is needed"
+        if not near[row]:
+            problem = f"the position is absurd: numbers up to {MAX_POSITION_M:g} are possible, in metres"
+        return InputError(f"{self.name} line {self.lines[row]}: {problem}; correct or leave out the line")
 
 
 def parse_table(
@@ -183,23 +183,6 @@ def parse_table(
     stamp_at, columns = (places[0], list(places[1:])) if stamp else (None, list(places))
     width, parting = max(places) + 1, separator.encode() if separator else None
 
-    def read(rows: list[bytes]) -> tuple[IntArray, FloatArray] | None:
-        """Return stamps and numbers of rows, None if something is wrong with one."""
-        stamps, values = np.zeros(0, np.int64), np.zeros((0, len(columns)))
-        try:
-            if stamp is not None and stamp_at is not None:
-                words = (row.split(parting, stamp_at + 1)[stamp_at] for row in rows)
-                stamps = np.array([stamp(word.decode("ascii")) for word in words], np.int64)
-            if rows:
-                used = columns if more else None  # without them numpy refuses rows of unequal length
-                found = np.loadtxt(rows, np.float64, None, separator, usecols=used, ndmin=2, encoding="ascii")
-                if not more and found.shape[1] != width:
-                    return None
-                values = np.asarray(found if more else found[:, columns])
-        except (ValueError, IndexError):
-            return None
-        return (stamps, values) if np.isfinite(values).all() else None
-
     def check(row: bytes) -> None:
         cells = row.decode("utf-8", "replace").split(separator)
         if len(cells) < width or (len(cells) > width and not more):
@@ -209,24 +192,37 @@ def parse_table(
         for column in columns:
             parse_number(cells[column])
 
-    parts: list[tuple[IntArray, FloatArray]] = []
-    lines: list[IntArray] = []
+    parts: list[tuple[IntArray, IntArray, FloatArray]] = []
     begin, number = len(BOM) if data.startswith(BOM) else 0, 0
     while begin < len(data) or not parts:
         end = data.find(b"\n", begin + BLOCK_BYTES) + 1 or len(data)
         texts = [text.strip() for text in data[begin:end].splitlines()]
         chosen = [k for k, text in enumerate(texts) if text and not text.startswith(comment) and number + k >= skip]
-        part = read([texts[k] for k in chosen])
-        if part is None:
+        rows = [texts[k] for k in chosen]
+        stamps_ns, values = np.zeros(0, np.int64), np.zeros((0, len(columns)))
+        try:
+            if stamp is not None and stamp_at is not None:
+                words = (row.split(parting, stamp_at + 1)[stamp_at] for row in rows)
+                stamps_ns = np.array([stamp(word.decode("ascii")) for word in words], np.int64)
+            if rows:
+                used = columns if more else None  # without them numpy refuses rows of unequal length
+                values = np.loadtxt(rows, np.float64, None, separator, usecols=used, ndmin=2, encoding="ascii")
+                is_table = more or values.shape[1] == width
+                values = values if more else values[:, columns]
+            else:
+                is_table = True
+            is_table = is_table and bool(np.isfinite(values).all())
+        except (ValueError, IndexError):
+            is_table = False
+        if not is_table:
             for k in chosen:
                 with refusing(f"{name} line {number + k + 1}", "correct or leave out the line"):
                     check(texts[k])
             raise InputError(f"{name} cannot be read as a table of {form}")
-        parts.append(part)
-        lines.append(np.array(chosen, np.int64) + number + 1)
+        parts.append((np.array(chosen, np.int64) + number + 1, stamps_ns, values))
         begin, number = end, number + len(texts)
-    stamps_ns, values = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
-    return Table(name, np.concatenate(lines), stamps_ns, values)
+    lines, stamps_ns, values = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return Table(name, lines, stamps_ns, values)
 
 
 def _is_decimal(text: str) -> bool:

@@ -28,15 +28,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.errors import InputError
+from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.plausibility import plausible_positions, plausible_rotations
 from sfr_loc_map.geometry.pose_convention import OPTICAL_IN_BODY
 from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_conjugate, quat_from_matrix
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import MAX_TABLE_BYTES, MAX_TEXT_BYTES, NS_PER_S, check_regular, parse_json
+from sfr_loc_map.inputs import (
+    MAX_TABLE_BYTES,
+    MAX_TEXT_BYTES,
+    NS_PER_S,
+    check_regular,
+    parse_json,
+    read_bytes,
+    refusing,
+)
 from sfr_loc_map.io.atomic import atomic_path
-from sfr_loc_map.io.text_table import BOM, parse_seconds, parse_stamp_ns, parse_table, read_data, seconds_text
+from sfr_loc_map.io.text_table import BOM, Table, parse_seconds, parse_stamp_ns, parse_table, read_data, seconds_text
 
 CSV_HEADER = "stamp_ns,rbOriginPos_m_Ds_x,rbOriginPos_m_Ds_y,rbOriginPos_m_Ds_z," + ",".join(
     f"att_q_DsToRb_{i}" for i in (1, 2, 3, 4)
@@ -44,6 +52,8 @@ CSV_HEADER = "stamp_ns,rbOriginPos_m_Ds_x,rbOriginPos_m_Ds_y,rbOriginPos_m_Ds_z,
 TUM_HEADER = "# t x y z qx qy qz qw"
 EUROC_HEADER = "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []"
 KITTI_COLUMNS = 12
+CONJUGATED = np.array([-1.0, -1.0, -1.0, 1.0])
+"""What makes orientations as in ROS messages of `att_q_DsToRb`, and back."""
 TUM_SUFFIXES = (".txt", ".tum")
 KITTI_SUFFIX, EUROC_SUFFIX, EVO_SUFFIX = ".kitti", ".euroc.csv", ".zip"
 OUTPUT_SUFFIXES = (".csv", *TUM_SUFFIXES, KITTI_SUFFIX)
@@ -116,81 +126,66 @@ class LoadedTrajectory:
         return replace(self, trajectory=stamped, stamps=f"those of {other.path}, pose by pose", by_index=False)
 
 
-def load_trajectory(path: Path) -> Trajectory:
-    """Read a trajectory: csv if the first line is its header, TUM otherwise.
-
-    Stamps come as they are: out of order or twice, if so written.
-
-    Raises:
-        InputError: If the file is missing or empty, or a line does not hold eight finite numbers and a rotation;
-            names the line.
-    """
-    return _parse_suite(Path(path), read_data(path, "give a csv or TUM file"))
-
-
 def read_trajectory_file(path: Path, role: str = "estimate") -> LoadedTrajectory:
     """Read a trajectory in any format; of a result of evo the `estimate` or the `truth`, as `role` says.
+
+    The first bytes tell the format, and where they do not the name. Stamps come as they are: out of order or twice, if
+    so written.
 
     Raises:
         InputError: If it cannot be read, or a line is no pose; names the line.
     """
-    path = Path(path)
-    if path.suffix == EVO_SUFFIX:
-        return _read_evo(path, role)
-    data = read_data(path, "give a csv, TUM, KITTI, EuRoC or evo file")
-    kind = _detected(path, data[:HEAD_BYTES])
-    if kind is TrajectoryFormat.EVO:
-        return _read_evo(path, role)
-    if kind is TrajectoryFormat.KITTI:
-        return _parse_kitti(path, data, f"'{path}'")
-    if kind is TrajectoryFormat.EUROC:
-        return LoadedTrajectory(path, parse_euroc_poses(data, f"'{path}'"), kind)
-    return LoadedTrajectory(path, _parse_suite(path, data), kind)
-
-
-def _detected(path: Path, head: bytes) -> TrajectoryFormat:
-    """Return the format of a file by its first bytes, and where they do not tell by its name."""
-    if head.startswith(ZIP_MAGIC):
-        return TrajectoryFormat.EVO
-    lines = [line.strip() for line in head.removeprefix(BOM).splitlines() if line.strip()]
-    if lines and lines[0].startswith(b"stamp_ns"):
-        return TrajectoryFormat.CSV
+    path = place = Path(path)
+    data = ZIP_MAGIC
+    if path.suffix != EVO_SUFFIX:
+        with refusing(f"cannot read '{path}'", "give a csv, TUM, KITTI, EuRoC or evo file"):
+            data = read_bytes(path, MAX_TABLE_BYTES, table=True)
+    if is_evo := data.startswith(ZIP_MAGIC):
+        member, data = _evo_member(path, role)
+        place = path / member
+    name = f"'{place}'"
+    lines = [line.strip() for line in data[:HEAD_BYTES].removeprefix(BOM).splitlines() if line.strip()]
+    header = lines[0].decode("utf-8", "replace").replace(" ", "") if lines else ""
     row = next((line for line in lines if not line.startswith(b"#")), b"")
     cells = row.split(b",")
-    if len(cells) >= 8 and cells[0].strip().isdigit():
-        return TrajectoryFormat.EUROC
-    if len(row.split()) == KITTI_COLUMNS:
-        return TrajectoryFormat.KITTI
-    return TrajectoryFormat.CSV if path.suffix == ".csv" else TrajectoryFormat.TUM
-
-
-def _parse_suite(path: Path, data: bytes) -> Trajectory:
-    """Return the trajectory of a csv or TUM text."""
-    first, *_ = data[:HEAD_BYTES].removeprefix(BOM).splitlines() or [b""]
-    header = first.decode("utf-8", "replace").strip().replace(" ", "")
-    is_csv = header == CSV_HEADER
-    if not is_csv and (path.suffix == ".csv" or header.startswith("stamp_ns")):
-        raise InputError(f"'{path}' line 1 is '{header[:60]}': the header '{CSV_HEADER}' is needed")
-    if is_csv:
-        table = parse_table(data, f"'{path}'", CSV_HEADER, range(8), stamp=parse_stamp_ns, separator=",", skip=1)
+    kind = TrajectoryFormat.CSV if header == CSV_HEADER else TrajectoryFormat.TUM
+    if kind is TrajectoryFormat.CSV:
+        table = parse_table(data, name, CSV_HEADER, range(8), stamp=parse_stamp_ns, separator=",", skip=1)
+        quats = table.values[:, 3:] * CONJUGATED
+    elif header.startswith("stamp_ns"):
+        raise InputError(f"{name} line 1 is '{header[:60]}': the header '{CSV_HEADER}' is needed")
+    elif len(cells) >= 8 and cells[0].strip().isdigit():
+        table, kind = parse_euroc_table(data, name), TrajectoryFormat.EUROC
+        quats = table.values[:, [4, 5, 6, 3]]
+    elif len(row.split()) == KITTI_COLUMNS:
+        loaded = _parse_kitti(path, data, name)
+        return replace(loaded, format=TrajectoryFormat.EVO) if is_evo else loaded
+    elif place.suffix == ".csv":
+        raise InputError(f"{name} line 1 is '{header[:60]}': the header '{CSV_HEADER}' is needed")
     else:
-        table = parse_table(data, f"'{path}'", TUM_HEADER[2:], range(8), stamp=parse_seconds)
-    table.require_pose()
-    quats = table.values[:, 3:]
-    return table.trajectory(table.values[:, :3], quat_conjugate(quats) if is_csv else quats)
+        table = parse_table(data, name, TUM_HEADER[2:], range(8), stamp=parse_seconds)
+        quats = table.values[:, 3:].copy()
+    if not len(table.lines):
+        raise InputError(f"{name} has no pose: at least one line with one is needed")
+    positions = table.values[:, :3].copy()
+    try:
+        trajectory = Trajectory(table.stamps_ns, positions, quats)
+    except GeometryError as error:
+        raise table.no_pose(positions, quats) from error
+    return LoadedTrajectory(path, trajectory, TrajectoryFormat.EVO if is_evo else kind)
 
 
-def parse_euroc_poses(data: bytes, name: str) -> Trajectory:
-    """Return the poses of a text of EuRoC, which may have none; the body S is RB, the world R is DS."""
+def parse_euroc_table(data: bytes, name: str) -> Table:
+    """Return the table of a text of EuRoC, which may have no row; the body S is RB, the world R is DS."""
     form = "timestamp [ns], p_x, p_y, p_z, q_w, q_x, q_y, q_z"
-    table = parse_table(data, name, form, range(8), stamp=parse_stamp_ns, separator=",", more=True)
-    return table.trajectory(table.values[:, :3], table.values[:, [4, 5, 6, 3]])
+    return parse_table(data, name, form, range(8), stamp=parse_stamp_ns, separator=",", more=True)
 
 
 def _parse_kitti(path: Path, data: bytes, name: str) -> LoadedTrajectory:
     """Return KITTI poses with stamps from a file of seconds; without one the numbers of the lines, 1 s apart."""
     table = parse_table(data, name, "the first three rows of a pose matrix (KITTI)", range(KITTI_COLUMNS))
-    table.require_pose()
+    if not len(table.lines):
+        raise InputError(f"{name} has no pose: at least one line with one is needed")
     matrices = table.values.reshape(-1, 3, 4)
     good = plausible_rotations(matrices[:, :, :3]) & plausible_positions(matrices[:, :, 3])
     if not good.all():
@@ -224,22 +219,22 @@ def read_times(path: Path, count: int | None = None) -> IntArray:
     return table.stamps_ns
 
 
-def _read_evo(path: Path, role: str) -> LoadedTrajectory:
-    """Read the estimate or the truth of a result of evo: its members `info.json`, `stats.json` and trajectories."""
+def _evo_member(path: Path, role: str) -> tuple[str, bytes]:
+    """Return name and content of the estimate or the truth in a result of evo.
+
+    Its members are `info.json`, `stats.json` and trajectories, `NAME.tum` or `NAME.kitti`, NAME as info.json has it.
+    """
     try:
         check_regular(path)
         with zipfile.ZipFile(path) as archive:
             names = [item.filename for item in archive.infolist()[:MAX_MEMBERS]]
             if not {"info.json", "stats.json"} <= set(names):
                 raise InputError(f"'{path}' is no result of evo: it has no info.json and stats.json")
-            name = _evo_member(path, names, parse_json(_content(archive, "info.json", MAX_TEXT_BYTES)), role)
-            data = _content(archive, name, MAX_TABLE_BYTES)
+            name = _member_name(path, names, parse_json(_content(archive, "info.json", MAX_TEXT_BYTES)), role)
+            return name, _content(archive, name, MAX_TABLE_BYTES)
     except (OSError, ValueError, RuntimeError, NotImplementedError, zipfile.BadZipFile, zlib.error, EOFError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(f"cannot read '{path}': {reason}; give a zip file of evo's --save_results") from error
-    if name.endswith(KITTI_SUFFIX):
-        return replace(_parse_kitti(path, data, f"'{path}' {name}"), format=TrajectoryFormat.EVO)
-    return LoadedTrajectory(path, _parse_suite(path / name, data), TrajectoryFormat.EVO)
 
 
 def _content(archive: zipfile.ZipFile, name: str, limit: int) -> bytes:
@@ -250,8 +245,7 @@ def _content(archive: zipfile.ZipFile, name: str, limit: int) -> bytes:
     return data
 
 
-def _evo_member(path: Path, names: list[str], info: object, role: str) -> str:
-    """Return the member that has the estimate or the truth: `NAME.tum` or `NAME.kitti`, NAME as info.json has it."""
+def _member_name(path: Path, names: list[str], info: object, role: str) -> str:
     poses = [name for name in names if name.endswith((".tum", KITTI_SUFFIX))]
     if not poses:
         raise InputError(

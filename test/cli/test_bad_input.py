@@ -44,7 +44,7 @@ SOURCES: dict[str, tuple[Made, str] | tuple[Made, str, tuple[str, ...]]] = {
     ),
     "backwards": (broken.backwards, "pairs.csv'.*must be in order"),
     "backwards in bag": (broken.backwards_in_bag, "image_rect'.*must be in order"),
-    "broken rig": (broken.broken_rig, "rig.json.*not valid JSON"),
+    "broken rig": (broken.broken_rig, "rig.json.*truncated"),
     "no place on the rover": (broken.no_place_on_the_rover, "T_rb_locsb.*: add it", ("localise",)),
     "four pairs": (broken.four_pairs, "1 to 3 stereo pairs, .* has 4: split it", ("map",)),
     "four pairs in bag": (broken.four_pairs_in_bag, "1 to 3 stereo pairs, .* has 4: split it", ("map",)),

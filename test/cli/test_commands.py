@@ -21,7 +21,7 @@ from sfr_loc_map.errors import ExitCode
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.image_files import ImageFileSequence
-from sfr_loc_map.io.trajectory_file import load_trajectory, save_trajectory
+from sfr_loc_map.io.trajectory_file import read_trajectory_file, save_trajectory
 
 HEAVY = ("numba", "cv2", "scipy", "plotly", "rosbags", "rclpy", "llvmlite", "embreex")
 HELP = """
@@ -124,7 +124,7 @@ def test_from_source_to_score_and_report(sfr: Sfr, tmp_path: Path) -> None:
     localised = sfr("localise", source, "-o", trajectory, "--stats", stats, "--start", "truth")
     assert (localised.code, localised.out) == (0, "")
     assert localised.err.strip() == f"3 poses, 0 lost: {trajectory}"
-    assert len(load_trajectory(trajectory)) == 3
+    assert len(read_trajectory_file(trajectory).trajectory) == 3
     mapped = sfr("map", source, "-o", cloud)
     assert (mapped.code, mapped.out) == (0, "")
     assert f"points of 2 pairs: {cloud}" in mapped.err
@@ -172,7 +172,7 @@ def test_ctrl_c_keeps_the_pairs_that_were_localised(sfr: Sfr, tmp_path: Path, mo
         f"2 poses, 0 lost: {out}",
         "sfr: interrupted: 2 of 3 pairs were localised, and written",
     ]
-    assert len(load_trajectory(out)) == 2
+    assert len(read_trajectory_file(out).trajectory) == 2
     assert len(stats.read_text().splitlines()) == 3
     interrupted(0)
     nothing = sfr("localise", source, "-o", tmp_path / "none.csv")

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.io.trajectory_file import load_trajectory
+from sfr_loc_map.io.trajectory_file import read_trajectory_file
 
 COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
 NODE = Path(__file__).parent / "faulty_external_node.py"
@@ -76,7 +76,7 @@ def test_a_faulty_node_of_the_optical_frame_is_scored_and_each_fault_named(sfr: 
     camera = [(int(row[0]), Transform.from_quat(row[1:4], row[4:])) for row in believed]
     T_left_rb = loc.rig.T_rb_left.inverse()
     first = loc.ground_truth.pose(0) @ (camera[0][1] @ T_left_rb).inverse()
-    found = load_trajectory(out / "estimate.csv")
+    found = read_trajectory_file(out / "estimate.csv").trajectory
     unique = {int(stamp): row for row, stamp in enumerate(found.stamps_ns.tolist())}
     assert sorted(unique) == [stamp for stamp, _ in camera]
     for stamp, pose in camera:

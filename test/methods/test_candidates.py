@@ -14,7 +14,7 @@ from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.io.trajectory_file import load_trajectory
+from sfr_loc_map.io.trajectory_file import read_trajectory_file
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.localisation.localiser import Localiser
@@ -212,4 +212,4 @@ def test_a_peer_is_found_by_its_configuration(
     assert found.method == MethodRecord(name="orbslam3", version="9.1", kind=MethodKind.PEER)
     T_first_last = Transform(np.eye(3), np.array([0.0, 0.0, 1.1]))
     expected = true_pose(0) @ LOC_RIG.T_rb_left @ T_first_last @ LOC_RIG.T_rb_left.inverse()
-    np.testing.assert_allclose(load_trajectory(estimate).positions[-1], expected.translation, atol=1e-6)
+    np.testing.assert_allclose(read_trajectory_file(estimate).trajectory.positions[-1], expected.translation, atol=1e-6)
