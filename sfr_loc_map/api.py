@@ -46,7 +46,6 @@ from sfr_loc_map.pipeline.scoring import (
     ScoredCloud,
     ScoreInputs,
     converted_run,
-    load_drive,
     load_map_truth,
     load_run,
     said_fused,
@@ -606,19 +605,18 @@ def _run(estimate: Estimate, truth: Truth, stats: tuple[Path, ...], fused: bool 
         return Run(ScoreInputs(map_truth=Path(place), stats=stats), read, cloud=cloud, in_memory=in_memory)
     if not isinstance(estimate, trajectory_base.Trajectory) and not isinstance(place, trajectory_base.Trajectory):
         return load_run(ScoreInputs.of(Path(estimate), Path(place), stats), fused)
-    inputs, in_memory = ScoreInputs(stats=stats), {}
-    read = [*load_run(inputs).stats, *_own_stats(estimate)]
-    if isinstance(place, trajectory_base.Trajectory):
-        in_memory["truth"] = _hash(place)
-    else:
-        place = Path(place)
-        inputs = replace(inputs, truth=place)
-    if isinstance(estimate, trajectory_base.Trajectory):
-        in_memory["estimate"] = _hash(estimate)
-    else:
-        estimate = Path(estimate)
-        inputs = replace(inputs, estimate=estimate)
-    return Run(inputs, read, drive=load_drive(estimate, place, read), in_memory=in_memory)
+    given = {
+        role: item
+        for role, item in (("estimate", estimate), ("truth", place))
+        if isinstance(item, trajectory_base.Trajectory)
+    }
+    inputs = ScoreInputs(
+        estimate=None if isinstance(estimate, trajectory_base.Trajectory) else Path(estimate),
+        truth=None if isinstance(place, trajectory_base.Trajectory) else Path(place),
+        stats=stats,
+    )
+    run = load_run(inputs, fused, calls=_own_stats(estimate), **given)
+    return replace(run, in_memory={role: _hash(item) for role, item in given.items()})
 
 
 def _own_stats(estimate: object) -> list[CallStats]:

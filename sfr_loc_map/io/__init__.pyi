@@ -5,11 +5,11 @@ from .cloud_file import LoadedCloud as LoadedCloud
 from .cloud_file import load_cloud as load_cloud
 from .cloud_file import save_cloud as save_cloud
 from .folder import FolderWriter as FolderWriter
-from .folder import load_rig as load_rig
 from .folder import rig_json as rig_json
 from .registry import open_source as open_source
 from .sequence import LocSequence as LocSequence
 from .sequence import NavSequence as NavSequence
 from .sequence import Source as Source
-from .trajectory_file import load_trajectory as load_trajectory
+from .trajectory_file import LoadedTrajectory as LoadedTrajectory
+from .trajectory_file import read_trajectory_file as read_trajectory_file
 from .trajectory_file import save_trajectory as save_trajectory

@@ -102,25 +102,42 @@ class Frames(NamedTuple):
 
 
 def associate(
-    estimates: Estimates, truth: Trajectory, config: AssociationConfig
+    estimate: Trajectory, truth: Trajectory, config: AssociationConfig
 ) -> tuple[Frames, AssociationCounts, AssociationMode]:
     """Return the frames, what became of every pose, and how it was done: match or interpolate."""
-    estimate = estimates.trajectory
-    est_rows, gt_rows = unique_rows(estimate.stamps_ns), unique_rows(truth.stamps_ns)
+    both = estimate.stamps_ns, truth.stamps_ns
+    est_rows, gt_rows = (len(each) - 1 - np.unique(each[::-1], return_index=True)[1] for each in both)
     est_stamps, gt_stamps = estimate.stamps_ns[est_rows], truth.stamps_ns[gt_rows]
     tolerance = round(config.tolerance_s * NS_PER_S)
     mode = AssociationMode(config.truth)
     if mode is AssociationMode.AUTO:
-        mode = decide_mode(est_stamps, gt_stamps, tolerance)
-    partner = match_stamps(est_stamps, gt_stamps, tolerance)
+        mode, first_of = AssociationMode.MATCH, AUTO_STAMPS - 1
+        low = max(est_stamps[0], gt_stamps[0]) - tolerance if len(est_stamps) and len(gt_stamps) else 0
+        est, gt = est_stamps[est_stamps >= low], gt_stamps[gt_stamps >= low]
+        if len(est) and len(gt):
+            until = max(est[min(first_of, len(est) - 1)], gt[min(first_of, len(gt) - 1)])
+            until = min(until, est[-1], gt[-1]) + tolerance
+            est, gt = est[est <= until], gt[gt <= until]  # one is empty if its stamps lie between two of the other
+            near = np.searchsorted(gt, est - tolerance, "left") < np.searchsorted(gt, est + tolerance, "right")
+            if not len(est) or not len(gt) or 4 * np.count_nonzero(near) < min(len(est), len(gt)):
+                mode = AssociationMode.INTERPOLATE
+    equal, *rows = np.intersect1d(est_stamps, gt_stamps, assume_unique=True, return_indices=True)
+    partner = np.full(len(est_stamps), -1, dtype=np.intp)
+    partner[rows[0]] = rows[1]
+    if tolerance and len(equal) < min(len(est_stamps), len(gt_stamps)):
+        match_nearest(partner, est_stamps, gt_stamps, tolerance)
     matched = np.flatnonzero(partner >= 0)
     est, gt = est_rows[matched], gt_rows[partner[matched]]
     stamps, positions, quats = truth.stamps_ns[gt], truth.positions[gt], unit_quats(truth.quats_xyzw[gt])
     difference = np.abs(estimate.stamps_ns[est] - stamps)
     gaps = np.empty(0, np.int64)
-    if mode is AssociationMode.INTERPOLATE:
-        between, after = bracketed(est_stamps, gt_stamps, partner, round(config.max_gap_s * NS_PER_S))
-        alone, before, later = est_rows[between], gt_rows[after - 1], gt_rows[after]
+    if mode is AssociationMode.INTERPOLATE:  # those left over between two true poses that are not too far apart
+        alone = np.flatnonzero(partner < 0)
+        after = np.searchsorted(gt_stamps, est_stamps[alone])
+        inside = (after > 0) & (after < len(gt_stamps))
+        alone, after = alone[inside], after[inside]
+        near = gt_stamps[after] - gt_stamps[after - 1] <= round(config.max_gap_s * NS_PER_S)
+        alone, before, later = est_rows[alone[near]], gt_rows[after[near] - 1], gt_rows[after[near]]
         gaps = truth.stamps_ns[later] - truth.stamps_ns[before]
         share = (estimate.stamps_ns[alone] - truth.stamps_ns[before]) / gaps
         move = truth.positions[later] - truth.positions[before]
@@ -130,20 +147,17 @@ def associate(
         quats, est = np.concatenate((quats, turned)), np.concatenate((est, alone))
         order = np.argsort(stamps, kind="stable")
         stamps, positions, quats, est = stamps[order], positions[order], quats[order], est[order]
-    both = estimate.stamps_ns, truth.stamps_ns
     unordered = [int(np.count_nonzero(each[1:] < np.maximum.accumulate(each)[:-1])) for each in both]
     counts = AssociationCounts(
-        estimate_poses=len(estimate),
-        truth_poses=len(truth),
-        estimate_duplicates=len(estimate) - len(est_rows),
-        truth_duplicates=len(truth) - len(gt_rows),
+        estimate_poses=len(both[0]),
+        truth_poses=len(both[1]),
+        estimate_duplicates=len(both[0]) - len(est_rows),
+        truth_duplicates=len(both[1]) - len(gt_rows),
         estimate_unordered=unordered[0],
         truth_unordered=unordered[1],
         exact=int(np.count_nonzero(difference == 0)),
         near=int(np.count_nonzero(difference)),
         interpolated=len(gaps),
-        lost=int(np.count_nonzero(estimates.lost[est])),
-        degraded=int(np.count_nonzero(estimates.degraded[est])),
         largest_difference_ns=int(difference.max(initial=0)),
         largest_gap_ns=int(gaps.max(initial=0)),
     )
@@ -153,62 +167,22 @@ def associate(
 
 def unique_rows(stamps_ns: IntArray) -> Rows:
     """Return the rows in order of their stamps; of rows with one stamp the last."""
-    if len(stamps_ns) > 1 and not np.all(stamps_ns[1:] > stamps_ns[:-1]):
-        order = np.argsort(stamps_ns, kind="stable")
-        ordered = stamps_ns[order]
-        return np.asarray(order[np.append(ordered[1:] != ordered[:-1], True)])
-    return np.arange(len(stamps_ns), dtype=np.intp)
+    return len(stamps_ns) - 1 - np.unique(stamps_ns[::-1], return_index=True)[1]
 
 
-def decide_mode(est_stamps: IntArray, gt_stamps: IntArray, tolerance: int) -> AssociationMode:
-    """Return `match` or `interpolate` from stamps in order and without duplicates; the tolerance is in nanoseconds."""
-    if not len(est_stamps) or not len(gt_stamps):
-        return AssociationMode.MATCH
-    low = max(est_stamps[0], gt_stamps[0]) - tolerance
-    est, gt = est_stamps[np.searchsorted(est_stamps, low) :], gt_stamps[np.searchsorted(gt_stamps, low) :]
-    if not len(est) or not len(gt):
-        return AssociationMode.MATCH
-    until = max(est[min(AUTO_STAMPS, len(est)) - 1], gt[min(AUTO_STAMPS, len(gt)) - 1])
-    until = min(until, est[-1], gt[-1]) + tolerance
-    est, gt = est[est <= until], gt[gt <= until]
-    if not len(est) or not len(gt):  # the few stamps of one kind lie between two of the other
-        return AssociationMode.INTERPOLATE
-    together = np.count_nonzero(nearest_stamps(est, gt)[1] <= tolerance)
-    return AssociationMode.MATCH if 4 * together >= min(len(est), len(gt)) else AssociationMode.INTERPOLATE
+def match_nearest(partner: Rows, est_stamps: IntArray, gt_stamps: IntArray, tolerance: int) -> None:
+    """Give estimates without a partner (-1) the nearest truth left over (the earlier of two), each truth once.
 
-
-def match_stamps(est_stamps: IntArray, gt_stamps: IntArray, tolerance: int) -> Rows:
-    """Return for each estimate the index of its truth, or -1; each truth is used once.
-
-    Equal stamps first; then each estimate left over takes the nearest truth left over (the earlier of two); if several
-    would take one truth, the nearest of them (the earliest of equals) does.
+    If several would take one truth, the nearest of them (the earliest of equals) does.
     """
-    partner = np.full(len(est_stamps), -1, dtype=np.intp)
-    if not len(est_stamps) or not len(gt_stamps):
-        return partner
-    index = np.minimum(np.searchsorted(gt_stamps, est_stamps), len(gt_stamps) - 1)
-    equal = gt_stamps[index] == est_stamps
-    partner[equal] = index[equal]
-    free_est = np.flatnonzero(~equal)
-    free_gt = np.setdiff1d(np.arange(len(gt_stamps)), index[equal], assume_unique=True) if len(free_est) else free_est
-    if tolerance and len(free_est) and len(free_gt):
-        nearest, difference = nearest_stamps(est_stamps[free_est], gt_stamps[free_gt])
-        candidates = np.flatnonzero(difference <= tolerance)
-        candidates = candidates[np.argsort(difference[candidates], kind="stable")]
-        _, first = np.unique(nearest[candidates], return_index=True)
-        chosen = candidates[first]
-        partner[free_est[chosen]] = free_gt[nearest[chosen]]
-    return partner
-
-
-def bracketed(est_stamps: IntArray, gt_stamps: IntArray, partner: Rows, max_gap: int) -> tuple[Rows, Rows]:
-    """Return the estimates between two true poses at most `max_gap` apart, and the index of the later of both."""
-    left_over = np.flatnonzero(partner < 0)
-    after = np.searchsorted(gt_stamps, est_stamps[left_over])
-    inside = (after > 0) & (after < len(gt_stamps))
-    left_over, after = left_over[inside], after[inside]
-    near = gt_stamps[after] - gt_stamps[after - 1] <= max_gap
-    return left_over[near], after[near]
+    free_est = np.flatnonzero(partner < 0)
+    free_gt = np.setdiff1d(np.arange(len(gt_stamps)), partner, assume_unique=True)
+    nearest, difference = nearest_stamps(est_stamps[free_est], gt_stamps[free_gt])
+    candidates = np.flatnonzero(difference <= tolerance)
+    candidates = candidates[np.argsort(difference[candidates], kind="stable")]
+    _, first = np.unique(nearest[candidates], return_index=True)
+    chosen = candidates[first]
+    partner[free_est[chosen]] = free_gt[nearest[chosen]]
 
 
 def nearest_stamps(stamps: IntArray, among: IntArray) -> tuple[Rows, IntArray]:

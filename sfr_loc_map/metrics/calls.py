@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields, replace
+from functools import reduce
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -148,6 +149,15 @@ class ScoredCalls(NamedTuple):
             _merged(self.memory, other.memory),
             _merged(self.details or CallDetails(), other.details or CallDetails()),
         )
+
+
+def parts_of(calls: Sequence[ScoredCalls]) -> tuple[TimingScore | None, MemoryScore | None, CallDetails | None]:
+    """Return `timing` and `memory` of a score, None where nothing was measured, and what figures are drawn from.
+
+    Calls may come from several sources: of a kind that several have the last counts.
+    """
+    timing, memory, details = reduce(lambda first, second: first.merged(second), calls)
+    return timing if any(timing.kinds()) else None, None if memory == MemoryScore() else memory, details
 
 
 def _merged(first: Part, second: Part) -> Part:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -189,8 +190,7 @@ def point_errors(cloud: PointCloud, truths: Sequence[PairTruth]) -> PointErrors:
 # ---- the score
 
 
-@dataclass(frozen=True, slots=True)
-class ScoredMap:
+class ScoredMap(NamedTuple):
     """What a cloud adds to the score: its part, and what figures are drawn from if the points' pixels are known."""
 
     score: MapScore

@@ -24,10 +24,8 @@ from sfr_loc_map.metrics.statistics import (
     MIN_FREEDOM,
     MIN_INDEPENDENT,
     WIDENING,
-    blocks_share,
     holm,
-    norm,
-    resampled_figures,
+    resampled,
     student_quantile,
     student_share,
 )
@@ -182,16 +180,26 @@ def _with_difference(pair: PairedDifference, a: FloatArray, b: FloatArray, overl
     """Return the pair with the difference of the figures of errors `(N, d)`, its interval and the outcome."""
     if len(a) < 2:
         return pair
-    first, other = (norm(errors.mean(axis=0)) + 3.0 * norm(errors.std(axis=0, ddof=1)) for errors in (a, b))
+    first, other = (
+        float(np.sqrt(np.cumsum(np.square(errors.mean(axis=0)))[-1]))
+        + 3.0 * float(np.sqrt(np.cumsum(np.square(errors.std(axis=0, ddof=1)))[-1]))
+        for errors in (a, b)
+    )
     difference, independent = other - first, len(a) / overlap
     pair = replace(pair, first=first, other=other, difference=difference)
     if np.array_equal(a, b):
         return replace(pair, ci95=(0.0, 0.0), outcome=Outcome.EQUAL)
     if independent < MIN_INDEPENDENT:
         return pair
-    block = max(1, int(np.ceil(overlap)))
-    scatter = np.std(resampled_figures(b, block) - resampled_figures(a, block))
-    share = (1.0 - 1.0 / independent) * blocks_share(overlap, float(block))
+    share, figures = 1.0, []
+    for errors in (a, b):
+        mean = errors.mean(axis=0)
+        offsets = errors - mean
+        centred = np.column_stack((np.ones(len(errors)), offsets, offsets * offsets))
+        _, drawn, share = resampled(centred, mean, overlap)
+        figures.append(drawn)
+    scatter = np.std(figures[1] - figures[0])
+    share *= 1.0 - 1.0 / independent
     freedom = max(independent - 1.0, MIN_FREEDOM)
     sigma = float(WIDENING * scatter / np.sqrt(share))
     half, p = student_quantile(0.975, freedom) * sigma + _PRECISION, None

@@ -8,7 +8,6 @@ from enum import StrEnum
 
 from sfr_loc_map.config import build, param
 from sfr_loc_map.errors import ConfigError, MetricsError
-from sfr_loc_map.inputs import NS_PER_S
 
 MAX_VALUE = 1e9
 """Metres, seconds or frames of a condition; as many seconds fit 64 bits of nanoseconds."""
@@ -84,16 +83,6 @@ class Condition:
     kind: ConditionKind
     value: float
 
-    def __post_init__(self) -> None:
-        """Check the value.
-
-        Raises:
-            ValueError: If it ends no sub-trajectory.
-        """
-        whole = self.kind is not ConditionKind.FRAMES or self.value % 1.0 == 0.0  # NaN of what is not finite is not 0
-        if not whole or not 0 < self.value <= MAX_VALUE:
-            raise ValueError(f"{self.kind} = {self.value} ends no sub-trajectory")
-
     @classmethod
     def parse(cls, text: str) -> Condition:
         """Return the condition of a text such as `distance=5`, `time=60` or `frames=100`.
@@ -101,14 +90,17 @@ class Condition:
         Raises:
             MetricsError: If it is none.
         """
-        kind, _, number = text.partition("=")
+        name, _, number = text.partition("=")
         try:
-            return cls(ConditionKind(kind), float(number))
-        except ValueError as error:
+            kind, value = ConditionKind(name), float(number)
+        except ValueError:
+            kind, value = ConditionKind.DISTANCE, 0.0
+        if not 0 < value <= MAX_VALUE or (kind is ConditionKind.FRAMES and value % 1.0):
             raise MetricsError(
                 f"'{text}' is not a condition: give distance=METRES, time=SECONDS or frames=NUMBER, > 0, "
                 f"at most {MAX_VALUE:g}"
-            ) from error
+            )
+        return cls(kind, value)
 
     @classmethod
     def from_plain(cls, value: object) -> Condition:
@@ -121,7 +113,10 @@ class Condition:
             if isinstance(value, Mapping) and list(value) == [kind.key]:
                 number = value[kind.key]
                 if isinstance(number, (int, float)) and not isinstance(number, bool):
-                    return cls(kind, float(number))
+                    try:
+                        return cls.parse(f"{kind}={number!r}")
+                    except MetricsError as error:
+                        raise ValueError(str(error)) from error
         raise ValueError('a condition such as {"distance_m": 5.0} is needed')
 
     def to_plain(self) -> dict[str, float | int]:
@@ -137,11 +132,6 @@ class Condition:
     def setting(self) -> str:
         """The spelling in settings, from which `parse` makes the same condition: `distance=5.0`."""
         return f"{self.kind}={self.value!r}"
-
-    @property
-    def threshold(self) -> float:
-        """The value in the unit that frames are counted in: metres, nanoseconds or frames."""
-        return float(round(self.value * NS_PER_S)) if self.kind is ConditionKind.TIME else self.value
 
     def __str__(self) -> str:
         """Return the label."""

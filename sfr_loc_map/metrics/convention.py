@@ -12,14 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from operator import attrgetter
 from typing import Annotated
 
 import numpy as np
 
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.pose_convention import (
     FIRST_POSE,
     MIRROR,
@@ -32,10 +31,11 @@ from sfr_loc_map.geometry.pose_convention import (
     OPTICAL_IN_BODY as OPTICAL_IN_RB,
 )
 from sfr_loc_map.geometry.quaternion_kernels import slerp, unit_quats
+from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform, propagation
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, associate, unique_rows
+from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, associate
 from sfr_loc_map.metrics.config import AssociationConfig
 from sfr_loc_map.metrics.score import Key
 from sfr_loc_map.metrics.trajectory_error import ATTITUDE, PoseRows, sub_trajectory_errors
@@ -81,19 +81,26 @@ class Diagnosis:
 
 
 def diagnose(
-    estimate: Trajectory, truth: Trajectory, config: AssociationConfig, T_rb_left: Transform | None = None
+    estimate: Trajectory, truth: Trajectory, config: AssociationConfig, rig: StereoRig | None = None
 ) -> Diagnosis:
-    """Find the single convention mismatch that explains how estimate and truth (poses of RB in DS) disagree."""
-    step = max(1, len(estimate) // MAX_POSES)
-    rows = unique_rows(estimate.stamps_ns)[::step]
-    estimate = Trajectory(estimate.stamps_ns[rows], estimate.positions[rows], estimate.quats_xyzw[rows])
-    frames = associate(Estimates.of(estimate), truth, config)[0]
+    """Find the single convention mismatch that explains how estimate and truth (poses of RB in DS) disagree.
+
+    `rig` is that of the cameras, None where it is not known.
+    """
+    both = estimate, truth
+    rows = [len(each.stamps_ns) - 1 - np.unique(each.stamps_ns[::-1], return_index=True)[1] for each in both]
+    rows[0] = rows[0][:: max(1, len(estimate.stamps_ns) // MAX_POSES)]
+    estimate, truth = (
+        Trajectory(each.stamps_ns[mine], each.positions[mine], each.quats_xyzw[mine])
+        for each, mine in zip(both, rows, strict=True)
+    )
+    frames = associate(estimate, truth, config)[0]
     hypotheses: list[Hypothesis] = []
     before = None
     if len(frames.stamps_ns) >= MIN_POSES:
         true, found = (frames.gt_pos, frames.gt_quat), (frames.est_pos, frames.est_quat)
         before = disagreement(true, found)
-        for mismatch, setting, sentence, fitted, undone in _each_undone(true, found, T_rb_left):
+        for mismatch, setting, sentence, fitted, undone in _each_undone(true, found, rig):
             text, left = f"{LOOKS_WRONG} {sentence}", disagreement(true, undone)
             hypotheses.append(
                 Hypothesis(mismatch=mismatch, sentence=text, disagreement=left, fitted=fitted, setting=setting)
@@ -117,7 +124,9 @@ def diagnose(
 
 def disagreement(truth: Poses, estimate: Poses) -> float:
     """Return the disagreement of estimated poses with the truth, both in time order."""
-    starts, ends = _sub_trajectories(len(truth[0]))
+    span = max(2, len(truth[0]) // 8)  # sub-trajectories of an eighth of the poses
+    starts = np.unique(np.linspace(0, len(truth[0]) - 1 - span, SUB_TRAJECTORIES).astype(np.int64))
+    ends = starts + span
     no_length = np.zeros((len(truth[0]), 2))
     poses = PoseRows(*truth, np.ascontiguousarray(estimate[0]), np.ascontiguousarray(estimate[1]), no_length)
     errors = sub_trajectory_errors(poses, starts, ends, True)
@@ -129,17 +138,7 @@ def disagreement(truth: Poses, estimate: Poses) -> float:
     return float(np.mean(np.sqrt(np.square(position) + np.square(np.radians(errors[:, ATTITUDE])))))
 
 
-@lru_cache(maxsize=8)
-def _sub_trajectories(count: int) -> tuple[IntArray, IntArray]:
-    """Return the starts and ends of sub-trajectories of an eighth of so many poses."""
-    span = max(2, count // 8)
-    starts = np.unique(np.linspace(0, count - 1 - span, SUB_TRAJECTORIES).astype(np.int64))
-    return starts, starts + span
-
-
-def _each_undone(
-    truth: Poses, estimate: Poses, T_rb_left: Transform | None
-) -> Iterator[tuple[str, str, str, bool, Poses]]:
+def _each_undone(truth: Poses, estimate: Poses, rig: StereoRig | None) -> Iterator[tuple[str, str, str, bool, Poses]]:
     """Yield each mismatch: name, setting that corrects it, sentence, whether numbers are fitted, and it undone."""
     from scipy.spatial.transform import Rotation  # slow to import, and seldom needed by a node
 
@@ -195,13 +194,17 @@ def _each_undone(
 
     # another frame of the rover: rotation known or presumed, position known or fitted
     frames = []
-    if T_rb_left is not None:
-        lever, known = T_rb_left.translation, Rotation.from_matrix(T_rb_left.rotation)
+    if rig is not None and rig.T_rb_sb is not None:
+        T_rb_sb, left_in_sb = rig.T_rb_sb, np.array([0.0, 0.5 * rig.baseline_m, 0.0])
+        lever = T_rb_sb.rotation.dot(left_in_sb) + T_rb_sb.translation
+        known = Rotation.from_matrix(T_rb_sb.rotation.dot(OPTICAL_IN_RB))
         frames.append((known, lever, "in place of RB (optical axes)", "frame=left_optical"))
         frames.append((upright, lever, "in place of RB (axes of RB)", ""))
     # motions of the sub-trajectories in the frame of their start, and the rotation that takes their directions to the
     # true ones (Kabsch 1976): axes of rotation and directions of displacement, weighted by their size
-    starts, ends = _sub_trajectories(len(p))
+    span = max(2, len(p) // 8)
+    starts = np.unique(np.linspace(0, len(p) - 1 - span, SUB_TRAJECTORIES).astype(np.int64))
+    ends = starts + span
     turns, moves, directions = [], [], []
     for positions, attitudes in ((truth[0], Rotation.from_quat(truth[1])), (p, q)):
         back = attitudes[starts].inv()
@@ -228,54 +231,58 @@ def _each_undone(
 
 
 def _time_offset(estimate: Trajectory, truth: Trajectory, before: float | None) -> Iterator[Hypothesis]:
-    """Yield the mismatch of a clock offset: truth is interpolated at shifted stamps and the best shift searched."""
-    rows = unique_rows(truth.stamps_ns)
-    truth = Trajectory(truth.stamps_ns[rows], truth.positions[rows], truth.quats_xyzw[rows])
-    if min(len(estimate), len(truth)) < MIN_POSES:
+    """Yield the mismatch of a clock offset: truth is interpolated at shifted stamps and the best shift searched.
+
+    Both are in time order. A shift that leaves less than half of the estimate a truth is none.
+    """
+    est_ns, gt_ns = estimate.stamps_ns, truth.stamps_ns
+    if min(len(est_ns), len(gt_ns)) < MIN_POSES:
         return
-    step = int(np.median(np.diff(estimate.stamps_ns)))
-    base = 0 if before is not None else int(truth.stamps_ns[0] - estimate.stamps_ns[0])
+    step = int(np.median(np.diff(est_ns)))
+    base = 0 if before is not None else int(gt_ns[0] - est_ns[0])
     reach = max(20 * step, 2 * NS_PER_S)
     best, least = base, np.inf
-    while reach >= max(step // 500, 1000):
-        for shift in np.linspace(best - reach, best + reach, OFFSET_STEPS + 1).astype(np.int64).tolist():
-            value = _shifted(estimate, truth, shift)
-            if value < least:
+    while True:
+        is_last = reach < max(step // 500, 1000)
+        if not is_last:
+            shifts = np.linspace(best - reach, best + reach, OFFSET_STEPS + 1).astype(np.int64).tolist()
+        elif np.isfinite(least):  # what takes most stamps to those of the truth themselves, else the best one once more
+            stamps = est_ns + best
+            after = np.clip(np.searchsorted(gt_ns, stamps), 1, len(gt_ns) - 1)
+            around = np.stack((gt_ns[after - 1] - stamps, gt_ns[after] - stamps))
+            left = around[np.abs(around).argmin(axis=0), np.arange(len(stamps))]
+            middle = int(np.median(left))
+            shifts = [best + (middle if (np.abs(left - middle) <= STAMP_NOISE_NS).mean() > 0.5 else 0)]
+        else:
+            return
+        for shift in shifts:
+            first, last = np.searchsorted(est_ns, gt_ns[[0, -1]] - shift).tolist()
+            if last - first < max(MIN_POSES, len(est_ns) // 2):
+                continue
+            chosen = slice(first, last, max(1, (last - first) // 800))
+            stamps = est_ns[chosen] + shift
+            after = np.searchsorted(gt_ns, stamps, side="right")
+            share = (stamps - gt_ns[after - 1]) / (gt_ns[after] - gt_ns[after - 1])
+            start = truth.positions[after - 1]
+            true = (
+                start + share[:, None] * (truth.positions[after] - start),
+                slerp(unit_quats(truth.quats_xyzw[after - 1]), unit_quats(truth.quats_xyzw[after]), share),
+            )
+            value = disagreement(true, (estimate.positions[chosen], unit_quats(estimate.quats_xyzw[chosen])))
+            if is_last and value <= AS_GOOD * least:
+                best = shift
+            elif value < least:
                 best, least = shift, value
+        if is_last:
+            break
         reach = reach * 4 // OFFSET_STEPS
-    if np.isfinite(least):
-        # what takes the shifted stamps to the nearest of the truth, 0 where most are not as far from one
-        stamps = estimate.stamps_ns + best
-        after = np.clip(np.searchsorted(truth.stamps_ns, stamps), 1, len(truth.stamps_ns) - 1)
-        around = np.stack((truth.stamps_ns[after - 1] - stamps, truth.stamps_ns[after] - stamps))
-        left = around[np.abs(around).argmin(axis=0), np.arange(len(stamps))]
-        middle = int(np.median(left))
-        same = best + (middle if (np.abs(left - middle) <= STAMP_NOISE_NS).mean() > 0.5 else 0)
-        best = same if _shifted(estimate, truth, same) <= AS_GOOD * least else best
-        sentence = f"{LOOKS_WRONG} its stamps are {best / NS_PER_S:+.3f} s off, add this to them"
-        yield Hypothesis(
-            mismatch="time offset",
-            sentence=sentence,
-            disagreement=least,
-            fitted=True,
-            setting=f"time_offset_ns={best}",
-        )
-
-
-def _shifted(estimate: Trajectory, truth: Trajectory, shift: int) -> float:
-    """Return the disagreement if the estimate's stamps are moved; infinite where less than half have a truth."""
-    first, last = np.searchsorted(estimate.stamps_ns, truth.stamps_ns[[0, -1]] - shift).tolist()
-    if last - first < max(MIN_POSES, len(estimate) // 2):
-        return float("inf")
-    chosen = slice(first, last, max(1, (last - first) // 800))
-    stamps = estimate.stamps_ns[chosen] + shift
-    after = np.searchsorted(truth.stamps_ns, stamps, side="right")
-    begin = truth.stamps_ns[after - 1]
-    share = (stamps - begin) / (truth.stamps_ns[after] - begin)
-    start = truth.positions[after - 1]
-    positions = start + share[:, None] * (truth.positions[after] - start)
-    quats = slerp(unit_quats(truth.quats_xyzw[after - 1]), unit_quats(truth.quats_xyzw[after]), share)
-    return disagreement((positions, quats), (estimate.positions[chosen], unit_quats(estimate.quats_xyzw[chosen])))
+    yield Hypothesis(
+        mismatch="time offset",
+        sentence=f"{LOOKS_WRONG} its stamps are {best / NS_PER_S:+.3f} s off, add this to them",
+        disagreement=least,
+        fitted=True,
+        setting=f"time_offset_ns={best}",
+    )
 
 
 def converted_estimates(
@@ -317,7 +324,7 @@ def world_at_first_pose(estimates: Estimates, truth: Trajectory | None) -> Trans
         if not len(estimates.trajectory):
             raise MetricsError("there is no pose to align the world frame at: give an estimate with poses")
         return estimates.trajectory.pose(0).inverse()
-    frames = associate(estimates, truth, AssociationConfig())[0]
+    frames = associate(estimates.trajectory, truth, AssociationConfig())[0]
     known = np.flatnonzero(~estimates.lost[frames.est_rows])
     if not len(known):
         raise MetricsError("no pose has a true pose to align the world frame with: check the stamps, or world=ds")

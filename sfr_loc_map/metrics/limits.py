@@ -21,12 +21,11 @@ optional; nothing is limited unless the file says so.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 from enum import StrEnum
-from functools import reduce
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -35,19 +34,7 @@ from sfr_loc_map.errors import ConfigError, MetricsError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics.config import CallKind, Condition, ConditionKind, VerdictState
-from sfr_loc_map.metrics.score import (
-    Details,
-    Interval,
-    MemoryScore,
-    Score,
-    TrajectoryScore,
-    Verdict,
-)
-
-if TYPE_CHECKING:  # limits are read without what computes figures
-    from sfr_loc_map.metrics.calls import ScoredCalls
-    from sfr_loc_map.metrics.cloud_error import ScoredMap
-    from sfr_loc_map.metrics.trajectory_score import ScoredTrajectory
+from sfr_loc_map.metrics.score import Interval, Score, TrajectoryScore, Verdict
 
 
 class LimitPart(StrEnum):
@@ -187,35 +174,6 @@ def _check_keys(block: Mapping[str, Any], known: Collection[str], origin: str) -
             close = difflib.get_close_matches(str(key), known, n=1)
             hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(known)}"
             raise ConfigError(f"{origin}: unknown key '{key}' ({hint})")
-
-
-def build_score(
-    rest: Score,
-    limits: Limits | None = None,
-    *,
-    trajectory: ScoredTrajectory | None = None,
-    map: ScoredMap | None = None,
-    calls: Sequence[ScoredCalls] = (),
-) -> Score:
-    """Return a score with its figures, what they are drawn from, and the verdicts on them.
-
-    Calls may come from several sources on this host: of a kind that several have the last counts.
-    """
-    made = reduce(lambda first, second: first.merged(second), calls) if calls else None
-    details = Details(
-        calls=None if made is None else made.details,
-        trajectory=None if trajectory is None else trajectory.details,
-        map=None if map is None else map.details,
-    )
-    score = replace(
-        rest,
-        trajectory=None if trajectory is None else trajectory.score,
-        map=None if map is None else map.score,
-        timing=made.timing if made is not None and any(made.timing.kinds()) else None,
-        memory=None if made is None or made.memory == MemoryScore() else made.memory,
-        details=None if details == Details() else details,
-    )
-    return score if limits is None else replace(score, verdicts=verdicts(limits, score))
 
 
 def verdicts(limits: Limits, score: Score) -> tuple[Verdict, ...]:

@@ -10,9 +10,9 @@ JSON (docs/reference/score.md).
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Annotated, Any, cast
+from typing import Annotated, cast
 
 from sfr_loc_map.metrics.config import AssociationMode, CallKind, CloudKind, Condition, Rebase, VerdictState
 
@@ -38,23 +38,12 @@ class Inline:
 
 
 class Columns:
-    """Base of records whose tuples are the columns of one table; columns with a default may be empty."""
+    """Base of records whose tuples are the columns of one table; those with a default may be empty.
+
+    That they are of one length is checked where a record is read (`metrics.score_json`).
+    """
 
     __slots__ = ()
-
-    def __post_init__(self) -> None:
-        """Check that the columns are of one length.
-
-        Raises:
-            ValueError: If not.
-        """
-        lengths = {
-            item.name: len(value)
-            for item in fields(cast(Any, self))
-            if isinstance(value := getattr(self, item.name), tuple) and (value or item.default is MISSING)
-        }
-        if len(set(lengths.values())) > 1:
-            raise ValueError(f"its columns differ in length: {lengths}")
 
 
 # ---- what is said of many values
@@ -180,11 +169,6 @@ class AssociationCounts:
     degraded: int = 0  #: Frames at which it gave a pose that it has a reason to doubt.
     largest_difference_ns: int = 0  #: Of stamps of one frame.
     largest_gap_ns: int = 0  #: Of the truth interpolated.
-
-    @property
-    def matched(self) -> int:
-        """Number of frames."""
-        return self.exact + self.near + self.interpolated
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -21,7 +21,7 @@ from typing import Annotated, Any, NamedTuple, TypeVar, Union, cast, get_args, g
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import parse_json
-from sfr_loc_map.metrics.score import Inline, Key, Score
+from sfr_loc_map.metrics.score import Columns, Inline, Key, Score
 
 T = TypeVar("T")
 SCHEMA = "sfr-score/1"
@@ -116,7 +116,13 @@ def _read(kind: Any, value: Any, place: str) -> Any:  # noqa: ANN401 - any type 
         if hasattr(kind, "from_plain"):
             return kind.from_plain(value)
         if is_dataclass(kind):
-            return cast(Any, kind)(**dict(_read_fields(cast(type, kind), value, place)))
+            record = cast(Any, kind)(**dict(_read_fields(cast(type, kind), value, place)))
+            if isinstance(record, Columns):
+                columns = {item.name: (getattr(record, item.name), item.default is MISSING) for item in fields(kind)}
+                lengths = {k: len(v) for k, (v, needed) in columns.items() if isinstance(v, tuple) and (v or needed)}
+                if len(set(lengths.values())) > 1:
+                    raise RecordError(f"{place or 'it'}: its columns differ in length: {lengths}")
+            return record
     except RecordError:
         raise
     except ValueError as error:

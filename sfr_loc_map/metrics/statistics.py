@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -67,11 +66,12 @@ def statistic(count: int, mean: FloatArray, squares: FloatArray) -> Statistic:
     """
     if not count:
         return Statistic(mean=None, sigma=None, mean_plus_3sigma=None)
-    middle = float(mean[0]) if len(mean) == 1 else norm(mean)
+    middle, sigma = float(mean[0]), float(np.sqrt(squares[0] / max(count - 1, 1)))
+    if len(mean) > 1:  # summed one after the other, so that the last digit is always the same
+        sums = np.cumsum(np.square((mean, np.sqrt(squares / max(count - 1, 1)))), axis=1)[:, -1]
+        middle, sigma = np.sqrt(sums).tolist()
     if count < 2:
         return Statistic(mean=middle, sigma=None, mean_plus_3sigma=None)
-    sigmas = np.sqrt(squares / (count - 1))
-    sigma = float(sigmas[0]) if len(sigmas) == 1 else norm(sigmas)
     return Statistic(mean=middle, sigma=sigma, mean_plus_3sigma=abs(middle) + 3.0 * sigma)
 
 
@@ -187,6 +187,8 @@ def interval95(stretches: BlockSums, columns: slice, overlap: float, *, unsigned
         overlap: Starts that lie within one sub-trajectory, on average, >= 1.
         unsigned: Whether the values are never negative.
     """
+    from scipy.special import stdtrit
+
     width = (stretches.rows.shape[1] - 1) // 2
     counts, sums = stretches.rows[:, 0], stretches.rows[:, 1 : 1 + width][:, columns]
     squares = stretches.rows[:, 1 + width :][:, columns]
@@ -202,9 +204,8 @@ def interval95(stretches: BlockSums, columns: slice, overlap: float, *, unsigned
     size = float(np.sqrt(np.square(mean).sum()))
     if not variances.any():
         return size, size
-    block = min(max(1, int(np.ceil(overlap / stretches.size))), len(counts))
-    means, figures = _resampled(centred, mean, block)
-    share = (1.0 - 1.0 / independent) * blocks_share(overlap, float(block * stretches.size))
+    means, figures, share = resampled(centred, mean, overlap, stretches.size)
+    share *= 1.0 - 1.0 / independent
     scatter = float(np.square(means - mean).sum(axis=1).mean()) / share
     true_size = max(size - scatter / size, 0.0) if size > 0.0 else 0.0
     true_sigma = np.sqrt(variances.sum() * (1.0 - 1.0 / count) / (1.0 - 1.0 / independent))
@@ -212,54 +213,34 @@ def interval95(stretches: BlockSums, columns: slice, overlap: float, *, unsigned
     directions = float(variances.sum() ** 2 / np.square(variances).sum())
     freedom = max((independent - 1.0) * np.sqrt(directions), MIN_FREEDOM)
     widening = WIDENING_UNSIGNED if unsigned else WIDENING
-    factor = float(np.exp(widening * student_quantile(0.975, freedom) * error / centre))
+    factor = float(np.exp(widening * float(stdtrit(freedom, 0.975)) * error / centre))
     return centre / factor, centre * factor
 
 
-def blocks_share(overlap: float, block: float) -> float:
-    """Return the share of the variance of a mean that blocks of a length show."""
-    lags = np.arange(1.0, np.ceil(overlap))
-    fall = 1.0 - lags / overlap
-    return float((1.0 + 2.0 * np.sum(fall * np.maximum(1.0 - lags / block, 0.0))) / (1.0 + 2.0 * np.sum(fall)))
+def resampled(
+    centred: FloatArray, mean: FloatArray, overlap: float, size: int = 1
+) -> tuple[FloatArray, FloatArray, float]:
+    """Return mean vectors `(B, d)` and figures `(B,)` of resampled series, and the share of the variance they show.
 
-
-def resampled_figures(values: FloatArray, block: int) -> FloatArray:
-    """Return the figure `(RESAMPLES,)` of resampled `(N, d)`; series of one length are drawn in the same blocks."""
-    mean = values.mean(axis=0)
-    offsets = values - mean
-    return _resampled(np.column_stack((np.ones(len(values)), offsets, offsets * offsets)), mean, block)[1]
-
-
-def _resampled(centred: FloatArray, mean: FloatArray, block: int) -> tuple[FloatArray, FloatArray]:
-    """Return mean vectors `(B, d)` and figures `(B,)` of resampled series."""
+    Rows `(N, 1 + 2 d)` of a series are the count, sums and sums of squares of the offsets from the mean of `size`
+    values. Series of one length are drawn in the same blocks.
+    """
+    block = min(max(1, int(np.ceil(overlap / size))), len(centred))
     twice = np.concatenate((centred, centred[:block]))
     until = np.concatenate((np.zeros((1, centred.shape[1])), np.cumsum(twice, axis=0)))
     blocks = until[block : block + len(centred)] - until[: len(centred)]
-    return _figures_of(blocks, _drawn(len(centred), -(-len(centred) // block)), mean)
-
-
-@lru_cache(maxsize=2)
-def _drawn(rows: int, draws: int) -> NDArray[np.int32]:
-    """Return the numbers `(RESAMPLES, draws)` of the blocks drawn, the same for the same sizes."""
-    return np.random.default_rng(20240229).integers(0, rows, (RESAMPLES, draws), dtype=np.int32)
-
-
-@jit
-def _figures_of(blocks: FloatArray, drawn: NDArray[np.int32], mean: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return mean vectors and figures of series put together from block sums `(rows, 1 + 2 d)`."""
-    width = len(mean)
-    means, figures = np.empty((len(drawn), width)), np.empty(len(drawn))
-    total = np.empty(blocks.shape[1])
-    for b in range(len(drawn)):
-        total[:] = 0.0
-        for row in drawn[b]:
-            for k in range(len(total)):
-                total[k] += blocks[row, k]
-        size, variance = 0.0, 0.0
-        for k in range(width):
-            offset = total[1 + k] / total[0]
-            means[b, k] = mean[k] + offset
-            size += means[b, k] ** 2
-            variance += max(total[1 + width + k] - total[0] * offset * offset, 0.0) / max(total[0] - 1.0, 1.0)
-        figures[b] = np.sqrt(size) + 3.0 * np.sqrt(variance)
-    return means, figures
+    draws = -(-len(centred) // block)
+    drawn = np.random.default_rng(20240229).integers(0, len(centred), (RESAMPLES, draws), dtype=np.int32)
+    total = np.zeros((RESAMPLES, centred.shape[1]))
+    for rows in drawn.T:  # one after the other, as is every sum here: the last digit is always the same
+        total += blocks[rows]
+    counts, sums, squares = total[:, :1], total[:, 1 : 1 + len(mean)], total[:, 1 + len(mean) :]
+    offsets = sums / counts
+    means = mean + offsets
+    variances = np.maximum(squares - counts * offsets * offsets, 0.0) / np.maximum(counts - 1.0, 1.0)
+    sizes, scatters = (np.sqrt(np.cumsum(part, axis=1)[:, -1]) for part in (np.square(means), variances))
+    lags = np.arange(1.0, np.ceil(overlap))
+    fall = 1.0 - lags / overlap
+    shown = np.maximum(1.0 - lags / float(block * size), 0.0)
+    share = float((1.0 + 2.0 * np.sum(fall * shown)) / (1.0 + 2.0 * np.sum(fall)))
+    return means, sizes + 3.0 * scatters, share

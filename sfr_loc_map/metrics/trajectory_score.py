@@ -5,15 +5,16 @@ The same function scores a file and a live run; test/metrics/reference.py says i
 
 from __future__ import annotations
 
+from dataclasses import fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.metrics.association import Estimates, Frames, associate
+from sfr_loc_map.metrics.association import Estimates, associate
 from sfr_loc_map.metrics.config import Condition, ConditionKind, Rebase, TrajectoryScoreConfig
 from sfr_loc_map.metrics.consistency import nees_score, sums_of_steps
 from sfr_loc_map.metrics.score import (
@@ -22,14 +23,13 @@ from sfr_loc_map.metrics.score import (
     DistanceScore,
     ErrorComponents,
     IntervalStatistic,
-    NeesScore,
     PathRows,
     SubTrajectoryRows,
     TrajectoryDetails,
     TrajectoryScore,
 )
 from sfr_loc_map.metrics.statistics import block_sums, column, interval95, moments, statistic
-from sfr_loc_map.metrics.sub_trajectories import KINDS, Progress, find_ends, path_lengths
+from sfr_loc_map.metrics.sub_trajectories import DISTANCE, KINDS, Progress, find_ends, path_lengths
 from sfr_loc_map.metrics.trajectory_error import COLUMNS, HEADING, PoseRows, sub_trajectory_errors
 
 FIGURES = {"position_m": slice(0, 3), "attitude_deg": slice(3, 4), "heading_deg": slice(4, 5)}
@@ -72,14 +72,21 @@ def score_trajectory(
     conditions = [Condition.parse(text) for text in config.conditions]
     if not conditions:
         raise MetricsError("no condition of a sub-trajectory given: give at least one, such as distance=5")
-    frames, counts, mode = associate(estimates, truth, config.association)
-    stamps_ns = frames.stamps_ns
-    if not len(stamps_ns) and not under_way:
+    frames, counts, mode = associate(estimates.trajectory, truth, config.association)
+    stamps_ns, count, whole_pose = frames.stamps_ns, len(frames.stamps_ns), config.rebase == Rebase.POSE
+    if not count and not under_way:
         raise MetricsError(_nothing_in_common(estimates.trajectory, truth))
+    lost, degraded = estimates.lost[frames.est_rows], estimates.degraded[frames.est_rows]
+    counts = replace(counts, lost=int(np.count_nonzero(lost)), degraded=int(np.count_nonzero(degraded)))
     lengths = path_lengths(frames.gt_pos)
     poses = PoseRows(frames.gt_pos, frames.gt_quat, frames.est_pos, frames.est_quat, lengths)
-    progress, whole_pose = Progress(stamps_ns, lengths), config.rebase == Rebase.POSE
-    spans = [_sub_trajectories(progress, condition, config.spacing) for condition in conditions]
+    progress, spans = Progress(stamps_ns, lengths), []
+    for condition in conditions:
+        of_time = condition.kind is ConditionKind.TIME
+        threshold = float(round(condition.value * NS_PER_S)) if of_time else condition.value
+        starts = np.arange(0, count, config.spacing)
+        ends = find_ends(starts, progress, KINDS[condition.kind], threshold)
+        spans.append((starts[ends < count], ends[ends < count]))
     sums: dict[int, FloatArray] = {}
     if estimates.steps is not None and estimates.covariance is not None:
         compared = np.unique(np.concatenate([np.concatenate(span) for span in spans]))
@@ -88,32 +95,68 @@ def score_trajectory(
     scores, rows = [], []
     for condition, (starts, ends) in zip(conditions, spans, strict=True):
         errors = sub_trajectory_errors(poses, starts, ends, whole_pose)
+        mean, squares = moments(errors)
+        stretches = block_sums(errors[:, : HEADING + 1])
+        overlap = int(np.sum(-(-(ends - starts) // config.spacing))) / max(len(errors), 1)
         nees = None
         if estimates.covariance is not None:
             nees = nees_score(frames, estimates.covariance, sums, starts, ends)
-        scores.append(_condition_score(condition, config, errors, ends - starts, nees))
+        figures: dict[str, Any] = {}
+        for name, which in FIGURES.items():
+            plain = statistic(len(errors), mean[which], squares[which])
+            figures[name] = IntervalStatistic(
+                mean=plain.mean,
+                sigma=plain.sigma,
+                mean_plus_3sigma=plain.mean_plus_3sigma,
+                mean_plus_3sigma_ci95=interval95(stretches, which, overlap, unsigned=name == "attitude_deg"),
+            )
+        columns = {item.name: [COLUMNS.index(item.name)] for item in fields(ErrorComponents)}
+        components = {name: statistic(len(errors), mean[at], squares[at]) for name, at in columns.items()}
+        score = ConditionScore(
+            count=len(errors),
+            condition=condition,
+            spacing_frames=config.spacing,
+            rebase=Rebase(config.rebase),
+            overlap=overlap,
+            nees=nees,
+            components=ErrorComponents(**components),
+            **figures,
+        )
+        scores.append(score)
         if details:
-            rows.append(_sub_trajectory_rows(condition, errors, stamps_ns, starts, ends))
+            every = 1 << (max(-(-len(errors) // DETAIL_ROWS), 1) - 1).bit_length()
+            first, last = starts[::every], ends[::every]
+            made = SubTrajectoryRows(
+                condition=condition,
+                every=every,
+                start_frame=tuple(first.tolist()),
+                end_frame=tuple(last.tolist()),
+                start_stamp_ns=tuple(stamps_ns[first].tolist()),
+                end_stamp_ns=tuple(stamps_ns[last].tolist()),
+                **dict(zip(COLUMNS, map(column, errors[::every].T), strict=True)),
+            )
+            rows.append(made)
 
     by_distance = []
     for metres in DISTANCES_M:
         spacing = max(config.spacing, round(DISTANCES_SPACING * max(metres / DISTANCES_BASE_M, 1.0)))
-        starts, ends = _sub_trajectories(progress, Condition(ConditionKind.DISTANCE, metres), spacing)
-        short = ends - starts <= DISTANCES_MAX_STARTS * spacing
-        if not (count := int(np.count_nonzero(short))):
+        starts = np.arange(0, count, spacing)
+        ends = find_ends(starts, progress, DISTANCE, metres)
+        short = (ends < count) & (ends - starts <= DISTANCES_MAX_STARTS * spacing)
+        if not (number := int(np.count_nonzero(short))):
             continue
         mean, squares = moments(sub_trajectory_errors(poses, starts[short], ends[short], whole_pose))
-        figures = {name: statistic(count, mean[which], squares[which]) for name, which in FIGURES.items()}
-        by_distance.append(DistanceScore(distance_m=metres, count=count, **figures))
+        figures = {name: statistic(number, mean[which], squares[which]) for name, which in FIGURES.items()}
+        by_distance.append(DistanceScore(distance_m=metres, count=number, **figures))
 
-    score = TrajectoryScore(
+    score_of_all = TrajectoryScore(
         first=scores[0],
-        matched=counts.matched,
+        matched=count,
         estimate_poses=counts.estimate_poses,
         lost=counts.lost,
         degraded=counts.degraded,
-        path_length_m=float(lengths[-1, 0] + lengths[-1, 1]) if len(lengths) else 0.0,
-        duration_s=int(stamps_ns[-1] - stamps_ns[0]) / NS_PER_S if len(stamps_ns) else None,
+        path_length_m=float(lengths[-1, 0] + lengths[-1, 1]) if count else 0.0,
+        duration_s=int(stamps_ns[-1] - stamps_ns[0]) / NS_PER_S if count else None,
         association=AssociationScore(
             counts=counts,
             mode=mode,
@@ -124,95 +167,26 @@ def score_trajectory(
         by_distance=tuple(by_distance),
     )
     if not details:
-        return ScoredTrajectory(score, None)
-    path = _path_rows(estimates, frames, lengths)
-    return ScoredTrajectory(score, TrajectoryDetails(path=path, sub_trajectories=tuple(rows)))
-
-
-def _sub_trajectories(progress: Progress, condition: Condition, spacing: int) -> tuple[IntArray, IntArray]:
-    """Return first and last frames of the sub-trajectories of a condition."""
-    starts = np.arange(0, len(progress.stamps_ns), spacing)
-    ends = find_ends(starts, progress, KINDS[condition.kind], condition.threshold)
-    met = ends < len(progress.stamps_ns)
-    return starts[met], ends[met]
-
-
-def _condition_score(
-    condition: Condition, config: TrajectoryScoreConfig, errors: FloatArray, frames: IntArray, nees: NeesScore | None
-) -> ConditionScore:
-    """Return the figures of errors `(M, 9)` over so many frames each."""
-    count = len(errors)
-    mean, squares = moments(errors)
-    stretches = block_sums(errors[:, : HEADING + 1])
-    overlap = int(np.sum(-(-frames // config.spacing))) / max(count, 1)
-    figures = {}
-    for name, which in FIGURES.items():
-        plain = statistic(count, mean[which], squares[which])
-        figures[name] = IntervalStatistic(
-            mean=plain.mean,
-            sigma=plain.sigma,
-            mean_plus_3sigma=plain.mean_plus_3sigma,
-            mean_plus_3sigma_ci95=interval95(stretches, which, overlap, unsigned=name == "attitude_deg"),
-        )
-    components = {
-        name: statistic(count, mean[[COLUMNS.index(name)]], squares[[COLUMNS.index(name)]])
-        for name in ("x_m", "y_m", "z_m", "along_m", "cross_m", "vertical_m")
-    }
-    return ConditionScore(
-        count=count,
-        condition=condition,
-        spacing_frames=config.spacing,
-        rebase=Rebase(config.rebase),
-        overlap=overlap,
-        nees=nees,
-        components=ErrorComponents(**components),
-        **figures,
-    )
-
-
-def _every(count: int, limit: int) -> int:
-    """Return the smallest power of two n for which every n-th of so many rows are at most the limit."""
-    every = 1
-    while -(-count // every) > limit:
-        every *= 2
-    return every
-
-
-def _sub_trajectory_rows(
-    condition: Condition, errors: FloatArray, stamps_ns: IntArray, starts: IntArray, ends: IntArray
-) -> SubTrajectoryRows:
-    every = _every(len(errors), DETAIL_ROWS)
-    starts, ends = starts[::every], ends[::every]
-    columns: dict[str, Any] = dict(zip(COLUMNS, map(column, errors[::every].T), strict=True))
-    return SubTrajectoryRows(
-        condition=condition,
-        every=every,
-        start_frame=tuple(starts.tolist()),
-        end_frame=tuple(ends.tolist()),
-        start_stamp_ns=tuple(stamps_ns[starts].tolist()),
-        end_stamp_ns=tuple(stamps_ns[ends].tolist()),
-        **columns,
-    )
-
-
-def _path_rows(estimates: Estimates, frames: Frames, lengths: FloatArray) -> PathRows:
-    every = _every(len(lengths), PATH_ROWS)
-    rows = frames.est_rows[::every]
-    columns: dict[str, Any] = {}
-    for name, poses in (("truth", frames.gt_pos), ("estimate", frames.est_pos)):
-        columns |= {f"{name}_{axis}_m": column(values) for axis, values in zip("xyz", poses[::every].T, strict=True)}
+        return ScoredTrajectory(score_of_all, None)
+    every = 1 << (max(-(-count // PATH_ROWS), 1) - 1).bit_length()
+    table = {"truth": frames.gt_pos.T, "estimate": frames.est_pos.T}
     if estimates.covariance is not None:
-        variances = estimates.covariance[rows][:, POSITION_VARIANCES]
-        if np.isfinite(deviations := np.sqrt(np.where(variances >= 0.0, variances, np.nan))).any():
-            columns |= {f"sigma_{axis}_m": column(values) for axis, values in zip("xyz", deviations.T, strict=True)}
-    return PathRows(
+        variances = estimates.covariance[frames.est_rows][:, POSITION_VARIANCES].T
+        if np.isfinite(deviations := np.sqrt(np.where(variances >= 0.0, variances, np.nan)))[:, ::every].any():
+            table["sigma"] = deviations
+    path = PathRows(
         every=every,
-        stamp_ns=tuple(frames.stamps_ns[::every].tolist()),
+        stamp_ns=tuple(stamps_ns[::every].tolist()),
         travelled_m=column(lengths[::every, 0] + lengths[::every, 1]),
-        lost=tuple(estimates.lost[rows].tolist()),
-        degraded=tuple(estimates.degraded[rows].tolist()),
-        **columns,
+        lost=tuple(lost[::every].tolist()),
+        degraded=tuple(degraded[::every].tolist()),
+        **{
+            f"{name}_{axis}_m": column(values[::every])
+            for name, axes in table.items()
+            for axis, values in zip("xyz", axes, strict=True)
+        },
     )
+    return ScoredTrajectory(score_of_all, TrajectoryDetails(path=path, sub_trajectories=tuple(rows)))
 
 
 def _nothing_in_common(estimate: Trajectory, truth: Trajectory) -> str:

@@ -29,12 +29,12 @@ from sfr_loc_map.io.atomic import atomic_path, check_output, output_target
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, unique_rows
-from sfr_loc_map.metrics.calls import Calls, score_calls, stage_of
+from sfr_loc_map.metrics.calls import Calls, parts_of, score_calls, stage_of
 from sfr_loc_map.metrics.cloud_error import PairTruth, ScoredMap, score_map
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig
 from sfr_loc_map.metrics.consistency import STEP_SIZE
-from sfr_loc_map.metrics.limits import Limits, build_score
-from sfr_loc_map.metrics.score import Provenance, Score
+from sfr_loc_map.metrics.limits import Limits, verdicts
+from sfr_loc_map.metrics.score import Details, Provenance, Score
 from sfr_loc_map.metrics.score_json import SCHEMA
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.pipeline.call_stats import CallRecord
@@ -292,21 +292,23 @@ class MonitorScore:
             provenance: What it is made of.
             details: Whether what figures are drawn from is wanted.
         """
-        scored_map, trajectory = self.map_score, None
-        if scored_map is not None and not details:
-            scored_map = replace(scored_map, details=None)
+        parts: dict[str, Any] = {}
+        drawn: dict[str, Any] = {}
+        if self.map_score is not None:
+            parts["map"], drawn["map"] = self.map_score
         if len(self._estimates) and len(self._truth):
             rows = self._truth.all()
             truth = Trajectory(rows["stamp_ns"], rows["position"], rows["quat"])
             config = self._config.trajectory
-            trajectory = score_trajectory(self._given_estimates(), truth, config, details=details, under_way=True)
-        return build_score(
-            Score(provenance=provenance, verdicts=()),
-            self._limits,
-            trajectory=trajectory,
-            map=scored_map,
-            calls=[score_calls(self._calls.calls(), details=details)] if len(self._calls) else [],
-        )
+            parts["trajectory"], drawn["trajectory"] = score_trajectory(
+                self._given_estimates(), truth, config, details=details, under_way=True
+            )
+        if len(self._calls):
+            calls = [score_calls(self._calls.calls(), details=details)]
+            parts["timing"], parts["memory"], drawn["calls"] = parts_of(calls)
+        shown = Details(**drawn) if details and any(part is not None for part in drawn.values()) else None
+        score = Score(provenance=provenance, verdicts=(), details=shown, **parts)
+        return score if self._limits is None else replace(score, verdicts=verdicts(self._limits, score))
 
     def _given_estimates(self) -> Estimates:
         """Return the estimates with what the calls of their stamps said; of several calls the last counts."""

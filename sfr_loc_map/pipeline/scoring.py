@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -33,13 +33,14 @@ from sfr_loc_map.io.trajectory_file import (
 )
 from sfr_loc_map.metrics.aligned_error import aligned_errors, aligned_poses
 from sfr_loc_map.metrics.association import Estimates
-from sfr_loc_map.metrics.calls import ScoredCalls, score_calls, score_target, with_external
+from sfr_loc_map.metrics.calls import ScoredCalls, parts_of, score_calls, score_target, with_external
 from sfr_loc_map.metrics.cloud_error import PairTruth, score_map, score_nearest, truths_of
 from sfr_loc_map.metrics.config import AlignedErrorConfig, Condition, ScoreConfig
 from sfr_loc_map.metrics.convention import Diagnosis, converted_estimates, diagnose
-from sfr_loc_map.metrics.limits import Limits, build_score
+from sfr_loc_map.metrics.limits import Limits, verdicts
 from sfr_loc_map.metrics.score import (
     ConventionRecord,
+    Details,
     ExternalScore,
     FindingRecord,
     InputFile,
@@ -59,6 +60,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 IN_MEMORY = "(in memory)"
 """Path of an input that is no file."""
+NO_TRUTH = "'{}' has no true poses (groundtruth.csv, ground_truth/odometry): give a source with truth"
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,11 +108,6 @@ class ScoredDrive:
     truth: Trajectory
     rig: StereoRig | None = None
     notes: tuple[str, ...] = ()
-
-    def diagnosis(self, config: ScoreConfig) -> Diagnosis:
-        """Return which single convention mismatch explains how the estimates disagree with the truth."""
-        T_rb_left = None if self.rig is None or self.rig.T_rb_sb is None else self.rig.T_rb_left
-        return diagnose(self.estimates.trajectory, self.truth, config.trajectory.association, T_rb_left)
 
     def converted(self, convention: PoseConvention) -> ScoredDrive:
         """Return it with estimates that were written in a convention as poses of RB in DS."""
@@ -201,7 +198,9 @@ def corrected(
     done = ConventionRecord(declared=correction.declared.settings)
     if done.declared:
         drive = drive.converted(correction.declared)
-    found = drive.diagnosis(config).found if correction.apply_diagnosis else None
+    found = None
+    if correction.apply_diagnosis:
+        found = diagnose(drive.estimates.trajectory, drive.truth, config.trajectory.association, drive.rig).found
     if found is not None and found.setting:
         drive = drive.converted(PoseConvention.parse([found.setting]))
         done = replace(done, diagnosed=found.setting, fitted=found.fitted, sentence=found.sentence)
@@ -224,25 +223,27 @@ def score_run(
         missing = tuple(item.setting for item in limits.conditions if item not in present)
         conditions = (*config.trajectory.conditions, *missing)
         config = replace(config, trajectory=replace(config.trajectory, conditions=conditions))
-    drive, cloud, convention = run.drive, run.cloud, run.convention
-    trajectory, aligned_parts, scored_map, contradiction = None, None, None, None
-    warnings: list[str] = []
-    data = {}  # a folder and the bag it was converted to have the same truth
+    drive, cloud, convention, inputs = run.drive, run.cloud, run.convention, run.inputs
+    parts: dict[str, Any] = {}
+    drawn: dict[str, Any] = {}  # what figures are drawn from
+    contradiction, warnings = None, []
+    data = {}  # hashes of what the inputs mean: a folder and the bag it was converted to have the same truth
     if convention is not None and convention.diagnosed is not None:
         fitted = "; numbers of it were fitted to the truth, which flatters the figures" if convention.fitted else ""
         warnings += [f"--apply-diagnosis converted the estimate by {convention.diagnosed} before scoring it{fitted}"]
     if drive is not None:
         data["truth"] = hash_arrays((drive.truth.stamps_ns, drive.truth.positions))
-        if (found := drive.diagnosis(config).found) is not None:
+        estimate = drive.estimates.trajectory
+        if (found := diagnose(estimate, drive.truth, config.trajectory.association, drive.rig).found) is not None:
             remedy = f"--convention {found.setting} or --apply-diagnosis corrects it; " if found.setting else ""
             contradiction = f"{found.sentence} ({remedy}sfr doctor EST TRUTH tells more)"
             warnings += [contradiction]
-        trajectory = score_trajectory(drive.estimates, drive.truth, config.trajectory)
+        parts["trajectory"], drawn["trajectory"] = score_trajectory(drive.estimates, drive.truth, config.trajectory)
         if aligned is not None:
-            aligned_parts = aligned_errors(drive.estimates.trajectory, drive.truth, aligned)
+            parts["aligned"] = aligned_errors(estimate, drive.truth, aligned)
     if cloud is not None:
         data["map_truth"] = hash_arrays(truth.points for truth in cloud.truths)
-        scored_map = (
+        parts["map"], drawn["map"] = (
             score_nearest(cloud.loaded.xyz, cloud.truths, config.map)
             if cloud.loaded.cloud is None
             else score_map(cloud.loaded.cloud, cloud.truths, config.map)
@@ -251,90 +252,117 @@ def score_run(
     if run.external is not None:
         nothing_told = ScoredCalls(TimingScore(), MemoryScore(), None)
         calls = [with_external(item, run.external) for item in calls or [nothing_told]]
-    named = [item.method for item in run.stats if item.method is not None]
-    others = [method for method in named if method.kind is not MethodKind.BUILT_IN]  # beside ours it is under test
-    rest = Score(
-        method=run.method or next(iter([*others, *named]), None),
-        findings=(*run.findings, *(finding for item in run.stats for finding in item.findings)),
-        external=run.external,
-        convention=convention,
-        aligned=aligned_parts,
-        target=None if run.target is None else score_target(run.target.calls, run.inputs.target_name),
-        verdicts=(),
-        warnings=tuple(warnings),
-        contradiction=contradiction,
-        provenance=_provenance(run, config, data),
-    )
-    return build_score(rest, limits, trajectory=trajectory, map=scored_map, calls=calls)
+    if calls:
+        parts["timing"], parts["memory"], drawn["calls"] = parts_of(calls)
 
-
-def _provenance(run: Run, config: ScoreConfig, data: Mapping[str, str]) -> Provenance:
-    """Return where a score came from; `data` are hashes of what the inputs mean, by their names."""
-    inputs, files = run.inputs, {}
+    files = {}
     named = {name: getattr(inputs, name) for name in ("estimate", "truth", "cloud", "map_truth", "target")}
     for name, path in (named | {f"stats_{number}": path for number, path in enumerate(inputs.stats)}).items():
         if path is None:
             continue
         if name == "truth" and path.is_dir() and not is_bag(path):  # of the folder only the trajectory counts
-            found = [item for item in (path / "groundtruth.csv", path / "loc" / "groundtruth.csv") if item.is_file()]
-            path = found[0] if found else path
+            places = [item for item in (path / "groundtruth.csv", path / "loc" / "groundtruth.csv") if item.is_file()]
+            path = places[0] if places else path
         files[name] = InputFile(path=str(path), sha256=hash_path(path), data_sha256=data.get(name))
     for name, sha256 in run.in_memory.items():
         files[name] = InputFile(path=IN_MEMORY, sha256=sha256, data_sha256=data.get(name))
-    return Provenance(
-        version=__version__,
-        inputs=files,
-        configuration=flatten(config),
-        host={"machine": platform.machine(), "system": platform.system(), "python": platform.python_version()},
-        time=datetime.now(UTC).isoformat(timespec="seconds"),
+    methods = [item.method for item in run.stats if item.method is not None]
+    others = [method for method in methods if method.kind is not MethodKind.BUILT_IN]  # beside ours it is under test
+    score = Score(
+        method=run.method or next(iter([*others, *methods]), None),
+        findings=(*run.findings, *(finding for item in run.stats for finding in item.findings)),
+        external=run.external,
+        convention=convention,
+        target=None if run.target is None else score_target(run.target.calls, inputs.target_name),
+        verdicts=(),
+        warnings=tuple(warnings),
+        contradiction=contradiction,
+        provenance=Provenance(
+            version=__version__,
+            inputs=files,
+            configuration=flatten(config),
+            host={"machine": platform.machine(), "system": platform.system(), "python": platform.python_version()},
+            time=datetime.now(UTC).isoformat(timespec="seconds"),
+        ),
+        details=Details(**drawn) if any(part is not None for part in drawn.values()) else None,
+        **parts,
     )
+    return score if limits is None else replace(score, verdicts=verdicts(limits, score))
 
 
 # ---- from files to a run
 
 
-def load_run(inputs: ScoreInputs, fused: bool | None = None) -> Run:
-    """Read files of a run.
+def load_run(
+    inputs: ScoreInputs,
+    fused: bool | None = None,
+    *,
+    estimate: Trajectory | None = None,
+    truth: Trajectory | None = None,
+    calls: Sequence[CallStats] = (),
+) -> Run:
+    """Read files of a run; poses without stamps get those of the other ones, pose by pose.
+
+    Lost flags and covariances of an estimate come from its bag or from the statistics of the calls that gave it.
 
     Args:
         inputs: The files.
         fused: Whether the cloud is fused, for files that do not say so.
+        estimate: Estimated poses that are in memory, in place of a file.
+        truth: True poses that are in memory, in place of a file.
+        calls: Calls that are in memory, after those of the files.
     """
-    stats = [load_call_stats(path) for path in inputs.stats]
+    stats = [*(load_call_stats(path) for path in inputs.stats), *calls]
     target = None if inputs.target is None else load_call_stats(inputs.target, needed="processing_time_s")
-    drive, cloud = None, None
-    if inputs.estimate is not None and inputs.truth is not None:
-        drive = load_drive(inputs.estimate, inputs.truth, stats)
+    run = Run(inputs, stats, target)
     if inputs.cloud is not None and inputs.map_truth is not None:
         loaded = said_fused(load_cloud(inputs.cloud), fused, f"cloud '{inputs.cloud}'")
         stamps_ns = None if loaded.cloud is None else loaded.cloud.pair_stamps_ns
-        cloud = ScoredCloud(loaded, load_map_truth(inputs.map_truth, stamps_ns))
-    return Run(inputs, stats, target, drive, cloud)
+        run = replace(run, cloud=ScoredCloud(loaded, load_map_truth(inputs.map_truth, stamps_ns)))
+
+    in_memory, place, rig = Path(IN_MEMORY), inputs.truth, None
+    if place is None and truth is not None:
+        true = LoadedTrajectory(in_memory, truth)
+    elif place is None:
+        return run
+    elif is_bag(place):
+        true, rig = LoadedTrajectory(place, load_truth(place)), camera_rig(place)
+    elif place.is_file():
+        true = read_trajectory_file(place, "truth")
+    else:
+        from sfr_loc_map.io.registry import open_source  # files of trajectories need no images
+
+        loc = open_source(place).loc
+        if loc is None or loc.ground_truth is None:
+            raise InputError(NO_TRUTH.format(place))
+        true, rig = LoadedTrajectory(place, loc.ground_truth), loc.rig
+    if inputs.estimate is not None and is_bag(inputs.estimate):
+        estimates = load_estimates(inputs.estimate)
+        found = LoadedTrajectory(inputs.estimate, estimates.trajectory)
+    else:
+        if inputs.estimate is not None:
+            found = read_trajectory_file(inputs.estimate)
+        elif estimate is not None:
+            found = LoadedTrajectory(in_memory, estimate)
+        else:
+            return run
+        if found.by_index:
+            found = found.with_stamps_of(true)
+        said = np.zeros(len(found.trajectory.stamps_ns), np.bool_)
+        estimates = Estimates(found.trajectory, said, said, None)
+        if stats:
+            estimates = estimates_of(found.trajectory, stats)
+    if true.by_index:
+        true = true.with_stamps_of(found)
+    notes = tuple(item.text for item in (found, true) if item.format in ANNOUNCED)
+    return replace(run, drive=ScoredDrive(estimates, true.trajectory, rig, notes))
 
 
-def load_drive(estimate: Path | Trajectory, truth: Path | Trajectory, stats: Sequence[CallStats] = ()) -> ScoredDrive:
-    """Read estimated and true poses; poses without stamps get those of the other ones, pose by pose."""
-    if not isinstance(truth, Path):
-        true_poses = LoadedTrajectory(Path(IN_MEMORY), truth)
-    elif _holds_source(truth):
-        true_poses = LoadedTrajectory(truth, load_truth(truth))
-    else:
-        true_poses = read_trajectory_file(truth, "truth")
-    if isinstance(estimate, Path) and is_bag(estimate):
-        estimates = load_estimates(estimate)
-        true_poses = true_poses.with_stamps_of(LoadedTrajectory(estimate, estimates.trajectory))
-        loaded = [true_poses]
-    else:
-        read = (
-            read_trajectory_file(estimate)
-            if isinstance(estimate, Path)
-            else LoadedTrajectory(Path(IN_MEMORY), estimate)
-        )
-        read, true_poses = read.with_stamps_of(true_poses), true_poses.with_stamps_of(read)
-        estimates, loaded = estimates_of(read.trajectory, stats), [read, true_poses]
-    notes = tuple(item.text for item in loaded if item.format in ANNOUNCED)
-    rig = camera_rig(truth) if isinstance(truth, Path) else None
-    return ScoredDrive(estimates, true_poses.trajectory, rig, notes)
+def load_drive(estimate: Path, truth: Path) -> ScoredDrive:
+    """Read estimated and true poses of files."""
+    drive = load_run(ScoreInputs(estimate=estimate, truth=truth)).drive
+    assert drive is not None  # both are there
+    return drive
 
 
 def load_estimates(path: Path, stats: Sequence[CallStats] = ()) -> Estimates:
@@ -359,7 +387,7 @@ def estimates_of(trajectory: Trajectory, stats: Sequence[CallStats] = ()) -> Est
 
 def load_truth(path: Path) -> Trajectory:
     """Read true poses of RB in DS from a trajectory file, a bag or a data set folder."""
-    if not _holds_source(path):
+    if path.is_file() and not is_bag(path):
         return read_trajectory_file(path, "truth").trajectory
     if is_bag(path):
         from sfr_loc_map.pipeline.bag_estimates import bag_truth
@@ -369,15 +397,13 @@ def load_truth(path: Path) -> Trajectory:
         loc = _open_source(path).loc
         truth = None if loc is None else loc.ground_truth
     if truth is None or not len(truth):
-        raise InputError(
-            f"'{path}' has no true poses (groundtruth.csv, ground_truth/odometry): give a source with truth"
-        )
+        raise InputError(NO_TRUTH.format(path))
     return truth
 
 
 def camera_rig(truth: Path) -> StereoRig | None:
     """Return the rig of the localisation cameras of a source, None where it has none."""
-    if not _holds_source(truth):
+    if truth.is_file() and not is_bag(truth):
         return None
     try:
         loc = _open_source(truth).loc
@@ -424,11 +450,6 @@ def said_fused(loaded: LoadedCloud, fused: bool | None, name: str) -> LoadedClou
     return replace(loaded, cloud=replace(loaded.cloud, fused=fused if said is None else said))
 
 
-def _holds_source(path: Path) -> bool:
-    """Tell whether a path is a bag or folder rather than a trajectory file."""
-    return not path.is_file() or is_bag(path)
-
-
 def _open_source(path: Path) -> Source:
     from sfr_loc_map.io.registry import open_source  # files of trajectories need no images
 
@@ -440,7 +461,8 @@ def _open_source(path: Path) -> Source:
 
 def diagnose_files(estimate: Path, truth: Path, config: ScoreConfig) -> Diagnosis:
     """Return which single convention mismatch explains how the trajectories of two files disagree."""
-    return load_drive(estimate, truth).diagnosis(config)
+    drive = load_drive(estimate, truth)
+    return diagnose(drive.estimates.trajectory, drive.truth, config.trajectory.association, drive.rig)
 
 
 def save_evo_result(

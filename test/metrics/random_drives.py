@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.limits import build_score
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score import Details, Score
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 
 Poses = tuple[Any, Any, Any]
@@ -66,4 +65,4 @@ def score_of(estimate: Poses, truth: Poses, config: TrajectoryScoreConfig | None
     """A score of a trajectory, by default over 5 m and 3 s."""
     config = config or TrajectoryScoreConfig(conditions=("distance=5", "time=3"))
     scored = score_trajectory(Estimates.of(trajectory(estimate)), trajectory(truth), config)
-    return build_score(Score(verdicts=()), trajectory=scored)
+    return Score(verdicts=(), trajectory=scored.score, details=Details(trajectory=scored.details))

@@ -1,48 +1,69 @@
 """Association of stamps: one to one, the nearest first, against the plainest search."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sfr_loc_map.metrics.association import bracketed, decide_mode, match_stamps, unique_rows
-from sfr_loc_map.metrics.config import AssociationMode
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.metrics.association import Frames, associate, unique_rows
+from sfr_loc_map.metrics.config import AssociationConfig, AssociationMode
+from sfr_loc_map.metrics.score import AssociationCounts
 
 STAMPS = st.lists(st.integers(0, 60), max_size=25, unique=True).map(lambda s: np.array(sorted(s), np.int64))
+
+
+def poses(stamps: Any) -> Trajectory:
+    """Poses whose x is their number."""
+    x = np.arange(len(stamps), dtype=np.float64)[:, None] * [1.0, 0.0, 0.0]
+    return Trajectory(np.asarray(stamps, np.int64), x, np.tile([0.0, 0.0, 0.0, 1.0], (len(stamps), 1)))
+
+
+def associated(
+    est: Any, gt: Any, mode: str = "match", tolerance: int = 0, gap: int = 10
+) -> tuple[Frames, AssociationCounts, AssociationMode]:
+    config = AssociationConfig(truth=mode, tolerance_s=tolerance * 1e-9, max_gap_s=gap * 1e-9)
+    return associate(poses(est), poses(gt), config)
 
 
 @settings(max_examples=200)
 @given(STAMPS, STAMPS, st.integers(0, 5))
 def test_each_truth_is_used_once_and_within_the_tolerance(est: np.ndarray, gt: np.ndarray, tolerance: int) -> None:
-    partner = match_stamps(est, gt, tolerance)
-    used = partner[partner >= 0]
-    assert len(set(used.tolist())) == len(used)
-    assert (np.abs(est[partner >= 0] - gt[used]) <= tolerance).all()
+    frames, counts, _ = associated(est, gt, tolerance=tolerance)
+    partner = dict(zip(est[frames.est_rows].tolist(), frames.gt_pos[:, 0].astype(int).tolist(), strict=True))
+    assert len(set(partner.values())) == len(partner) == counts.exact + counts.near
     free_gt = sorted(set(range(len(gt))) - set(np.searchsorted(gt, np.intersect1d(est, gt)).tolist()))
     rivals = [s for s in est.tolist() if s not in gt]
-    for stamp, index in zip(est.tolist(), partner.tolist(), strict=True):
+    for stamp in est.tolist():
+        index = partner.get(stamp)
         if stamp in gt:
             assert gt[index] == stamp, "equal stamps belong together"
         elif free_gt:
             nearest = min(free_gt, key=lambda k: (abs(int(gt[k]) - stamp), k))
             first = min(rivals, key=lambda s: (abs(int(gt[nearest]) - s), s))
-            wins = abs(int(gt[nearest]) - stamp) <= tolerance and first == stamp
-            assert index in ((nearest,) if wins else (-1, nearest)), "the nearest of all gets it"
+            near = abs(int(gt[nearest]) - stamp) <= tolerance
+            assert index == nearest if near and first == stamp else index in (None, nearest)
+            assert index is None or near
 
 
 @settings(max_examples=100)
 @given(st.lists(st.integers(0, 20), max_size=30))
 def test_of_one_stamp_the_last_counts(stamps: list[int]) -> None:
-    rows = unique_rows(np.array(stamps, np.int64))
     last = {stamp: row for row, stamp in enumerate(stamps)}
-    assert rows.tolist() == [last[stamp] for stamp in sorted(last)]
+    wanted = [last[stamp] for stamp in sorted(last)]
+    assert unique_rows(np.array(stamps, np.int64)).tolist() == wanted
+    frames, counts, _ = associated(stamps, range(21))
+    assert frames.est_rows.tolist() == wanted
+    assert counts.estimate_duplicates == len(stamps) - len(wanted)
 
 
-def test_estimates_between_true_poses_are_bracketed() -> None:
-    est, gt = np.array([5, 10, 15, 35, 99]), np.array([0, 10, 20, 40, 50])
-    between, after = bracketed(est, gt, match_stamps(est, gt, 0), 10)
-    assert est[between].tolist() == [5, 15], "35 lies in a gap of 20, 99 after the end, 10 has its truth"
-    assert gt[after].tolist() == [10, 20]
+def test_estimates_between_true_poses_get_interpolated_truth() -> None:
+    frames, counts, _ = associated([5, 10, 15, 35, 99], [0, 10, 20, 40, 50], "interpolate")
+    assert frames.stamps_ns.tolist() == [5, 10, 15], "35 lies in a gap of 20, 99 after the end"
+    assert frames.gt_pos[:, 0].tolist() == [0.5, 1.0, 1.5]
+    assert (counts.exact, counts.interpolated, counts.largest_gap_ns) == (1, 2, 10)
 
 
 @pytest.mark.parametrize(
@@ -56,4 +77,4 @@ def test_estimates_between_true_poses_are_bracketed() -> None:
     ],
 )
 def test_the_first_stamps_decide_the_mode(est: np.ndarray, gt: np.ndarray, mode: AssociationMode) -> None:
-    assert decide_mode(est, gt, 0) is mode
+    assert associated(est, gt, "auto")[2] is mode

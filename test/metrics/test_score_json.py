@@ -143,7 +143,7 @@ def changed(path: str, value: Any) -> dict[str, Any]:
         ("trajectory.count", True, "trajectory.count is True: Expected `int`"),
         ("trajectory.rebase", "heading", "trajectory.rebase is 'heading': Invalid enum value"),
         ("trajectory.condition", {"metres": 5}, "trajectory.condition: a condition such as"),
-        ("trajectory.condition", {"distance_m": -5}, "trajectory.condition: distance = -5.0 ends no"),
+        ("trajectory.condition", {"distance_m": -5}, "trajectory.condition: .distance=-5. is not a condition"),
         ("trajectory.condition", {"distance_m": math.inf}, "trajectory.condition"),
         ("trajectory.overlap", None, "trajectory.overlap is None: Expected `float`"),
         ("trajectory.overlap", 10**400, "trajectory.overlap is int: a whole number of 64 bits"),

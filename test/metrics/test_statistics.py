@@ -12,7 +12,6 @@ from sfr_loc_map.metrics.statistics import (
     column,
     interval95,
     moments,
-    norm,
     sample_statistic,
     statistic,
     student_quantile,
@@ -42,7 +41,6 @@ def test_sample_statistics_by_numpy() -> None:
     assert (got.count, got.mean, got.sigma) == (101, np.mean(values), np.std(values, ddof=1))
     assert got.mean_plus_3sigma == pytest.approx(np.mean(values) + 3 * np.std(values, ddof=1))
     assert (got.p50, got.p95) == pytest.approx((np.median(values), np.percentile(values, 95)))
-    assert norm(np.array([2.0, 3.0, 6.0])) == 7.0
     assert column(np.array([1.23456789012, np.nan, np.inf])) == (1.23456789, None, None)
 
 

@@ -1,5 +1,6 @@
 """Scores for the tests of the report, made by the score's own functions from invented runs."""
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -10,11 +11,11 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.metrics.association import Estimates
-from sfr_loc_map.metrics.calls import Calls, score_calls
+from sfr_loc_map.metrics.calls import Calls, parts_of, score_calls
 from sfr_loc_map.metrics.cloud_error import PairTruth, score_map
 from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
-from sfr_loc_map.metrics.limits import build_score, parse_limits
-from sfr_loc_map.metrics.score import InputFile, Provenance, Score
+from sfr_loc_map.metrics.limits import parse_limits, verdicts
+from sfr_loc_map.metrics.score import Details, InputFile, Provenance, Score
 from sfr_loc_map.metrics.score_json import to_dict
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 
@@ -90,13 +91,19 @@ def whole_score(frames: int = 300, side: int = 96, pairs: int = 2) -> Score:
         configuration={"unknown": None},
         time="2024-02-29T12:00:00+00:00",
     )
-    return build_score(
-        Score(verdicts=(), provenance=made),
-        parse_limits(LIMITS, "test"),
-        trajectory=score_trajectory(*drive(frames), config),
-        map=score_map(*cloud(side, pairs), MapScoreConfig()),
-        calls=[score_calls(calls(frames, pairs))],
+    trajectory, path = score_trajectory(*drive(frames), config)
+    mapped, points = score_map(*cloud(side, pairs), MapScoreConfig())
+    timing, memory, series = parts_of([score_calls(calls(frames, pairs))])
+    score = Score(
+        verdicts=(),
+        provenance=made,
+        trajectory=trajectory,
+        map=mapped,
+        timing=timing,
+        memory=memory,
+        details=Details(trajectory=path, map=points, calls=series),
     )
+    return replace(score, verdicts=verdicts(parse_limits(LIMITS, "test"), score))
 
 
 def json_of(score: Score) -> dict[str, Any]:
