@@ -14,7 +14,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag_messages import camera_info
-from sfr_loc_map.io.camera_info import baseline_from_projection, message_baseline, projection, rig_from_camera_info
+from sfr_loc_map.io.camera_info import baseline_from_projection, projection, rig_from_camera_info
 
 focal = st.floats(10, 5000)
 RIG = StereoRig(24, 16, 20.1, 20.3, 11.7, 7.9, 0.12)
@@ -28,7 +28,7 @@ def test_baselines_in_micrometres_are_exact(fx: float, micrometres: int) -> None
 
 @given(focal, focal, st.floats(0.001, 10))
 def test_rigs_of_files_come_through_messages_unchanged(fx: float, fy: float, baseline: float) -> None:
-    rig = message_baseline(StereoRig(80, 60, fx, fy, 33.3, 22.2, baseline))
+    rig = StereoRig(80, 60, fx, fy, 33.3, 22.2, baseline_from_projection(fx, -(fx * baseline)))
     assert abs(rig.baseline_m - baseline) <= 4e-16 * baseline
     infos = [camera_info(START_NS, rig, "loc", side) for side in SIDES]
     assert rig_from_camera_info(*infos, "loc").same_cameras(rig)

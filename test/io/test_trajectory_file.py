@@ -21,7 +21,6 @@ from sfr_loc_map.io.trajectory_file import (
     CSV_HEADER,
     EUROC_HEADER,
     TrajectoryFormat,
-    load_trajectory,
     read_trajectory_file,
     save_trajectory,
     trajectory_text,
@@ -53,7 +52,7 @@ def test_round_trip_to_the_bit(tmp_path_factory: pytest.TempPathFactory, name: s
     quats = quat_normalised([[q, -0.0, q / 3, 1 - q] for *_, q in items])
     trajectory = Trajectory(np.array([s for s, _, _ in items], np.int64), np.array([p for _, p, _ in items]), quats)
     save_trajectory(path, trajectory)
-    assert_same_trajectory(load_trajectory(path), trajectory)
+    assert_same_trajectory(read_trajectory_file(path).trajectory, trajectory)
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -73,7 +72,7 @@ def test_csv_attitude_is_the_conjugate(tmp_path: Path) -> None:
     (tmp_path / "t.csv").write_text(f"{CSV_HEADER}\n5,1,2,3,0,0,{-s!r},{s!r}\n")
     (tmp_path / "t.txt").write_text(f"# t x y z qx qy qz qw\n0.000000005 1 2 3 0 0 {s!r} {s!r}\n")
     for name in ("t.csv", "t.txt"):
-        read = load_trajectory(tmp_path / name)
+        read = read_trajectory_file(tmp_path / name).trajectory
         assert read.stamps_ns.tolist() == [5]
         np.testing.assert_allclose(read.pose(0).apply([1.0, 0, 0]), [1, 3, 3], atol=1e-15)
 
@@ -83,10 +82,10 @@ def test_lines_of_all_forms_are_read(tmp_path: Path, end: str) -> None:
     """Estimates come as they are: in any order, quaternions not normalised."""
     rows = (CSV_HEADER, "7,1,2,3,0,0,0,1.001", "5,1,2,4,0,0,0,1", "")
     (tmp_path / "t.csv").write_bytes(f"\ufeff{end.join(rows)}".encode())
-    found = load_trajectory(tmp_path / "t.csv")
+    found = read_trajectory_file(tmp_path / "t.csv").trajectory
     assert (found.stamps_ns.tolist(), found.quats_xyzw[0, 3]) == ([7, 5], 1.001)
     (tmp_path / "t.txt").write_bytes(b"\xef\xbb\xbf" + GOOD.replace(" ", "\t  ").encode() + b"  " + end.encode())
-    assert load_trajectory(tmp_path / "t.txt").stamps_ns.tolist() == [10**9]
+    assert read_trajectory_file(tmp_path / "t.txt").trajectory.stamps_ns.tolist() == [10**9]
 
 
 KITTI = "1 0 0 0 0 1 0 0 0 0 1"

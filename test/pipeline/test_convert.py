@@ -19,7 +19,7 @@ from sfr_loc_map.inputs import hash_path
 from sfr_loc_map.io.bag import GROUND_TRUTH, Bag, read_trajectory
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import LocSequence
-from sfr_loc_map.io.trajectory_file import load_trajectory
+from sfr_loc_map.io.trajectory_file import read_trajectory_file
 from sfr_loc_map.pipeline.convert import ConvertOptions, Layout, convert, convert_trajectory
 
 EXACT = ConvertOptions()
@@ -84,8 +84,8 @@ def test_options_of_the_command_and_trajectories(tmp_path: Path, world: World, s
     assert (wrong.code, "no topic 'a'" in wrong.err) == (2, True)
 
     assert sfr("convert", folder, tum).code == sfr("convert", tum, tmp_path / "t").code == 0
-    assert_same_trajectory(load_trajectory(tum), world.truth)
-    assert_same_trajectory(load_trajectory(tmp_path / "t" / "groundtruth.csv"), world.truth)
+    assert_same_trajectory(read_trajectory_file(tum).trajectory, world.truth)
+    assert_same_trajectory(read_trajectory_file(tmp_path / "t" / "groundtruth.csv").trajectory, world.truth)
     assert convert_trajectory(world.truth, tmp_path / "t.mcap") == 4
     assert_same_trajectory(read_trajectory(Bag(tmp_path / "t.mcap"), GROUND_TRUTH), world.truth)
     no_truth = sfr("convert", write_folder(tmp_path / "n", world, loc=False), tmp_path / "n.txt")
