@@ -17,9 +17,9 @@ from sfr_loc_map.localisation.backend.sliding_window import SlidingWindow
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.frontend.feature_detection import find_corners, load_mask
 from sfr_loc_map.localisation.frontend.landmarks import BORDER, Landmarks
+from sfr_loc_map.localisation.frontend.patch import LEVELS
 from sfr_loc_map.localisation.frontend.sparse_stereo import match_corners
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, TrackingResult
-from sfr_loc_map.localisation.parallel import in_background
 
 KEYFRAME_FLOW = 0.05
 """Median optical flow since the last keyframe, as a share of the image width, that triggers a new one."""
@@ -36,7 +36,7 @@ pixels from which on the number grows with the fourth root."""
 class KeyframeBackend:
     """Owns the sliding window, the landmarks and the online calibration.
 
-    While a keyframe is in work (from `add_keyframe` to `wait`) all of it belongs to the background thread: the caller
+    While `add_keyframe` is at work (`pending`) all of it belongs to the background thread: the caller
     waits before it reads anything, so that results do not depend on timing.
 
     Attributes:
@@ -60,7 +60,7 @@ class KeyframeBackend:
         Raises:
             ConfigError: If a mask cannot be read or has another size than the rig.
         """
-        self._rig, self._config, self._tracker = rig, config, tracker
+        self._rig, self._camera, self._config, self._tracker = rig, rig.camera, config, tracker
         self._left_mask, self._right_mask = (load_mask(path, rig) for path in (config.left_mask, config.right_mask))
         pixels = rig.width * rig.height
         self._large = pixels >= LARGE_IMAGE_PX
@@ -72,7 +72,7 @@ class KeyframeBackend:
     def reset(self) -> None:
         """Forget everything, after the keyframe in work."""
         self.leave_window()
-        self.calibration = OnlineCalibration(self._rig.camera, self._config.window_keyframes)
+        self.calibration = OnlineCalibration(self._camera, self._config.window_keyframes)
         self.keyframe_count = 0
 
     def leave_window(self) -> None:
@@ -110,7 +110,7 @@ class KeyframeBackend:
         """
         self.calibration.interrupt()
         before = self.window, self.landmarks
-        self.window = window = SlidingWindow(self._rig.camera, self._config.window_keyframes)
+        self.window = window = SlidingWindow(self._camera, self._config.window_keyframes)
         pose = Pose(T_world_left.rotation, T_world_left.translation)
         window.add_keyframe(pose, np.zeros(0, np.intp), np.zeros((0, 4)), np.zeros((0, 2, 3)))
         self._add_landmarks(window, frame, np.zeros((0, 3)))
@@ -121,26 +121,20 @@ class KeyframeBackend:
             self.keyframe_count += 1
         return found
 
-    def complete(self, frame: StereoFrame, result: TrackingResult) -> TrackingResult:
-        """Return the tracking of all landmarks, as in a keyframe, from that of those that are followed."""
-        if len(result.inliers) >= len(self.landmarks.index):
-            return result
-        all_of_them = self._tracker.refine(frame, self.landmarks, result.pose, self.calibration.offset, result)
-        return all_of_them if all_of_them.trusted else result
-
-    def add_keyframe(self, window: SlidingWindow, frame: StereoFrame, result: TrackingResult) -> None:
-        """Make a tracked pair a keyframe of the window, in the background."""
-        self.keyframe_count += 1
-        self.pending = in_background(self._add_keyframe, window, frame, result)
-
-    def _add_keyframe(self, window: SlidingWindow, frame: StereoFrame, result: TrackingResult) -> float:
-        """Make a tracked pair a keyframe; return the seconds that it took."""
+    def add_keyframe(self, window: SlidingWindow, frame: StereoFrame, result: TrackingResult) -> float:
+        """Make a tracked pair a keyframe of the window; return the seconds that it took."""
         start, good = time.perf_counter(), result.inliers
+        self.keyframe_count += 1
         rows = result.landmarks.index
         window.active[rows[~good]] = False
         window.add_keyframe(result.pose, rows[good], result.observations[good], result.variance[good])
-        window.shift_right_observations(-self.calibration.learn_yaw(*window.right_offset))
-        known = window.newest_observations
+        change = self.calibration.learn_yaw(*window.right_offset)
+        if change != 0.0:  # all right positions move as by a yaw of the right camera
+            uv = window.problem.observations.copy()
+            x = (uv[:, :, 2] - self._camera.cx) / self._camera.fx
+            uv[:, :, 2] -= change * (1.0 + x * x)
+            window.problem = window.problem._replace(observations=uv)
+        known = window.problem.observations[window.active, -1]
         known = np.column_stack((known[:, :2], known[:, 0] - known[:, 2]))
         self._add_landmarks(window, frame, known[np.isfinite(known).all(axis=1)])
         return time.perf_counter() - start
@@ -150,11 +144,11 @@ class KeyframeBackend:
         mask, right_mask = self.masks
         corners = find_corners(frame.left[0].image, known[:, :2].copy(), self._wanted, BORDER, mask)
         if len(corners):
-            camera, calibration, per_px = self._rig.camera, self.calibration, self._rig.fx * self._rig.baseline_m
+            camera, calibration, per_px = self._camera, self.calibration, self._rig.fx * self._rig.baseline_m
             max_disparity, offset_v = min(per_px / MIN_DEPTH_M, 0.5 * self._rig.width), calibration.offset.v
             found = match_corners(
-                frame.left, frame.right, corners, known, max_disparity, offset_v, own_slopes=self._large
-            ).outside(right_mask)
+                frame.left, frame.right, corners, known, max_disparity, offset_v, right_mask, own_slopes=self._large
+            )
             calibration.learn_vertical(found.right, found.right[:, 1] - found.uv[:, 1])
             right_uv = found.right - calibration.offset.at(found.right, camera)
             inverse_depth_per_px = 1.0 / per_px
@@ -164,5 +158,8 @@ class KeyframeBackend:
             slopes = found.slope * inverse_depth_per_px
             window.add_landmarks(frame.left, found.uv, inverse_depth, slopes, found.patches, observed, variances)
         window.adjust(ADJUSTMENT_ROUNDS)
-        self.landmarks = window.landmarks()
-        self.landmarks.prepare()
+        self.landmarks = marks = window.landmarks()
+        # what the next pairs are compared with is found and copied here
+        _ = marks.median_depth, marks.followed.median_depth
+        _ = marks.followed.patches[0], marks.rest.patches[0]
+        _ = [marks.followed.few.patches[level] for level in range(1, LEVELS)]

@@ -32,7 +32,7 @@ from sfr_loc_map.localisation.frontend.tracking import MIN_TEXTURE, StereoFrame,
 from sfr_loc_map.localisation.ground_motion import GroundMotion, GroundMotionFinder, Guesses
 from sfr_loc_map.localisation.image_checks import Exposure, StaleImageFilter
 from sfr_loc_map.localisation.keyframe_backend import KEYFRAME_FLOW, KeyframeBackend
-from sfr_loc_map.localisation.parallel import both
+from sfr_loc_map.localisation.parallel import BACKGROUND, both
 from sfr_loc_map.localisation.pose_track import PoseTrack
 from sfr_loc_map.localisation.relocalisation import KnownImage, Relocaliser
 
@@ -155,7 +155,7 @@ class Localiser:
             covariance = np.asarray(0.5 * (of_rb + of_rb.T))
         stages = dict(self._stage_s)  # a keyframe in work adds to them
         if keyframe is not None:  # the backend belongs to its thread from here until the next call has waited
-            backend.add_keyframe(*keyframe)
+            backend.pending = BACKGROUND.submit(backend.add_keyframe, *keyframe)
         return PoseEstimate(stamp_ns, T_ds_rb, covariance, self._state, statistics, stages, self._reason, step)
 
     def _see(self, pair: StereoPair, motion: Transform | None) -> Outcome:
@@ -234,7 +234,9 @@ class Localiser:
         )
         if wanted:
             start = perf_counter()
-            result = backend.complete(frame, result)
+            if len(result.inliers) < len(backend.landmarks.index):  # in a keyframe all landmarks are tracked
+                all_of_them = self._tracker.refine(frame, backend.landmarks, result.pose, calibration.offset, result)
+                result = all_of_them if all_of_them.trusted else result
             self._stage_s["refine"] += perf_counter() - start
             left_inliers = int(np.count_nonzero(result.inliers & np.isfinite(result.observations[:, 0])))
         chi_median = float(np.median(result.chi2_per_dof[~np.isnan(result.chi2_per_dof)]))

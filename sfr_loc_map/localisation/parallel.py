@@ -6,7 +6,7 @@ import ctypes
 import os
 import threading
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import cache
 from queue import SimpleQueue
@@ -22,6 +22,8 @@ _core = getattr(ctypes.CDLL(None), "sched_getcpu", None)
 R = TypeVar("R")
 Rows = TypeVar("Rows", bound=FloatArray | tuple[FloatArray, ...])
 """An array with a row for each point, or a `NamedTuple` of such arrays."""
+BACKGROUND = ThreadPoolExecutor(max_workers=1, thread_name_prefix="keyframe")
+"""Does keyframe work, which may itself share its parts between threads; the thread starts with the first work."""
 _Task = tuple[Callable[..., Any], tuple[Any, ...], SimpleQueue[Any]]
 
 
@@ -45,16 +47,6 @@ def _second_thread() -> tuple[SimpleQueue[_Task], int]:
     thread = threading.Thread(target=work, name="right", daemon=True)
     thread.start()
     return tasks, thread.native_id or 0
-
-
-@cache
-def _background() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(max_workers=1, thread_name_prefix="keyframe")
-
-
-def in_background(function: Callable[..., R], *arguments: Any) -> Future[R]:  # noqa: ANN401 - any arguments
-    """Start work that may itself share its parts between threads; its result is waited for by `result()`."""
-    return _background().submit(function, *arguments)
 
 
 def both(function: Callable[..., R], left: tuple[Any, ...], right: tuple[Any, ...]) -> tuple[R, R]:
@@ -81,12 +73,16 @@ def in_halves(function: Callable[..., Rows], *points: Any) -> Rows:  # noqa: ANN
 
     Args:
         function: It lets go of the interpreter's lock; a point's row depends on that point alone.
-        points: Arrays with a row for each point.
+        points: Arrays with a row for each point, or named tuples of such arrays.
     """
-    middle = len(points[0]) // 2
-    if len(points[0]) < FEWEST:
+    count = len(points[0][0]) if isinstance(points[0], tuple) else len(points[0])
+    if count < FEWEST:
         return function(*points)
-    halves = both(function, tuple(a[:middle] for a in points), tuple(a[middle:] for a in points))
+    first, second = (
+        tuple(type(a)(*(x[half] for x in a)) if isinstance(a, tuple) else a[half] for a in points)
+        for half in (slice(count // 2), slice(count // 2, None))
+    )
+    halves = both(function, first, second)
     if isinstance(halves[0], tuple):
         return type(halves[0])(*map(np.concatenate, zip(*halves, strict=True)))
     return cast(Rows, np.concatenate(halves))

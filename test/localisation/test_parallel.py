@@ -3,7 +3,7 @@ import threading
 import numpy as np
 import pytest
 
-from sfr_loc_map.localisation.parallel import FEWEST, both, in_background, in_halves
+from sfr_loc_map.localisation.parallel import BACKGROUND, FEWEST, both, in_halves
 
 
 def test_both_sides_are_done_by_two_threads() -> None:
@@ -26,6 +26,6 @@ def test_halves_are_the_whole_in_order(count: int) -> None:
 
 
 def test_background_work_may_use_both_threads_and_passes_errors_on() -> None:
-    assert in_background(both, abs, (-1,), (-2,)).result(10.0) == (1, 2)
+    assert BACKGROUND.submit(both, abs, (-1,), (-2,)).result(10.0) == (1, 2)
     with pytest.raises(ZeroDivisionError):
-        in_background(lambda: 1 // 0).result(10.0)
+        BACKGROUND.submit(lambda: 1 // 0).result(10.0)

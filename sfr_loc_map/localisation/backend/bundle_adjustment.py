@@ -12,7 +12,6 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
-from sfr_loc_map.geometry.rotation import skew
 from sfr_loc_map.geometry.small_linalg import fill_inverse_3, retract
 from sfr_loc_map.jit import jit_fast, jit_fast_ir_inline
 from sfr_loc_map.localisation.frontend.pose_solver import (
@@ -33,7 +32,7 @@ def motions_by_poses(keyframes: Poses) -> FloatArray:
     and a rotation about the world's axes; the last unknown, which is no pose, follows from itself.
     """
     count = len(keyframes.positions)
-    crosses = np.stack([skew(position) for position in keyframes.positions])
+    crosses = -np.cross(keyframes.positions[:, None], np.eye(3))
     out = np.tile(np.eye(6 * count + 1), (count, 1, 1))
     for h, cross in enumerate(crosses):
         by_host = out[h, :-1, 6 * h : 6 * h + 6].reshape(count, 6, 6)
@@ -41,24 +40,6 @@ def motions_by_poses(keyframes: Poses) -> FloatArray:
         by_host[:, :3, 3:] = crosses - cross
         by_host[h] = 0.0
     return out
-
-
-def system_of_poses(upper: FloatArray, rhs: FloatArray, keyframes: Poses) -> tuple[FloatArray, FloatArray]:
-    """Return the normal equations of poses from those of the motions against each host.
-
-    Args:
-        upper: `(K, 6 K + 1, 6 K + 1)` normal matrices, of which the upper half is read.
-        rhs: `(K, 6 K + 1)` right-hand sides.
-        keyframes: `(K,)` left cameras.
-
-    Returns:
-        Normal matrix `(6 K + 1, 6 K + 1)` and right-hand side `(6 K + 1,)`.
-    """
-    to_motions = motions_by_poses(keyframes)
-    to_poses = to_motions.swapaxes(1, 2)
-    information = np.triu(upper) + np.triu(upper, 1).swapaxes(1, 2)
-    system = np.asarray((to_poses @ information @ to_motions).sum(axis=0))
-    return system, np.asarray((to_poses @ rhs[:, :, None]).sum(axis=0)[:, 0])
 
 
 KERNEL_CHI2 = 6.0
@@ -284,13 +265,6 @@ def _linearise(problem: BundleProblem, blocks: LandmarkBlocks) -> tuple[FloatArr
     return h, g
 
 
-def landmark_steps(problem: BundleProblem, blocks: LandmarkBlocks, update: FloatArray) -> FloatArray:
-    """Return the changes `(N, 3)` of landmarks that belong to a change `(6 K,)` of the poses."""
-    motions = motions_by_poses(problem.keyframes)[:, :-1, :-1] @ update
-    rhs = blocks.rhs - np.einsum("nij,nj->ni", blocks.coupling[:, :, :-1], motions[problem.host])
-    return np.asarray(np.einsum("nij,nj->ni", blocks.covariance, rhs))
-
-
 def linearise(problem: BundleProblem) -> tuple[FloatArray, FloatArray, LandmarkBlocks]:
     """Linearise landmarks and eliminate them, halves of the work in two threads.
 
@@ -307,13 +281,22 @@ def linearise(problem: BundleProblem) -> tuple[FloatArray, FloatArray, LandmarkB
     count, size = len(problem.host), 6 * len(problem.keyframes.rotations) + 1
     blocks = LandmarkBlocks(np.empty((count, 3, 3)), np.empty((count, 3)), np.empty((count, 3, size)))
 
-    def part(which: slice) -> tuple[FloatArray, FloatArray]:
-        return _linearise(problem.landmarks(which), LandmarkBlocks(*(array[which] for array in blocks)))
-
     seen = np.cumsum(np.count_nonzero(np.isfinite(problem.observations[:, :, 0]), axis=1))
     middle = int(np.searchsorted(seen, seen[-1] // 2)) if count else 0  # old landmarks have been seen more often
-    first, second = both(part, (slice(middle),), (slice(middle, None),))
-    return *system_of_poses(first[0] + second[0], first[1] + second[1], problem.keyframes), blocks
+    first, second = both(
+        _linearise,
+        *(
+            (problem.landmarks(which), LandmarkBlocks(*(array[which] for array in blocks)))
+            for which in (slice(middle), slice(middle, None))
+        ),
+    )
+    # the normal equations of the poses, from those of the motions against each host, of which the upper half is right
+    upper, rhs = first[0] + second[0], first[1] + second[1]
+    to_motions = motions_by_poses(problem.keyframes)
+    to_poses = to_motions.swapaxes(1, 2)
+    information = np.triu(upper) + np.triu(upper, 1).swapaxes(1, 2)
+    system = np.asarray((to_poses @ information @ to_motions).sum(axis=0))
+    return system, np.asarray((to_poses @ rhs[:, :, None]).sum(axis=0)[:, 0]), blocks
 
 
 class OffsetEstimate(NamedTuple):
@@ -332,36 +315,17 @@ class Prior(NamedTuple):
 
     def rhs(self, keyframes: Poses) -> FloatArray:
         """Return the right-hand side `(6 K,)` at other poses."""
-        return np.asarray(self.information_vector - self.information @ pose_difference(keyframes, self.keyframes))
-
-
-def pose_difference(poses: Poses, reference: Poses) -> FloatArray:
-    """Return how far poses are from others, `(6 K,)`: metres and radians, world axes."""
-    rotation = poses.rotations @ reference.rotations.transpose(0, 2, 1)
-    angles = 0.5 * np.stack(
-        (
-            rotation[:, 2, 1] - rotation[:, 1, 2],
-            rotation[:, 0, 2] - rotation[:, 2, 0],
-            rotation[:, 1, 0] - rotation[:, 0, 1],
-        ),
-        axis=1,
-    )
-    return np.concatenate((poses.positions - reference.positions, angles), axis=1).ravel()
-
-
-def right_image_offset(information: FloatArray, rhs: FloatArray) -> OffsetEstimate:
-    """Return the offset of right positions, from the normal equations of `linearise`.
-
-    A step falls short where weights are robust, by up to a third; the rest shows when this much is corrected.
-    The poses are solved for as well, without the prior: that was estimated with the old offset.
-    """
-    poses = information[:-1, :-1]
-    free = poses + np.diag(1e-9 + 1e-9 * np.diag(poses))  # the window as a whole may be anywhere
-    solved = np.linalg.solve(free, np.column_stack((information[:-1, -1], rhs[:-1])))
-    own = float(information[-1, -1] - information[-1, :-1] @ solved[:, 0])
-    if not own > 1e-6:
-        return OffsetEstimate(0.0, np.inf)
-    return OffsetEstimate(float(rhs[-1] - information[-1, :-1] @ solved[:, 1]) / own, 1.0 / own)
+        rotation = keyframes.rotations @ self.keyframes.rotations.transpose(0, 2, 1)
+        angles = 0.5 * np.stack(
+            (
+                rotation[:, 2, 1] - rotation[:, 1, 2],
+                rotation[:, 0, 2] - rotation[:, 2, 0],
+                rotation[:, 1, 0] - rotation[:, 0, 1],
+            ),
+            axis=1,
+        )
+        difference = np.concatenate((keyframes.positions - self.keyframes.positions, angles), axis=1).ravel()
+        return np.asarray(self.information_vector - self.information @ difference)
 
 
 class Adjustment(NamedTuple):
@@ -380,7 +344,11 @@ def adjust(problem: BundleProblem, prior: Prior, iterations: int) -> Adjustment:
         system, rhs, blocks = linearise(problem)
         information = system[:-1, :-1] + prior.information
         update = np.asarray(np.linalg.solve(information, rhs[:-1] + prior.rhs(keyframes)), dtype=np.float64)
-        landmarks, covariance = problem.uv_inverse_depth + landmark_steps(problem, blocks, update), blocks.covariance
+        # the changes of the landmarks that belong to those of the poses
+        motions = motions_by_poses(keyframes)[:, :-1, :-1] @ update
+        of_marks = blocks.rhs - np.einsum("nij,nj->ni", blocks.coupling[:, :, :-1], motions[problem.host])
+        covariance = blocks.covariance
+        landmarks = problem.uv_inverse_depth + np.asarray(np.einsum("nij,nj->ni", covariance, of_marks))
         del blocks  # the largest arrays of a keyframe: those of the next iteration take their place
         step = update.reshape(-1, 6)
         rotations = [retract(old, *angles) for old, angles in zip(keyframes.rotations, step[:, 3:], strict=True)]
@@ -391,7 +359,15 @@ def adjust(problem: BundleProblem, prior: Prior, iterations: int) -> Adjustment:
         if np.abs(update).max() < 1e-6:
             break
     pose_covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
-    return Adjustment(problem, covariance, pose_covariance, right_image_offset(system, rhs))
+    # The offset of right positions. A step falls short where weights are robust, by up to a third; the rest shows when
+    # this much is corrected. The poses are solved for as well, without the prior, which is of the old offset.
+    poses = system[:-1, :-1]
+    free = poses + np.diag(1e-9 + 1e-9 * np.diag(poses))  # the window as a whole may be anywhere
+    solved = np.linalg.solve(free, np.column_stack((system[:-1, -1], rhs[:-1])))
+    own, offset = float(system[-1, -1] - system[-1, :-1] @ solved[:, 0]), OffsetEstimate(0.0, np.inf)
+    if own > 1e-6:
+        offset = OffsetEstimate(float(rhs[-1] - system[-1, :-1] @ solved[:, 1]) / own, 1.0 / own)
+    return Adjustment(problem, covariance, pose_covariance, offset)
 
 
 def marginalise_oldest(problem: BundleProblem, prior: Prior) -> Prior:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
 from sfr_loc_map.geometry.rotation import rotvec_from_matrix
-from sfr_loc_map.geometry.transform import propagation
 from sfr_loc_map.localisation.backend.bundle_adjustment import (
     BundleProblem,
     OffsetEstimate,
@@ -18,7 +17,7 @@ from sfr_loc_map.localisation.backend.bundle_adjustment import (
     adjust,
     marginalise_oldest,
 )
-from sfr_loc_map.localisation.frontend.landmarks import HostPatches, Landmarks, Patches
+from sfr_loc_map.localisation.frontend.landmarks import NO_PATCHES, HostPatches, Landmarks, Patches
 from sfr_loc_map.localisation.frontend.patch import LocalPlanes, Pyramid, Templates
 from sfr_loc_map.localisation.frontend.pose_solver import LandmarkEstimates
 
@@ -61,21 +60,6 @@ class SlidingWindow:
         self.right_offset = OffsetEstimate(0.0, np.inf)
         self.drift: KeyframeDrift | None = None
 
-    @property
-    def count(self) -> int:
-        """Number of keyframes."""
-        return len(self._patches)
-
-    @property
-    def pose(self) -> Pose:
-        """Left camera at the newest keyframe, in the world."""
-        return Pose(self.problem.keyframes.rotations[-1], self.problem.keyframes.positions[-1])
-
-    @property
-    def newest_observations(self) -> FloatArray:
-        """Where the newest keyframe observed the active landmarks, `(M, 4)`."""
-        return np.asarray(self.problem.observations[self.active, -1])
-
     def landmarks(self) -> Landmarks:
         """Return the active landmarks of a window with at least one keyframe."""
         rows, problem = np.flatnonzero(self.active), self.problem
@@ -102,18 +86,35 @@ class SlidingWindow:
         problem, prior = self.problem, self._prior
         new_uv, new_variance = np.full((len(self.active), 1, 4), np.nan), np.ones((len(self.active), 1, 2, 3))
         new_uv[rows, 0], new_variance[rows, 0] = uv, variance
+        keyframes, reference = (
+            Poses(*(np.concatenate((array, one[None])) for array, one in zip(poses, pose, strict=True)))
+            for poses in (problem.keyframes, prior.keyframes)
+        )
         self.problem = problem._replace(
-            keyframes=_with_pose(problem.keyframes, pose),
+            keyframes=keyframes,
             observations=np.concatenate((problem.observations, new_uv), axis=1),
             variance=np.concatenate((problem.variance, new_variance), axis=1),
         )
-        self._patches.append(HostPatches.none())
+        self._patches.append(NO_PATCHES)
         information = np.pad(prior.information, (0, 6))
-        if self.count == 1:
+        if len(self._patches) == 1:
             information = np.diag(np.full(6, 1.0 / START_VARIANCE))
-        self._prior = Prior(information, np.pad(prior.information_vector, (0, 6)), _with_pose(prior.keyframes, pose))
-        if self.count > self._size:
-            self._marginalise_oldest()
+        self._prior = Prior(information, np.pad(prior.information_vector, (0, 6)), reference)
+        if len(self._patches) > self._size:
+            # the information of the oldest keyframe and its landmarks about the others becomes the prior
+            self._prior, problem = marginalise_oldest(self.problem, self._prior), self.problem
+            kept = problem.host > 0
+            self.problem = BundleProblem(
+                self._prior.keyframes,
+                problem.host[kept] - 1,
+                problem.uv_inverse_depth[kept],
+                problem.observations[kept, 1:].copy(),
+                problem.variance[kept, 1:].copy(),
+                self._camera,
+            )
+            self.active, self._uv, self._slopes = self.active[kept], self._uv[kept], self._slopes[kept]
+            self._landmark_covariance = self._landmark_covariance[kept]
+            del self._patches[0]
 
     def add_landmarks(
         self,
@@ -137,10 +138,13 @@ class SlidingWindow:
             variance: `(M, 2, 3)` of these.
         """
         problem, count = self.problem, len(uv)
-        new_uv, new_variance = np.full((count, self.count, 4), np.nan), np.ones((count, self.count, 2, 3))
+        new_uv, new_variance = (
+            np.full((count, len(self._patches), 4), np.nan),
+            np.ones((count, len(self._patches), 2, 3)),
+        )
         new_uv[:, -1], new_variance[:, -1] = observed, variance
         self.problem = problem._replace(
-            host=np.concatenate((problem.host, np.full(count, self.count - 1, np.int64))),
+            host=np.concatenate((problem.host, np.full(count, len(self._patches) - 1, np.int64))),
             uv_inverse_depth=np.concatenate((problem.uv_inverse_depth, np.column_stack((uv, inverse_depth)))),
             observations=np.concatenate((problem.observations, new_uv)),
             variance=np.concatenate((problem.variance, new_variance)),
@@ -156,38 +160,11 @@ class SlidingWindow:
         self.problem = result.problem
         self._landmark_covariance, self.right_offset = result.covariance, result.right_offset
         self.covariance, self.drift = result.pose_covariance[-6:, -6:], None
-        if self.count > 1:
+        if len(self._patches) > 1:
             rotations, positions = self.problem.keyframes
             displacement = positions[-1] - positions[-2]
             turn = rotvec_from_matrix(rotations[-2].T @ rotations[-1])
-            relative = np.hstack((-propagation(displacement), np.eye(6)))
+            relative = np.hstack((-np.eye(6), np.eye(6)))
+            relative[:3, 3:6] = -np.cross(displacement, np.eye(3))
             covariance = np.asarray(relative @ result.pose_covariance[-12:, -12:] @ relative.T)
             self.drift = KeyframeDrift(covariance, float(np.linalg.norm(displacement)), float(np.linalg.norm(turn)))
-
-    def shift_right_observations(self, columns: float) -> None:
-        """Move all right positions as by a yaw of the right camera, by `columns` pixels at the image centre."""
-        if columns != 0.0:
-            uv = self.problem.observations.copy()
-            x = (uv[:, :, 2] - self._camera.cx) / self._camera.fx
-            uv[:, :, 2] += columns * (1.0 + x * x)
-            self.problem = self.problem._replace(observations=uv)
-
-    def _marginalise_oldest(self) -> None:
-        """Turn the information of the oldest keyframe and its landmarks about the others into the prior."""
-        self._prior, problem = marginalise_oldest(self.problem, self._prior), self.problem
-        kept = problem.host > 0
-        self.problem = BundleProblem(
-            self._prior.keyframes,
-            problem.host[kept] - 1,
-            problem.uv_inverse_depth[kept],
-            problem.observations[kept, 1:].copy(),
-            problem.variance[kept, 1:].copy(),
-            self._camera,
-        )
-        self.active, self._uv, self._slopes = self.active[kept], self._uv[kept], self._slopes[kept]
-        self._landmark_covariance = self._landmark_covariance[kept]
-        del self._patches[0]
-
-
-def _with_pose(poses: Poses, pose: Pose) -> Poses:
-    return Poses(*(np.concatenate((array, one[None])) for array, one in zip(poses, pose, strict=True)))

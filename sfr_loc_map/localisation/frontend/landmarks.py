@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray, Mask, median
+from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.camera import Poses
 from sfr_loc_map.localisation.frontend.patch import (
     HALF,
@@ -44,62 +43,56 @@ class HostPatches(NamedTuple):
     fine: Templates  #: Their templates at full size; nobody writes to them.
     coarse: tuple[ImageLevel, ...]  #: Smaller levels of the keyframe's pyramid: few landmarks are compared with these.
 
-    @classmethod
-    def none(cls) -> HostPatches:
-        """Return those of a keyframe that hosts no landmark."""
-        fine = Templates(np.zeros((0, 3, SIDE * SIDE), np.float32), np.zeros((0, 6)))
-        return cls(np.zeros((0, 2)), fine, (ImageLevel(np.zeros((1, 1), np.float32), 1.0),) * (LEVELS - 1))
+
+NO_PATCHES = HostPatches(
+    np.zeros((0, 2)),
+    Templates(np.zeros((0, 3, SIDE * SIDE), np.float32), np.zeros((0, 6))),
+    (ImageLevel(np.zeros((1, 1), np.float32), 1.0),) * (LEVELS - 1),
+)
+"""Those of a keyframe that hosts no landmark."""
 
 
 class Patches(dict[int, Templates]):
     """Templates of M landmarks by pyramid level, copied from those of their hosts where a level is first asked for.
 
     Attributes:
+        hosted: Patches of the hosts.
         rows: `(M,)` rows in those of all hosts together, increasing.
     """
 
     def __init__(self, hosted: tuple[HostPatches, ...], rows: NDArray[np.intp]) -> None:
         """Start without a copy."""
         super().__init__()
-        self._hosted, self.rows = hosted, rows
-
-    def subset(self, kept: Mask) -> Patches:
-        """Return some of them, a mask `(M,)`."""
-        return Patches(self._hosted, self.rows[kept])
+        self.hosted, self.rows = hosted, rows
 
     def __missing__(self, level: int) -> Templates:
         """Copy the templates of a level."""
-        ends = np.cumsum([0, *(len(host.uv) for host in self._hosted)])
+        ends = np.cumsum([0, *(len(host.uv) for host in self.hosted)])
         split = np.split(self.rows, np.searchsorted(self.rows, ends[1:-1]))
-        parts = [(host, rows - end) for host, end, rows in zip(self._hosted, ends, split, strict=False)]
-        self[level] = copied = _together(parts) if level == 0 else _cut(level, parts)
-        return copied
-
-
-def _together(parts: Sequence[tuple[HostPatches, NDArray[np.intp]]]) -> Templates:
-    """Return some templates of several hosts one after the other, copied once."""
-    count, size = sum(len(rows) for _, rows in parts), parts[-1][0].fine.values.shape[2]
-    values, moments = np.empty((count, 3, size), np.float32), np.empty((count, 6))
-    first = 0
-    for host, rows in parts:
-        place = slice(first, first + len(rows))
-        np.take(host.fine.values, rows, axis=0, out=values[place], mode="clip")  # by "raise" it would copy twice
-        moments[place] = host.fine.moments[rows]
-        first += len(rows)
-    return Templates(values, moments)
-
-
-def _cut(level: int, parts: Sequence[tuple[HostPatches, NDArray[np.intp]]]) -> Templates:
-    """Return the templates of some landmarks of each host at a pyramid level from 1 on."""
-    images, margin = [host.coarse[level - 1].image for host, _ in parts], COARSE_HALF + 2
-    small = (np.concatenate([host.uv[rows] for host, rows in parts]) + 0.5) / 2.0**level - 0.5
-    last = np.max([image.shape[::-1] for image in images], axis=0) - 1 - margin  # a host of none has a small image
-    inside = np.all((small >= margin) & (small <= last), axis=1)
-    places = np.split(np.clip(small, margin, last), np.cumsum([len(rows) for _, rows in parts])[:-1])
-    cut = [cut_patches(image, uv, COARSE_HALF) for image, uv in zip(images, places, strict=True)]
-    patches = np.concatenate(cut)
-    patches[~inside] = 0.0  # no texture: never in view
-    return templates_of(patches)
+        parts = [(host, rows - end) for host, end, rows in zip(self.hosted, ends, split, strict=False)]
+        if level == 0:
+            count, size = len(self.rows), parts[-1][0].fine.values.shape[2]
+            values, moments = np.empty((count, 3, size), np.float32), np.empty((count, 6))
+            first = 0
+            for host, rows in parts:
+                place = slice(first, first + len(rows))
+                # by mode "raise" it would copy twice
+                np.take(host.fine.values, rows, axis=0, out=values[place], mode="clip")
+                moments[place] = host.fine.moments[rows]
+                first += len(rows)
+            self[level] = Templates(values, moments)
+            return self[level]
+        images, margin = [host.coarse[level - 1].image for host, _ in parts], COARSE_HALF + 2
+        small = (np.concatenate([host.uv[rows] for host, rows in parts]) + 0.5) / 2.0**level - 0.5
+        last = np.max([image.shape[::-1] for image in images], axis=0) - 1 - margin  # a host of none has a small image
+        inside = np.all((small >= margin) & (small <= last), axis=1)
+        places = np.split(np.clip(small, margin, last), np.cumsum([len(rows) for _, rows in parts])[:-1])
+        patches = np.concatenate(
+            [cut_patches(image, uv, COARSE_HALF) for image, uv in zip(images, places, strict=True)]
+        )
+        patches[~inside] = 0.0  # no texture: never in view
+        self[level] = templates_of(patches)
+        return self[level]
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +118,7 @@ class Landmarks:
         )
         hosts = Poses(matrices, vectors)
         planes, estimates = LocalPlanes(hosts, uv, depth, uv), LandmarkEstimates(hosts, vectors, depth, matrices)
-        return cls(index, planes, estimates, Patches((HostPatches.none(),), index), np.zeros((0, 4)))
+        return cls(index, planes, estimates, Patches((NO_PATCHES,), index), np.zeros((0, 4)))
 
     def subset(self, kept: Mask) -> Landmarks:
         """Return some of them, a mask `(M,)`."""
@@ -136,7 +129,7 @@ class Landmarks:
             self.index[kept],
             LocalPlanes(hosts, uv[kept], inverse_depth, slopes[kept]),
             LandmarkEstimates(hosts, rays[kept], inverse_depth, covariance[kept]),
-            self.patches.subset(kept),
+            Patches(self.patches.hosted, self.patches.rows[kept]),
             self.last_seen[kept],
         )
 
@@ -166,15 +159,7 @@ class Landmarks:
     def median_depth(self) -> float:
         """Median depth in the host cameras, metres, at most 1 km; 0 without landmarks."""
         inverse_depth = self.planes.inverse_depth
-        return 1.0 / max(median(inverse_depth), 1e-3) if len(inverse_depth) else 0.0
-
-    def prepare(self) -> None:
-        """Find and copy all that the next pairs are compared with."""
-        for marks in (self, self.followed):
-            _ = marks.median_depth
-        _ = self.followed.patches[0], self.rest.patches[0]
-        for level in range(1, LEVELS):
-            _ = self.followed.few.patches[level]
+        return 1.0 / max(float(np.median(inverse_depth)), 1e-3) if len(inverse_depth) else 0.0
 
     def _some(self, enough: int) -> Landmarks:
         if len(self.index) <= enough:

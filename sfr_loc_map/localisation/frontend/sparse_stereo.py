@@ -30,26 +30,20 @@ from sfr_loc_map.localisation.frontend.patch_tracking import PatchTracks, Tracki
 from sfr_loc_map.localisation.parallel import in_halves
 
 
-def nearest(points: FloatArray, support: FloatArray, count: int) -> tuple[FloatArray, NDArray[np.intp]]:
+@jit
+def nearest(
+    points: FloatArray, support: FloatArray, begin: NDArray[np.intp], count: int
+) -> tuple[FloatArray, NDArray[np.intp]]:
     """Return the distances and the numbers, `(N, count)` each, of the nearest of some points, nearest first.
+
+    It walks from each point's place to both sides, until what lies there is too far along u alone.
 
     Args:
         points: `(N, 2)`.
-        support: `(M, 2)`, M at least `count`; among these is searched.
+        support: `(M, 2)`, M at least `count`, in the order of u; among these is searched.
+        begin: `(N,)` places of the points among them.
         count: How many.
     """
-    order = np.argsort(support[:, 0], kind="stable")
-    ordered = np.ascontiguousarray(support[order])
-    begin = np.searchsorted(ordered[:, 0], points[:, 0])
-    distance, index = _nearest(np.ascontiguousarray(points), ordered, begin, count)
-    return distance, order[index]
-
-
-@jit
-def _nearest(
-    points: FloatArray, support: FloatArray, begin: NDArray[np.intp], count: int
-) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Walk from each point's place to both sides, until what lies there is too far along u alone."""
     index, distance = np.empty((len(points), count), np.intp), np.empty((len(points), count))
     for n in range(len(points)):
         u, v = points[n]
@@ -374,15 +368,6 @@ class StereoMatches:
     slope: FloatArray  #: `(N, 2)` change of the disparity per pixel, of the local plane.
     patches: Templates  #: Templates of the left patches.
 
-    def outside(self, mask: NDArray[np.uint8] | None) -> StereoMatches:
-        """Return the matches that do not fall where the right image is masked (0)."""
-        if mask is None:
-            return self
-        column, row = np.rint(self.right).astype(int).T
-        kept = mask[np.clip(row, 0, mask.shape[0] - 1), np.clip(column, 0, mask.shape[1] - 1)] > 0
-        arrays = (self.uv[kept], self.right[kept], self.covariance[kept], self.residual[kept], self.slope[kept])
-        return StereoMatches(*arrays, self.patches.subset(kept))
-
 
 def match_corners(
     left: Pyramid,
@@ -391,6 +376,7 @@ def match_corners(
     known: FloatArray,
     max_disparity: float,
     offset_v: float,
+    right_mask: NDArray[np.uint8] | None = None,
     *,
     own_slopes: bool = False,
 ) -> StereoMatches:
@@ -403,94 +389,85 @@ def match_corners(
         known: `(M, 3)` u, v, disparity of landmarks around, which help to find the local planes.
         max_disparity: Maximum disparity, pixels.
         offset_v: Vertical disparity of the pair, pixels, positive where the right image is lower.
+        right_mask: `(H, W)`, 0 where the right image is masked: what matches there is left out; None for nowhere.
         own_slopes: Whether patches tell their slopes, not their neighbours alone: where these are far.
 
     Returns:
         The corners that were matched, fewer than were given.
     """
-    disparity, found = _search(left, right, uv, max_disparity, offset_v)
-    uv, disparity = uv[found], disparity[found]
-    templates, planes = templates_of(cut_patches(left[0].image, uv, HALF)), _Neighbourhoods(uv, known)
+    # disparities on a small level, pixels of full size
+    (image, scale), target = left[SEARCH_LEVEL], right[SEARCH_LEVEL].image
+    small = np.round((uv + 0.5) / scale - 0.5)
+    margin, (height, width) = SEARCH_HALF + 2, image.shape
+    patches = cut_patches(image, np.clip(small, margin, [width - 1 - margin, height - 1 - margin]), SEARCH_HALF)
+    last, down = int(np.ceil(max_disparity / scale)), int(np.round(offset_v / scale))
+    search = partial(search_row, target, max_disparity=last, offset_v=down)
+    row = in_halves(search, patches[:, 0], small)
+    good = (row.correlation > MIN_SEARCH_NCC) & (1.0 - row.correlation < MAX_AMBIGUITY * (1.0 - row.second))
+    uv, disparity = uv[good], row.disparity[good] * scale
+    # refined by least squares, with the slopes of the planes through the neighbours
+    templates = templates_of(cut_patches(left[0].image, uv, HALF))
+    support = np.concatenate((uv, known[:, :2]))
+    around = None
+    if len(uv) and len(support) >= MIN_NEIGHBOURS:
+        order = np.argsort(support[:, 0], kind="stable")
+        begin = np.searchsorted(support[order, 0], uv[:, 0])
+        distance, index = nearest(uv, np.ascontiguousarray(support[order]), begin, min(NEIGHBOURS, len(support)))
+        around = distance, order[index]
     good = np.ones(len(uv), np.bool_)
     for _ in range(2):
-        slope = planes.slopes(disparity, good)
-        tracks = _refine(right[0].image, templates, uv, _homographies(uv, disparity, slope, offset_v))
+        slope = _slopes(uv, disparity, good, known, around)
+        tracks = _refine(right[0].image, templates, uv, disparity, slope, offset_v)
         good = np.isfinite(tracks.uv[:, 0])
         disparity = np.where(good, uv[:, 0] - tracks.uv[:, 0], disparity)
-    slope = planes.slopes(disparity, good)
+    slope = _slopes(uv, disparity, good, known, around)
     if own_slopes:
         patches = cut_patches(left[0].image, uv, HALF)
         slope = in_halves(partial(refine_slopes, right[0].image), patches, tracks.uv, slope)
         del patches
-        tracks = _refine(right[0].image, templates, uv, _homographies(uv, disparity, slope, offset_v))
+        tracks = _refine(right[0].image, templates, uv, disparity, slope, offset_v)
         disparity = uv[:, 0] - tracks.uv[:, 0]
     good &= (tracks.correlation > MIN_NCC) & (disparity > MIN_DISPARITY_PX)
     good &= np.abs(tracks.uv[:, 1] - uv[:, 1] - offset_v) < MAX_VERTICAL_PX
+    if right_mask is not None:
+        column, line = np.rint(np.where(good[:, None], tracks.uv, 0.0)).astype(int).T
+        good &= right_mask[np.clip(line, 0, len(right_mask) - 1), np.clip(column, 0, right_mask.shape[1] - 1)] > 0
+    matched = Templates(templates.values[good], templates.moments[good])
     covariance, residual = tracks.covariance[good], tracks.residual[good]
-    return StereoMatches(uv[good], tracks.uv[good], covariance, residual, slope[good], templates.subset(good))
+    return StereoMatches(uv[good], tracks.uv[good], covariance, residual, slope[good], matched)
 
 
-def _homographies(uv: FloatArray, disparity: FloatArray, slope: FloatArray, offset_v: float) -> FloatArray:
-    """Return the homographies `(N, 3, 3)` of planes in disparity, from left to right pixels."""
+def _refine(
+    right: FloatImage, templates: Templates, uv: FloatArray, disparity: FloatArray, slope: FloatArray, offset_v: float
+) -> PatchTracks:
+    """Track patches by the homographies of planes in disparity, from left to right pixels."""
     homographies = np.zeros((len(uv), 3, 3))
     homographies[:, 0, 0] = 1.0 - slope[:, 0]
     homographies[:, 0, 1] = -slope[:, 1]
     homographies[:, 0, 2] = slope[:, 0] * uv[:, 0] + slope[:, 1] * uv[:, 1] - disparity
     homographies[:, 1, 1] = homographies[:, 2, 2] = 1.0
     homographies[:, 1, 2] = offset_v
-    return homographies
-
-
-def _refine(right: FloatImage, templates: Templates, uv: FloatArray, homographies: FloatArray) -> PatchTracks:
     limits = TrackingLimits(MAX_SHIFT_PX, ITERATIONS, -1.0)
-
-    def track(values: Patch, moments: FloatArray, uv: FloatArray, homographies: FloatArray) -> PatchTracks:
-        return track_patches(right, Templates(values, moments), uv, homographies, limits)
-
-    return in_halves(track, *templates, uv, homographies)
+    return in_halves(partial(track_patches, right, limits=limits), templates, uv, homographies)
 
 
-def _search(
-    left: Pyramid, right: Pyramid, uv: FloatArray, max_disparity: float, offset_v: float
-) -> tuple[FloatArray, Mask]:
-    """Return disparities `(N,)` found on a small level, pixels of full size, and which are unambiguous."""
-    (image, scale), target = left[SEARCH_LEVEL], right[SEARCH_LEVEL].image
-    small = np.round((uv + 0.5) / scale - 0.5)
-    margin, (height, width) = SEARCH_HALF + 2, image.shape
-    patches = cut_patches(image, np.clip(small, margin, [width - 1 - margin, height - 1 - margin]), SEARCH_HALF)
-    last, down = int(np.ceil(max_disparity / scale)), int(np.round(offset_v / scale))
+def _slopes(
+    uv: FloatArray,
+    disparity: FloatArray,
+    good: Mask,
+    known: FloatArray,
+    around: tuple[FloatArray, NDArray[np.intp]] | None,
+) -> FloatArray:
+    """Return the slopes `(N, 2)` of the planes through points and those around them, of which good `(N,)` ones count.
 
-    def scan(patches: Patch, small: FloatArray) -> RowSearch:
-        return search_row(target, patches, small, last, down)
-
-    found = in_halves(scan, patches[:, 0], small)
-    good = (found.correlation > MIN_SEARCH_NCC) & (1.0 - found.correlation < MAX_AMBIGUITY * (1.0 - found.second))
-    return found.disparity * scale, good
-
-
-class _Neighbourhoods:
-    """The planes in disparity around points, fitted to the points near them."""
-
-    def __init__(self, uv: FloatArray, known: FloatArray) -> None:
-        """Find the neighbours of points `(N, 2)` among themselves and known ones `(M, 3)` (u, v, disparity), pixels."""
-        self._uv, self._known = uv, known
-        self._support = np.concatenate((uv, known[:, :2]))
-        count = min(NEIGHBOURS, len(self._support))
-        self._enough = count >= MIN_NEIGHBOURS and len(uv) > 0
-        if self._enough:
-            self._distance, self._index = nearest(uv, self._support, count)
-
-    def slopes(self, disparity: FloatArray, good: Mask) -> FloatArray:
-        """Return the change `(N, 2)` of the disparity `(N,)` along u and v; only good `(N,)` points are fitted to."""
-        if not self._enough:
-            return np.zeros((len(self._uv), 2))
-        support = np.column_stack((self._support, np.concatenate((disparity, self._known[:, 2]))))
-        usable = np.concatenate((good, np.ones(len(self._known), np.bool_)))
-
-        def fit(uv: FloatArray, disparity: FloatArray, index: NDArray[np.intp], distance: FloatArray) -> FloatArray:
-            return _fit_slopes(uv, disparity, index, distance, support, usable)
-
-        return in_halves(fit, self._uv, disparity, self._index, self._distance)
+    The points known beside them are `(M, 3)` (u, v, disparity), and follow them in the numbers of those around.
+    """
+    if around is None:
+        return np.zeros((len(uv), 2))
+    support = np.concatenate((np.column_stack((uv, disparity)), known))
+    usable = np.concatenate((good, np.ones(len(known), np.bool_)))
+    distance, index = around
+    return in_halves(partial(_fit_slopes, support=support, usable=usable), uv, disparity, index, distance)
 
 
 @jit_fast

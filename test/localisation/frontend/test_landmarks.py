@@ -8,6 +8,7 @@ from sfr_loc_map.localisation.frontend.landmarks import (
     COARSE_HALF,
     ENOUGH_TO_ALIGN,
     ENOUGH_TO_FOLLOW,
+    NO_PATCHES,
     HostPatches,
     Landmarks,
     Patches,
@@ -51,16 +52,14 @@ def test_patches_are_those_of_the_hosts() -> None:
     greys = [np.multiply.outer(10 * number + np.arange(count), ramp) for number, count in enumerate((3, 0, 2, 4))]
     patches = Patches(tuple(map(hosted, greys)), np.array([0, 2, 4, 5, 8]))
     np.testing.assert_array_equal(patches[0].values[:, 0, 2], [0, 2, 21, 30, 33])
-    part = patches.subset(np.array([False, True, False, True, True]))
-    np.testing.assert_array_equal(part[0].values[:, 0, 2], [2, 30, 33])
-    assert part.subset(np.zeros(3, np.bool_))[0].values.shape == (0, 3, 9)
+    assert Patches(patches.hosted, patches.rows[:0])[0].values.shape == (0, 3, 9)
 
 
 def test_coarse_patches_are_cut_where_they_are_used_and_have_no_texture_beyond_the_edge() -> None:
     pyramid = build_pyramid(np.random.default_rng(0).integers(0, 255, (128, 128), np.uint8))
     uv = np.array([[64.0, 60.0], [10.0, 64.0], [70.0, 66.0]])
     host = HostPatches(uv, hosted(np.zeros((3, 9))).fine, pyramid[1:])
-    found = Patches((HostPatches.none(), host), np.array([0, 1, 2]))[1]
+    found = Patches((NO_PATCHES, host), np.array([0, 1, 2]))[1]
     inside = cut_patches(pyramid[1].image, (uv[[0, 2]] + 0.5) / 2.0 - 0.5, COARSE_HALF)
     np.testing.assert_array_equal(found.values[[0, 2]], templates_of(inside).values)
     assert not found.values[1].any()  # at level 1 its patch would begin 1 pixel from the edge

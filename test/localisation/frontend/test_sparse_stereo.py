@@ -94,8 +94,9 @@ def test_the_same_as_a_search_tree(seed: int, points: int, others: int, count: i
     random = np.random.default_rng(seed)
     uv = random.uniform(0.0, 1.0, (points, 2)) * [flat, 1.0]
     support = np.concatenate((uv, random.uniform(0.0, 1.0, (others, 2)) * [flat, 1.0]))
-    count = min(count, len(support))
-    distance, index = nearest(uv, support, count)
+    count, order = min(count, len(support)), np.argsort(support[:, 0])
+    ordered = support[order]
+    distance, index = nearest(uv, ordered, np.searchsorted(ordered[:, 0], uv[:, 0]), count)
     expected, which = (np.reshape(part, (points, count)) for part in cKDTree(support).query(uv, k=count))
     assert np.array_equal(distance, expected)
-    assert np.array_equal(index, which)
+    assert np.array_equal(order[index], which)
