@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from threading import Event, Thread
 from typing import Any
 
@@ -120,18 +120,9 @@ class FoxgloveView:
                 self._send(SCENE, _scene, rows)
 
     def _show(self, media: Media) -> None:
-        topic = _channel_of(media)
-        match media:
-            case ImageSample():
-                self._send(topic, _image, media)
-            case CloudSample():
-                self._send(topic, _cloud, media)
-            case ElevationSample():
-                self._send(topic, _grid, media)
-            case TrackSample():
-                left = self._state.media.get("loc/left")
-                scale = left.size[0] / left.full_size[0] if isinstance(left, ImageSample) else 1.0
-                self._send(topic, _annotations, media, scale)
+        left = self._state.media.get("loc/left")
+        scale = left.size[0] / left.full_size[0] if isinstance(left, ImageSample) else 1.0
+        self._send(_channel_of(media), _message, media, scale)
 
     def _send(self, topic: str, make: Callable[..., Any], *arguments: object) -> None:
         """Send a message where somebody looks; it is made for nobody else."""
@@ -145,46 +136,46 @@ def _channel_of(media: Media) -> str:
     return GRID if isinstance(media, ElevationSample) else f"/{media.topic}"
 
 
-def _image(sample: ImageSample) -> messages.CompressedImage:
-    frame = sample.topic.replace("/", "_")
-    return messages.CompressedImage(timestamp=_stamp(sample.stamp_ns), frame_id=frame, data=sample.jpeg, format="jpeg")
+def _message(media: Media, scale: float) -> Any:  # noqa: ANN401 - messages have no common class
+    """Return an image, a cloud (error NaN where not known), a map with its layers, or annotations of the left image.
 
-
-def _cloud(sample: CloudSample) -> messages.PointCloud:
-    """Return a cloud with the fields x y z sigma error float32, metres; error is NaN where it is not known."""
-    error = np.full(len(sample.points), np.nan, np.float32) if sample.error is None else sample.error
-    columns = np.ascontiguousarray(np.column_stack([sample.points, error]), "<f4")
-    return messages.PointCloud(
-        timestamp=_stamp(sample.stamp_ns),
-        frame_id=MAP_FRAME,
-        pose=_pose((0.0, 0.0, 0.0)),
-        point_stride=columns.itemsize * columns.shape[1],
-        fields=_fields(("x", "y", "z", "sigma", "error")),
-        data=columns.tobytes(),
-    )
-
-
-def _grid(sample: ElevationSample) -> messages.Grid:
-    """Return a map from above with its layers as fields."""
-    layers = np.ascontiguousarray(sample.layers, "<f4")
-    return messages.Grid(
-        timestamp=_stamp(sample.stamp_ns),
-        frame_id=MAP_FRAME,
-        pose=_pose((*sample.origin_m, 0.0)),
-        column_count=layers.shape[1],
-        cell_size=messages.Vector2(x=sample.cell_m, y=sample.cell_m),
-        row_stride=layers.strides[0],
-        cell_stride=layers.strides[1],
-        fields=_fields(sample.names),
-        data=layers.tobytes(),
-    )
-
-
-def _annotations(sample: TrackSample, scale: float) -> messages.ImageAnnotations:
-    """Return tracks (inliers, outliers, landmarks not found) and outlines of masks, to be drawn on the left image.
-
-    The image that is shown is `scale` times as large as the one that was tracked in.
+    The left image is shown `scale` times as large as it was tracked in.
     """
+    stamp = _stamp(media.stamp_ns)
+    match media:
+        case ImageSample():
+            frame = media.topic.replace("/", "_")
+            return messages.CompressedImage(timestamp=stamp, frame_id=frame, data=media.jpeg, format="jpeg")
+        case CloudSample():
+            error = np.full(len(media.points), np.nan, np.float32) if media.error is None else media.error
+            columns = np.ascontiguousarray(np.column_stack([media.points, error]), "<f4")
+            return messages.PointCloud(
+                timestamp=stamp,
+                frame_id=MAP_FRAME,
+                pose=_pose((0.0, 0.0, 0.0)),
+                point_stride=columns.strides[0],
+                fields=_fields(("x", "y", "z", "sigma", "error")),
+                data=columns.tobytes(),
+            )
+        case ElevationSample():
+            layers = np.ascontiguousarray(media.layers, "<f4")
+            return messages.Grid(
+                timestamp=stamp,
+                frame_id=MAP_FRAME,
+                pose=_pose((*media.origin_m, 0.0)),
+                column_count=layers.shape[1],
+                cell_size=messages.Vector2(x=media.cell_m, y=media.cell_m),
+                row_stride=layers.strides[0],
+                cell_stride=layers.strides[1],
+                fields=_fields(media.names),
+                data=layers.tobytes(),
+            )
+        case TrackSample():
+            return messages.ImageAnnotations(points=list(_annotations(media, stamp, scale)))
+
+
+def _annotations(sample: TrackSample, stamp: messages.Timestamp, scale: float) -> Iterator[messages.PointsAnnotation]:
+    """Yield inliers, outliers, landmarks not found, and outlines of masks."""
     tracks, residual, kinds = sample.tracks, sample.tracks[:, 4], messages.PointsAnnotationType
     found = np.isfinite(tracks[:, :4]).all(axis=1)
     missed = np.isnan(residual) & np.isfinite(tracks[:, 2:4]).all(axis=1)
@@ -194,23 +185,14 @@ def _annotations(sample: TrackSample, scale: float) -> messages.ImageAnnotations
         (tracks[missed, 2:4], kinds.Points, GREY),
         *((ring, kinds.LineLoop, RED) for ring in sample.masks.get("left", ())),
     ]
-    points = [
-        messages.PointsAnnotation(
-            timestamp=_stamp(sample.stamp_ns),
-            type=kind,
-            points=[messages.Point2(x=x, y=y) for x, y in (places * np.float32(scale)).tolist()],
-            outline_color=color,
-            thickness=1.0,
-        )
-        for places, kind, color in drawn
-    ]
-    return messages.ImageAnnotations(points=points)
+    for places, kind, color in drawn:
+        points = [messages.Point2(x=x, y=y) for x, y in (places * np.float32(scale)).tolist()]
+        yield messages.PointsAnnotation(timestamp=stamp, type=kind, points=points, outline_color=color, thickness=1.0)
 
 
 def _scene(rows: list[PathRow]) -> messages.SceneUpdate:
     """Return both paths, the errors enlarged and the 3-sigma ellipse of the newest pose as lines."""
-    truths: list[Point] = []
-    errors: list[Point] = []
+    truths, errors = list[Point](), list[Point]()
     for row in rows:
         if row.truth_m is not None and row.error_m is not None:
             (x, y, z), (a, b, c) = row.truth_m, row.error_m
@@ -223,13 +205,12 @@ def _scene(rows: list[PathRow]) -> messages.SceneUpdate:
         ("error", RED, errors, kinds.LineList),
         ("3 sigma", YELLOW, _ellipse(rows[-1]) if rows else [], kinds.LineLoop),
     )
+    look: dict[str, Any] = {"pose": _pose((0.0, 0.0, 0.0)), "thickness": 2.0, "scale_invariant": True}
     entities = []
     for name, color, places, kind in lines:
         points = [messages.Point3(x=x, y=y, z=z) for x, y, z in places]
-        size: dict[str, Any] = {"thickness": 2.0, "scale_invariant": True}
-        line = messages.LinePrimitive(type=kind, pose=_pose((0.0, 0.0, 0.0)), points=points, color=color, **size)
-        stamp = _newest(rows)
-        entities.append(messages.SceneEntity(timestamp=stamp, frame_id=DRIVE_FRAME, id=name, lines=[line]))
+        line = messages.LinePrimitive(type=kind, points=points, color=color, **look)
+        entities.append(messages.SceneEntity(timestamp=_newest(rows), frame_id=DRIVE_FRAME, id=name, lines=[line]))
     return messages.SceneUpdate(entities=entities)
 
 
