@@ -113,10 +113,7 @@ async def screenshot(browser: Browser, path: Path, width: int, scheme: str) -> N
     await browser.screenshot(path, scale=1.0 if mobile else 0.75)
 
 
-async def main(rate: str = "5", folder: str = "") -> None:
-    with tempfile.TemporaryDirectory() as name:
-        await show_replay(Path(name), rate, Path(folder) if folder else None)
-
-
 if __name__ == "__main__":
-    asyncio.run(main(*sys.argv[1:]))
+    _, *words = sys.argv
+    with tempfile.TemporaryDirectory() as name:
+        asyncio.run(show_replay(Path(name), words[0] if words else "5", Path(words[1]) if words[1:] else None))

@@ -12,6 +12,7 @@ import struct
 import sys
 import termios
 import time
+from contextlib import suppress
 from typing import Any
 
 import pytest
@@ -124,11 +125,9 @@ def on_terminal(end: Any) -> tuple[str, int]:
     while len(frames := text.decode(errors="replace").split("\x1b[H")) < 4 or widest(frames[-2]) > 50:
         text += os.read(terminal, 4000)  # until a whole frame has the new size
     end(pid, terminal)
-    try:
+    with suppress(OSError):  # once the program has ended
         while True:
             text += os.read(terminal, 4000)
-    except OSError:  # the program has ended
-        pass
     return text.decode(), os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
 
 
@@ -136,14 +135,17 @@ def widest(screen: str) -> int:
     return max(len(re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", words)) for words in screen.splitlines())
 
 
-def test_q_and_signals_end_it_and_the_terminal_is_restored() -> None:
-    for end, expected in (
+@pytest.mark.parametrize(
+    ("end", "expected"),
+    [
         (lambda _, terminal: os.write(terminal, b"q"), 0),
         (lambda pid, _: os.kill(pid, signal.SIGTERM), 130),  # which does what SIGINT does
-    ):
-        text, code = on_terminal(end)
-        assert code == expected
-        assert text.count("\x1b[?1049h") == text.count("\x1b[?1049l") == 1
+    ],
+)
+def test_q_and_signals_end_it_and_the_terminal_is_restored(end: Any, expected: int) -> None:
+    text, code = on_terminal(end)
+    assert code == expected
+    assert text.count("\x1b[?1049h") == text.count("\x1b[?1049l") == 1
 
 
 def test_where_there_is_no_terminal_it_writes_a_line_each_second(recorded: list[Any]) -> None:
