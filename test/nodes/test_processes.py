@@ -41,34 +41,29 @@ def test_killed_nodes_are_named_or_restarted_hung_ones_are_killed_and_none_is_le
             wait_until(lambda process=process: "listens to" in process.text, f"start of {process.name}")
         supervisor.check()
         assert supervisor.restart_crashed() == []
-        first, left = monitor.popen, segments(monitor.popen.pid)
+        first, left, own = monitor.popen, segments(monitor.popen.pid), segments(mapping.popen.pid)
+        assert all(path.exists() for path in left | own)
         supervisor.note_segments()
         monitor.kill()
-        assert left
-        assert all(path.exists() for path in left)
         with pytest.raises(NodeError, match="monitor_node was killed by SIGKILL"):
             supervisor.check()
         assert supervisor.restart_crashed() == ["monitor_node was killed by SIGKILL"]
         assert not any(path.exists() for path in left)
+        assert all(path.exists() for path in own)
         assert monitor.popen.pid != first.pid
         wait_until(lambda: monitor.text.count("listens to") == 2, "restart of the monitor")
         monitor.send(signal.SIGINT)
         assert monitor.wait(60.0) == 0
-        own = segments(mapping.popen.pid)
-        mapping.note_segments()
-        mapping.remove_segments()  # it lives
-        assert own
-        assert all(path.exists() for path in own)
         mapping.send(signal.SIGSTOP)  # it does not react to SIGINT and SIGTERM any more
         quick = ((signal.SIGINT, 0.3), (signal.SIGTERM, 0.3), (signal.SIGKILL, 5.0))
         monkeypatch.setattr(processes, "ESCALATION", quick)
         begin = time.monotonic()
     assert time.monotonic() - begin < 10.0
     assert mapping.exit_code == -signal.SIGKILL
+    assert left
     assert not any(path.exists() for path in own)
 
 
-@pytest.mark.slow
 def test_a_node_that_cannot_start_is_named_with_its_last_log_line(tmp_path: Path) -> None:
     with Supervisor(tmp_path) as supervisor:
         supervisor.start("monitor_node", ["--ros-args", "-p", "limits_file:=/nowhere.yaml"])
@@ -88,11 +83,6 @@ def test_a_command_says_how_it_ended_and_what_it_started_ends_with_it(tmp_path: 
         assert not process.ending
     psutil.wait_procs(children, timeout=10)
     assert not any(child.is_running() for child in children)
-
-
-@pytest.mark.parametrize(
-    ("command", "words"), [("", "is empty"), ("a 'quote", "No closing quotation"), ("/no/such/program", "cannot start")]
-)
-def test_a_command_that_cannot_be_is_one_line(tmp_path: Path, command: str, words: str) -> None:
-    with pytest.raises(ConfigError, match=words), user_command(command, tmp_path):
-        pass
+    for command, words in (("", "is empty"), ("a 'quote", "No closing quotation"), ("/no/program", "cannot start")):
+        with pytest.raises(ConfigError, match=words), user_command(command, tmp_path):
+            pass
