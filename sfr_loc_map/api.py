@@ -52,9 +52,10 @@ from sfr_loc_map.pipeline.scoring import (
     save_evo_result,
     score_run,
 )
-from sfr_loc_map.report.page import figures_of, load_score, overall_of, write_page
+from sfr_loc_map.report.page import load_score, overall_of, write_page
 from sfr_loc_map.report.path_figure import curves_of, path_figure
 from sfr_loc_map.report.plots import to_figure
+from sfr_loc_map.report.score_figures import score_figures
 from sfr_loc_map.report.score_tables import score_markdown, summary_tables
 from sfr_loc_map.report.tables import UNKNOWN, to_html
 
@@ -366,7 +367,7 @@ class Score(score_base.Score):
     @property
     def plots(self) -> tuple[str, ...]:
         """Names of the figures that `plot` can draw."""
-        return tuple(plot.name for plot in figures_of(self))
+        return tuple(plot.name for _, plots in score_figures(self) for plot in plots)
 
     def plot(self, name: str | None = None) -> Figure:
         """Return a figure of the report as a plotly figure, which a notebook shows.
@@ -374,7 +375,7 @@ class Score(score_base.Score):
         Args:
             name: One of `plots`; None for the first: the trajectory from above, or the map.
         """
-        plots = {plot.name: plot for plot in figures_of(self)}
+        plots = {plot.name: plot for _, plots in score_figures(self) for plot in plots}
         if not plots or (name is not None and name not in plots):
             raise ConfigError(f"this score has no figure '{name or 'at all'}': it has {', '.join(plots) or 'none'}")
         return to_figure(plots[name] if name is not None else next(iter(plots.values())))

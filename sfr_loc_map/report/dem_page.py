@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from sfr_loc_map.io.geotiff import Band
 from sfr_loc_map.report.page import render_overview
-from sfr_loc_map.report.plots import Plot, axis
+from sfr_loc_map.report.plots import Plot, axis, colour_bar, heat
 from sfr_loc_map.report.tables import ABSENT, Cell, Column, Table
 
 MAX_SIDE = 400
@@ -41,27 +40,17 @@ def _figure(band: Band, origin_m: tuple[float, float], cell_m: float, step: int)
     name = f"{band.name}, {band.unit}" if band.unit else band.name
     known = values[np.isfinite(values)]
     low, high = np.quantile(known, (0.01, 0.99)).tolist() if known.size else (0.0, 1.0)
-    heat: dict[str, Any] = {
-        "type": "heatmap",
-        "z": [[float(f"{value:.5g}") if value == value else None for value in row] for row in values.tolist()],
-        "x0": origin_m[0] + cell_m / 2,
-        "dx": cell_m * step,
-        "y0": origin_m[1] + cell_m / 2,
-        "dy": cell_m * step,
-        "zmin": low,
-        "zmax": max(high, low + 1e-6),
-        "colorscale": "@sequential",
-        "colorbar": {"title": {"text": name, "side": "right"}, "thickness": 12},
-        "hoverongaps": False,
-        "hovertemplate": "x %{x:.2f} m, y %{y:.2f} m: %{z:.4g}<extra></extra>",
-    }
+    shown = [[float(f"{value:.5g}") if value == value else None for value in row] for row in values.tolist()]
+    x, y = ((least + cell_m / 2, cell_m * step) for least in origin_m)
+    hover = "x %{x:.2f} m, y %{y:.2f} m: %{z:.4g}<extra></extra>"
+    layer = heat(shown, x, y, (low, max(high, low + 1e-6)), colour_bar(name), hover)
     layout = {
         "xaxis": axis("x of LM, m", constrain="domain", showgrid=False),
         "yaxis": axis("y of LM, m", scaleanchor="x", constrain="domain", showgrid=False),
     }
     width = "full" if band.name == "height" else "half"
     caption = f"{CAPTIONS.get(band.name, '')} Colours end at the 1st and the 99th percentile."
-    return Plot(f"dem-{band.name}", band.name.capitalize(), caption, [heat], layout, height=440, width=width)
+    return Plot(f"dem-{band.name}", band.name.capitalize(), caption, [layer], layout, height=440, width=width)
 
 
 def _table(bands: Sequence[Band]) -> Table:

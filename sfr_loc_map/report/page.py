@@ -20,12 +20,10 @@ from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.metrics.config import ScoreConfig, VerdictState
 from sfr_loc_map.metrics.score import Score, Verdict
 from sfr_loc_map.metrics.score_json import from_json, to_plain
-from sfr_loc_map.report.cost_figures import cost_figures
-from sfr_loc_map.report.map_figures import map_figures
 from sfr_loc_map.report.plots import Plot
+from sfr_loc_map.report.score_figures import error_sizes, parts_of, score_figures
 from sfr_loc_map.report.score_tables import limit_name, limit_unit, score_tables
 from sfr_loc_map.report.tables import METRE, OPEN, PERCENT, SHARE, UNKNOWN, VERDICTS, Table, fitting, number, to_html
-from sfr_loc_map.report.trajectory_figures import error_sizes, parts_of, trajectory_figures
 
 if TYPE_CHECKING:
     from markupsafe import Markup
@@ -71,7 +69,7 @@ def write_page(score: Score, path: Path) -> None:
 
 def render_page(score: Score, *, figures: bool = True) -> str:
     """Return the page as HTML; without figures it holds tables only and no script, ready for print."""
-    sections, tables = _sections(score) if figures else [], score_tables(score)
+    sections, tables = score_figures(score) if figures else [], score_tables(score)
     provenance = dict(_flat(to_plain(score.provenance) or {}, ""))
     details = score.details.trajectory if score.details is not None else None
     name = data_set_name(score)
@@ -164,20 +162,6 @@ def _marked_up(text: str) -> Markup:
     from markupsafe import Markup
 
     return Markup(text)
-
-
-def _sections(score: Score) -> list[tuple[str, list[Plot]]]:
-    groups = (
-        ("Localisation", trajectory_figures(score)),
-        ("Time and memory", cost_figures(score)),
-        ("Map", map_figures(score)),
-    )
-    return [(title, plots) for title, plots in groups if plots]
-
-
-def figures_of(score: Score) -> list[Plot]:
-    """Return the figures of the page, in its order."""
-    return [plot for _, plots in _sections(score) for plot in plots]
 
 
 def _flat(value: object, prefix: str) -> Iterator[tuple[str, str]]:

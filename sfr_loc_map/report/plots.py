@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 Trace = dict[str, Any]
 Column = Sequence[float | None]
+TRAVELLED = "distance travelled (truth), m"
 COLORS = ("@one", "@two", "@three", "@four", "@five")
 PALETTE = {
     "truth": "#1a1f24",
@@ -95,6 +96,44 @@ def band(name: str, x: Column, low: float, high: float, color: str, **more: Any)
     corners = [x[0], x[-1], x[-1], x[0]], [low, low, high, high]
     filled = {"fill": "toself", "fillcolor": color, "line": {"width": 0}, "hoverinfo": "skip"}
     return {"type": "scatter", "mode": "lines", "name": name, "x": corners[0], "y": corners[1], **filled, **more}
+
+
+def segments(pieces: Sequence[Sequence[Column]]) -> list[Column]:
+    """Return columns x and y of pieces that are drawn as one trace, with a gap after each."""
+    return [[value for piece in pieces for value in (*piece[side], None)] for side in (0, 1)]
+
+
+def heat(
+    values: Sequence[Column],
+    x: tuple[float, float],
+    y: tuple[float, float],
+    bounds: tuple[float, float],
+    bar: dict[str, Any],
+    hover: str,
+    **more: Any,  # noqa: ANN401
+) -> Trace:
+    """Return rows of values as colours; x and y: place of the first value, step to the next."""
+    places = {"x0": x[0], "dx": x[1], "y0": y[0], "dy": y[1], "zmin": bounds[0], "zmax": bounds[1]}
+    style = {"colorscale": "@sequential", "colorbar": bar, **more, "hoverongaps": False, "hovertemplate": hover}
+    return {"type": "heatmap", "z": values, **places, **style}
+
+
+def colour_bar(title: str, **ticks: Any) -> dict[str, Any]:  # noqa: ANN401
+    """Return a bar that says what the colours mean."""
+    return {"title": {"text": title, "side": "right"}, "thickness": 12, **ticks}
+
+
+def error_bars(above: Column, below: Column) -> dict[str, Any]:
+    """Return bars of other lengths above and below marks."""
+    return {"type": "data", "symmetric": False, "array": above, "arrayminus": below}
+
+
+def from_above() -> dict[str, Any]:
+    """Return the layout of a view from above, both axes of one scale."""
+    return {
+        "xaxis": axis("x of DS (east), m", constrain="domain"),
+        "yaxis": axis("y of DS (north), m", scaleanchor="x", scaleratio=1, constrain="domain"),
+    }
 
 
 def error_scale(largest: float) -> tuple[float, str]:

@@ -10,7 +10,7 @@ from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.score_json import json_line, to_plain
 from sfr_loc_map.report.page import render_overview, render_page
-from sfr_loc_map.report.plots import COLORS, Column, Plot, axis, error_scale, largest, marks, scaled
+from sfr_loc_map.report.plots import COLORS, Column, Plot, axis, error_bars, error_scale, largest, marks, scaled
 from sfr_loc_map.suite.comparison import History
 from sfr_loc_map.suite.summary import ScoredJob, Summary
 from sfr_loc_map.suite.tables import PAGES, history_tables, linked, suite_tables
@@ -143,7 +143,7 @@ def _history_plot(number: int, figure: str, history: History) -> Plot:
         for side in (0, 1)
     )
     trace = marks("over baseline", _columns(rows), "@one")
-    trace["error_y"] = {"type": "data", "symmetric": False, "array": high, "arrayminus": low}
+    trace["error_y"] = error_bars(high, low)
     layout = {"xaxis": axis("run, in the order of the table", dtick=1), "yaxis": axis("over baseline")}
     return Plot(f"history-{number}", figure, "Geometric mean over the drives, 95 % interval.", [trace], layout)
 

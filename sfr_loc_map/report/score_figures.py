@@ -1,31 +1,54 @@
-"""Figures of the drive and of the errors of its sub-trajectories."""
+"""The figures of a score: the drive and the errors of its sub-trajectories, calls, the map."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.metrics.config import ConditionKind
-from sfr_loc_map.metrics.score import ConditionScore, PathRows, Score, Statistic, SubTrajectoryRows
+from sfr_loc_map.metrics.config import CallKind, ConditionKind
+from sfr_loc_map.metrics.score import (
+    CallFigures,
+    CallScore,
+    CallSeries,
+    ConditionScore,
+    ErrorImage,
+    PathRows,
+    PointErrorScore,
+    PointRows,
+    Score,
+    Statistic,
+    SubTrajectoryRows,
+    Triangulation,
+)
 from sfr_loc_map.report.plots import (
     COLORS,
+    TRAVELLED,
     Column,
     Plot,
     Trace,
     axis,
     band,
+    colour_bar,
+    error_bars,
     error_scale,
+    from_above,
+    heat,
     largest,
     line,
     log_axis,
     marks,
     scaled,
+    segments,
 )
+from sfr_loc_map.report.score_tables import HOST, clock_text
+from sfr_loc_map.report.tables import MIB
 
 SYMBOLS = ("circle", "diamond", "square", "triangle-up", "cross")
+AT_THE_END = "distance travelled at the end of the sub-trajectory, m"
 TRACE_BACK = (
     "sub-trajectory over %{customdata[0]}<br>frames %{customdata[1]} to %{customdata[2]}<br>"
     "stamps %{customdata[3]} to %{customdata[4]} ns"
@@ -34,6 +57,21 @@ TRACE_BACK = (
 DRAWN_SHARE = 0.05
 """Share of the extent of the drive that the largest error is drawn as."""
 ELLIPSES = 15
+STATES = {
+    "initialising": ("@two", "diamond"),
+    "tracking": ("@one", "circle"),
+    "degraded": ("@three", "triangle-up"),
+    "lost": ("@bad", "x"),
+    "mapped": ("@one", "circle"),
+    "fused": ("@three", "square"),
+    "other": ("@four", "square"),
+}
+"""What a call said: its colour and mark."""
+MIN_HISTOGRAM = 10
+"""Fewer calls are told by their timeline alone."""
+LOG_TICKS_MM = (0.1, 0.3, 1, 3, 10, 30, 100, 300, 1000, 3000, 10000)
+SCATTER_ROWS = 3000
+LAW_STEPS = 40
 
 
 class Part(NamedTuple):
@@ -53,43 +91,57 @@ class Panel(NamedTuple):
     floor: float = -math.inf
 
 
-def trajectory_figures(score: Score) -> list[Plot]:
-    """Return the figures of the path and of its sub-trajectories, as far as the score has their data."""
-    details, parts = None if score.details is None else score.details.trajectory, parts_of(score)
-    figures = []
-    if details is not None and details.path.stamp_ns:
-        figures += [_top_view(details.path, parts), _height(details.path), _accumulated(details.path)]
+def score_figures(score: Score) -> list[tuple[str, list[Plot]]]:
+    """Return the figures by heading, as far as the score has their data."""
+    groups = (
+        ("Localisation", [*_path_figures(score), *_error_figures(score)]),
+        ("Time and memory", _cost_figures(score)),
+        ("Map", _map_figures(score)),
+    )
+    return [(title, plots) for title, plots in groups if plots]
+
+
+def _path_figures(score: Score) -> list[Plot]:
+    path = None if score.details is None or score.details.trajectory is None else score.details.trajectory.path
+    if path is None or not path.stamp_ns:
+        return []
+    return [_top_view(path, parts_of(score)), _height(path), _accumulated(path)]
+
+
+def _error_figures(score: Score) -> list[Plot]:
+    parts = parts_of(score)
     if not parts:
-        return figures
-    rows, means = parts[0].rows, parts[0].score.components
-    axes = (
+        return []
+    first, rows, means = parts[0], parts[0].rows, parts[0].score.components
+    over = f"Over {first.score.condition}"
+    caption = f"{over}; mean and 3 sigma of each direction."
+    by_axis = _panels(
+        first,
         Panel("x (east)", rows.x_m, means.x_m),
         Panel("y (north)", rows.y_m, means.y_m),
         Panel("z (up)", rows.z_m, means.z_m),
     )
-    directions = (
+    by_direction = _panels(
+        first,
         Panel("along", rows.along_m, means.along_m),
         Panel("across", rows.cross_m, means.cross_m),
         Panel("vertical", rows.vertical_m, means.vertical_m),
     )
-    angles = (
-        Panel("heading", rows.heading_deg, parts[0].score.heading_deg),
-        Panel("attitude", rows.attitude_deg, parts[0].score.attitude_deg, floor=0.0),
+    angles = _panels(
+        first,
+        Panel("heading", rows.heading_deg, first.score.heading_deg),
+        Panel("attitude", rows.attitude_deg, first.score.attitude_deg, floor=0.0),
+        scale=(1.0, "deg"),
     )
-    over = f"Over {parts[0].score.condition}"
-    caption = f"{over}; mean and 3 sigma of each direction."
-    by_axis, by_direction = (_panels(parts[0], panels, *_scale(panels)) for panels in (axes, directions))
-    data, of_angles = _panels(parts[0], angles, 1.0, "deg")
-    of_angles_text = f"{over}. Heading has a sign; attitude is the angle of the shortest rotation."
+    of_angles = f"{over}. Heading has a sign; attitude is the angle of the shortest rotation."
     return [
-        *figures,
         _position(parts),
         *_growth(score, parts),
         Plot("axes", "Position error by the axes of DS", caption, *by_axis, height=560),
         Plot("directions", "Position error along and across the path", caption, *by_direction, height=560),
-        _vectors(parts[0], "top"),
-        _vectors(parts[0], "side"),
-        Plot("angles", "Heading and attitude error", of_angles_text, data, of_angles, height=480, width="full"),
+        _vectors(first, "top"),
+        _vectors(first, "side"),
+        Plot("angles", "Heading and attitude error", of_angles, *angles, height=480, width="full"),
     ]
 
 
@@ -113,12 +165,11 @@ def error_sizes(rows: SubTrajectoryRows) -> list[float]:
 
 
 def _sizes(*columns: Column) -> list[float]:
-    """Return the norm of each row; what is undefined counts as zero."""
     return [math.hypot(*(value or 0.0 for value in row)) for row in zip(*columns, strict=True)]
 
 
 def _traces_to(rows: SubTrajectoryRows) -> list[list[str | int]]:
-    """Return what leads back to the frames of each sub-trajectory; stamps as text, since they need all 64 bits."""
+    """Return what leads back to its frames; stamps as text, since they need all 64 bits."""
     frames = zip(rows.start_frame, rows.end_frame, rows.start_stamp_ns, rows.end_stamp_ns, strict=True)
     return [[str(rows.condition), first, last, str(start), str(end)] for first, last, start, end in frames]
 
@@ -166,34 +217,27 @@ def _top_view(path: PathRows, parts: list[Part]) -> Plot:
         data.append(_ends(path, parts[0].rows))
     data.append(line("chosen sub-trajectory", ([], []), "@chosen", width=7, opacity=0.5, hoverinfo="skip"))
     data.append(marks("start", (truth[0][:1], truth[1][:1]), "@truth", symbol="star", size=13, hoverinfo="skip"))
-    layout = {
-        "xaxis": axis("x of DS (east), m", constrain="domain"),
-        "yaxis": axis("y of DS (north), m", scaleanchor="x", scaleratio=1, constrain="domain"),
-    }
     caption = (
         "Equal axes. Marks: ends of the sub-trajectories, coloured by their position error. A click on the mark of "
         "a sub-trajectory, here or in a figure below, shows its segment of the path."
     )
-    return Plot("top-view", "Trajectory from above", caption, data, layout, height=560, width="full")
+    return Plot("top-view", "Trajectory from above", caption, data, from_above(), height=560, width="full")
 
 
 def _covariances(path: PathRows, centres: Sequence[Column], factor: float) -> Trace:
     """Return ellipses with 3 sigma of x and y as half axes about some estimates, as large as the errors are drawn."""
-    x: list[float | None] = []
-    y: list[float | None] = []
     known = [
         (a, b, 3 * factor * sigma_x, 3 * factor * sigma_y)
         for a, b, sigma_x, sigma_y, lost in zip(*centres, path.sigma_x_m, path.sigma_y_m, path.lost, strict=True)
         if not (lost or a is None or b is None or sigma_x is None or sigma_y is None)
     ]
-    for a, b, half_x, half_y in known[:: max(1, -(-len(known) // ELLIPSES))]:
-        around = _ellipse((a, b), (half_x, half_y), steps=24)
-        x, y = [*x, *around[0], None], [*y, *around[1], None]
+    some = known[:: max(1, -(-len(known) // ELLIPSES))]
+    x, y = segments([_ellipse((a, b), half, steps=24) for a, b, *half in some])
     name = "3 sigma of its covariance" + (f", drawn {factor:g} times" if factor > 1 else "")
     return line(name, (scaled(x, 1.0), scaled(y, 1.0)), "@three", width=1, hoverinfo="skip")
 
 
-def _ellipse(centre: tuple[float, float], half: tuple[float, float], steps: int) -> tuple[list[float], list[float]]:
+def _ellipse(centre: Sequence[float], half: Sequence[float], steps: int) -> tuple[list[float], list[float]]:
     turns = [2 * math.pi * k / steps for k in range(steps + 1)]
     return [centre[0] + half[0] * math.cos(t) for t in turns], [centre[1] + half[1] * math.sin(t) for t in turns]
 
@@ -211,10 +255,9 @@ def _exaggeration(path: PathRows) -> float:
 
 
 def _ends(path: PathRows, rows: SubTrajectoryRows) -> Trace:
-    """Return marks at the ends of the sub-trajectories, coloured by their errors."""
     factor, unit = error_scale(largest(error_sizes(rows)))
     ends = [min(frame // path.every, len(path.stamp_ns) - 1) for frame in rows.end_frame]
-    bar = {"title": {"text": f"error over {rows.condition}, {unit}", "side": "right"}, "thickness": 12}
+    bar = colour_bar(f"error over {rows.condition}, {unit}")
     style = {"colorscale": "@sequential", "showscale": True, "colorbar": bar, "line": {"color": "@ink", "width": 0.5}}
     return marks(
         "ends of sub-trajectories",
@@ -232,7 +275,7 @@ def _height(path: PathRows) -> Plot:
         line("truth", (path.travelled_m, path.truth_z_m), "@truth", width=3),
         line("estimate", (path.travelled_m, path.estimate_z_m), "@one", dash="dash"),
     ]
-    layout = {"xaxis": axis("distance travelled (truth), m"), "yaxis": axis("z of DS (up), m")}
+    layout = {"xaxis": axis(TRAVELLED), "yaxis": axis("z of DS (up), m")}
     return Plot("height", "Height", "Axes not to one scale.", data, layout)
 
 
@@ -252,10 +295,7 @@ def _accumulated(path: PathRows) -> Plot:
             None if lost or x is None or y is None or z is None else 3 * math.hypot(x, y, z) for x, y, z, lost in rows
         ]
         data.append(line("3 sigma of the covariance", (path.travelled_m, scaled(sigma, factor)), "@five", width=1.5))
-    layout = {
-        "xaxis": axis("distance travelled (truth), m"),
-        "yaxis": axis(f"estimate - truth in DS, {unit}", zeroline=True),
-    }
+    layout = {"xaxis": axis(TRAVELLED), "yaxis": axis(f"estimate - truth in DS, {unit}", zeroline=True)}
     caption = "Error accumulated since the first frame, without re-basing; not a figure of the specification."
     return Plot("accumulated", "Accumulated position error", caption, data, layout)
 
@@ -290,7 +330,7 @@ def _position(parts: list[Part]) -> Plot:
             low, high = (bound * factor for bound in figure.mean_plus_3sigma_ci95)
             data.append(band(f"95 % interval of it, {over}", ends, low, high, f"{color}-soft", **group))
     layout = {
-        "xaxis": axis("distance travelled at the end of the sub-trajectory, m"),
+        "xaxis": axis(AT_THE_END),
         "yaxis": axis(f"size of the position error, {unit}", rangemode="tozero"),
     }
     caption = "Each mark is one sub-trajectory: point at it for its frames and stamps. A click on a name of the legend "
@@ -321,8 +361,7 @@ def _growth(score: Score, parts: list[Part]) -> list[Plot]:
     bounded = [(over, value, bounds) for over, value, bounds in known if value is not None and bounds is not None]
     if bounded:
         above = scaled([bounds[1] - value for _, value, bounds in bounded], factor)
-        below = scaled([value - bounds[0] for _, value, bounds in bounded], factor)
-        bars = {"type": "data", "symmetric": False, "array": above, "arrayminus": below}
+        bars = error_bars(above, scaled([value - bounds[0] for _, value, bounds in bounded], factor))
         places = [item[0] for item in bounded], scaled([item[1] for item in bounded], factor)
         data.append(marks("95 % interval of it", places, "@two", symbol="diamond", size=9, error_y=bars))
     layout = {
@@ -333,12 +372,9 @@ def _growth(score: Score, parts: list[Part]) -> list[Plot]:
     return [Plot("growth", "Position error against path length", caption, data, layout, width="full")]
 
 
-def _scale(panels: Sequence[Panel]) -> tuple[float, str]:
-    return error_scale(largest(*(panel.values for panel in panels)))
-
-
-def _panels(part: Part, panels: Sequence[Panel], factor: float, unit: str) -> tuple[list[Trace], dict[str, Any]]:
+def _panels(part: Part, *panels: Panel, scale: tuple[float, str] | None = None) -> tuple[list[Trace], dict[str, Any]]:
     """Return traces and layout of panels below each other, over the distance travelled."""
+    factor, unit = scale or error_scale(largest(*(panel.values for panel in panels)))
     data: list[Trace] = []
     layout: dict[str, Any] = {"grid": {"rows": len(panels), "columns": 1, "pattern": "coupled", "ygap": 0.14}}
     ends = [part.travelled_m[0], part.travelled_m[-1]]
@@ -355,7 +391,7 @@ def _panels(part: Part, panels: Sequence[Panel], factor: float, unit: str) -> tu
         errors = scaled(panel.values, factor)
         data.append(_marked(part, "sub-trajectory", errors, unit, symbol=SYMBOLS[0], **place, legendgroup="s"))
         layout[f"yaxis{suffix}"] = axis(f"{panel.title}, {unit}", zeroline=True)
-    layout["xaxis"] = axis("distance travelled at the end of the sub-trajectory, m")
+    layout["xaxis"] = axis(AT_THE_END)
     return data, layout
 
 
@@ -387,3 +423,196 @@ def _vectors(part: Part, view: str) -> Plot:
     }
     caption = f"Over {part.score.condition}. Equal axes; the ellipse has 3 sigma of each axis as half axes."
     return Plot(f"vectors-{view}", f"Error vectors from {direction}", caption, data, layout, height=440)
+
+
+# ---- time and memory of calls
+
+
+def _cost_figures(score: Score) -> list[Plot]:
+    details = None if score.details is None else score.details.calls
+    figures: list[Plot] = []
+    for kind in CallKind:
+        calls = None if details is None else details.of(kind)
+        if calls is None:
+            continue
+        times = None if score.timing is None else score.timing.of(kind)
+        clock = "host time" if times is not None and times.clock.startswith(HOST) else "time"
+        histogram = sum(calls.histogram.counts) >= MIN_HISTOGRAM
+        if histogram:
+            figures.append(_histogram(kind, clock, calls, times, clock_text(score.timing, score.target)))
+        if len(calls.series.stamp_ns) > 1:
+            figures.append(_timeline(kind, clock, calls.series, "half" if histogram else "full"))
+    return figures
+
+
+def _histogram(kind: CallKind, clock: str, calls: CallFigures, times: CallScore | None, caption: str) -> Plot:
+    edges, counts = calls.histogram.edges_s, calls.histogram.counts
+    bars = {
+        "type": "bar",
+        "name": "calls",
+        "x": scaled(edges[:-1], 1.0),
+        "y": counts,
+        "width": scaled([high - low for low, high in pairwise(edges)], 1.0),
+        "offset": 0,
+        "marker": {"color": "@one"},
+        "customdata": [f"{low:.4g} to {high:.4g} s" for low, high in pairwise(edges)],
+        "hovertemplate": "%{customdata}: %{y} calls<extra></extra>",
+        "showlegend": False,
+    }
+    data: list[Trace] = [bars]
+    for name, dash, color in (("p50", "dash", "@truth"), ("p95", "dot", "@two"), ("p99", "dashdot", "@five")):
+        value = getattr(times, name, None)
+        if value is not None:
+            data.append(line(name, ([value, value], [0, max(counts)]), color, dash=dash, width=2.5))
+    layout = {
+        "xaxis": log_axis(f"{clock} per call, s", edges[0], edges[-1]),
+        "yaxis": axis("number of calls"),
+        "bargap": 0,
+    }
+    return Plot(f"{kind}-histogram", f"Time per call: {kind}", caption, data, layout)
+
+
+def _timeline(kind: CallKind, clock: str, series: CallSeries, width: str) -> Plot:
+    seconds = [round((stamp - series.stamp_ns[0]) * 1e-9, 6) for stamp in series.stamp_ns]
+    shown = [state if state in STATES else "other" for state in series.state]
+    data: list[Trace] = []
+    for name, (color, symbol) in STATES.items():
+        rows = [k for k, state in enumerate(shown) if state == name]
+        if rows:
+            places = [seconds[k] for k in rows], [series.processing_time_s[k] for k in rows]
+            stamps = [str(series.stamp_ns[k]) for k in rows]
+            hover = f"call at stamp %{{customdata}} ns: %{{y:.4g}} s<extra>{name}</extra>"
+            data.append(marks(name, places, color, symbol=symbol, size=5, customdata=stamps, hovertemplate=hover))
+    layout: dict[str, Any] = {
+        "xaxis": axis("time since the first pair, s"),
+        "yaxis": axis(f"{clock} per call, s", rangemode="tozero"),
+    }
+    if any(peak is not None for peak in series.peak_rss_bytes):
+        peaks = scaled(series.peak_rss_bytes, 1 / MIB.size)
+        data.append(line("peak memory", (seconds, peaks), "@three", yaxis="y2"))
+        layout["grid"] = {"rows": 2, "columns": 1, "pattern": "coupled", "ygap": 0.14}
+        layout["yaxis2"] = axis("peak memory, MiB")
+    block = series.slowest_of
+    caption = "Each call in turn; memory: resident." if block == 1 else f"The slowest of every {block} calls."
+    return Plot(f"{kind}-timeline", f"Time and memory by call: {kind}", caption, data, layout, height=440, width=width)
+
+
+# ---- the map
+
+
+def _map_figures(score: Score) -> list[Plot]:
+    details = None if score.details is None else score.details.map
+    errors = None if score.map is None else score.map.errors
+    figures = []
+    if details is not None:
+        width = "third" if len(details.error_images) % 3 == 0 else "half"
+        figures += [_image(item, width) for item in details.error_images]
+    if errors is not None and errors.by_range:
+        cloud, law = (None, None) if details is None else (details.cloud, details.triangulation)
+        figures.append(_over_range(errors, cloud, law))
+    if details is not None and details.cloud.x_m:
+        figures.append(_in_space(details.cloud))
+    return figures
+
+
+def _coloured(errors_mm: Column) -> tuple[list[float | None], float, float, dict[str, Any]]:
+    """Return logarithms of errors in millimetres, the bounds of their middle, and a colour bar for them."""
+    logs = [None if mm is None or mm < 0 else round(math.log10(max(mm, 0.1)), 3) for mm in errors_mm]
+    known = sorted(value for value in logs if value is not None) or [0.0]
+    low, high = known[len(known) // 50], known[-1 - len(known) // 50]
+    ticks = {"tickvals": [round(math.log10(t), 3) for t in LOG_TICKS_MM], "ticktext": [f"{t:g}" for t in LOG_TICKS_MM]}
+    return logs, low, max(high, low + 0.1), colour_bar("point error, mm", **ticks)
+
+
+def _image(item: ErrorImage, width: str) -> Plot:
+    block, columns = item.block_px, len(item.error[0]) if item.error else 0
+    values = [[None if value < 0 else value / 10 for value in row] for row in item.error]
+    logs, low, high, bar = _coloured([value for row in values for value in row])
+    shown = [logs[first : first + columns] for first in range(0, len(logs), columns)] if columns else values
+    places, hover = ((block - 1) / 2, block), "u %{x:.0f}, v %{y:.0f} px: %{customdata:.4g} mm<extra></extra>"
+    image = heat(shown, places, places, (low, high), bar, hover, customdata=values)
+    layout = {
+        "xaxis": axis("u of the left image, px", constrain="domain", showgrid=False),
+        "yaxis": axis("v, px", autorange="reversed", scaleanchor="x", constrain="domain", showgrid=False),
+    }
+    title = f"Point error over the image of pair {item.pair}"
+    caption = f"Mean of blocks of {block} x {block} pixels; blank where there is no point with a truth."
+    return Plot(f"image-{item.pair}", title, caption, [image], layout, height=340, width=width)
+
+
+def _over_range(errors: PointErrorScore, cloud: PointRows | None, law: Triangulation | None) -> Plot:
+    bins = errors.by_range
+    data: list[Trace] = []
+    ranges: Column = () if cloud is None else cloud.range_m
+    if cloud is not None and ranges:
+        step = -(-len(ranges) // SCATTER_ROWS)
+        some = ranges[::step], scaled(cloud.error_m[::step], 1e3)
+        data.append(marks("points (some)", some, "@faint", size=3, hoverinfo="skip"))
+    low, high = min((value for value in ranges if value), default=0.5), bins[-1].to_m
+    for name, statistic, color, dash in (
+        ("p50", "p50", "@one", "solid"),
+        ("p95", "p95", "@two", "solid"),
+        ("mean + 3 sigma", "mean_plus_3sigma", "@five", "dash"),
+    ):
+        levels = [
+            ([max(item.from_m, low), item.to_m], scaled([getattr(item.point_error_m, statistic)] * 2, 1e3))
+            for item in bins
+        ]
+        data.append(line(name, segments(levels), color, dash=dash, width=3))
+    if law is not None:
+        data += _law(law, errors.disparity_error_px.p50_abs, low, high)
+    totals = [value for item in bins for value in (item.point_error_m.p50, item.point_error_m.mean_plus_3sigma)]
+    known = [value * 1e3 for value in totals if value] or [1.0]
+    layout = {
+        "xaxis": log_axis("range from the left camera, m", low, high)
+        | {"range": [math.log10(0.75 * low), math.log10(1.1 * high)]},
+        "yaxis": log_axis("point error, mm", 0.1, 1e5, steps=(1,))
+        | {"range": [math.log10(max(min(known) / 10, 0.1)), math.log10(max(known) * 3)]},
+    }
+    caption = (
+        "The law of triangulation: an error d of the disparity moves a point by Z² d / (f b) along its ray (f focal "
+        "length, b baseline; the range stands for the depth Z). Its lines are what the named disparity errors "
+        "amount to, the bold one for the median that was measured."
+    )
+    return Plot("over-range", "Point error over range", caption, data, layout, height=480, width="full")
+
+
+def _law(law: Triangulation, measured: float | None, low: float, high: float) -> list[Trace]:
+    scale = law.focal_px * law.baseline_m
+    ratio = (high / low) ** (1 / LAW_STEPS)
+    ranges = [low * ratio**k for k in range(LAW_STEPS + 1)]
+    steps = [(d, f"{d:g} px", 1.0) for d in (0.1, 0.25, 1.0)]
+    if measured is not None:
+        steps.append((measured, f"{measured:.2g} px", 2.5))
+    traces = []
+    for d, text, width in steps:
+        errors = scaled([r * r * d / scale for r in ranges], 1e3)
+        words = [text + " "] + [""] * LAW_STEPS
+        more = {"mode": "lines+text", "text": words, "textposition": "middle left", "legendgroup": "law"}
+        trace = line("law of triangulation", (ranges, errors), "@truth", dash="dot", width=width)
+        traces.append(trace | more | {"showlegend": width > 1.0 or (measured is None and d == 1.0)})
+    return traces
+
+
+def _in_space(cloud: PointRows) -> Plot:
+    logs, low, high, bar = _coloured([None if error is None else error * 1e3 for error in cloud.error_m])
+    colours = {"cmin": low, "cmax": high, "colorscale": "@sequential", "colorbar": bar}
+    points = {
+        "type": "scatter3d",
+        "mode": "markers",
+        "x": cloud.x_m,
+        "y": cloud.y_m,
+        "z": cloud.z_m,
+        "marker": {"color": logs, "size": 2, **colours},
+        "customdata": scaled(cloud.error_m, 1e3),
+        "hovertemplate": "%{x:.2f}, %{y:.2f}, %{z:.2f} m: %{customdata:.4g} mm<extra></extra>",
+    }
+    scene: dict[str, Any] = {"aspectmode": "data", "camera": {"eye": {"x": -1.6, "y": -1.3, "z": 1.1}}}
+    for name, column in (("x", cloud.x_m), ("y", cloud.y_m), ("z", cloud.z_m)):
+        # the middle 95 % of the values; far points would leave little of the rest
+        ordered = sorted(value for value in column if value is not None)
+        spare = len(ordered) // 40
+        scene[f"{name}axis"] = {"title": {"text": f"{name} of LM, m"}, "range": [ordered[spare], ordered[-1 - spare]]}
+    caption = f"{len(logs)} points of the cloud, those within the middle 95 % of each axis. Equal axes. LM: "
+    caption += "the local map frame, fixed to the ground, z up."
+    return Plot("cloud", "Cloud coloured by error", caption, [points], {"scene": scene}, height=560, width="full")
