@@ -29,14 +29,7 @@ _RANDOM = "[a-z0-9_]" * 8
 def atomic_path(path: Path) -> Iterator[Path]:
     """Yield a temporary path for a file or folder that takes the name `path` when the block ends well.
 
-    It has the same file name (writers choose the format by its ending) and lies in a hidden folder beside
-    `path`, so that the final renaming is one step of the file system. When the block raises, nothing is left.
-
-    Args:
-        path: Where the output shall be. An existing file is replaced at the end; an existing folder must be empty.
-
-    Yields:
-        The path to write to; neither a file nor a folder is there yet.
+    It has the same file name: writers choose the format by its ending. When the block raises, nothing is left.
     """
     target = output_target(Path(path))
     try:

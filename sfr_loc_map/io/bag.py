@@ -62,13 +62,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """A topic of a bag.
-
-    Attributes:
-        name: Its name in the suite, relative (`loc/left/image_rect`).
-        bag_name: Its name in the bag.
-        msgtype: Its type (`sensor_msgs/msg/Image`).
-    """
+    """A topic of a bag: its relative name in the suite (`loc/left/image_rect`), its name in the bag, its type."""
 
     name: str
     bag_name: str
@@ -76,21 +70,13 @@ class Topic:
 
 
 class Bag:
-    """A bag and the names of its topics.
+    """A bag, and `topics`: the types of its topics by their names in the bag.
 
-    Attributes:
-        path: Where it is.
-        unfinished: Whether its recording broke off: what was written whole is read.
-        topics: Types of all topics by their names in the bag.
+    It is `unfinished` where its recording broke off: what was written whole is read.
     """
 
     def __init__(self, path: Path, remap: Mapping[str, str] | None = None) -> None:
-        """Read the list of topics.
-
-        Args:
-            path: Folder of the bag, or one file (.mcap, .db3, .bag of ROS 1).
-            remap: New names by the names in the bag; leading slashes do not matter.
-        """
+        """Read the topics of a folder or file (.mcap, .db3, .bag of ROS 1); `remap`: new names by those in the bag."""
         self.path = path
         self._files = reader_paths(path)
         self.unfinished = any(is_unfinished(file) for file in self._files if file.is_file())
@@ -199,10 +185,7 @@ class Bag:
 
     @contextmanager
     def _reading(self) -> Iterator[list[BagReader]]:
-        """Open the files of the bag; whatever goes wrong within becomes one `InputError` with the path.
-
-        The reader raises many kinds of exceptions for broken data (its own, those of sqlite and zstd, KeyError, ...).
-        """
+        """Open the files; whatever readers raise for broken data (KeyError, errors of sqlite, ...) is one error."""
         try:
             with ExitStack() as stack:
                 readers = [reader_of(file) for file in self._files]
@@ -236,9 +219,8 @@ def _line(error: Exception) -> str:
 
 def pose_of(position: Any, orientation: Any) -> Transform:  # noqa: ANN401 - of a message of any library
     """Return the rigid motion of a translation (or position) and a quaternion of a message."""
-    return Transform.from_quat(
-        (position.x, position.y, position.z), (orientation.x, orientation.y, orientation.z, orientation.w)
-    )
+    quat = orientation
+    return Transform.from_quat((position.x, position.y, position.z), (quat.x, quat.y, quat.z, quat.w))
 
 
 def read_odometry(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
@@ -266,10 +248,7 @@ def read_trajectory(bag: Bag, name: str) -> Trajectory | None:
 
 
 def read_extrinsics(bag: Bag) -> Transform | None:
-    """Return `T_rb_sb` of `/tf_static`, else of the parameters of the localisation node that was recorded, or None.
-
-    A recording of nodes that have it as a parameter may be without `/tf_static`, which needs tf2_msgs.
-    """
+    """Return `T_rb_sb` of `/tf_static`, else of the parameters of the localisation node that was recorded, or None."""
     topic = bag.find("tf_static", TF)
     if topic is not None:
         frames = FrameTree()

@@ -58,7 +58,7 @@ def reader_paths(path: Path) -> list[Path]:
 def check_database(path: Path) -> None:
     """Compare the size of an SQLite file with what its header says (SQLite's file format, section 1.3).
 
-    Some versions of the library read a file that was cut off without a word. Other files are left to the library.
+    Some versions of the library read a file that was cut off without a word.
     """
     with path.open("rb") as stream:
         header = stream.read(SQLITE_HEADER_BYTES)

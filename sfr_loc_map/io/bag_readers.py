@@ -48,13 +48,7 @@ _ROS1, _ROS2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_JAZZ
 
 
 def unpack(data: bytes, new: Callable[[], Any], size: int | None = None) -> bytes:
-    """Return what compressed frames hold.
-
-    Args:
-        data: The frames.
-        new: Makes a decompressor of one frame (of zstd, lz4, bz2).
-        size: How many bytes they are said to hold; None where that is not said.
-    """
+    """Return what compressed frames hold; `new` makes a decompressor of one, `size` is how many bytes are announced."""
     if size is not None:
         check_expansion(len(data), size, "compressed data")
     limit, parts, total, rest = expansion_limit(len(data)) if size is None else size, [], 0, data

@@ -47,7 +47,6 @@ class _BagPairs:
     """The pairs of one pair of cameras, and what their topics say of it."""
 
     def __init__(self, bag: Bag, rig: str) -> None:
-        """Find the topics and read the rig."""
         self._bag, self._rig_name = bag, rig
         kind = _image_name(bag, rig)
         self._sides = [_require(bag, f"{rig}/{side}/{kind}", IMAGE, COMPRESSED) for side in SIDES]
@@ -71,11 +70,11 @@ class _BagPairs:
 
     @property
     def stamps_ns(self) -> tuple[int, ...]:
-        """Stamps of the pairs, in their order (reads all stamps at the first use, decodes nothing)."""
+        """Stamps of the pairs, in their order."""
         return tuple(self._parts)
 
     def __len__(self) -> int:
-        """Return the number of whole pairs (reads all stamps at the first use, decodes nothing)."""
+        """Return the number of whole pairs."""
         return len(self._parts)
 
     @cached_property
@@ -124,8 +123,8 @@ class _BagPairs:
         for topic in self._sides:
             where = f"bag '{self._bag.path}', '{topic.bag_name}'"
             message = self._bag.deserialise(topic, raw[topic.name])
+            decode = image_from_compressed_message if topic.msgtype == COMPRESSED else image_from_message
             try:
-                decode = image_from_compressed_message if topic.msgtype == COMPRESSED else image_from_message
                 image = decode(message)
             except InputError as error:
                 raise InputError(f"{where}: {error}") from error
@@ -139,7 +138,7 @@ class BagLocSequence(_BagPairs):
     """The drive of a bag."""
 
     def __init__(self, bag: Bag) -> None:
-        """Find the topics and read the rig, with its extrinsics in RB where `read_extrinsics` finds them."""
+        """Find the topics and read the rig."""
         super().__init__(bag, Task.LOCALISATION.rig)
 
     @cached_property

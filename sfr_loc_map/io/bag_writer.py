@@ -43,17 +43,8 @@ FOOTER = b"\x02" + (20).to_bytes(8, "little") + bytes(20)
 END = DATA_END + FOOTER + MCAP_MAGIC
 """End of a file without an index (mcap specification: Data End, Footer, Magic)."""
 NEVER = QosTime(0, 0)
-LATCHED = Qos(
-    QosHistory.KEEP_LAST,
-    1,
-    QosReliability.RELIABLE,
-    QosDurability.TRANSIENT_LOCAL,
-    NEVER,
-    NEVER,
-    QosLiveliness.AUTOMATIC,
-    NEVER,
-    False,
-)
+_KEPT = (QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL)
+LATCHED = Qos(*_KEPT, NEVER, NEVER, QosLiveliness.AUTOMATIC, NEVER, False)
 """Profile of `/tf_static`: reliable, the last one is kept for late listeners."""
 
 
@@ -89,12 +80,12 @@ class BagWriter:
         zstd: bool = False,
         truth_grid_m: float | None = None,
     ) -> None:
-        """Prepare a bag.
+        """Prepare a bag in a folder that must not exist.
 
         Args:
-            path: Folder of the bag; must not exist.
-            storage: `mcap` or `sqlite3`.
-            jpeg_quality: Images as JPEG (sensor_msgs/CompressedImage) of this quality, 1 to 100; None: raw, exact.
+            path: The folder.
+            storage: What the bag library calls it.
+            jpeg_quality: Images as JPEG of this quality, 1 to 100; None: raw, exact.
             zstd: Whether chunks are compressed (mcap only).
             truth_grid_m: True points of mapping pairs are rounded to multiples of this power of two, metres, so that
                 they compress well; None: exact.
@@ -259,11 +250,7 @@ class _SafeWriter(Writer):
 
 
 class BagRecorder:
-    """A bag that messages are added to as they come; a context manager. What was flushed stays, however it ends.
-
-    Attributes:
-        count: Messages added.
-    """
+    """A bag that messages are added to as they come; a context manager. What was flushed stays, however it ends."""
 
     def __init__(self, path: Path, *, zstd: bool = False) -> None:
         """Prepare a bag in a folder that must not exist, its chunks compressed or not."""
@@ -304,13 +291,9 @@ class BagRecorder:
                 raise
 
     def add_topic(self, name: str, msgtype: str, definition: str, type_hash: str, offers: Sequence[Qos]) -> Any:  # noqa: ANN401
-        """Add a topic and return what `write` takes.
-
-        `definition` is the text of the type and those within it, as mcap has it, or empty; `type_hash` its RIHS01.
-        """
-        return self._writer.add_connection(
-            name, msgtype, msgdef=definition, rihs01=type_hash, offered_qos_profiles=offers
-        )
+        """Add a topic and return what `write` takes; `definition`: the types' text as mcap has it, or empty."""
+        rest = {"msgdef": definition, "rihs01": type_hash, "offered_qos_profiles": offers}
+        return self._writer.add_connection(name, msgtype, **rest)
 
     def write(self, topic: Any, received_ns: int, raw: bytes) -> None:  # noqa: ANN401
         """Add a serialised message."""

@@ -52,10 +52,7 @@ def rig_from_projections(
     names: tuple[str, str] = SIDES,
     T_rb_sb: Transform | None = None,
 ) -> StereoRig:
-    """Return the rig of two rectified cameras of one size (width, height).
-
-    Their projection matrices `(12,)`, row-major, are of one frame. Messages say where they come from and their names.
-    """
+    """Return the rig of two rectified cameras of one size (width, height), by P `(12,)` of each in one frame."""
     if not np.abs(np.delete(p_left - p_right, [3, 7, 11])).max() <= TOLERANCE:
         raise InputError(
             f"{where}: the P of {names[0]} and {names[1]} differ in more than P[3]: rectify both to one camera matrix"

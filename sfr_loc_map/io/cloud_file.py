@@ -51,28 +51,16 @@ PLY_ORDERS = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoadedCloud:
-    """A cloud as read.
-
-    Attributes:
-        xyz: `(N, 3)` float64, metres, points with a number that is not finite left out.
-        cloud: The same points with pixel and pair; None where the file does not say them. Where it says neither
-            sigma nor intensity, these are NaN.
-    """
+    """A cloud as read, points with a coordinate that is not finite left out."""
 
     xyz: FloatArray
+    """`(N, 3)` float64, metres."""
     cloud: PointCloud | None
+    """The same points; None where the file does not say pixel and pair. Sigma or intensity that it lacks are NaN."""
 
 
 def load_cloud(path: Path) -> LoadedCloud:
-    """Read a cloud, its format by the name's ending (`SUFFIXES`).
-
-    An organised PCD file (height above 1) without u and v gives them by the order of its points, with pair 0.
-
-    Raises:
-        InputError: If the file is missing, of another format, broken, or without x, y, z.
-        MissingExtraError: If the format needs an extra that is not installed.
-    """
-    path = Path(path)
+    """Read a cloud, its format by the name's ending (`SUFFIXES`)."""
     names = ", ".join(SUFFIXES)
     if path.suffix not in _FORMATS:
         raise InputError(f"cloud '{path}' ends in '{path.suffix}': {names} are read")
@@ -108,13 +96,7 @@ def load_cloud(path: Path) -> LoadedCloud:
 
 
 def save_cloud(path: Path, cloud: PointCloud) -> None:
-    """Write a cloud; the format is that of the name's ending (`SUFFIXES`).
-
-    Raises:
-        MissingExtraError: If the format needs an extra that is not installed.
-        OutputError: If the ending is another one or the file cannot be written.
-    """
-    path = Path(path)
+    """Write a cloud; the format is that of the name's ending (`SUFFIXES`)."""
     if path.suffix not in _FORMATS:
         raise OutputError(f"cannot write cloud '{path}': its name must end in one of {', '.join(SUFFIXES)}")
     content = _FORMATS[path.suffix][1](cloud)
@@ -137,7 +119,6 @@ def save_points(path: Path, xyz: FloatArray) -> None:
 
 
 def _comments(cloud: PointCloud) -> list[str]:
-    """Return what a cloud says of itself, as comments without the format's sign of one."""
     comments = [] if cloud.fused is None else [f"sfr {FUSED} {str(cloud.fused).lower()}"]
     if cloud.pair_stamps_ns is not None:
         comments.append(f"sfr {PAIR_STAMPS} {' '.join(map(str, cloud.pair_stamps_ns))}")

@@ -23,13 +23,7 @@ _LOCAL_CRS = 'LOCAL_CS["{name}",LOCAL_DATUM["{name}",0],UNIT["metre",1],AXIS["x"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Band:
-    """A layer of a grid.
-
-    Attributes:
-        name: Its name, the description of the band.
-        unit: Unit of its values, empty where they have none.
-        values: `(R, C)`, rows along y, columns along x; NaN where not known.
-    """
+    """A layer of a grid: values `(R, C)`, rows along y, columns along x, NaN where not known."""
 
     name: str
     unit: str
@@ -39,15 +33,7 @@ class Band:
 def save_geotiff(
     path: Path, bands: Sequence[Band], origin_m: tuple[float, float], cell_m: float, frame: str = "lm"
 ) -> None:
-    """Write a grid.
-
-    Args:
-        path: The file.
-        bands: Its layers, of one shape.
-        origin_m: x and y of the outer corner of cell (0, 0), which has the least x and y.
-        cell_m: Side of a cell.
-        frame: Name of the local frame whose x and y the grid has.
-    """
+    """Write a grid of layers of one shape; `origin_m`: the outer corner of cell (0, 0), which has the least x and y."""
     rasterio = load_rasterio()
     rows, columns = bands[0].values.shape
     profile = {

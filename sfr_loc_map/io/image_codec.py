@@ -55,12 +55,10 @@ MAX_DECODED_BYTES = 2**27
 
 
 def grey8(image: NDArray[Any], order: Literal["bgr", "rgb"] = "bgr") -> GreyImage:
-    """Return an image `(H, W)` or `(H, W, 1 | 3 | 4)` of 8 or 16 bits as 8-bit grey.
+    """Return an image `(H, W)` or `(H, W, 3 | 4)` of 8 or 16 bits as 8-bit grey.
 
     0 .. 65535 becomes 0 .. 255, rounded; colour becomes luma after ITU-R BT.601, alpha is left out.
     """
-    if image.ndim == 3 and image.shape[2] == 1:
-        image = image[:, :, 0]
     if image.dtype == np.uint16:
         image = cv2.convertScaleAbs(image, alpha=1 / 257)
     if image.dtype != np.uint8 or image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (3, 4)):
@@ -103,7 +101,16 @@ def decode_grey(data: bytes | NDArray[np.uint8]) -> GreyImage:
             return np.ascontiguousarray(simplejpeg.decode_jpeg(raw, "GRAY", strict=True)[:, :, 0])
     if raw.startswith(PNG_MAGIC):
         raw = _critical_chunks(raw)
-    return grey8(_decode_by_opencv(raw))
+    level = cv2.utils.logging.setLogLevel(0)  # what the library says of a broken one goes into the error
+    try:
+        image = cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
+        raise InputError(f"its data is broken ({error.err}); restore the original") from error
+    finally:
+        cv2.utils.logging.setLogLevel(level)
+    if image is None:
+        raise InputError("its data is broken; restore the original")
+    return grey8(np.asarray(image))
 
 
 def claimed_size(data: bytes) -> tuple[int, int] | None:
@@ -154,19 +161,12 @@ def image_from_message(message: Any) -> GreyImage:  # noqa: ANN401 - a sensor_ms
     rows = np.lib.stride_tricks.as_strided(data, (height, row), (step, 1), writeable=False)
     image = np.ascontiguousarray(rows).view(dtype).astype(kind, copy=False)
     shape = (height, width) if samples == 1 else (height, width, samples)
-    try:
-        return _grey_of(image.reshape(shape), message.encoding)
-    except InputError as error:
-        raise InputError(f"image of stamp {stamp} {error}") from error
-
-
-def _grey_of(image: NDArray[Any], encoding: str) -> GreyImage:
-    """Return samples of an encoding as 8-bit grey."""
+    image, encoding = image.reshape(shape), message.encoding
     if encoding in LUMA:
         return np.ascontiguousarray(image[:, :, LUMA[encoding]])
     if encoding.startswith("bayer_"):
-        if min(image.shape) < MIN_MOSAIC:
-            raise InputError(f"is {image.shape[1]} x {image.shape[0]}: too small for a Bayer mosaic")
+        if min(height, width) < MIN_MOSAIC:
+            raise InputError(f"image of stamp {stamp} is {width} x {height}: too small for a Bayer mosaic")
         return grey8(np.asarray(cv2.cvtColor(image, BAYER[encoding[6:10]])))
     return grey8(image, "rgb" if encoding.startswith("rgb") else "bgr")
 
@@ -195,26 +195,10 @@ def encode_jpeg(image: GreyImage, quality: int) -> bytes:
     return bytes(simplejpeg.encode_jpeg(image[:, :, None], quality, "GRAY", "GRAY"))
 
 
-def _decode_by_opencv(raw: bytes) -> NDArray[Any]:
-    """Decode an image file; what the library has to say of a broken one goes into the error, not to the terminal."""
-    level = cv2.utils.logging.setLogLevel(0)
-    try:
-        image = cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error as error:
-        raise InputError(f"its data is broken ({error.err}); restore the original") from error
-    finally:
-        cv2.utils.logging.setLogLevel(level)
-    if image is None:
-        raise InputError("its data is broken; restore the original")
-    return np.asarray(image)
-
-
 def _critical_chunks(raw: bytes) -> bytes:
-    """Verify the chunks of a PNG (ISO/IEC 15948, 5.3): each ends in the CRC-32 of its type and data.
+    """Verify the chunks of a PNG (ISO/IEC 15948, 5.3), and return it with critical ones alone.
 
-    Returns:
-        The file with critical chunks alone: the pixels do not depend on others (texts, profiles, transparency), which
-        may unpack to anything.
+    Pixels do not depend on others (texts, profiles, transparency), which may unpack to anything.
     """
     offset, kind, kept = len(PNG_MAGIC), b"", [PNG_MAGIC]
     while kind != b"IEND":

@@ -13,7 +13,7 @@ known.
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from bisect import bisect_left
 from pathlib import Path
 from types import TracebackType
 
@@ -135,35 +135,21 @@ class KittiWriter(TableWriter):
         self._truth.append((stamp_ns, Transform.from_quat(position, quat_xyzw)))
 
     def _write_poses(self, rig: StereoRig) -> None:
+        """Write the pose at each image: that of its stamp, else between neighbours at most 1 s apart."""
         if rig.T_rb_sb is None:
             _log.warning("poses.txt is left out: the pose of the cameras on the rover (T_rb_locsb) is not known")
             return
-        poses = poses_at(self._stamps_ns, self._truth)
-        if poses is None:
-            _log.warning("poses.txt is left out: it needs a true pose at every image, the truth does not cover them")
-            return
-        T_first_ds = (poses[0] @ rig.T_rb_left).inverse()
+        known, poses = [stamp for stamp, _ in self._truth], []
+        for stamp in self._stamps_ns:
+            after = min(bisect_left(known, stamp), len(known) - 1)
+            (before_ns, before), (after_ns, pose) = self._truth[max(after - 1, 0)], self._truth[after]
+            if after_ns != stamp:
+                if not before_ns < stamp < after_ns <= before_ns + NS_PER_S:
+                    _log.warning("poses.txt is left out: the truth does not cover every image")
+                    return
+                pose = interpolated(before, pose, (stamp - before_ns) / (after_ns - before_ns))
+            poses.append(pose @ rig.T_rb_left)
+        T_first_ds = poses[0].inverse()
         for pose in poses:
-            matrix = (T_first_ds @ pose @ rig.T_rb_left).matrix[:3]
+            matrix = (T_first_ds @ pose).matrix[:3]
             self.append("poses.txt", " ".join(map(repr, matrix.reshape(-1).tolist())))
-
-
-def poses_at(stamps_ns: Sequence[int], poses: Sequence[tuple[int, Transform]]) -> list[Transform] | None:
-    """Return the pose at each stamp: that of the same stamp, else between neighbours at most 1 s apart.
-
-    Both are in the order of stamps. None if one cannot be had.
-    """
-    found = []
-    known = np.array([stamp for stamp, _ in poses], np.int64)
-    for stamp, after in zip(stamps_ns, np.searchsorted(known, stamps_ns).tolist(), strict=True):
-        if after == len(poses):
-            return None
-        later_ns, later = poses[after]
-        if later_ns == stamp:
-            found.append(later)
-            continue
-        if after == 0 or later_ns - poses[after - 1][0] > NS_PER_S:
-            return None
-        earlier_ns, earlier = poses[after - 1]
-        found.append(interpolated(earlier, later, (stamp - earlier_ns) / (later_ns - earlier_ns)))
-    return found

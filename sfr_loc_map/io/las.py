@@ -58,15 +58,20 @@ def las_bytes(cloud: PointCloud, comments: Sequence[str], *, compressed: bool) -
 def read_las(data: bytes) -> tuple[dict[str, NDArray[Any]], list[str]]:
     """Return x, y, z, the intensity and dimensions of this package of a LAS or LAZ file, and its comments."""
     laspy = load_laspy()
-    _check_header(data)
+    if not data.startswith(b"LASF") or len(data) < min(HEADER_BYTES.values()):
+        raise ValueError("it has no LAS header")
+    records = struct.unpack_from("<I", data, 100)[0]
+    extended = struct.unpack_from("<I", data, 243)[0] if data[25] >= 4 and len(data) >= HEADER_BYTES[4] else 0
+    if records * VLR_BYTES + extended * EVLR_BYTES > len(data):  # a reader would believe it
+        raise ValueError(f"its header names {records} and {extended} records, more than {len(data)} bytes hold")
     content = _points(laspy, data)
     names = set(content.point_format.dimension_names)
     columns = {axis: np.asarray(content[axis], np.float64) for axis in "xyz"}
     columns |= {name: np.asarray(content[name]) for name in ("sigma", "u", "v", "pair", "intensity") if name in names}
     if "grey" in names:
         columns["intensity"] = np.asarray(content["grey"])
-    records = (vlr for vlr in content.header.vlrs if isinstance(vlr, laspy.VLR))
-    texts = [vlr.record_data for vlr in records if (vlr.user_id, vlr.record_id) == (USER, RECORD)]
+    others = (vlr for vlr in content.header.vlrs if isinstance(vlr, laspy.VLR))
+    texts = [vlr.record_data for vlr in others if (vlr.user_id, vlr.record_id) == (USER, RECORD)]
     return columns, [line for text in texts for line in text.decode("ascii", "replace").splitlines()]
 
 
@@ -88,16 +93,6 @@ def _points(laspy: Any, data: bytes) -> Any:  # noqa: ANN401 - of a module witho
     if len(content.x) != count:
         raise ValueError(f"{len(content.x)} points found where {count} are said to be")
     return content
-
-
-def _check_header(data: bytes) -> None:
-    """Check the numbers that a reader would believe: how many records of each kind there are."""
-    if not data.startswith(b"LASF") or len(data) < min(HEADER_BYTES.values()):
-        raise ValueError("it has no LAS header")
-    records = struct.unpack_from("<I", data, 100)[0]
-    extended = struct.unpack_from("<I", data, 243)[0] if data[25] >= 4 and len(data) >= HEADER_BYTES[4] else 0
-    if records * VLR_BYTES + extended * EVLR_BYTES > len(data):
-        raise ValueError(f"its header names {records} and {extended} records, more than {len(data)} bytes hold")
 
 
 def _check_chunks(data: bytes, begin: int, points: int) -> None:

@@ -12,7 +12,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
@@ -36,18 +35,10 @@ RECTIFIED_TOLERANCE = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class RawCamera:
-    """The calibration of a camera whose images are not rectified.
-
-    Attributes:
-        size: Width and height, pixels.
-        model: One of `COEFFICIENTS`.
-        d: Coefficients of distortion.
-        k: `(9,)` camera matrix of the raw image, row-major.
-        r: `(9,)` rotation from the camera to the rectified camera, row-major.
-        p: `(12,)` projection matrix of the rectified image, row-major.
-    """
+    """The calibration of a camera whose images are not rectified: distortion, K, R and P of sensor_msgs/CameraInfo."""
 
     size: tuple[int, int]
+    """Width and height, pixels."""
     model: str
     d: tuple[float, ...]
     k: tuple[float, ...]
@@ -83,15 +74,11 @@ class RawCamera:
             raise InputError(f"{name}/camera_info: r is not a rotation: calibrate the pair")
         return cls((int(info.width), int(info.height)), model, d, k, r, p)
 
-    def maps(self) -> tuple[NDArray[np.int16], NDArray[np.uint16]]:
+    def maps(self) -> Sequence[Any]:
         """Return OpenCV's fixed-point maps, of 1/32 pixel, from the pixels of the rectified image to the raw one."""
         k, r, p = np.reshape(self.k, (3, 3)), np.reshape(self.r, (3, 3)), np.reshape(self.p, (3, 4))[:, :3]
-        d = np.array(self.d)
-        if self.model in FISHEYE:
-            first, second = cv2.fisheye.initUndistortRectifyMap(k, d, r, p, self.size, cv2.CV_16SC2)
-        else:
-            first, second = cv2.initUndistortRectifyMap(k, d, r, p, self.size, cv2.CV_16SC2)
-        return np.asarray(first, np.int16), np.asarray(second, np.uint16)
+        make = cv2.fisheye.initUndistortRectifyMap if self.model in FISHEYE else cv2.initUndistortRectifyMap
+        return make(k, np.array(self.d), r, p, self.size, cv2.CV_16SC2)
 
     @property
     def rectified_info(self) -> SimpleNamespace:
@@ -101,14 +88,9 @@ class RawCamera:
 
 
 class StereoRectifier:
-    """Rectifies the pairs of two cameras.
-
-    Attributes:
-        cameras: Calibrations of the left and the right camera.
-    """
+    """Rectifies the pairs of two cameras, left and right."""
 
     def __init__(self, cameras: tuple[RawCamera, RawCamera]) -> None:
-        """Make the maps."""
         self.cameras = cameras
         self._maps = tuple(camera.maps() for camera in cameras)
 
@@ -133,18 +115,14 @@ def rectified_rig(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibratedCamera:
-    """A camera of a data set, before rectification.
-
-    Attributes:
-        size: Width and height of its images, pixels.
-        k: `(3, 3)` camera matrix, pixel centres at whole numbers.
-        distortion: Radial-tangential coefficients k1 k2 p1 p2 (k3) of OpenCV.
-        T_body_cam: Takes points in its optical frame to the body.
-    """
+    """A camera of a data set, before rectification."""
 
     size: tuple[int, int]
+    """Width and height of its images, pixels."""
     k: FloatArray
+    """`(3, 3)` camera matrix, pixel centres at whole numbers."""
     distortion: FloatArray
+    """Radial-tangential coefficients k1 k2 p1 p2 (k3) of OpenCV."""
     T_body_cam: Transform
 
 

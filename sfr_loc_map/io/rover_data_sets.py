@@ -52,7 +52,7 @@ from sfr_loc_map.geometry.plausibility import check_camera, check_distortion, ch
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import MB, parse_yaml, read_bytes, refusing
+from sfr_loc_map.inputs import MB, SIDES, parse_yaml, read_bytes, refusing
 from sfr_loc_map.io.camera_info import rig_from_projections
 from sfr_loc_map.io.euroc import load_body_truth
 from sfr_loc_map.io.image_codec import read_grey
@@ -94,12 +94,12 @@ FLIP = Transform(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
 
 def is_madmax(path: Path) -> bool:
     """Tell whether a path looks like a MADMAX run."""
-    return path.is_dir() and _folder(path, LEFT) is not None and _folder(path, RIGHT) is not None
+    return path.is_dir() and len(_madmax_folders(path)) == 2
 
 
 def open_madmax(path: Path) -> Source:
     """Open a MADMAX run."""
-    left, right = (_require(_folder(path, name), path, f"*{name}/") for name in (LEFT, RIGHT))
+    left, right = _madmax_folders(path)
     lefts, rights = stamped_files(left, "img_rect_left_", ".png"), stamped_files(right, "img_rect_right_", ".png")
     whole, _ = whole_pairs(pairs_of(lefts, rights, f"'{path}'"), f"'{path}'")
     single = len(lefts.keys() ^ rights.keys())
@@ -108,21 +108,18 @@ def open_madmax(path: Path) -> Source:
     height, width = read_grey(whole[0].left).shape
     folders = (path / name for name in CALIBRATIONS)
     folder = next((item for item in folders if (item / CAMERA.format(side="left")).is_file()), None)
-    folder = _require(folder, path, f"calibration/{CAMERA.format(side='left')}, in it or beside it")
-    (p_left, turn), (p_right, _) = (_projection(folder / CAMERA.format(side=side)) for side in ("left", "right"))
+    if folder is None:
+        raise InputError(f"'{path}' has no calibration/{CAMERA.format(side='left')}, in it or beside it")
+    (p_left, turn), (p_right, _) = (_projection(folder / CAMERA.format(side=side)) for side in SIDES)
     rig = rig_from_projections(p_left, p_right, (width, height), f"'{folder}'")
     rig = replace(rig, T_rb_sb=_madmax_extrinsics(folder, rig, turn))
     return Source(path, "madmax", ImageFileSequence(rig, whole, _madmax_truth(path)), None, single)
 
 
-def _folder(path: Path, ending: str) -> Path | None:
-    return next((item for item in sorted(path.iterdir()) if item.name.endswith(ending) and item.is_dir()), None)
-
-
-def _require(place: Path | None, path: Path, name: str) -> Path:
-    if place is None:
-        raise InputError(f"'{path}' has no {name}: a run of MADMAX needs it")
-    return place
+def _madmax_folders(path: Path) -> list[Path]:
+    """Return the folders of the left and right images, as far as they are there."""
+    found = (sorted(item for item in path.glob(f"*{name}") if item.is_dir()) for name in (LEFT, RIGHT))
+    return [items[0] for items in found if items]
 
 
 class _CameraYaml(msgspec.Struct):
@@ -195,7 +192,19 @@ def is_katwijk(path: Path) -> bool:
 
 def open_katwijk(path: Path) -> Source:
     """Open a part of a traverse: the localisation cameras."""
-    whole, left_out = whole_pairs(_katwijk_entries(path / KATWIJK_FOLDER), f"'{path / KATWIJK_FOLDER}'")
+    entries = []
+    for image in sorted((path / KATWIJK_FOLDER).glob("*_0.png")):
+        match = KATWIJK_NAME.fullmatch(image.name)
+        with refusing(f"'{image}'", "LocCam_YYYY_MM_DD_hh_mm_ss_mmm_0.png is needed"):
+            if match is None:
+                raise ValueError("its name has another form")
+            *parts, milliseconds = (int(part) for part in match.groups())
+            seconds = int(datetime(*parts, tzinfo=UTC).timestamp())  # type: ignore[misc, arg-type]
+        stamp = (seconds * 1000 + milliseconds) * NS_PER_MS
+        entries.append(ImagePair(stamp, image, image.with_name(f"{image.name.removesuffix('_0.png')}_1.png")))
+    if not entries:
+        raise InputError(f"'{path / KATWIJK_FOLDER}' has no left image LocCam_*_0.png")
+    whole, left_out = whole_pairs(entries, f"'{path / KATWIJK_FOLDER}'")
     height, width = read_grey(whole[0].left).shape
     folders = (path, *list(path.resolve().parents)[:2])
     file = next((folder / KATWIJK_CALIBRATION for folder in folders if (folder / KATWIJK_CALIBRATION).is_file()), None)
@@ -207,22 +216,6 @@ def open_katwijk(path: Path) -> Source:
     rig, rectify = rectified_pair(f"'{file}'", *load_cameras(file, (width, height)))
     rig = replace(rig, T_rb_sb=Transform.identity())
     return Source(path, "katwijk", ImageFileSequence(rig, whole, None, rectify), None, left_out)
-
-
-def _katwijk_entries(folder: Path) -> list[ImagePair]:
-    entries = []
-    for file in sorted(folder.glob("*_0.png")):
-        match = KATWIJK_NAME.fullmatch(file.name)
-        with refusing(f"'{file}'", "LocCam_YYYY_MM_DD_hh_mm_ss_mmm_0.png is needed"):
-            if match is None:
-                raise ValueError("its name has another form")
-            *parts, milliseconds = (int(part) for part in match.groups())
-            seconds = int(datetime(*parts, tzinfo=UTC).timestamp())  # type: ignore[misc, arg-type]
-        stamp = (seconds * 1000 + milliseconds) * NS_PER_MS
-        entries.append(ImagePair(stamp, file, file.with_name(f"{file.name.removesuffix('_0.png')}_1.png")))
-    if not entries:
-        raise InputError(f"'{folder}' has no left image LocCam_*_0.png")
-    return entries
 
 
 def load_cameras(file: Path, size: tuple[int, int]) -> tuple[CalibratedCamera, CalibratedCamera]:
@@ -313,16 +306,12 @@ def _unpacked(data: bytes) -> bytes:
 
 def is_lusnar(path: Path) -> bool:
     """Tell whether a path looks like a LuSNAR scene."""
-    return _lusnar_folders(path) is not None
+    return any(left.is_dir() and right.is_dir() for left, right in _lusnar_folders(path))
 
 
 def open_lusnar(path: Path) -> Source:
     """Open a LuSNAR scene."""
-    folders = _lusnar_folders(path)
-    if folders is None:
-        names = " or ".join(f"{left}/ and {right}/" for left, right in LUSNAR_LAYOUTS)
-        raise InputError(f"'{path}' is no LuSNAR scene: it has not {names}")
-    left, right = folders
+    left, right = next(pair for pair in _lusnar_folders(path) if pair[0].is_dir() and pair[1].is_dir())
     stamps = stamped_files(left, "", ".png")
     entries = [ImagePair(stamp, file, right / file.name) for stamp, file in stamps.items()]
     whole, left_out = whole_pairs(entries, f"'{left}'")
@@ -331,27 +320,19 @@ def open_lusnar(path: Path) -> Source:
         raise InputError(
             f"image '{whole[0].left}' is {width} x {height}: the published cameras of LuSNAR have {SIDE_PX} x {SIDE_PX}"
         )
-    return Source(path, "lusnar", ImageFileSequence(_lusnar_rig(), whole, _lusnar_truth(path)), None, left_out)
-
-
-def _lusnar_folders(path: Path) -> tuple[Path, Path] | None:
-    pairs = ((path / left, path / right) for left, right in LUSNAR_LAYOUTS)
-    return next((pair for pair in pairs if pair[0].is_dir() and pair[1].is_dir()), None)
-
-
-def _lusnar_rig() -> StereoRig:
     pitch = np.radians(PITCH_DEG)
     axes = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # of the camera, in x forward, y right, z down
     tilt = np.array([[np.cos(pitch), 0.0, np.sin(pitch)], [0.0, 1.0, 0.0], [-np.sin(pitch), 0.0, np.cos(pitch)]])
     T_rover_left = Transform(tilt @ axes, np.array(LEFT_ON_ROVER_M))
     rig = StereoRig(SIDE_PX, SIDE_PX, FOCAL_PX, FOCAL_PX, CENTRE_PX, CENTRE_PX, BASELINE_M)
-    return replace(rig, T_rb_sb=FLIP @ T_rover_left @ rig.T_sb_left.inverse())
-
-
-def _lusnar_truth(path: Path) -> Trajectory | None:
+    rig = replace(rig, T_rb_sb=FLIP @ T_rover_left @ rig.T_sb_left.inverse())
     file = next((path / name for name in LUSNAR_TRUTHS if (path / name).is_file()), None)
-    poses = load_body_truth(file) if file is not None else None
-    if poses is None:
-        return None
-    stamps = poses.stamps_ns.tolist()
-    return Trajectory.from_poses((stamp, FLIP @ poses.pose(i) @ FLIP) for i, stamp in enumerate(stamps))
+    truth = load_body_truth(file) if file is not None else None
+    if truth is not None:
+        stamps_ns = truth.stamps_ns.tolist()
+        truth = Trajectory.from_poses((stamp, FLIP @ truth.pose(i) @ FLIP) for i, stamp in enumerate(stamps_ns))
+    return Source(path, "lusnar", ImageFileSequence(rig, whole, truth), None, left_out)
+
+
+def _lusnar_folders(path: Path) -> list[tuple[Path, Path]]:
+    return [(path / left, path / right) for left, right in LUSNAR_LAYOUTS]

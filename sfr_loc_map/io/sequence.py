@@ -18,20 +18,16 @@ class LocSequence(Protocol):
     @property
     def rig(self) -> StereoRig:
         """Rig of the localisation cameras, with `T_rb_sb` where the source has it."""
-        ...
 
     @property
     def ground_truth(self) -> Trajectory | None:
         """True poses of RB in DS, or None."""
-        ...
 
     def __len__(self) -> int:
         """Return the number of pairs."""
-        ...
 
     def pairs(self) -> Iterator[StereoPair]:
         """Yield the pairs; each call starts from the first and keeps at most a few pairs in memory."""
-        ...
 
 
 class NavSequence(Protocol):
@@ -40,34 +36,25 @@ class NavSequence(Protocol):
     @property
     def rig(self) -> StereoRig:
         """Rig of the navigation cameras."""
-        ...
 
     def __len__(self) -> int:
         """Return the number of pairs."""
-        ...
 
     def pairs(self) -> Iterator[PosedStereoPair]:
         """Yield the pairs, with truth where the source has it; each call starts from the first."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """An opened source.
-
-    Attributes:
-        path: Where it is.
-        format: Name of its format (`sfr`, `bag`, `kitti`, `euroc`).
-        loc: The drive, or None where it has none.
-        nav: The mapping pairs, or None where it has none.
-        left_out: Pairs of files that are listed but not there.
-    """
+    """An opened source: its drive and its mapping pairs, None where it has none."""
 
     path: Path
     format: str
+    """`sfr`, `bag`, `kitti`, ..."""
     loc: LocSequence | None
     nav: NavSequence | None
     left_out: int = 0
+    """Pairs of files that are listed but not there."""
 
 
 def drive_of(source: Source) -> LocSequence:
