@@ -292,8 +292,9 @@ class BagRecorder:
 
     def add_topic(self, name: str, msgtype: str, definition: str, type_hash: str, offers: Sequence[Qos]) -> Any:  # noqa: ANN401
         """Add a topic and return what `write` takes; `definition`: the types' text as mcap has it, or empty."""
-        rest = {"msgdef": definition, "rihs01": type_hash, "offered_qos_profiles": offers}
-        return self._writer.add_connection(name, msgtype, **rest)
+        return self._writer.add_connection(
+            name, msgtype, msgdef=definition, rihs01=type_hash, offered_qos_profiles=offers
+        )
 
     def write(self, topic: Any, received_ns: int, raw: bytes) -> None:  # noqa: ANN401
         """Add a serialised message."""
