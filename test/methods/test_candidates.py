@@ -73,20 +73,12 @@ def calls(spec: str, config: str, count: int) -> list[tuple[PoseEstimate, Method
         return [localiser.localise(loc_pair(number)) for number in range(count)]
 
 
-def test_ours_are_what_the_protocols_say() -> None:
+@pytest.mark.slow
+def test_ours_gives_the_same_bits_in_a_process_of_its_own(drive: Path) -> None:
     localiser, mapper = Localiser(LOC_RIG, LocalisationConfig(), true_pose(0)), Mapper(NAV_RIG, MappingConfig())
     assert isinstance(localiser, LocaliserProtocol)
     assert isinstance(mapper, MapperProtocol)
-    assert not isinstance(mapper, LocaliserProtocol)
-    assert localiser.version == mapper.version == __version__
-    assert localiser.statistics == mapper.statistics == {}
-
-
-@pytest.mark.slow
-def test_ours_gives_the_same_bits_in_a_process_of_its_own(drive: Path) -> None:
-    sequence = open_source(drive).loc
-    assert sequence is not None
-    known = list(localise(sequence, LocalisationConfig(), true_pose(0)))
+    known = list(localise(open_source(drive).loc, LocalisationConfig(), true_pose(0)))
     for (estimate, record), (theirs, call) in zip(known, calls("sfr", "", 12), strict=True):
         np.testing.assert_array_equal(theirs.T_ds_rb.matrix, estimate.T_ds_rb.matrix)
         np.testing.assert_array_equal(call.covariance, estimate.covariance)
@@ -116,16 +108,12 @@ def test_a_class_of_python_may_return_what_it_likes_and_is_checked(tmp_path: Pat
     assert made[0][1].statistics == {"mood": 3.0}
     with pytest.raises(MethodError, match="has no method 'process'"):
         calls(f"{tmp_path}/classes.py:Nothing", "", 0)
-
-
-def test_images_stay_as_long_as_they_are_held(tmp_path: Path) -> None:
-    (tmp_path / "classes.py").write_text(CLASSES)
-    assert [call.finding for _, call in calls(f"{tmp_path}/classes.py:Holder", "", 24)] == [""] * 24
+    assert not any(call.finding for _, call in calls(f"{tmp_path}/classes.py:Holder", "", 24))
 
 
 def test_a_matcher_gives_points_and_a_pair_without_any_is_empty(tmp_path: Path) -> None:
-    (tmp_path / "matchers.py").write_text(CLASSES)
-    with IsolatedMethod(find_method(f"{tmp_path}/matchers.py:Flat", Task.MAPPING), NAV_RIG) as mapper:
+    (tmp_path / "classes.py").write_text(CLASSES)
+    with IsolatedMethod(find_method(f"{tmp_path}/classes.py:Flat", Task.MAPPING), NAV_RIG) as mapper:
         item = nav_pair(0)
         first, call = mapper.map_pair(item.pair, item.T_lm_navsb, 0)
         second, _ = mapper.map_pair(item.pair, item.T_lm_navsb, 1)
@@ -147,27 +135,25 @@ def test_the_example_in_c_localises_and_maps(example: Path) -> None:
     with IsolatedMethod(find_method(f"lib:{example}", Task.MAPPING), NAV_RIG) as mapper:
         found, call = mapper.map_pair(item.pair, item.T_lm_navsb, 0)
     assert not call.finding
-    assert item.truth is not None
     errors = np.linalg.norm(found.cloud.xyz - item.truth[found.cloud.v, found.cloud.u], axis=1)
     assert len(found.cloud) > 0.5 * NAV_RIG.width * NAV_RIG.height
     assert np.median(errors) < 0.05  # of 3 m
 
 
 def test_names_are_looked_up(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, sfr: Sfr) -> None:
-    entry, ours = (
-        metadata.EntryPoint(name, "package.module:Theirs", "sfr_loc_map.localisers") for name in ("theirs", "sfr")
-    )
-    monkeypatch.setattr(registry.metadata, "entry_points", lambda group: [entry, ours] if "localisers" in group else [])
+    group = "sfr_loc_map.localisers"
+    added = [metadata.EntryPoint(name, "package.module:Theirs", group) for name in ("theirs", "sfr")]
+    monkeypatch.setattr(registry.metadata, "entry_points", lambda group: added if "localisers" in group else [])
     assert find_method("theirs", Task.LOCALISATION).target == "package.module:Theirs"
     assert find_method("sfr", Task.LOCALISATION).target == "sfr_loc_map.methods.ours:localiser"
-    with pytest.raises(MethodError, match="no method 'none' for localisation: give one of sfr, opencv, orbslam3, th"):
-        find_method("none", Task.LOCALISATION)
-    with pytest.raises(MethodError, match="there is no file"):
-        find_method("none.py:Class", Task.LOCALISATION)
-    with pytest.raises(MethodError, match="give --peer-python"):
-        find_method("pandora", Task.MAPPING)
+    for name, task, words in (
+        ("none", Task.LOCALISATION, "no method 'none' for localisation: give one of sfr, opencv, orbslam3, th"),
+        ("none.py:Class", Task.LOCALISATION, "there is no file"),
+        ("pandora", Task.MAPPING, "give --peer-python"),
+    ):
+        with pytest.raises(MethodError, match=words):
+            find_method(name, task)
     listed = sfr("methods")
-    assert listed.code == 0
     for word in ("sfr", "opencv", "orbslam3", "theirs", "sgbm", "pandora", __version__):
         assert word in listed.out
     assert (Path(sfr("methods", "--include-dir").out.strip()) / "sfr_candidate.h").is_file()

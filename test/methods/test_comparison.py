@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from made_scene import LOC_RIG, loc_pair, write_folder
+from cli_result import Sfr
+from made_scene import LOC_RIG, loc_pair
 
-from sfr_loc_map.cli.main import main
 from sfr_loc_map.errors import BenchError, MethodError
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
@@ -59,16 +59,6 @@ def this_package(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
 
 
-@pytest.fixture(scope="module")
-def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_folder(tmp_path_factory.mktemp("comparison") / "drive", 12, 0)
-
-
-def sfr(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
-    monkeypatch.setattr(sys, "argv", ["sfr", *map(str, arguments)])
-    return main()
-
-
 def made_method(
     folder: Path, name: str = "made", *, start: str = "pass", prepare: str = "pass", background: bool = False
 ) -> Method:
@@ -91,28 +81,24 @@ def given(count: int, rate_scale: float = 1.0, call: Any = called) -> PassInput[
 
 
 @pytest.mark.slow
-def test_localise_shows_ours_and_opencv_with_the_accuracy_of_the_score(
-    drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_localise_shows_ours_and_opencv_with_the_accuracy_of_the_score(drive: Path, tmp_path: Path, sfr: Sfr) -> None:
     out, estimate, scored = (tmp_path / name for name in ("bench.json", "estimate.csv", "score.json"))
     options = ("--condition", "frames=3", "--spacing", 2)
-    assert sfr(monkeypatch, "bench", "localise", drive, "--repeat", 2, *options, "--json", out) == 0
-    printed = capsys.readouterr().out
+    printed = sfr("bench", "localise", drive, "--repeat", 2, *options, "--json", out).out
     assert "left out: orbslam3: not looked for: give --peer-python" in printed
     assert "host times" in printed
     result = json.loads(out.read_text())
     for name, metres in (("ours", 0.01), ("opencv", 0.1)):
         entry = result["entries"][name]
-        assert entry["calls"] == 12
+        assert (entry["calls"], entry["lost"], len(entry["runs"])) == (12, 0, 2)
         assert 0 < entry["accuracy"]["frames=3"]["position_m"] < metres
         assert 0 < entry["time_s"]["p50"] <= entry["time_s"]["p95"] <= entry["time_s"]["max"]
         assert 20e6 < entry["memory_bytes"]["peak"] < 1e9
-        assert (entry["lost"], len(entry["runs"])) == (0, 2)
     ours, other = result["entries"]["ours"], result["entries"]["opencv"]
     assert ours["runs"][0]["accuracy"] == ours["runs"][1]["accuracy"]
     assert result["ratios"]["opencv"]["time_s"]["p50"] == pytest.approx(ours["time_s"]["p50"] / other["time_s"]["p50"])
-    assert sfr(monkeypatch, "localise", drive, "-o", estimate, "--start", "truth") == 0
-    assert sfr(monkeypatch, "score", estimate, drive, *options, "--json", scored) == 0
+    assert sfr("localise", drive, "-o", estimate, "--start", "truth").code == 0
+    assert sfr("score", estimate, drive, *options, "--json", scored).code == 0
     score = json.loads(scored.read_text())["trajectory"]
     for name in ("position_m", "attitude_deg", "heading_deg"):
         figure = score[name]["mean_plus_3sigma"]
@@ -120,10 +106,9 @@ def test_localise_shows_ours_and_opencv_with_the_accuracy_of_the_score(
 
 
 @pytest.mark.slow
-def test_map_shows_ours_and_sgbm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    source, out = write_folder(tmp_path / "panorama", 0, 2), tmp_path / "bench.json"
-    assert sfr(monkeypatch, "bench", "map", source, "--repeat", 1, "--json", out) == 0
-    result = json.loads(out.read_text())
+def test_map_shows_ours_and_sgbm(drive: Path, tmp_path: Path, sfr: Sfr) -> None:
+    assert sfr("bench", "map", drive, "--repeat", 1, "--json", tmp_path / "bench.json").code == 0
+    result = json.loads((tmp_path / "bench.json").read_text())
     ours, sgbm = result["entries"]["ours"], result["entries"]["sgbm"]
     assert set(result["missing"]) == {"pandora"}
     assert ours["calls"] == sgbm["calls"] == 2
@@ -132,29 +117,19 @@ def test_map_shows_ours_and_sgbm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert set(ours["accuracy"]["by_range_m"]) == set(sgbm["accuracy"]["by_range_m"])
 
 
-def test_bench_alone_shows_its_help(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    assert sfr(monkeypatch, "bench") == 0
-    assert "localise" in capsys.readouterr().out
-
-
-def test_images_arrive_and_output_of_a_method_is_ignored(tmp_path: Path) -> None:
-    runs, _ = run_pass([made_method(tmp_path)], given(3))
-    assert runs["made"].version == "7"
-    for index, report in enumerate(runs["made"].results):
-        pair = loc_pair(index)
-        sums = {"left": int(pair.left.sum()), "right": int(pair.right.sum())}
-        assert report == sums | {"since_start_s": pytest.approx(0.1 * index)}
-
-
-def test_background_methods_get_their_pairs_at_the_rate(tmp_path: Path) -> None:
-    method, times = made_method(tmp_path, background=True), []
+def test_images_arrive_at_the_rate_and_output_of_a_method_is_ignored(tmp_path: Path) -> None:
+    times = []
 
     def timed(*arguments: Any) -> tuple[Any, MethodCall]:
         times.append(time.monotonic())
         return called(*arguments)
 
-    run_pass([method], given(5, 0.5, timed))
+    runs, _ = run_pass([made_method(tmp_path, background=True)], given(5, 0.5, timed))
     assert 0.7 < times[-1] - times[0] < 3.0  # four steps of 0.1 s at half the rate
+    assert runs["made"].version == "7"
+    for index, report in enumerate(runs["made"].results):
+        pair, since = loc_pair(index), pytest.approx(0.2 * index)
+        assert report == {"left": int(pair.left.sum()), "right": int(pair.right.sum()), "since_start_s": since}
 
 
 @pytest.mark.parametrize(
@@ -176,7 +151,6 @@ def test_a_method_that_fails_is_named_and_the_others_go_on(
 
 def test_ours_must_run(drive: Path, tmp_path: Path) -> None:
     sequence = open_source(drive).loc
-    assert sequence is not None
     broken = replace(made_method(tmp_path, start="sys.exit('broken')"), name=OURS)
     start = start_pose(sequence, "truth").T_ds_rb
     with pytest.raises(BenchError, match="ours has ended with 1: broken"):

@@ -13,12 +13,9 @@ from made_scene import LOC_RIG, NAV_RIG, loc_pair, nav_pair, true_pose
 
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
-from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task
-from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.estimate import PoseEstimate
-from sfr_loc_map.methods.comparison import PassInput, run_pass
 from sfr_loc_map.methods.isolated_method import IsolatedMethod
 from sfr_loc_map.methods.method_process import MethodCall
 from sfr_loc_map.methods.registry import MethodLimits, find_method
@@ -34,10 +31,6 @@ def calls(
     method = find_method(f"lib:{library}", Task.LOCALISATION, config)
     with IsolatedMethod(method, LOC_RIG, start or true_pose(0), limits) as localiser:
         return [localiser.localise(replace(PAIRS[n % 4], stamp_ns=PAIRS[0].stamp_ns + n)) for n in range(count)]
-
-
-def states(made: list[tuple[PoseEstimate, MethodCall]]) -> list[str]:
-    return [estimate.state.value for estimate, _ in made]
 
 
 FIRST = str(PAIRS[0].stamp_ns)[:-3]
@@ -79,44 +72,38 @@ def test_a_faulty_call_is_named_and_the_next_pairs_have_poses(faulty: Path, conf
 
 def test_after_too_many_crashes_it_is_not_started_again(faulty: Path) -> None:
     made = calls(faulty, "crash", 6, replace(LIMITS, restarts=2))
-    assert states(made) == ["lost"] * 6
+    assert [estimate.state.value for estimate, _ in made] == ["lost"] * 6
     assert [call.finding.partition(":")[0] for _, call in made] == ["crashed"] * 3 + [""] * 3
     assert made[2][1].finding.endswith("not started again after 3 starts")
     assert np.isnan([call.usage.processing_time_s for _, call in made]).all()
 
 
 def test_a_leak_is_named_before_the_limit_ends_it(faulty: Path) -> None:
-    made = calls(faulty, "leak", 14)  # 30 MB a pair; at 400 MB it is ended
-    found = [call.finding for _, call in made]
-    leaking = [number for number, text in enumerate(found) if text.startswith("leaking: keeps 30")]
-    ended = [number for number, text in enumerate(found) if text.startswith("out of memory: has 4")]
-    assert leaking == [10]
-    assert ended == [12] or ended == [13] or ended == [11]
-    assert sum(bool(text) for text in found) == 2
-    assert states(made).count("lost") == 1
+    found = [call.finding for _, call in calls(faulty, "leak", 14) if call.finding]  # 30 MB a pair, to 400 MB
+    assert [text[:16] for text in found] == ["leaking: keeps 3", "out of memory: h"]
 
 
 def test_a_lost_candidate_is_no_finding_and_its_covariance_is_that_of_ds(faulty: Path) -> None:
     turned = Transform(matrix_from_rotvec([0.0, 0.0, np.pi / 2]), np.zeros(3))
     made = calls(faulty, "ok lost", 3, start=turned)
-    assert states(made) == ["tracking", "lost", "tracking"]
+    assert [estimate.state.value for estimate, _ in made] == ["tracking", "lost", "tracking"]
     assert not any(call.finding for _, call in made)
     variances = np.diag(made[0][0].covariance)
     np.testing.assert_allclose(variances, [0.02, 0.01, 0.03, 0.05, 0.04, 0.06])  # x is the candidate's y
 
 
 def test_what_cannot_be_started_is_named(faulty: Path, build: Build, tmp_path: Path) -> None:
-    with pytest.raises(MethodError, match="sfr_candidate_create: this rig is not to my taste"):
-        calls(faulty, "refuse")
     options = ("-fPIC", "-shared", "-DSTATED_ABI=2")
     other = build(Path(__file__).parent / "faulty_candidate.c", name="libother.so", options=options)
-    with pytest.raises(MethodError, match=r"libother.so .* built for version 2 of sfr_candidate.h, this suite has 1"):
-        calls(other, "")
     (tmp_path / "text.so").write_text("no library")
-    with pytest.raises(MethodError, match="cannot load the library"):
-        calls(tmp_path / "text.so", "")
-    with pytest.raises(MethodError, match="there is no library"):
-        calls(tmp_path / "none.so", "")
+    for library, words in (
+        (faulty, "sfr_candidate_create: this rig is not to my taste"),
+        (other, r"libother.so .* built for version 2 of sfr_candidate.h, this suite has 1"),
+        (tmp_path / "text.so", "cannot load the library"),
+        (tmp_path / "none.so", "there is no library"),
+    ):
+        with pytest.raises(MethodError, match=words):
+            calls(library, "refuse")
 
 
 @pytest.mark.parametrize(
@@ -137,9 +124,7 @@ def test_points_are_checked(faulty: Path, config: str, finding: str) -> None:
     assert len(made.cloud) == len(fused.cloud) == (0 if finding else 1)
     assert fusion is None
     if not finding:
-        assert made.cloud.xyz.tolist() == [[1.0, 2.0, 3.0]]
-        assert (made.cloud.u[0], made.cloud.v[0], made.cloud.pair[0]) == (4, 5, 1)
-        assert made.cloud.intensity[0] == item.pair.left[5, 4]
+        np.testing.assert_allclose(made.cloud.to_structured().tolist(), [(1, 2, 3, 0.1, item.pair.left[5, 4], 4, 5, 1)])
         assert fused.cloud.fused is False
 
 
@@ -157,32 +142,7 @@ def test_the_command_names_the_finding_and_writes_what_there_is(
     score = json.loads(scored.out)
     assert scored.code == 0
     assert score["trajectory"]["estimate_poses"] == 12
-    assert score["method"] == {
-        "name": f"lib:{faulty}",
-        "version": "faulty 1",
-        "kind": "library",
-        "sha256": hashlib.sha256(faulty.read_bytes()).hexdigest(),
-    }
+    about = {"name": f"lib:{faulty}", "version": "faulty 1", "kind": "library"}
+    assert score["method"] == about | {"sha256": hashlib.sha256(faulty.read_bytes()).hexdigest()}
     assert [(item["kind"], item["count"]) for item in score["findings"]] == [("crashed", 1)]
     assert score["timing"]["localisation_s"]["count"] == 11
-
-
-def test_the_others_go_on_in_a_benchmark(faulty: Path, build: Build, drive: Path) -> None:
-    other = build(Path(__file__).parent / "faulty_candidate.c", name="libold.so", options=("-fPIC", "-shared"))
-    specs = [f"lib:{faulty}", f"lib:{other}"]
-    good, bad = find_method(specs[0], Task.LOCALISATION), find_method(specs[1], Task.LOCALISATION, "ok ok ok crash")
-    sequence = open_source(drive).loc
-    assert sequence is not None
-
-    def called(localiser: IsolatedMethod, pair: StereoPair, *_: float) -> tuple[None, MethodCall]:
-        return None, localiser.localise(pair)[1]
-
-    given = PassInput(
-        sequence.pairs,
-        lambda method: IsolatedMethod(method, sequence.rig, Transform.identity(), replace(LIMITS, restarts=0)),
-        called,
-    )
-    runs, failed = run_pass([replace(bad, background=False), replace(good, background=False)], given)
-    assert list(runs) == [specs[0]]
-    assert len(runs[specs[0]].seconds) == 12
-    assert "crashed: has ended by SIGABRT" in failed[specs[1]]
