@@ -7,10 +7,13 @@ queue up to a bound, beyond which the oldest is dropped and counted.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from threading import Lock
-from typing import Protocol
+from typing import Annotated, Protocol
+
+import msgspec
+from msgspec import Meta
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import one_line
@@ -42,22 +45,16 @@ class Command:
     action: Action
     node: str = ""
     text: str = ""
-    at_s: float = 0.0
+    at_s: Annotated[float, Meta(ge=0.0, lt=1e9)] = 0.0
 
     @classmethod
-    def parse(cls, content: object) -> Command:
-        """Return the command of JSON values that a stranger may have written; InputError if it is none."""
-        if not isinstance(content, dict):
-            raise InputError("a command is an object with an action")
+    def parse(cls, text: bytes) -> Command:
+        """Return the command of JSON that a stranger may have written; InputError if it is none."""
         try:
-            action, at_s = Action(content.get("action", "")), float(content.get("at_s", 0.0))
-        except (ValueError, TypeError, OverflowError) as error:
-            known = ", ".join(Action)
-            raise InputError(f"no command: an action of {known} is needed, at_s is a number") from error
-        if not 0.0 <= at_s < 1e9:
-            raise InputError("at_s must be seconds from 0 on")
-        node, text = (one_line(str(content.get(name, "")))[:MAX_TEXT] for name in ("node", "text"))
-        return cls(action, node, text, at_s)
+            found = msgspec.json.decode(text, type=cls)
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+            raise InputError(f"no command: {error}") from error
+        return replace(found, node=one_line(found.node)[:MAX_TEXT], text=one_line(found.text)[:MAX_TEXT])
 
 
 class Operator(Protocol):

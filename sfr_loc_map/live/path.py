@@ -8,8 +8,10 @@ of a sub-trajectory that has not ended, and no figure of the score.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections import deque
 from dataclasses import dataclass, fields, replace
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -114,17 +116,14 @@ class LivePath:
 
     def _truth_at(self, stamp_ns: int) -> Transform | None:
         """Return the true pose of a stamp, between two of them where none has it."""
-        after_ns, after = 0, None
-        for truth_ns, truth in reversed(self._truths):
-            if truth_ns == stamp_ns:
-                return truth
-            if truth_ns < stamp_ns:
-                gap_ns = after_ns - truth_ns
-                if after is None or gap_ns > MAX_GAP_NS:
-                    return None
-                return interpolated(truth, after, (stamp_ns - truth_ns) / gap_ns)
-            after_ns, after = truth_ns, truth
-        return None
+        at = bisect_left(self._truths, stamp_ns, key=itemgetter(0))
+        after_ns, after = self._truths[at] if at < len(self._truths) else (0, None)
+        if after_ns == stamp_ns:
+            return after
+        before_ns, before = self._truths[at - 1] if at else (after_ns, None)
+        if after is None or before is None or after_ns - before_ns > MAX_GAP_NS:
+            return None
+        return interpolated(before, after, (stamp_ns - before_ns) / (after_ns - before_ns))
 
     def _add_row(self, sample: PoseSample, published_s: float | None, truth: Transform | None) -> None:
         estimate, covariance = Transform.from_quat(sample.position, sample.quat_xyzw), sample.covariance

@@ -285,12 +285,10 @@ class LiveServer:
         if not _equal(request.headers.get(COMMAND_HEADER, ""), self._command_token):
             return web.json_response({"ok": False, "text": "the page is of an earlier server: reload it"}, status=403)
         try:
-            command = Command.parse(parse_json(await request.read()))
+            command = Command.parse(await request.read())
             text = await asyncio.to_thread(self._hub.run, command)
-        except SfrError as error:
+        except (SfrError, web.RequestPayloadError) as error:
             return web.json_response({"ok": False, "text": str(error)}, status=400)
-        except (ValueError, web.RequestPayloadError):
-            return web.json_response({"ok": False, "text": "the command is no JSON"}, status=400)
         return web.json_response({"ok": True, "text": text})
 
 
