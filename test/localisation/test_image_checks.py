@@ -13,25 +13,13 @@ from made_scene import HEIGHT, true_pose
 
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.localisation.estimate import StateReason, TrackingState
-from sfr_loc_map.localisation.frontend.dynamic_regions import Unexplained
 from sfr_loc_map.localisation.image_checks import (
-    MAX_DOUBTED_PAIRS,
-    Exposure,
-    TearWatch,
-    has_tear,
     is_frozen,
 )
 
 DRIVE = drive(16)
 SCENE = cv2.GaussianBlur(np.random.default_rng(5).normal(0, 120, (256, 256)), (0, 0), 2.0) + 120.0
 SCENE = np.clip(np.rint(SCENE), 0, 255).astype(np.uint8)
-ROWS = np.linspace(0.5, 99.5, 200)
-
-
-def seen(agree: np.ndarray, rows: np.ndarray = ROWS) -> Unexplained:
-    """Return landmarks in view at these rows, which agree with a pose or do not."""
-    yes = np.ones(len(rows), np.bool_)
-    return Unexplained(np.column_stack((rows, rows)), yes, ~agree, ~yes)
 
 
 def torn(new: StereoPair, old: StereoPair, row: int) -> StereoPair:
@@ -47,15 +35,6 @@ def test_new_noise_on_an_old_image_is_frozen_and_two_exposures_are_not(level: fl
     assert not any(is_frozen(first, second) for first, second in pairwise(exposed))
     old = noisy(SCENE, 2.0, random)
     assert all(is_frozen(old, noisy(old, level, random)) for _ in range(5))
-
-
-@pytest.mark.parametrize("level", [0.12, 0.2, 0.3, 0.4])
-def test_noise_that_changes_few_pixels_is_frozen_and_two_exposures_with_it_are_not(level: float) -> None:
-    random = np.random.default_rng(0)
-    fine = np.clip(SCENE + random.normal(0, 3.0, SCENE.shape), 0, 255)  # between the grey levels
-    old = np.rint(fine).astype(np.uint8)
-    assert is_frozen(old, noisy(old, level, random))
-    assert not is_frozen(noisy(fine, level, random), noisy(fine, level, random))
 
 
 def test_frozen_pair_with_new_noise_is_degraded_with_a_covariance_that_contains_the_motion() -> None:
@@ -118,27 +97,3 @@ def test_a_tear_that_was_never_shown_is_told_and_leaves_the_map_as_it_was(share:
     for late_or_after in (estimates[8].step, estimates[9].step):
         assert late_or_after is not None
         assert late_or_after.covariance[0, 0] > 0.05**2
-
-
-def test_a_row_that_separates_two_motions_is_a_tear_and_scattered_outliers_are_none() -> None:
-    random = np.random.default_rng(0)
-    assert has_tear(seen(ROWS > 30.0))
-    assert has_tear(seen(ROWS < 60.0))
-    assert has_tear(seen((ROWS > 30.0) & (random.random(200) > 0.1)))
-    assert not has_tear(seen(random.random(200) > 0.3))
-    assert not has_tear(seen(ROWS > 10.0))  # too few to tell
-    assert not has_tear(seen(np.abs(ROWS - 50.0) > 25.0))
-    assert not has_tear(seen(np.zeros(0, np.bool_), np.zeros(0)))
-
-
-def test_pairs_after_a_tear_are_doubted_until_both_of_its_sides_agree_but_not_for_ever() -> None:
-    watch, stale, below = TearWatch(), np.arange(100) >= 40, seen(ROWS[100:] > 0.0, ROWS[100:])
-    assert watch.judge(seen(ROWS > 50.0)) is Exposure.WHOLE  # none was torn
-    watch.tear(stale)
-    assert watch.judge(seen(ROWS > 40.0)) is Exposure.TORN
-    assert watch.judge(below) is Exposure.UNPROVEN  # nothing is seen of the new part
-    assert watch.judge(seen(ROWS > 15.0)) is Exposure.WHOLE
-    assert watch.judge(seen(ROWS > 40.0)) is Exposure.WHOLE
-    watch.tear(stale)
-    judged = [watch.judge(below) for _ in range(MAX_DOUBTED_PAIRS + 1)]
-    assert judged == [Exposure.UNPROVEN] * MAX_DOUBTED_PAIRS + [Exposure.WHOLE]

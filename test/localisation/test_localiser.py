@@ -15,7 +15,7 @@ from pathlib import Path
 import made_scene
 import numpy as np
 import pytest
-from loc_drive import BLACK, LOST, black, drive, errors, localiser, noisy, run
+from loc_drive import BLACK, LOST, black, drive, errors, localiser, run
 from made_scene import HEIGHT, LOC_RIG, PERIOD_NS, START_NS, T_RB_LOCSB, WIDTH, stereo_pair, true_pose
 
 import sfr_loc_map
@@ -44,28 +44,20 @@ def estimates() -> list[PoseEstimate]:
     return run(DRIVE)
 
 
-def test_without_noise_the_error_is_near_zero(estimates: list[PoseEstimate]) -> None:
-    # About 1 m of driving at 3 m from the wall; what is left comes from images rounded to whole grey levels.
-    for index, estimate in enumerate(estimates):
-        metres, degrees = errors(estimate, true_pose(index))
-        assert metres < 0.003, index
-        assert degrees < 0.06, index
-
-
 @pytest.mark.clause("1.3")
-def test_first_pose_is_the_one_given_and_every_pair_has_a_pose(estimates: list[PoseEstimate]) -> None:
+def test_the_first_pose_is_the_one_given_and_all_are_near_the_truth(estimates: list[PoseEstimate]) -> None:
+    """About 1 m of driving at 3 m from the wall; what is left comes from images rounded to whole grey levels."""
     np.testing.assert_allclose(estimates[0].T_ds_rb.matrix, true_pose(0).matrix, atol=1e-12)
     assert [estimate.stamp_ns for estimate in estimates] == [pair.stamp_ns for pair in DRIVE]
     assert [e.state for e in estimates] == [TrackingState.INITIALISING] + [TrackingState.TRACKING] * 39
-
-
-def test_covariance_is_one_and_agrees_with_the_error(estimates: list[PoseEstimate]) -> None:
     for index, estimate in enumerate(estimates[1:], start=1):
+        metres, degrees = errors(estimate, true_pose(index))
+        assert metres < min(0.003, 4 * sigma(estimate)), index
+        assert degrees < 0.06, index
         np.testing.assert_array_equal(estimate.covariance, estimate.covariance.T)
         assert np.linalg.eigvalsh(estimate.covariance).min() > 0
-        # a wall alone says little of the right camera's yaw, by which the path may be off
-        assert errors(estimate, true_pose(index))[0] < 4 * sigma(estimate) < 0.08
-    assert sigma(estimates[-1]) > sigma(estimates[2])
+    # a wall alone says little of the right camera's yaw, by which the path may be off
+    assert sigma(estimates[2]) < sigma(estimates[-1]) < 0.02
 
 
 def test_bits_depend_neither_on_how_fast_pairs_come_nor_on_a_drive_before(estimates: list[PoseEstimate]) -> None:
@@ -145,14 +137,6 @@ def test_what_does_not_fit_is_refused_and_changes_nothing(estimates: list[PoseEs
     assert by.process(DRIVE[3]).T_ds_rb.matrix.tobytes() == estimates[3].T_ds_rb.matrix.tobytes()
     with pytest.raises(GeometryError, match="T_rb_locsb"):
         Localiser(replace(LOC_RIG, T_rb_sb=None), LocalisationConfig(), Transform.identity())
-
-
-def test_standing_still_stays_within_a_millimetre() -> None:
-    rng, by = np.random.default_rng(3), localiser()
-    for index in range(40):
-        images = (noisy(side, 1.0, rng) for side in (DRIVE[0].left, DRIVE[0].right))
-        estimate = by.process(StereoPair(START_NS + index * PERIOD_NS, *images))
-        assert errors(estimate, true_pose(0))[0] < 0.001, index
 
 
 def test_steps_are_the_motions_between_the_poses(estimates: list[PoseEstimate]) -> None:
@@ -278,14 +262,6 @@ def test_what_moved_before_the_first_image_is_in_the_covariance(dark: Callable[[
         assert errors(estimate, true_pose(index))[0] < 2.0 * sigma(estimate)
 
 
-def test_a_gap_at_the_start_makes_the_first_window_degraded_and_no_later_one() -> None:
-    by = Localiser(LOC_RIG, LocalisationConfig(window_keyframes=2), true_pose(0))
-    states = [estimate.state.value for estimate in run([black(0), *DRIVE[1:]], by)]
-    degraded = states.count("degraded")
-    assert 3 < degraded < 35
-    assert states == ["lost"] + ["degraded"] * degraded + ["tracking"] * (39 - degraded)
-
-
 # ---- images of another moment or camera
 
 
@@ -302,33 +278,17 @@ def test_a_pair_that_stays_is_ever_less_certain_until_another_comes() -> None:
     assert errors(estimates[7], true_pose(7))[0] < 0.003
 
 
-def test_swapped_images_are_lost_and_begin_no_new_window() -> None:
-    swapped = [StereoPair(pair.stamp_ns, pair.right, pair.left) for pair in DRIVE[3:5]]
-    estimates = run([*DRIVE[:3], *swapped, *DRIVE[5:7]])
+@pytest.mark.parametrize("fault", ["swapped", "identical"])
+def test_images_that_are_no_stereo_pair_are_lost_and_begin_no_window(fault: str) -> None:
+    def mixed(pair: StereoPair) -> StereoPair:
+        return replace(pair, left=pair.right if fault == "swapped" else pair.left, right=pair.left)
+
+    estimates = run([*DRIVE[:3], *map(mixed, DRIVE[3:5]), *DRIVE[5:7]])
     assert [estimate.state.value for estimate in estimates[3:]] == ["lost", "lost", "tracking", "tracking"]
     assert estimates[3].reason is StateReason.NO_STEREO
     np.testing.assert_array_equal(estimates[4].T_ds_rb.matrix, estimates[2].T_ds_rb.matrix)
     assert errors(estimates[6], true_pose(6))[0] < 0.003
-
-
-def test_a_right_image_that_is_the_left_one_is_refused() -> None:
-    same = replace(DRIVE[3], right=DRIVE[3].left)
-    started = run([replace(DRIVE[0], right=DRIVE[0].left), DRIVE[1]])
-    assert [e.state.value for e in started] == ["lost", "degraded"]
-    estimates = run([*DRIVE[:3], same, *DRIVE[4:6]])
-    assert (estimates[3].state, estimates[3].reason) == (TrackingState.LOST, StateReason.NO_STEREO)
-    assert errors(estimates[5], true_pose(5))[0] < 0.003
-
-
-@pytest.mark.parametrize("fault", ["swapped", "identical"])
-def test_images_that_were_shown_by_the_wrong_camera_are_not_new(fault: str) -> None:
-    """A pair is lost, as its images are mixed up; the next one shows them again, in their places."""
-    pair = DRIVE[6]
-    mixed = StereoPair(pair.stamp_ns, pair.right if fault == "swapped" else pair.left, pair.left)
-    estimates = run([*DRIVE[:6], mixed, replace(pair, stamp_ns=DRIVE[7].stamp_ns), *DRIVE[8:10]])
-    assert estimates[6].state is TrackingState.LOST
-    assert estimates[7].state is not TrackingState.TRACKING
-    assert [estimate.state for estimate in estimates[8:]] == [TrackingState.TRACKING] * 2
+    assert [estimate.state.value for estimate in run([mixed(DRIVE[0]), DRIVE[1]])] == ["lost", "degraded"]
 
 
 # ---- poses that cannot be

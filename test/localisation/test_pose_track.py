@@ -164,11 +164,6 @@ def test_no_rover_leaps() -> None:
 # ---- covariance
 
 
-def test_the_first_image_and_this_one_have_the_error_of_a_whole_image() -> None:
-    found = begun().covariance_of_left(DEPTH_M, OnlineCalibration(RIG.camera, 7))
-    np.testing.assert_allclose(found, 2.0 * IMAGE)
-
-
 def test_yaw_error_grows_in_proportion_to_the_path_and_a_path_back_takes_it_back() -> None:
     track = begun()
     for count in range(1, 6):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from loc_drive import BLACK, black, drive, localiser
+from loc_drive import BLACK, drive, localiser
 from made_scene import HEIGHT, WIDTH
 
 from sfr_loc_map.localisation.estimate import TrackingState
@@ -40,11 +40,3 @@ def test_landmarks_and_state_are_drawn() -> None:
     image = draw_tracks(BLACK, replace(tracked, chi2_per_dof=chi2, observations=observations), estimate)
     assert np.abs(shown(image, OUTLIER)[:, ::-1] - observations[first, :2]).max() < 6
     assert len(shown(image, NOT_FOUND)) > 30
-
-
-def test_a_lost_pair_shows_what_was_tried() -> None:
-    by = localiser()
-    by.process(drive(1)[0])
-    estimate = by.process(black(1))
-    assert estimate.state is TrackingState.LOST
-    assert len(shown(draw_tracks(BLACK, by.last_result, estimate), NOT_FOUND)) > 30

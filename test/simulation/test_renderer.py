@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.simulation.drive import rover_mesh
@@ -16,11 +15,8 @@ from sfr_loc_map.simulation.renderer import (
     GROUND,
     SKY,
     Camera,
-    FirstHits,
-    Hits,
     Occluder,
     Tracer,
-    _intersect_planes,
     camera_pose,
     occlusion_mask,
     pixel_rays,
@@ -52,28 +48,6 @@ def slope(angle: float) -> tuple[Mesh, FloatArray]:
 def downward(count: int = 200) -> FloatArray:
     rays = np.random.default_rng(0).uniform(-1.0, 1.0, (count, 3)) * [1.0, 1.0, 0.2] - [0.0, 0.0, 1.0]
     return rays / np.linalg.norm(rays, axis=1, keepdims=True)
-
-
-def test_intersection_is_exact_on_the_plane_of_the_triangle() -> None:
-    """Whatever the tracer's rounding: `t = n (a - o) / n d` in double precision, without the tracer itself."""
-    mesh, normal = slope(0.0)
-    rays, origin = downward(), np.array([0.3, -0.2, 2.0])
-    first = FirstHits(np.zeros(200, np.int32), np.full(200, 0.25, np.float32), np.full(200, 0.5, np.float32))
-    hits = Hits(np.empty((200, 3)), np.empty((200, 3)), np.empty(200, np.int32), np.empty(200))
-    _intersect_planes(origin, rays, first, mesh, hits)
-    assert np.allclose(hits.ranges, -2.0 / rays[:, 2], rtol=1e-13)
-    assert np.allclose(hits.points, origin + hits.ranges[:, None] * rays, atol=1e-12)
-    assert np.abs(hits.points[:, 2]).max() < 1e-12
-    assert np.allclose(hits.normals, normal, atol=1e-7)
-    assert (hits.objects == GROUND).all()
-
-
-def test_right_camera_is_one_baseline_along_x_of_the_left_one() -> None:
-    T_ds_sb = Transform(matrix_from_rotvec([0.1, 0.2, 0.9]), np.array([1.0, 2.0, 3.0]))
-    left, right = (camera_pose(T_ds_sb, RIG, side) for side in (False, True))
-    assert np.allclose(right.translation - left.translation, RIG.baseline_m * left.rotation[:, 0], atol=1e-12)
-    assert np.allclose(right.rotation, left.rotation)
-    assert np.allclose(0.5 * (left.translation + right.translation), T_ds_sb.translation, atol=1e-12)
 
 
 @pytest.fixture(scope="module")

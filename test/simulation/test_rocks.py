@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.simulation.rocks import PebbleCover, PebbleField, ShadowDirection, pebble_cache, pebbles
@@ -36,14 +35,6 @@ def test_shares_lie_between_0_and_1_and_cover_grows_with_the_fill() -> None:
     assert means[-1] > 0.2
 
 
-def test_result_does_not_depend_on_what_the_cache_holds() -> None:
-    at = positions(200)
-    together = covers(0.8, at)
-    for (x, y), expected in zip(at, together, strict=True):
-        assert pebbles(x, y, FINE_M, 0.8, FIELD, pebble_cache()) == expected
-    assert covers(0.8, at[::-1])[::-1] == together
-
-
 def test_shadows_lie_on_the_side_away_from_the_sun() -> None:
     """Step from shadow towards the sun and a pebble is met sooner than stepping away from it."""
     at = positions(4000)
@@ -54,11 +45,3 @@ def test_shadows_lie_on_the_side_away_from_the_sun() -> None:
         np.mean([cover.cover for cover in covers(1.0, at[shadow] + sign * step)]) for sign in (1.0, -1.0)
     )
     assert sunward > 1.3 * leeward
-
-
-@pytest.mark.parametrize("elevation_deg", [10.0, 45.0, 80.0])
-def test_length_of_shadows_is_the_cotangent_of_the_elevation(elevation_deg: float) -> None:
-    angle = np.radians(elevation_deg)
-    shadow = ShadowDirection.of(np.array([0.0, np.cos(angle), np.sin(angle)]))
-    assert (shadow.x, shadow.y) == pytest.approx((0.0, 1.0))
-    assert shadow.length_per_height == pytest.approx(1.0 / np.tan(angle))

@@ -50,13 +50,3 @@ def test_variance_of_photon_noise_is_proportional_to_the_signal() -> None:
         quantisation = (well / 255.0) ** 2 / 12.0
         assert electrons.var() - quantisation == pytest.approx(level * well, rel=0.06)
         assert electrons.mean() == pytest.approx(level * well, rel=0.005)
-
-
-def test_point_spread_conserves_light_and_has_its_width() -> None:
-    point = np.zeros((120, 160), np.float32)
-    point[60, 80] = 0.9
-    image = sensor(blur_px=1.5, adc_bits=16).image(point, 0, 0).astype(float)
-    v, u = np.mgrid[:120, :160]
-    assert image.sum() == pytest.approx(0.9 * 255.0, rel=0.05)
-    assert np.sqrt((image * (u - 80) ** 2).sum() / image.sum()) == pytest.approx(1.5, rel=0.08)
-    assert np.sqrt((image * (v - 60) ** 2).sum() / image.sum()) == pytest.approx(1.5, rel=0.08)

@@ -10,17 +10,14 @@ from sfr_loc_map.simulation.config import GroundConfig, LightConfig, ReliefConfi
 from sfr_loc_map.simulation.renderer import GROUND, SKY, Hits
 from sfr_loc_map.simulation.shading import (
     RUN,
-    GroundHits,
-    GroundTexture,
     ShadingParameters,
     Vector,
     _brightness,
-    ground_texture,
     reflect,
     shade,
     shading_parameters,
 )
-from sfr_loc_map.simulation.terrain import MaterialShares, Terrain
+from sfr_loc_map.simulation.terrain import Terrain
 
 SUN = np.array([0.6, 0.0, 0.8])
 
@@ -68,15 +65,6 @@ def test_brightness_does_not_depend_on_the_rest_of_the_batch(
         assert brightness(points[n : n + 1], objects[n : n + 1], camera)[0] == together[n]
 
 
-def test_level_mean_ground_has_the_wanted_grey(scene: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
-    """Without contrast, pebbles or fine relief only the law of reflection is left."""
-    points, _, camera = scene
-    ground = np.full(len(points), GROUND, np.int32)
-    flat = brightness(points, ground, camera, contrast=0.0, bump=0.0, pebbles=0.0)
-    assert flat.mean() == pytest.approx(0.48, rel=0.05)
-    assert flat.std() < 0.05
-
-
 def grey(normal: FloatArray, mu: float = 0.5, distance: float = 1e-3, sun: float = 1.0, sky: float = 0.0) -> float:
     light = parameters(LightConfig(sky=sky), lunar=0.0)
     return _brightness(Vector(*normal), mu, distance, 1.0, 1.0, sun, light)
@@ -105,26 +93,3 @@ def test_haze_takes_the_contrast_exponentially() -> None:
     near, far, one = grey(SUN), grey(SUN, distance=1e7), grey(SUN, distance=LightConfig().haze_m)
     assert far == pytest.approx(0.9 * LightConfig().sky_grey, rel=1e-9)
     assert one == pytest.approx(far + (near - far) * np.exp(-1.0), rel=1e-5)
-
-
-SHARES, SEED = MaterialShares(0.5, 0.2), np.uint32(4)
-RNG = np.random.default_rng(6)
-X, Y = RNG.uniform(-20, 20, (2, 400))
-
-
-def texture(x: np.ndarray, y: np.ndarray, footprint: float, bump: float = 1.0) -> GroundTexture:
-    count = len(x)
-    hits = GroundHits(np.arange(count), x.copy(), y.copy(), np.full(count, 3.0), np.full(count, footprint))
-    out = GroundTexture(*(np.empty(count) for _ in GroundTexture._fields))
-    ground_texture(count, hits, bump, SHARES, SEED, out)
-    return out
-
-
-def test_slopes_are_a_gradient_rotated_by_a_right_angle() -> None:
-    """Such a field has curl but no divergence (the coarseness that weighs it changes slowly)."""
-    step = 1e-5
-    east, west = (texture(X + sign * step, Y, 0.002) for sign in (1.0, -1.0))
-    north, south = (texture(X, Y + sign * step, 0.002) for sign in (1.0, -1.0))
-    divergence = east.slope_x - west.slope_x + north.slope_y - south.slope_y
-    curl = east.slope_y - west.slope_y - north.slope_x + south.slope_x
-    assert divergence.std() < 0.1 * curl.std()

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from sfr_loc_map.simulation.config import GroundConfig, ReliefConfig, RockConfig
-from sfr_loc_map.simulation.rocks import place_rocks, rocks_per_area
+from sfr_loc_map.simulation.config import GroundConfig, ReliefConfig
+from sfr_loc_map.simulation.rocks import rocks_per_area
 from sfr_loc_map.simulation.terrain import CELLS, FINEST_M, Terrain, ground_mesh
 
 
@@ -19,14 +19,6 @@ def test_rock_cover_is_that_of_the_law() -> None:
     numbers = rocks_per_area(diameters, 0.05)
     areas = 0.25 * np.pi * (0.5 * (diameters[1:] + diameters[:-1])) ** 2 * -np.diff(numbers)
     assert areas.sum() == pytest.approx(0.05 * np.exp(-(1.79 + 0.152 / 0.05) * 0.1), rel=5e-3)
-
-
-def test_large_rocks_are_kept_off_the_path(terrain: Terrain) -> None:
-    path = np.column_stack((np.linspace(0, 10, 40), np.zeros(40)))
-    rocks = place_rocks(1, RockConfig(cover=0.2), terrain, path, 0.7)
-    large = rocks.diameters > 0.12
-    assert large.sum() > 100
-    assert (rocks.distances[large] - 0.5 * rocks.diameters[large]).min() > 0.7
 
 
 @pytest.mark.slow

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from sfr_loc_map.geometry.camera import Poses, StereoCamera
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
@@ -13,8 +11,6 @@ from sfr_loc_map.localisation.backend.bundle_adjustment import (
     Prior,
     adjust,
     linearise,
-    marginalise_oldest,
-    motions_by_poses,
 )
 
 CAMERA = StereoCamera(400.0, 410.0, 256.0, 240.0, 0.2)
@@ -118,54 +114,3 @@ def test_one_step_is_that_of_the_dense_system() -> None:
     np.testing.assert_allclose(result.problem.keyframes.rotations, keyframes.rotations, atol=1e-6)
     np.testing.assert_allclose(result.problem.uv_inverse_depth, landmarks, atol=1e-4)
     np.testing.assert_allclose(result.pose_covariance, np.linalg.inv(h)[: 6 * KEYFRAMES, : 6 * KEYFRAMES], atol=1e-8)
-
-
-def test_marginalisation_is_the_joint_system_without_the_oldest_keyframe_and_its_landmarks() -> None:
-    base = problem(3)
-    prior = Prior(known_first_pose().information, np.zeros(6 * KEYFRAMES), base.keyframes)
-    h, g = dense(base, base.host == 0)
-    poses = 6 * KEYFRAMES
-    own = np.delete(np.arange(len(g)), UNKNOWNS - 1)
-    h, g = h[np.ix_(own, own)], g[own]
-    h[:poses, :poses] += prior.information
-    used = np.concatenate((np.arange(poses), poses + np.flatnonzero(np.repeat(base.host == 0, 3))))
-    h, g = h[np.ix_(used, used)], g[used]
-    gone = np.concatenate((np.arange(6), np.arange(poses, len(g))))
-    kept = np.arange(6, poses)
-    gain = np.linalg.solve(h[np.ix_(gone, gone)], h[np.ix_(gone, kept)]).T
-    found = marginalise_oldest(base, prior)
-    wanted = h[np.ix_(kept, kept)] - gain @ h[np.ix_(gone, kept)]
-    scale = np.sqrt(np.diag(wanted))
-    np.testing.assert_allclose(found.information / np.outer(scale, scale), wanted / np.outer(scale, scale), atol=1e-5)
-    np.testing.assert_allclose(found.information_vector / scale, (g[kept] - gain @ g[gone]) / scale, atol=1e-3)
-    np.testing.assert_array_equal(found.keyframes.positions, base.keyframes.positions[1:])
-
-
-def some_keyframes(random: np.random.Generator) -> Poses:
-    rotations = np.stack([matrix_from_rotvec(random.normal(0, 0.3, 3)) for _ in range(KEYFRAMES)])
-    return Poses(rotations, random.normal(0, 1.0, (KEYFRAMES, 3)))
-
-
-def seen(poses: Poses, host: int, point: np.ndarray) -> np.ndarray:
-    """Return a point fixed to the host in all keyframes, `(K, 3)`."""
-    world = poses.rotations[host] @ point + poses.positions[host]
-    return np.einsum("kji,kj->ki", poses.rotations, world - poses.positions)
-
-
-def turned(poses: Poses, change: np.ndarray) -> Poses:
-    step = change[:-1].reshape(-1, 6)
-    rotations = np.stack([matrix_from_rotvec(w) @ r for w, r in zip(step[:, 3:], poses.rotations, strict=True)])
-    return Poses(rotations, poses.positions + step[:, :3])
-
-
-@settings(max_examples=25)
-@given(st.integers(0, 2**32 - 1), st.integers(0, KEYFRAMES - 1))
-def test_motions_of_the_keyframes_alone_show_what_a_change_of_all_poses_shows(seed: int, host: int) -> None:
-    random = np.random.default_rng(seed)
-    poses, point, step = some_keyframes(random), random.normal(0, 3.0, 3), 1e-6 * random.normal(size=UNKNOWNS)
-    motions = motions_by_poses(poses)[host] @ step
-    np.testing.assert_array_equal(motions[6 * host : 6 * host + 6], 0.0)
-    assert motions[-1] == step[-1]
-    change = seen(turned(poses, step), host, point) - seen(poses, host, point)
-    by_motions = seen(turned(poses, motions), host, point) - seen(poses, host, point)
-    np.testing.assert_allclose(by_motions, change, atol=1e-10)

@@ -6,9 +6,8 @@ import pytest
 from loc_drive import drive, run
 from made_scene import LOC_RIG, PERIOD_NS, START_NS, true_pose
 
-from sfr_loc_map.geometry.camera import Poses, StereoCamera
+from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.localisation.backend.bundle_adjustment import Adjustment, BundleProblem, Prior, adjust
 from sfr_loc_map.localisation.backend.online_calibration import AFTERMATH_PAIRS, OnlineCalibration
 from sfr_loc_map.localisation.estimate import StateReason, TrackingState
 from sfr_loc_map.localisation.frontend.pose_solver import RightOffset
@@ -17,49 +16,6 @@ from sfr_loc_map.simulation.perturber import Perturber
 from sfr_loc_map.suite.fault_benchmark import error_and_sigma
 
 CAMERA = StereoCamera(400.0, 400.0, 256.0, 256.0, 0.15)
-WINDOW = 5
-
-
-def adjusted(
-    offset_px: float, seed: int, noise_px: float = 0.1, depths: tuple[float, float] = (1.5, 15.0)
-) -> Adjustment:
-    """Adjust landmarks seen from five places along the optical axis, right images moved along the columns."""
-    random = np.random.default_rng(seed)
-    count = 300
-    rotations, positions = np.repeat(np.eye(3)[None], WINDOW, axis=0), np.zeros((WINDOW, 3))
-    positions[:, 2] = 0.2 * np.arange(WINDOW)
-    uv, depth = random.uniform(60, 450, (count, 2)), random.uniform(*depths, count)
-    points = np.column_stack((CAMERA.normalised(uv), np.ones(count))) * depth[:, None]
-    seen = points[:, None] - positions
-    left = seen[..., :2] / seen[..., 2:] * [CAMERA.fx, CAMERA.fy] + [CAMERA.cx, CAMERA.cy]
-    right = left - np.stack((CAMERA.fx * CAMERA.baseline_m / seen[..., 2], np.zeros(seen.shape[:2])), axis=2)
-    right[..., 0] += offset_px
-    observed = np.concatenate((left, right), axis=2)
-    observed += random.normal(0, noise_px, observed.shape)
-    observed[:, 0, :2] = uv
-    variance = np.tile([noise_px**2, 0.0, noise_px**2], (count, WINDOW, 2, 1))
-    rho = (observed[:, 0, 0] - observed[:, 0, 2]) / (CAMERA.fx * CAMERA.baseline_m)
-    h = np.zeros((6 * WINDOW, 6 * WINDOW))
-    h[:6, :6] = 1e12 * np.eye(6)
-    prior = Prior(h, np.zeros(6 * WINDOW), Poses(rotations, positions))
-    start = positions + np.array([0.0, 0.0, 0.003]) * np.arange(WINDOW)[:, None]
-    host, uv_inverse_depth = np.zeros(count, np.int64), np.column_stack((uv, rho))
-    problem = BundleProblem(Poses(rotations, start), host, uv_inverse_depth, observed, variance, CAMERA)
-    return adjust(problem, prior, 4)
-
-
-@pytest.mark.parametrize("offset_px", [0.0, 0.15, -0.3])
-def test_the_window_shows_an_offset_along_the_columns_with_its_variance(offset_px: float) -> None:
-    # robust weights make each step fall short by up to a third: what is left is seen when the rest is corrected
-    found = np.zeros((12, 2))
-    for seed in range(12):
-        for _ in range(4):
-            beyond, variance = adjusted(offset_px - found[seed, 0], seed).right_offset
-            found[seed] = found[seed, 0] + beyond, variance
-    normalised = (found[:, 0] - offset_px) / np.sqrt(found[:, 1])
-    assert np.sqrt(found[:, 1]).max() < 0.05
-    assert abs(normalised.mean()) < 4 / np.sqrt(12)
-    assert 0.4 < np.sqrt(np.mean(normalised**2)) < 2.0
 
 
 def test_an_offset_is_corrected_once_it_is_beyond_doubt_and_no_other() -> None:
@@ -121,13 +77,6 @@ def test_steady_drift_is_followed_to_some_hundredths_of_a_pixel(rate: float, noi
     assert drift.drifts
     assert np.abs(corrected - true)[20:].max() < 0.03 + 5 * noise
     assert abs((corrected - true)[20:].mean()) < 0.02 + noise
-
-
-@pytest.mark.parametrize("noise", [0.004, 0.1])
-def test_noise_of_any_size_is_no_drift(noise: float) -> None:
-    drifts = [follow(np.zeros(60), noise, seed) for seed in range(10)]
-    assert sum(drift.drifts for _, drift in drifts) <= 1
-    assert max(np.abs(corrected).max() for corrected, _ in drifts) < 2.5 * noise
 
 
 def test_what_is_over_ends_and_what_belongs_to_other_landmarks_is_forgotten() -> None:

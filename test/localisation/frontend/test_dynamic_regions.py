@@ -5,27 +5,16 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from loc_drive import frame_of
 
-from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
-from sfr_loc_map.geometry.rotation import matrix_from_rotvec
-from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.localisation.frontend.dynamic_regions import (
     FIXED_LIFE,
-    MIN_MOTION_PX,
     DynamicRegions,
     fixed_correlation,
-    project,
     stays,
-    unexplained_by,
 )
-from sfr_loc_map.localisation.frontend.landmarks import BORDER, HostPatches, Landmarks, Patches
-from sfr_loc_map.localisation.frontend.patch import HALF, SIDE, LocalPlanes, cut_patches, templates_of
-from sfr_loc_map.localisation.frontend.pose_solver import LandmarkEstimates
-from sfr_loc_map.localisation.frontend.tracking import TrackingResult
+from sfr_loc_map.localisation.frontend.patch import HALF, cut_patches
 
 UV = np.array([[40.0, 30.0], [90.0, 60.0]])
-CAMERA, SHAPE = StereoCamera(200.0, 210.0, 80.0, 60.0, 0.1), (120, 160)
 
 
 def image(seed: int = 0) -> np.ndarray:
@@ -77,47 +66,3 @@ def test_a_moving_region_is_carried_on(step: int) -> None:
     for _ in range(10):
         regions.update(moved.astype(np.uint8), moved)
     assert regions.mask is None
-
-
-def test_what_is_in_view_and_what_moved_follows_from_the_projections() -> None:
-    random, count = np.random.default_rng(0), 400
-    uv = np.rint(random.uniform((0, 0), SHAPE[::-1], (count, 2)))
-    rotations = np.array([matrix_from_rotvec(0.1 * random.normal(size=3)) for _ in range(count)])
-    hosts, rho = Poses(rotations, 0.1 * random.normal(size=(count, 3))), random.uniform(-0.2, 1.0, count)
-    rays = np.column_stack((CAMERA.normalised(uv), np.ones(count)))
-    fine = templates_of(random.normal(size=(count, 3, SIDE * SIDE)).astype(np.float32))
-    rows = np.arange(count)
-    landmarks = Landmarks(
-        rows,
-        LocalPlanes(hosts, uv, rho, np.zeros((count, 2))),
-        LandmarkEstimates(hosts, rays, rho, np.zeros((count, 3, 3))),
-        Patches((HostPatches(uv, fine, ()),), rows),
-        np.zeros((count, 4)),
-    )
-    pose = Pose(matrix_from_rotvec([0.0, 0.05, 0.02]), np.array([0.1, 0.0, 1.5]))
-    grey = random.integers(0, 255, SHAPE).astype(np.uint8)
-    frame, none = frame_of(StereoPair(0, grey, grey)), np.zeros(count, np.bool_)
-    observations, variance = np.zeros((count, 4)), np.ones((count, 2, 3))
-    result = TrackingResult(
-        pose, np.eye(6), landmarks, observations, variance, np.full(count, 1e3), none, 0, False, 1.0
-    )
-    seen = project(pose, landmarks, CAMERA)
-    inside = np.all((seen > BORDER) & (seen < [SHAPE[1] - 1 - BORDER, SHAPE[0] - 1 - BORDER]), axis=1)
-    moved = ~(np.abs(seen - uv).max(axis=1) < MIN_MOTION_PX)
-    assert np.isnan(seen[:, 0]).any()
-    assert 0 < inside.sum() < count
-    found = unexplained_by(result, frame, CAMERA)
-    np.testing.assert_array_equal(found.in_view, inside)
-    np.testing.assert_allclose(found.uv, seen, atol=1e-9)
-    np.testing.assert_array_equal(found.rows, inside)
-    assert not found.fixed.any()
-
-    # what the image shows where it was cut is fixed, if the pose moves it
-    reach, smooth = SIDE // 2, frame.left[0].image
-    inner = np.flatnonzero(np.all((uv >= reach + 4) & (uv < np.array(SHAPE[::-1]) - reach - 4), axis=1))
-    for n in inner:
-        column, row = uv[n].astype(int)
-        cut_here = smooth[row - reach : row + reach + 1, column - reach : column + reach + 1]
-        landmarks.patches[0].values[n, 0] = cut_here.reshape(-1)
-    fixed = unexplained_by(result, frame, CAMERA).fixed
-    np.testing.assert_array_equal(np.flatnonzero(fixed), inner[moved[inner]])

@@ -39,14 +39,6 @@ def landmarks(inverse_depth: np.ndarray) -> Landmarks:
     )
 
 
-def test_points_lie_on_their_rays_at_their_depth_and_infinity_is_no_point() -> None:
-    marks = landmarks(np.array([0.5, 0.1, 2.0, 0.0, -0.1]))
-    hosts, rays, _, _ = marks.estimates
-    in_camera = (marks.points - hosts.positions[0]) @ hosts.rotations[0]
-    np.testing.assert_allclose(in_camera[:, 2], [2.0, 10.0, 0.5, np.nan, np.nan])
-    np.testing.assert_allclose(in_camera[:3] / in_camera[:3, 2:], rays[:3], atol=1e-12)
-
-
 def test_patches_are_those_of_the_hosts() -> None:
     ramp = np.array([-1.0, 0.0, 1.0] * 3, np.float32)
     greys = [np.multiply.outer(10 * number + np.arange(count), ramp) for number, count in enumerate((3, 0, 2, 4))]

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from numba import njit
-from scipy.ndimage import correlate1d, gaussian_filter, map_coordinates
+from scipy.ndimage import correlate1d, gaussian_filter
 
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
@@ -19,9 +19,7 @@ from sfr_loc_map.localisation.frontend.patch import (
     cut_patches,
     half_width,
     local_warp,
-    normalise,
     plane_homographies,
-    sample,
     templates_of,
 )
 
@@ -58,16 +56,6 @@ IMAGE = gaussian_filter(RANDOM.normal(128.0, 400.0, (120, 160)), 2.0).astype(np.
 PLACES = RANDOM.integers(25, 95, (30, 2)).astype(float)
 
 
-@njit
-def sampled(image, x, y):  # noqa: ANN001, ANN201
-    return sample(image, x, y)
-
-
-@njit
-def normalised(values):  # noqa: ANN001, ANN201
-    return normalise(values)
-
-
 def test_levels_are_smoothed_by_a_gaussian_and_then_means_of_2_by_2_pixels() -> None:
     kernel = np.exp(-0.5 * (np.arange(-1, 2) / 0.5) ** 2)
     kernel /= kernel.sum()
@@ -79,11 +67,6 @@ def test_levels_are_smoothed_by_a_gaussian_and_then_means_of_2_by_2_pixels() -> 
         height, width = (size // 2 for size in fine.shape)
         blocks = fine[: 2 * height, : 2 * width].reshape(height, 2, width, 2)
         np.testing.assert_allclose(coarse, blocks.mean(axis=(1, 3)), atol=1e-3)
-
-
-def test_zero_motion_is_the_identity() -> None:
-    for h in plane_homographies(HOST, planes(UV), CAMERA, 0.0):
-        np.testing.assert_allclose(h / h[2, 2], np.eye(3), atol=1e-9)
 
 
 @pytest.mark.parametrize("offset_x", [0.0, CAMERA.baseline_m])
@@ -98,12 +81,6 @@ def test_pixels_around_the_host_pixel_move_as_points_of_the_plane_do(offset_x: f
             np.testing.assert_allclose(warped(h, *pixel), expected, atol=1e-8)
             beside = warped(h, u, v, pixel[0] - u, pixel[1] - v)
             np.testing.assert_allclose(beside, expected, atol=1e-8)
-
-
-def test_samples_are_bilinear() -> None:
-    x, y = RANDOM.uniform(0, 158.9, 200), RANDOM.uniform(0, 118.9, 200)
-    expected = map_coordinates(IMAGE.astype(float), [y, x], order=1)
-    np.testing.assert_allclose([sampled(IMAGE, *place) for place in zip(x, y, strict=True)], expected, atol=2e-3)
 
 
 def test_patches_hold_values_and_central_differences() -> None:

@@ -49,10 +49,6 @@ def aligned(
     return alignment.align_patches(level, templates, homographies, planes, start, CAMERA, iterations)
 
 
-def system() -> alignment._System:
-    return alignment._System(np.zeros((6, 6)), np.zeros(6), np.empty((2, 6)))
-
-
 def moved(pose: Pose, change: np.ndarray) -> Pose:
     return Pose(matrix_from_rotvec(change[3:]) @ pose.rotation, pose.position + change[:3])
 
@@ -69,32 +65,6 @@ def test_jacobian_of_the_pixel_is_that_of_central_differences(scale: float) -> N
 
     expected = np.stack([(pixel(e) - pixel(-e)) / (2 * step) for e in step * np.eye(6)], axis=-1)
     np.testing.assert_allclose(out, expected, rtol=1e-6, atol=1e-5)
-
-
-def test_right_hand_side_is_the_descent_of_the_squared_differences() -> None:
-    """The half sum of squared differences of one patch, whose weight is constant, against its gradient."""
-    image, step = view(Pose(np.eye(3), np.array([0.004, -0.003, 0.0]))), 2e-4
-    level, one = ImageLevel(image, 1.0), planes(UV[:1])
-    patches = templates_of(cut_patches(IMAGE.astype(np.float32), UV[:1], HALF))
-    shapes = np.eye(2).reshape(1, 4)
-    warps, work = alignment._warps(patches.moments, shapes), system()
-    together = alignment._Patches(patches, warps, alignment.patch_pixels(patches.values.shape[2]))
-    count, _ = alignment._linearise(level, together, one, START, CAMERA, work)
-    assert count == 1
-
-    def cost(change: np.ndarray) -> float:
-        point = alignment._project(one, 0, moved(START, change), CAMERA)
-        u, v = CAMERA.fx * point.x + CAMERA.cx, CAMERA.fy * point.y + CAMERA.cy
-        y, x = np.mgrid[-HALF : HALF + 1, -HALF : HALF + 1]
-        values = map_coordinates(image.astype(float), [v + y, u + x], order=1).ravel()
-        values -= values.mean()
-        template = patches.values[0, 0]
-        gain = np.sqrt(patches.moments[0, 0] / (values**2).sum())
-        return float(0.5 * ((gain * values - template) ** 2).sum())
-
-    gradient = np.array([(cost(e) - cost(-e)) / (2 * step) for e in step * np.eye(6)])
-    cosine = -gradient @ work.rhs / np.linalg.norm(gradient) / np.linalg.norm(work.rhs)
-    assert cosine > 0.98
 
 
 @pytest.mark.parametrize("size", [0.0, 1.0, -1.0])

@@ -67,20 +67,6 @@ def test_slopes_of_a_plane_are_found_from_none(plane: tuple[float, float, float]
     np.testing.assert_allclose(other, found, atol=2e-4)
 
 
-def test_a_patch_that_gives_none_keeps_its_slopes() -> None:
-    start = np.tile([0.3, -0.2], (4, 1))
-    flat = np.full((HEIGHT, WIDTH), 90.0, np.float32)
-    patches = cut_patches(TEXTURE, UV[:4], HALF)
-    outside, inside = np.tile([2.0, 40.0], (4, 1)), UV[:4]
-    for image, patch, right in (
-        (TEXTURE, patches, outside),
-        (TEXTURE, patches, np.full((4, 2), np.nan)),
-        (flat, patches, inside),
-        (TEXTURE, cut_patches(flat, UV[:4], HALF), inside),
-    ):
-        np.testing.assert_array_equal(refine_slopes(image, patch, right, start), start)
-
-
 @settings(max_examples=60)
 @given(
     st.integers(0, 2**32 - 1),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from loc_drive import camera_motion, frame_of, pair_of_drive
+from loc_drive import frame_of, pair_of_drive
 from made_scene import LOC_RIG
 
 from sfr_loc_map.geometry.camera import Pose
@@ -24,31 +24,12 @@ def frame(index: int) -> StereoFrame:
     return frame_of(pair_of_drive(index))
 
 
-def true_start(index: int) -> Pose:
-    return Pose(camera_motion(index).rotation, camera_motion(index).translation)
-
-
 @pytest.fixture(scope="module")
 def landmarks() -> Landmarks:
     """Landmarks of the first pair, whose left camera is the world."""
     backend = KeyframeBackend(LOC_RIG, LocalisationConfig(), TRACKER)
     backend.begin(frame(0), Transform.identity())
     return backend.landmarks
-
-
-@pytest.mark.parametrize("index", [1, 4, 8])
-def test_coarse_and_fine_pose_from_standstill(landmarks: Landmarks, index: int) -> None:
-    coarse = TRACKER.align(frame(index).left, landmarks.few, [STILL])
-    fine = TRACKER.refine(frame(index), landmarks, coarse, STRAIGHT)
-    truth = camera_motion(index)
-    assert np.linalg.norm(coarse.position - truth.translation) < 0.01
-    assert fine.trusted
-    assert np.linalg.norm(fine.pose.position - truth.translation) < 0.002
-    np.testing.assert_allclose(fine.pose.rotation, truth.rotation, atol=1e-3)
-    sigma = np.sqrt(np.diag(np.linalg.inv(fine.information)))
-    assert 1e-5 < sigma[:3].min() < sigma[:3].max() < 0.01
-    assert fine.inliers.mean() > 0.8
-    assert fine.right_share > 0.9
 
 
 def test_the_offset_of_the_right_camera_is_subtracted(landmarks: Landmarks) -> None:
@@ -79,17 +60,6 @@ def test_trust(
     found = TRACKER.refine(frame(0), landmarks.subset(np.arange(len(landmarks.index)) < len(chi2)), STILL, STRAIGHT)
     assert found.trusted is trusted
     assert found.inlier_count == inliers
-
-
-def test_swapped_images_are_seen(landmarks: Landmarks) -> None:
-    start, straight = true_start(3), frame(3)
-    swapped = straight._replace(left=straight.right, right=straight.left)
-    # the pose that fits the right image taken for a left one
-    shifted = Pose(start.rotation, start.position + start.rotation[:, 0] * LOC_RIG.baseline_m)
-    found = TRACKER.refine(swapped, landmarks, shifted, STRAIGHT)
-    assert found.right_share < 0.3
-    assert TRACKER.fits_swapped(swapped, found, STRAIGHT)
-    assert not TRACKER.fits_swapped(straight, TRACKER.refine(straight, landmarks, start, STRAIGHT), STRAIGHT)
 
 
 def test_a_noisy_patch_gives_a_variance_in_proportion_and_one_below_the_median_does_not() -> None:
