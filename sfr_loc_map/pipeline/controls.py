@@ -8,7 +8,6 @@ import select
 import sys
 import termios
 import tty
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,27 +18,16 @@ HELP = "space pause, s or right: next pair, left/f: 5 s back/on, up/down: rate, 
 
 @dataclass(slots=True)
 class Controls:
-    """State of a replay.
+    """State of a replay; positions are seconds after the first message."""
 
-    Attributes:
-        rate: 0: lock step, the result of each pair is awaited; otherwise a multiple of the recorded speed.
-        paused: Whether nothing is published.
-        loop: Whether it starts again at its end.
-        steps: Pairs that are published although it is paused.
-        seek_s: Where to continue, seconds after the first message; None to continue at the current position.
-        stopped: Whether to publish nothing more.
-        position_s: Current position, seconds after the first message.
-        end_s: Position of the last pair: no run starts after it.
-    """
-
-    rate: float = 0.0
+    rate: float = 0.0  # 0: lock step, the result of each pair is awaited; otherwise a multiple of the recorded speed
     paused: bool = False
     loop: bool = False
-    steps: int = 0
-    seek_s: float | None = None
+    steps: int = 0  # pairs that are published although it is paused
+    seek_s: float | None = None  # where to continue; None: at the current position
     stopped: bool = False
     position_s: float = 0.0
-    end_s: float = math.inf
+    end_s: float = math.inf  # of the last pair: no run starts after it
 
     def pause(self) -> None:
         """Pause."""
@@ -84,20 +72,18 @@ class Controls:
 
     def key(self, name: str) -> None:
         """Do the action of a key; see `HELP`."""
-        actions: dict[str, Callable[[], None]] = {
-            " ": self.toggle,
-            "s": self.step,
-            "right": self.step,
-            "left": lambda: self.seek(self.position_s - SEEK_STEP_S),
-            "f": lambda: self.seek(self.position_s + SEEK_STEP_S),
-            "q": self.stop,
-        }
-        if name in ("up", "down"):
+        if name == " ":
+            self.toggle()
+        elif name in ("s", "right"):
+            self.step()
+        elif name in ("left", "f"):
+            self.seek(self.position_s + (SEEK_STEP_S if name == "f" else -SEEK_STEP_S))
+        elif name in ("up", "down"):
             self.rate *= RATE_STEP if name == "up" else 1.0 / RATE_STEP
         elif name == "l":
             self.loop = not self.loop
-        else:
-            actions.get(name, lambda: None)()
+        elif name == "q":
+            self.stop()
 
     @property
     def interrupted(self) -> bool:

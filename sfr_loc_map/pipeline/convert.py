@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from sfr_loc_map.simulation.faults import Fault
 from sfr_loc_map.simulation.perturber import Perturber
 
 SourceWriter = BagWriter | FolderWriter | KittiWriter | EurocWriter
+S = TypeVar("S", LocSequence, NavSequence)
 Event = tuple[int, bool, Callable[..., None], tuple[Any, ...]]
 """Stamp, whether it is a pair, what writes it, and of what."""
 
@@ -40,36 +41,24 @@ class Layout(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ConvertOptions:
-    """How a bag is written; folders are always exact.
+    """How a bag is written; folders are always exact."""
 
-    Attributes:
-        jpeg_quality: Images as JPEG of this quality, 1 to 100; None: raw, exact.
-        zstd: Whether chunks are compressed (mcap only).
-        truth_grid_m: Rounding of true points, a power of two, metres; None: exact.
-        layout: Layout of another data set; None: a bag, or a data set folder of the suite.
-    """
+    jpeg_quality: int | None = None  # images as JPEG, 1 to 100; None: raw, exact
+    zstd: bool = False  # chunks are compressed (mcap only)
+    truth_grid_m: float | None = None  # rounding of true points, a power of two; None: exact
+    layout: Layout | None = None  # of another data set; None: a bag, or a data set folder of the suite
 
-    jpeg_quality: int | None = None
-    zstd: bool = False
-    truth_grid_m: float | None = None
-    layout: Layout | None = None
+
+EXACT = ConvertOptions()
 
 
 def convert(
-    source: Source, destination: Path, options: ConvertOptions, progress: Callable[[int], None] = lambda _: None
+    source: Source, destination: Path, options: ConvertOptions = EXACT, progress: Callable[[int], None] = lambda _: None
 ) -> int:
-    """Write a source as a ROS 2 bag (*.mcap, *.db3, *.bag) or as a data set folder (any other name).
+    """Write a source as a ROS 2 bag (*.mcap, *.db3, *.bag) or as a data set folder, and return the number of pairs.
 
-    The output takes its name only when it is whole. A layout of another data set takes the drive alone.
-
-    Args:
-        source: What to write.
-        destination: Where to; must not exist, or be an empty folder.
-        options: How.
-        progress: Called with the number of pairs written so far.
-
-    Returns:
-        The number of pairs.
+    The output, absent or an empty folder before, takes its name only when it is whole. A layout of another data set
+    takes the drive alone. `progress` is called with the number of pairs written so far.
     """
     destination = Path(destination)
     if destination.exists() and not destination.is_dir():
@@ -124,7 +113,7 @@ def _writer(path: Path, source: Source, options: ConvertOptions) -> AbstractCont
         return BagWriter(path, storage, jpeg_quality=quality, zstd=options.zstd, truth_grid_m=grid_m)
     if storage is not None:
         raise OutputError(f"'{path.name}' is the name of a bag: '--to {layout}' writes a folder")
-    if replace(options, layout=None) != ConvertOptions():
+    if replace(options, layout=None) != EXACT:
         raise OutputError(f"'{path.name}' will be a data set folder, which is exact: JPEG, zstd and grid are for bags")
     if layout is Layout.KITTI:
         return KittiWriter(path)
@@ -155,21 +144,6 @@ def _truth_events(truth: Trajectory, writer: SourceWriter) -> Iterator[Event]:
 # ---- faults
 
 
-def perturb(
-    source: Source,
-    destination: Path,
-    faults: Sequence[Fault],
-    seed: int = 0,
-    progress: Callable[[int], None] = lambda _: None,
-) -> int:
-    """Write a source with injected faults as a bag or a folder; the ground truth stays that of the source.
-
-    Returns:
-        The number of pairs written.
-    """
-    return convert(faulty(source, faults, seed), destination, ConvertOptions(), progress)
-
-
 def faulty(source: Source, faults: Sequence[Fault], seed: int = 0) -> Source:
     """Return a source with injected faults, made as it is read; itself where there is none."""
     if not faults:
@@ -182,10 +156,12 @@ def faulty(source: Source, faults: Sequence[Fault], seed: int = 0) -> Source:
     return Source(source.path, source.format, loc, nav)
 
 
-class _Faulty:
+class _Faulty(Generic[S]):
     """Pairs with injected faults; the same seed affects the same ones."""
 
-    def __init__(self, inner: LocSequence | NavSequence, faults: Sequence[Fault], seed: int) -> None:
+    def __init__(self, inner: S, faults: Sequence[Fault], seed: int) -> None:
+        """Choose the affected pairs."""
+        self._inner: S = inner
         self._perturber = Perturber(faults, seed, len(inner), inner.rig)
 
     @property
@@ -198,13 +174,8 @@ class _Faulty:
         return int(np.count_nonzero(self._perturber.kept))
 
 
-class FaultyLoc(_Faulty):
+class FaultyLoc(_Faulty[LocSequence]):
     """A drive with injected faults; a `LocSequence` with the ground truth of the drive without."""
-
-    def __init__(self, inner: LocSequence, faults: Sequence[Fault], seed: int) -> None:
-        """Choose the affected pairs."""
-        super().__init__(inner, faults, seed)
-        self._inner = inner
 
     @property
     def ground_truth(self) -> Trajectory | None:
@@ -217,13 +188,8 @@ class FaultyLoc(_Faulty):
             yield pair
 
 
-class FaultyNav(_Faulty):
+class FaultyNav(_Faulty[NavSequence]):
     """Mapping pairs with injected faults; a `NavSequence` with the poses and the truth of the pairs without."""
-
-    def __init__(self, inner: NavSequence, faults: Sequence[Fault], seed: int) -> None:
-        """Choose the affected pairs."""
-        super().__init__(inner, faults, seed)
-        self._inner = inner
 
     def pairs(self) -> Iterator[PosedStereoPair]:
         """Yield the pairs with their faults."""

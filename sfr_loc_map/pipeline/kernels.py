@@ -23,12 +23,10 @@ from numba.core import event
 
 from sfr_loc_map.child_process import child_environment, end_with_parent
 
-COMPILE = "numba:compile"
-"""Event of numba: a kernel is compiled; none for one that is loaded from the cache."""
+COMPILE = "numba:compile"  # event: a kernel is compiled; none for one that is loaded from the cache
 PERIOD_S = 5.0
 POLL_S = 0.1
-SIGNAL_S = 1.0
-"""How long after a signal has ended the compiling process this one may still learn of it."""
+SIGNAL_S = 1.0  # how long after a signal has ended the compiling process this one may still learn of it
 Say = Callable[[str], None]
 _ONE_AT_A_TIME = threading.Lock()
 

@@ -6,7 +6,7 @@ One grid, that of the topics, is in all files of an elevation model.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -27,8 +27,8 @@ from sfr_loc_map.mapping.terrain.grid import TerrainGrid, elevation_grid
 from sfr_loc_map.pipeline.kernels import load_kernels
 from sfr_loc_map.pipeline.offline import MapRun
 
-BESIDE = ("dem.npz", "dem.png")
-"""Endings of the files beside the cloud that a cell's side alone asks for."""
+SUFFIXES = (".npz", *geotiff.SUFFIXES, ".png", ".html")  # of files of an elevation model
+BESIDE = ("dem.npz", "dem.png")  # endings of the files beside the cloud that a cell's side alone asks for
 COLOURED_TYPE = np.dtype(
     [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1"), ("sigma", "<f4")]
 )
@@ -37,40 +37,27 @@ HEIGHT_QUANTILES = (0.01, 0.99)
 LIGHT = np.array([-1.0, 1.0, 1.5])
 """Direction towards the light of the shaded image: from the upper left, as on maps."""
 AMBIENT = 0.35
-BRIDGED_SHARE = 0.1
-"""Share of weighted neighbours that must have a height for a gap to be bridged in the image."""
+BRIDGED_SHARE = 0.1  # of weighted neighbours that must have a height for a gap to be bridged in the image
 RIM_SHARE = 0.01
 VOID = (32, 32, 32)
-LONGER_SIDE = 800
-"""Pixels of the longer side of the plotted area."""
-LEFT, TOP, RIGHT, BOTTOM = 80, 40, 150, 70
-"""Margins around the plotted area, pixels."""
+LONGER_SIDE = 800  # pixels of the plotted area
+LEFT, TOP, RIGHT, BOTTOM = 80, 40, 150, 70  # margins around it, pixels
 BAR_WIDTH = 22
-TICKS = 6
-"""About so many ticks an axis."""
+TICKS = 6  # about so many an axis
 INK, PAPER = (40, 40, 40), (255, 255, 255)
 FONT, FONT_SIZE = cv2.FONT_HERSHEY_SIMPLEX, 0.45
 
 
 @dataclass(frozen=True, slots=True)
 class MapOutputs:
-    """Which files to write.
+    """Which files to write."""
 
-    Attributes:
-        cloud: The cloud; all others lie beside it, or have names of their own.
-        fuse: Whether it is the fused cloud, or holds the points of every pair.
-        dem: Files of an elevation model.
-        terrain: Size of its cells, and what its other layers need.
-        colour: Whether to write a PLY coloured by height.
-        covariance: Whether to write the covariance of each point.
-    """
-
-    cloud: Path
-    fuse: bool
-    dem: tuple[Path, ...]
-    terrain: TerrainConfig
-    colour: bool
-    covariance: bool
+    cloud: Path  # all others lie beside it, or have names of their own
+    fuse: bool  # whether it is the fused cloud, or holds the points of every pair
+    dem: tuple[Path, ...]  # files of an elevation model
+    terrain: TerrainConfig  # size of its cells, and what its other layers need
+    colour: bool  # a PLY coloured by height
+    covariance: bool  # of each point
 
     @property
     def coloured_ply(self) -> Path:
@@ -132,21 +119,18 @@ def save_coloured_ply(path: Path, cloud: PointCloud) -> None:
 def dem_outputs(words: Sequence[str], cloud: Path, terrain: TerrainConfig) -> tuple[tuple[Path, ...], TerrainConfig]:
     """Return the files that the values of `--dem` ask for, and the parameters of their grid.
 
-    Args:
-        words: Each is the side of a cell in metres (`C.dem.npz` and `C.dem.png`) or a file.
-        cloud: The cloud; what has no name of its own lies beside it.
-        terrain: Parameters of the grid; a given side replaces theirs.
+    Each value is a file, or the side of a cell in metres: that of the grid, whose files then lie beside the cloud.
     """
     files: list[Path] = []
     sides = []
     for word in words:
-        if Path(word).suffix in WRITERS:
+        if Path(word).suffix in SUFFIXES:
             files.append(Path(word))
             continue
         try:
             sides.append(float(word))
         except ValueError as error:
-            names = ", ".join(f"*{suffix}" for suffix in WRITERS)
+            names = ", ".join(f"*{suffix}" for suffix in SUFFIXES)
             raise ConfigError(f"'--dem {word}': give the side of a cell in metres, or a file {names}") from error
         if not sides[-1] > 0.0:
             raise ConfigError(f"'--dem {sides[-1]}': the side of a cell must be more than 0")
@@ -182,8 +166,35 @@ def grid_of_file(loaded: LoadedCloud, terrain: TerrainConfig) -> TerrainGrid:
 
 
 def save_dem(path: Path, grid: TerrainGrid) -> None:
-    """Write a grid; the format is that of the name's ending (`WRITERS`)."""
-    WRITERS[path.suffix](path, grid)
+    """Write a grid; the format is that of the name's ending.
+
+    An archive has the layers (rows along y, columns along x of LM), x and y of the outer corner of cell (0, 0), the
+    side of a cell.
+    """
+    model, suffix = grid.elevation, path.suffix
+    if suffix in geotiff.SUFFIXES:
+        geotiff.save_geotiff(path, dem_bands(grid), model.origin_m, model.cell_m)
+        return
+    with atomic_path(path) as temporary:
+        if suffix == ".npz":
+            np.savez_compressed(
+                temporary,
+                height_m=model.height_m,
+                sigma_m=model.sigma_m,
+                count=model.count,
+                slope_rad=grid.slope_rad,
+                roughness_m=grid.roughness_m,
+                step_m=grid.step_m,
+                hazard=grid.hazard,
+                origin_m=np.array(model.origin_m),
+                cell_m=np.array(model.cell_m),
+            )
+        elif suffix == ".html":
+            from sfr_loc_map.report.dem_page import dem_page  # few maps have a page
+
+            temporary.write_text(dem_page(dem_bands(grid), model.origin_m, model.cell_m), encoding="utf-8")
+        elif not cv2.imwrite(str(temporary), elevation_figure(model)):
+            raise OutputError(f"cannot write '{path}': the image could not be encoded")
 
 
 def dem_bands(grid: TerrainGrid) -> list[geotiff.Band]:
@@ -199,51 +210,6 @@ def dem_bands(grid: TerrainGrid) -> list[geotiff.Band]:
         geotiff.Band("step", "m", grid.step_m),
         geotiff.Band("hazard", "percent", hazard),
     ]
-
-
-def _save_npz(path: Path, grid: TerrainGrid) -> None:
-    """Write the layers (rows along y, columns along x of LM), x and y of the outer corner of cell (0, 0), the side."""
-    model = grid.elevation
-    with atomic_path(path) as temporary:
-        np.savez_compressed(
-            temporary,
-            height_m=model.height_m,
-            sigma_m=model.sigma_m,
-            count=model.count,
-            slope_rad=grid.slope_rad,
-            roughness_m=grid.roughness_m,
-            step_m=grid.step_m,
-            hazard=grid.hazard,
-            origin_m=np.array(model.origin_m),
-            cell_m=np.array(model.cell_m),
-        )
-
-
-def _save_tif(path: Path, grid: TerrainGrid) -> None:
-    geotiff.save_geotiff(path, dem_bands(grid), grid.elevation.origin_m, grid.elevation.cell_m)
-
-
-def _save_png(path: Path, grid: TerrainGrid) -> None:
-    with atomic_path(path) as temporary:
-        if not cv2.imwrite(str(temporary), elevation_figure(grid.elevation)):
-            raise OutputError(f"cannot write '{path}': the image could not be encoded")
-
-
-def _save_page(path: Path, grid: TerrainGrid) -> None:
-    from sfr_loc_map.report.dem_page import dem_page  # few maps have a page
-
-    with atomic_path(path) as temporary:
-        page = dem_page(dem_bands(grid), grid.elevation.origin_m, grid.elevation.cell_m)
-        temporary.write_text(page, encoding="utf-8")
-
-
-WRITERS: dict[str, Callable[[Path, TerrainGrid], None]] = {
-    ".npz": _save_npz,
-    **dict.fromkeys(geotiff.SUFFIXES, _save_tif),
-    ".png": _save_png,
-    ".html": _save_page,
-}
-"""What writes a grid, by the ending of the file."""
 
 
 # ---- the figure of an elevation model

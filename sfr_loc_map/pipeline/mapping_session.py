@@ -13,18 +13,12 @@ from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
 
 T = TypeVar("T")
-MAX_POSES = 1000
-"""Poses that are kept for pairs still to come."""
-MAX_WAITING = 2 * MAX_PAIRS
-"""Pairs that are kept for poses still to come."""
+MAX_POSES = 1000  # kept for pairs still to come
+MAX_WAITING = 2 * MAX_PAIRS  # pairs that are kept for poses still to come
 
 
 class PoseMatching(Generic[T]):
-    """Holds pairs until the pose of their stamp was received.
-
-    Attributes:
-        dropped: Pairs dropped so far because no pose came.
-    """
+    """Holds pairs until the pose of their stamp was received; `dropped` counts those whose pose never came."""
 
     def __init__(
         self,
@@ -33,14 +27,7 @@ class PoseMatching(Generic[T]):
         on_drop: Callable[[int], None],
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Start empty.
-
-        Args:
-            tolerance_ns: Largest difference of the stamps of pair and pose.
-            timeout_s: How long a pair waits.
-            on_drop: Called with the stamp of a pair that is dropped.
-            clock: Seconds, monotonic.
-        """
+        """Start empty; a pair waits until the timeout, `on_drop` is called with the stamp of one that is dropped."""
         self.dropped = 0
         self._tolerance_ns, self._timeout_s, self._on_drop, self._clock = tolerance_ns, timeout_s, on_drop, clock
         self._poses: dict[int, Transform] = {}
@@ -90,11 +77,7 @@ class PoseMatching(Generic[T]):
 
 
 class MappingSession:
-    """Owns the mapper of a node and the pairs mapped so far; to be used by one thread.
-
-    Attributes:
-        last_ns: Stamp of the last pair that was mapped.
-    """
+    """Owns the mapper of a node and the pairs mapped so far, the last of stamp `last_ns`; to be used by one thread."""
 
     def __init__(self, config: MappingConfig) -> None:
         """Start without a rig."""
@@ -114,11 +97,10 @@ class MappingSession:
 
     def set_rig(self, rig: StereoRig) -> None:
         """Start a new map with a rig, unless it is the present one."""
-        if self._rig is not None and not self.is_other_rig(rig):
-            return
-        self.restart()
-        self._rig, self._mapper = rig, None
-        self._mapper = Mapper(rig, self._config)
+        if self._rig is None or self.is_other_rig(rig):
+            self.restart()
+            self._rig, self._mapper = rig, None
+            self._mapper = Mapper(rig, self._config)
 
     def set_config(self, config: MappingConfig) -> None:
         """Map the next pairs with another configuration; those of the map begun stay as they are."""

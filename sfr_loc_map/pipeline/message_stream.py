@@ -25,14 +25,7 @@ POINTS_TOPIC = "ground_truth/points"
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """A message to be published.
-
-    Attributes:
-        topic: Relative name of the suite.
-        msgtype: Its type, such as `sensor_msgs/msg/Image`.
-        stamp_ns: Stamp of its header.
-        raw: The serialised message (CDR).
-    """
+    """A message to be published: relative name of the suite, type, stamp of the header, serialised (CDR)."""
 
     topic: str
     msgtype: str
@@ -66,7 +59,16 @@ def topics_of(source: Source, remap: Mapping[str, str]) -> dict[str, str]:
 def messages_of(source: Source, remap: Mapping[str, str]) -> Iterator[Message]:
     """Yield the messages of a source; camera_info of both rigs comes first."""
     if source.format == "bag":
-        yield from _bag_messages(source, remap)
+        bag, names = Bag(source.path, remap), [name.removesuffix("/compressed") for name in topics_of(source, remap)]
+        infos = {name for name in names if name.endswith("camera_info")}
+        for raw in bag.raw_messages(sorted(infos)):
+            if raw[0] in infos:
+                infos.remove(raw[0])
+                yield Message(*raw)
+            if not infos:
+                break
+        for raw in bag.raw_messages(names):
+            yield Message(*raw)
         return
     if (loc := source.loc) is not None:
         truth, done = loc.ground_truth or Trajectory.empty(), 0
@@ -92,20 +94,6 @@ def messages_of(source: Source, remap: Mapping[str, str]) -> Iterator[Message]:
             yield from _pair_messages("nav", nav.rig, item.pair)
 
 
-def _bag_messages(source: Source, remap: Mapping[str, str]) -> Iterator[Message]:
-    bag, names = Bag(source.path, remap), list(topics_of(source, remap))
-    names = [name.removesuffix("/compressed") for name in names]
-    infos = {name for name in names if name.endswith("camera_info")}
-    for item in bag.raw_messages(sorted(infos)):
-        if item[0] in infos:
-            infos.remove(item[0])
-            yield Message(*item)
-        if not infos:
-            break
-    for item in bag.raw_messages(names):
-        yield Message(*item)
-
-
 def _pair_messages(task: str, rig: StereoRig, pair: StereoPair) -> Iterator[Message]:
     stamp_ns = pair.stamp_ns
     for side in SIDES:
@@ -124,12 +112,9 @@ def _message(topic: str, stamp_ns: int, message: Any) -> Message:  # noqa: ANN40
 def start_at(
     messages: Iterator[Message], offset_s: float, on_position: Callable[[float], None] = lambda position_s: None
 ) -> Iterator[Message]:
-    """Yield the messages from a position on; the first camera_info of each camera stays, whatever its stamp.
+    """Yield the messages from a position on, in seconds after the first message of each task.
 
-    Args:
-        messages: From their beginning.
-        offset_s: Seconds after the first message of each task.
-        on_position: Called with the position of each message before it is yielded.
+    The first camera_info of each camera stays, whatever its stamp. `on_position` is called before each message.
     """
     first: dict[str, int] = {}
     infos: set[str] = set()

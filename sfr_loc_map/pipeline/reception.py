@@ -17,12 +17,9 @@ T = TypeVar("T")
 COMPARABLE_NS = 60 * 1_000_000_000
 """Clocks that are further apart, or in the wrong order, cannot be compared (a recording that is played back, a host
 whose clock is not set)."""
-CLOCK_NOISE_NS = 1_000_000
-"""Tolerance for the wrong order: clocks are read and rounded differently."""
-LOSS_WINDOW = 40
-"""Messages of which the share lost is taken."""
-MUCH_LOST = 0.1
-"""Share lost above which the transport is not set up for the messages."""
+CLOCK_NOISE_NS = 1_000_000  # tolerance for the wrong order: clocks are read and rounded differently
+LOSS_WINDOW = 40  # messages of which the share lost is taken
+MUCH_LOST = 0.1  # share lost above which the transport is not set up for the messages
 MAX_POSES = 2000
 FIRST_SPACING_M = 0.02
 TURN_PER_METRE = math.radians(100.0)
@@ -50,12 +47,7 @@ class StampPairing(Generic[T]):
     """
 
     def __init__(self, tolerance_ns: int, depth: int) -> None:
-        """Start empty.
-
-        Args:
-            tolerance_ns: Largest difference of the stamps of a pair, nanoseconds; 0 for equal stamps.
-            depth: Most items that wait on each side.
-        """
+        """Start empty; the stamps of a pair differ by the tolerance at most, `depth` items wait on each side."""
         self._tolerance_ns, self._depth = tolerance_ns, depth
         self._waiting: tuple[deque[tuple[int, int, T]], ...] = (deque(), deque())  # stamp, run of its stream, item
         self._latest_ns: list[int | None] = [None, None]
@@ -148,24 +140,15 @@ def latencies(times: Sequence[MessageTimes], stamp_ns: int, published_ns: int, n
         passed = end_ns - begin_ns
         return max(passed, 0) * 1e-9 if -CLOCK_NOISE_NS <= passed <= COMPARABLE_NS else None
 
-    transport: float | None = None
-    since_receipt: float | None = None
+    found: dict[str, float | None] = {}
     received = [message.received_ns for message in times if message.received_ns is not None]
     if times and len(received) == len(times):
-        since_receipt = seconds(max(received), published_ns)
-        transports = [
-            seconds(message.sent_ns, received_ns)
-            for message, received_ns in zip(times, received, strict=True)
-            if message.sent_ns is not None
-        ]
-        known = [transport for transport in transports if transport is not None]
-        if known and len(known) == len(transports):
-            transport = max(known)
-    found = {
-        "latency_transport_s": transport,
-        "latency_receive_to_publish_s": since_receipt,
-        "latency_stamp_to_publish_s": seconds(stamp_ns, node_time_ns),
-    }
+        sent = [message.sent_ns for message in times]
+        known = [seconds(begin, end) for begin, end in zip(sent, received, strict=True) if begin is not None]
+        transports = [transport for transport in known if transport is not None]
+        found["latency_transport_s"] = max(transports) if transports and len(transports) == len(known) else None
+        found["latency_receive_to_publish_s"] = seconds(max(received), published_ns)
+    found["latency_stamp_to_publish_s"] = seconds(stamp_ns, node_time_ns)
     return {name: value for name, value in found.items() if value is not None}
 
 
@@ -176,9 +159,7 @@ class TransportGaps:
     """Counts messages that were published but not received, for topics with one publisher at a time.
 
     A publisher numbers its messages from 1, so a lower number is a new publisher; its identity is not transmitted.
-
-    Attributes:
-        lost: Messages missing so far.
+    `lost` counts the messages missing so far.
     """
 
     def __init__(self) -> None:
@@ -198,13 +179,7 @@ class LossWatch:
     """Says when a large share of the messages of a transport is lost."""
 
     def __init__(self, what: str, export_line: str, warn: Callable[[str], None]) -> None:
-        """Begin.
-
-        Args:
-            what: What the messages are, in the plural.
-            export_line: Line of a shell that gives the publisher the memory it should have.
-            warn: Called with the share and what to do.
-        """
+        """Begin; `what` is the plural of the messages, the line gives their publisher the memory it should have."""
         self._what, self._export_line, self._warn = what, export_line, warn
         self._lost = self._sent = 0
 

@@ -33,7 +33,7 @@ from sfr_loc_map.io.folder import LOC_COLUMNS, NAV_COLUMNS, TRUTH_COLUMN, rig_js
 from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.trajectory_file import trajectory_text
-from sfr_loc_map.pipeline.convert import ConvertOptions, convert
+from sfr_loc_map.pipeline.convert import convert
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.drive import Plan
 from sfr_loc_map.simulation.renderer import require_tracer
@@ -65,17 +65,10 @@ def simulate(
     workers: int = 2,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> int:
-    """Make a simulated data set with exact ground truth.
+    """Make a simulated data set with exact ground truth, and return the number of pairs.
 
-    Args:
-        config: Settings.
-        out: Data set folder, or a bag (*.mcap, *.db3, *.bag). A folder of an unfinished run with the same settings is
-            continued; the parts of a bag are in `OUT.parts` beside it until it is whole.
-        workers: Processes.
-        progress: Called with the number of jobs done and in all.
-
-    Returns:
-        The number of pairs.
+    A folder of an unfinished run with the same settings is continued; the parts of a bag (*.mcap, *.db3, *.bag) are in
+    `OUT.parts` beside it until it is whole. `progress` is called with the number of jobs done and in all.
     """
     require_tracer()
     out = Path(out)
@@ -86,7 +79,7 @@ def simulate(
         raise OutputError(f"cannot write '{out}': it exists; remove it or choose another name")
     parts = out.with_name(out.name + PARTS_SUFFIX)
     count = _simulate_folder(plan, parts, workers, progress)
-    convert(open_source(parts, {}), out, ConvertOptions())
+    convert(open_source(parts, {}), out)
     shutil.rmtree(parts)
     return count
 

@@ -31,7 +31,7 @@ from sfr_loc_map.metrics.limits import parse_limits, verdicts
 from sfr_loc_map.metrics.score import Provenance, Score
 from sfr_loc_map.metrics.score_json import from_json, to_plain
 from sfr_loc_map.pipeline.call_stats import load_call_stats, save_stats
-from sfr_loc_map.pipeline.convert import faulty, perturb
+from sfr_loc_map.pipeline.convert import convert, faulty
 from sfr_loc_map.pipeline.offline import localise, localise_with, map_pairs, map_pairs_with, start_pose, trajectory_of
 from sfr_loc_map.pipeline.scoring import Run, ScoredCloud, ScoreInputs, load_run, score_files, score_run
 from sfr_loc_map.simulation.faults import Fault, parse_fault
@@ -103,7 +103,7 @@ def _map(job: Job, source: Source, truth: Path, scratch: Path) -> Run:
 
 def _replay(job: Job, path: Path, scratch: Path) -> Score:
     if job.faults:
-        perturb(open_source(path), scratch / "faulty", _faults(job), job.fault_seed)
+        convert(faulty(open_source(path), _faults(job), job.fault_seed), scratch / "faulty")
         path = scratch / "faulty"
     if any(name.rpartition(".")[2] in METHOD_KEYS for name in job.parameters):
         raise ConfigError("'method' of a configuration is for the tasks localise and map: a replay runs our nodes")
