@@ -121,7 +121,7 @@ def perturb(
 ) -> None:
     """Copy a source and inject faults: of single pairs, of the cameras, of the view, of clock and calibration."""
     from sfr_loc_map.io.registry import open_source
-    from sfr_loc_map.pipeline.convert import perturb as run
+    from sfr_loc_map.pipeline.convert import EXACT, convert, faulty
     from sfr_loc_map.simulation.faults import KINDS, parse_fault
 
     if not fault:
@@ -132,7 +132,8 @@ def perturb(
     room = output_folder(destination, overwrite=overwrite, inputs=(source,))
     with room, naming(source), progress_bar("pairs") as bar:
         task = bar.add_task("injecting faults", total=total)
-        count = run(opened, destination, faults, seed, lambda done: bar.update(task, completed=done))
+        changed = faulty(opened, faults, seed)
+        count = convert(changed, destination, EXACT, lambda done: bar.update(task, completed=done))
     say(f"{count} of {total} pairs: {destination}", err=True)
     name = destination.stem  # of its own: estimate.csv of the source without the fault is often there already
     words = ("localise", destination, "-o", f"{name}.csv", "--stats", f"{name}.stats.csv")
