@@ -7,26 +7,28 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from sfr_loc_map.metrics.comparison import Comparison
 from sfr_loc_map.metrics.config import CallKind
+from sfr_loc_map.metrics.limits import value_at
 from sfr_loc_map.metrics.score import PathRows, Score
 from sfr_loc_map.report.plots import (
     COLORS,
+    TRAVELLED,
     Plot,
     Trace,
     axis,
     error_scale,
+    from_above,
     largest,
     line,
     log_axis,
     marks,
     scaled,
+    segments,
 )
-from sfr_loc_map.report.plots import (
-    Column as Values,
-)
+from sfr_loc_map.report.plots import Column as Values
 from sfr_loc_map.report.score_tables import UNTOLD, convention_text, map_error
 from sfr_loc_map.report.tables import (
     ABSENT,
@@ -49,7 +51,6 @@ DASHES = ("solid", "dash", "dot")
 SYMBOLS = ("circle", "square", "diamond")
 LOG_RATIO = 20.0
 """Errors that differ more than so many times are drawn on a logarithmic axis."""
-KINDS = (CallKind.LOCALISATION, CallKind.MAPPING)
 Named = Sequence[tuple[str, Score]]
 
 
@@ -103,57 +104,67 @@ def methods_tables(scores: Sequence[Score], names: Sequence[str]) -> list[Table]
 
 def _methods(named: Named) -> Table:
     over = next((s.trajectory.first.condition.label for _, s in named if s.trajectory is not None), "")
-    drives = any(score.trajectory is not None for _, score in named)
-    maps = any(score.map is not None for _, score in named)
-    columns = [Column("method", words=True), Column("kind", words=True)]
-    if drives:
-        figures = (("position", MILLIMETRE), ("attitude", DEGREE), ("heading", DEGREE))
-        columns += [Column(f"{name} over {over}", unit) for name, unit in figures]
-        columns += [Column("frames"), Column("lost")]
-    if maps:
-        columns += [Column("map point", MILLIMETRE), Column("coverage")]
-    columns += [Column("time p50", MILLISECOND), Column("time p95", MILLISECOND), Column("memory", MIB)]
-    columns.append(Column("findings"))
-    rows: list[Row] = []
-    for name, score in named:
-        cells = [Cell.head(name), Cell(ABSENT if score.method is None else score.method.kind.value)]
-        if drives:
-            cells += _drive_cells(score)
-        if maps:
-            error = map_error(score.map)
-            cells.append(_cell(None if error is None else error.value.mean_plus_3sigma, MILLIMETRE))
-            cells.append(_cell(None if score.map is None else score.map.coverage))
-        peaks = [] if score.memory is None else [score.memory.of(kind) for kind in KINDS]
-        known = [number(peak.peak_bytes, unit=MIB) for peak in peaks if peak and peak.peak_bytes is not None]
-        cells += [Cell(_times(score, "p50")), Cell(_times(score, "p95")), Cell(" / ".join(known) or ABSENT)]
-        rows.append((*cells, Cell.number(sum(item.count for item in score.findings))))
+    shown: list[tuple[Column, Callable[[Score], Cell]]] = [(Column("kind", words=True), _word("method.kind"))]
+    if any(score.trajectory is not None for _, score in named):
+        shown += [
+            (Column(f"position over {over}", MILLIMETRE), _position),
+            (Column(f"attitude over {over}", DEGREE), _value("trajectory.first.attitude_deg.mean_plus_3sigma")),
+            (Column(f"heading over {over}", DEGREE), _value("trajectory.first.heading_deg.mean_plus_3sigma")),
+            (Column("frames"), _value("trajectory.matched")),
+            (Column("lost"), _value("trajectory.lost")),
+        ]
+    if any(score.map is not None for _, score in named):
+        shown += [
+            (Column("map point", MILLIMETRE), lambda score: _cell(_map_error(score), MILLIMETRE)),
+            (Column("coverage"), _value("map.coverage")),
+        ]
+    shown += [
+        (Column("time p50", MILLISECOND), lambda score: _times(score, "p50")),
+        (Column("time p95", MILLISECOND), lambda score: _times(score, "p95")),
+        (Column("memory", MIB), lambda score: _of_kinds(score, "memory", "peak_bytes", MIB)),
+        (Column("findings"), lambda score: Cell.number(sum(item.count for item in score.findings))),
+    ]
+    rows = tuple((Cell.head(name), *(cell_of(score) for _, cell_of in shown)) for name, score in named)
     note = (
         "Errors: mean + 3 sigma, of position with its 95 % interval. Time per call: localisation / mapping; a latency "
         "is marked, it has transport and waiting in it, and is not a time per call. Memory: largest peak."
     )
-    return Table("counts", "Methods", tuple(columns), tuple(rows), note)
+    return Table("counts", "Methods", (Column("method", words=True), *(column for column, _ in shown)), rows, note)
 
 
-def _drive_cells(score: Score) -> list[Cell]:
-    part = score.trajectory
-    if part is None:
-        return [Cell(ABSENT)] * 5
-    position = Cell(ABSENT)
-    if (total := part.first.position_m.mean_plus_3sigma) is not None:
-        text, bounds = number(1e3 * total), part.first.position_m.mean_plus_3sigma_ci95
-        if bounds is not None:
-            text += f" ({number(1e3 * bounds[0])} to {number(1e3 * bounds[1])})"
-        position = Cell(text, 1e3 * total)
-    angles = [_cell(value.mean_plus_3sigma) for value in (part.first.attitude_deg, part.first.heading_deg)]
-    return [position, *angles, Cell.number(part.matched), Cell.number(part.lost)]
+def _value(place: str) -> Callable[[Score], Cell]:
+    return lambda score: _cell(value_at(score, place))
 
 
-def _times(score: Score, name: str) -> str:
-    kinds = [] if score.timing is None else [score.timing.of(kind) for kind in KINDS]
-    known = [number(getattr(calls, name), unit=MILLISECOND) for calls in kinds if calls is not None]
-    if not known and score.external is not None and score.external.latency_s is not None:
-        return f"latency {number(getattr(score.external.latency_s, name), unit=MILLISECOND)}"
-    return " / ".join(known) or ABSENT
+def _word(place: str) -> Callable[[Score], Cell]:
+    return lambda score: Cell(str(value_at(score, place) or ABSENT))
+
+
+def _position(score: Score) -> Cell:
+    total = value_at(score, "trajectory.first.position_m.mean_plus_3sigma")
+    if total is None:
+        return Cell(ABSENT)
+    bounds = value_at(score, "trajectory.first.position_m.mean_plus_3sigma_ci95")
+    interval = f" ({number(1e3 * bounds[0])} to {number(1e3 * bounds[1])})" if bounds is not None else ""
+    return Cell(number(1e3 * total) + interval, 1e3 * total)
+
+
+def _map_error(score: Score) -> float | None:
+    error = map_error(score.map)
+    return None if error is None else error.value.mean_plus_3sigma
+
+
+def _times(score: Score, name: str) -> Cell:
+    latency = value_at(score, f"external.latency_s.{name}")
+    if latency is not None and all(value_at(score, f"timing.{kind}") is None for kind in CallKind):
+        return Cell(f"latency {number(latency, unit=MILLISECOND)}")
+    return _of_kinds(score, "timing", name, MILLISECOND)
+
+
+def _of_kinds(score: Score, part: str, name: str, unit: Unit) -> Cell:
+    """Return a figure of localisation and of mapping, as far as they are known."""
+    values = (value_at(score, f"{part}.{kind}.{name}") for kind in CallKind)
+    return Cell(" / ".join(number(value, unit=unit) for value in values if value is not None) or ABSENT)
 
 
 def _map_differences(named: Named) -> list[Table]:
@@ -172,27 +183,23 @@ def _map_differences(named: Named) -> list[Table]:
                     Cell.head(name),
                     Cell(f"{item.from_m:g} to {item.to_m:g} {METRE.symbol}"),
                     _cell(a.p50, MILLIMETRE),
-                    _cell(b.p50, MILLIMETRE),
-                    _less(b.p50, a.p50, MILLIMETRE),
-                    _cell(b.p95, MILLIMETRE),
-                    _less(b.p95, a.p95, MILLIMETRE),
-                    _cell(item.coverage),
-                    _less(item.coverage, same.coverage, NONE),
+                    *_beside(b.p50, a.p50, MILLIMETRE),
+                    *_beside(b.p95, a.p95, MILLIMETRE),
+                    *_beside(item.coverage, same.coverage, NONE),
                 )
                 rows.append(row)
-    columns = (
-        Column("map", words=True),
-        Column("range", words=True),
-        *(Column(title, MILLIMETRE) for title in (f"p50 of {first_name}", "p50", "difference", "p95", "difference")),
-        Column("coverage"),
-        Column("difference"),
-    )
+    titles = (f"p50 of {first_name}", "p50", "difference", "p95", "difference")
+    in_mm = (Column(title, MILLIMETRE) for title in titles)
+    words = (Column("map", words=True), Column("range", words=True))
     note = f"Point error and coverage by true range; differences: less {first_name}. Not paired by pixel: no interval."
+    columns = (*words, *in_mm, Column("coverage"), Column("difference"))
     return [Table("map-differences", "Maps as differences", columns, tuple(rows), note)]
 
 
-def _less(value: float | None, first: float | None, unit: Unit) -> Cell:
-    return _cell(None if value is None or first is None else value - first, unit, signed=True)
+def _beside(value: float | None, first: float | None, unit: Unit) -> Row:
+    """Return a value, and what it is less the first one."""
+    less = None if value is None or first is None else value - first
+    return _cell(value, unit), _cell(less, unit, signed=True)
 
 
 def _provenance(named: Named) -> Table:
@@ -207,7 +214,7 @@ def _provenance(named: Named) -> Table:
             ABSENT if own is None else own.path,
             ABSENT if own is None else own.sha256[:16],
             UNTOLD if origin is None else f"sfr_loc_map {origin.version}",
-            UNTOLD if origin is None or origin.time is None else origin.time,
+            value_at(score, "provenance.time") or UNTOLD,
         )
         rows.append((Cell.head(name), *map(Cell, texts)))
     titles = ("method", "name and version", "poses converted", "estimate or cloud", "sha256", "scored by", "time")
@@ -243,10 +250,10 @@ def _style(k: int) -> tuple[str, str, str]:
 def _paths(named: Named) -> list[Plot]:
     known: list[tuple[str, str, str, PathRows, Values]] = []
     for k, (name, score) in enumerate(named):
-        details = None if score.details is None else score.details.trajectory
-        if details is not None and details.path.stamp_ns:
+        path = value_at(score, "details.trajectory.path")
+        if path is not None and path.stamp_ns:
             color, dash, _ = _style(k)
-            known.append((name, color, dash, details.path, _error_sizes(details.path)))
+            known.append((name, color, dash, path, _error_sizes(path)))
     if not known:
         return []
     longest = max((path for *_, path, _ in known), key=lambda path: len(path.stamp_ns))
@@ -256,20 +263,16 @@ def _paths(named: Named) -> list[Plot]:
     for name, color, dash, path, size in known:
         above.append(line(name, (path.estimate_x_m, path.estimate_y_m), color, dash=dash, width=1.5))
         errors.append(line(name, (path.travelled_m, scaled(size, factor)), color, dash=dash))
-    layout = {
-        "xaxis": axis("x of DS (east), m", constrain="domain"),
-        "yaxis": axis("y of DS (north), m", scaleanchor="x", scaleratio=1, constrain="domain"),
-    }
     ends = [factor * last for *_, size in known if (last := largest(size)) > 0.0]
     title = f"size of estimate - truth, {unit}"
     upright = axis(title, rangemode="tozero")
     if ends and max(ends) > LOG_RATIO * min(ends):  # on a linear axis the best would lie on zero
         low, high = 0.05 * min(ends), 1.5 * max(ends)
         upright = log_axis(title, low, high, steps=(1,)) | {"range": [math.log10(low), math.log10(high)]}
-    over = {"xaxis": axis("distance travelled (truth), m"), "yaxis": upright}
+    over, caption = {"xaxis": axis(TRAVELLED), "yaxis": upright}, "Since the first frame, without re-basing."
     return [
-        Plot("paths", "Trajectories from above", "Equal axes.", above, layout, height=560, width="full"),
-        Plot("errors", "Accumulated position error", "Since the first frame, without re-basing.", errors, over),
+        Plot("paths", "Trajectories from above", "Equal axes.", above, from_above(), height=560, width="full"),
+        Plot("errors", "Accumulated position error", caption, errors, over),
     ]
 
 
@@ -285,7 +288,7 @@ def _error_sizes(path: PathRows) -> Values:
 def _growth(named: Named) -> list[Plot]:
     series: list[tuple[str, dict[float, float]]] = []
     for name, score in named:
-        steps = () if score.trajectory is None else score.trajectory.by_distance
+        steps = value_at(score, "trajectory.by_distance") or ()
         totals = ((item.distance_m, item.position_m.mean_plus_3sigma) for item in steps)
         series.append((name, {distance: value for distance, value in totals if value is not None}))
     errors = [value for _, over in series for value in over.values()]
@@ -316,14 +319,12 @@ def _cost(named: Named, kind: CallKind) -> list[Plot]:
     """Return the median time of a call against the error, one mark for each method; an open mark is a latency."""
     data, times, errors = [], [], []
     for k, (name, score) in enumerate(named):
-        calls, node = None if score.timing is None else score.timing.of(kind), score.external
+        calls, node = value_at(score, f"timing.{kind}"), score.external
         is_latency = calls is None and node is not None and node.task == kind
         timed = node.latency_s if is_latency and node is not None else calls
+        error = _map_error(score)
         if kind is CallKind.LOCALISATION:
-            error = None if score.trajectory is None else score.trajectory.first.position_m.mean_plus_3sigma
-        else:
-            of_map = map_error(score.map)
-            error = None if of_map is None else of_map.value.mean_plus_3sigma
+            error = value_at(score, "trajectory.first.position_m.mean_plus_3sigma")
         if timed is None or not timed.p50 or not error:
             continue
         color, _, symbol = _style(k)
@@ -346,17 +347,16 @@ def _cost(named: Named, kind: CallKind) -> list[Plot]:
 def _over_range(named: Named) -> list[Plot]:
     data, values = [], []
     for k, (name, score) in enumerate(named):
-        errors = None if score.map is None else score.map.errors
-        x: list[float | None] = []
-        y: list[float | None] = []
-        for item in () if errors is None else errors.by_range:
-            if (value := item.point_error_m.p50) is not None:
-                x += [item.from_m, item.to_m, None]
-                y += [1e3 * value, 1e3 * value, None]
-                values.append(1e3 * value)
-        if x:
+        known = [
+            (item, 1e3 * item.point_error_m.p50)
+            for item in value_at(score, "map.errors.by_range") or ()
+            if item.point_error_m.p50 is not None
+        ]
+        values += [value for _, value in known]
+        if known:
             color, dash, _ = _style(k)
-            data.append(line(name, (x, scaled(y, 1.0)), color, dash=dash, width=3))
+            levels = [([item.from_m, item.to_m], scaled([value] * 2, 1.0)) for item, value in known]
+            data.append(line(name, segments(levels), color, dash=dash, width=3))
     if not data:
         return []
     layout = {
