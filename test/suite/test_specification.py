@@ -61,6 +61,7 @@ def test_a_configuration_names_a_method(tmp_path: Path) -> None:
         ({"sources": []}, "no 'sources'"),
         ({"sources": "a"}, "a list is needed"),
         ({"sources": [3]}, "needs a path"),
+        ({"sources": ["*.bag"]}, "nothing in"),
         ({"sources": [{"simulate": "s", "seeds": ["x"]}]}, "list of whole numbers"),
         ({"sources": [{"estimate": "e"}]}, "truth"),
         ({"perturb": ["rain"]}, "rain"),
