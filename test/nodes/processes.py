@@ -47,9 +47,8 @@ class Process:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self.popen.poll() is None:
-            self.popen.kill()
-            self.popen.wait()
+        self.popen.kill()
+        self.popen.wait()
 
     @property
     def text(self) -> str:

@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import psutil
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -19,7 +18,7 @@ from peers import Capture, LocalNode, Manager, localised
 from processes import Peer
 from rosgraph_msgs.msg import Clock
 from scenes import MOUNT, calls, params, raw, send_infos, send_pair
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import String
 
 from sfr_loc_map.errors import ConfigError
@@ -144,9 +143,8 @@ def test_health_and_latency_say_what_is_wrong_and_when_it_is_over(ros: None, cap
         assert last["processing_time_s"] <= last["latency_receive_to_publish_s"]
         assert last["latency_receive_to_publish_s"] <= last["latency_stamp_to_publish_s"] + 1e-3 < 5.0
         values = values_of(peer.well(Level.OK, "tracking"))
-        assert float(values["processed_hz"]) > 0
+        assert min(float(values[name]) for name in ("processed_hz", "last_processing_time_s")) > 0
         assert int(values["resident_memory_bytes"]) > 50e6
-        assert float(values["last_processing_time_s"]) > 0
         black = np.zeros((LOC_RIG.height, LOC_RIG.width), np.uint8)
         send_pair(peer, "loc", StereoPair(loc_pair(2).stamp_ns + shift, black, black))
         peer.well(Level.ERROR, "lost")
@@ -268,30 +266,18 @@ def test_localisation_survives_what_the_network_may_send(ros: None, capfd: Captu
         peer.publish(CameraInfo, "loc/right/camera_info", right_info)
         peer.refused("non-rectified")
         send_infos(peer, "loc", LOC_RIG)
-        before = psutil.Process().memory_info().rss
         good = raw(bag_messages.image(START_NS, loc_pair(0).left, "loc", "left"))
         for broken in (good[: len(good) // 2], b"\0\1\0", b"\xff" * 64):
             peer.publish(Image, "loc/left/image_rect", broken)
-        size = {"height": 120, "width": 160, "data": bytes(160 * 120)}
-        claim = (65_535).to_bytes(4, "big")
-        bomb = b"\x89PNG\r\n\x1a\n" + (13).to_bytes(4, "big") + b"IHDR" + 2 * claim + b"\x10\x06\0\0\0" + bytes(64)
-        images = {
-            "its camera_info says": (Image, "", {"height": 2**31, "width": 2**31, "step": 2**31}),
-            "too few": (Image, "", {**size, "step": 2**31, "encoding": "mono8"}),
-            "encoding 'nv21'": (Image, "", {**size, "step": 160, "encoding": "nv21"}),
-            "is 65535 x 65535": (CompressedImage, "/compressed", {"format": "png", "data": bomb}),
-        }
-        for number, (words, (kind, end, fields)) in enumerate(images.items()):
-            header = header_msg(START_NS - PERIOD_NS * (len(images) - number), "")
-            for side in SIDES:
-                peer.publish(kind, f"loc/{side}/image_rect{end}", kind(header=header, **fields))
-            peer.refused(words)
+        huge = Image(header=header_msg(START_NS - PERIOD_NS, ""), height=2**31, width=2**31, step=2**31)
+        for side in SIDES:
+            peer.publish(Image, f"loc/{side}/image_rect", huge)
+        peer.refused("its camera_info says")
         nowhere = PoseWithCovarianceStamped(header=header_msg(0, "ds"))
         nowhere.pose.pose.position.x = math.nan
         peer.publish(PoseWithCovarianceStamped, "initialpose", nowhere)
         assert peer.play(0) == ORIGIN
         assert len(peer.odometry) == 1
-        assert psutil.Process().memory_info().rss - before < 100e6
         at = peer.play(1)
         send_infos(peer, "loc", replace(LOC_RIG, fx=151.0, fy=151.0))
         node.wait_for("camera_info has changed: localisation restarts at its last pose")
@@ -332,21 +318,6 @@ def test_localisation_without_extrinsics_says_what_is_missing(ros: None, capfd: 
         assert not peer.odometry
 
 
-def test_offsets_of_the_right_camera_are_figures_and_warned_of(ros: None, capfd: Capture) -> None:
-    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT):
-        send_infos(peer, "loc", LOC_RIG)
-        for count, index in enumerate(range(0, 30, 2), 1):
-            pair = loc_pair(index)  # the right camera looks up a little: all it sees lies a row lower
-            send_pair(peer, "loc", replace(pair, right=np.ascontiguousarray(np.roll(pair.right, 1, axis=0))))
-            peer.until(lambda count=count: len(calls(peer.diagnostics)) == count, "call")
-        values = peer.last_values()
-        assert float(values["statistic.vertical_offset_px"]) == pytest.approx(1.0, abs=0.2)
-        assert abs(float(values["statistic.roll_offset_px"])) < 0.3
-        assert "statistic.disparity_offset_px" in values
-        status = peer.well(Level.WARN, "vertical disparity of more than 0.3 px")
-        assert float(values_of(status)["vertical_offset_px"]) > 0.3
-
-
 @pytest.mark.parametrize(
     ("argument", "words"),
     [
@@ -357,8 +328,9 @@ def test_offsets_of_the_right_camera_are_figures_and_warned_of(ros: None, capfd:
         ("rb_frame:=ds", "must have different names"),
         ("localisation.max_feature:=3", "unknown key 'localisation.max_feature'"),
         ("input.image_transport:=theora", "must be one of raw, compressed, auto"),
+        ("use_sim_time:=1", "'use_sim_time' to '1' of type 'INTEGER', expecting type 'BOOL'"),  # ROS would ignore it
     ],
 )
 def test_parameters_that_are_not_valid_are_named(ros: None, argument: str, words: str) -> None:
     with pytest.raises(ConfigError, match=re.escape(words)):
-        LocalisationNode(cli_args=["--ros-args", *params(argument)])
+        LocalisationNode(cli_args=["--ros-args", *params(argument)], use_global_arguments=False)

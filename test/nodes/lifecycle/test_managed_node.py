@@ -53,7 +53,12 @@ def test_a_node_goes_through_its_states_and_receives_only_when_active(ros: None,
         assert peer.change(ACTIVATE) == (False, "unconfigured")  # there is no such step from here
         ends(0)
         assert values_of(peer.well(Level.OK, "unconfigured"))["lifecycle"] == "unconfigured"
+        assert "read-only" in peer.set(autostart=True)
+        assert "mask '/nowhere.png': No such file" in peer.set(localisation__left_mask="/nowhere.png")
+        assert peer.set(queue_size=3) == ""
         assert peer.change(CONFIGURE) == (True, "inactive")
+        assert node.node.config.queue()[1] == 3
+        assert "'queue_size' is read-only while the node is inactive: deactivate" in peer.set(queue_size=5)
         ends(1)
         assert peer.change(ACTIVATE) == (True, "active")
         ends(2)
@@ -121,28 +126,6 @@ def test_parameters_change_live_as_a_whole_or_not_at_all(ros: None, capfd: Captu
         first, second = localised([2, 3], max_features=300, min_tracked=20)
         # in the frame of before, which is turned by a step
         assert np.linalg.norm(moved) == pytest.approx(np.linalg.norm(np.subtract(second, first)), abs=1e-9)
-
-
-def test_parameters_are_open_until_the_node_is_configured(ros: None) -> None:
-    node = LocalisationNode(cli_args=["--ros-args", *MOUNT, *params("autostart:=false")])
-
-    def change(name: str, value: object) -> str:
-        return str(node.set_parameters([Parameter(name, value=value)])[0].reason)
-
-    for name, value in (("queue_size", 3), ("output_reliability", "best_effort"), ("rb_frame", "base_link")):
-        assert change(name, value) == ""
-    assert change("queue_size", 0) != ""
-    assert "read-only" in change("autostart", True)
-    assert "mask '/nowhere.png': No such file" in change("localisation.left_mask", "/nowhere.png")
-    node.trigger_configure()
-    assert node.config.queue()[1] == 3
-    (odometry,) = node.get_publishers_info_by_topic("/localisation/odometry")
-    assert odometry.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
-    assert "'queue_size' is read-only while the node is inactive: deactivate and clean it up" in change("queue_size", 5)
-    assert change("localisation.max_features", 300) == ""
-    node.trigger_cleanup()
-    assert change("queue_size", 5) == ""
-    node.destroy_node()
 
 
 def test_what_comes_too_fast_is_dropped_by_the_rule_and_counted(ros: None, capfd: Capture) -> None:
@@ -249,18 +232,12 @@ def test_every_subscription_may_be_set_on_its_own(ros: None, capfd: Capture) -> 
     def monitor(**values: str) -> MonitorNode:
         names = {"odometry": "localisation/odometry", "pose": "nav/pose", "points": "mapping/points", "wrong": "mapp"}
         overrides = []
-        for name, value in values.items():
-            topic, policy = name.split("_")
-            key = f"qos_overrides./{names[topic]}.subscription.{policy}"
-            overrides.append(Parameter(key, value=value))
+        for (name, policy), value in ((key.split("_"), value) for key, value in values.items()):
+            overrides.append(Parameter(f"qos_overrides./{names[name]}.subscription.{policy}", value=value))
         return MonitorNode(parameter_overrides=overrides)
 
-    node = monitor(
-        odometry_reliability="best_effort",
-        pose_reliability="reliable",
-        points_durability="transient_local",
-        wrong_reliability="best_effort",
-    )
+    given = {"odometry_reliability": "best_effort", "pose_reliability": "reliable", "wrong_reliability": "reliable"}
+    node = monitor(**given, points_durability="transient_local")
     node.start()
     wanted = {
         "localisation/odometry": ("BEST_EFFORT", "VOLATILE"),
@@ -277,8 +254,3 @@ def test_every_subscription_may_be_set_on_its_own(ros: None, capfd: Capture) -> 
     with pytest.raises(ConfigError, match="must be one of reliable, best_effort"):
         node.start()
     node.destroy_node()
-
-
-def test_a_clock_that_ros_would_ignore_is_refused(ros: None) -> None:
-    with pytest.raises(ConfigError, match="'use_sim_time' to '1' of type 'INTEGER', expecting type 'BOOL'"):
-        MonitorNode(cli_args=["--ros-args", *params("use_sim_time:=1")], use_global_arguments=False)

@@ -1,4 +1,3 @@
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -8,7 +7,6 @@ import yaml
 from rclpy.parameter import Parameter
 
 from sfr_loc_map.config import build, flatten, param
-from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.nodes.lifecycle.parameters import Parameters
 from sfr_loc_map.nodes.parameter_files import FILES, parameter_file
 
@@ -47,47 +45,6 @@ def test_descriptors_come_from_the_fields_and_overrides_reach_the_configuration(
     texts = {"axis": f"each from -9 to 9; {held}", "way": f"one of: left, right; {held}", "count": held, "live": ""}
     for name, text in texts.items():
         assert node.describe_parameter(name).additional_constraints == text
-    node.destroy_node()
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "words"),
-    [
-        ("inner__gian", 1.0, "/tried: unknown key 'inner.gian' (did you mean 'inner.gain'?)"),
-        ("inner__gain", 2.5, "'inner.gain' is 2.5: must lie in 0.0 .. 2.0 m"),
-        ("inner__gain", "much", "'inner.gain' is 'much': a value of type float is needed"),
-        ("count", 1.5, "'count' is 1.5: a value of type int is needed"),
-        ("count", True, "'count' is True: a value of type int is needed"),
-        ("way", "up", "'way' is 'up': must be one of left, right"),
-    ],
-)
-def test_what_is_not_valid_is_named(ros: None, name: str, value: object, words: str) -> None:
-    node = node_with(**{name: value})
-    with pytest.raises(ConfigError, match="parameters of /tried: ") as caught:
-        Parameters(node, Outer)
-    assert words in str(caught.value)
-    assert "\n" not in str(caught.value)
-    node.destroy_node()
-
-
-def test_live_changes_are_judged_as_a_whole(ros: None) -> None:
-    def check(config: Outer) -> None:
-        if config.inner.gain > config.axis[1]:
-            raise ConfigError("gain must not be\nabove the second of axis")
-
-    changes: list[Outer] = []
-    node = node_with()
-    held = Parameters(node, Outer, live=("inner.", "axis"), check=check, changed=changes.append)
-    (refused,) = node.set_parameters([Parameter("inner.gain", value=1.5)])
-    assert (refused.successful, refused.reason) == (False, "gain must not be above the second of axis")
-    assert node.get_parameter("inner.gain").value == 0.5
-    both = [Parameter("inner.gain", value=1.5), Parameter("axis", value=[0.0, 2.0])]
-    assert node.set_parameters_atomically(both).successful
-    assert held.config == Outer(axis=(0.0, 2.0), inner=Inner(gain=1.5))
-    assert changes == [held.config]
-    with_fixed = [Parameter("inner.gain", value=1.0), Parameter("count", value=9)]
-    assert not node.set_parameters_atomically(with_fixed).successful
-    assert json.loads(held.to_json())["inner.gain"] == 1.5
     node.destroy_node()
 
 
