@@ -2,9 +2,8 @@
 
 from contextlib import ExitStack
 from pathlib import Path
-from signal import SIGINT, SIGKILL, SIGTERM
+from signal import SIGINT, SIGTERM
 
-import psutil
 import pytest
 from processes import Process, handles_signals, wait_until
 
@@ -111,25 +110,3 @@ def test_errors_of_ours_are_one_line_and_exit_2_and_others_keep_their_traceback(
         assert node.popen.wait(60) == code
         assert words in node.text
         assert ("Traceback" in node.text) == (code == 1)
-
-
-SUPERVISOR = """
-import time
-from pathlib import Path
-from sfr_loc_map.nodes.processes import Supervisor
-supervisor = Supervisor(Path.cwd())
-supervisor.start("monitor_node")
-print("pid", supervisor.processes["monitor_node"].popen.pid, flush=True)
-time.sleep(100)
-"""
-
-
-@pytest.mark.slow
-def test_a_supervised_node_does_not_outlive_its_supervisor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    with script(tmp_path, SUPERVISOR) as supervisor:
-        supervisor.wait_for("pid")
-        node = psutil.Process(int(supervisor.text.split()[1]))
-        wait_until(lambda: "listens to" in (tmp_path / "monitor_node.log").read_text(), "start of the node")
-        supervisor.end(SIGKILL)
-    wait_until(lambda: not node.is_running() or node.status() == psutil.STATUS_ZOMBIE, "end of the node")

@@ -74,12 +74,6 @@ def test_the_velocity_integrates_to_the_path() -> None:
         np.testing.assert_allclose(found.matrix, estimate.T_ds_rb.matrix, atol=1e-9)
 
 
-def test_every_field_is_of_its_own_type_whatever_numpy_gives() -> None:
-    message = pose_msg(Transform(np.eye(3), np.array([1, 2, 3])), np.array([0, 0, 0, 1], np.float32))
-    assert type(message.position.x) is float
-    assert sent(message) == Pose(position=Point(x=1.0, y=2.0, z=3.0), orientation=Quaternion(w=1.0))
-
-
 @pytest.mark.parametrize(
     ("pose", "words"),
     [

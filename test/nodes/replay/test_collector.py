@@ -1,13 +1,10 @@
-"""Which run of a replay is scored, and how a signal ends it."""
+"""Which run of a replay is scored."""
 
-import os
-import signal
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from sfr_loc_map.nodes.processes import first_signal_stops, sigterm_as_interrupt
 from sfr_loc_map.nodes.replay.collector import ResultCollector
 
 
@@ -38,21 +35,3 @@ def test_the_last_whole_run_is_scored_else_the_last_with_a_result(runs: list[tup
         collector.results.whole = whole
         made.append(collector.results)
     assert collector.finish(0, has_map_truth=False) is made[scored]
-
-
-def test_the_first_signal_stops_in_good_order_and_the_second_at_once() -> None:
-    stopped: list[bool] = []
-
-    def run() -> None:
-        with sigterm_as_interrupt(), first_signal_stops(lambda: stopped.append(True)) as received:
-            assert not received()
-            os.kill(os.getpid(), signal.SIGTERM)
-            assert received()
-            assert stopped == [True]
-            os.kill(os.getpid(), signal.SIGINT)
-
-    before = signal.getsignal(signal.SIGINT)
-    with pytest.raises(KeyboardInterrupt):
-        run()
-    assert stopped == [True]
-    assert signal.getsignal(signal.SIGINT) is before
