@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 
 MAX_HEADER = 1024
 """Bytes of a header; those of arrays of numbers have some 120."""
-MIN_UNPACKED = 16_000_000
-MAX_RATIO = 20
-"""The members that are read may together have this many times the bytes of the archive, and `MIN_UNPACKED` anyhow."""
+MIN_UNPACKED, MAX_RATIO = 16_000_000, 20
+"""The members that are read may have so many bytes, or so many times those of the archive."""
 _BROKEN_ARCHIVE = (
     *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, OSError, EOFError),
     *(NotImplementedError, RuntimeError),  # an unknown compression, a password

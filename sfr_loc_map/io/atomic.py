@@ -1,9 +1,8 @@
 """Outputs that are either whole or not there: one rule for every file and folder that the suite writes.
 
 What is written lies in a hidden folder `.NAME.xxxxxxxx.part` beside the output until it is whole, and takes its name in
-one step. Only a regular file or an empty folder is replaced; a link stays, and what it points to is replaced. A process
-that is killed leaves its hidden folder, which the next one that writes to the same name removes: each process holds a
-lock on its own, so that those of others at work are left alone.
+one step. Only a regular file or an empty folder is replaced, of a link what it points to. The folder that a killed
+process leaves is removed by the next one that writes to the same name: processes at work hold a lock on theirs.
 """
 
 from __future__ import annotations

@@ -107,9 +107,8 @@ class Bag:
         if not found:
             return None
         if len(found) > 1:
-            raise InputError(
-                f"bag '{self.path}' has several topics '{name}': {', '.join(found)}; choose one by --remap"
-            )
+            several = ", ".join(found)
+            raise InputError(f"bag '{self.path}' has several topics '{name}': {several}; choose one by --remap")
         msgtype = self.topics[found[0]]
         if msgtypes and msgtype not in msgtypes:
             raise InputError(

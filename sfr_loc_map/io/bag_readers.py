@@ -1,9 +1,7 @@
 """The readers of the library of bags, with bounds: whatever is compressed is bounded before it is unpacked.
 
-- ROS 2: mcap files that were not closed are read up to their last whole record: what was written whole is there, only
-  the index at the end is missing (mcap.dev/spec, "Records", "Data Section").
-- ROS 1 (format 2.0): messages are given as CDR, like those of a ROS 2 bag. Those that are read here have the same
-  fields in both; a header of ROS 1 has a sequence number besides, which is dropped.
+Of mcap files that were not closed only the index at the end is missing (mcap.dev/spec, "Records", "Data Section").
+Messages of ROS 1 (format 2.0) are given as CDR, without the sequence number of their headers.
 """
 
 from __future__ import annotations
@@ -190,14 +188,9 @@ class Ros2Reader(Reader):
 class Ros1Reader(rosbag1.Reader):
     """Reader of a ROS 1 bag; a context manager."""
 
-    def __init__(self, path: Path) -> None:
-        """Prepare a file."""
-        super().__init__(path)
-        self._places: set[int] = set()
-
     def open(self) -> None:
         """Read the index."""
-        self._places.clear()
+        self._places: set[int] = set()
         super().open()
         self.connections = [c._replace(msgtype=OLD_TYPES.get(c.msgtype, c.msgtype)) for c in self.connections]
 

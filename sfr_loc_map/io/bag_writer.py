@@ -1,8 +1,8 @@
 """Writes ROS 2 bags: a drive and mapping pairs as a stream, or messages as they come.
 
 A recording (`BagRecorder`, mcap) may end by a crash: after each chunk the file gets an end record, which the next chunk
-overwrites, so that any reader takes what is there; a bag that was closed has an index and metadata.yaml as well. What a
-crash of the host may cost is bounded by writing to the disk each second.
+overwrites, so that any reader takes what is there. What a crash of the host may cost is bounded by writing to the disk
+each second.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import sqlite3
 import threading
 import zlib
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from io import BytesIO
 from pathlib import Path
 from types import MappingProxyType, TracebackType
@@ -210,13 +210,12 @@ class _SafeMcapWriter(CheckedMcapWriter):
 
     def flush(self) -> None:
         """Write what has been gathered."""
-        if not self.chunk.bio.tell():
-            return
-        super().close_chunk()
-        data = self.bio.getvalue()
-        self._put(data + END)
-        self._offset += len(data)
-        self.bio = _Part(self._offset)
+        if self.chunk.bio.tell():
+            super().close_chunk()
+            data = self.bio.getvalue()
+            self._put(data + END)
+            self._offset += len(data)
+            self.bio = _Part(self._offset)
 
     def sync(self) -> None:
         """Let the system bring to the disk what was written."""
@@ -246,6 +245,7 @@ class _SafeMcapWriter(CheckedMcapWriter):
 
 
 class _SafeWriter(Writer):
+    storage: Any
     STORAGE_PLUGINS = MappingProxyType({StoragePlugin.MCAP: _SafeMcapWriter})
 
 
@@ -306,20 +306,12 @@ class BagRecorder:
     def flush(self) -> None:
         """Make what was added readable for others."""
         with self._telling():
-            self._storage.flush()
-
-    @property
-    def _storage(self) -> _SafeMcapWriter:
-        assert isinstance(self._writer.storage, _SafeMcapWriter)
-        return self._writer.storage
+            self._writer.storage.flush()
 
     def _sync(self) -> None:
-        storage = self._storage
-        while not self._stop.wait(SYNC_S):
-            try:
-                storage.sync()
-            except OSError:
-                return  # the next write says it
+        with suppress(OSError):  # the next write says it
+            while not self._stop.wait(SYNC_S):
+                self._writer.storage.sync()
 
     @contextmanager
     def _telling(self) -> Iterator[None]:

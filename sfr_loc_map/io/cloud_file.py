@@ -2,8 +2,6 @@
 
 Written are all fields of `FIELD_TYPES` in their types: PLY and PCD binary little endian, NPZ one array a field. Read
 are any order and any number type of the fields, text and binary, and clouds of other programs with x, y, z alone.
-Whether the cloud is fused and which pairs it is made of stand in the file: comments `sfr fused true` and
-`sfr pair_stamps_ns 1 2 3` (PLY, PCD), or members of these names (NPZ). LAS and LAZ: `io/las.py`.
 """
 
 from __future__ import annotations
@@ -134,11 +132,11 @@ def _said(comments: Iterable[str]) -> tuple[bool | None, tuple[int, ...] | None]
             raise ValueError(f"its comments 'sfr {name}' differ")
     fused, stamps = said.get(FUSED), said.get(PAIR_STAMPS)
     if fused not in (None, "true", "false"):
-        raise ValueError(f"its comment 'sfr {FUSED} {fused}' must end in true or false")
+        raise ValueError(f"'sfr {FUSED} {fused[:40]}' must end in true or false")
     words = (stamps or "").split()
     whole = all(word.isascii() and word.isdecimal() and len(word) < 20 and int(word) < 2**63 for word in words)
     if len(words) > MAX_PAIR_STAMPS or not whole:
-        raise ValueError(f"its comment 'sfr {PAIR_STAMPS}' must list whole nanoseconds")
+        raise ValueError(f"'sfr {PAIR_STAMPS}' must list whole nanoseconds")
     return None if fused is None else fused == "true", None if stamps is None else tuple(map(int, words))
 
 
@@ -274,15 +272,8 @@ def _read_npz(data: bytes) -> tuple[Columns, list[str]]:
     lengths = {name: len(values) for name, values in columns.items()}
     if len(set(lengths.values())) > 1:
         raise ValueError(f"its arrays differ in length: {lengths}")
-    fused, stamps = members.get(FUSED), members.get(PAIR_STAMPS)
-    if fused is not None and (fused.shape != () or fused.dtype != np.bool_):
-        raise ValueError(f"its member '{FUSED}' is {fused.dtype} {fused.shape}: one truth value is needed")
-    if stamps is not None and (stamps.ndim != 1 or stamps.dtype.kind not in "iu" or len(stamps) > MAX_PAIR_STAMPS):
-        raise ValueError(f"its member '{PAIR_STAMPS}' is {stamps.dtype} {stamps.shape}: whole nanoseconds are needed")
-    comments = [] if fused is None else [f"sfr {FUSED} {str(bool(fused)).lower()}"]
-    if stamps is not None:
-        comments.append(f"sfr {PAIR_STAMPS} {' '.join(map(str, stamps.tolist()))}")
-    return columns, comments
+    said = {name: members[name].reshape(-1).tolist() for name in (FUSED, PAIR_STAMPS) if name in members}
+    return columns, [f"sfr {name} {' '.join(map(str, values)).lower()}" for name, values in said.items()]
 
 
 _FORMATS: dict[str, tuple[Callable[[bytes], tuple[Columns, list[str]]], Callable[[PointCloud], bytes]]] = {

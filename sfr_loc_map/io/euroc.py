@@ -4,16 +4,15 @@
     mav0/cam1/...                                 right camera
     mav0/state_groundtruth_estimate0/data.csv     optional: timestamp [ns], p_xyz [m], q_wxyz, ... of B in the world
 
-Images are rectified here, unless they are already: equal cameras without distortion, side by side. RB is the body frame
-B, DS the world frame of the truth, whose rate is kept. Written images are rectified; B is SB where the rig's pose on
-the rover is not known, and the truth is left out then. It has positions and orientations alone.
+Images are rectified here, unless they are already. RB is the body frame B, DS the world frame of the truth, whose rate
+is kept. B of written ones is SB where the rig's pose on the rover is not known, and the truth is left out then.
 """
 
 from __future__ import annotations
 
 import logging
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
@@ -103,12 +102,6 @@ class EurocWriter(TableWriter):
 
     _has_body, _told = True, False
 
-    def __enter__(self) -> Self:
-        """Make the folders."""
-        for name in CAMERAS:
-            (self._path / "mav0" / name / "data").mkdir(parents=True, exist_ok=True)
-        return super().__enter__()
-
     def write_loc_rig(self, rig: StereoRig) -> None:
         """Write the two cameras; comes before the first pair and the truth."""
         self._has_body = rig.T_rb_sb is not None
@@ -116,6 +109,7 @@ class EurocWriter(TableWriter):
         T_left_right = Transform(np.eye(3), np.array([rig.baseline_m, 0.0, 0.0]))
         for name, pose in zip(CAMERAS, (T_body_left, T_body_left @ T_left_right), strict=True):
             numbers = ", ".join(map(repr, pose.matrix.reshape(-1).tolist()))
+            (self._path / "mav0" / name / "data").mkdir(parents=True)
             (self._path / "mav0" / name / "sensor.yaml").write_text(
                 f"%YAML:1.0\nsensor_type: camera\ncomment: rectified camera {name}\n"
                 f"T_BS:\n  cols: 4\n  rows: 4\n  data: [{numbers}]\n"

@@ -135,11 +135,8 @@ def claimed_size(data: bytes) -> tuple[int, int] | None:
 def _decoded_pixel_bytes(data: bytes) -> int:
     """Return how many bytes a pixel of an image file may have once decoded."""
     if data.startswith(PNG_MAGIC):
-        depth, colour = data[24:25], data[25:26]
-        return (2 if depth == b"\x10" else 1) * (1 if colour == b"\0" else 4)
-    if data.startswith((JPEG_MAGIC, b"P2", b"P5")):  # 8-bit grey, whatever the file has; rarely 16 bits
-        return 1
-    return 4
+        return (2 if data[24:25] == b"\x10" else 1) * (1 if data[25:26] == b"\0" else 4)  # depth, kind of colour
+    return 1 if data.startswith((JPEG_MAGIC, b"P2", b"P5")) else 4  # 8-bit grey, rarely 16 bits
 
 
 def image_from_message(message: Any) -> GreyImage:  # noqa: ANN401 - a sensor_msgs/Image of any library

@@ -5,9 +5,7 @@
     times.txt           seconds, one a line
     poses.txt           optional; also found as ../../poses/NAME.txt: 3 x 4 matrices of camera 0 in its first frame
 
-RB is the stereo bench frame SB itself, and DS is RB at the first pose: x forward, y left, z up. Written poses are those
-of the left camera, one an image; they are left out where the rig's pose on the rover or the truth at an image is not
-known.
+RB is the stereo bench frame SB itself, and DS is RB at the first pose: x forward, y left, z up.
 """
 
 from __future__ import annotations
@@ -94,7 +92,6 @@ class KittiWriter(TableWriter):
     """A sequence that is being written; a context manager. The layout has no mapping pairs: they are left out."""
 
     def __init__(self, path: Path) -> None:
-        """Prepare a folder, made when the block begins."""
         super().__init__(path)
         self._rig: StereoRig | None = None
         self._stamps_ns: list[int] = []

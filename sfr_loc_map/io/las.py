@@ -1,9 +1,7 @@
 """LAS and LAZ files of points (ASPRS LAS 1.4), by laspy, an extra of the package.
 
-Written is point format 0 with sigma, intensity, u, v and pair as extra dimensions; the intensity of the format itself
-is a whole number. Coordinates are whole multiples of 1 micrometre, of more where the cloud is larger than 2 km. What
-the cloud says of itself stands in a variable length record of this package. Read are x, y, z and dimensions of these
-names of any LAS or LAZ file.
+Written is point format 0, coordinates in whole multiples of 1 micrometre, of more where the cloud is larger than 2 km.
+Read are x, y, z and dimensions of the names of `EXTRA` of any LAS or LAZ file.
 """
 
 from __future__ import annotations

@@ -21,12 +21,7 @@ from sfr_loc_map.inputs import SIDES, refusing
 from sfr_loc_map.io.camera_info import baseline_from_projection, rig_from_camera_info
 
 Rectify = Callable[[GreyImage, GreyImage], tuple[GreyImage, GreyImage]]
-COEFFICIENTS: dict[str, tuple[int, ...]] = {
-    "plumb_bob": (4, 5),
-    "rational_polynomial": (8, 12, 14),
-    "equidistant": (4,),
-    "fisheye": (4,),
-}
+COEFFICIENTS = {"plumb_bob": (4, 5), "rational_polynomial": (8, 12, 14), "equidistant": (4,), "fisheye": (4,)}
 """Models of distortion that are known, and how many coefficients they may have."""
 FISHEYE = ("equidistant", "fisheye")
 RECTIFIED_TOLERANCE = 1e-9
@@ -83,8 +78,8 @@ class RawCamera:
     @property
     def rectified_info(self) -> SimpleNamespace:
         """What the camera_info of the rectified images says."""
-        (width, height), k = self.size, np.reshape(self.p, (3, 4))[:, :3].reshape(-1)
-        return SimpleNamespace(width=width, height=height, d=(0.0,) * 5, k=k, r=np.eye(3).reshape(-1), p=self.p)
+        width, height = self.size
+        return SimpleNamespace(width=width, height=height, d=(), k=np.zeros(9), r=np.zeros(9), p=self.p)
 
 
 class StereoRectifier:

@@ -1,34 +1,7 @@
-"""Layouts of rover data sets: MADMAX, Katwijk beach, LuSNAR.
+"""Layouts of rover data sets: MADMAX (Meyer et al. 2021), Katwijk beach (Hewitt et al. 2018), LuSNAR (Liu et al. 2024).
 
-**MADMAX**, drives in the Moroccan desert (Meyer et al. 2021); one run (`A-0`).
-
-    img_rect_left/img_rect_left_STAMP.png img_rect_right/...   rectified images, named by nanoseconds
-    ground_truth/gt_6DoF_gnss_and_imu.csv                      optional: UNIX time, place (ENU), orientation of B
-    ../calibration/camera_rect_left_info.txt, ..right_info.txt camera_info of the rectified cameras as YAML
-    ../calibration/tf__imu_to_camera_left.csv, tf__camera_left_to_camera_right.csv, tf__imu_to_B.csv   optional
-
-The archives are unpacked in several ways: folders that end in `rect_left` and `ground_truth` are found, and the
-calibration within the run or beside it. RB is the body frame B, DS the frame of the truth. Whether the files
-`tf__A_to_B` hold the pose of B in A or its inverse follows from that of the two cameras: the right one is on the right.
-
-**Katwijk**: the Katwijk beach planetary rover data set (Hewitt et al. 2018); one part (`Traverse1/Part1`).
-
-    LocCam/LocCam_2015_11_26_12_53_35_149_0.png   left image, named by its time (UTC); `_1.png`: the right one
-    LocCam_calibstruct.mat                        calibration, here or in one of the two folders above
-
-The calibration of the data set, `LocCam_calibration.mat`, holds an object that MATLAB alone opens; it is saved again
-as a struct (`docs/formats.md`). MATLAB counts pixels from 1 and writes rotations for rows: `x2 = x1 R + t`, in
-millimetres. Images are rectified here. RB is the stereo bench, DS is not given: the positions of the receiver have no
-orientation, so they are no truth.
-
-**LuSNAR**, a simulated data set of the Moon (Liu et al. 2024, arXiv:2407.06512); one scene (`Moon_1`).
-
-    image0/color/STAMP.png  image1/color/STAMP.png   left and right images, 1024 x 1024, named by nanoseconds
-    gt.txt                                           optional: timestamp [ns], p_xyz [m], q_wxyz, ... of the rover
-
-The scenes have these names; the data set's own description has `image1/RGB`, `image2/RGB` and `Rover_pose.txt`, which
-are read too. There is no calibration file: cameras and their place on the rover are those of the paper's table. Its
-rover and world frames have x forward, y right and z down; RB and DS are these, turned to have z up.
+`docs/formats.md` describes their files. The calibration of Katwijk is MATLAB's, which counts pixels from 1 and writes
+rotations for rows: `x2 = x1 R + t`, in millimetres. Of LuSNAR the cameras stand here, as they have no file.
 """
 
 from __future__ import annotations
@@ -80,7 +53,7 @@ MAT_HEADER_BYTES = 128
 MAT_COMPRESSED = 15
 """Type of an element of a MATLAB file that is compressed."""
 LUSNAR_LAYOUTS = (("image0/color", "image1/color"), ("image1/RGB", "image2/RGB"))
-"""Folders of the left and right images: as the scenes have them, as their description has them."""
+"""Folders of the left and right images: of the scenes, of their description."""
 LUSNAR_TRUTHS = ("gt.txt", "Rover_pose.txt")
 SIDE_PX, FOCAL_PX, BASELINE_M = 1024, 610.17784, 0.31
 CENTRE_PX = (SIDE_PX - 1) / 2
@@ -157,9 +130,7 @@ def _madmax_extrinsics(folder: Path, rig: StereoRig, turn: FloatArray) -> Transf
 def _madmax_pose(file: Path) -> Transform:
     """Return the transform of a file: a header `#position.x, ..., orientation.w` and a line of numbers."""
     rows = read_lines(file)
-    if not rows:
-        raise InputError(f"'{file}' holds no transform: a line of seven numbers is needed")
-    values = numbers_of(rows[0].replace(",", " ").split(), 7, f"'{file}'")
+    values = numbers_of((rows or [""])[0].replace(",", " ").split(), 7, f"'{file}'")
     with refusing(f"'{file}'"):
         return Transform.from_quat(values[:3], values[3:])
 

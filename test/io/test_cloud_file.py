@@ -120,8 +120,8 @@ def test_pcd_of_others(tmp_path: Path) -> None:
         ({"y": [1.0, 2.0]}, "differ in length"),
         ({"z": ["1.0"]}, "real numbers are needed"),
         ({"z": [1e308]}, "coordinate of 1e.308 m"),
-        ({"fused": [1.0]}, "needed"),
-        ({"pair_stamps_ns": [1.5]}, "needed"),
+        ({"fused": [1.0]}, "true or false"),
+        ({"pair_stamps_ns": [1.5]}, "whole nanoseconds"),
     ],
 )
 def test_arrays_that_are_no_cloud_are_refused(tmp_path: Path, changes: dict, words: str) -> None:
