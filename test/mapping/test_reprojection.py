@@ -1,6 +1,7 @@
 """Points against the pinhole equations, their sigma against Monte Carlo and against a calibration that is wrong."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,50 +35,39 @@ def test_sigma_is_the_scatter_along_the_ray() -> None:
     assert ratio.std() < 0.04
 
 
-def disparity_of(rotation: np.ndarray) -> np.ndarray:
-    """Return the disparities of ground as a right camera rotated by a vector sees it."""
+def cloud_of(rotation: tuple[float, ...] = (0, 0, 0), rig: StereoRig = RIG, sigma_px: float = 0.0) -> PointCloud:
+    """Return the points of ground that a right camera rotated by a vector sees, as made with a rig."""
     v, u = np.mgrid[: RIG.height, : RIG.width].astype(float)
     depth = RIG.fx * RIG.baseline_m / (4.0 + 0.05 * v + 0.01 * u)
     left = np.stack(((u - RIG.cx) / RIG.fx, (v - RIG.cy) / RIG.fy, np.ones_like(u)), axis=-1) * depth[..., None]
     right = (left - [RIG.baseline_m, 0.0, 0.0]) @ matrix_from_rotvec(rotation)
-    return u - (RIG.fx * right[..., 0] / right[..., 2] + RIG.cx)
+    disparity = (u - (RIG.fx * right[..., 0] / right[..., 2] + RIG.cx)).astype(np.float32)
+    return cloud_from_disparity(disparity, np.full_like(disparity, sigma_px), disparity.astype(np.uint8), rig, POSE, 0)
 
 
-def cloud_at(disparity: np.ndarray, rig: StereoRig = RIG, sigma_px: float = 0.0) -> PointCloud:
-    deviation = np.full(disparity.shape, sigma_px, np.float32)
-    grey = np.zeros(disparity.shape, np.uint8)
-    return cloud_from_disparity(disparity.astype(np.float32), deviation, grey, rig, POSE, 0)
-
-
-def moved_m(name: str) -> np.ndarray:
-    """Return how far each point moves along its ray if one number of the calibration is wrong by `ANGLE`."""
-    axes = {"pitch": 0, "yaw": 1, "roll": 2}
-    rotation, rig = np.zeros(3), RIG
-    if name in axes:
-        rotation[axes[name]] = ANGLE
-    elif name == "focal":
-        rig = replace(RIG, fx=RIG.fx * (1 + ANGLE), fy=RIG.fy * (1 + ANGLE))
-    else:
-        rig = replace(RIG, baseline_m=RIG.baseline_m * (1 + ANGLE))
-    true, wrong = cloud_at(disparity_of(np.zeros(3))), cloud_at(disparity_of(rotation), rig)
-    return np.linalg.norm(wrong.xyz - true.xyz, axis=1)
-
-
-@pytest.mark.parametrize("name", CalibrationSigma._fields)
-def test_sigma_is_how_far_a_wrong_calibration_moves_the_points(name: str) -> None:
-    cloud = cloud_at(disparity_of(np.zeros(3)))
+@pytest.mark.parametrize(
+    ("name", "wrong"),
+    [
+        ("yaw", {"rotation": (0.0, ANGLE, 0.0)}),
+        ("pitch", {"rotation": (ANGLE, 0.0, 0.0)}),
+        ("roll", {"rotation": (0.0, 0.0, ANGLE)}),
+        ("focal", {"rig": replace(RIG, fx=RIG.fx * (1 + ANGLE), fy=RIG.fy * (1 + ANGLE))}),
+        ("baseline", {"rig": replace(RIG, baseline_m=RIG.baseline_m * (1 + ANGLE))}),
+    ],
+)
+def test_sigma_is_how_far_a_wrong_calibration_moves_the_points(name: str, wrong: dict[str, Any]) -> None:
+    cloud = cloud_of()
     sigma = total_sigma(cloud, [POSE], RIG, NONE._replace(**{name: ANGLE}))
-    moved = moved_m(name)
+    moved = np.linalg.norm(cloud_of(**wrong).xyz - cloud.xyz, axis=1)
     if name == "focal":  # the depth alone moves, the point stays on its column and row
         ray = (cloud.xyz - POSE.translation) / np.linalg.norm(cloud.xyz - POSE.translation, axis=1)[:, None]
         moved = moved / (ray @ POSE.rotation[:, 2])
-    near = np.abs(sigma - moved) < 0.02 * moved + 2e-5
-    assert near.mean() > 0.999
+    assert (np.abs(sigma - moved) < 0.02 * moved + 2e-5).mean() > 0.999
     assert sigma.max() > 1e-4
 
 
 def test_parts_add_as_variances_and_none_leaves_sigma_as_it_is() -> None:
-    cloud = cloud_at(disparity_of(np.zeros(3)), sigma_px=0.1)
+    cloud = cloud_of(sigma_px=0.1)
     np.testing.assert_array_equal(total_sigma(cloud, [POSE], RIG, NONE), cloud.sigma)
     parts = CalibrationSigma(1e-4, 2e-4, 3e-4, 1e-3, 2e-3)
     single = [total_sigma(cloud, [POSE], RIG, NONE._replace(**{n: v})) for n, v in parts._asdict().items()]

@@ -3,12 +3,7 @@
 import numpy as np
 import pytest
 
-from sfr_loc_map.mapping.disparity.filters import (
-    MIN_DISPARITY_PX,
-    depth_ratio,
-    local_variance,
-    mad_sigma,
-)
+from sfr_loc_map.mapping.disparity.filters import MIN_DISPARITY_PX, depth_ratio, local_variance, mad_sigma
 
 
 @pytest.mark.parametrize("sigma", [0.1, 3.0])

@@ -1,7 +1,6 @@
 """Holes in a scene of two planes whose truth is known: which take a surface, and which stay empty."""
 
 import numpy as np
-import pytest
 from disparity_world import two_planes
 
 from sfr_loc_map.mapping.disparity.hole_filling import (
@@ -22,8 +21,6 @@ NOISE = 2.0
 
 
 class TwoPlanes:
-    """A block before a background, seen by both cameras, with noise."""
-
     def __init__(self, far: float = FAR) -> None:
         left, right, self.truth = two_planes((ROWS, COLS), BLOCK, int(NEAR), int(far), NOISE)
         self.left, self.right = left.astype(F), right.astype(F)
@@ -39,37 +36,24 @@ class TwoPlanes:
         return fill_holes(self.left, self.right, disparity, valid, matched, NOISE, may)
 
 
-@pytest.fixture(scope="module")
-def scene() -> TwoPlanes:
-    return TwoPlanes()
-
-
-def beside_edge() -> np.ndarray:
-    """Return a hole on both sides of the block's right edge."""
-    hole = np.zeros((ROWS, COLS), bool)
-    hole[18:42, 115:126] = True
-    return hole
-
-
-def test_pixels_beside_an_edge_take_their_own_surface(scene: TwoPlanes) -> None:
-    hole = beside_edge()
+def test_pixels_beside_an_edge_take_their_own_surface_but_not_far_behind_another() -> None:
+    """One pixel of near ground with the depth of what lies behind a rim would be most of a map's error."""
+    scene, hole = TwoPlanes(), np.zeros((ROWS, COLS), bool)
+    hole[18:42, 115:126] = True  # on both sides of the block's right edge
     disparity, filled = scene.filled(hole)
     assert filled[hole].mean() > 0.9
     np.testing.assert_allclose(disparity[filled], scene.truth[filled], atol=0.01)
     may = np.ones_like(hole)
     may[:, 120:] = False
     assert not scene.filled(hole, may)[1][:, 120:].any()
-
-
-def test_what_is_far_behind_another_surface_stays_empty() -> None:
-    """One pixel of near ground with the depth of what lies behind a rim would be most of a map's error."""
-    _, filled = TwoPlanes(far=3.0).filled(beside_edge())
+    _, filled = TwoPlanes(far=3.0).filled(hole)
     assert NEAR > MAX_DEPTH_RATIO * 3.0
     assert filled[18:42, 115:120].mean() > 0.9
     assert not filled[:, 120:].any()
 
 
-def test_what_the_right_camera_does_not_see_or_little_is_known_of_stays_empty(scene: TwoPlanes) -> None:
+def test_what_the_right_camera_does_not_see_or_little_is_known_of_stays_empty() -> None:
+    scene = TwoPlanes()
     _, filled = scene.filled(np.zeros((ROWS, COLS), bool))
     assert filled[OCCLUDED].mean() < 0.02
     assert not filled[:, : int(FAR)].any()

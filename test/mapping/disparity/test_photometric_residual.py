@@ -58,8 +58,8 @@ def test_the_information_vector_is_minus_the_gradient_of_the_energy() -> None:
     gradient = (energy(left, right, disparity + h) - energy(left, right, disparity - h)) / (2.0 * h)
     size = np.abs(gradient[INNER]).max()
     np.testing.assert_allclose(equations.information_vector[INNER], -gradient[INNER], atol=0.03 * size)
-    curvature = energy(left, right, disparity + h) + energy(left, right, disparity - h)
-    curvature = (curvature - 2.0 * energy(left, right, disparity)) / h**2
+    twice = energy(left, right, disparity + h) + energy(left, right, disparity - h)
+    curvature = (twice - 2.0 * energy(left, right, disparity)) / h**2
     assert np.median(equations.information[INNER] / curvature[INNER]) == pytest.approx(1.0, abs=0.1)
 
 
@@ -68,10 +68,9 @@ def test_residuals_beyond_the_tail_lose_weight() -> None:
     residual = np.full((ROWS, COLS), 6.0, F)
     residual[:, 10] = np.nan
     cells = np.zeros((ROWS // 2, COLS // 2), F)
-    tail, variance, offset = 1.0 / 25.0, 4.0, 1.0
-    found = normal_equations(slopes(template), residual, cells + F(offset), cells + F(1.0 / variance), F(tail))
-    level = (6.0 - offset) ** 2 / variance
-    weight = 1.0 / (1.0 + tail * level)
+    found = normal_equations(slopes(template), residual, cells + F(1.0), cells + F(0.25), F(0.04))
+    level, variance = (6.0 - 1.0) ** 2 / 4.0, 4.0
+    weight = 1.0 / (1.0 + 0.04 * level)
     for j, count in ((7, 4), (5, 2), (0, 0)):  # all four pixels, two of them NaN, no slope at the border
         np.testing.assert_allclose(found.weight[:, j], count * weight, rtol=1e-5)
         np.testing.assert_allclose(found.chi2[:, j], count * weight * level, rtol=1e-5)

@@ -51,12 +51,9 @@ def test_the_own_body_is_left_out_and_told(ground: list[PosedStereoPair]) -> Non
 
 
 def test_rows_of_another_pair_are_left_out(ground: list[PosedStereoPair]) -> None:
-    torn = []
-    for side in ("left", "right"):
-        image = getattr(ground[1].pair, side).copy()
-        image[60:] = getattr(ground[0].pair, side)[60:]
-        torn.append(image)
-    result = fused([ground[0], replace(ground[1], pair=StereoPair(ground[1].pair.stamp_ns, *torn))])
+    one, other = (item.pair for item in ground)
+    left, right = np.vstack((other.left[:60], one.left[60:])), np.vstack((other.right[:60], one.right[60:]))
+    result = fused([ground[0], replace(ground[1], pair=StereoPair(other.stamp_ns, left, right))])
     assert any("images of another pair" in line for line in result.warnings)
     assert (result.cloud.v > 70).mean() < 0.02
 

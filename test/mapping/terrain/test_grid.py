@@ -56,9 +56,8 @@ def test_a_rock_or_a_hole_is_a_hazard_as_far_as_the_footprint_reaches(sign: floa
 
     grid = elevation_grid(ground(rock), CONFIG, CAMERA)
     assert at(grid, grid.step_m, 0.05, 0.05) == pytest.approx(0.25, abs=0.02)
-    x0, y0 = grid.elevation.origin_m
-    rows, columns = np.nonzero(grid.hazard == 100)
-    distance = np.hypot(x0 + (columns + 0.5) * 0.1 - 0.05, y0 + (rows + 0.5) * 0.1 - 0.05)
+    rows, columns = (np.nonzero(grid.hazard == 100) + np.array([[0.5], [0.5]])) * 0.1
+    distance = np.hypot(grid.elevation.origin_m[0] + columns - 0.05, grid.elevation.origin_m[1] + rows - 0.05)
     assert distance.max() < 0.15 * np.sqrt(2) + STEP_RADIUS_M + CONFIG.footprint_radius_m + 0.1
     reach = 0.15 + CONFIG.footprint_radius_m
     for x, y in ((reach, 0.05), (0.05, -reach + 0.1), (0.4, 0.4)):
