@@ -52,6 +52,9 @@ class Method:
     about: str = ""
     python: Path = field(default_factory=lambda: Path(sys.executable))  # interpreter that has it
     setup: Mapping[str, object] = field(default_factory=dict)  # sent to its adapter besides the rig
+    modules: tuple[str, ...] = ()  # of a peer: what its interpreter must have
+    install: str = ""  # of a peer: the command that installs it
+    needs: Mapping[str, str] = field(default_factory=dict)  # of a peer: files that its configuration must name
 
     @property
     def command(self) -> list[str]:
@@ -63,60 +66,45 @@ class Method:
         return MethodRecord(name=self.name, version=version, kind=self.kind, sha256=self.sha256)
 
 
-@dataclass(frozen=True, slots=True)
-class Peer:
-    """A method that a user may have installed in an interpreter of its own."""
-
-    method: Method  # without its interpreter
-    modules: tuple[str, ...]  # what that interpreter must have
-    install: str  # command that installs it
-    needs: tuple[tuple[str, str], ...] = ()  # files that its configuration must name, with what they are
-
-
-def _ours(task: Task, function: str, *, background: bool) -> Method:
-    about, target = "this suite's own, the default", f"sfr_loc_map.methods.ours:{function}"
-    return Method(OURS, task, MethodKind.BUILT_IN, CLASS_WORKER, target, background=background, about=about)
-
-
-BUILT_IN = {
+OUR_MODULE, ABOUT_OURS = "sfr_loc_map.methods.ours", "this suite's own, the default"
+VOCABULARY = "its vocabulary: give --vocab FILE, or 'vocabulary: FILE' in the file of --config"
+BUILT_IN: dict[Task, dict[str, Method]] = {
     Task.LOCALISATION: {
-        OURS: _ours(Task.LOCALISATION, "localiser", background=True),
+        OURS: Method(
+            OURS, Task.LOCALISATION, MethodKind.BUILT_IN, CLASS_WORKER, f"{OUR_MODULE}:localiser",
+            background=True, about=ABOUT_OURS,
+        ),
         "opencv": Method(
-            "opencv",
-            Task.LOCALISATION,
-            MethodKind.BUILT_IN,
-            "opencv_odometry.py",
+            "opencv", Task.LOCALISATION, MethodKind.BUILT_IN, "opencv_odometry.py",
             about="corners, optical flow, PnP from pair to pair",
         ),
     },
     Task.MAPPING: {
-        OURS: _ours(Task.MAPPING, "mapper", background=False),
+        OURS: Method(
+            OURS, Task.MAPPING, MethodKind.BUILT_IN, CLASS_WORKER, f"{OUR_MODULE}:mapper", about=ABOUT_OURS
+        ),
         "sgbm": Method(
-            "sgbm",
-            Task.MAPPING,
-            MethodKind.BUILT_IN,
-            "opencv_sgbm.py",
+            "sgbm", Task.MAPPING, MethodKind.BUILT_IN, "opencv_sgbm.py",
             about="OpenCV's semi-global matching, three-way",
         ),
     },
-}
-PEERS = {
+}  # fmt: skip
+PEERS: dict[Task, dict[str, Method]] = {
     Task.LOCALISATION: {
-        "orbslam3": Peer(
-            Method("orbslam3", Task.LOCALISATION, MethodKind.PEER, "peer_orbslam3.py", background=True),
-            ("pyorbslam3",),
-            "pip install pyorbslam3 opencv-python-headless",
-            (("vocabulary", "its vocabulary: give --vocab FILE, or 'vocabulary: FILE' in the file of --config"),),
+        "orbslam3": Method(
+            "orbslam3", Task.LOCALISATION, MethodKind.PEER, "peer_orbslam3.py", background=True,
+            modules=("pyorbslam3",), install="pip install pyorbslam3 opencv-python-headless",
+            needs={"vocabulary": VOCABULARY},
         )
     },
     Task.MAPPING: {
-        "pandora": Peer(
-            Method("pandora", Task.MAPPING, MethodKind.PEER, "peer_pandora.py"),
-            ("pandora", "pandora_plugin_libsgm"),
-            "pip install 'pandora[sgm]' opencv-python-headless",
+        "pandora": Method(
+            "pandora", Task.MAPPING, MethodKind.PEER, "peer_pandora.py",
+            modules=("pandora", "pandora_plugin_libsgm"), install="pip install 'pandora[sgm]' opencv-python-headless",
         )
     },
-}
+}  # fmt: skip
+"""Methods that a user may have installed in an interpreter of its own."""
 
 
 def find_method(spec: str, task: Task, config: str = "") -> Method:
@@ -154,36 +142,35 @@ def _entry_points(task: Task) -> list[metadata.EntryPoint]:
     return [entry for entry in found if entry.name not in BUILT_IN[task] and entry.name not in PEERS[task]]
 
 
-def _configured_peer(peer: Peer, config: str) -> Method:
-    name = peer.method.name
+def _configured_peer(peer: Method, config: str) -> Method:
     try:
         values = parse_yaml(config) or {}
     except ValueError as error:
-        raise MethodError(f"method {name}: its configuration is no YAML ({error})") from error
+        raise MethodError(f"method {peer.name}: its configuration is no YAML ({error})") from error
     if not isinstance(values, dict):
-        raise MethodError(f"method {name}: its configuration must be a mapping, as 'python: PATH'")
+        raise MethodError(f"method {peer.name}: its configuration must be a mapping, as 'python: PATH'")
     python = values.pop("python", None)
     found, reason = find_peer(peer, None if python is None else Path(str(python)), values)
     if found is None:
-        raise MethodError(f"method {name}: {reason}")
+        raise MethodError(f"method {peer.name}: {reason}")
     return found
 
 
-def find_peer(peer: Peer, python: Path | None, files: dict[str, object]) -> tuple[Method | None, str]:
+def find_peer(peer: Method, python: Path | None, files: dict[str, object]) -> tuple[Method | None, str]:
     """Return a peer's method with an interpreter and files by name, or None and the reason why it cannot be run."""
     if reason := lacks(python, peer):
         return None, reason
-    for name, what in peer.needs:
+    for name, what in peer.needs.items():
         if files.get(name) is None:
             return None, f"needs {what}"
         if not Path(str(files[name])).is_file():
             return None, f"there is no {name} '{files[name]}'"
     assert python is not None
     setup = {name: str(Path(str(value)).resolve()) for name, value in files.items()}
-    return replace(peer.method, python=python, setup=setup), ""
+    return replace(peer, python=python, setup=setup), ""
 
 
-def lacks(python: Path | None, peer: Peer) -> str:
+def lacks(python: Path | None, peer: Method) -> str:
     """Return why an interpreter cannot import a peer's modules, empty if it can; MethodError if it is none."""
     if python is None:
         return f"not looked for: give --peer-python, an interpreter with it ({peer.install})"
@@ -217,8 +204,8 @@ def listed_methods(python: Path | None = None) -> Iterator[ListedMethod]:
         for name, peer in PEERS[task].items():
             missing = lacks(python, peer)
             version = None if missing or python is None else _version_of(peer.modules[0], python)
-            needs = "; ".join(f"needs {what}" for _, what in peer.needs)
-            yield ListedMethod(task, name, version, peer.method.kind, missing or needs)
+            needs = "; ".join(f"needs {what}" for what in peer.needs.values())
+            yield ListedMethod(task, name, version, peer.kind, missing or needs)
         for entry in _entry_points(task):
             stated = None if entry.dist is None else entry.dist.version
             yield ListedMethod(task, entry.name, stated, MethodKind.PYTHON, entry.value)
