@@ -68,8 +68,8 @@ def test_stages_come_back_with_their_calls_and_have_an_end() -> None:
     assert len(ring.calls().stage_s) == MAX_STAGES
 
 
-CONFIG = TrajectoryScoreConfig(conditions=("distance=1", "frames=9"), spacing=3)
-COUNT = 24
+CONFIG = TrajectoryScoreConfig(conditions=("distance=0.5",), spacing=3)
+COUNT = 14
 Drive = tuple[Estimates, Trajectory]
 
 
@@ -127,7 +127,7 @@ def test_two_thousand_orders_of_messages_give_the_score_of_the_file() -> None:
         drive = small_drive(seed)
         scored, messages = score_trajectory(*drive, CONFIG), messages_of(drive)
         offline = Score(trajectory=scored.score, details=Details(trajectory=scored.details), verdicts=())
-        assert scored.score.matched > 12
+        assert scored.score.matched > 6
         flags += scored.score.lost + scored.score.degraded
         monitor = MonitorScore(ScoreConfig(CONFIG), None)
         for number in range(100):
@@ -142,7 +142,7 @@ def test_two_thousand_orders_of_messages_give_the_score_of_the_file() -> None:
                 assert in_order(monitor.result()) == offline, (seed, number)
             else:
                 assert in_order(monitor.result(details=False)) == replace(offline, details=None), (seed, number)
-    assert flags > 20
+    assert flags > 12
 
 
 def test_of_poses_with_one_stamp_the_last_that_came_counts_as_in_a_file() -> None:
