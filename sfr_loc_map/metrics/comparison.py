@@ -8,7 +8,7 @@ blocks (circular block bootstrap, as for the interval of one figure, see `metric
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import StrEnum
 from typing import Annotated
 
@@ -18,7 +18,7 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.limits import value_at
-from sfr_loc_map.metrics.score import Interval, Key, MethodRecord, Score, SubTrajectoryRows
+from sfr_loc_map.metrics.score import Interval, Key, MethodRecord, Record, Score, SubTrajectoryRows
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.metrics.statistics import (
     MIN_FREEDOM,
@@ -47,8 +47,7 @@ class Outcome(StrEnum):
     NOT_ENOUGH_DATA = "not enough data"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PairedDifference:
+class PairedDifference(Record):
     """One figure of one condition over the sub-trajectories that two scores have in common."""
 
     name: str  #: Name of the other score.
@@ -67,16 +66,14 @@ class PairedDifference:
     p_corrected: float | None = None  #: The same corrected for the number of comparisons (Holm).
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SideBySide:
+class SideBySide(Record):
     """One figure of whole runs, which cannot be paired: its place in the score, a value for each (None: no value)."""
 
     figure: str
     values: tuple[float | None, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Comparison:
+class Comparison(Record):
     """Scores compared with the first of them: name and method of each, pairs by score, condition and figure."""
 
     names: tuple[str, ...]

@@ -11,7 +11,7 @@ as a share of the path and the attitude error in radians, root of the sum of squ
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from operator import attrgetter
 from typing import Annotated
 
@@ -37,7 +37,7 @@ from sfr_loc_map.geometry.transform import Transform, propagation
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, associate
 from sfr_loc_map.metrics.config import AssociationConfig
-from sfr_loc_map.metrics.score import Key
+from sfr_loc_map.metrics.score import Key, Record
 from sfr_loc_map.metrics.trajectory_error import ATTITUDE, PoseRows, sub_trajectory_errors
 
 GAIN, GAIN_FITTED = 2.0, 3.0
@@ -60,8 +60,7 @@ Poses = tuple[FloatArray, FloatArray]
 """Positions `(N, 3)` and unit quaternions `(N, 4)`."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Hypothesis:
+class Hypothesis(Record):
     """One convention mismatch and what undoing it does."""
 
     mismatch: Annotated[str, Key("mistake")]  #: Short name.
@@ -71,8 +70,7 @@ class Hypothesis:
     setting: str = ""  #: What corrects it as `NAME=VALUE` of `PoseConvention`; empty where none does.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Diagnosis:
+class Diagnosis(Record):
     """What was found."""
 
     disagreement: float | None  #: As the estimate stands; None where both have no stamp in common.

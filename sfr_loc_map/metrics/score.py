@@ -10,9 +10,9 @@ JSON (docs/reference/score.md).
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import Field, dataclass, field
 from enum import StrEnum
-from typing import Annotated, cast
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, cast, dataclass_transform
 
 from sfr_loc_map.metrics.config import AssociationMode, CallKind, CloudKind, Condition, Rebase, VerdictState
 
@@ -37,20 +37,26 @@ class Inline:
     prefix: str = ""
 
 
-class Columns:
-    """Base of records whose tuples are the columns of one table; those with a default may be empty.
+@dataclass_transform(frozen_default=True, kw_only_default=True)
+class Record:
+    """Base of what is written as JSON: classes derived from it are frozen dataclasses with keywords only."""
 
-    That they are of one length is checked where a record is read (`metrics.score_json`).
-    """
+    if TYPE_CHECKING:  # no field of it
+        __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
-    __slots__ = ()
+    def __init_subclass__(cls) -> None:
+        """Make a dataclass of it."""
+        dataclass(frozen=True, kw_only=True)(cls)
+
+
+class Columns(Record):
+    """Record whose tuples are the columns of one table, of one length; those with a default may be empty."""
 
 
 # ---- what is said of many values
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Statistic:
+class Statistic(Record):
     """Mean and scatter of one error."""
 
     mean: float | None  #: Sum of the values over n; of a vector the norm of the mean vector [4.1.3].
@@ -59,7 +65,6 @@ class Statistic:
     mean_plus_3sigma: float | None  #: `|mean| + 3 sigma`.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class IntervalStatistic(Statistic):
     """Mean and scatter of one error over sub-trajectories, with the interval of their sum."""
 
@@ -67,8 +72,7 @@ class IntervalStatistic(Statistic):
     mean_plus_3sigma_ci95: Interval | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SampleStatistic:
+class SampleStatistic(Record):
     """Mean, scatter and percentiles of a set of single values."""
 
     count: int  #: Number of values n.
@@ -82,8 +86,7 @@ class SampleStatistic:
 # ---- trajectory
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NeesPart:
+class NeesPart(Record):
     """Normalised estimation error squared of some components (Bar-Shalom, Li, Kirubarajan 2001, section 5.4)."""
 
     mean: float | None  #: `sum e_i^T Q_i^-1 e_i / n`, Q the covariance of the end given the start.
@@ -93,8 +96,7 @@ class NeesPart:
     consistent: bool | None  #: Whether the mean lies in it.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NeesScore:
+class NeesScore(Record):
     """Whether the published covariance is honest; over sub-trajectories that share no frame."""
 
     count: int  #: Sub-trajectories with a usable covariance.
@@ -107,8 +109,7 @@ class NeesScore:
     attitude: NeesPart  #: 3 components.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ErrorComponents:
+class ErrorComponents(Record):
     """The position error by directions, m, means with their signs."""
 
     x_m: Statistic  #: Along x of DS.
@@ -119,8 +120,7 @@ class ErrorComponents:
     vertical_m: Statistic  #: Along z of DS.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ConditionScore:
+class ConditionScore(Record):
     """The errors over the sub-trajectories of one condition [4.1.1, 4.1.2, 4.2.3]."""
 
     count: int  #: Number of sub-trajectories n.
@@ -140,8 +140,7 @@ class ConditionScore:
     components: ErrorComponents  #: Position error by directions.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DistanceScore:
+class DistanceScore(Record):
     """The errors over sub-trajectories of one length, for the error against distance."""
 
     distance_m: float  #: Length of the sub-trajectories.
@@ -151,8 +150,7 @@ class DistanceScore:
     heading_deg: Statistic  #: As in `ConditionScore`.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AssociationCounts:
+class AssociationCounts(Record):
     """What became of the poses given."""
 
     estimate_poses: int = 0  #: Estimates given.
@@ -171,8 +169,7 @@ class AssociationCounts:
     largest_gap_ns: int = 0  #: Of the truth interpolated.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AssociationScore:
+class AssociationScore(Record):
     """How estimates found their truth."""
 
     counts: Annotated[AssociationCounts, Inline()]  #: What became of the poses.
@@ -181,8 +178,7 @@ class AssociationScore:
     max_gap_s: float  #: Longest gap of the truth that is interpolated.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TrajectoryScore:
+class TrajectoryScore(Record):
     """The errors of a trajectory."""
 
     first: Annotated[ConditionScore, Inline()]  #: Score of the first condition.
@@ -223,8 +219,7 @@ class Alignment(StrEnum):
     """The same with a scale."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ErrorStatistics:
+class ErrorStatistics(Record):
     """What is said of single errors e_i that are never negative."""
 
     rmse: float | None  #: `sqrt(sum e_i^2 / n)`.
@@ -235,8 +230,7 @@ class ErrorStatistics:
     max: float | None  #: Largest.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AlignmentTransform:
+class AlignmentTransform(Record):
     """What was applied to the estimate: `p -> scale R p + t`."""
 
     scale: float  #: Factor of the positions, 1 except for sim3.
@@ -244,8 +238,7 @@ class AlignmentTransform:
     translation_m: tuple[float, ...]  #: t.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AlignedError:
+class AlignedError(Record):
     """One error of a trajectory as other tools give it."""
 
     description: str  #: Metric, alignment and association in one line.
@@ -260,8 +253,7 @@ class AlignedError:
     transform: AlignmentTransform | None = None  #: The alignment; None for `none`.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AlignedErrors:
+class AlignedErrors(Record):
     """Both."""
 
     ape: AlignedError  #: Absolute pose error (APE; of positions ATE): estimate against truth after the alignment.
@@ -271,8 +263,7 @@ class AlignedErrors:
 # ---- map
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DisparityStatistic:
+class DisparityStatistic(Record):
     """The disparity errors that the depth errors amount to, `f b / Z - f b / Z_true`, px."""
 
     mean: float | None  #: With its sign.
@@ -281,8 +272,7 @@ class DisparityStatistic:
     p95_abs: float | None  #: 95th percentile of the absolute values.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SigmaNees:
+class SigmaNees(Record):
     """Whether the sigma of map points is honest: squares of (error along the ray / sigma), one point of each block."""
 
     count: int  #: Points n.
@@ -293,8 +283,7 @@ class SigmaNees:
     interval95: Interval  #: 2.5 % and 97.5 % points of chi-square with n degrees of freedom, over n.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RangeScore:
+class RangeScore(Record):
     """The point errors whose true range lies in [from_m, to_m)."""
 
     from_m: float  #: Nearest true range.
@@ -304,8 +293,7 @@ class RangeScore:
     disparity_error_px: DisparityStatistic  #: As in `PointErrorScore`.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PairScore:
+class PairScore(Record):
     """The points of one pair."""
 
     pair: int  #: Number of the pair.
@@ -313,8 +301,7 @@ class PairScore:
     point_error_m: SampleStatistic  #: As in `PointErrorScore`.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PointErrorScore:
+class PointErrorScore(Record):
     """The errors of points against the surface that their pixels see [4.3.4]."""
 
     points_without_truth: int  #: Points whose pixel has no truth (sky): not counted below.
@@ -325,8 +312,7 @@ class PointErrorScore:
     by_pair: tuple[PairScore, ...]  #: By pair.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MapScore:
+class MapScore(Record):
     """The errors and the coverage of a cloud."""
 
     pairs: int  #: Mapping pairs of the truth.
@@ -347,14 +333,12 @@ class MapScore:
 # ---- calls
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class StageTime(SampleStatistic):
     """The times of one stage over the calls that had it, s."""
 
     max: float  #: Longest.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class CallScore(SampleStatistic):
     """The wall-clock times of all calls of one kind, s [4.2.1]."""
 
@@ -367,8 +351,7 @@ class CallScore(SampleStatistic):
     stages: Mapping[str, StageTime] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TimingScore:
+class TimingScore(Record):
     """The times of calls by kind [4.2.1]; None where there was none."""
 
     localisation: Annotated[CallScore | None, Key("localisation_s")] = None  #: Pairs localised.
@@ -386,16 +369,14 @@ class TimingScore:
                 yield kind, calls
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PeakMemory:
+class PeakMemory(Record):
     """The memory of calls of one kind [4.2.2]; None where it was not measured."""
 
     peak_bytes: int | None  #: Largest high-water mark of resident memory of all calls.
     above_idle_bytes: int | None  #: The same above the idle process.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MemoryScore:
+class MemoryScore(Record):
     """The memory of calls by kind [4.2.2]; None where there was none."""
 
     localisation: Annotated[PeakMemory | None, Inline("localisation_")] = None  #: Pairs localised.
@@ -408,8 +389,7 @@ class MemoryScore:
         return cast(PeakMemory | None, getattr(self, kind))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TargetScore:
+class TargetScore(Record):
     """Calls that were measured elsewhere, apart from those of this host [4.3.1, 4.3.2]."""
 
     name: str  #: Name of the target.
@@ -447,8 +427,7 @@ class FindingKind(StrEnum):
     INVALID_RESULT = "invalid result"  #: Its result has another type, size or meaning than agreed.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MethodRecord:
+class MethodRecord(Record):
     """The software that made the estimate or the cloud."""
 
     name: str  #: Its name.
@@ -457,8 +436,7 @@ class MethodRecord:
     sha256: str | None = None  #: Hash of the file that it was loaded from; None where it is not one file.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FindingRecord:
+class FindingRecord(Record):
     """Calls of a method with one kind of fault."""
 
     kind: FindingKind  #: What it did wrong.
@@ -473,8 +451,7 @@ class FindingRecord:
         return f"{self.kind}: {calls}{place}: {self.text}"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AnswerCounts:
+class AnswerCounts(Record):
     """What became of the pairs that were published to an external node, and of what it published."""
 
     pairs: int = 0  #: Pairs published to it.
@@ -488,8 +465,7 @@ class AnswerCounts:
     not_usable: int = 0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ProcessUsage:
+class ProcessUsage(Record):
     """What the processes of an external node took, seen from outside."""
 
     cpu_s: float  #: Processor time of all of them, user and system, s.
@@ -498,8 +474,7 @@ class ProcessUsage:
     method: str  #: How it was measured.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ExternalScore:
+class ExternalScore(Record):
     """How an external node behaved."""
 
     task: str  #: `localisation` or `mapping`.
@@ -513,8 +488,7 @@ class ExternalScore:
     ended: str = ""  #: How its process ended during the run; empty where it ran on, or was not started here.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ConventionRecord:
+class ConventionRecord(Record):
     """How the poses were converted before they were scored."""
 
     declared: tuple[str, ...] = ()  #: Settings that the user gave, `NAME=VALUE`.
@@ -526,8 +500,7 @@ class ConventionRecord:
 # ---- details: the series that figures are drawn from, as columns, thinned to bounded size
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CallHistogram:
+class CallHistogram(Record):
     """A histogram of the times of calls with logarithmic bins."""
 
     edges_s: tuple[float, ...]  #: Edges of the bins, one more than counts; empty if there was no call.
@@ -543,7 +516,6 @@ class CallHistogram:
             raise ValueError(f"{len(self.counts)} counts with {len(self.edges_s)} edges: one edge more is needed")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class CallSeries(Columns):
     """The calls in order; of many the slowest of each block."""
 
@@ -554,16 +526,14 @@ class CallSeries(Columns):
     state: tuple[str, ...]  #: What the call said.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CallFigures:
+class CallFigures(Record):
     """What the figures of the calls of one kind are drawn from."""
 
     histogram: CallHistogram  #: Of the times.
     series: CallSeries  #: Times and memory by call.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CallDetails:
+class CallDetails(Record):
     """The figures of calls by kind; None where there was none."""
 
     localisation: CallFigures | None = None  #: Pairs localised.
@@ -575,7 +545,6 @@ class CallDetails:
         return cast(CallFigures | None, getattr(self, kind))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class PathRows(Columns):
     """Every n-th frame of the trajectory; metres, DS."""
 
@@ -595,7 +564,6 @@ class PathRows(Columns):
     sigma_z_m: Column = ()  #: Sigma of z.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class SubTrajectoryRows(Columns):
     """Every n-th sub-trajectory of one condition."""
 
@@ -616,15 +584,13 @@ class SubTrajectoryRows(Columns):
     travelled_m: Column  #: Length of the truth's path from start to end.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TrajectoryDetails:
+class TrajectoryDetails(Record):
     """What the figures of the trajectory are drawn from."""
 
     path: PathRows  #: Frames.
     sub_trajectories: tuple[SubTrajectoryRows, ...]  #: One for each condition.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class PointRows(Columns):
     """Every n-th point of the cloud that has a truth."""
 
@@ -635,8 +601,7 @@ class PointRows(Columns):
     range_m: Column  #: Distance of the truth from the left optical centre.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ErrorImage:
+class ErrorImage(Record):
     """The mean point error of blocks of pixels of one pair."""
 
     pair: int  #: Number of the pair.
@@ -645,16 +610,14 @@ class ErrorImage:
     error: Annotated[tuple[Integers, ...], Key("error_0p1mm")]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Triangulation:
+class Triangulation(Record):
     """The numbers of the law of triangulation, error = Z^2 d / (f b) for a disparity error d."""
 
     focal_px: float  #: Focal length f.
     baseline_m: float  #: Baseline b.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MapDetails:
+class MapDetails(Record):
     """What the figures of the map are drawn from."""
 
     cloud: PointRows  #: Points.
@@ -662,8 +625,7 @@ class MapDetails:
     triangulation: Triangulation  #: Of the first pair's rig.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Details:
+class Details(Record):
     """What figures are drawn from, as far as it is there."""
 
     calls: CallDetails | None = None  #: Times and memory.
@@ -674,8 +636,7 @@ class Details:
 # ---- the whole
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Verdict:
+class Verdict(Record):
     """The verdict on one limit."""
 
     metric: str  #: Name of the figure as in the limits file, after `target ` for one of the target.
@@ -690,8 +651,7 @@ class Verdict:
     certain: bool | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class InputFile:
+class InputFile(Record):
     """An input of the score."""
 
     path: str  #: As given.
@@ -700,8 +660,7 @@ class InputFile:
     data_sha256: str | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Provenance:
+class Provenance(Record):
     """What the score was made of."""
 
     version: str  #: Of this suite.
@@ -711,8 +670,7 @@ class Provenance:
     time: str | None = None  #: When it was made, ISO 8601.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Score:
+class Score(Record):
     """The whole score; parts that are absent are None or empty."""
 
     method: MethodRecord | None = None  #: Whose figures these are; None where nobody has said so.
