@@ -71,8 +71,7 @@ class AlignedPoses(NamedTuple):
 def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedErrorConfig) -> AlignedErrors:
     """Return absolute and relative error of an estimate; poses in any order.
 
-    Raises:
-        MetricsError: If no stamps are near enough, or the positions allow no alignment.
+    MetricsError if no stamps are near enough, or the positions allow no alignment.
     """
     poses = aligned_poses(estimate, truth, config)
     delta = Condition.parse(config.rpe_delta)
@@ -95,8 +94,7 @@ def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedError
 def aligned_poses(estimate: Trajectory, truth: Trajectory, config: AlignedErrorConfig) -> AlignedPoses:
     """Return paired poses after the alignment.
 
-    Raises:
-        MetricsError: If no stamps are near enough, or the positions allow no alignment.
+    MetricsError if no stamps are near enough, or the positions allow no alignment.
     """
     est_rows, gt_rows = unique_rows(estimate.stamps_ns), unique_rows(truth.stamps_ns)
     est_stamps, gt_stamps = estimate.stamps_ns[est_rows], truth.stamps_ns[gt_rows]
@@ -145,8 +143,7 @@ def umeyama(points: FloatArray, targets: FloatArray, *, with_scale: bool) -> Sim
 
     Equations of Umeyama 1991; without scale it is 1.
 
-    Raises:
-        MetricsError: If the points lie on a line or in one place, so that no rotation follows from them.
+    MetricsError if the points lie on a line or in one place, so that no rotation follows from them.
     """
     mean_p, mean_t = points.mean(axis=0), targets.mean(axis=0)
     p, t = points - mean_p, targets - mean_t

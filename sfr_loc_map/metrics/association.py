@@ -66,8 +66,7 @@ class Estimates:
     ) -> Estimates:
         """Return estimates, by default none of them lost or degraded and without covariances.
 
-        Raises:
-            MetricsError: If the numbers of rows differ.
+        MetricsError if the numbers of rows differ.
         """
         count = len(trajectory)
         nowhere = np.zeros(count, np.bool_)

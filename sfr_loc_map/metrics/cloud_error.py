@@ -47,11 +47,7 @@ class PairTruth:
     rig: StereoRig
 
     def __post_init__(self) -> None:
-        """Check the size.
-
-        Raises:
-            MetricsError: If the truth is not of the rig's size.
-        """
+        """Check the size; MetricsError if the truth is not of the rig's size."""
         if self.points.shape != (self.rig.height, self.rig.width, 3):
             raise MetricsError(
                 f"truth of a mapping pair is {self.points.shape}: ({self.rig.height}, {self.rig.width}, 3) is needed"
@@ -73,11 +69,7 @@ class PairTruth:
 
 
 def truths_of(pairs: Sequence[PosedStereoPair], rig: StereoRig) -> list[PairTruth]:
-    """Return the truth of every pair of a set.
-
-    Raises:
-        MetricsError: If a pair has none.
-    """
+    """Return the truth of every pair of a set; MetricsError if a pair has none."""
     truths = [PairTruth.of(pair, rig) for pair in pairs]
     without = [str(pair.pair.stamp_ns) for pair, truth in zip(pairs, truths, strict=True) if truth is None]
     if without or not truths:
@@ -153,8 +145,7 @@ class PointErrors:
 def point_errors(cloud: PointCloud, truths: Sequence[PairTruth]) -> PointErrors:
     """Return the errors of all points whose pixel has a truth.
 
-    Raises:
-        MetricsError: If a point is not finite, or names a pair or pixel that is not there.
+    MetricsError if a point is not finite, or names a pair or pixel that is not there.
     """
     if not np.isfinite(cloud.xyz).all():
         raise MetricsError("the cloud has points that are not finite: leave them out")

@@ -210,8 +210,7 @@ def _with_difference(pair: PairedDifference, a: FloatArray, b: FloatArray, overl
 def check_same_data(first: Score, other: Score, names: tuple[str, str]) -> None:
     """Check that two scores were made with the same truth: by its hash, and by the stamps of the sub-trajectories.
 
-    Raises:
-        MetricsError: If not; the names are for its message.
+    MetricsError if not; the names are for its message.
     """
     both = first, other
     for role in ("truth", "map_truth"):

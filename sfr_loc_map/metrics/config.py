@@ -87,8 +87,7 @@ class Condition:
     def parse(cls, text: str) -> Condition:
         """Return the condition of a text such as `distance=5`, `time=60` or `frames=100`.
 
-        Raises:
-            MetricsError: If it is none.
+        MetricsError if it is none.
         """
         name, _, number = text.partition("=")
         try:
@@ -106,8 +105,7 @@ class Condition:
     def from_plain(cls, value: object) -> Condition:
         """Return the condition of its JSON: `{"distance_m": 5.0}`.
 
-        Raises:
-            ValueError: If it is none.
+        ValueError if it is none.
         """
         for kind in ConditionKind:
             if isinstance(value, Mapping) and list(value) == [kind.key]:
@@ -207,8 +205,7 @@ class ScoreConfig:
 def score_config(conditions: Sequence[str] | None, settings: Mapping[str, object]) -> ScoreConfig:
     """Return the settings of a score from options: ends of a sub-trajectory (default: none), others by dotted name.
 
-    Raises:
-        ConfigError: If one is not valid.
+    ConfigError if one is not valid.
     """
     named = {"trajectory.conditions": tuple(conditions)} if conditions else {}
     return build(ScoreConfig, {**settings, **named}, origin="options")
@@ -217,8 +214,7 @@ def score_config(conditions: Sequence[str] | None, settings: Mapping[str, object
 def aligned_error_config(align: str | None, settings: Mapping[str, object]) -> AlignedErrorConfig | None:
     """Return the settings of APE and RPE, None where no alignment is named; values by name, None for the default.
 
-    Raises:
-        ConfigError: If one is not valid, or is given without an alignment.
+    ConfigError if one is not valid, or is given without an alignment.
     """
     given = {name: value for name, value in settings.items() if value is not None}
     if align is None and given:

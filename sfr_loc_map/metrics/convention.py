@@ -315,8 +315,7 @@ def converted_estimates(
 def world_at_first_pose(estimates: Estimates, truth: Trajectory | None) -> Transform:
     """Return `T_ds_world` that takes the first pose that is not lost and has a true pose to it (to the identity).
 
-    Raises:
-        MetricsError: If no pose has a true pose.
+    MetricsError if no pose has a true pose.
     """
     if truth is None:
         if not len(estimates.trajectory):

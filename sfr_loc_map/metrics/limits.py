@@ -115,19 +115,14 @@ class Limits:
 
 
 def load_limits(path: Path) -> Limits:
-    """Read a limits file.
-
-    Raises:
-        ConfigError: If it cannot be read or a key or value is not valid; one line.
-    """
+    """Read a limits file; ConfigError if it cannot be read or a key or value is not valid; one line."""
     return parse_limits(load_yaml(path), str(path))
 
 
 def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
     """Return the limits of a mapping as in the file; `origin` is where it comes from, for messages.
 
-    Raises:
-        ConfigError: If a key or value is not valid.
+    ConfigError if a key or value is not valid.
     """
     _check_keys(content, ("minimum_count", *LimitPart), origin)
     minimum = content.get("minimum_count", 2)

@@ -507,11 +507,7 @@ class CallHistogram(Record):
     counts: Integers  #: Calls in each bin.
 
     def __post_init__(self) -> None:
-        """Check that there is one more edge than there are bins.
-
-        Raises:
-            ValueError: If not.
-        """
+        """Check that there is one more edge than there are bins; ValueError if not."""
         if self.counts and len(self.edges_s) != len(self.counts) + 1:
             raise ValueError(f"{len(self.counts)} counts with {len(self.edges_s)} edges: one edge more is needed")
 

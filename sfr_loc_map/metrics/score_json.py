@@ -95,8 +95,7 @@ def json_line(value: Any) -> str:  # noqa: ANN401 - any record, or dicts and lis
 def from_plain(kind: type[T], value: object, place: str = "") -> T:
     """Return the record of JSON values; `place` is what the value is called in messages.
 
-    Raises:
-        RecordError: If a key is missing or unknown or a value is of another type; one line.
+    RecordError if a key is missing or unknown or a value is of another type; one line.
     """
     return cast(T, _read(kind, value, place))
 
@@ -166,11 +165,7 @@ def _read_fields(kind: type, content: Any, place: str) -> Iterator[tuple[str, An
 
 
 def _sensible(value: Any) -> Any:  # noqa: ANN401 - any value of JSON
-    """Return values in which what is not finite is undefined.
-
-    Raises:
-        ValueError: If a number is too large.
-    """
+    """Return values in which what is not finite is undefined; ValueError if a number is too large."""
     if isinstance(value, list | tuple):
         return [_sensible(item) for item in value]
     if isinstance(value, float):
@@ -195,8 +190,7 @@ def to_json(score: Score) -> str:
 def from_dict(content: object, origin: str = "score") -> Score:
     """Return the score of JSON values; `origin` is where they come from, for messages.
 
-    Raises:
-        InputError: If they are not as the schema says: what and where, in one line.
+    InputError if they are not as the schema says: what and where, in one line.
     """
     found = content.get("schema") if isinstance(content, dict) else type(content).__name__
     if not isinstance(content, dict) or found != SCHEMA:
@@ -213,8 +207,7 @@ def from_dict(content: object, origin: str = "score") -> Score:
 def from_json(text: str, origin: str = "score") -> Score:
     """Return the score of a text; numbers that are not finite are undefined.
 
-    Raises:
-        InputError: If it is no JSON or not as the schema says: what and where, in one line.
+    InputError if it is no JSON or not as the schema says: what and where, in one line.
     """
     try:
         content = parse_json(text, parse_constant=lambda _: None)

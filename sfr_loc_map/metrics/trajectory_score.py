@@ -66,8 +66,7 @@ def score_trajectory(
 
     While a run is under way, estimates without a truth are no error.
 
-    Raises:
-        MetricsError: If no estimate has a truth, or a condition is not valid.
+    MetricsError if no estimate has a truth, or a condition is not valid.
     """
     conditions = [Condition.parse(text) for text in config.conditions]
     if not conditions:
