@@ -1,12 +1,7 @@
 """Absolute and relative pose errors after an alignment, as the tools of the field give them.
 
-APE and RPE are those of Sturm et al. 2012 (IROS, section IV) and of evo (github.com/MichaelGrupp/evo), whose results on
-the same files are equal; ATE is another name of the APE of positions. They stand beside the figures of the
-specification, which know no alignment.
-
-Poses are paired by the nearest stamp: each pose of the trajectory that has fewer takes the nearest one of the other
-(the earlier of two), if it is near enough. Both are sorted by stamp first; of several poses with one stamp the last
-counts.
+APE and RPE are those of Sturm et al. 2012 (IROS, section IV) and of evo, whose results on the same files are equal;
+docs/metrics.md says how poses are paired.
 """
 
 from __future__ import annotations

@@ -1,14 +1,6 @@
 """Which estimate belongs to which truth: one to one, on integer nanoseconds.
 
-Definitions (docs/metrics.md says why):
-
-- Both are sorted by stamp, stably. Of several poses with one stamp the last given counts; the others are left out.
-- `match`: an estimate belongs to the truth of the same stamp; an estimate left over to the nearest truth left over
-  within the tolerance. Frames are the truth's poses that have an estimate.
-- `interpolate`: as `match`, and an estimate still left over gets truth interpolated at its own stamp (position
-  linearly, attitude along the shortest rotation) if the true poses around it are not farther apart than allowed.
-- `auto`: looks at the first stamps, until both have 16 in their common span; `match` if a quarter of the rarer kind
-  coincide, `interpolate` otherwise.
+docs/metrics.md, "From poses to frames", says what `match`, `interpolate` and `auto` mean, and why.
 """
 
 from __future__ import annotations

@@ -14,8 +14,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields, replace
-from functools import reduce
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +45,6 @@ KINDS: dict[str, CallKind] = {MappingState.MAPPED: CallKind.MAPPING, MappingStat
 HISTOGRAM_BINS = 40
 SERIES_ROWS = 2000
 """Calls of each kind that are kept for figures."""
-Part = TypeVar("Part", TimingScore, MemoryScore, CallDetails)
 
 
 # ---- measuring
@@ -142,27 +140,20 @@ class ScoredCalls(NamedTuple):
     memory: MemoryScore
     details: CallDetails | None
 
-    def merged(self, other: ScoredCalls) -> ScoredCalls:
-        """Return both; of a kind that both have the other's."""
-        return ScoredCalls(
-            _merged(self.timing, other.timing),
-            _merged(self.memory, other.memory),
-            _merged(self.details or CallDetails(), other.details or CallDetails()),
-        )
-
 
 def parts_of(calls: Sequence[ScoredCalls]) -> tuple[TimingScore | None, MemoryScore | None, CallDetails | None]:
     """Return `timing` and `memory` of a score, None where nothing was measured, and what figures are drawn from.
 
     Calls may come from several sources: of a kind that several have the last counts.
     """
-    timing, memory, details = reduce(lambda first, second: first.merged(second), calls)
-    return timing if any(timing.kinds()) else None, None if memory == MemoryScore() else memory, details
-
-
-def _merged(first: Part, second: Part) -> Part:
-    present = {item.name: getattr(second, item.name) for item in fields(second)}
-    return replace(first, **{name: value for name, value in present.items() if value is not None})
+    known: tuple[dict[str, Any], ...] = ({}, {}, {})
+    for scored in calls:
+        for part, values in zip(scored, known, strict=True):
+            told = {} if part is None else {item.name: getattr(part, item.name) for item in fields(part)}
+            values.update({name: value for name, value in told.items() if value is not None})
+    timing, memory = TimingScore(**known[0]), MemoryScore(**known[1])
+    drawn = None if all(item.details is None for item in calls) else CallDetails(**known[2])
+    return timing if any(timing.kinds()) else None, memory if memory != MemoryScore() else None, drawn
 
 
 def score_calls(calls: Calls, clock: str = HOST_CLOCK, *, details: bool = True) -> ScoredCalls:

@@ -59,9 +59,8 @@ class PairedDifference(Record):
     other: float | None  #: The same of the other score.
     difference: float | None  #: Other less first: below zero the other is better.
     ci95: Interval | None  #: 95 % interval of the difference.
-    outcome: Annotated[Outcome, Key("verdict")] = (
-        Outcome.NOT_ENOUGH_DATA
-    )  #: What it says; `no difference shown` if it holds zero.
+    #: What it says; `no difference shown` if it holds zero.
+    outcome: Annotated[Outcome, Key("verdict")] = Outcome.NOT_ENOUGH_DATA
     p: float | None = None  #: Probability of such a difference by chance, by the same scatter; None without one.
     p_corrected: float | None = None  #: The same corrected for the number of comparisons (Holm).
 

@@ -1,25 +1,15 @@
-"""Is the covariance honest? Normalised estimation error squared (NEES) of sub-trajectories.
+"""Is the covariance honest? Normalised estimation error squared (NEES) of sub-trajectories, see docs/metrics.md.
 
-The covariance that odometry publishes is of the pose since its start, so two poses of one run share most of it. What
-happened between them is compared with Q, the covariance of the end given the start.
-
-Q comes from the covariances of the steps between them. A step is the motion since the pose before, with a covariance
-that is independent from step to step and a vector: one standard deviation of the error that all steps have alike. An
-error of a pose moves what comes after it, by F of `geometry.transform.propagated_covariance`, so with both sums taken
-to the origin of DS, C of `F S F^T` and G of `F g`,
+Q, the covariance of the end given the start, comes from the steps between them. A step is the motion since the pose
+before, with a covariance that is independent from step to step and a vector: one standard deviation of the error that
+all steps have alike. An error of a pose moves what comes after it, by F of `geometry.transform.propagation`, so with
+both sums taken to the origin of DS, C of `F S F^T` and G of `F g`,
 
     Q(i, j) = F(p_j) (C_j - C_i + (G_j - G_i) (G_j - G_i)^T) F(p_j)^T
 
-is the covariance of pose j given pose i. The sums take one addition a pose, whatever is compared later.
-
-Where the steps are not known, Q is what the published covariance grew by: with `F = [[I, -[dp]x], [0, I]]`, dp the
-estimated displacement, an error of the start's pose moves the end by F, and the growth is `Q = P_end - F P_start F^T`;
-it is not usable where the covariance shrank, as when a calibration was learnt.
-
-If Q is honest, `e^T Q^-1 e` has a chi-square distribution with 6 degrees of freedom, e the error of position and
-attitude (fixed axes of DS) over the sub-trajectory. Only sub-trajectories that share no frame are taken, so that n of
-them are independent, and their mean lies between the 2.5 % and 97.5 % points of chi-square with 6 n degrees, over n,
-in 95 % of all cases (Bar-Shalom, Li, Kirubarajan 2001, section 5.4).
+The sums take one addition a pose, whatever is compared later. Where the steps are not known, Q is what the published
+covariance grew by, `P_end - F P_start F^T`; it is not usable where the covariance shrank, as when a calibration was
+learnt. Only sub-trajectories that share no frame are taken, so that they are independent.
 """
 
 from __future__ import annotations

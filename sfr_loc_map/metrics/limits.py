@@ -1,21 +1,6 @@
-"""Limits of a requirements file; `metrics.verdicts` judges by them.
+"""Limits of a requirements file, whose form docs/metrics.md shows, and the verdicts on them.
 
-The file is YAML. Every key names figure and unit; limits are upper bounds, except `coverage_min`. All parts are
-optional; nothing is limited unless the file says so.
-
-    minimum_count: 2                      # fewer values than this: "not enough data"
-    trajectory:                           # a list: one entry for each condition
-      - condition: distance=5
-        position_mean_plus_3sigma_m: 0.1  # {position}_{mean,sigma,mean_plus_3sigma}_m
-        attitude_mean_plus_3sigma_deg: 1  # {attitude,heading}_{mean,sigma,mean_plus_3sigma}_deg
-    map:                                  # point_error_{mean,sigma,mean_plus_3sigma,p50,p95}_m, coverage_min
-      coverage_min: 0.8
-    timing:                               # {localisation,mapping,fusion}_{mean,mean_plus_3sigma,p50,p95,p99,max}_s
-      localisation_p95_s: 0.5
-    memory:                               # {localisation,mapping}_{peak,above_idle}_bytes
-      mapping_peak_bytes: 1000000000
-    target:                               # the keys of timing and memory, for calls measured on the target
-      localisation_p95_s: 2.0
+Every key names figure and unit; limits are upper bounds, except `coverage_min`.
 """
 
 from __future__ import annotations

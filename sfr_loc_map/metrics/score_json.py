@@ -92,8 +92,8 @@ def json_line(value: Any) -> str:  # noqa: ANN401 - any record, or dicts and lis
     return json.dumps(to_plain(value), allow_nan=False, separators=(",", ":")) + "\n"
 
 
-def from_plain(kind: type[T], value: object, place: str = "") -> T:
-    """Return the record of JSON values; `place` is what the value is called in messages.
+def from_plain(kind: type[T], value: Any, place: str = "") -> T:  # noqa: ANN401 - any JSON
+    """Return the value of a type from its JSON; `place` is what it is called in messages.
 
     RecordError if a key is missing or unknown or a value is of another type; one line.
     """
@@ -101,6 +101,7 @@ def from_plain(kind: type[T], value: object, place: str = "") -> T:
 
 
 def _read(kind: Any, value: Any, place: str) -> Any:  # noqa: ANN401 - any type expression and a value of it
+    inside = f"{place}." if place else ""
     origin, parts = get_origin(kind), get_args(kind)
     if kind is object:
         return value
@@ -108,7 +109,7 @@ def _read(kind: Any, value: Any, place: str) -> Any:  # noqa: ANN401 - any type 
         undefined = value is None or (isinstance(value, float) and not math.isfinite(value))
         return None if undefined else _read(next(part for part in parts if part is not types.NoneType), value, place)
     if origin is not None and issubclass(origin, Mapping) and isinstance(value, Mapping):
-        return {key: _read(parts[1], item, _inside(place, key)) for key, item in value.items()}
+        return {key: _read(parts[1], item, inside + key) for key, item in value.items()}
     if origin is tuple and is_dataclass(parts[0]) and isinstance(value, list):
         return tuple(_read(parts[0], item, place) for item in value)
     try:
@@ -136,10 +137,6 @@ def _read(kind: Any, value: Any, place: str) -> Any:  # noqa: ANN401 - any type 
         raise RecordError(f"{place or 'it'} is {found}: {error}") from error
 
 
-def _inside(place: str, key: str) -> str:
-    return f"{place}.{key}" if place else key
-
-
 def _read_fields(kind: type, content: Any, place: str) -> Iterator[tuple[str, Any]]:  # noqa: ANN401 - any JSON
     """Yield name and value of the fields of a record that are there."""
     if not isinstance(content, Mapping):
@@ -161,7 +158,7 @@ def _read_fields(kind: type, content: Any, place: str) -> Iterator[tuple[str, An
         elif not present:
             raise RecordError(f"{place or 'it'} has no '{item.keys[0]}'")
         else:
-            yield item.name, _read(item.kind, content[present[0]], _inside(place, present[0]))
+            yield item.name, _read(item.kind, content[present[0]], f"{place}.{present[0]}" if place else present[0])
 
 
 def _sensible(value: Any) -> Any:  # noqa: ANN401 - any value of JSON

@@ -13,6 +13,7 @@ from sfr_loc_map.metrics.calls import (
     Calls,
     call_histogram,
     call_score,
+    parts_of,
     score_calls,
     score_target,
     stage_of,
@@ -121,11 +122,16 @@ def test_calls_of_several_files_are_merged_by_kind() -> None:
         score_calls(calls([state], [seconds]))
         for state, seconds in (("tracking", 1.0), ("mapped", 2.0), ("mapped", 3.0))
     )
-    both = first.merged(second)
-    assert [(kind, each.mean) for kind, each in both.timing.kinds()] == [("localisation", 1.0), ("mapping", 2.0)]
-    assert both.details is not None
-    assert None not in (both.details.localisation, both.details.mapping)
-    assert dict(both.merged(third).timing.kinds())[CallKind.MAPPING].mean == 3.0, "the later file counts"
+    timing, memory, details = parts_of([first, second])
+    assert timing is not None
+    assert [(kind, each.mean) for kind, each in timing.kinds()] == [("localisation", 1.0), ("mapping", 2.0)]
+    assert memory is not None
+    assert details is not None
+    assert None not in (details.localisation, details.mapping)
+    both = parts_of([first, second, third])[0]
+    assert both is not None
+    assert both.mapping is not None
+    assert both.mapping.mean == 3.0, "the later file counts"
 
 
 @pytest.mark.clause("4.2.1", "4.2.2")
