@@ -80,48 +80,26 @@ def out(source: Path) -> Path:
     return folder
 
 
-def played_to(at_s: float, path: Path, truth: Path | None = None) -> LiveState:
+def played(path: Path) -> LiveState:
     hub = Hub()
-    player = Player(hub, open_recording(path, truth), CONFIG, None)
-    player.advance(at_s)
+    player = Player(hub, open_recording(path), CONFIG, None)
+    player.advance(1e9)
     player.report()
-    return taken(hub)
+    return taken(hub, LiveState())
 
 
-def taken(hub: Hub, state: LiveState | None = None) -> LiveState:
-    state = state or LiveState()
+def taken(hub: Hub, state: LiveState) -> LiveState:
     for update in hub.take():
         state.apply(update)
     assert not state.problems
     return state
 
 
-def test_figures_at_the_end_are_those_of_sfr_score(source: Path, out: Path) -> None:
-    state = played_to(1e9, out, source)
-    assert state.report is not None
-    stats = (out / "stats.csv",)
-    wanted = to_dict(score_files(ScoreInputs.of(out / "estimate.csv", source, stats), CONFIG))
-    for part in ("trajectory", "timing", "memory"):
-        assert state.report.content[part] == wanted[part]
-    wanted = to_dict(score_files(ScoreInputs.of(out / "cloud.ply", source, stats), CONFIG))
-    assert state.report.content["map"] == wanted["map"]
-    assert state.report.content["trajectory"]["lost"] == state.report.content["trajectory"]["degraded"] == 1
-    assert [row.lost for row in state.path.rows].index(True) == LOST_AT
-    assert state.path.rows[-1].truth_m is not None
-    shown = state.media["mapping/points"]
-    assert isinstance(shown, CloudSample)
-    assert isinstance(state.media["mapping/elevation"], ElevationSample)
-    assert shown.error is not None
-    assert np.median(shown.error) == pytest.approx(0.0173, abs=0.02)
-    assert state.nodes["localisation_node"].state == "tracking"
-    assert state.calls[-1]["memory_bytes"] == 300_000_000 + COUNT - 1
-
-
 def test_where_truth_is_gone_the_figures_are_those_of_the_report(out: Path, tmp_path: Path) -> None:
     for name in ("estimate.csv", "stats.csv"):
         (tmp_path / name).write_bytes((out / name).read_bytes())
     (tmp_path / "report.json").write_text('{"schema": "sfr-score/1", "verdicts": [], "warnings": ["as it was"]}')
-    state = played_to(1e9, tmp_path)
+    state = played(tmp_path)
     assert state.report is not None
     assert state.report.score.warnings == ("as it was",)
     assert len(state.path.rows) == COUNT
@@ -154,7 +132,7 @@ def write_run(path: Path) -> Path:
 
 def test_a_recording_of_a_run_is_played_with_what_its_nodes_said(tmp_path: Path) -> None:
     bag = write_run(tmp_path / "run")
-    state = played_to(1e9, bag)
+    state = played(bag)
     assert state.report is not None
     wanted = to_dict(score_files(ScoreInputs.of(bag, bag), CONFIG))
     for name in ("position_m", "attitude_deg", "heading_deg", "matched", "lost"):
@@ -163,41 +141,63 @@ def test_a_recording_of_a_run_is_played_with_what_its_nodes_said(tmp_path: Path)
     assert (node.message, node.level, node.state) == ("warm", 1, "tracking")
 
 
-def until(condition: Callable[[], bool], seconds: float = 20.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.02)
+def check_final(state: LiveState, source: Path, out: Path) -> None:
+    """The figures are those of `sfr score`; what is lost is lost, and the map has its distances to the truth."""
+    assert state.report is not None
+    stats, content = (out / "stats.csv",), state.report.content
+    drive, cloud = (
+        to_dict(score_files(ScoreInputs.of(out / name, source, stats), CONFIG))
+        for name in ("estimate.csv", "cloud.ply")
+    )
+    assert [content[part] for part in ("trajectory", "timing", "memory")] == [
+        drive[part] for part in ("trajectory", "timing", "memory")
+    ]
+    assert content["map"] == cloud["map"]
+    assert content["trajectory"]["lost"] == content["trajectory"]["degraded"] == 1
+    assert [row.lost for row in state.path.rows].index(True) == LOST_AT
+    assert state.path.rows[-1].truth_m is not None
+    shown = state.media["mapping/points"]
+    assert isinstance(shown, CloudSample)
+    assert isinstance(state.media["mapping/elevation"], ElevationSample)
+    assert shown.error is not None
+    assert np.median(shown.error) == pytest.approx(0.0173, abs=0.02)
+    assert state.nodes["localisation_node"].state == "tracking"
+    assert state.calls[-1]["memory_bytes"] == 300_000_000 + COUNT - 1
 
 
-def test_player_pauses_jumps_back_and_ends(source: Path, out: Path) -> None:
+def test_player_has_the_figures_of_its_place_pauses_jumps_back_and_ends(source: Path, out: Path) -> None:
     hub, state = Hub(), LiveState()
     recording = open_recording(out, source)
     assert recording.end_s == pytest.approx((COUNT - 1) * 0.1)
     hub.want(frozenset(View))
+
+    def until(condition: Callable[[], bool]) -> None:
+        end = time.monotonic() + 20.0
+        while taken(hub, state).time_line is None or not condition():
+            assert time.monotonic() < end
+            time.sleep(0.02)
+
+    def at_s() -> float:
+        return -1.0 if state.time_line is None else state.time_line.at_s
+
     with Player(hub, recording, CONFIG, None, rate=50.0) as player:
-
-        def at_end() -> bool:
-            taken(hub, state)
-            return state.time_line is not None and state.time_line.at_s >= recording.end_s
-
-        until(at_end)
+        until(lambda: at_s() >= recording.end_s)
+        check_final(state, source, out)
         final = state.report.content if state.report is not None else {}
-        assert final["trajectory"]["matched"] == COUNT
-        last_ns = START_NS + (COUNT - 1) * PERIOD_NS
-        last = {"loc/left": last_ns, "loc/right": last_ns, "nav/left": NAV_STAMPS[-1], "nav/right": NAV_STAMPS[-1]}
-        until(lambda: last.items() <= {name: each.stamp_ns for name, each in taken(hub, state).media.items()}.items())
+        last = dict.fromkeys(("loc/left", "loc/right"), START_NS + (COUNT - 1) * PERIOD_NS)
+        last |= dict.fromkeys(("nav/left", "nav/right"), NAV_STAMPS[-1])
+        until(lambda: last.items() <= {name: each.stamp_ns for name, each in state.media.items()}.items())
         assert player.run(Command(Action.SEEK, at_s=1.05)).startswith("goes to 1.")
-        until(lambda: taken(hub, state).time_line == TimeLine(1.05, recording.end_s, False))
+        until(lambda: state.time_line == TimeLine(1.05, recording.end_s, False))
         assert state.path.rows[-1].n == 10
         assert state.report is not None
         assert state.report.content["trajectory"]["estimate_poses"] == 11
         assert not state.live_to_plain(time.time() + 100.0)["stale"], "a player that stands still makes nothing stale"
         player.run(Command(Action.PLAY))
-        until(at_end)
+        until(lambda: at_s() >= recording.end_s)
         assert state.report.content == final
         player.run(Command(Action.PLAY))
-        until(lambda: taken(hub, state).time_line is not None and state.time_line.at_s < recording.end_s)
+        until(lambda: at_s() < recording.end_s)
         player.run(Command(Action.PAUSE))
         with pytest.raises(InputError, match="no nodes"):
             player.run(Command(Action.RESET, "mapping_node"))
