@@ -1,19 +1,11 @@
 """Maps as the page is given them: the mapper's own grid with hazard and error."""
 
-# ruff: noqa: E402 - ROS may be absent
 from __future__ import annotations
 
-import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-pytestmark = pytest.mark.ros
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
-
 from scenes import sent
 
 from sfr_loc_map.errors import InputError, SfrError

@@ -1,10 +1,9 @@
 """The page of running nodes and of a real replay: what is silent or lost is shown, and its end matters to nobody."""
 
-# ruff: noqa: E402 - ROS may be absent
+# ruff: noqa: E402 - aiohttp may be absent
 import asyncio
 import json
 import re
-import sys
 import time
 import urllib.request
 from concurrent.futures import ThreadPoolExecutor
@@ -15,10 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
 aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed: pip install '.[live]'")
-pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(300)]
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 from made_scene import LOC_RIG, write_folder
 from processes import Process, node_process, wait_until
@@ -28,19 +25,10 @@ from sfr_loc_map.io.bag import Bag
 from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.live.path import ROW_FIELDS
 from sfr_loc_map.live.state import STALE_AFTER_S
-from sfr_loc_map.nodes import environment
 from sfr_loc_map.nodes.processes import LivePage
 
 COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
 PAGE = ("-m", "sfr_loc_map.nodes.start", "nodes.live_page", "--port", "0")
-
-
-@pytest.fixture
-def own_domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(environment.free_domain()))
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "ros_log"))
-    monkeypatch.setenv(environment.PROFILE_VARIABLE, str(environment.PROFILE))
 
 
 def asked(url: str, content: Any = None, **headers: str) -> bytes:
@@ -68,7 +56,6 @@ def bookmarks(bag: Path) -> list[str]:
         return []
 
 
-@pytest.mark.usefixtures("own_domain")
 def test_silent_monitor_is_shown_and_comes_back_and_a_bookmark_is_recorded(tmp_path: Path) -> None:
     bag = tmp_path / "drive.mcap"
     with (
