@@ -5,14 +5,12 @@ import io
 from dataclasses import replace
 
 import pytest
-from made_scores import HOSTILE, dig, json_of, whole_score
+from made_scores import dig, json_of, whole_score
 
 from sfr_loc_map.metrics.config import Condition, VerdictState
 from sfr_loc_map.metrics.score import (
     Interval,
     IntervalStatistic,
-    MapScore,
-    SampleStatistic,
     Score,
     TargetScore,
     TrajectoryScore,
@@ -20,8 +18,6 @@ from sfr_loc_map.metrics.score import (
 )
 from sfr_loc_map.report.score_tables import (
     TERMS,
-    limit_name,
-    limit_unit,
     score_markdown,
     score_tables,
     summary_tables,
@@ -82,12 +78,6 @@ def test_headline_and_verdicts_by_hand() -> None:
     assert judged[2][1:5] == ["map coverage", "share", "≥ 0.8", "not enough data"]
 
 
-def test_names_and_units_of_limits() -> None:
-    names = ("mapping_p95_s", "point_error_p95_m", "localisation_above_idle_bytes")
-    assert [limit_name(name) for name in names] == ["mapping time p95", "point error p95", "localisation above idle"]
-    assert [limit_unit(name).symbol for name in names] == ["s", "m", "MiB"]
-
-
 def test_every_cell_leads_back_to_its_figure_and_tables_keep_their_shape() -> None:
     score, plain = whole_score(), json_of(whole_score())
     cells = [cell for item in score_tables(score) for row in item.rows for cell in row if cell.key]
@@ -121,20 +111,6 @@ def test_csv_holds_the_exact_figures() -> None:
     assert [row["value"] for row in rows if row["column"] == "verdict"] == ["fail", "pass", "not enough data", "pass"]
 
 
-def test_markdown_tables_keep_their_shape() -> None:
-    memory = whole_score().memory
-    assert memory is not None
-    score = replace(whole_score(), memory=replace(memory, method=f"a | b {HOSTILE}"))
-    text = score_markdown(score)
-    assert "<script" not in text.replace("\\<", "")
-    blocks = [block for block in text.split("\n\n") if block.startswith("|")]
-    assert len(blocks) == len(score_tables(score))
-    for block in blocks:
-        lines = [line.replace("\\|", "") for line in block.splitlines()]
-        assert len({line.count("|") for line in lines}) == 1, block
-    assert "nan" not in text.lower().replace("covariance", "").split()
-
-
 @pytest.mark.clause("4.2.1", "4.2.2")
 def test_host_times_and_those_of_a_target_stand_apart_under_their_names() -> None:
     score = whole_score()
@@ -150,16 +126,6 @@ def test_host_times_and_those_of_a_target_stand_apart_under_their_names() -> Non
         assert table(each, "time").note in note
     assert "GR740" not in score_markdown(score)
     assert "Clock" not in score_markdown(replace(score, timing=None))
-
-
-def test_a_map_without_pixels_is_named_so() -> None:
-    distance = SampleStatistic(count=3, mean=0.1, sigma=0.1, mean_plus_3sigma=0.4, p50=0.1, p95=0.2)
-    part = MapScore(
-        pairs=1, points=3, coverage=None, coverage_range_m=(0.0, 10.0), nearest_only=True, nearest_distance_m=distance
-    )
-    score = Score(map=part, verdicts=())
-    assert texts(table(score, "headline").rows[0])[0] == "map: distance to the nearest true point"
-    assert texts(table(score, "map").rows[0])[-1] == "no true points"
 
 
 def test_consistency_in_words() -> None:

@@ -3,7 +3,6 @@
 import csv
 import io
 
-import pytest
 from rich.console import Console
 
 from sfr_loc_map.report.tables import (
@@ -48,20 +47,15 @@ def test_numbers_have_four_digits_and_their_unit() -> None:
     assert [number(value, signed=True) for value in (0.25, -0.25, 20000.0, 3)] == ["+0.25", "-0.25", "+20000", "+3"]
     assert [number(500 * 2**20, unit=unit) for unit in (MIB, Unit("byte"))] == ["500", "524288000"]
 
-
-@pytest.mark.parametrize(
-    ("unit", "values", "symbol"),
-    [
-        (METRE, (0.003157, None), "mm"),
-        (METRE, (0.003157, -1.5), "m"),
-        (METRE, (0.0, float("inf")), "m"),
-        (SECOND, (1.871, 0.04), "ms"),
-        (SECOND, (12.0,), "s"),
-        (DEGREE, (0.001,), "deg"),
-    ],
-)
-def test_the_unit_suits_the_largest_value(unit: Unit, values: tuple[float | None, ...], symbol: str) -> None:
-    assert fitting(unit, *values).symbol == symbol
+    suits = (
+        (METRE, 0.003, None),
+        (METRE, 0.003, -1.5),
+        (METRE, 0.0),
+        (SECOND, 1.8, 0.04),
+        (SECOND, 12.0),
+        (DEGREE, 0.1),
+    )
+    assert [fitting(unit, *values).symbol for unit, *values in suits] == ["mm", "m", "m", "ms", "s", "deg"]
 
 
 def test_markdown() -> None:
