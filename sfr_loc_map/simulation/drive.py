@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.arrays import FloatArray
@@ -96,14 +97,13 @@ def rover_mesh() -> Mesh:
     low, high = GROUND_HEIGHT_RB_M, GROUND_HEIGHT_RB_M + 2 * WHEEL_RADIUS_M
     for x, y in WHEELS_RB_M:
         boxes.append(((x - 0.15, y - 0.07, low + 0.01), (x + 0.15, y + 0.07, high)))
-    return Mesh.join([_box(np.array(a), np.array(b)) for a, b in boxes])
-
-
-def _box(low: FloatArray, high: FloatArray) -> Mesh:
-    corners = np.array([[(low, high)[(k >> a) & 1][a] for a in range(3)] for k in range(8)], np.float32)
     faces = [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5)]
     triangles = np.array([t for a, b, c, d in faces for t in ((a, b, c), (a, c, d))], np.int32)
-    return Mesh(corners, np.zeros_like(corners), triangles, np.zeros(len(triangles), np.int32))
+    parts = []
+    for ends in boxes:
+        corners = np.array([[ends[(k >> axis) & 1][axis] for axis in range(3)] for k in range(8)], np.float32)
+        parts.append(Mesh(corners, np.zeros_like(corners), triangles, np.zeros(len(triangles), np.int32)))
+    return Mesh.join(parts)
 
 
 STEP_S = 0.05
@@ -149,33 +149,26 @@ class Drive:
 
     def pose(self, time_s: float) -> Transform:
         """Return `T_ds_rb` at a time; shortly before the start and after the end the rover moves as just inside."""
-        inside = self._clamped(time_s)
+        inside = min(max(time_s, 0.0), self.duration_s)
         pose = self._pose_inside(inside)
         if time_s == inside:
             return pose
         # a first exposure that began before the rover moved would show another position than that of its stamp
-        return pose @ self._pose_inside(self._clamped(2.0 * inside - time_s)).inverse() @ pose
-
-    def _clamped(self, time_s: float) -> float:
-        return min(max(time_s, 0.0), self.duration_s)
+        mirrored = min(max(2.0 * inside - time_s, 0.0), self.duration_s)
+        return pose @ self._pose_inside(mirrored).inverse() @ pose
 
     def _pose_inside(self, time_s: float) -> Transform:
         i = min(int(np.searchsorted(self.times_s, time_s, side="right")) - 1, len(self.times_s) - 2)
         share = (time_s - self.times_s[i]) / (self.times_s[i + 1] - self.times_s[i])
         origin = (1 - share) * self.origins[i] + share * self.origins[i + 1]
-        rotation = _orthonormal((1 - share) * self.rotations[i] + share * self.rotations[i + 1])
+        u, _, vt = np.linalg.svd((1 - share) * self.rotations[i] + share * self.rotations[i + 1])
+        rotation = np.asarray(u @ vt)  # the nearest to the blend
         moving = (1 - share) * self.moving[i] + share * self.moving[i + 1]
-        vibration = moving * self._vibration(time_s)
+        before, eased = _smooth(np.array(time_s * VIBRATION_HZ))
+        vibration = moving * ((1 - eased) * self.vibration[before] + eased * self.vibration[before + 1])
         angles = np.radians(self.config.vibration_deg) * vibration[:3]
         lift = rotation[:, 2] * (self.config.vibration_m * vibration[3])
         return Transform(rotation @ matrix_from_rotvec(angles), origin + lift)
-
-    def _vibration(self, time_s: float) -> FloatArray:
-        index = time_s * VIBRATION_HZ
-        i = int(index)
-        t = index - i
-        s = t * t * (3 - 2 * t)
-        return np.asarray((1 - s) * self.vibration[i] + s * self.vibration[i + 1])
 
 
 def make_drive(seed: int, config: DriveConfig, terrain: Terrain) -> Drive:
@@ -203,20 +196,14 @@ def _legs(config: DriveConfig) -> list[_Leg]:
         word, numbers = _parse(segment)
         if word == "goto":
             dx, dy = numbers[0] - x, numbers[1] - y
-            if math.hypot(dx, dy) > NEAR_M:
-                turn = math.remainder(math.atan2(dy, dx) - heading, 2 * math.pi)
-                new = [_Leg(0.0, turn), _Leg(math.hypot(dx, dy), 0.0)]
-            else:
-                new = []
+            turn = math.remainder(math.atan2(dy, dx) - heading, 2 * math.pi)
+            far = math.hypot(dx, dy) > NEAR_M
+            new = [_Leg(0.0, turn), _Leg(math.hypot(dx, dy), 0.0)] if far else []
         elif word == "straight":
             new = [_Leg(numbers[0], 0.0)]
         elif word == "arc":
-            new = [
-                _Leg(
-                    abs(numbers[0] * math.radians(numbers[1])),
-                    math.copysign(1, numbers[0]) * abs(math.radians(numbers[1])),
-                )
-            ]
+            angle = math.radians(numbers[1])
+            new = [_Leg(abs(numbers[0] * angle), math.copysign(1, numbers[0]) * abs(angle))]
         elif word == "turn":
             new = [_Leg(0.0, math.radians(numbers[0]))]
         else:
@@ -252,42 +239,30 @@ def _advance(x: float, y: float, heading: float, length: float, turn: float) -> 
 def _states(config: DriveConfig, legs: list[_Leg], rng: np.random.Generator) -> FloatArray:
     """Return x, y, heading, moving `(N, 4)` every `STEP_S`."""
     start = (config.start_x_m, config.start_y_m, math.radians(config.start_heading_deg))
-    rows = [(*start, 0.0)]
+    states = [(*start, 0.0)]
     # a slowly changing standard normal number (first-order Gauss-Markov process of 2.5 s)
     slip, keep = float(rng.normal()), math.exp(-STEP_S / 2.5)
     for leg in legs:
-        base = rows[-1][:3]
+        base = states[-1][:3]
         done = 0.0
         while done < 1.0 - 1e-12:
             slip = keep * slip + math.sqrt(1 - keep**2) * float(rng.normal())
-            done = min(done + STEP_S * _rate(config, leg, slip), 1.0)
+            kept = 1.0 - min(max(config.slip * (1.0 + 0.6 * slip), 0.0), 0.95)
+            if leg.wait_s:  # share of the leg done per second
+                rate = 1.0 / leg.wait_s
+            elif abs(leg.length_m) > NEAR_M:  # backwards if it is negative
+                rate = config.speed_m_s * kept / abs(leg.length_m)
+            else:
+                rate = math.radians(config.turn_rate_deg_s) * kept / max(abs(leg.turn_rad), 1e-9)
+            done = min(done + STEP_S * rate, 1.0)
             state = _advance(*base, leg.length_m * done, leg.turn_rad * done)
-            rows.append((*state, 0.0 if leg.wait_s else 1.0))
-    if len(rows) == 1:
-        rows *= 2
-    return _swayed(config, np.array(rows), rng)
-
-
-def _rate(config: DriveConfig, leg: _Leg, slip: float) -> float:
-    """Return the share of a leg done per second."""
-    if leg.wait_s:
-        return 1.0 / leg.wait_s
-    kept = 1.0 - min(max(config.slip * (1.0 + 0.6 * slip), 0.0), 0.95)
-    if abs(leg.length_m) > NEAR_M:  # backwards if it is negative
-        return config.speed_m_s * kept / abs(leg.length_m)
-    return math.radians(config.turn_rate_deg_s) * kept / max(abs(leg.turn_rad), 1e-9)
-
-
-def _swayed(config: DriveConfig, rows: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Add smooth sideways drift and heading errors that change only while wheels turn."""
+            states.append((*state, 0.0 if leg.wait_s else 1.0))
+    rows = np.array(states if len(states) > 1 else 2 * states)
+    # smooth sideways drift and heading errors that change only while wheels turn
     travelled = np.cumsum(rows[:, 3]) * STEP_S
-    knots = int(travelled[-1] / 2.0) + 3
-    side, turn = rng.normal(size=(2, knots))
+    side, turn = rng.normal(size=(2, int(travelled[-1] / 2.0) + 3))
     side[0] = turn[0] = 0.0
-    knot = travelled / 2.0
-    i = knot.astype(int)
-    t = knot - i
-    share = t * t * (3 - 2 * t)
+    i, share = _smooth(travelled / 2.0)
     drift = config.sway_m * ((1 - share) * side[i] + share * side[i + 1])
     out = rows.copy()
     out[:, 0] -= drift * np.sin(rows[:, 2])
@@ -296,10 +271,11 @@ def _swayed(config: DriveConfig, rows: FloatArray, rng: np.random.Generator) -> 
     return out
 
 
-def _orthonormal(matrix: FloatArray) -> FloatArray:
-    """Return the rotation nearest to a blend of two near rotations."""
-    u, _, vt = np.linalg.svd(matrix)
-    return np.asarray(u @ vt)
+def _smooth(knots: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
+    """Return the whole part of numbers, and a cubic share of the way to the next, at rest at both."""
+    before = knots.astype(np.intp)
+    t = knots - before
+    return before, np.asarray(t * t * (3 - 2 * t))
 
 
 PATH_STEP_M = 0.3

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import chain, pairwise
 from typing import NamedTuple
 
 import cv2
@@ -27,6 +28,8 @@ SPOT_RADIUS = 0.04
 """Typical radius of a spot of dirt, as a share of the image's width."""
 ALL_PAIRS = (*RIG_KINDS, *ROTATION_AXES, FaultKind.CLOCK)
 """Kinds that affect all pairs."""
+REPEATING = (FaultKind.REPEATED, FaultKind.FROZEN)
+"""Kinds that show the images of a pair before."""
 EPISODES = (FaultKind.FADE, FaultKind.OBJECT)
 """Kinds whose bursts are whole: one begins only where it can end."""
 DRIFT_PAIRS = 100.0
@@ -73,34 +76,23 @@ class Perturber:
         return rig
 
     def pairs(self, pairs: Iterable[StereoPair]) -> Iterator[tuple[int, StereoPair]]:
-        """Yield the pairs that are left, each with its number in the source."""
-        previous: list[StereoPair] = []
-        for index, (pair, following) in enumerate(_with_next(pairs)):
-            if not self.kept[index]:
-                continue
-            stages = self._stages(index, pair, previous, following)
-            yield index, stages[-1]
-            if not self._repeats(index):  # also repeated twice running, the last new images are repeated
-                previous = stages
-
-    def _repeats(self, index: int) -> bool:
-        faults = zip(self._faults, self._bursts, strict=True)
-        kinds = (FaultKind.REPEATED, FaultKind.FROZEN)
-        return any(fault.kind in kinds and bursts[index] >= 0 for fault, bursts in faults)
-
-    def _stages(
-        self, index: int, pair: StereoPair, previous: Sequence[StereoPair], following: StereoPair | None
-    ) -> list[StereoPair]:
-        """Return a pair as each fault finds it, then as it is delivered.
+        """Yield the pairs that are left, each with its number in the source.
 
         A fault that shows old images shows them as it found them: with the faults before it, which they had then.
         """
-        stages = [pair]
-        for number, fault in enumerate(self._faults):
-            old = previous[number] if previous else None
-            pair = self._perturbed(index, number, fault, pair, (old, following))
-            stages.append(pair)
-        return stages
+        previous: list[StereoPair] = []
+        for index, (pair, following) in enumerate(pairwise(chain(pairs, (None,)))):
+            if pair is None or not self.kept[index]:
+                continue
+            stages = [pair]  # the pair as each fault finds it, then as it is delivered
+            for number, fault in enumerate(self._faults):
+                old = previous[number] if previous else None
+                stages.append(self._perturbed(index, number, fault, stages[-1], (old, following)))
+            yield index, stages[-1]
+            # also repeated twice running, the last new images are repeated
+            repeats = (f.kind in REPEATING and b[index] >= 0 for f, b in zip(self._faults, self._bursts, strict=True))
+            if not any(repeats):
+                previous = stages
 
     def _perturbed(
         self,
@@ -126,41 +118,34 @@ class Perturber:
             share = (index - fault.start) / DRIFT_PAIRS if fault.kind is FaultKind.DRIFT else 1.0
             angle_deg = fault.amount * max(share, 0.0)
             return replace(pair, right=rotated(pair.right, fault.kind, angle_deg, self._true_rig))
-        if fault.kind in (FaultKind.REPEATED, FaultKind.SWAPPED, FaultKind.IDENTICAL):
-            if fault.kind is FaultKind.REPEATED:
-                return pair if previous is None else replace(previous, stamp_ns=pair.stamp_ns)
-            other = pair.left if fault.kind is FaultKind.IDENTICAL else pair.right
-            return StereoPair(pair.stamp_ns, other if fault.kind is FaultKind.SWAPPED else pair.left, pair.left)
+        if fault.kind in (*REPEATING, FaultKind.TORN) and previous is None:
+            return pair
+        left, right = pair.left, pair.right
+        if fault.kind is FaultKind.REPEATED and previous is not None:
+            return replace(previous, stamp_ns=pair.stamp_ns)
+        if fault.kind is FaultKind.SWAPPED:
+            return StereoPair(pair.stamp_ns, right, left)
+        if fault.kind is FaultKind.IDENTICAL:
+            return StereoPair(pair.stamp_ns, left, left)
         if fault.kind in VIEW_FAULTS:  # its look is the same for all pairs of a drive
             fixed = np.random.default_rng([self._seed, number, self._count])
             left, right = VIEW_FAULTS[fault.kind](pair, fault.amount, moment, self._true_rig, fixed)
         elif fault.kind in IMAGE_KINDS:
-            left, right = pair.left, pair.right
-            if fault.camera != "right":
-                left = degraded(left, fault.kind, fault.amount, moment)
-            if fault.camera != "left":
-                right = degraded(right, fault.kind, fault.amount, moment)
-        elif previous is None:
-            return pair
-        else:
+            left = left if fault.camera == "right" else degraded(left, fault.kind, fault.amount, moment)
+            right = right if fault.camera == "left" else degraded(right, fault.kind, fault.amount, moment)
+        elif fault.kind is FaultKind.FROZEN and previous is not None:
             left, right = (
-                _old(fault, new, old, moment) for new, old in ((pair.left, previous.left), (pair.right, previous.right))
+                with_noise(old.astype(np.float32), fault.amount, rng) for old in (previous.left, previous.right)
             )
-        return StereoPair(
-            pair.stamp_ns,
-            pair.left if fault.camera == "right" else left,
-            pair.right if fault.camera == "left" else right,
-        )
-
-
-def _old(fault: Fault, new: GreyImage, old: GreyImage, moment: Moment) -> GreyImage:
-    """Return an image that is frozen or torn: all of it, or its lower part, is that of a pair before."""
-    if fault.kind is FaultKind.FROZEN:
-        return with_noise(old.astype(np.float32), fault.amount, moment.rng)
-    if fault.kind is FaultKind.TORN:
-        rows = round((1.0 - fault.amount) * len(new))
-        return np.vstack((new[:rows], old[rows:]))
-    return new
+        elif fault.kind is FaultKind.TORN and previous is not None:
+            rows = round((1.0 - fault.amount) * len(left))
+            left = np.vstack((left[:rows], previous.left[rows:]))
+            right = np.vstack((right[:rows], previous.right[rows:]))
+        if fault.camera == "right":
+            left = pair.left
+        elif fault.camera == "left":
+            right = pair.right
+        return StereoPair(pair.stamp_ns, left, right)
 
 
 def burst_starts(fault: Fault, rng: np.random.Generator, count: int) -> NDArray[np.intp]:
@@ -189,15 +174,6 @@ def burst_starts(fault: Fault, rng: np.random.Generator, count: int) -> NDArray[
                 continue
         starts[burst] = first
     return starts
-
-
-def _with_next(pairs: Iterable[StereoPair]) -> Iterator[tuple[StereoPair, StereoPair | None]]:
-    iterator = iter(pairs)
-    current = next(iterator, None)
-    while current is not None:
-        following = next(iterator, None)
-        yield current, following
-        current = following
 
 
 def with_noise(grey: FloatImage, sigma: float, rng: np.random.Generator) -> GreyImage:
@@ -270,11 +246,17 @@ def _with_object(pair: StereoPair, amount: float, moment: Moment, rig: StereoRig
 
 
 def _with_dirt(pair: StereoPair, amount: float, moment: Moment, rig: StereoRig, fixed: np.random.Generator) -> Views:
-    """Darken blurred spots, others in each image."""
-    left, right = (
-        _darkened(image, _spots(rig, amount, fixed), DIRT_BRIGHTNESS, moment.rng) for image in (pair.left, pair.right)
-    )
-    return left, right
+    """Darken blurred spots on a share of the image, others in each image."""
+    views = []
+    for image in (pair.left, pair.right):
+        cover = np.zeros((rig.height, rig.width), np.uint8)
+        while cover.mean() < amount:
+            centre = (round(fixed.random() * rig.width), round(fixed.random() * rig.height))
+            radius = max(1, round(SPOT_RADIUS * (0.5 + fixed.random()) * rig.width))
+            cv2.circle(cover, centre, radius, 1, -1)
+        shade = cv2.GaussianBlur(cover.astype(np.float32), (0, 0), 0.25 * SPOT_RADIUS * rig.width)
+        views.append(_darkened(image, np.asarray(shade, np.float32), DIRT_BRIGHTNESS, moment.rng))
+    return views[0], views[1]
 
 
 def _with_shadow(pair: StereoPair, amount: float, moment: Moment, rig: StereoRig, fixed: np.random.Generator) -> Views:
@@ -319,16 +301,6 @@ def _moved(image: FloatImage, columns: float) -> FloatImage:
     transform = np.array([[1.0, 0.0, columns], [0.0, 1.0, 0.0]])
     flags, border = cv2.INTER_CUBIC, cv2.BORDER_REFLECT
     return np.asarray(cv2.warpAffine(image, transform, (width, height), flags=flags, borderMode=border), np.float32)
-
-
-def _spots(rig: StereoRig, amount: float, fixed: np.random.Generator) -> FloatImage:
-    """Return how much dirt covers each pixel, 0 .. 1: blurred spots on a share of the image."""
-    cover = np.zeros((rig.height, rig.width), np.uint8)
-    while cover.mean() < amount:
-        centre = (round(fixed.random() * rig.width), round(fixed.random() * rig.height))
-        radius = max(1, round(SPOT_RADIUS * (0.5 + fixed.random()) * rig.width))
-        cv2.circle(cover, centre, radius, 1, -1)
-    return np.asarray(cv2.GaussianBlur(cover.astype(np.float32), (0, 0), 0.25 * SPOT_RADIUS * rig.width), np.float32)
 
 
 def _covered(image: GreyImage, view: FloatImage, cover: FloatImage, moment: Moment) -> GreyImage:

@@ -22,7 +22,10 @@ class Sensor:
         """Prepare everything that does not change between frames."""
         self._seed, self._task, self._config, self._rig = seed, TASK_SEEDS[task], config, rig
         size = (rig.height, rig.width)
-        self._fall_off = _fall_off(rig, config.vignetting)
+        # the cosine to the fourth power of the angle off the axis, weakened to a share
+        x, y = (np.arange(rig.width) - rig.cx) / rig.fx, (np.arange(rig.height) - rig.cy) / rig.fy
+        cosine4 = 1.0 / np.square(1.0 + x[None, :] ** 2 + y[:, None] ** 2)
+        self._fall_off = np.maximum(1.0 + config.vignetting * (cosine4 - 1.0), 0.0).astype(np.float32)
         hot = (np.random.default_rng([seed, _HOT, self._task, camera]).random(size) for camera in (0, 1))
         self._hot = [draws < config.hot_pixels for draws in hot]
         self._maps = None
@@ -56,7 +59,9 @@ class Sensor:
             image = np.asarray(
                 cv2.GaussianBlur(image, (0, 0), config.blur_px, borderType=cv2.BORDER_REFLECT_101), np.float32
             )
-        image = image * self._fall_off * np.float32(self._exposure(frame, camera))
+        both = np.random.default_rng([self._seed, _EXPOSURE, self._task, frame]).normal() * config.gain_step
+        one = np.random.default_rng([self._seed, _LENS, self._task]).normal() * config.gain_mismatch
+        image = image * self._fall_off * np.float32(np.exp(both + (one if camera else 0.0)))
         noise = np.random.default_rng([self._seed, _NOISE, self._task, frame, camera])
         if config.full_well > 0:
             electrons = np.clip(image, 0.0, 4.0) * config.full_well
@@ -64,24 +69,8 @@ class Sensor:
         if config.read_noise_grey > 0:
             image = image + (config.read_noise_grey / 255.0) * noise.standard_normal(image.shape, np.float32)
         image = np.where(self._hot[camera], np.float32(1.0), image)
-        return self._convert(image)
-
-    def _convert(self, image: FloatImage) -> GreyImage:
-        top = 2**self._config.adc_bits - 1
+        top = 2**config.adc_bits - 1
         counts = np.clip(np.rint(image * top), 0, top).astype(np.float32)
         if self._maps is not None:
             counts = cv2.remap(counts, *self._maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
         return np.asarray(np.rint(counts * (255.0 / top)), dtype=np.uint8)
-
-    def _exposure(self, frame: int, camera: int) -> float:
-        both = np.random.default_rng([self._seed, _EXPOSURE, self._task, frame]).normal() * self._config.gain_step
-        one = np.random.default_rng([self._seed, _LENS, self._task]).normal() * self._config.gain_mismatch
-        return float(np.exp(both + (one if camera else 0.0)))
-
-
-def _fall_off(rig: StereoRig, strength: float) -> FloatImage:
-    """Return the cosine to the fourth power of the angle off the axis, weakened to a share."""
-    x = (np.arange(rig.width) - rig.cx) / rig.fx
-    y = (np.arange(rig.height) - rig.cy) / rig.fy
-    cosine4 = 1.0 / np.square(1.0 + x[None, :] ** 2 + y[:, None] ** 2)
-    return np.maximum(1.0 + strength * (cosine4 - 1.0), 0.0).astype(np.float32)
