@@ -1,6 +1,6 @@
 """The suite from Python: `import sfr_loc_map as sfr`; the same calls as the commands make (docs/python.md).
 
-Every public name stands in `sfr_loc_map` itself.
+Every public name stands in `sfr_loc_map` itself. What goes wrong is an `SfrError` whose text says what to do.
 """
 
 from __future__ import annotations
@@ -75,8 +75,28 @@ Truth = PathLike | trajectory_base.Trajectory | sequence.Source
 Step = tuple[PoseEstimate, CallRecord, MethodRecord]
 
 
+class _Shown:
+    """Shows facts in one line, and as a table of HTML whose every text is escaped."""
+
+    __slots__ = ()
+
+    def _facts(self) -> dict[str, str]:
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(self._facts().values())})"
+
+    def _repr_html_(self) -> str:
+        left = "style='text-align:left'"
+        rows = "".join(
+            f"<tr><th {left}>{escape(printable(name))}</th><td {left}>{escape(printable(value))}</td></tr>"
+            for name, value in self._facts().items()
+        )
+        return f"<b>{type(self).__name__}</b><table>{rows}</table>"
+
+
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Trajectory(trajectory_base.Trajectory):
+class Trajectory(_Shown, trajectory_base.Trajectory):
     """Poses of RB in DS at stamps: `stamps_ns` `(N,)`, `positions` `(N, 3)` m, `quats_xyzw` `(N, 4)` as in ROS.
 
     Iterating gives `(stamp_ns, pose)`.
@@ -123,10 +143,8 @@ class Trajectory(trajectory_base.Trajectory):
     def from_kitti(cls, path: PathLike, times: PathLike | None = None) -> Self:
         """Read KITTI poses: twelve numbers a line, of the left camera; here with x forward, y left, z up.
 
-        Args:
-            path: The poses.
-            times: Seconds of each pose, one a line; None: `NAME.times.txt` or `times.txt` beside the poses, otherwise
-                the numbers of the lines, 1 s apart.
+        `times` has the seconds of each pose, one a line; without it `NAME.times.txt` or `times.txt` beside the poses,
+        otherwise the numbers of the lines, 1 s apart.
         """
         found = cls._of_file(path, TrajectoryFormat.KITTI)
         return found if times is None else replace(found, stamps_ns=read_times(Path(times), len(found)))
@@ -158,13 +176,7 @@ class Trajectory(trajectory_base.Trajectory):
         save_trajectory(Path(path), self, TrajectoryFormat.EUROC)
 
     def to_evo(self, path: PathLike, truth: trajectory_base.Trajectory, align: str = "se3") -> None:
-        """Write the APE of the positions as a result of evo (zip), for `evo_res`.
-
-        Args:
-            path: The zip file.
-            truth: True poses.
-            align: Alignment with the truth: `none`, `origin`, `se3`, `sim3`.
-        """
+        """Write the APE of the positions as a result of evo (zip), for `evo_res`; `align` as in `sfr.score`."""
         config = build(AlignedErrorConfig, {"align": align}, origin="align")
         save_evo_result(Path(path), self, truth, config, {"est_name": "estimate", "ref_name": "truth"})
 
@@ -180,18 +192,12 @@ class Trajectory(trajectory_base.Trajectory):
         frame = _data_frame(dict(zip(("x", "y", "z", "qx", "qy", "qz", "qw"), columns, strict=True)))
         frame.index = self.stamps_ns
         frame.index.name = "stamp_ns"
-        if self.records:
-            frame["state"] = [record.state for record in self.records]
-            frame["reason"] = [record.reason for record in self.records]
+        for name in ("state", "reason") if self.records else ():
+            frame[name] = [getattr(record, name) for record in self.records]
         return frame
 
     def plot(self, truth: trajectory_base.Trajectory | None = None, align: str = "none") -> Figure:
-        """Return the path as a plotly figure, as `sfr plot` draws it.
-
-        Args:
-            truth: True poses; then also the distance to them.
-            align: Alignment with the truth: `none`, `origin`, `se3`, `sim3`.
-        """
+        """Return the path as a plotly figure, as `sfr plot` draws it; with the truth also the distance to it."""
         config = build(AlignedErrorConfig, {"align": align}, origin="align")
         return path_figure(curves_of({"estimate": self}, truth, config))
 
@@ -222,13 +228,6 @@ class Trajectory(trajectory_base.Trajectory):
             raise InputError(f"{loaded.text}: this is not {kind}; Trajectory.load() reads every format")
         return cls.of(loaded.trajectory)
 
-    def __repr__(self) -> str:
-        """Return how many poses, how long, and what is wrong with them."""
-        return f"Trajectory({', '.join(self._facts().values())})"
-
-    def _repr_html_(self) -> str:
-        return _facts_html("Trajectory", self._facts())
-
     def _facts(self) -> dict[str, str]:
         facts = {"poses": f"{len(self)} poses", "duration": f"{self.duration_s:.1f} s"}
         facts["path"] = f"{self.length_m:.2f} m"
@@ -238,7 +237,7 @@ class Trajectory(trajectory_base.Trajectory):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class PointCloud(cloud_base.PointCloud):
+class PointCloud(_Shown, cloud_base.PointCloud):
     """Points in LM: `xyz` `(N, 3)` m, `sigma` `(N,)` m, `intensity`, and the pixel `u`, `v` and `pair` they come from.
 
     Attributes:
@@ -274,13 +273,6 @@ class PointCloud(cloud_base.PointCloud):
         records = self.to_structured()
         return _data_frame({name: records[name] for name in cloud_base.FIELD_TYPES})
 
-    def __repr__(self) -> str:
-        """Return how many points there are, and where."""
-        return f"PointCloud({', '.join(self._facts().values())})"
-
-    def _repr_html_(self) -> str:
-        return _facts_html("PointCloud", self._facts())
-
     def _facts(self) -> dict[str, str]:
         facts = {"points": f"{len(self)} points"}
         if len(self):
@@ -293,7 +285,7 @@ class PointCloud(cloud_base.PointCloud):
 
 
 @dataclass(frozen=True, slots=True, repr=False)
-class Source(sequence.Source):
+class Source(_Shown, sequence.Source):
     """An opened data set folder, ROS bag, KITTI or EuRoC sequence.
 
     `source.loc` is the drive and `source.nav` the mapping pairs, None where the source has none: `len(source.loc)`,
@@ -308,19 +300,18 @@ class Source(sequence.Source):
 
     def __repr__(self) -> str:
         """Return path, format and what there is."""
-        return f"Source({str(self.path)!r}, {', '.join(self._facts())})"
+        return f"Source({str(self.path)!r}, {self._facts()['holds']})"
 
-    def _repr_html_(self) -> str:
-        return _facts_html("Source", {"path": str(self.path), "holds": ", ".join(self._facts())})
-
-    def _facts(self) -> list[str]:
-        facts = [self.format]
+    def _facts(self) -> dict[str, str]:
+        holds = [self.format]
         if self.loc is not None:
-            facts.append(f"{len(self.loc)} localisation pairs")
-            facts.append("with truth" if self.truth is not None else "without truth")
+            holds += [
+                f"{len(self.loc)} localisation pairs",
+                "with truth" if self.truth is not None else "without truth",
+            ]
         if self.nav is not None:
-            facts.append(f"{len(self.nav)} mapping pairs")
-        return facts
+            holds.append(f"{len(self.nav)} mapping pairs")
+        return {"path": str(self.path), "holds": ", ".join(holds)}
 
 
 class Score(score_base.Score):
@@ -370,11 +361,7 @@ class Score(score_base.Score):
         return tuple(plot.name for _, plots in score_figures(self) for plot in plots)
 
     def plot(self, name: str | None = None) -> Figure:
-        """Return a figure of the report as a plotly figure, which a notebook shows.
-
-        Args:
-            name: One of `plots`; None for the first: the trajectory from above, or the map.
-        """
+        """Return a figure of the report, one of `plots` or the first, as a plotly figure, which a notebook shows."""
         plots = {plot.name: plot for _, plots in score_figures(self) for plot in plots}
         if not plots or (name is not None and name not in plots):
             raise ConfigError(f"this score has no figure '{name or 'at all'}': it has {', '.join(plots) or 'none'}")
@@ -398,14 +385,9 @@ class Score(score_base.Score):
 
 
 def open(source: SourceLike, remap: Mapping[str, str] | None = None) -> Source:
-    """Open a source: the format is detected.
+    """Open a data set folder, ROS bag, KITTI or EuRoC sequence: the format is detected.
 
-    Args:
-        source: A data set folder, ROS bag, KITTI or EuRoC sequence.
-        remap: Topics of a bag under other names: `{"/cam0/image": "loc/left/image_rect"}`.
-
-    Raises:
-        InputError: If there is nothing, nothing that is known, or it is broken.
+    Topics of a bag under other names are remapped: `{"/cam0/image": "loc/left/image_rect"}`.
     """
     if isinstance(source, Source):
         return source
@@ -448,17 +430,9 @@ def localise(
     Args:
         source: What `sfr.open` takes or gives.
         start: First pose: `identity`, `truth` (the true one) or a pose of RB in DS.
-        live: Whether to return an iterator that gives each pose as soon as it is estimated.
+        live: Whether to return an iterator that gives each `PoseEstimate` as soon as it is there.
         config: Parameters of the localiser; of another method the file with its configuration.
         method: Method under test, as `sfr methods` lists them.
-
-    Returns:
-        The trajectory with the calls that gave it; live, an iterator of `PoseEstimate`.
-
-    Raises:
-        InputError: If the source has no drive, or is broken.
-        ConfigError: If a parameter or `start` is not valid.
-        MethodError: If there is no such method, or it does not start.
     """
     opened = open(source)
     drive = drive_of(opened)
@@ -500,12 +474,6 @@ def map(
         refine_poses: Whether to correct the poses of later pairs by registration of the overlaps.
         config: Parameters of the mapper; of another method the file with its configuration.
         method: Method under test, as `sfr methods` lists them.
-
-    Raises:
-        InputError: If the source has no mapping pairs, or is broken.
-        ConfigError: If a parameter is not valid.
-        MappingError: If there are too many pairs.
-        MethodError: If there is no such method, or it does not start.
     """
     opened = open(source)
     panorama = panorama_of(opened)
@@ -565,11 +533,6 @@ def score(
         stats: Calls (time, memory, state, covariance), files of `sfr localise --stats`. What `sfr.localise` and
             `sfr.map` give brings its own.
         settings: See `ScoreSettings`.
-
-    Raises:
-        InputError: If something cannot be read.
-        ConfigError: If an option or the limits are not valid.
-        MetricsError: If estimate and truth have nothing in common.
     """
     known = ScoreSettings.__annotations__
     if unknown := sorted(set(settings) - set(known)):
@@ -665,13 +628,3 @@ def _data_frame(columns: Mapping[str, NDArray[np.generic]]) -> pandas.DataFrame:
     except ImportError as error:
         raise MissingExtraError("to_pandas() needs pandas: pip install pandas") from error
     return pandas.DataFrame(dict(columns))
-
-
-def _facts_html(title: str, facts: Mapping[str, str]) -> str:
-    """Return a title and a table of names and values as HTML; every text is escaped."""
-    rows = "".join(
-        f"<tr><th style='text-align:left'>{escape(printable(name))}</th>"
-        f"<td style='text-align:left'>{escape(printable(value))}</td></tr>"
-        for name, value in facts.items()
-    )
-    return f"<b>{escape(printable(title))}</b><table>{rows}</table>"

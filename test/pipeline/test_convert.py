@@ -18,11 +18,10 @@ from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.inputs import hash_path
 from sfr_loc_map.io.bag import GROUND_TRUTH, Bag, read_trajectory
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.io.sequence import LocSequence
+from sfr_loc_map.io.sequence import LocSequence, drive_of
 from sfr_loc_map.io.trajectory_file import read_trajectory_file
-from sfr_loc_map.pipeline.convert import ConvertOptions, Layout, convert, convert_trajectory
-
-EXACT = ConvertOptions()
+from sfr_loc_map.pipeline.convert import ConvertOptions, Layout, convert, convert_trajectory, faulty
+from sfr_loc_map.simulation.faults import parse_fault
 
 
 @pytest.fixture
@@ -34,9 +33,9 @@ def world() -> World:
 def test_folder_to_bag_to_folder_gives_the_same_files(tmp_path: Path, world: World, name: str) -> None:
     folder = write_folder(tmp_path / "a", world)
     done: list[int] = []
-    assert convert(open_source(folder), tmp_path / name, EXACT, done.append) == 6
+    assert convert(open_source(folder), tmp_path / name, progress=done.append) == 6
     assert (done[-1], done) == (6, sorted(done))
-    assert convert(open_source(tmp_path / name), tmp_path / "b", EXACT) == 6
+    assert convert(open_source(tmp_path / name), tmp_path / "b") == 6
     assert_is_world(open_source(tmp_path / "b"), world)
     assert hash_path(tmp_path / "a") == hash_path(tmp_path / "b")
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted(["a", "b", name])
@@ -47,7 +46,7 @@ def test_nothing_is_left_when_the_source_breaks(tmp_path: Path, world: World) ->
     (folder / "left" / "000002.png").write_bytes(b"broken")
     for name in ("x.mcap", "x.db3", "copy"):
         with pytest.raises(InputError, match=r"000002\.png"):
-            convert(open_source(folder), tmp_path / name, EXACT)
+            convert(open_source(folder), tmp_path / name)
     assert [p.name for p in tmp_path.iterdir()] == ["a"]
 
 
@@ -90,6 +89,17 @@ def test_options_of_the_command_and_trajectories(tmp_path: Path, world: World, s
     assert_same_trajectory(read_trajectory(Bag(tmp_path / "t.mcap"), GROUND_TRUTH), world.truth)
     no_truth = sfr("convert", write_folder(tmp_path / "n", world, loc=False), tmp_path / "n.txt")
     assert (no_truth.code, "no true trajectory" in no_truth.err) == (2, True)
+
+
+def test_dropped_pairs_are_gone_and_the_truth_stays(tmp_path: Path, world: World) -> None:
+    faults = [parse_fault("dropped:share=0.5"), parse_fault("black:share=1,start=0")]
+    source = open_source(write_folder(tmp_path / "a", world))
+    count = convert(faulty(source, faults, 1), tmp_path / "bad")
+    bad = drive_of(open_source(tmp_path / "bad"))
+    assert len(bad) < len(world.pairs)
+    assert count < 6
+    assert_same_trajectory(bad.ground_truth, world.truth)
+    assert not any(pair.left.any() for pair in bad.pairs())
 
 
 def exported(world: World, folder: Path, layout: Layout) -> LocSequence:

@@ -214,25 +214,22 @@ def test_a_pose_comes_back_to_the_last_digit_while_it_is_young(tmp_path: Path) -
         assert (file.load(S + age_ns, RIG_ON_ROVER) is not None) == taken
 
 
-def broken() -> list[str]:
-    good: dict[str, object] = {"schema": "sfr-resume/1", "rig": RIG_ON_ROVER.fingerprint, "stamp_ns": 1}
-    good |= {"translation_m": [0, 0, 0], "quat_xyzw": [0, 0, 0, 1], "covariance": np.eye(6).reshape(-1).tolist()}
-    changes: dict[str, list[object]] = {
-        "stamp_ns": [None, 1.5, True, -1, 2**63],
-        "schema": ["sfr-resume/2"],
-        "translation_m": [[0, 0], ["0", 0, 0], [float("nan"), 0, 0], [1e300, 0, 0], {"0": 0}],
-        "quat_xyzw": [[0, 0, 0, 0], [0, 0, 0, 7]],
-        "covariance": [[0.0] * 35, [float("inf")] * 36, (-np.eye(6)).reshape(-1).tolist(), np.arange(36.0).tolist()],
-    }
-    wrong = [json.dumps(good | {name: value}) for name, values in changes.items() for value in values]
-    digits = json.dumps(good).replace('"stamp_ns": 1', f'"stamp_ns": {"9" * 400}')
-    version_0_1 = json.dumps({key: value for key, value in good.items() if key not in ("schema", "rig")})
-    deep = '{"x": ' + "[" * 100_000
-    return ["", "{", "[]", "7", deep, "\0" * 100, digits, version_0_1, json.dumps(good)[:-9], *wrong]
+GOOD: dict[str, object] = {"schema": "sfr-resume/1", "rig": RIG_ON_ROVER.fingerprint, "stamp_ns": 1}
+GOOD |= {"translation_m": [0, 0, 0], "quat_xyzw": [0, 0, 0, 1], "covariance": np.eye(6).reshape(-1).tolist()}
+WRONG: dict[str, list[object]] = {
+    "stamp_ns": [None, 1.5, True, -1, 2**63, int("9" * 400)],
+    "schema": ["sfr-resume/2"],
+    "translation_m": [[0, 0], ["0", 0, 0], [float("nan"), 0, 0], [1e300, 0, 0], {"0": 0}],
+    "quat_xyzw": [[0, 0, 0, 0], [0, 0, 0, 7]],
+    "covariance": [[0.0] * 35, [float("inf")] * 36, (-np.eye(6)).reshape(-1).tolist(), np.arange(36.0).tolist()],
+}
 
 
 def test_a_broken_file_is_reported(tmp_path: Path) -> None:
-    for text in broken():
+    version_0_1 = json.dumps({key: value for key, value in GOOD.items() if key not in ("schema", "rig")})
+    deep, cut = '{"x": ' + "[" * 100_000, json.dumps(GOOD)[:-9]
+    values = [json.dumps(GOOD | {name: value}) for name, values in WRONG.items() for value in values]
+    for text in ("", "{", "[]", "7", deep, "\0" * 100, version_0_1, cut, *values):
         (tmp_path / "pose.json").write_text(text, encoding="utf-8")
         with pytest.raises(InputError, match=r"cannot be read.*the file is replaced"):
             file_in(tmp_path).load(2, RIG_ON_ROVER)

@@ -64,18 +64,14 @@ def test_a_new_run_loses_no_pair_though_one_stream_begins_it_first(choice: rando
     assert sorted(found) == sorted((stamp, stamp) for stamp in stamps)
 
 
-def test_waiting_items_are_bounded_and_overflow_is_counted() -> None:
+def test_within_the_tolerance_the_nearest_is_taken_and_what_waits_is_bounded() -> None:
+    found, pairing = paired([("left", 0), ("left", 100), ("right", 96)], tolerance=100)
+    assert (found, pairing.unpaired) == ([(100, 96)], 1)
+    assert paired([("left", 0), ("right", 11)], tolerance=10)[0] == []
     found, pairing = paired([("left", i) for i in range(10)] + [("right", i) for i in range(10)], depth=3)
     assert found == [(7, 7), (8, 8), (9, 9)]
     # 7 of the left fell out; of the right, 0 to 6 come when the left has gone past them
     assert (pairing.overflowed, pairing.unpaired) == (7, 7)
-
-
-def test_within_the_tolerance_the_nearest_is_taken() -> None:
-    found, pairing = paired([("left", 0), ("left", 100), ("right", 96)], tolerance=100)
-    assert (found, pairing.unpaired) == ([(100, 96)], 1)
-    assert paired([("left", 0), ("right", 11)], tolerance=10)[0] == []
-    assert paired([("right", 0), ("left", 10)], tolerance=10)[0] == [(10, 0)]
 
 
 @pytest.mark.parametrize(

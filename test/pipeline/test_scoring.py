@@ -38,49 +38,40 @@ def straight(count: int = 300, scale: float = 1.0) -> Trajectory:
 
 
 @pytest.fixture
-def files(tmp_path: Path) -> tuple[Path, Path]:
-    """An estimate that is 1 % short, and the truth."""
-    estimate, truth = tmp_path / "estimate.txt", tmp_path / "truth.csv"
-    save_trajectory(estimate, straight(scale=0.99))
-    save_trajectory(truth, straight())
-    return estimate, truth
-
-
-@pytest.fixture
 def scored(sfr: Sfr) -> Scored:
-    def score(*arguments: object, code: int = 0) -> dict[str, Any]:
+    def score(*arguments: object) -> dict[str, Any]:
         done = sfr("score", *arguments, "--json", "-")
-        assert done.code == code, done.err
+        assert done.code == 0, done.err
         return dict(json.loads(done.out))
 
     return score
 
 
-def test_score_of_trajectory_files(files: tuple[Path, Path], scored: Scored, sfr: Sfr) -> None:
+def test_score_of_trajectories_in_files_and_bags_with_their_calls(tmp_path: Path, scored: Scored, sfr: Sfr) -> None:
+    """The estimate is 1 % short."""
+    files, stats = (tmp_path / "estimate.txt", tmp_path / "truth.csv"), tmp_path / "stats.csv"
+    for file, scale in zip(files, (0.99, 1.0), strict=True):
+        save_trajectory(file, straight(scale=scale))
+    states = ["lost,few_landmarks"] * 10 + ["degraded,unseen_motion"] * 3 + ["tracking,"] * 287
+    lines = [f"{k * PERIOD_NS},0.0{k % 3 + 1},{state},1000" for k, state in enumerate(states)]
+    stats.write_text("\n".join(["stamp_ns,processing_time_s,state,reason,peak_rss_bytes", *lines]) + "\n")
     score = scored(*files)
     trajectory = score["trajectory"]
-    assert score["schema"] == "sfr-score/1"
+    assert (score["schema"], set(score["provenance"]["inputs"])) == ("sfr-score/1", {"estimate", "truth"})
     assert (trajectory["count"], trajectory["matched"], trajectory["estimate_poses"]) == (25, 300, 300)
     assert trajectory["condition"] == {"distance_m": 5.0}
     assert trajectory["position_m"]["mean"] == pytest.approx(0.05)
     assert trajectory["position_m"]["sigma"] == pytest.approx(0.0, abs=1e-12)
-    assert set(score["provenance"]["inputs"]) == {"estimate", "truth"}
     assert "position error over 5 m" in sfr("score", *files).out
-    conditions = scored(*files, "--condition", "time=3", "--condition", "frames=7")["trajectory"]["conditions"]
-    assert [item["condition"] for item in conditions] == [{"time_s": 3.0}, {"frames": 7}]
-
-
-def test_statistics_bring_states_times_and_memory(files: tuple[Path, Path], tmp_path: Path, scored: Scored) -> None:
-    stats = tmp_path / "stats.csv"
-    lines = ["stamp_ns,processing_time_s,state,reason,peak_rss_bytes"]
-    states = ["lost,few_landmarks"] * 10 + ["degraded,unseen_motion"] * 3 + ["tracking,"] * 287
-    lines += [f"{k * PERIOD_NS},0.0{k % 3 + 1},{state},1000" for k, state in enumerate(states)]
-    stats.write_text("\n".join(lines) + "\n")
-    score = scored(*files, "--stats", stats)
+    score = scored(*files, "--condition", "time=3", "--condition", "frames=7", "--stats", stats)
+    assert [item["condition"] for item in score["trajectory"]["conditions"]] == [{"time_s": 3.0}, {"frames": 7}]
     assert (score["trajectory"]["lost"], score["trajectory"]["degraded"]) == (10, 3)
     assert score["timing"]["localisation_s"]["max"] == 0.03
-    assert score["memory"]["localisation_peak_bytes"] == 1000
-    assert score["memory"]["localisation_above_idle_bytes"] is None
+    memory = score["memory"]
+    assert (memory["localisation_peak_bytes"], memory["localisation_above_idle_bytes"]) == (1000, None)
+    bags = [tmp_path / "estimate.mcap", tmp_path / "truth.db3"]
+    assert [sfr("convert", *pair).code for pair in zip(files, bags, strict=True)] == [0, 0]
+    assert scored(*bags)["trajectory"] == trajectory
 
 
 def test_calls_keep_each_step_to_the_last_bit_also_beside_those_of_a_mapper(tmp_path: Path) -> None:
@@ -96,34 +87,21 @@ def test_calls_keep_each_step_to_the_last_bit_also_beside_those_of_a_mapper(tmp_
     assert found.degraded.tolist() == [True, True, False]
 
 
-@pytest.mark.parametrize(
-    ("row", "words"),
-    [
+def test_calls_that_cannot_be_are_refused_and_those_of_another_drive_told(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "stats.csv"
+    for row, words in (
         ("0,-1.0,tracking,1000", "line 2: processing_time_s is -1: 0 to"),
         ("0,inf,tracking,1000", "line 2: processing_time_s is inf: 0 to"),
         ("0,0.1,LOST,1000", "line 2: state is 'LOST', must be one of initialising, tracking"),
-    ],
-)
-def test_times_sizes_and_states_that_cannot_be_are_refused(tmp_path: Path, row: str, words: str) -> None:
-    path = tmp_path / "stats.csv"
-    path.write_text(f"stamp_ns,processing_time_s,state,peak_rss_bytes\n{row}\n")
-    with pytest.raises(InputError, match=words):
-        load_call_stats(path)
-
-
-def test_calls_of_another_drive_are_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    path = tmp_path / "stats.csv"
+    ):
+        path.write_text(f"stamp_ns,processing_time_s,state,peak_rss_bytes\n{row}\n")
+        with pytest.raises(InputError, match=words):
+            load_call_stats(path)
     path.write_text("stamp_ns,state\n5,lost\n")
     assert not estimates_of(straight(3), [load_call_stats(path)]).lost.any()
     assert "no call of the statistics has the stamp of an estimate" in caplog.text
-
-
-def test_bags_score_as_the_files_they_were_made_of(
-    files: tuple[Path, Path], tmp_path: Path, scored: Scored, sfr: Sfr
-) -> None:
-    bags = [tmp_path / "estimate.mcap", tmp_path / "truth.db3"]
-    assert [sfr("convert", *pair).code for pair in zip(files, bags, strict=True)] == [0, 0]
-    assert scored(*bags)["trajectory"] == scored(*files)["trajectory"]
 
 
 def test_a_cloud_file_without_its_kind_needs_the_option_and_one_with_it_is_not_contradicted(

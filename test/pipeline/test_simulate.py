@@ -15,11 +15,9 @@ from sfr_loc_map.config import build, load_yaml
 from sfr_loc_map.errors import OutputError
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import drive_of, panorama_of
-from sfr_loc_map.pipeline.convert import convert, faulty
 from sfr_loc_map.pipeline.simulate import SETTINGS, settings_text, simulate
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.drive import Plan
-from sfr_loc_map.simulation.faults import parse_fault
 
 pytestmark = pytest.mark.slow
 
@@ -137,13 +135,3 @@ def test_finished_or_unlike_folder(made: Path, tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="is not a simulation"):
         simulate(CONFIG, tmp_path)
     assert build(SimulationConfig, load_yaml(made / SETTINGS)) == CONFIG
-
-
-def test_faults_over_a_source(made: Path, tmp_path: Path) -> None:
-    faults = [parse_fault("dropped:share=0.5"), parse_fault("black:share=1,start=0")]
-    # one of the two later pairs of the drive is gone; the first pair stays
-    assert convert(faulty(open_source(made, {}), faults, 1), tmp_path / "bad") == 2 + 1
-    bad = drive_of(open_source(tmp_path / "bad", {}))
-    assert bad.ground_truth is not None
-    assert len(bad.ground_truth) == 3
-    assert not any(pair.left.any() for pair in bad.pairs())
