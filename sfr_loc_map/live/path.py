@@ -92,11 +92,7 @@ class LivePath:
         self._last: tuple[Point, float] | None = None
 
     def add(self, sample: PoseSample, published_s: float | None = None) -> None:
-        """Add a pose, and when its image was published; a stamp far behind the latest one begins a new run.
-
-        Raises:
-            GeometryError: If it is no pose.
-        """
+        """Add a pose, and when its image was published; a stamp far behind the latest one begins a new run."""
         stamp_ns = sample.stamp_ns
         if jumped_back(self._latest_ns.get(sample.track, stamp_ns), stamp_ns):
             self.restart()

@@ -91,10 +91,8 @@ class Recording:
 def open_recording(path: Path, truth: Path | None = None) -> Recording:
     """Return what is recorded in a folder of `sfr replay --out`, a bag or a data set.
 
-    Truth and images of a replay are those of the source `truth`; None: of the one that its report names.
-
-    Raises:
-        InputError: If there is nothing to play, or it is broken.
+    Truth and images of a replay are those of the source `truth`; None: of the one that its report names. InputError if
+    there is nothing to play, or it is broken.
     """
     files = ReplayFiles(path)
     if path.is_dir() and any(file.is_file() for file in (files.estimate, files.cloud, files.report)):
@@ -159,11 +157,7 @@ def _recording(
     cloud: PointCloud | None = None,
     report: str = "",
 ) -> Recording:
-    """Return the recording with its time line.
-
-    Raises:
-        InputError: If nothing is in it, or a figure of a call is none.
-    """
+    """Return the recording with its time line; InputError if nothing is in it, or a figure of a call is none."""
     drive = [int(stamp) for track in (estimates and estimates.trajectory, truth) if track for stamp in track.stamps_ns]
     panorama = [] if cloud is None else list(_pair_stamps(cloud))
     calls = [call_of(status.values) if status.kind is updates.StatusKind.CALL else None for status in said]
@@ -191,13 +185,10 @@ def _recording(
     truths: list[PairTruth] = []
     if cloud is not None:
         stamps_ns, true_points = _pair_stamps(cloud), CloudTruth()
-        for item in () if nav is None else nav.pairs():
-            if (
-                nav is not None
-                and item.pair.stamp_ns in stamps_ns
-                and (known := PairTruth.of(item, nav.rig)) is not None
-            ):
-                truths.append(known)  # the pairs of a source are in the order of their stamps, as those of a cloud
+        wanted = (item for item in (nav.pairs() if nav is not None else ()) if item.pair.stamp_ns in stamps_ns)
+        for item in wanted:  # in the order of their stamps, as those of the cloud
+            if nav is not None and (known := PairTruth.of(item, nav.rig)) is not None:
+                truths.append(known)
                 true_points.add_points(item.pair.stamp_ns, known.points)
         media = cloud_samples(stamps_ns[-1], cloud.xyz, cloud.sigma, 0.0, true_points.errors(cloud))
         moments += ((_place(stamps_ns[-1], begin_ns[1]), sample) for sample in media if sample is not None)
@@ -236,8 +227,7 @@ def _poses(trajectory: Trajectory | None, estimates: Estimates | None, begin_ns:
 
 def _calls(stats: Path) -> Iterator[updates.Status]:
     """Yield the calls of statistics as the nodes tell them on /diagnostics."""
-    text = read_table(stats).decode("utf-8-sig")
-    for read in csv.DictReader(io.StringIO(text, newline="")):
+    for read in csv.DictReader(io.StringIO(read_table(stats).decode("utf-8-sig"), newline="")):
         row = {name: value for name, value in read.items() if isinstance(name, str) and value}
         state, reason = row.get("state", ""), row.get("reason", "")
         is_map, steps = state in set(MappingState), [row.get(name, "") for name in STEP_NAMES]

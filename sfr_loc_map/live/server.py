@@ -112,11 +112,7 @@ class LiveServer:
         self._silent: frozenset[str] = frozenset()
 
     async def serve(self, ready: Callable[[str], None]) -> None:
-        """Serve until the task is cancelled; `ready` is called with the address once the page can be opened.
-
-        Raises:
-            NodeError: If the port cannot be listened on.
-        """
+        """Serve until the task is cancelled; `ready` is called with the address once the page can be opened."""
         config, logger = self._config, logging.getLogger("sfr_loc_map.live")
         logger.addFilter(_is_fault)
         options: dict[str, Any] = {"access_log": None, "handle_signals": False, "logger": logger}
@@ -369,11 +365,7 @@ class Page:
                 self.news.set()
 
     async def send_all(self, server: dict[str, Any]) -> None:
-        """Greet the page and send what is new, until it is cut off.
-
-        Raises:
-            ConnectionError: If the page is gone.
-        """
+        """Greet the page and send what is new, until it is cut off; ConnectionError if it is gone."""
         try:
             await self._send(message("hello", {"server": server, "row_fields": ROW_FIELDS}))
             ended = False

@@ -43,11 +43,7 @@ class Terminal:
         self._ended = False
 
     def show(self) -> None:
-        """Draw until q is pressed.
-
-        Raises:
-            KeyboardInterrupt: On SIGINT and SIGTERM; the terminal is as it was before.
-        """
+        """Draw until q is pressed; KeyboardInterrupt on SIGINT and SIGTERM. The terminal is then as it was before."""
         console, due_s = self._console, 0.0
         with suppress(AttributeError, ValueError):  # a terminal without these signs
             console.file.reconfigure(errors="replace")  # type: ignore[attr-defined]
