@@ -9,6 +9,7 @@ comparison needs no evo either.
 from __future__ import annotations
 
 import copy
+import itertools
 import json
 import sys
 import tempfile
@@ -41,25 +42,15 @@ def by_evo(
     ref, est = sync.associate_trajectories(*read)
     kind, _, size = delta.partition("=")
     step = {"delta": float(size), "delta_unit": Unit.frames if kind == "frames" else Unit.meters}
+    relations = {"translation": PoseRelation.translation_part, "rotation_deg": PoseRelation.rotation_angle_deg}
     for alignment in ALIGNMENTS:
-        options = {
-            "align": alignment in ("se3", "sim3"),
-            "correct_scale": alignment == "sim3",
-            "align_origin": alignment == "origin",
-        }
+        fitted, origin = alignment in ("se3", "sim3"), alignment == "origin"
+        options = {"align": fitted, "correct_scale": alignment == "sim3", "align_origin": origin}
         figures = {}
-        for name, relation in (
-            ("translation", PoseRelation.translation_part),
-            ("rotation_deg", PoseRelation.rotation_angle_deg),
-        ):
-            for metric, result in (
-                ("ape", ape(copy.deepcopy(ref), copy.deepcopy(est), relation, **options)),
-                ("rpe", rpe(copy.deepcopy(ref), copy.deepcopy(est), relation, **step, **options)),
-            ):
-                figures[f"{metric}.{name}"] = {
-                    **{key: float(result.stats[key]) for key in STATISTICS},
-                    "count": len(result.np_arrays["error_array"]),
-                }
+        for (name, relation), (metric, of) in itertools.product(relations.items(), (("ape", ape), ("rpe", rpe))):
+            result = of(copy.deepcopy(ref), copy.deepcopy(est), relation, **options, **(step if of is rpe else {}))
+            stats = {key: float(result.stats[key]) for key in STATISTICS}
+            figures[f"{metric}.{name}"] = {**stats, "count": len(result.np_arrays["error_array"])}
         yield alignment, figures
 
 

@@ -125,15 +125,12 @@ def test_sigma_that_is_right_is_found_consistent_and_a_small_one_not() -> None:
     assert small.mean > small.interval95[1]
 
 
-def test_a_cloud_without_pixels_gets_a_figure_of_another_name() -> None:
+def test_a_cloud_without_pixels_has_a_figure_of_another_name_and_the_empty_one_has_none() -> None:
     truth = wall(5.0)
     got = score_nearest(cloud_of([truth]).xyz + np.float32([0, 0, 0.1]), [truth], CONFIG).score
     assert (got.nearest_only, got.errors) == (True, None)
     assert got.nearest_distance_m is not None
     assert got.nearest_distance_m.mean == pytest.approx(0.1, rel=1e-3)
-
-
-def test_the_empty_cloud_has_no_figures_and_no_coverage() -> None:
     scored = score_map(PointCloud.empty(fused=False), [wall()], CONFIG)
     assert scored.score.coverage == 0.0
     assert errors_of(scored.score).point_error_m.mean is None
