@@ -93,13 +93,15 @@ def aligned_poses(estimate: Trajectory, truth: Trajectory, config: AlignedErrorC
     """
     est_rows, gt_rows = unique_rows(estimate.stamps_ns), unique_rows(truth.stamps_ns)
     est_stamps, gt_stamps = estimate.stamps_ns[est_rows], truth.stamps_ns[gt_rows]
-    limit = round(config.max_difference_s * NS_PER_S)
-    if len(est_rows) > len(gt_rows):
-        short, long = nearest_pairs(gt_stamps, est_stamps, limit)
-        est_rows, gt_rows = est_rows[long], gt_rows[short]
-    else:
-        short, long = nearest_pairs(est_stamps, gt_stamps, limit)
-        est_rows, gt_rows = est_rows[short], gt_rows[long]
+    estimate_is_longer = len(est_rows) > len(gt_rows)
+    few, many = (gt_stamps, est_stamps) if estimate_is_longer else (est_stamps, gt_stamps)
+    short = long = np.zeros(0, np.intp)
+    if len(few):  # the nearest of the other for each pose of the one that has fewer
+        nearest, difference = nearest_stamps(few, many)
+        short = np.flatnonzero(difference <= round(config.max_difference_s * NS_PER_S))
+        long = nearest[short]
+    mine, theirs = (long, short) if estimate_is_longer else (short, long)
+    est_rows, gt_rows = est_rows[mine], gt_rows[theirs]
     if not len(est_rows):
         raise MetricsError(
             f"no stamps of estimate and truth are within {config.max_difference_s:g} s of each other, so that there is "
@@ -119,18 +121,6 @@ def aligned_poses(estimate: Trajectory, truth: Trajectory, config: AlignedErrorC
         moved = (similarity.scale * est.positions) @ similarity.rotation.T + similarity.translation
         est = Poses(np.asarray(moved), turned)
     return AlignedPoses(est, true, estimate.stamps_ns[est_rows], similarity)
-
-
-def nearest_pairs(stamps: IntArray, others: IntArray, limit: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return indices of stamps and of the nearest others, the earlier of two, where they are within the limit, ns.
-
-    Both are in order; one of the others may belong to several stamps.
-    """
-    if not len(stamps) or not len(others):
-        return np.zeros(0, np.intp), np.zeros(0, np.intp)
-    nearest, difference = nearest_stamps(stamps, others)
-    chosen = np.flatnonzero(difference <= limit)
-    return chosen, nearest[chosen]
 
 
 def umeyama(points: FloatArray, targets: FloatArray, *, with_scale: bool) -> Similarity:

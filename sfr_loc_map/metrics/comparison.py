@@ -7,6 +7,7 @@ blocks (circular block bootstrap, as for the interval of one figure, see `metric
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from enum import StrEnum
@@ -135,40 +136,35 @@ def _paired(first: Score, other: Score, name: str) -> list[PairedDifference]:
             f"the first score is re-based by {rebase[0]}, '{name}' by {rebase[1]}: unlike figures are not compared; "
             "score both alike"
         )
-    theirs = {part.condition: part for part in sub_trajectories_of(other)}
-    mine = [part for part in sub_trajectories_of(first) if part.condition in theirs]
-    return [pair for part in mine for pair in _condition_pairs(part, theirs[part.condition], name)]
-
-
-def _condition_pairs(part: SubTrajectoryRows, other: SubTrajectoryRows, name: str) -> list[PairedDifference]:
-    spans = [list(zip(p.start_stamp_ns, p.end_stamp_ns, strict=True)) for p in (part, other)]
-    in_other = {span: row for row, span in enumerate(spans[1])}
-    common = [(row, in_other[span]) for row, span in enumerate(spans[0]) if span in in_other]
-    if not common:
-        return []
-    mine, theirs = (list(side) for side in zip(*common, strict=True))
-    a, b = (
-        np.column_stack([np.asarray(getattr(of, name), np.float64)[rows] for name in COLUMNS[: HEADING + 1]])
-        for rows, of in ((mine, part), (theirs, other))
-    )
-    starts, ends = np.asarray(part.start_frame)[mine], np.asarray(part.end_frame)[mine]
-    inside = np.searchsorted(starts, ends, side="left") - np.arange(len(starts))
-    overlap = float(np.maximum(inside, 1).mean())  # starts within one sub-trajectory
     pairs = []
-    for figure, columns in FIGURES.items():
-        pair = PairedDifference(
-            name=name,
-            condition=part.condition,
-            figure=figure,
-            count=len(common),
-            left_out=(len(spans[0]) - len(common), len(spans[1]) - len(common)),
-            first=None,
-            other=None,
-            difference=None,
-            ci95=None,
-            outcome=Outcome.NOT_ENOUGH_DATA,
+    for mine, theirs in itertools.product(sub_trajectories_of(first), sub_trajectories_of(other)):
+        if mine.condition != theirs.condition:
+            continue
+        spans = [list(zip(part.start_stamp_ns, part.end_stamp_ns, strict=True)) for part in (mine, theirs)]
+        in_other = {span: row for row, span in enumerate(spans[1])}
+        rows = np.array([(row, in_other[span]) for row, span in enumerate(spans[0]) if span in in_other], np.intp)
+        if not len(rows):
+            continue
+        a, b = (
+            np.column_stack([np.asarray(getattr(part, key), np.float64)[which] for key in COLUMNS[: HEADING + 1]])
+            for which, part in zip(rows.T, (mine, theirs), strict=True)
         )
-        pairs.append(_with_difference(pair, a[:, columns], b[:, columns], overlap))
+        starts, ends = (np.asarray(frames)[rows[:, 0]] for frames in (mine.start_frame, mine.end_frame))
+        inside = np.searchsorted(starts, ends, side="left") - np.arange(len(starts))
+        overlap = float(np.maximum(inside, 1).mean())  # starts within one sub-trajectory
+        for figure, columns in FIGURES.items():
+            pair = PairedDifference(
+                name=name,
+                condition=mine.condition,
+                figure=figure,
+                count=len(rows),
+                left_out=(len(spans[0]) - len(rows), len(spans[1]) - len(rows)),
+                first=None,
+                other=None,
+                difference=None,
+                ci95=None,
+            )
+            pairs.append(_with_difference(pair, a[:, columns], b[:, columns], overlap))
     return pairs
 
 

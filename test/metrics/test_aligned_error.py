@@ -13,7 +13,8 @@ from trajectory_pairs import PAIRS, TENTHS, drifted
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.metrics.aligned_error import aligned_errors, nearest_pairs, umeyama
+from sfr_loc_map.metrics.aligned_error import aligned_errors, umeyama
+from sfr_loc_map.metrics.association import nearest_stamps
 from sfr_loc_map.metrics.config import AlignedErrorConfig
 
 GOLDEN = json.loads((Path(__file__).parent / "evo_golden.json").read_text())
@@ -53,9 +54,8 @@ def test_a_mirrored_path_is_aligned_by_a_rotation_and_a_straight_one_not_at_all(
 
 def test_the_nearest_stamp_counts_and_the_earlier_of_two() -> None:
     stamps, others = np.array([0, 10, 20, 35, 90]), np.array([5, 19, 30, 40, 91, 92])
-    chosen, nearest = nearest_pairs(stamps, others, 5)
-    assert (chosen.tolist(), nearest.tolist()) == ([0, 1, 2, 3, 4], [0, 0, 1, 2, 4])
-    assert nearest_pairs(stamps, others, 4)[0].tolist() == [2, 4]
+    nearest, difference = nearest_stamps(stamps, others)
+    assert (nearest.tolist(), difference.tolist()) == ([0, 0, 1, 2, 4], [5, 5, 1, 5, 1])
 
 
 def test_the_description_names_metric_alignment_and_association() -> None:
