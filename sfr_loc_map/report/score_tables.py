@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.score import (
@@ -44,15 +44,7 @@ from sfr_loc_map.report.tables import (
 )
 
 SUMMARY = (
-    "headline",
-    "aligned",
-    "map",
-    "time",
-    "memory",
-    "target-time",
-    "target-memory",
-    "external",
-    "method",
+    *("headline", "aligned", "map", "time", "memory", "target-time", "target-memory", "external", "method"),
     "verdicts",
 )
 """Tables of the terminal; the verdicts stand last, where they are seen."""
@@ -146,6 +138,10 @@ def _figures(value: object, names: Mapping[str, str] | tuple[str, ...], key: str
     return tuple(_figure(getattr(value, name), f"{key}.{name}", unit) for name in names)
 
 
+def _count(value: Counted, key: str) -> Cell:
+    return Cell.number(value.count, f"{key}.count")
+
+
 def _columns(titles: Mapping[str, str] | tuple[str, ...], unit: Unit = NONE) -> Iterator[Column]:
     return (Column(title, unit) for title in (titles.values() if isinstance(titles, Mapping) else titles))
 
@@ -158,6 +154,14 @@ def keyed_conditions(score: Score) -> Iterator[tuple[str, ConditionScore]]:
         yield "trajectory", score.trajectory.first
     for k, part in enumerate(score.trajectory.several):
         yield f"trajectory.conditions.{k}", part
+
+
+class Counted(Protocol):
+    """What is made of a number of values."""
+
+    @property
+    def count(self) -> int:
+        """The number."""
 
 
 class MapError(NamedTuple):
@@ -183,17 +187,17 @@ def map_error(part: MapScore | None) -> MapError | None:
 def _verdict_table(score: Score) -> Table:
     rows: list[Row] = []
     for k, item in enumerate(score.verdicts):
-        unit = fitting(limit_unit(item.metric), item.limit, item.value, *(item.ci95 or ()))
+        unit, key = fitting(limit_unit(item.metric), item.limit, item.value, *(item.ci95 or ())), f"verdicts.{k}"
         sign = "≥" if item.metric.endswith("_min") else "≤"
         over = f", over {item.condition}" if item.condition is not None else ""
         row = (
             Cell.verdict(item.state.value),
             Cell.head(limit_name(item.metric) + over),
             Cell(unit.symbol),
-            Cell(f"{sign} {number(item.limit, unit=unit)}", item.limit, f"verdicts.{k}.limit"),
-            _figure(item.value, f"verdicts.{k}.value", unit),
-            Cell.interval(item.ci95, f"verdicts.{k}.ci95", unit),
-            Cell.number(item.count, f"verdicts.{k}.count", undefined=ABSENT),
+            Cell(f"{sign} {number(item.limit, unit=unit)}", item.limit, f"{key}.limit"),
+            _figure(item.value, f"{key}.value", unit),
+            Cell.interval(item.ci95, f"{key}.ci95", unit),
+            Cell.number(item.count, f"{key}.count", undefined=ABSENT),
             Cell({True: "yes", False: "no", None: ABSENT}[item.certain]),
         )
         rows.append(row)
@@ -224,11 +228,9 @@ def headline_table(score: Score) -> Table | None:
     shown: list[tuple[str, Unit, Statistic | SampleStatistic, str, Cell]] = []
     note = "Interval: of mean + 3 sigma. n: sub-trajectories, map points or calls. "
     for key, condition in keyed_conditions(score):
-        count = Cell.number(condition.count, f"{key}.count")
         for name, unit in (("position", METRE), ("attitude", DEGREE), ("heading", DEGREE)):
-            figure = f"{name}_{unit.symbol}"
-            title = f"{name} error over {condition.condition}"
-            shown.append((title, unit, getattr(condition, figure), f"{key}.{figure}", count))
+            figure, title = f"{name}_{unit.symbol}", f"{name} error over {condition.condition}"
+            shown.append((title, unit, getattr(condition, figure), f"{key}.{figure}", _count(condition, key)))
     if part is not None:
         note += f"{part.matched} frames of {part.estimate_poses} estimates, {part.lost} lost, "
         note += f"{part.degraded} degraded; re-based by {part.first.rebase}. "
@@ -236,21 +238,18 @@ def headline_table(score: Score) -> Table | None:
     if score.map is not None:
         words.append("point error" if score.map.errors is not None else "distance to the nearest true point")
         if (error := map_error(score.map)) is not None:
-            count = Cell.number(error.value.count, f"{error.key}.count")
-            shown.append((error.title, METRE, error.value, error.key, count))
+            shown.append((error.title, METRE, error.value, error.key, _count(error.value, error.key)))
     if score.timing is not None:
         words.append("time per call")
         for kind, calls in score.timing.kinds():
             key = f"timing.{kind}_s"
-            shown.append((f"{kind} time per call", SECOND, calls, key, Cell.number(calls.count, f"{key}.count")))
+            shown.append((f"{kind} time per call", SECOND, calls, key, _count(calls, key)))
     rows: list[Row] = []
     for title, unit, value, key, count in shown:
-        interval, bounds = Cell(ABSENT), None
-        if isinstance(value, IntervalStatistic):
-            bounds = value.mean_plus_3sigma_ci95
+        bounds = value.mean_plus_3sigma_ci95 if isinstance(value, IntervalStatistic) else None
         unit = fitting(unit, value.mean, value.sigma, value.mean_plus_3sigma, *(bounds or ()))
-        if isinstance(value, IntervalStatistic):
-            interval = Cell.interval(bounds, f"{key}.mean_plus_3sigma_ci95", unit, NOT_ENOUGH)
+        undefined = NOT_ENOUGH if isinstance(value, IntervalStatistic) else ABSENT
+        interval = Cell.interval(bounds, f"{key}.mean_plus_3sigma_ci95", unit, undefined)
         rows.append((Cell.head(title), Cell(unit.symbol), *_figures(value, STATISTIC, key, unit), interval, count))
     columns = (Column("figure", words=True), Column("unit"), *_columns((*STATISTIC.values(), "95 % interval", "n")))
     note = (note + clock_text(score.timing, score.target)).rstrip()
@@ -261,7 +260,6 @@ def headline_table(score: Score) -> Table | None:
 
 
 def _aligned_table(score: Score) -> Table | None:
-    """Return APE and RPE as other tools give them."""
     if score.aligned is None:
         return None
     names = ("rmse", "mean", "median", "std", "min", "max")
@@ -272,15 +270,13 @@ def _aligned_table(score: Score) -> Table | None:
             ("attitude", DEGREE, part.rotation_deg, f"{key}.rotation_deg"),
         ):
             head = Cell.head(f"{key.upper()}, {name}, align {part.alignment}")
-            count = Cell.number(part.count, f"{key}.count")
-            rows.append((head, Cell(unit.symbol), *_figures(values, names, place), count))
+            rows.append((head, Cell(unit.symbol), *_figures(values, names, place), _count(part, key)))
     columns = (Column("error", words=True), *_columns(("unit", *names, "n")))
     note = f"{score.aligned.ape.description}. {score.aligned.rpe.description}. Not figures of the specification."
     return Table("aligned", "Absolute and relative error as other tools give it", columns, tuple(rows), note)
 
 
 def _growth_table(score: Score) -> Table | None:
-    """Return the errors of sub-trajectories of growing length."""
     steps = () if score.trajectory is None else score.trajectory.by_distance
     names = ("mean", "mean_plus_3sigma")
     units = {
@@ -294,7 +290,7 @@ def _growth_table(score: Score) -> Table | None:
         cells = [
             cell for name, unit in units.items() for cell in _figures(getattr(item, name), names, f"{key}.{name}", unit)
         ]
-        rows.append((Cell.head(f"{item.distance_m:g} m"), *cells, Cell.number(item.count, f"{key}.count")))
+        rows.append((Cell.head(f"{item.distance_m:g} m"), *cells, _count(item, key)))
     heads = (
         Column(f"{name.partition('_')[0]} {STATISTIC[statistic]}", unit)
         for name, unit in units.items()
@@ -306,7 +302,6 @@ def _growth_table(score: Score) -> Table | None:
 
 
 def _component_table(score: Score) -> Table:
-    """Return the position error by axes, and along, across and above the path."""
     names = {
         "x_m": "x (east)",
         "y_m": "y (north)",
@@ -329,18 +324,17 @@ def _component_table(score: Score) -> Table:
 
 
 def _consistency_table(score: Score) -> Table:
-    """Return whether the estimated uncertainties are as large as the errors (NEES)."""
     shown: list[tuple[str, NeesPart | SigmaNees, str, Cell, str]] = []
     for key, part in keyed_conditions(score):
         if part.nees is not None:
-            count = Cell.number(part.nees.count, f"{key}.nees.count")
+            count = _count(part.nees, f"{key}.nees")
             for name in ("pose", "position", "attitude"):
                 title = f"covariance of the odometry: {name}, over {part.condition}"
                 shown.append((title, getattr(part.nees, name), f"{key}.nees.{name}", count, "too large a sigma"))
     errors = score.map.errors if score.map is not None else None
     if errors is not None and errors.sigma_nees is not None:
-        count = Cell.number(errors.sigma_nees.count, "map.sigma_nees.count")
         below = "calibration better than stated"  # its part of sigma is common to all points
+        count = _count(errors.sigma_nees, "map.sigma_nees")
         shown.append(("sigma of the map points", errors.sigma_nees, "map.sigma_nees", count, below))
     rows: list[Row] = []
     for title, nees, key, count, below in shown:
@@ -359,7 +353,6 @@ def _consistency_table(score: Score) -> Table:
 
 
 def _association_table(score: Score) -> Table | None:
-    """Return what was scored, what was left out and why."""
     part = score.trajectory
     if part is None:
         return None
@@ -392,22 +385,13 @@ def _association_table(score: Score) -> Table | None:
 
 
 def _map_table(score: Score) -> Table | None:
-    """Return the error and the coverage of the map: all, by range, by pair."""
     part, error = score.map, map_error(score.map)
     if part is None or error is None:
         return None
     errors = part.errors
     unit = fitting(METRE, error.value.mean_plus_3sigma, error.value.p95)
-    shown = [
-        (
-            "all points",
-            error.value,
-            error.key,
-            "map",
-            part.coverage,
-            None if errors is None else errors.disparity_error_px,
-        )
-    ]
+    disparities = None if errors is None else errors.disparity_error_px
+    shown = [("all points", error.value, error.key, "map", part.coverage, disparities)]
     for k, item in enumerate(() if errors is None else errors.by_range):
         title, key = f"{item.from_m:g} to {item.to_m:g} m", f"map.by_range.{k}"
         shown.append((title, item.point_error_m, key, key, item.coverage, item.disparity_error_px))
@@ -421,7 +405,7 @@ def _map_table(score: Score) -> Table | None:
             pixels = Cell.number(disparity.p50_abs, f"{place}.disparity_error_px.p50_abs", undefined=ABSENT)
         covered = Cell.number(coverage, f"{place}.coverage", undefined="no true points")
         cells = _figures(value, (*STATISTIC, "p50", "p95"), key, unit)
-        rows.append((Cell.head(title), *cells, pixels, Cell.number(value.count, f"{key}.count"), covered))
+        rows.append((Cell.head(title), *cells, pixels, _count(value, key), covered))
     columns = (
         Column("points", words=True),
         *_columns((*STATISTIC.values(), "p50", "p95"), unit),
@@ -451,31 +435,18 @@ def clock_text(timing: TimingScore | None, target: TargetScore | None = None) ->
     return text
 
 
-def _of(part: str, of: str) -> tuple[str, str, str]:
-    """Return name prefix, ending of the title and place of a table of this host, or of a target."""
-    return (f"target-{part}", f" on {of}", "target.") if of else (part, "", "")
-
-
 def _time_table(timing: TimingScore | None, *, of: str = "", target: TargetScore | None = None) -> Table | None:
     if timing is None:
         return None
-    name, on, place = _of("time", of)
-    titles = {
-        "p50": "p50",
-        "p95": "p95",
-        "p99": "p99",
-        "max": "max",
-        "mean_plus_3sigma": "mean + 3 sigma",
-        "first": "first call",
-        "max_after_first": "max without it",
-    }
+    name, on, place = ("target-time", f" on {of}", "target.") if of else ("time", "", "")
+    titles = {name: name for name in ("p50", "p95", "p99", "max")}
+    titles |= {"mean_plus_3sigma": "mean + 3 sigma", "first": "first call", "max_after_first": "max without it"}
     rows: list[Row] = []
     for kind, calls in timing.kinds():
         key = f"{place}timing.{kind}_s"
         unit = fitting(SECOND, calls.max, calls.mean_plus_3sigma)
-        count = Cell.number(calls.count, f"{key}.count")
-        cells = _figures(calls, titles, key, unit)
-        rows.append((Cell.head(kind.value), Cell(unit.symbol), *cells, count, Cell(calls.clock)))
+        cells = (*_figures(calls, titles, key, unit), _count(calls, key), Cell(calls.clock))
+        rows.append((Cell.head(kind.value), Cell(unit.symbol), *cells))
     columns = (Column("call", words=True), *_columns(("unit", *titles.values(), "n", "clock")))
     words = _terms("time per call", "p50, p95, p99", "mean + 3 sigma", "first call")
     return Table(name, f"Time per call{on}", columns, tuple(rows), clock_text(timing, target), words)
@@ -489,8 +460,7 @@ def _stage_table(score: Score) -> Table | None:
     for kind, calls in kinds:
         for stage, times in calls.stages.items():
             key = f"timing.{kind}_s.stages.{stage}"
-            count = Cell.number(times.count, f"{key}.count")
-            rows.append((Cell.head(f"{kind}: {stage}"), *_figures(times, names, key, unit), count))
+            rows.append((Cell.head(f"{kind}: {stage}"), *_figures(times, names, key, unit), _count(times, key)))
     note = (
         "Over the calls that had the stage. Keyframe: work of a thread of its own after its call; the next call waits "
         "for what is left of it (wait)."
@@ -502,19 +472,16 @@ def _stage_table(score: Score) -> Table | None:
 def _memory_table(memory: MemoryScore | None, *, of: str = "") -> Table | None:
     if memory is None:
         return None
-    name, on, place = _of("memory", of)
+    name, place = ("target-memory", "target.") if of else ("memory", "")
     rows: list[Row] = []
     for kind in CallKind:
         peak = memory.of(kind)
         if peak is not None and not (peak.peak_bytes is None and peak.above_idle_bytes is None):
-            key = f"{place}memory.{kind}"
-            cells = (
-                Cell.number(peak.peak_bytes, f"{key}_peak_bytes", MIB),
-                Cell.number(peak.above_idle_bytes, f"{key}_above_idle_bytes", MIB),
-            )
+            sizes = (("peak_bytes", peak.peak_bytes), ("above_idle_bytes", peak.above_idle_bytes))
+            cells = (Cell.number(size, f"{place}memory.{kind}_{name}", MIB) for name, size in sizes)
             rows.append((Cell.head(kind.value), *cells))
     columns = (Column("call", words=True), Column("peak", MIB), Column("above the idle process", MIB))
-    title = f"Peak memory{on}" if of else "Peak resident memory during a call"
+    title = f"Peak memory on {of}" if of else "Peak resident memory during a call"
     words = _terms("peak", "above the idle process")
     return Table(name, title, columns, tuple(rows), f"Method: {memory.method or UNKNOWN}.", words)
 
@@ -523,17 +490,13 @@ def _memory_table(memory: MemoryScore | None, *, of: str = "") -> Table | None:
 
 
 def _method_table(score: Score) -> Table:
-    """Return whose figures these are and how its poses were converted."""
-    rows: list[Row] = []
-    if score.method is not None:
-        rows += [
-            (Cell.head("method"), Cell(score.method.name)),
-            (Cell.head("version"), Cell(score.method.version or UNTOLD)),
-            (Cell.head("kind"), Cell(score.method.kind.value)),
-        ]
+    method, facts = score.method, {}
+    if method is not None:
+        facts = {"method": method.name, "version": method.version or UNTOLD, "kind": method.kind.value}
     if score.convention is not None:
-        rows.append((Cell.head("converted"), Cell(convention_text(score.convention))))
-    return Table("method", "Method under test", (Column("of", words=True), Column("is", words=True)), tuple(rows))
+        facts["converted"] = convention_text(score.convention)
+    rows = tuple((Cell.head(name), Cell(text)) for name, text in facts.items())
+    return Table("method", "Method under test", (Column("of", words=True), Column("is", words=True)), rows)
 
 
 def convention_text(convention: ConventionRecord) -> str:
@@ -546,7 +509,6 @@ def convention_text(convention: ConventionRecord) -> str:
 
 
 def _external_table(score: Score) -> Table | None:
-    """Return how an external node behaved, None where there was none."""
     node = score.external
     if node is None:
         return None
