@@ -66,20 +66,15 @@ def benchmark_tables(result: Mapping[str, Any]) -> list[Table]:
         title = f"Localisation with faults, {result['condition']}: mean + 3 sigma; largest errors of tracking pairs"
         return [_table("faults", title, result, FAULTS, word="honesty")]
     if result["kind"] == "map-faults":
-        title = (
-            f"Maps with faults: points, and their errors over the stated 3 sigma; true points to {result['to_m']:g} m"
-        )
+        title = "Maps with faults: points, and their errors over the stated 3 sigma; "
+        title += f"true points to {result['to_m']:g} m"
         return [_table("map-faults", title, result, MAP_FAULTS, word="honesty")]
     if result["kind"] == "localise":
-        kinds = (
-            ("position", MILLIMETRE, "position_m"),
-            ("attitude", DEGREE, "attitude_deg"),
-            ("heading", DEGREE, "heading_deg"),
-        )
+        kinds = {"position_m": MILLIMETRE, "attitude_deg": DEGREE, "heading_deg": DEGREE}
         errors = [
-            (f"{condition} {name}", unit, f"accuracy/{condition}/{key}")
+            (f"{condition} {key.partition('_')[0]}", unit, f"accuracy/{condition}/{key}")
             for condition in result["conditions"]
-            for name, unit, key in kinds
+            for key, unit in kinds.items()
         ]
         title = "Localisation: mean + 3 sigma; host times"
         return [_table("localise", title, result, (*errors, ("lost", NONE, "lost"), *COSTS))]
@@ -98,15 +93,7 @@ def benchmark_tables(result: Mapping[str, Any]) -> list[Table]:
 def _table(
     name: str, title: str, result: Mapping[str, Any], figures: tuple[Figure, ...] | list[Figure], word: str = "version"
 ) -> Table:
-    """Return a table with a row for each entry, then one for each ratio of ours to another.
-
-    Args:
-        name: Its name.
-        title: Its title.
-        result: JSON with `entries` and, optionally, `ratios`.
-        figures: Columns.
-        word: Key of the word that stands beside the name of an entry.
-    """
+    """Return a table with a row for each entry, its `word` beside its name, then one for each ratio of ours to it."""
     rows: list[Row] = []
     for entry, values in result["entries"].items():
         cells = [_cell(values, place, unit) for _, unit, place in figures]

@@ -49,6 +49,7 @@ from sfr_loc_map.report.tables import (
 
 DASHES = ("solid", "dash", "dot")
 SYMBOLS = ("circle", "square", "diamond")
+KINDS = (CallKind.LOCALISATION, CallKind.MAPPING)
 LOG_RATIO = 20.0
 """Errors that differ more than so many times are drawn on a logarithmic axis."""
 Named = Sequence[tuple[str, Score]]
@@ -156,14 +157,14 @@ def _map_error(score: Score) -> float | None:
 
 def _times(score: Score, name: str) -> Cell:
     latency = value_at(score, f"external.latency_s.{name}")
-    if latency is not None and all(value_at(score, f"timing.{kind}") is None for kind in CallKind):
+    if latency is not None and all(value_at(score, f"timing.{kind}") is None for kind in KINDS):
         return Cell(f"latency {number(latency, unit=MILLISECOND)}")
     return _of_kinds(score, "timing", name, MILLISECOND)
 
 
 def _of_kinds(score: Score, part: str, name: str, unit: Unit) -> Cell:
     """Return a figure of localisation and of mapping, as far as they are known."""
-    values = (value_at(score, f"{part}.{kind}.{name}") for kind in CallKind)
+    values = (value_at(score, f"{part}.{kind}.{name}") for kind in KINDS)
     return Cell(" / ".join(number(value, unit=unit) for value in values if value is not None) or ABSENT)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import gzip
 import json
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
@@ -18,6 +19,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.metrics.config import ScoreConfig, VerdictState
+from sfr_loc_map.metrics.limits import value_at
 from sfr_loc_map.metrics.score import Score, Verdict
 from sfr_loc_map.metrics.score_json import from_json, to_plain
 from sfr_loc_map.report.plots import Plot
@@ -70,9 +72,7 @@ def write_page(score: Score, path: Path) -> None:
 def render_page(score: Score, *, figures: bool = True) -> str:
     """Return the page as HTML; without figures it holds tables only and no script, ready for print."""
     sections, tables = score_figures(score) if figures else [], score_tables(score)
-    provenance = dict(_flat(to_plain(score.provenance) or {}, ""))
-    details = score.details.trajectory if score.details is not None else None
-    name = data_set_name(score)
+    provenance, name = dict(_flat(to_plain(score.provenance) or {}, "")), data_set_name(score)
     # each thing to look at leads to a place that this page has
     places = {f"table-{table.name}" for table in tables}
     places |= {f"figure-{plot.name}" for _, group in sections for plot in group}
@@ -88,7 +88,7 @@ def render_page(score: Score, *, figures: bool = True) -> str:
         time=provenance.get("time", "time unknown"),
         overall=overall_of(score),
         provenance=list(provenance.items()),
-        every=details.path.every if details is not None else 1,
+        every=value_at(score, "details.trajectory.path.every") or 1,
     )
 
 
@@ -97,23 +97,16 @@ def render_overview(
 ) -> str:
     """Return a page about many scores as HTML, laid out as that of one.
 
-    Args:
-        title: Its title.
-        state: Verdict over all, None without limits.
-        text: What the banner says beside it.
-        tables: Its tables; those named `verdicts`, `counts` and `groups` come before the figures.
-        sections: Figures by heading.
-        heading: Heading of the banner instead of the verdict, for what is not judged.
+    The banner has the verdict over all, or a heading for what is not judged, and a text beside it. Tables named
+    `verdicts`, `counts` and `groups` come before the figures.
     """
-    word = heading or (NO_VERDICT if state is None else state.value)
-    style = VERDICTS.get(word, OPEN)
     return _rendered(
         tables,
         sections,
         title=title,
         version=__version__,
         time=datetime.now(UTC).isoformat(timespec="seconds"),
-        overall=Overall(word, text, style.css, style.icon if word in VERDICTS else NO_VERDICT_ICON),
+        overall=_overall(heading or state, text, NO_VERDICT_ICON),
         provenance=None,
         every=1,
     )
@@ -188,19 +181,23 @@ class Overall:
     icon: str
 
 
+def _overall(state: str | None, text: str, open_icon: str) -> Overall:
+    style = VERDICTS.get(state or NO_VERDICT, replace(OPEN, icon=open_icon))
+    return Overall(str(state or NO_VERDICT), text, style.css, style.icon)
+
+
 def overall_of(score: Score) -> Overall:
     """Return the verdict over all limits; no figure judges where estimate and truth contradict each other."""
     if score.contradiction is not None:
-        return Overall(NO_VERDICT, f"Not judged: {score.contradiction}", OPEN.css, NO_VERDICT_ICON)
+        return _overall(None, f"Not judged: {score.contradiction}", NO_VERDICT_ICON)
     states = [item.state for item in score.verdicts]
     if not states:
-        return Overall(NO_VERDICT, "No limits were given: there is no verdict.", OPEN.css, NO_VERDICT_ICON)
+        return _overall(None, "No limits were given: there is no verdict.", NO_VERDICT_ICON)
     passed, failed = states.count(VerdictState.PASS), states.count(VerdictState.FAIL)
     rest = len(states) - passed - failed
     text = f"{passed} of {len(states)} limits met, {failed} missed, {rest} without enough data."
     state = VerdictState.FAIL if failed else VerdictState.NOT_ENOUGH_DATA if rest else VerdictState.PASS
-    style = VERDICTS.get(state, OPEN)
-    return Overall(state.value, text, style.css, style.icon)
+    return _overall(state, text, OPEN.icon)
 
 
 # ---- the header: on which data, how long, by which method, with what settings, when
@@ -232,10 +229,9 @@ def run_facts(score: Score) -> tuple[tuple[str, str], ...]:
         facts["Poses converted"] = "yes, see Method under test"
     if made is not None:
         if made.configuration:  # settings of other parts are there only if they are changed
-            usual = {name: _plain(value) for name, value in flatten(ScoreConfig()).items()}
-            changed = {name: _plain(value) for name, value in made.configuration.items()}
-            changed = {name: value for name, value in changed.items() if name not in usual or value != usual[name]}
-            texts = (f"{name} {text}" for k, v in changed.items() for name, text in _flat({k: v}, ""))
+            usual = dict(_flat(to_plain(flatten(ScoreConfig())), ""))
+            given = _flat(to_plain(made.configuration), "")
+            texts = (f"{name} {text}" for name, text in given if usual.get(name) != text)
             facts["Configuration"] = "; ".join(texts) or "defaults"
         host = ", ".join(f"Python {value}" if name == "python" else value for name, value in made.host.items())
         by = f"by sfr_loc_map {made.version or UNKNOWN}{f' on {host}' if host else ''}"
@@ -247,10 +243,6 @@ def _paths(score: Score, roles: Sequence[str]) -> list[str]:
     """Return the inputs of some roles, each once."""
     inputs = {} if score.provenance is None else score.provenance.inputs
     return list(dict.fromkeys(inputs[role].path for role in roles if role in inputs))
-
-
-def _plain(value: object) -> object:
-    return list(value) if isinstance(value, tuple) else value
 
 
 # ---- what to look at first: what is wrong, else what is nearest to being wrong, each with the reason
@@ -283,15 +275,14 @@ def _worth_a_look(score: Score) -> Iterator[LookFirst]:
         if count and part is not None:
             share = number(100.0 * count / max(part.matched, 1))
             why = f"{count} of {part.matched} frames ({share} %) are {word}, and count in every figure like the others."
-            calls = None if score.details is None else score.details.calls
-            has_calls = calls is not None and calls.localisation is not None
+            has_calls = value_at(score, "details.calls.localisation") is not None
             yield LookFirst(f"{word} frames", why, f"figure-{'localisation-timeline' if has_calls else 'accumulated'}")
     for item in score.verdicts:
         if item.state is VerdictState.NOT_ENOUGH_DATA:
             count_text = "" if item.count is None else f" ({item.count} values)"
             yield _of_limit(item, f"There is not enough data to judge it by its limit{count_text}.")
     for condition in () if part is None else part.conditions:
-        pose = None if condition.nees is None else condition.nees.pose
+        pose = value_at(condition, "nees.pose")
         if pose is not None and pose.mean is not None and pose.interval95 and pose.mean > pose.interval95[1]:
             times = number(pose.mean / pose.expected)
             why = f"Over {condition.condition} the squared error is {times} times what the covariance of the odometry "
@@ -332,13 +323,13 @@ def _beside_limit(item: Verdict) -> str:
 def _of_limit(item: Verdict, why: str) -> LookFirst:
     """Return a limited figure with what shows it best."""
     metric, over = item.metric, f" over {item.condition}" if item.condition is not None else ""
-    place = "figure-position" if metric.startswith("position") else "figure-angles"
-    if metric.startswith(("target ", "fusion")):
-        place = "table-verdicts"
-    elif metric.endswith("_bytes"):
-        place = "table-memory"
-    elif metric.endswith("_s"):
-        place = f"figure-{metric.partition('_')[0]}-histogram"
-    elif metric.startswith(("point_error", "coverage")):
-        place = "table-map"
+    places = (
+        (r"target |fusion", "table-verdicts"),
+        (r".*_bytes$", "table-memory"),
+        (r".*_s$", f"figure-{metric.partition('_')[0]}-histogram"),
+        (r"point_error|coverage", "table-map"),
+        (r"position", "figure-position"),
+        (r"", "figure-angles"),
+    )
+    place = next(place for pattern, place in places if re.match(pattern, metric))
     return LookFirst(limit_name(metric) + over, why, place)

@@ -45,25 +45,15 @@ PALETTE = {
 
 @dataclass(frozen=True, slots=True)
 class Plot:
-    """One figure of a page.
+    """One figure of a page."""
 
-    Attributes:
-        name: Short name, used as an anchor and by the script.
-        title: What it shows.
-        caption: How it is to be read.
-        data: Traces of plotly.
-        layout: Layout of plotly, without what all figures share.
-        height: Height in CSS pixels.
-        width: Share of the width of the page: `full`, `half` or `third`.
-    """
-
-    name: str
+    name: str  #: Used as an anchor and by the script.
     title: str
-    caption: str
+    caption: str  #: How it is to be read.
     data: list[Trace]
-    layout: dict[str, Any]
-    height: int = 380
-    width: str = "half"
+    layout: dict[str, Any]  #: Without what all figures share.
+    height: int = 380  #: In CSS pixels.
+    width: str = "half"  #: Share of the width of the page: `full`, `half` or `third`.
 
 
 def axis(title: str, **more: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever plotly takes

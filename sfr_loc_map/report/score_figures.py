@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sfr_loc_map.metrics.config import CallKind, ConditionKind
+from sfr_loc_map.metrics.limits import value_at
 from sfr_loc_map.metrics.score import (
     CallFigures,
     CallScore,
@@ -102,7 +103,7 @@ def score_figures(score: Score) -> list[tuple[str, list[Plot]]]:
 
 
 def _path_figures(score: Score) -> list[Plot]:
-    path = None if score.details is None or score.details.trajectory is None else score.details.trajectory.path
+    path = value_at(score, "details.trajectory.path")
     if path is None or not path.stamp_ns:
         return []
     return [_top_view(path, parts_of(score)), _height(path), _accumulated(path)]
@@ -340,7 +341,7 @@ def _position(parts: list[Part]) -> Plot:
 
 def _growth(score: Score, parts: list[Part]) -> list[Plot]:
     """Return the error against length, with intervals where they are known; nothing for fewer than two lengths."""
-    by_distance = score.trajectory.by_distance if score.trajectory is not None else ()
+    by_distance = value_at(score, "trajectory.by_distance") or ()
     steps = [item for item in by_distance if item.position_m.sigma is not None]
     if len(steps) < 2:
         return []
@@ -429,13 +430,11 @@ def _vectors(part: Part, view: str) -> Plot:
 
 
 def _cost_figures(score: Score) -> list[Plot]:
-    details = None if score.details is None else score.details.calls
     figures: list[Plot] = []
     for kind in CallKind:
-        calls = None if details is None else details.of(kind)
+        calls, times = value_at(score, f"details.calls.{kind}"), value_at(score, f"timing.{kind}")
         if calls is None:
             continue
-        times = None if score.timing is None else score.timing.of(kind)
         clock = "host time" if times is not None and times.clock.startswith(HOST) else "time"
         histogram = sum(calls.histogram.counts) >= MIN_HISTOGRAM
         if histogram:
@@ -502,7 +501,7 @@ def _timeline(kind: CallKind, clock: str, series: CallSeries, width: str) -> Plo
 
 def _map_figures(score: Score) -> list[Plot]:
     details = None if score.details is None else score.details.map
-    errors = None if score.map is None else score.map.errors
+    errors = value_at(score, "map.errors")
     figures = []
     if details is not None:
         width = "third" if len(details.error_images) % 3 == 0 else "half"

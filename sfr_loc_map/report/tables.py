@@ -91,22 +91,14 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One cell.
-
-    Attributes:
-        text: What is shown.
-        value: The same exactly, in the unit of its source; both bounds of an interval; None for words and for what is
-            not defined.
-        key: Where it comes from, such as `trajectory.position_m.mean`; empty for words.
-        kind: Head of a row, verdict, or neither.
-        link: Place of a page about it, relative to the page that the table stands in; empty for none.
-    """
+    """One cell."""
 
     text: str
+    #: The same exactly, in the unit of its source; both bounds of an interval; None for words and what is not defined.
     value: float | int | tuple[float, float] | None = None
-    key: str = ""
+    key: str = ""  #: Where it comes from, such as `trajectory.position_m.mean`; empty for words.
     kind: CellKind = CellKind.PLAIN
-    link: str = ""
+    link: str = ""  #: Place of a page about it, relative to the page that the table stands in; empty for none.
 
     def __post_init__(self) -> None:
         """Make the text fit for a terminal: it may come from a file."""
@@ -124,13 +116,7 @@ class Cell:
 
     @classmethod
     def number(
-        cls,
-        value: float | int | None,
-        key: str = "",
-        unit: Unit = NONE,
-        undefined: str = UNKNOWN,
-        *,
-        signed: bool = False,
+        cls, value: float | None, key: str = "", unit: Unit = NONE, undefined: str = UNKNOWN, *, signed: bool = False
     ) -> Cell:
         """Return a figure shown in a unit."""
         return cls(number(value, undefined, unit, signed=signed), value, key)
@@ -174,22 +160,14 @@ Row = tuple[Cell, ...]
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """One table.
+    """One table."""
 
-    Attributes:
-        name: Short name, used as an anchor and in CSV.
-        title: What it shows.
-        columns: Its columns.
-        rows: As many cells as columns in each.
-        note: How the figures are to be read.
-        terms: Words of the table with their definitions, shown where there is room: in pages and in Markdown.
-    """
-
-    name: str
+    name: str  #: Used as an anchor and in CSV.
     title: str
     columns: tuple[Column, ...]
     rows: tuple[Row, ...]
-    note: str = ""
+    note: str = ""  #: How the figures are to be read.
+    #: Words of the table with their definitions, shown where there is room: in pages and in Markdown.
     terms: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:

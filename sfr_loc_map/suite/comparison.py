@@ -20,6 +20,8 @@ import numpy as np
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.comparison import Outcome
+from sfr_loc_map.metrics.config import CallKind
+from sfr_loc_map.metrics.limits import value_at
 from sfr_loc_map.metrics.score import Interval, Score
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.metrics.statistics import holm
@@ -263,19 +265,14 @@ def _figures(score: Score) -> Iterator[tuple[FigureName, float | None]]:
         yield FigureName(accuracy, f"position {over}, m"), part.position_m.mean_plus_3sigma
         yield FigureName(accuracy, f"attitude {over}, deg"), part.attitude_deg.mean_plus_3sigma
         yield FigureName(accuracy, f"heading {over}, deg"), part.heading_deg.mean_plus_3sigma
-    if score.map is not None:
-        errors, coverage = score.map.errors, score.map.coverage
-        figure = None if errors is None else errors.point_error_m.mean_plus_3sigma
-        yield FigureName(accuracy, "map point error, m"), figure
-        yield FigureName(accuracy, "map not covered, share"), None if coverage is None else 1.0 - coverage
-    host: Mapping[str, str] = {} if score.provenance is None else score.provenance.host
-    reference_s = float(host[REFERENCE]) if REFERENCE in host else None
-    for kind in ("localisation", "mapping"):
-        peaks = None if score.memory is None else getattr(score.memory, kind)
-        yield FigureName(FigureKind.MEMORY, f"{kind} peak, bytes"), None if peaks is None else peaks.peak_bytes
-        calls = None if score.timing is None else getattr(score.timing, kind)
-        median_s = None if calls is None else calls.p50
-        share = None if median_s is None or reference_s is None else median_s / reference_s
+    yield FigureName(accuracy, "map point error, m"), value_at(score, "map.errors.point_error_m.mean_plus_3sigma")
+    coverage = value_at(score, "map.coverage")
+    yield FigureName(accuracy, "map not covered, share"), None if coverage is None else 1.0 - coverage
+    reference_s = (value_at(score, "provenance.host") or {}).get(REFERENCE)
+    for kind in (CallKind.LOCALISATION, CallKind.MAPPING):
+        yield FigureName(FigureKind.MEMORY, f"{kind} peak, bytes"), value_at(score, f"memory.{kind}.peak_bytes")
+        median_s = value_at(score, f"timing.{kind}.p50")
+        share = None if median_s is None or reference_s is None else median_s / float(reference_s)
         yield FigureName(FigureKind.TIME, f"{kind} p50, of the reference"), share
 
 
