@@ -172,7 +172,7 @@ def _recording(
         raise InputError(f"'{path}' holds nothing to play: give a bag, the folder of sfr replay --out, or a data set")
     begin_ns = min(drive, default=0), min(panorama, default=0)
     end_s = max(_place(max(drive, default=0), begin_ns[0]), _place(max(panorama, default=0), begin_ns[1]))
-    moments = [*_poses(truth, None, begin_ns[0])]
+    moments = [] if truth is None else [*_poses(updates.Track.TRUTH, Estimates.of(truth), begin_ns[0])]
     latest = [0.0, 0.0]
     for status, call in zip(said, calls, strict=True):
         is_map = status.node == MAPPING_NODE
@@ -181,7 +181,7 @@ def _recording(
         # health has no stamp of the drive and stands where it was recorded
         moments.append((latest[is_map] if call is not None else max(latest), status))
     if estimates is not None:
-        moments += _poses(estimates.trajectory, estimates, begin_ns[0])
+        moments += _poses(updates.Track.ESTIMATE, estimates, begin_ns[0])
     truths: list[PairTruth] = []
     if cloud is not None:
         stamps_ns, true_points = _pair_stamps(cloud), CloudTruth()
@@ -205,21 +205,15 @@ def _pair_stamps(cloud: PointCloud) -> tuple[int, ...]:
     return cloud.pair_stamps_ns or (0,)
 
 
-def _poses(trajectory: Trajectory | None, estimates: Estimates | None, begin_ns: int) -> Iterator[Moment]:
+def _poses(track: updates.Track, poses: Estimates, begin_ns: int) -> Iterator[Moment]:
     """Yield poses in the order in which they were given; the covariance of a lost one says so."""
-    if trajectory is None:
-        return
-    track = updates.Track.TRUTH if estimates is None else updates.Track.ESTIMATE
-    covariances = None if estimates is None else estimates.covariance
-    latest_ns = 0
+    trajectory, latest_ns = poses.trajectory, 0
     for row, stamp_ns in enumerate(trajectory.stamps_ns.tolist()):
         (x, y, z), (a, b, c, d) = trajectory.positions[row].tolist(), trajectory.quats_xyzw[row].tolist()
-        covariance = None
-        if estimates is not None and estimates.lost[row]:
-            covariance = LOST
-        elif covariances is not None and np.isfinite(covariances[row]).all():
+        covariance = LOST if poses.lost[row] else None
+        if covariance is None and poses.covariance is not None and np.isfinite(poses.covariance[row]).all():
             covariance = np.zeros((6, 6))
-            covariance[UPPER] = covariances[row]
+            covariance[UPPER] = poses.covariance[row]
             covariance += np.triu(covariance, 1).T
         latest_ns = max(latest_ns, stamp_ns)
         yield _place(latest_ns, begin_ns), updates.PoseSample(track, stamp_ns, (x, y, z), (a, b, c, d), 0.0, covariance)

@@ -98,9 +98,8 @@ class LiveServer:
         self.state = LiveState()
         self.url = ""
         self.pages: list[Page] = []
-        self.report_text = self.nodes_text = ""  # the latest messages, empty before the first
+        self.report_text = self.nodes_text = self.end_text = ""  # the latest messages, empty before the first
         self.frames: dict[str, tuple[updates.Media, bytes]] = {}  # the newest of each topic with its bytes
-        self.is_over = False
         self.cut_off = self.replaced = 0
         self._config, self._hub, self._title = config, hub, title
         self._command_token = secrets.token_urlsafe(18)
@@ -149,7 +148,7 @@ class LiveServer:
 
     def end(self) -> None:
         """Tell the pages that the run is over: what is silent from now on is not missing."""
-        self.is_over = True
+        self.end_text = self.end_text or message("end", {"time_s": time.time()})
         self.tell(time.time())
 
     def take_in(self, update: updates.Update) -> None:
@@ -344,7 +343,7 @@ class Page:
         self.sent: dict[str, updates.Media] = {}  # of each topic the last; the topic that was sent last is the last
         self._all, self._channel, self._rate, self._clock = server, channel, bytes_per_s, clock
         self._credit, self._credited_s = bytes_per_s, clock()
-        self._report = self._nodes = self._pong = ""
+        self._report = self._nodes = self._pong = self._end = ""
         self._version = -1  # of the path, which changes with each restart of a player
         self._next_row = self._next_call = 0
 
@@ -368,14 +367,10 @@ class Page:
         """Greet the page and send what is new, until it is cut off; ConnectionError if it is gone."""
         try:
             await self._send(message("hello", {"server": server, "row_fields": ROW_FIELDS}))
-            ended = False
             while True:
                 self.news.clear()
                 for text in self._new_figures():
                     await self._send(text)
-                if self._all.is_over and not ended:
-                    ended = True
-                    await self._send(message("end", {"time_s": time.time()}))
                 topic, now_s = self._waiting_topic(), self._clock()
                 self._credit = min(self._credit + (now_s - self._credited_s) * self._rate, self._rate)
                 self._credited_s = now_s
@@ -415,6 +410,9 @@ class Page:
         if self._pong:
             pong, self._pong = self._pong, ""
             yield pong
+        if every.end_text is not self._end:
+            self._end = every.end_text
+            yield self._end
 
     def _waiting_topic(self) -> str | None:
         """Return a topic whose newest frame it looks at and has not been sent, the one that was sent longest ago."""

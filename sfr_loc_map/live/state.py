@@ -48,19 +48,13 @@ CALL_TIMES = (
 """Times of a call that are drawn, each apart."""
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class TopicView:
     """When a topic was last received, its last stamp, and the smoothed time between two messages (0: not known)."""
 
     stamp_ns: int | None
     received_s: float
     period_s: float = 0.0
-
-    def add(self, stamp_ns: int | None, received_s: float) -> None:
-        """Note a message."""
-        passed = max(received_s - self.received_s, 0.0)
-        self.period_s = passed if not self.period_s else 0.8 * self.period_s + 0.2 * passed
-        self.stamp_ns, self.received_s = stamp_ns, received_s
 
     def is_stale(self, now_s: float) -> bool:
         """Tell whether nothing has come for longer than its period explains; what came once has none."""
@@ -199,10 +193,12 @@ class LiveState:
         return frozenset(name for name, view in views.items() if view.is_stale(now_s))
 
     def _note_topic(self, name: str, stamp_ns: int | None, received_s: float) -> None:
-        if name in self.topics:
-            self.topics[name].add(stamp_ns, received_s)
-        elif len(self.topics) < MAX_TOPICS:
-            self.topics[name] = TopicView(stamp_ns, received_s)
+        period_s, before = 0.0, self.topics.get(name)
+        if before is not None:
+            passed = max(received_s - before.received_s, 0.0)
+            period_s = passed if not before.period_s else 0.8 * before.period_s + 0.2 * passed
+        if before is not None or len(self.topics) < MAX_TOPICS:
+            self.topics[name] = TopicView(stamp_ns, received_s, period_s)
 
     def _node(self, name: str) -> NodeView | None:
         if name not in self.nodes and len(self.nodes) < MAX_NODES:
