@@ -18,7 +18,7 @@ TINY := --set terrain.coarseness=16 --set rocks.cover=0.01 --set rocks.smallest_
 	--set loc.width=48 --set loc.height=40 --set loc.focal_px=40 --set nav.width=48 --set nav.height=40 --set nav.focal_px=40
 KILTED := $(VENV)-kilted
 PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
-CAMPAIGN := PYTHONPATH=test/scenes $(BIN)/python test/campaign
+CAMPAIGN := PYTHONPATH=test/scenes:test/nodes $(BIN)/python test/campaign
 SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
 
 .PHONY: help demo sample test test-fast faults soak rate example-candidate fuzz random-faults disparity-accuracy suite-chaos live-soak live-screen monitor-soak test-kilted lint types config format check docs figures traceability docs-test clean

@@ -33,6 +33,18 @@ def shared_data() -> Path:
 
 
 @pytest.fixture
+def own_domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A ROS domain of the test's own, whose nodes write their logs below its folder."""
+    from sfr_loc_map.nodes import environment
+
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(environment.free_domain()))
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "ros_log"))
+    monkeypatch.setenv(environment.PROFILE_VARIABLE, str(environment.PROFILE))
+    monkeypatch.delenv("ROS_LOCALHOST_ONLY", raising=False)
+
+
+@pytest.fixture
 def sfr(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Sfr:
     """`sfr(...)` as from the shell, without the cost of a process for each."""
     from sfr_loc_map.cli.main import main

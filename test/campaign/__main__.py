@@ -30,18 +30,16 @@ def table_line(row: Row) -> str:
     return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |\n"
 
 
-def inject_all(names: list[str], out: Path) -> list[str]:
+def inject_all(names: list[str], out: Path, scratch: Path) -> list[str]:
     """Inject faults, write the table and its JSON after each; return the names of those not as expected."""
     out.mkdir(parents=True, exist_ok=True)
     rows: list[Row] = []
-    with tempfile.TemporaryDirectory(prefix="sfr_campaign.") as scratch:
-        for name in names:
-            rows.append(inject(name, Path(scratch) / name))
-            (out / "faults.json").write_text(
-                json.dumps({"schema": "sfr-faults/1", "rows": [*map(asdict, rows)]}, indent=1)
-            )
-            (out / "faults.md").write_text(HEAD + "".join(map(table_line, rows)))
-            print(table_line(rows[-1]), end="", flush=True)
+    for name in names:
+        rows.append(inject(name, scratch / name))
+        text = json.dumps({"schema": "sfr-faults/1", "rows": [*map(asdict, rows)]}, indent=1)
+        (out / "faults.json").write_text(text)
+        (out / "faults.md").write_text(HEAD + "".join(map(table_line, rows)))
+        print(table_line(rows[-1]), end="", flush=True)
     return [row.name for row in rows if row.verdict == "FAIL"]
 
 
@@ -52,23 +50,18 @@ def main() -> int:
     parser.add_argument("what", nargs="*", help="names of faults (all), or numbers")
     parser.add_argument("--out", type=Path, default=Path("out"))
     options = parser.parse_args()
+    if options.campaign == "faults" and (unknown := sorted({*options.what} - FAULTS.keys())):
+        parser.error(f"no fault '{unknown[0]}': known are {', '.join(FAULTS)}")
     environment.prepare()
     environment.isolate()
-    if options.campaign == "faults":
-        unknown = sorted({*options.what} - FAULTS.keys())
-        if unknown:
-            parser.error(f"no fault '{unknown[0]}': known are {', '.join(FAULTS)}")
-        failures = inject_all(options.what or list(FAULTS), options.out)
-    elif options.campaign == "monitor":
-        failures = long_runs.soak_monitor(*map(float, options.what or ["8"]))
-    else:
-        numbers = [*map(float, options.what)]
-        with tempfile.TemporaryDirectory(prefix="sfr_campaign.") as scratch:
-            if options.campaign == "soak":
-                failures = long_runs.soak(*(numbers or [60.0]), Path(scratch))
-            else:
-                minutes, rate_hz, size = numbers + [10.0, 10.0, 1024.0][len(numbers) :]
-                failures = long_runs.carry_images(minutes, rate_hz, int(size), Path(scratch))
+    with tempfile.TemporaryDirectory(prefix="sfr_campaign.") as folder:
+        if options.campaign == "faults":
+            failures = inject_all(options.what or list(FAULTS), options.out, Path(folder))
+        elif options.campaign == "monitor":
+            failures = long_runs.soak_monitor(*map(float, options.what))
+        else:
+            run = long_runs.soak if options.campaign == "soak" else long_runs.carry_images
+            failures = run(Path(folder), *map(float, options.what))
     print(f"not as expected: {'; '.join(failures)}" if failures else "all as expected")
     return int(bool(failures))
 

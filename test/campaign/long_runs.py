@@ -50,14 +50,11 @@ class MemoryTrend:
         begin = int(len(self.mb) * WARM_UP_SHARE)
         hours, mb = np.array(self.seconds[begin:]) / 3600.0, np.array(self.mb[begin:])
         parts = [part for part in np.array_split(np.arange(len(mb)), 10) if len(part)]
-        x = np.array([hours[part].mean() for part in parts])
-        y = np.array([mb[part].mean() for part in parts])
         if len(parts) < 4:
             return 0.0, np.inf
-        centred = x - x.mean()
-        slope = float(centred @ y / (centred @ centred))
-        residual = y - y.mean() - slope * centred
-        return slope, float(np.sqrt(residual @ residual / (len(x) - 2) / (centred @ centred)))
+        means = np.array([(hours[part].mean(), mb[part].mean()) for part in parts])
+        (slope, _), covariance = np.polyfit(*means.T, 1, cov=True)
+        return float(slope), float(np.sqrt(covariance[0, 0]))
 
     def failure(self, limit_mb_h: float) -> str:
         """Return why the memory fails, empty if it does not: its slope lies above the limit by two standard errors."""
@@ -69,7 +66,7 @@ class MemoryTrend:
         return f"memory grows by {slope:.1f} MB/h, the limit is {limit_mb_h:g}" if grows else ""
 
 
-def soak(minutes: float, folder: Path) -> list[str]:
+def soak(folder: Path, minutes: float = 60.0) -> list[str]:
     """Localise in lock step, map after every 50 pairs, sample the memory of each node; return what failed."""
     begin, trends, pairs, failures = time.monotonic(), defaultdict[str, MemoryTrend](MemoryTrend), 0, []
     with Harness(folder) as harness:
@@ -90,13 +87,13 @@ def soak(minutes: float, folder: Path) -> list[str]:
     return failures
 
 
-def carry_images(minutes: float, rate_hz: float, size: int, folder: Path) -> list[str]:
+def carry_images(folder: Path, minutes: float = 10.0, rate_hz: float = 10.0, size: float = 1024) -> list[str]:
     """Send square stereo pairs through localisation (rate 0: lock step); print times, return what failed.
 
     What is added is the time from the publish call of the slower image to the publication of the odometry, less the
     processing time: transport, conversion, waiting, publication.
     """
-    with Harness(folder, nodes=(LOCALISATION,), size=size) as harness:
+    with Harness(folder, nodes=(LOCALISATION,), size=int(size)) as harness:
         harness.wait_ready()
         dropped, first = harness.health[LOCALISATION].dropped, harness.next_stamp()
         end = time.monotonic() + 60.0 * minutes
@@ -154,7 +151,7 @@ def feed_monitor(node: Any, hours: float) -> Iterator[tuple[float, float, float]
         yield second + 1.0, process.memory_info().rss / 1e6, used / (second + 1.0)
 
 
-def soak_monitor(hours: float) -> list[str]:
+def soak_monitor(hours: float = 8.0) -> list[str]:
     """Feed a monitor in this process; return what failed: more memory than its poses take, a tenth of a core."""
     configure_malloc()  # as the program of the node does
     rclpy.init()

@@ -8,19 +8,20 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Point, Pose, PoseStamped, PoseWithCovarianceStamped, Quaternion
 from nav_msgs.msg import Odometry
-from node_harness import serialised
+from scenes import raw
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2, PointField
 from std_msgs.msg import String
 
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io import bag_messages
+from sfr_loc_map.nodes.diagnostics import Level, status_msg
 from sfr_loc_map.nodes.messages.fields import header_msg
 
-NAN, INF, HUGE = math.nan, math.inf, 2**32 - 1
+NAN, HUGE = math.nan, 2**32 - 1
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 Malformed = tuple[type[Any], str, Any]
 
@@ -51,17 +52,14 @@ def images(task: str, pair: StereoPair, next_stamp: Callable[[], int]) -> Iterat
 
 def broken_bytes(task: str, pair: StereoPair, rig: StereoRig) -> Iterator[Malformed]:
     """Yield serialised images and camera_info that are cut off or state wrong lengths; none is of zero length."""
-    image = serialised(bag_messages.image(pair.stamp_ns, pair.left, task, "left"))
-    info = serialised(bag_messages.camera_info(pair.stamp_ns, rig, task, "left"))
-    for kind, topic, raw in (
-        (Image, f"{task}/left/image_rect", image),
-        (CameraInfo, f"{task}/left/camera_info", info),
-    ):
-        for length in (4, 5, 12, 15, 40, len(raw) // 2, len(raw) - 1):
-            yield kind, topic, raw[:length]
-        yield kind, topic, raw[:12] + b"\xff\xff\xff\xff" + raw[16:]  # a frame_id of 4 GB
-        yield kind, topic, b"\x00\x01\x00\x00" + np.random.default_rng(2).bytes(4000)
-        yield kind, topic, b"\xff\xff\xff\xff" + raw[4:]  # another wire encoding
+    image = raw(bag_messages.image(pair.stamp_ns, pair.left, task, "left"))
+    info = raw(bag_messages.camera_info(pair.stamp_ns, rig, task, "left"))
+    for kind, name, data in ((Image, "image_rect", image), (CameraInfo, "camera_info", info)):
+        cut = [data[:length] for length in (4, 5, 12, 15, 40, len(data) // 2, len(data) - 1)]
+        frame_of_4_gb = data[:12] + b"\xff\xff\xff\xff" + data[16:]
+        noise = b"\x00\x01\x00\x00" + np.random.default_rng(2).bytes(4000)
+        other_encoding = b"\xff\xff\xff\xff" + data[4:]
+        yield from ((kind, f"{task}/left/{name}", part) for part in (*cut, frame_of_4_gb, noise, other_encoding))
     at = len(image) - pair.left.size - 4
     yield Image, f"{task}/left/image_rect", image[:at] + b"\xff\xff\xff\x7f" + image[at + 4 :]  # 2 GB
 
@@ -69,11 +67,9 @@ def broken_bytes(task: str, pair: StereoPair, rig: StereoRig) -> Iterator[Malfor
 def camera_infos(task: str, stamp_ns: int, rig: StereoRig) -> Iterator[Malformed]:
     """Yield camera_info in pairs of left and right."""
     for change in (
-        {"k": np.full(9, NAN), "p": np.full(12, NAN)},
-        {"k": np.zeros(9), "p": np.zeros(12)},
+        *({"k": np.full(9, value), "p": np.full(12, value)} for value in (NAN, 0.0)),
         {"p": np.full(12, 1e308)},
-        {"width": HUGE, "height": HUGE},
-        {"width": 0, "height": 0},
+        *({"width": size, "height": size} for size in (HUGE, 0)),
         {"r": np.zeros(9)},
         {"d": [0.1] * 1_000_000},
     ):
@@ -88,7 +84,7 @@ def camera_infos(task: str, stamp_ns: int, rig: StereoRig) -> Iterator[Malformed
 def poses() -> Iterator[Pose]:
     """Yield invalid poses."""
     for x, quat in (
-        *((x, (0.0, 0.0, 0.0, 1.0)) for x in (NAN, INF, 1e300)),
+        *((x, (0.0, 0.0, 0.0, 1.0)) for x in (NAN, math.inf, 1e300)),
         *((0.0, quat) for quat in ((0.0, 0.0, 0.0, 0.0), (NAN, 0.0, 0.0, 1.0), (1e200, 0.0, 0.0, 0.0))),
     ):
         yield Pose(position=Point(x=x), orientation=Quaternion(**dict(zip("xyzw", quat, strict=True))))
@@ -98,8 +94,7 @@ def poses_for(task: str, stamp_ns: int) -> Iterator[Malformed]:
     """Yield invalid initialpose and wheel odometry, or poses of navigation pairs."""
     for number, pose in enumerate(poses()):
         if task == "nav":
-            message = PoseStamped(header=header_msg(stamp_ns + number, "lm"), pose=pose)
-            yield PoseStamped, "nav/pose", message
+            yield PoseStamped, "nav/pose", PoseStamped(header=header_msg(stamp_ns + number, "lm"), pose=pose)
             continue
         start, wheels = PoseWithCovarianceStamped(header=header_msg(stamp_ns, "")), Odometry(child_frame_id="rb")
         start.pose.pose = wheels.pose.pose = pose
@@ -122,25 +117,21 @@ def for_monitor(stamp_ns: int) -> Iterator[Malformed]:
         *({"processing_time_s": text} for text in ("abc", "nan", "1e400")),
         *({"stamp_ns": "9" * digits} for digits in (5000, 30)),
         {"peak_rss_bytes": "9" * 30, "above_idle_bytes": "1"},
-        {"task": "cooking"},
-        {"state": "mapped"},
-        {"statistic.x": "y"},
+        *({"task": "cooking"}, {"state": "mapped"}, {"statistic.x": "y"}),
     ):
-        values = [KeyValue(key=key, value=value) for key, value in (valid | change).items()]
-        status = DiagnosticStatus(name="localisation_node: call", values=values, level=b"\x00")
+        status = status_msg("localisation_node: call", Level.OK, "", valid | change)
         yield DiagnosticArray, "/diagnostics", DiagnosticArray(status=[status])
-    many = [DiagnosticStatus(name="x: call", level=b"\x09", values=[KeyValue(key="task")])] * 20_000
+    many: list[DiagnosticStatus] = [status_msg("x: call", Level.OK, "", {"task": ""})] * 20_000
     yield DiagnosticArray, "/diagnostics", DiagnosticArray(status=many)
-    fields = [PointField(name=name, offset=4 * n, datatype=7, count=1) for n, name in enumerate("xyz")]
+    fields, far = (
+        [PointField(name=name, offset=offset + 4 * n, datatype=7, count=1) for n, name in enumerate("xyz")]
+        for offset in (0, HUGE - 11)
+    )
     whole: dict[str, Any] = {"height": 1, "width": 4, "fields": fields, "point_step": 12, "row_step": 48}
-    far = [PointField(name=field.name, offset=HUGE - 3, datatype=7, count=1) for field in fields]
     for change in (
-        {"fields": []},
+        *({"fields": []}, {"fields": far}, {"data": b""}),
         {"height": HUGE, "width": HUGE},
-        {"point_step": 0, "row_step": 0},
-        {"point_step": HUGE, "row_step": HUGE},
-        {"data": b""},
-        {"fields": far},
+        *({"point_step": step, "row_step": step} for step in (0, HUGE)),
     ):
         for topic in ("mapping/points", "ground_truth/points"):
             given = whole | {"data": bytes(48)} | change

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
@@ -22,6 +22,7 @@ from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.utilities import try_shutdown
+from scenes import MOUNT, params, raw
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -31,46 +32,25 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io import bag_messages
-from sfr_loc_map.io.bag import TYPESTORE
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.nodes.diagnostics import TOPIC, Level, level_of, values_of
 from sfr_loc_map.nodes.environment import start_ros
-from sfr_loc_map.nodes.messages.fields import header_msg
 from sfr_loc_map.nodes.messages.pose import pose_msg
 from sfr_loc_map.nodes.processes import ChildProcess, end_processes, node_process
 from sfr_loc_map.nodes.replay.options import RELIABLE_INPUT
 
-LOCALISATION, MAPPING, MONITOR = "localisation_node", "mapping_node", "monitor_node"
-NODES = (LOCALISATION, MAPPING, MONITOR)
-MOUNT = (
-    *("-p", f"T_rb_locsb.translation_m:={made_scene.T_RB_LOCSB.translation.tolist()}"),
-    *("-p", f"T_rb_locsb.quat_xyzw:={made_scene.T_RB_LOCSB.file_quat_xyzw.tolist()}"),
-)
+LOCALISATION, MAPPING, MONITOR = NODES = ("localisation_node", "mapping_node", "monitor_node")
 START_S = 300.0
 """The first start after an installation compiles the kernels."""
 IMAGE_DEPTH, SMALL_DEPTH = 50, 1000
 """Images, and small messages, that a publisher keeps for a subscriber that is held up."""
-MATCH_S = 0.5
+MATCH_S = 0.3
 """The subscriber may discover a match a little later than the publisher."""
 TURN = 40
 """Pairs after which the rover turns back."""
 STAMP_DIGITS = 19
 """Digits of a stamp of our time in nanoseconds; those of malformed messages differ."""
-
-
-def wait_until(condition: Callable[[], object], what: str, patience_s: float) -> float:
-    """Wait until a condition holds; return how long that took, seconds."""
-    begin = time.monotonic()
-    while not condition():
-        if time.monotonic() - begin > patience_s:
-            raise NodeError(f"no {what} within {patience_s:g} s")
-        time.sleep(0.005)
-    return time.monotonic() - begin
-
-
-def serialised(message: Any) -> bytes:
-    """Return a message of the bag library serialised (CDR), ready to be published."""
-    return bytes(TYPESTORE.serialize_cdr(message, message.__msgtype__))
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 @dataclass(frozen=True)
@@ -92,18 +72,13 @@ class Harness:
     """Node processes, the publishers of a rover, and what the nodes have published; a context manager."""
 
     def __init__(
-        self,
-        folder: Path,
-        arguments: Mapping[str, Sequence[str]] | None = None,
-        nodes: Sequence[str] = NODES,
-        patience_s: float = 30.0,
-        size: int = made_scene.WIDTH,
+        self, folder: Path, nodes: Sequence[str] = NODES, patience_s: float = 30.0, size: int = made_scene.WIDTH
     ) -> None:
-        """Start the nodes with ROS arguments beside the common ones; join the graph."""
+        """Start the nodes; join the graph."""
         folder.mkdir(parents=True, exist_ok=True)
         self.folder, self.patience_s = folder, patience_s
         self.saved_pose, self.saved_report = folder / "pose.json", folder / "report.json"
-        self.nodes = {name: self._process(name, (arguments or {}).get(name, ())) for name in nodes}
+        self.nodes = {name: self._process(name) for name in nodes}
         for process in self.nodes.values():
             process.start()
         start_ros()
@@ -118,14 +93,13 @@ class Harness:
         self.rig = made_scene.LOC_RIG if size == made_scene.WIDTH else square_rig(size)
         self._index = self._last_stamp = 0
         self._publishers: dict[str, Any] = {}
-        self._images = cache(lambda step: made_scene.stereo_pair(0, self.pose(step) @ made_scene.T_RB_LOCSB, self.rig))
+        self._images = cache(lambda step: made_scene.stereo_pair(0, self._pose(step) @ made_scene.T_RB_LOCSB, self.rig))
         self._nav_pairs = cache(made_scene.nav_pair)
-        deep, latched = QoSProfile(depth=1000), QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        subscribe = self.node.create_subscription
+        deep, subscribe = QoSProfile(depth=1000), self.node.create_subscription
         subscribe(Odometry, "localisation/odometry", lambda m: self.odometry.update({stamp_of(m): m}), deep)
         subscribe(DiagnosticArray, TOPIC, self._on_diagnostics, deep)
         subscribe(PointCloud2, "mapping/points", lambda m: self.clouds.add(stamp_of(m)), QoSProfile(depth=10))
-        subscribe(String, "metrics/report", lambda m: setattr(self, "report", json.loads(m.data)), latched)
+        subscribe(String, "metrics/report", lambda m: setattr(self, "report", json.loads(m.data)), LATCHED)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
         self._thread = threading.Thread(target=self._executor.spin, daemon=True)
@@ -141,15 +115,14 @@ class Harness:
         self._thread.join(10.0)
         self.node.destroy_node()
 
-    def _process(self, name: str, more: Sequence[str]) -> ChildProcess:
-        arguments = ["--ros-args", "-p", "health.period_s:=0.2", "-p", f"{RELIABLE_INPUT[name]}:=reliable"]
-        if name == LOCALISATION:
-            arguments += [*MOUNT, "-p", f"resume_file:={self.saved_pose}"]
-        if name == MONITOR:
-            arguments += ["-p", "publish_period_s:=0.2", "-p", "save_period_s:=1.0"]
-            arguments += ["-p", f"save_file:={self.saved_report}"]
-        log = {"ROS_LOG_DIR": str(self.folder / "ros_log")}
-        return node_process(f"nodes.{name}", [*arguments, *more], self.folder, log)
+    def _process(self, name: str) -> ChildProcess:
+        own = {
+            LOCALISATION: [*MOUNT, *params(f"resume_file:={self.saved_pose}")],
+            MAPPING: [],
+            MONITOR: params("publish_period_s:=0.2", "save_period_s:=1.0", f"save_file:={self.saved_report}"),
+        }[name]
+        arguments = ["--ros-args", *params("health.period_s:=0.2", f"{RELIABLE_INPUT[name]}:=reliable"), *own]
+        return node_process(f"nodes.{name}", arguments, self.folder, {"ROS_LOG_DIR": str(self.folder / "ros_log")})
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -165,7 +138,7 @@ class Harness:
     # ---- the rover
 
     @staticmethod
-    def pose(index: int) -> Transform:
+    def _pose(index: int) -> Transform:
         """Return the true pose of a pair of the endless drive, there and back."""
         phase = index % (2 * TURN)
         return made_scene.true_pose(min(phase, 2 * TURN - phase))
@@ -178,10 +151,8 @@ class Harness:
     def publisher(self, kind: type[Any], topic: str) -> Any:
         """Return the publisher of a topic, with transient-local durability where the nodes request it."""
         if topic not in self._publishers:
-            qos = QoSProfile(depth=IMAGE_DEPTH if kind is Image else SMALL_DEPTH)
-            if topic.endswith("/configuration"):
-                qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
-            self._publishers[topic] = self.node.create_publisher(kind, topic, qos)
+            deep = QoSProfile(depth=IMAGE_DEPTH if kind is Image else SMALL_DEPTH)
+            self._publishers[topic] = self.node.create_publisher(kind, topic, LATCHED if kind is String else deep)
         return self._publishers[topic]
 
     def publish(self, kind: type[Any], topic: str, message: Any) -> None:
@@ -197,7 +168,7 @@ class Harness:
         rig = self.rig if task == "loc" else made_scene.NAV_RIG
         for side in SIDES:
             info = bag_messages.camera_info(self.next_stamp(), rig, task, side)
-            self.publish(CameraInfo, f"{task}/{side}/camera_info", serialised(info))
+            self.publish(CameraInfo, f"{task}/{side}/camera_info", raw(info))
 
     def pair(self, task: str) -> StereoPair:
         """Return the first pair of a task with the present stamp, without publishing it."""
@@ -206,9 +177,9 @@ class Harness:
     def send_loc(self, stamp_ns: int | None = None) -> int:
         """Publish the next pair of the drive with its truth; return its stamp."""
         stamp_ns = self.next_stamp() if stamp_ns is None else stamp_ns
-        pose, phase = self.pose(self._index), self._index % (2 * TURN)
+        pose, phase = self._pose(self._index), self._index % (2 * TURN)
         truth = bag_messages.odometry(stamp_ns, pose.translation, pose.quat_xyzw)
-        self.publisher(Odometry, "ground_truth/odometry").publish(serialised(truth))
+        self.publisher(Odometry, "ground_truth/odometry").publish(raw(truth))
         self.sent.append(stamp_ns)
         self._send_images("loc", stamp_ns, self._images(min(phase, 2 * TURN - phase)))
         self._index += 1
@@ -217,18 +188,18 @@ class Harness:
     def send_nav(self, index: int) -> int:
         """Publish one of the three pairs of a map with its pose; return its stamp."""
         stamp_ns, item = self.next_stamp(), self._nav_pairs(index)
-        self.publisher(PoseStamped, "nav/pose").publish(serialised(bag_messages.pose(stamp_ns, item.T_lm_navsb)))
+        self.publisher(PoseStamped, "nav/pose").publish(raw(bag_messages.pose(stamp_ns, item.T_lm_navsb)))
         self._send_images("nav", stamp_ns, item.pair)
         return stamp_ns
 
     def _send_images(self, task: str, stamp_ns: int, pair: StereoPair) -> None:
         for side, pixels in zip(SIDES, (pair.left, pair.right), strict=True):
-            image = serialised(bag_messages.image(stamp_ns, pixels, task, side))
+            image = raw(bag_messages.image(stamp_ns, pixels, task, side))
             self.publisher(Image, f"{task}/{side}/image_rect").publish(image)
 
     def start_at_truth(self) -> None:
         """Let the next estimate start at the true pose of the next pair."""
-        message, pose = PoseWithCovarianceStamped(header=header_msg(0, "ds")), self.pose(self._index)
+        message, pose = PoseWithCovarianceStamped(), self._pose(self._index)
         message.pose.pose = pose_msg(pose, pose.file_quat_xyzw)
         self.publish(PoseWithCovarianceStamped, "initialpose", message)
         self.publisher(PoseWithCovarianceStamped, "initialpose").wait_for_all_acked(Duration(seconds=5))
@@ -243,7 +214,7 @@ class Harness:
             while not stop.is_set():
                 for side in SIDES:
                     info = bag_messages.camera_info(self.next_stamp(), self.rig, "loc", side)
-                    self.publisher(CameraInfo, f"loc/{side}/camera_info").publish(serialised(info))
+                    self.publisher(CameraInfo, f"loc/{side}/camera_info").publish(raw(info))
                 self.send_loc()
                 due += 1.0 / rate_hz
                 stop.wait(max(due - time.monotonic(), 0.0))
@@ -265,7 +236,12 @@ class Harness:
 
     def wait(self, condition: Callable[[], object], what: str, patience_s: float | None = None) -> float:
         """Wait until a condition holds; return how long that took, seconds."""
-        return wait_until(condition, what, self.patience_s if patience_s is None else patience_s)
+        begin, patience_s = time.monotonic(), patience_s or self.patience_s
+        while not condition():
+            if time.monotonic() - begin > patience_s:
+                raise NodeError(f"no {what} within {patience_s:g} s")
+            time.sleep(0.005)
+        return time.monotonic() - begin
 
     def wait_poses(self, count: int) -> None:
         """Wait for so many more odometry messages."""
@@ -276,13 +252,12 @@ class Harness:
         """Wait until the nodes answer: a pair is localised, a map is made, the monitor has the poses."""
         for name in self.nodes:
             self.wait_connected(name, START_S)
-        if LOCALISATION in self.nodes:
-            self.start_at_truth()
+        self.start_at_truth()
+        self.localise()
+        deadline = time.monotonic() + self.patience_s
+        # whether the monitor has discovered localisation cannot be seen from here
+        while MONITOR in self.nodes and not self.scored_poses and time.monotonic() < deadline:
             self.localise()
-            deadline = time.monotonic() + self.patience_s
-            # whether the monitor has discovered localisation cannot be seen from here
-            while MONITOR in self.nodes and not self.scored_poses and time.monotonic() < deadline:
-                self.localise()
         if MAPPING in self.nodes:
             self.map()
         self.settle()
@@ -296,9 +271,7 @@ class Harness:
         if name == MAPPING:
             topics["nav/pose"] = PoseStamped
         publishers = [self.publisher(kind, topic) for topic, kind in topics.items()]
-        self.wait(
-            lambda: all(p.get_subscription_count() > 0 for p in publishers), f"subscription of {name}", patience_s
-        )
+        self.wait(lambda: all(p.get_subscription_count() for p in publishers), f"subscription of {name}", patience_s)
         begin, health = time.monotonic(), self.health
 
         def active() -> bool:
@@ -325,16 +298,14 @@ class Harness:
             self.wait(lambda: stamps[-1] in self.odometry, "odometry")
         return stamps
 
-    def map(self, pairs: Sequence[int] = (0, 1, 2)) -> list[int]:
-        """Map pairs in lock step, and wait for the cloud if they are three; return their stamps."""
+    def map(self, pairs: Sequence[int] = (0, 1, 2)) -> None:
+        """Map pairs in lock step, and wait for the cloud if they are three."""
         self.send_camera_info("nav")
-        stamps = []
         for index in pairs:
-            stamps.append(self.send_nav(index))
-            self.wait(lambda: (MAPPING, "mapped", stamps[-1]) in self.calls, "mapped pair")
+            stamp = self.send_nav(index)
+            self.wait(lambda stamp=stamp: (MAPPING, "mapped", stamp) in self.calls, "mapped pair")
         if len(pairs) == 3:
-            self.wait(lambda: stamps[-1] in self.clouds, "cloud")
-        return stamps
+            self.wait(lambda: stamp in self.clouds, "cloud")
 
     def pairs_since(self, first_ns: int) -> tuple[int, int]:
         """Return how many pairs were sent after a stamp, and how many of them have no odometry."""

@@ -1,12 +1,11 @@
 """The campaign of injected faults: a short slice of it over real DDS, and how memory is judged."""
 
-# ruff: noqa: E402 - ROS may be absent
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
+pytest.importorskip("rclpy")  # ruff: noqa: E402 - ROS may be absent
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(400)]
 
 import node_faults
@@ -19,6 +18,7 @@ from sfr_loc_map.nodes.monitor_node import MonitorNode
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("own_domain")
 def test_some_faults_over_dds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(node_faults, "RESTART_LIMIT_S", 60.0)
     row = Row("some", "")
@@ -30,7 +30,7 @@ def test_some_faults_over_dds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert row.failures == []
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("own_domain")
 def test_hours_of_poses_are_fed_in_minutes_and_all_are_scored() -> None:
     """A short run of what `make monitor-soak` does for eight hours."""
     rclpy.init(args=[])
@@ -42,19 +42,9 @@ def test_hours_of_poses_are_fed_in_minutes_and_all_are_scored() -> None:
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
-    assert score is not None
     assert (score.estimate_poses, score.matched) == (500, 500)
     assert samples[-1][1] - samples[4][1] < 40.0
     assert samples[-1][2] < 0.3
-
-
-def test_the_slope_of_memory_is_that_after_the_warm_up() -> None:
-    random = np.random.default_rng(1)
-    seconds = np.arange(0.0, 3600.0, 2.0)
-    growth = 100.0 * np.minimum(seconds / 900.0, 1.0) + 7.0 * seconds / 3600.0
-    slope, error = MemoryTrend(seconds.tolist(), (growth + random.normal(size=len(seconds))).tolist()).slope()
-    assert abs(slope - 7.0) < 3.0 * error
-    assert error < 0.5
 
 
 @pytest.mark.parametrize(
@@ -65,4 +55,6 @@ def test_a_slow_growth_is_judged_in_long_runs_only(minutes: float, mb_h: float, 
     seconds = np.arange(0.0, 60.0 * minutes, 1.0)
     noise = np.random.default_rng(2).normal(0.0, 0.1, len(seconds))
     mb = 300.0 + noise + mb_h * seconds / 3600.0 + at_once * (seconds > 50.0)
-    assert bool(MemoryTrend(seconds.tolist(), mb.tolist()).failure(1.0)) == fails
+    trend = MemoryTrend(seconds.tolist(), mb.tolist())
+    assert bool(trend.failure(1.0)) == fails
+    assert at_once or trend.slope()[0] == pytest.approx(mb_h, abs=1.0 if minutes == 60 else 100.0)

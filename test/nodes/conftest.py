@@ -1,4 +1,4 @@
-"""Makes the helpers beside the tests importable, and keeps each test in a ROS domain of its own."""
+"""Makes the helpers beside the tests importable, and marks the tests that need ROS."""
 
 import importlib.util
 import sys
@@ -8,8 +8,6 @@ from pathlib import Path
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
-
-from sfr_loc_map.nodes import environment
 
 WITHOUT_ROS = ("test_environment.py", "test_launch_parts.py", "test_motion_prior.py", "test_worker.py")
 
@@ -33,12 +31,8 @@ def pytest_pycollect_makemodule(module_path: Path, parent: pytest.Collector) -> 
 
 
 @pytest.fixture(autouse=True)
-def own_domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(environment.free_domain()))
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "ros_log"))
-    monkeypatch.setenv(environment.PROFILE_VARIABLE, str(environment.PROFILE))
-    monkeypatch.delenv("ROS_LOCALHOST_ONLY", raising=False)
+def isolated(own_domain: None) -> None:
+    """Each test, whether it has nodes itself or starts them."""
 
 
 @pytest.fixture
