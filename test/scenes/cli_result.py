@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 
-@dataclass(frozen=True)
-class Result:
-    """What a command gave."""
-
+class Result(NamedTuple):
     code: int
     out: str
     err: str

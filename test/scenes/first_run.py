@@ -11,7 +11,6 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import sfr_loc_map
@@ -51,32 +50,24 @@ def mapping() -> str:
     return hashlib.sha256(cloud.xyz.tobytes() + cloud.sigma.tobytes()).hexdigest()
 
 
-RUNS: dict[str, Callable[[], str]] = {"localisation": localisation, "mapping": mapping}
-
-
-def kept(part: str) -> Path:
-    """Return the file that keeps the digest of a compiling run."""
-    return Path(sys.prefix) / f".first_run_{part}.json"
+RUNS = {"localisation": localisation, "mapping": mapping}
+KEPT = f"{sys.prefix}/.first_run_{{}}.json"
+"""The file that keeps the digest of a compiling run."""
 
 
 def kept_digest(part: str) -> str | None:
     """Return the digest of the compiling run of this very code, None where none was kept."""
     try:
-        found = json.loads(kept(part).read_text())
+        found = json.loads(Path(KEPT.format(part)).read_text())
     except FileNotFoundError:
         return None
     return str(found["digest"]) if found["code"] == code_fingerprint() else None
 
 
-def main() -> None:
+if __name__ == "__main__":
     part, *options = sys.argv[1:]
-    room = Path(sfr_loc_map.__file__).parent / part
-    compiled_before = any(room.rglob("*.nbi"))
+    compiled_before = any((Path(sfr_loc_map.__file__).parent / part).rglob("*.nbi"))
     digest = RUNS[part]()
     if "--keep" in options and not compiled_before:
-        kept(part).write_text(json.dumps({"code": code_fingerprint(), "digest": digest}))
+        Path(KEPT.format(part)).write_text(json.dumps({"code": code_fingerprint(), "digest": digest}))
     print(digest)
-
-
-if __name__ == "__main__":
-    main()

@@ -17,9 +17,9 @@ import aiohttp
 
 SUBPROTOCOL = "foxglove.sdk.v1"
 PATIENCE_S = 8.0
-REPEATED, DOUBLE, FLOAT, STRING, MESSAGE, BYTES = 3, 1, 2, 9, 11, 12
+REPEATED, STRING, MESSAGE = 3, 9, 11
 FIXED = {1: "<d", 2: "<f", 6: "<Q", 7: "<I", 15: "<i", 16: "<q"}
-DEFAULTS: dict[int, Any] = {DOUBLE: 0.0, FLOAT: 0.0, STRING: "", BYTES: b"", MESSAGE: None}
+DEFAULTS: dict[int, Any] = {1: 0.0, 2: 0.0, STRING: "", MESSAGE: None, 12: b""}
 
 
 def fields(data: bytes) -> Iterator[tuple[int, Any]]:

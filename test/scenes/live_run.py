@@ -26,11 +26,12 @@ from sfr_loc_map.live.updates import (
     Update,
 )
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.limits import Limits, parse_limits
+from sfr_loc_map.metrics.limits import parse_limits
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.pipeline.call_stats import CallRecord
 from sfr_loc_map.pipeline.monitor_score import MonitorScore
 
+TIMES = {"latency_transport_s": 0.004}
 NODES = ("localisation_node", "mapping_node", "monitor_node")
 STEP_NS = NS_PER_S // 10
 LIMITS = {
@@ -43,10 +44,6 @@ LIMITS = {
 }
 
 
-def limits() -> Limits:
-    return parse_limits(LIMITS, "made")
-
-
 def pose_pair(number: int, received_s: float, *, lost: bool = False) -> tuple[PoseSample, PoseSample]:
     """Truth and estimate of a frame, 0.1 m apart on an arc; the estimate scaled by 0.4 % and turned a little."""
     angle, stamp_ns = 0.005 * number, (number + 1) * STEP_NS
@@ -54,14 +51,11 @@ def pose_pair(number: int, received_s: float, *, lost: bool = False) -> tuple[Po
     wobble = 0.002 * math.sin(0.7 * number)
     estimate = (truth[0] * 1.004 + wobble, truth[1] * 1.004 - wobble, wobble)
     covariance = np.eye(6) * (LOST_VARIANCE if lost else 1e-4)
+    (true_quat, quat) = ((0.0, 0.0, math.sin(a / 2), math.cos(a / 2)) for a in (angle, angle + 0.001 * wobble))
     return (
-        PoseSample(Track.TRUTH, stamp_ns, truth, _yaw(angle), received_s, None),
-        PoseSample(Track.ESTIMATE, stamp_ns, estimate, _yaw(angle + 0.001 * wobble), received_s, covariance),
+        PoseSample(Track.TRUTH, stamp_ns, truth, true_quat, received_s, None),
+        PoseSample(Track.ESTIMATE, stamp_ns, estimate, quat, received_s, covariance),
     )
-
-
-def _yaw(turn: float) -> tuple[float, float, float, float]:
-    return 0.0, 0.0, math.sin(turn / 2), math.cos(turn / 2)
 
 
 def poses(count: int, begin_s: float) -> Iterator[PoseSample]:
@@ -72,20 +66,18 @@ def poses(count: int, begin_s: float) -> Iterator[PoseSample]:
 
 def frame(number: int, now_s: float, *, lost: bool = False) -> list[Update]:
     """Poses of a frame, and when its image was published."""
-    pair = pose_pair(number, now_s, lost=lost)
-    return [Sampled("loc/left", pair[0].stamp_ns, now_s), *pair]
+    return [Sampled("loc/left", (number + 1) * STEP_NS, now_s), *pose_pair(number, now_s, lost=lost)]
 
 
 def report(count: int, received_s: float) -> Report:
     """What the monitor says of the first poses."""
-    score = MonitorScore(ScoreConfig(), limits())
+    score = MonitorScore(ScoreConfig(), parse_limits(LIMITS, "made"))
     for pose in poses(count, 0.0):
         if pose.covariance is None:
             score.add_truth(pose.stamp_ns, pose.position, pose.quat_xyzw)
         else:
             score.add_estimate(pose.stamp_ns, pose.position, pose.quat_xyzw, pose.covariance)
-            times = {"latency_transport_s": 0.004}
-            score.add_call(CallRecord(pose.stamp_ns, 0.035, "tracking", 412_000_000, 90_000_000, times))
+            score.add_call(CallRecord(pose.stamp_ns, 0.035, "tracking", 412_000_000, 90_000_000, TIMES))
     return Report(to_json(score.result(details=False)), received_s)
 
 
@@ -118,7 +110,6 @@ def health(node: str, received_s: float, level: int = 0, message: str = "trackin
 
 
 def image(topic: str, stamp_ns: int, now_s: float) -> ImageSample:
-    """An image of the size that is shown as it is."""
     v, u = np.mgrid[:240, :320]
     pixels = (127 + 60 * np.sin(u / 9.0) + 60 * np.cos(v / 7.0)).astype(np.uint8)
     return image_sample(topic, stamp_ns, pixels, now_s)
@@ -164,7 +155,7 @@ def fill(hub: Hub, frames: int = 60) -> None:
         hub.put(media)
 
 
-def updates(count: int, begin_s: float, *, with_report: bool = True) -> Iterator[Update]:
+def updates(count: int, begin_s: float) -> Iterator[Update]:
     """A whole run that ends at `begin_s + 0.1 * count`."""
     end_s = begin_s + 0.1 * count
     yield from poses(count, begin_s)
@@ -173,5 +164,4 @@ def updates(count: int, begin_s: float, *, with_report: bool = True) -> Iterator
     yield health("mapping_node", end_s, 1, "stereo pairs without a pose")
     yield health("monitor_node", end_s, 0, "scoring")
     yield GraphView(frozenset(NODES), end_s, {"loc/left/image_rect": 2})
-    if with_report:
-        yield report(count, end_s)
+    yield report(count, end_s)

@@ -23,12 +23,10 @@ pair_of_drive = cache(loc_pair)
 
 
 def drive(count: int = 40) -> list[StereoPair]:
-    """Return the first pairs of the drive."""
     return [pair_of_drive(index) for index in range(count)]
 
 
 def frame_of(pair: StereoPair) -> StereoFrame:
-    """Return a pair, ready for tracking."""
     return StereoFrame(pair.stamp_ns, pair.left, build_pyramid(pair.left), build_pyramid(pair.right))
 
 
@@ -44,7 +42,6 @@ def localiser(T_ds_rb: Transform | None = None) -> Localiser:
 
 
 def run(pairs: Iterable[StereoPair], by: Localiser | None = None) -> list[PoseEstimate]:
-    """Return the estimates of pairs, by a new localiser unless one is given."""
     by = by or localiser()
     return [by.process(pair) for pair in pairs]
 
@@ -57,7 +54,6 @@ def errors(estimate: PoseEstimate, truth: Transform) -> tuple[float, float]:
 
 
 def black(index: int) -> StereoPair:
-    """Return a pair of black images at a pair's stamp."""
     return StereoPair(START_NS + index * PERIOD_NS, BLACK, BLACK)
 
 
