@@ -151,7 +151,7 @@ TARGETS = (
             f"drive-{kind}/left/000000.{kind}",
             m.JPEG if kind == "jpg" else m.IMAGE,
             _drive(f"drive-{kind}", "b.mcap"),
-            readable=kind in ("jpg", "pgm", "ppm", "bmp"),
+            readable=kind not in ("tiff", "webp"),
         )
         for kind in KINDS
     ),

@@ -30,13 +30,13 @@ from sfr_loc_map.pipeline.scoring import save_evo_result
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 POSES = 60
-KINDS = ("jpg", "pgm", "ppm", "bmp", "tiff", "webp", "hdr", "exr", "jp2", "ras", "gif", "pfm")
-"""Endings of image files, each in a drive of its own."""
+KINDS = ("jpg", "pgm", "ppm", "bmp", "tiff", "webp")
+"""Endings of image files, each in a drive of its own; the last two are refused."""
 SCORE = ("score", "{w}/estimate.csv", "{w}/truth.csv", "--condition", "frames=5", "--spacing", "5")
 
 
 def make_world(folder: Path) -> Path:
-    """Write all files, and return the folder; a world that is there already is left as it is."""
+    """Write all files unless they are there, and return the folder."""
     if folder.exists():
         return folder
     part = folder.with_name(folder.name + ".part")
@@ -57,7 +57,8 @@ def make_world(folder: Path) -> Path:
         shutil.copytree(part / "drive", drive)
         pairs = drive / "pairs.csv"
         pairs.write_text(pairs.read_text().replace("left/000000.png", f"left/000000.{kind}"))
-        (drive / "left" / f"000000.{kind}").write_bytes(encoded_image(kind))
+        image = cv2.merge([loc_pair(0).left] * 3) if kind == "ppm" else loc_pair(0).left
+        cv2.imwrite(str(drive / "left" / f"000000.{kind}"), image)
     _bags(part)
     _trajectories(part)
     _cloud(part)
@@ -65,21 +66,6 @@ def make_world(folder: Path) -> Path:
     part.rename(folder)
     _made_by_commands(folder)
     return folder
-
-
-def encoded_image(kind: str) -> bytes:
-    """Return an image in a format, or bytes that begin like it where this OpenCV does not write it."""
-    written = loc_pair(0).left
-    if kind in ("hdr", "pfm", "ppm", "gif"):
-        written = cv2.cvtColor(written, cv2.COLOR_GRAY2BGR)
-    if kind in ("hdr", "pfm"):
-        written = written.astype(np.float32) / 255
-    with contextlib.suppress(cv2.error):
-        good, data = cv2.imencode(f".{kind}", written)
-        if good:
-            return bytes(data)
-    magic = {"exr": b"v/1\x01\x02\0\0\0", "gif": b"GIF89a", "jp2": b"\0\0\0\x0cjP  \r\n\x87\n"}.get(kind, b"")
-    return magic + bytes(np.random.default_rng(3).integers(0, 256, 2000, dtype=np.uint8))
 
 
 def _bags(world: Path) -> None:
