@@ -170,7 +170,7 @@ class LiveServer:
             self._report, self.report_text = report, message("report", report.to_plain())
         if now_s - self._nodes_s >= NODES_PERIOD_S or silent != self._silent:
             self._nodes_s, self._silent = now_s, silent
-            live = self.state.live_to_plain(now_s, tables=False)
+            live = self.state.live_to_plain(now_s)
             self.nodes_text = message("nodes", live | {"load": self._load(), "actions": self._hub.actions})
         for page in self.pages:
             page.news.set()

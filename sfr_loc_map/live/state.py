@@ -152,14 +152,16 @@ class LiveState:
 
     def to_plain(self, now_s: float) -> dict[str, Any]:
         """Return the latest report (`sfr-score/1`) with the state of the run as `live`, as JSON values."""
-        content = {"schema": SCHEMA, "verdicts": []} if self.report is None else self.report.content
-        return content | {"live": self.live_to_plain(now_s)}
+        live, report = self.live_to_plain(now_s), self.report
+        if report is None:
+            return {"schema": SCHEMA, "verdicts": [], "live": live | {"overall": None, "tables": []}}
+        shown = report.to_plain()
+        return report.content | {"live": live | {"overall": shown["overall"], "tables": shown["tables"]}}
 
-    def live_to_plain(self, now_s: float, *, tables: bool = True) -> dict[str, Any]:
-        """Return what `state.json` adds to the score, as JSON values; the tables change with the report only."""
+    def live_to_plain(self, now_s: float) -> dict[str, Any]:
+        """Return what `state.json` adds to the score, as JSON values, but for what changes with the report only."""
         now_s = self.moment(now_s)
         report, rows, line = self.report, self.path.rows, self.time_line
-        shown = report.to_plain() if report is not None and tables else {"overall": None, "tables": []}
         localisation = None
         if rows:
             node = self.nodes.get("localisation_node")
@@ -169,8 +171,6 @@ class LiveState:
             "schema": "sfr-live/1",
             "time_s": now_s,
             "stale": updates.LOCALISATION in self.silent(now_s),
-            "overall": shown["overall"],
-            "tables": shown["tables"],
             "report_age_s": None if report is None else round(now_s - report.received_s, 3),
             "nodes": [self.nodes[name].to_plain(now_s) for name in sorted(self.nodes)],
             "topics": {name: self.topics[name].to_plain(now_s, self.lost.get(name, 0)) for name in sorted(self.topics)},

@@ -78,7 +78,7 @@ class Terminal:
 
     def drawing(self, now_s: float) -> RenderableType:
         """Return the whole screen, the most important first; the last line says how many lines found no room."""
-        live, console = self.state.live_to_plain(now_s, tables=False), self._console
+        live, console = self.state.live_to_plain(now_s), self._console
         body = Group(*_parts(console, self.state, live, now_s, self._title))
         hidden = len(console.render_lines(body, console.options.update(height=None), pad=False)) - console.height + 1
         words = f"{hidden} lines more: enlarge the window   " if hidden > 0 else ""
@@ -109,7 +109,7 @@ class Terminal:
 
 def one_line_of(state: LiveState, now_s: float) -> str:
     """Return what is shown in one line: verdict, headline figures, state, nodes, what is stale."""
-    live, report = state.live_to_plain(now_s, tables=False), state.report
+    live, report = state.live_to_plain(now_s), state.report
     parts = [_clock(now_s), *(f"STALE: {words}" for words in _stale(live))]
     parts.append(WAITING if report is None else f"{report.overall.state}: {report.overall.text.rstrip('.')}")
     for row in _rows(state, "headline"):

@@ -66,7 +66,7 @@ async def check_panels(browser: Browser, server: LiveServer) -> None:
     assert await browser.value("document.querySelectorAll('#nodes .node').length") == 3
     assert await browser.value(f"{text('verdict')}.trim()") == "✖ fail"
     figures = dict(await browser.value(FIGURES))
-    (table,) = (t for t in server.state.live_to_plain(0.0)["tables"] if t["name"] == "live")
+    (table,) = (t for t in server.state.to_plain(0.0)["live"]["tables"] if t["name"] == "live")
     assert figures == {cell["key"]: cell["text"] for row in table["rows"] for cell in row if "key" in cell}
     assert len(figures) > 20
     assert await browser.value(UNEXPLAINED) == []
