@@ -162,20 +162,16 @@ def is_frozen(before: GreyImage, now: GreyImage) -> bool:
         texture = np.maximum(*beside)[exposed]
         scale = float(np.quantile(texture, CALM_SHARE)) + 1.0
         weight = np.asarray(1.0 / (np.square(texture) + scale**2), np.float32)
-        slope, error = _regression(_second_difference(first)[exposed], _second_difference(change)[exposed], weight)
-        if abs(slope - MIDDLE_SLOPE) > STANDARD_ERRORS * error:
-            return slope > MIDDLE_SLOPE
+        # the weighted slope of the changes over the image, in their power, and its standard error
+        there, changes = _second_difference(first)[exposed], _second_difference(change)[exposed]
+        power = float(np.sum(weight * np.square(changes)))
+        if power > 0.0:
+            products = weight * there * changes
+            slope, error = float(np.sum(products)) / power, float(np.sqrt(np.sum(np.square(products)))) / power
+            if abs(slope - MIDDLE_SLOPE) > STANDARD_ERRORS * error:
+                return slope > MIDDLE_SLOPE
     changed = float(np.mean(change[:, 1:-1][exposed] != 0.0))
     return changed < MAX_CHANGED and not np.array_equal(before, now)
-
-
-def _regression(image: FloatImage, change: FloatImage, weight: FloatImage) -> tuple[float, float]:
-    """Return the weighted slope of changes `(N,)` over an image `(N,)`, in their power, and its standard error."""
-    power = float(np.sum(weight * np.square(change)))
-    if power == 0.0:
-        return 0.0, np.inf
-    products = weight * image * change
-    return float(np.sum(products)) / power, float(np.sqrt(np.sum(np.square(products)))) / power
 
 
 def _second_difference(image: FloatImage) -> FloatImage:

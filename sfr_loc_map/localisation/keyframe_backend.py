@@ -94,11 +94,6 @@ class KeyframeBackend:
         pending, self.pending = self.pending, None
         return None if pending is None else pending.result()
 
-    def stop_tracking(self, window: SlidingWindow, rows: NDArray[np.intp]) -> None:
-        """Track some landmarks `(N,)` of the window no longer."""
-        window.active[rows] = False
-        self.landmarks = window.landmarks()
-
     def begin(self, frame: StereoFrame, T_world_left: Transform) -> int:
         """Begin a window with its first keyframe; the window before stays where there are too few landmarks.
 

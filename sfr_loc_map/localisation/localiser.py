@@ -192,7 +192,8 @@ class Localiser:
             ground = self._ground.find(frame, result, guesses)
             result, backend.dynamic_mask = ground.result, self._ground.regions.mask
             if len(ground.dynamic):
-                backend.stop_tracking(window, ground.dynamic)
+                window.active[ground.dynamic] = False
+                backend.landmarks = window.landmarks()
         if result.trusted:  # follow a drift of the right camera
             seen = StereoObservations(result.observations, result.variance)
             px = calibration.learn_shift(*right_shift(result.pose, result.landmarks.estimates, seen, camera))

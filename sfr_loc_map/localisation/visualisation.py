@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import ColourImage, FloatArray, GreyImage
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
@@ -50,13 +49,21 @@ def draw_tracks(left: GreyImage, result: TrackingResult | None, estimate: PoseEs
         _draw_landmarks(canvas[:height], result)
     colour = STATES[estimate.state]
     cv2.rectangle(canvas, (0, 0), (width - 1, height - 1), colour, 2)
-    cv2.putText(canvas, _caption(estimate), (4, height + 13), cv2.FONT_HERSHEY_SIMPLEX, 0.38, colour, 1, cv2.LINE_AA)
+    statistics = estimate.statistics.as_dict()
+    figures = [f"{word} {statistics[name]:.3g}" for name, word in FIGURES.items() if name in statistics]
+    state = " ".join(filter(None, (estimate.state.value, estimate.reason_text)))
+    caption = "  ".join([f"{estimate.stamp_ns / 1e9:.3f} s", state, *figures])
+    cv2.putText(canvas, caption, (4, height + 13), cv2.FONT_HERSHEY_SIMPLEX, 0.38, colour, 1, cv2.LINE_AA)
     return canvas
 
 
 def _draw_landmarks(canvas: ColourImage, result: TrackingResult) -> None:
     before, now, chi2_per_dof = result.landmarks.last_seen[:, :2], result.observations[:, :2], result.chi2_per_dof
-    for start, end, chi2, colour in zip(before, now, chi2_per_dof, _colours(chi2_per_dof), strict=True):
+    # blue to yellow is distinguishable with any colour vision
+    share = np.nan_to_num(chi2_per_dof, nan=INLIER_CHI2_PER_DOF) / INLIER_CHI2_PER_DOF
+    residual = np.sqrt(np.clip(share, 0.0, 1.0))[:, None]
+    colours = np.rint((1.0 - residual) * NO_RESIDUAL + residual * LARGEST_RESIDUAL)
+    for start, end, chi2, colour in zip(before, now, chi2_per_dof, colours, strict=True):
         if not np.isfinite(chi2) or not np.isfinite(end).all():
             if np.isfinite(start).all():
                 centre = (round(float(start[0])), round(float(start[1])))
@@ -68,19 +75,5 @@ def _draw_landmarks(canvas: ColourImage, result: TrackingResult) -> None:
         cv2.circle(canvas, _fixed(end), 2 << _SHIFT, bgr, -1, cv2.LINE_AA, _SHIFT)
 
 
-def _colours(chi2_per_dof: FloatArray) -> NDArray[np.uint8]:
-    """Return the colours `(M, 3)` of residuals: blue to yellow, distinguishable with any colour vision."""
-    share = np.nan_to_num(chi2_per_dof, nan=INLIER_CHI2_PER_DOF) / INLIER_CHI2_PER_DOF
-    residual = np.sqrt(np.clip(share, 0.0, 1.0))[:, None]
-    return np.asarray(np.rint((1.0 - residual) * NO_RESIDUAL + residual * LARGEST_RESIDUAL), np.uint8)
-
-
 def _fixed(uv: FloatArray) -> tuple[int, int]:
     return round(float(uv[0]) * (1 << _SHIFT)), round(float(uv[1]) * (1 << _SHIFT))
-
-
-def _caption(estimate: PoseEstimate) -> str:
-    statistics = estimate.statistics.as_dict()
-    figures = [f"{word} {statistics[name]:.3g}" for name, word in FIGURES.items() if name in statistics]
-    state = " ".join(filter(None, (estimate.state.value, estimate.reason_text)))
-    return "  ".join([f"{estimate.stamp_ns / 1e9:.3f} s", state, *figures])

@@ -10,12 +10,10 @@ import pytest
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.simulation.drive import rover_mesh
 from sfr_loc_map.simulation.renderer import (
     GROUND,
     SKY,
     Camera,
-    Occluder,
     Tracer,
     camera_pose,
     occlusion_mask,
@@ -107,7 +105,7 @@ def floor_with_wall() -> Mesh:
     return Mesh(vertices, normals, triangles, np.full(4, -1, np.int32))
 
 
-def lit_along_x(elevation_deg: float, occluder: Occluder | None = None) -> tuple[np.ndarray, np.ndarray]:
+def lit_along_x(elevation_deg: float) -> tuple[np.ndarray, np.ndarray]:
     tracer = Tracer(floor_with_wall())
     x = np.linspace(-8.0, -0.02, 1597)
     rays = np.column_stack((x, np.full(len(x), 0.3), np.full(len(x), -5.0)))
@@ -115,7 +113,7 @@ def lit_along_x(elevation_deg: float, occluder: Occluder | None = None) -> tuple
     hits = trace_primary_rays(tracer, np.array([0.0, 0.0, 5.0]), rays)
     angle = math.radians(elevation_deg)
     suns = sun_rays(np.array([math.cos(angle), 0.0, math.sin(angle)]), 0.0, len(x), np.uint32(1))
-    return hits.points[:, 0], trace_shadow_rays(tracer, hits, suns, occluder)
+    return hits.points[:, 0], trace_shadow_rays(tracer, hits, suns)
 
 
 @pytest.mark.parametrize("elevation", [20.0, 45.0, 70.0])
@@ -124,13 +122,3 @@ def test_shadow_of_a_wall_has_the_length_of_its_height_over_the_tangent(elevatio
     floor = x < -0.05
     shadow = -x[floor & (lit == 0)].min()
     assert shadow == pytest.approx(1.0 / math.tan(math.radians(elevation)), abs=0.02)
-
-
-def test_rover_casts_a_shadow_but_is_not_seen() -> None:
-    rover = Occluder(Tracer(rover_mesh()), Transform(np.eye(3), np.array([-4.0, 0.0, 0.54])))
-    x, lit = lit_along_x(80.0, rover)
-    _, free = lit_along_x(80.0)
-    under = (x > -4.5) & (x < -3.7)
-    assert (free[under] == 1).all()
-    assert (lit[under] == 0).mean() > 0.9
-    assert np.array_equal(lit[x > -2.5], free[x > -2.5])

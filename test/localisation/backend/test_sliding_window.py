@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
@@ -85,25 +84,6 @@ def test_marginalise_then_solve_is_the_joint_solve() -> None:
     np.testing.assert_allclose(short_r, joint_r[1:], atol=1e-9)
     np.testing.assert_allclose(short.covariance, joint.covariance, rtol=1e-5, atol=1e-13)
     np.testing.assert_allclose(short.problem.uv_inverse_depth, joint.problem.uv_inverse_depth[host > 0], atol=1e-8)
-
-
-def test_an_adjusted_window_is_near_the_truth_within_its_covariance_and_its_first_pose_is_given() -> None:
-    sigmas = []
-    for keyframes in range(1, KEYFRAMES + 1):
-        window = filled(KEYFRAMES, keyframes=keyframes)
-        window.adjust(5)
-        sigmas.append(np.sqrt(np.diag(window.covariance)))
-        error = newest(window).position - (keyframes - 1) * SIGHT
-        assert (np.abs(error) < 4.0 * sigmas[-1][:3] + 1e-9).all()
-        assert np.linalg.eigvalsh(window.covariance).min() > 0.0
-    np.testing.assert_allclose(window.problem.keyframes.positions[0], 0.0, atol=1e-6)
-    np.testing.assert_allclose(sigmas[0], 1e-5, rtol=0.01)
-    assert (np.diff([sigma[:3].max() for sigma in sigmas]) > 0.0).all()  # drift: later poses are known less well
-    assert sigmas[-1][:3].max() < 0.01
-    drift = window.drift
-    assert drift is not None
-    assert drift.metres == pytest.approx(float(np.linalg.norm(SIGHT)), abs=0.01)
-    assert np.sqrt(np.trace(drift.covariance[:3, :3])) < np.sqrt(np.trace(window.covariance[:3, :3]))
 
 
 def test_shifted_right_observations_are_seen_as_an_offset() -> None:
