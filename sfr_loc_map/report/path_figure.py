@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from html import escape
+from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -19,13 +20,10 @@ from sfr_loc_map.metrics.config import AlignedErrorConfig
 from sfr_loc_map.report.plots import PALETTE, Plot, Trace, axis, error_scale, line, scaled, to_figure
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from plotly.graph_objects import Figure
 
 COLOURS = ("one", "two", "three", "four", "five")
 X, Y, Z, TIME = "x of DS (east), m", "y of DS (north), m", "z of DS (up), m", "time, s"
-
-
 MOST_POINTS = 5000
 """Poses of a path that are drawn."""
 
@@ -34,10 +32,10 @@ class Curve(NamedTuple):
     """One path: seconds since the first stamp of all, positions `(N, 3)` in m, distance to the truth where known."""
 
     name: str
+    colour: str  #: One of `PALETTE`; `truth` for the truth alone.
     seconds: FloatArray
     positions: FloatArray
     error_m: FloatArray | None = None
-    is_truth: bool = False
 
 
 def curves_of(
@@ -52,30 +50,31 @@ def curves_of(
     if len(given) < len(trajectories) + (truth is not None) or not given:
         raise MetricsError("a trajectory without poses cannot be drawn: leave it out")
     begin_ns = min(int(poses.stamps_ns.min()) for poses in given)
-    drawn: list[tuple[str, IntArray, FloatArray, FloatArray | None, bool]] = []
-    if truth is not None:
-        drawn.append(("truth", truth.stamps_ns, truth.positions, None, True))
-    for name, poses in trajectories.items():
-        if truth is None:
-            drawn.append((name, poses.stamps_ns, poses.positions, None, False))
-        else:
-            paired = aligned_poses(poses, truth, config)
-            drawn.append((name, paired.stamps_ns, paired.estimate.positions, paired.errors_m(), False))
-    curves = []
-    for name, stamps_ns, positions, error_m, is_truth in drawn:
+
+    def curve(
+        name: str, colour: str, stamps_ns: IntArray, positions: FloatArray, error_m: FloatArray | None = None
+    ) -> Curve:
         every = slice(None, None, max(1, -(-len(stamps_ns) // MOST_POINTS)))
         seconds = ((stamps_ns[every] - begin_ns) / NS_PER_S).astype(np.float64)
-        curves.append(Curve(name, seconds, positions[every], None if error_m is None else error_m[every], is_truth))
+        return Curve(name, colour, seconds, positions[every], None if error_m is None else error_m[every])
+
+    curves = [] if truth is None else [curve("truth", "truth", truth.stamps_ns, truth.positions)]
+    for (name, poses), colour in zip(trajectories.items(), cycle(COLOURS), strict=False):
+        if truth is None:
+            curves.append(curve(name, colour, poses.stamps_ns, poses.positions))
+        else:
+            paired = aligned_poses(poses, truth, config)
+            curves.append(curve(name, colour, paired.stamps_ns, paired.estimate.positions, paired.errors_m()))
     return curves
 
 
 def path_plot(curves: Sequence[Curve]) -> Plot:
     """Return the figure of some paths."""
-    errors = [curve for curve in curves if curve.error_m is not None]
-    factor, unit = _error_unit(errors)
+    factor, unit = _error_unit(curves)
     data: list[Trace] = []
-    for curve, colour in zip(curves, colours_of(curves), strict=True):
-        style: dict[str, Any] = {"color": f"@{colour}", "width": 3 if curve.is_truth else 2, "legendgroup": colour}
+    for curve in curves:
+        width = 3 if curve.colour == "truth" else 2
+        style: dict[str, Any] = {"color": f"@{curve.colour}", "width": width, "legendgroup": curve.colour}
         name = escape(printable(curve.name))  # plotly reads some tags
         x, y, z = (scaled(column.tolist(), 1.0) for column in curve.positions.T)
         seconds = scaled(curve.seconds.tolist(), 1.0)
@@ -84,6 +83,7 @@ def path_plot(curves: Sequence[Curve]) -> Plot:
         if curve.error_m is not None:
             error = scaled(curve.error_m.tolist(), factor)
             data.append(line(name, (seconds, error), **style, xaxis="x3", yaxis="y3", showlegend=False))
+    errors = any(curve.error_m is not None for curve in curves)
     split = (0.38, 0.2) if errors else (0.28, 0.0)
     layout: dict[str, Any] = {
         "xaxis": axis(X, anchor="y"),
@@ -97,17 +97,8 @@ def path_plot(curves: Sequence[Curve]) -> Plot:
     return Plot("paths", "Trajectories", "", data, layout, height=900 if errors else 750, width="full")
 
 
-def _error_unit(errors: Sequence[Curve]) -> tuple[float, str]:
-    return error_scale(max((float(curve.error_m.max()) for curve in errors if curve.error_m is not None), default=0.0))
-
-
-def colours_of(curves: Sequence[Curve]) -> list[str]:
-    """Return the name of the colour of each curve."""
-    rest = [curve for curve in curves if not curve.is_truth]
-    return [
-        "truth" if curve.is_truth else COLOURS[next(k for k, item in enumerate(rest) if item is curve) % len(COLOURS)]
-        for curve in curves
-    ]
+def _error_unit(curves: Sequence[Curve]) -> tuple[float, str]:
+    return error_scale(max((float(curve.error_m.max()) for curve in curves if curve.error_m is not None), default=0.0))
 
 
 def path_figure(curves: Sequence[Curve]) -> Figure:
@@ -143,17 +134,10 @@ def save_path_png(curves: Sequence[Curve], path: Path) -> None:
     errors = any(curve.error_m is not None for curve in curves)
     rows = 3 if errors else 2
     canvas = Canvas(figsize=(8, 9 if errors else 8), dpi=150, layout="constrained")
-    axes = canvas.subplots(rows, 1, height_ratios=[3, 1, 1][:rows])
-    _draw(curves, list(axes))
-    with atomic_path(path) as temporary:
-        canvas.savefig(temporary, format="png")
-
-
-def _draw(curves: Sequence[Curve], axes: Sequence[Axes]) -> None:
-    above, height, *below = axes
-    factor, unit = _error_unit([curve for curve in curves if curve.error_m is not None])
-    for curve, colour in zip(curves, colours_of(curves), strict=True):
-        style: dict[str, Any] = {"color": PALETTE[colour], "linewidth": 2.0 if curve.is_truth else 1.4}
+    above, height, *below = axes = list(canvas.subplots(rows, 1, height_ratios=[3, 1, 1][:rows]))
+    factor, unit = _error_unit(curves)
+    for curve in curves:
+        style: dict[str, Any] = {"color": PALETTE[curve.colour], "linewidth": 2.0 if curve.colour == "truth" else 1.4}
         name = printable(curve.name).replace("$", r"\$")  # matplotlib reads formulas
         above.plot(curve.positions[:, 0], curve.positions[:, 1], label=name.lstrip("_"), **style)
         height.plot(curve.seconds, curve.positions[:, 2], **style)
@@ -169,3 +153,5 @@ def _draw(curves: Sequence[Curve], axes: Sequence[Axes]) -> None:
     for each in axes:
         each.grid(color=PALETTE["grid"])
         each.ticklabel_format(useOffset=False)
+    with atomic_path(path) as temporary:
+        canvas.savefig(temporary, format="png")

@@ -13,10 +13,10 @@ import pytest
 from made_scores import HOSTILE, dig, json_of, whole_score
 
 import sfr_loc_map.report
-from sfr_loc_map.errors import InputError, OutputError
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_dict
-from sfr_loc_map.report.page import load_score, render_page, write_page
+from sfr_loc_map.report.page import load_score, render_page
 from sfr_loc_map.report.plots import PALETTE, Plot, axis, band, line, to_figure
 from sfr_loc_map.report.tables import MILLIMETRE, number
 
@@ -185,12 +185,6 @@ def test_files_that_hold_no_score_are_one_error(tmp_path: Path) -> None:
         with pytest.raises(InputError, match="sfr score --json") as caught:
             load_score(path)
         assert "\n" not in str(caught.value)
-
-
-def test_missing_folder_is_one_error_and_leaves_nothing(tmp_path: Path) -> None:
-    with pytest.raises(OutputError):
-        write_page(whole_score(), tmp_path / "absent" / "report.html")
-    assert list(tmp_path.iterdir()) == []
 
 
 PROBE = """<script>
