@@ -110,5 +110,6 @@ def _check_free(path: Path) -> None:
 
 
 def _cannot_write(path: Path, error: OSError) -> OutputError:
-    reason = error.strerror or str(error)
-    return OutputError(f"cannot write '{path}': {reason}; check the space, the rights and what is there")
+    return OutputError(
+        f"cannot write '{path}': {error.strerror or error}; check the space, the rights and what is there"
+    )

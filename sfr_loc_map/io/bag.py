@@ -40,18 +40,10 @@ STRING = "std_msgs/msg/String"
 GROUND_TRUTH = "ground_truth/odometry"
 CONFIGURATION = "localisation/configuration"
 RB_FRAME, LOCSB_FRAME = "rb", "locsb"
+_OF_CAMERA = ("image_rect", "image_rect/compressed", "image_raw", "image_raw/compressed", "camera_info")
 TOPICS_READ = (
-    *(
-        f"{task}/{side}/{part}"
-        for task in ("loc", "nav")
-        for side in SIDES
-        for part in ("image_rect", "image_rect/compressed", "image_raw", "image_raw/compressed", "camera_info")
-    ),
-    "nav/pose",
-    "localisation/odometry",
-    GROUND_TRUTH,
-    "ground_truth/points",
-    "tf_static",
+    *(f"{task}/{side}/{name}" for task in ("loc", "nav") for side in SIDES for name in _OF_CAMERA),
+    *("nav/pose", "localisation/odometry", GROUND_TRUTH, "ground_truth/points", "tf_static"),
 )
 """Names of the topics that are read from a bag, within any one namespace."""
 STAMPED = {IMAGE, COMPRESSED, CAMERA_INFO, POSE, ODOMETRY, POINTS, "stereo_msgs/msg/DisparityImage"}

@@ -14,7 +14,6 @@ ROS1_SUFFIXES = (".bag", ".active")
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 SQLITE_MAGIC = b"SQLite format 3\x00"
 SQLITE_HEADER_BYTES = 100
-LARGEST_PAGE = 65536
 
 
 def is_bag(path: Path) -> bool:
@@ -65,7 +64,7 @@ def check_database(path: Path) -> None:
     if len(header) < SQLITE_HEADER_BYTES or not header.startswith(SQLITE_MAGIC) or header[24:28] != header[92:96]:
         return  # not such a file, or the number of pages in it is not kept
     page = int.from_bytes(header[16:18], "big")
-    wanted = int.from_bytes(header[28:32], "big") * (LARGEST_PAGE if page == 1 else page)
+    wanted = int.from_bytes(header[28:32], "big") * (65536 if page == 1 else page)
     size = path.stat().st_size
     if size < wanted:
         raise InputError(f"'{path}' is cut off: {size} of {wanted} bytes are there; copy or record it again")

@@ -41,7 +41,6 @@ NEVER = 2**63 - 1
 METADATA = "rosbag2_bagfile_information"
 OLD_TYPES = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 """Older names of types of ROS 1 that are read."""
-READ_BYTES = 2**20
 _ROS1, _ROS2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_JAZZY)
 
 
@@ -66,7 +65,7 @@ def check_zstd_file(path: Path) -> None:
     """Check how much a zstd file holds, without keeping it."""
     limit, total = expansion_limit(path.stat().st_size), 0
     with path.open("rb") as raw, zstd.open(raw, "rb") as stream:
-        while part := stream.read(READ_BYTES):
+        while part := stream.read(2**20):
             total += len(part)
             if total > limit:
                 raise ValueError(f"'{path.name}' holds more than {limit} bytes once decompressed")

@@ -44,13 +44,16 @@ _log = logging.getLogger(__name__)
 
 
 class _BagPairs:
-    """The pairs of one pair of cameras, and what their topics say of it."""
+    """The pairs of the cameras of a task, and what their topics say of it."""
 
-    def __init__(self, bag: Bag, rig: str) -> None:
+    task: Task
+
+    def __init__(self, bag: Bag) -> None:
+        rig = self.task.rig
         self._bag, self._rig_name = bag, rig
         kind = _image_name(bag, rig)
         self._sides = [_require(bag, f"{rig}/{side}/{kind}", IMAGE, COMPRESSED) for side in SIDES]
-        self._points = bag.find("ground_truth/points", POINTS) if rig == Task.MAPPING.rig else None
+        self._points = bag.find("ground_truth/points", POINTS) if self.task is Task.MAPPING else None
         self._topics = [*self._sides, *([self._points] if self._points else [])]
         self._rectifier: StereoRectifier | None = None
         infos = [_require(bag, f"{rig}/{side}/camera_info", CAMERA_INFO) for side in SIDES]
@@ -59,7 +62,7 @@ class _BagPairs:
             if topic.name not in first:
                 raise InputError(f"bag '{bag.path}' has no message on '{topic.bag_name}': the rig is not known")
         left, right = (first[topic.name] for topic in infos)
-        extrinsics = read_extrinsics(bag) if rig == Task.LOCALISATION.rig else None
+        extrinsics = read_extrinsics(bag) if self.task is Task.LOCALISATION else None
         try:
             if kind == RAW:
                 self.rig, self._rectifier = rectified_rig((left, right), rig, T_rb_sb=extrinsics)
@@ -100,9 +103,8 @@ class _BagPairs:
 
     def joined(self) -> Iterator[tuple[StereoPair, Mapping[str, bytes]]]:
         """Yield each whole pair and its raw messages by topic, in the order of stamps."""
-        parts = self._parts
+        parts, order = self._parts, iter(self._parts)
         waiting: dict[int, dict[str, bytes]] = {}
-        order = iter(parts)
         stamp = next(order, None)
         for topic, stamp_ns, raw in self._bag.stream(self._topics):
             if stamp_ns not in parts:
@@ -137,9 +139,7 @@ class _BagPairs:
 class BagLocSequence(_BagPairs):
     """The drive of a bag."""
 
-    def __init__(self, bag: Bag) -> None:
-        """Find the topics and read the rig."""
-        super().__init__(bag, Task.LOCALISATION.rig)
+    task = Task.LOCALISATION
 
     @cached_property
     def ground_truth(self) -> Trajectory | None:
@@ -154,9 +154,11 @@ class BagLocSequence(_BagPairs):
 class BagNavSequence(_BagPairs):
     """The mapping pairs of a bag."""
 
+    task = Task.MAPPING
+
     def __init__(self, bag: Bag) -> None:
         """Find the topics and read the rig and the poses."""
-        super().__init__(bag, Task.MAPPING.rig)
+        super().__init__(bag)
         self._poses: dict[int, Transform] = {}
         topic = _require(bag, "nav/pose", POSE)
         for _, stamp_ns, message in bag.messages([topic]):

@@ -35,8 +35,7 @@ STORAGE_BY_SUFFIX: dict[str, Storage] = {".mcap": "mcap", ".bag": "mcap", ".db3"
 """Storage of a bag by the ending of its name; other names are data set folders."""
 CHUNK_HEAD = 9 + 24
 """Bytes from the start of an mcap chunk record to its CRC: opcode and length, two times and the size (mcap 1.0)."""
-CHUNK_BYTES = 8 * 2**20
-"""Of a recording."""
+CHUNK_BYTES = 8 * 2**20  # of a recording
 SYNC_S = 1.0
 DATA_END = b"\x0f" + (4).to_bytes(8, "little") + bytes(4)
 FOOTER = b"\x02" + (20).to_bytes(8, "little") + bytes(20)

@@ -25,8 +25,7 @@ from sfr_loc_map.io.array_file import parse_npz
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.text_table import parse_count
 
-Columns = dict[str, NDArray[Any]]
-"""Values of each field, one a point."""
+Columns = dict[str, NDArray[Any]]  # values of each field, one a point
 PIXEL_FIELDS = ("u", "v", "pair")
 FUSED, PAIR_STAMPS = "fused", "pair_stamps_ns"
 """Names of what a file says of its cloud: comments `sfr fused true`, `sfr pair_stamps_ns 1 2 3`, or members of NPZ."""

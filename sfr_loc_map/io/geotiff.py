@@ -1,7 +1,6 @@
 """Grids as GeoTIFF: one Float32 band a layer, with names and units, in a local frame without a place on Earth.
 
 The first row of the file has the largest y, as programs for maps expect; what is not known is NaN, declared as nodata.
-Written by rasterio (GDAL), an extra of the package.
 """
 
 from __future__ import annotations

@@ -27,8 +27,6 @@ JPEG_MAGIC = b"\xff\xd8"
 FORMATS = "PNG, JPEG, PGM, PPM or BMP"
 """Formats that are read: those whose size is known before they are decoded."""
 _PNM = re.compile(rb"P[2356](?:\s+|\s*#[^\n]*\n)+(\d{1,9})(?:\s+|\s*#[^\n]*\n)+(\d{1,9})\s")
-_PNM_HEAD = 4096
-"""Bytes that the header of a PGM or PPM may have, comments included."""
 BAYER = {
     "rggb": cv2.COLOR_BayerBG2GRAY,
     "bggr": cv2.COLOR_BayerRG2GRAY,
@@ -48,8 +46,6 @@ ENCODINGS: dict[str, tuple[type[np.generic], int]] = {
     **dict.fromkeys(LUMA, (np.uint8, 2)),
 }
 """Encodings of sensor_msgs/Image that are read: type of a sample and samples per pixel."""
-MIN_MOSAIC = 4
-"""Least side of a Bayer mosaic, pixels."""
 MAX_DECODED_BYTES = 2**27
 """Largest image that is decoded: 8192 x 8192 in 8-bit grey twice, 5792 x 5792 in colour."""
 
@@ -128,7 +124,7 @@ def claimed_size(data: bytes) -> tuple[int, int] | None:
             return None
         width, height = struct.unpack("<ii", data[18:26])
         return width, abs(height)
-    found = _PNM.match(data[:_PNM_HEAD])
+    found = _PNM.match(data[:4096])  # comments included
     return (int(found[1]), int(found[2])) if found else None
 
 
@@ -162,7 +158,7 @@ def image_from_message(message: Any) -> GreyImage:  # noqa: ANN401 - a sensor_ms
     if encoding in LUMA:
         return np.ascontiguousarray(image[:, :, LUMA[encoding]])
     if encoding.startswith("bayer_"):
-        if min(height, width) < MIN_MOSAIC:
+        if min(height, width) < 4:
             raise InputError(f"image of stamp {stamp} is {width} x {height}: too small for a Bayer mosaic")
         return grey8(np.asarray(cv2.cvtColor(image, BAYER[encoding[6:10]])))
     return grey8(image, "rgb" if encoding.startswith("rgb") else "bgr")

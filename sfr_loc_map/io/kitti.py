@@ -61,8 +61,7 @@ def open_kitti(path: Path) -> Source:
     if left not in cameras or right not in cameras:
         found = sorted(f"P{i}" for i in cameras)
         raise InputError(f"'{calibration}' has {found}: P{left} and P{right} are needed")
-    names = (f"P{left}", f"P{right}")
-    size, where = (width, height), f"'{calibration}'"
+    size, where, names = (width, height), f"'{calibration}'", (f"P{left}", f"P{right}")
     rig = rig_from_projections(cameras[left], cameras[right], size, where, names, Transform.identity())
     truth = _load_poses(path, stamps, rig, -cameras[left][3] / cameras[left][0])
     return Source(path, "kitti", ImageFileSequence(rig, whole, truth), None, left_out)

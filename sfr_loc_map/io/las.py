@@ -21,8 +21,7 @@ from sfr_loc_map.inputs import check_expansion
 SUFFIXES = (".las", ".laz")
 USER, RECORD = "sfr_loc_map", 1
 """The variable length record with what the cloud says of itself, a comment a line."""
-FINEST_M = 1e-6
-"""Unit of the coordinates."""
+FINEST_M = 1e-6  # unit of the coordinates
 EXTRA = ("sigma", "grey", "u", "v", "pair")
 """Extra dimensions; `grey` is the intensity, which the format has in whole numbers only."""
 HEADER_BYTES = {2: 227, 3: 235, 4: 375}

@@ -47,7 +47,6 @@ KATWIJK_FOLDER = "LocCam"
 KATWIJK_CALIBRATION, ORIGINAL = "LocCam_calibstruct.mat", "LocCam_calibration.mat"
 VARIABLE = "stereoParams"
 KATWIJK_NAME = re.compile(r"LocCam_(\d{4})_(\d{2})_(\d{2})_(\d{2})_(\d{2})_(\d{2})_(\d{3})_0\.png")
-NS_PER_MS = 1_000_000
 MAX_MAT_BYTES, MAX_UNPACKED_BYTES = 16 * MB, 32 * MB
 MAT_HEADER_BYTES = 128
 MAT_COMPRESSED = 15
@@ -171,7 +170,7 @@ def open_katwijk(path: Path) -> Source:
                 raise ValueError("its name has another form")
             *parts, milliseconds = (int(part) for part in match.groups())
             seconds = int(datetime(*parts, tzinfo=UTC).timestamp())  # type: ignore[misc, arg-type]
-        stamp = (seconds * 1000 + milliseconds) * NS_PER_MS
+        stamp = (seconds * 1000 + milliseconds) * 1_000_000
         entries.append(ImagePair(stamp, image, image.with_name(f"{image.name.removesuffix('_0.png')}_1.png")))
     if not entries:
         raise InputError(f"'{path / KATWIJK_FOLDER}' has no left image LocCam_*_0.png")
