@@ -73,17 +73,14 @@ def test_a_map_scored_in_memory_has_the_figures_of_the_command(
 
 def test_two_trajectories_are_scored(estimate: suite.Trajectory, folder: Path, tmp_path: Path) -> None:
     truth = suite.open(folder).truth
-    assert truth is not None
     scored = suite.score(estimate, truth, ["frames=2"], spacing=1)
     assert scored.verdict == "no verdict"
     moved = suite.score(replace(truth, positions=truth.positions + 1.0), truth, ["frames=2"], spacing=1).trajectory
-    assert moved is not None
     assert moved.first.position_m.mean_plus_3sigma == pytest.approx(0.0, abs=1e-12)
     estimate.to_kitti(tmp_path / "poses.kitti")
     (tmp_path / "poses.times.txt").unlink()  # poses without stamps get those of poses in memory
     for pair in ((tmp_path / "poses.kitti", estimate), (estimate, tmp_path / "poses.kitti"), (estimate, truth)):
         found = suite.score(*pair, "frames=2").trajectory  # one condition may be a text
-        assert found is not None
         assert found.matched == len(estimate) == 6
 
 
@@ -94,7 +91,6 @@ def test_poses_come_as_they_are_estimated(estimate: suite.Trajectory, folder: Pa
     rest = list(live)
     assert np.array_equal(suite.Trajectory.from_estimates([first, *rest]).positions, estimate.positions)
     source = suite.open(folder)
-    assert source.loc is not None
     by_hand = suite.Localiser(source.loc.rig, start=estimate.pose(0))
     assert [by_hand.process(pair).state for pair in source.loc.pairs()] == [item.state for item in (first, *rest)]
 

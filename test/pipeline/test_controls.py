@@ -55,23 +55,17 @@ def test_what_keys_do() -> None:
         ("right", "steps", 1),
         ("s", "steps", 2),
         (" ", "paused", False),
-        (" ", "steps", 0),
         ("left", "seek_s", 2.0),
         ("f", "seek_s", 12.0),
         ("up", "rate", 1.1),
         ("down", "rate", 1.0),
         ("l", "loop", True),
         ("?", "stopped", False),
-        ("q", "interrupted", True),
     ):
         controls.key(key)
         assert getattr(controls, name) == pytest.approx(expected), key
-
-
-def test_nothing_is_sought_after_the_last_pair_nor_before_the_first() -> None:
-    controls = Controls(position_s=9.0, end_s=12.0)
-    controls.key("f")
-    assert controls.seek_s is None
-    controls.position_s = 3.0
-    controls.key("left")
-    assert (controls.next_start_s(), controls.next_start_s()) == (0.0, None)
+    controls.position_s = 9.0
+    controls.key("f")  # beyond the last pair: no effect
+    assert controls.next_start_s() == 12.0
+    controls.key("q")
+    assert (controls.interrupted, controls.next_start_s()) == (True, None)

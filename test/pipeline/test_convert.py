@@ -75,9 +75,7 @@ def test_options_of_the_command_and_trajectories(tmp_path: Path, world: World, s
     assert sfr("convert", folder, bag, *options).code == 0
     assert "/loc/left/image_rect/compressed" in Bag(bag).topics
     nav = open_source(bag).nav
-    assert nav is not None
     truth = next(nav.pairs()).truth
-    assert truth is not None
     assert not np.mod(truth[1:], 2.0**-10).any()
     wrong = sfr("convert", bag, tmp_path / "y", "--remap", "a:=b")
     assert (wrong.code, "no topic 'a'" in wrong.err) == (2, True)
@@ -106,7 +104,6 @@ def exported(world: World, folder: Path, layout: Layout) -> LocSequence:
     convert(open_source(write_folder(folder / "a", world)), folder / "b", ConvertOptions(layout=layout))
     source = open_source(folder / "b")
     assert (source.format, source.nav) == (layout.value, None)
-    assert source.loc is not None
     assert_same_pairs(source.loc.pairs(), world.pairs)
     assert source.loc.rig.same_cameras(world.loc_rig)
     return source.loc
@@ -120,10 +117,7 @@ def test_other_layouts_keep_images_stamps_rig_and_the_motion_of_the_rig(
     world = make_world(seed=seed)
     loc, T_rb_sb = exported(world, tmp_path, layout), world.loc_rig.T_rb_sb
     truth = loc.ground_truth
-    assert T_rb_sb is not None
-    assert truth is not None
     if layout is Layout.EUROC:
-        assert loc.rig.T_rb_sb is not None
         np.testing.assert_allclose(loc.rig.T_rb_sb.matrix, T_rb_sb.matrix, atol=1e-14)
         assert_same_trajectory(truth, world.truth)
         return

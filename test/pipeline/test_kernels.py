@@ -32,7 +32,7 @@ def part(monkeypatch: pytest.MonkeyPatch) -> Part:
 def run_python(*words: str, **environment: str) -> str:
     command = [sys.executable, *words]
     run = subprocess.run(command, env=child_environment() | environment, capture_output=True, text=True, check=False)
-    assert (run.returncode, run.stderr) == (0, "")
+    assert run.returncode == 0, run.stderr
     return run.stdout.strip()
 
 

@@ -155,7 +155,6 @@ def test_a_lost_pose_or_one_without_covariance_is_neither_kept_nor_started_from(
         with pytest.raises(LocalisationError, match="restarts at its last pose"):
             session.accept(replace(estimate(4 * S, at(2.0)), covariance=covariance))
     kept = file_in(tmp_path).load(5 * S, RIG_ON_ROVER)
-    assert kept is not None
     assert kept.stamp_ns == 3 * S
     assert start_of(session, 5 * S)[::2] == (1.5, 3 * S)
     assert session.tracked_ns is None
@@ -204,7 +203,6 @@ def test_a_pose_comes_back_to_the_last_digit_while_it_is_young(tmp_path: Path) -
     assert file.load(S, RIG_ON_ROVER) is None
     file.save(StartPose(pose, COVARIANCE, S), RIG_ON_ROVER)
     found = file.load(S + 1, RIG_ON_ROVER)
-    assert found is not None
     assert found.stamp_ns == S
     assert np.array_equal(found.T_ds_rb.translation, pose.translation)
     assert np.allclose(found.T_ds_rb.rotation, pose.rotation, rtol=0, atol=1e-15)

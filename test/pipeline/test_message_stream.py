@@ -64,28 +64,20 @@ def message(topic: str, stamp_ns: int) -> Message:
     return Message(topic, "", stamp_ns, b"")
 
 
-def test_messages_are_due_by_their_stamps_each_task_from_its_own_first() -> None:
-    now = [100.0]
-    pacer = Pacer(Controls(rate=2.0), lambda: now[0])
-    assert pacer.wait_s(message("loc/left/image_rect", 5_000_000_000)) == 0
-    assert pacer.wait_s(message("loc/left/image_rect", 6_000_000_000)) == pytest.approx(0.5)
+def test_messages_are_due_by_their_stamps_each_task_from_its_own_first_and_anew_after_a_pause() -> None:
+    now, controls = [100.0], Controls(rate=2.0)
+    pacer = Pacer(controls, lambda: now[0])
+
+    def wait_s(stamp_s: int, task: str = "loc") -> float:
+        return pacer.wait_s(message(f"{task}/left/image_rect", stamp_s * 10**9))
+
+    assert (wait_s(5), wait_s(6)) == (0, pytest.approx(0.5))
     now[0] += 0.4
-    assert pacer.wait_s(message("loc/left/image_rect", 6_000_000_000)) == pytest.approx(0.1)
-    assert pacer.wait_s(message("nav/left/image_rect", 99)) == 0
-
-
-def test_after_a_pause_a_step_or_another_rate_the_next_message_is_due_at_once() -> None:
-    controls = Controls(rate=1.0)
-    pacer = Pacer(controls, lambda: 100.0)
-
-    def wait_s(stamp_s: int) -> float:
-        return pacer.wait_s(message("loc/x", stamp_s * 10**9))
-
-    wait_s(0)
+    assert (wait_s(6), wait_s(99, "nav")) == (pytest.approx(0.1), 0)
     controls.pause()
     wait_s(10)
     controls.resume()
-    assert (wait_s(10), wait_s(20)) == (0, 10)
+    assert (wait_s(10), wait_s(20)) == (0, 5)
     controls.rate = 10.0
     assert (wait_s(20), wait_s(30)) == (0, 1)
     controls.step()

@@ -74,7 +74,6 @@ def test_the_true_start_pose_is_that_of_its_stamp(
 @pytest.mark.parametrize("ending", [".avi", ".mp4"])
 def test_a_film_has_one_image_for_each_pair_and_estimates_stay_the_same(tmp_path: Path, ending: str) -> None:
     sequence = open_source(write_folder(tmp_path / "drive", 4, 0)).loc
-    assert sequence is not None
     path, config, start = tmp_path / f"tracks{ending}", LocalisationConfig(), Transform.identity()
     with track_video(path, sequence.rig) as watch:
         watched = [estimate for estimate, _ in localise(sequence, config, start, watch)]

@@ -48,13 +48,10 @@ def test_each_pose_has_a_row_with_the_time_that_the_node_told_or_none(tmp_path: 
     node = ExternalRun(METHOD, NODE, (), Correction(PoseConvention.parse(("metres_per_unit=0.1",))))
     converted = ReplayResult(PUBLISHED, None, told, "", ()).converted(node, None, None, ScoreConfig())
     records, run = converted.records, converted.external
-    assert run is not None
-    assert run.convention is not None
     assert run.convention.declared == ("metres_per_unit=0.1",)
     assert run.as_published is PUBLISHED
     np.testing.assert_allclose(converted.estimate.positions, 0.1 * PUBLISHED.positions)
     assert [item.state for item in records] == ["tracking", "lost", "tracking", "tracking", "mapped"]
-    assert records[0].covariance is not None
     np.testing.assert_allclose(np.diag(records[0].covariance), [0.01, 0.02, 0.03, 4, 5, 6])
     assert records[2].covariance is None
     save_stats(tmp_path / "stats.csv", records)
@@ -69,7 +66,6 @@ def test_each_pose_has_a_row_with_the_time_that_the_node_told_or_none(tmp_path: 
 
 def mapped(path: Path) -> tuple[Source, MapRun]:
     source = open_source(path, {})
-    assert source.nav is not None
     return source, map_pairs(source.nav, MappingConfig())
 
 
@@ -79,11 +75,9 @@ def file_score(cloud: Path, source: Path) -> dict[str, Any]:
 
 def live_score(source: Source, run: MapRun, cloud: PointCloud) -> dict[str, Any]:
     """Return the map's score as the monitor makes it of what is published."""
-    assert source.nav is not None
     monitor = MonitorScore(ScoreConfig(), None)
     monitor.map_inputs.rig = source.nav.rig
     for item in source.nav.pairs():
-        assert item.truth is not None
         monitor.map_inputs.add_pose(item.pair.stamp_ns, item.T_lm_navsb)
         monitor.map_inputs.add_true_points(item.pair.stamp_ns, item.truth)
     for record in run.records:
@@ -115,7 +109,6 @@ def test_live_replay_and_score_of_every_file_format_are_equal_to_the_last_digit(
 def test_a_cloud_is_judged_by_the_truth_of_its_own_pairs(tmp_path: Path) -> None:
     """Of four pairs the first two were refused: the cloud's pairs 0 and 1 are the source's 2 and 3."""
     source = open_source(write_folder(tmp_path / "source", 0, 4), {})
-    assert source.nav is not None
     mapper = Mapper(source.nav.rig, MappingConfig())
     last = list(source.nav.pairs())[2:]
     cloud = mapper.fuse([mapper.process(item.pair, item.T_lm_navsb, k) for k, item in enumerate(last)]).cloud

@@ -80,9 +80,7 @@ def test_calls_keep_each_step_to_the_last_bit_also_beside_those_of_a_mapper(tmp_
     calls += [CallRecord(PERIOD_NS, 0.1, "degraded", None, None, covariance=eye, step=step)]
     save_stats(path, [*calls, *(CallRecord(PERIOD_NS, 0.1, state, None, None) for state in MappingState)])
     found = load_call_stats(path).estimates(straight(3))
-    assert found.steps is not None
     np.testing.assert_array_equal(found.steps, [np.full(27, np.nan), step, np.full(27, np.nan)])
-    assert found.covariance is not None
     assert np.isfinite(found.covariance).all(axis=1).tolist() == [True, True, False]
     assert found.degraded.tolist() == [True, True, False]
 
@@ -178,7 +176,6 @@ def test_a_bag_has_the_states_and_steps_of_its_node(tmp_path: Path) -> None:
     )
     found = load_estimates(bag)
     assert found.degraded.tolist() == [False, False, True]
-    assert found.steps is not None
     np.testing.assert_array_equal(found.steps, [np.full(27, np.nan)] * 2 + [step])
     silent = load_estimates(recorded(tmp_path / "silent"))
     assert (silent.degraded.any(), silent.steps) == (False, None)
