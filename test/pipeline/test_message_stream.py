@@ -64,7 +64,7 @@ def message(topic: str, stamp_ns: int) -> Message:
     return Message(topic, "", stamp_ns, b"")
 
 
-def test_messages_are_due_by_their_stamps_each_task_from_its_own_first_and_anew_after_a_pause() -> None:
+def test_messages_are_due_by_their_stamps_each_task_from_its_own_first_and_from_a_pause() -> None:
     now, controls = [100.0], Controls(rate=2.0)
     pacer = Pacer(controls, lambda: now[0])
 
