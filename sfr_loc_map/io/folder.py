@@ -116,10 +116,13 @@ def open_folder(path: Path) -> Source:
         if truth_file.exists():
             loaded = read_trajectory_file(truth_file)
             truth = loaded.trajectory
-            back = np.flatnonzero(np.diff(truth.stamps_ns) < 0)
-            if loaded.format is not TrajectoryFormat.CSV or len(back):
-                problem = f"line {back[0] + 3} goes back in time" if len(back) else f"line 1 is not '{CSV_HEADER}'"
-                raise InputError(f"'{truth_file}': {problem}: stamps must be in order")
+            if loaded.format is not TrajectoryFormat.CSV:
+                raise InputError(
+                    f"'{truth_file}' line 1 is not '{CSV_HEADER}': the truth of a data set folder needs it"
+                )
+            if len(back := np.flatnonzero(np.diff(truth.stamps_ns) < 0)):
+                before, after = truth.stamps_ns[back[0] : back[0] + 2].tolist()
+                raise InputError(f"'{truth_file}': stamp {after} goes back behind {before}: stamps must be in order")
         loc = ImageFileSequence(rig, whole, truth)
     return Source(path, "sfr", loc, nav, left_out)
 

@@ -2,7 +2,7 @@
 
 Sub-trajectories of the same condition with the same first and last stamp are paired, so that what makes a stretch hard
 for both does not blur the difference. For the interval on the difference both series are resampled in the very same
-blocks (circular block bootstrap, as for the interval of one figure, see `metrics.confidence`), which keeps the pairing.
+blocks (circular block bootstrap, as for the interval of one figure, see `metrics.statistics`), which keeps the pairing.
 """
 
 from __future__ import annotations

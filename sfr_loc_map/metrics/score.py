@@ -68,7 +68,7 @@ class Statistic(Record):
 class IntervalStatistic(Statistic):
     """Mean and scatter of one error over sub-trajectories, with the interval of their sum."""
 
-    #: 95 % interval of mean + 3 sigma by circular block bootstrap; see `metrics.confidence`.
+    #: 95 % interval of mean + 3 sigma by circular block bootstrap; see `metrics.statistics`.
     mean_plus_3sigma_ci95: Interval | None
 
 
