@@ -13,7 +13,7 @@ import node_faults
 import rclpy
 from long_runs import MemoryTrend, feed_monitor
 from node_faults import Row
-from node_harness import Harness
+from node_harness import LOCALISATION, MONITOR, Harness
 
 from sfr_loc_map.nodes.monitor_node import MonitorNode
 
@@ -23,7 +23,7 @@ from sfr_loc_map.nodes.monitor_node import MonitorNode
 def test_some_faults_over_dds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(node_faults, "RESTART_LIMIT_S", 60.0)
     row = Row("some", "")
-    with Harness(tmp_path, patience_s=60.0) as harness:
+    with Harness(tmp_path, nodes=(LOCALISATION, MONITOR), patience_s=60.0) as harness:
         harness.wait_ready()
         for name in ("kill-localisation", "images-localisation", "messages-monitor"):
             node_faults.FAULTS[name](harness, row)

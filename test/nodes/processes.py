@@ -8,8 +8,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
+
+import psutil
 
 PATIENCE_S = 60.0
 ASK_AGAIN_S = 3.0
@@ -73,14 +76,10 @@ def node_process(folder: Path, name: str, *arguments: str) -> Process:
 def nodes_of(pid: int) -> list[int]:
     """Return the processes of our nodes that a process has started."""
     found = []
-    for path in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            parent = int(path.read_text().rpartition(")")[2].split()[1])
-            words = (path.parent / "cmdline").read_bytes()
-        except (FileNotFoundError, ProcessLookupError):
-            continue
-        if parent == pid and b"sfr_loc_map.nodes." in words:
-            found.append(int(path.parent.name))
+    for child in psutil.Process(pid).children():
+        with suppress(psutil.NoSuchProcess):
+            if any("sfr_loc_map.nodes." in word for word in child.cmdline()):
+                found.append(child.pid)
     return found
 
 
@@ -90,15 +89,15 @@ def handles_signals(pid: int) -> bool:
     return bool(int(line.split()[1], 16) >> (signal.SIGTERM - 1) & 1)
 
 
-def has_started_ros(pid: int) -> bool:
-    """Tell whether ROS has started in a process: it has its segment of Fast DDS, and the handlers of signals."""
-    return bool(segments_of([pid]))
-
-
 def segments_of(pids: list[int]) -> set[Path]:
     """Return the segments of Fast DDS that processes have mapped (its small port files may serve others too)."""
     lines = [line for pid in pids for line in Path(f"/proc/{pid}/maps").read_text().splitlines()]
     return {Path(line.split()[-1]) for line in lines if "/dev/shm/fastrtps_" in line and "_port" not in line}
+
+
+def has_started_ros(pid: int) -> bool:
+    """Tell whether ROS has started in a process: it has its segment of Fast DDS, and the handlers of signals."""
+    return bool(segments_of([pid]))
 
 
 class Peer:
@@ -123,9 +122,10 @@ class Peer:
     def listen(self, kind: type[Any], topic: str, *, latched: bool = False) -> list[Any]:
         from rclpy.qos import DurabilityPolicy, QoSProfile
 
-        durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
-        taken: list[Any] = []
-        self.node.create_subscription(kind, topic, taken.append, QoSProfile(depth=100, durability=durability))
+        qos, taken = QoSProfile(depth=100), list[Any]()
+        if latched:
+            qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
+        self.node.create_subscription(kind, topic, taken.append, qos)
         return taken
 
     def publish(self, kind: type[Any], topic: str, message: Any, *, arrival: bool = False) -> None:

@@ -1,7 +1,5 @@
 """The package builds in a colcon workspace, copied and linked, and runs from there as by `ros2 run`."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess
@@ -15,7 +13,7 @@ pytest.importorskip("colcon_core", reason="colcon is not installed: pip install 
 ROOT = Path(__file__).parents[2]
 PACKAGE = "sfr_loc_map"
 PARTS = ("sfr_loc_map", "config", "launch_scripts", "scripts", "resource", "setup.py", "setup.cfg", "package.xml")
-LEFT_OUT = shutil.ignore_patterns("__pycache__", "*.egg-info")
+PARTS += ("README.md", "pyproject.toml", "LICENSE")
 WAYS = {"copied": [], "linked": ["--symlink-install"]}
 
 
@@ -25,28 +23,19 @@ def workspaces(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("workspace")
     package = folder / "src" / PACKAGE
     package.mkdir(parents=True)
-    for name in (*PARTS, "README.md", "pyproject.toml", "LICENSE", "MANIFEST.in"):
-        source = ROOT / name
-        if source.is_dir():
-            shutil.copytree(source, package / name, ignore=LEFT_OUT)
-        elif source.exists():
-            shutil.copy(source, package / name)
+    for name in PARTS:
+        if (ROOT / name).is_dir():
+            shutil.copytree(ROOT / name, package / name, ignore=shutil.ignore_patterns("__pycache__"))
         else:
-            assert name not in PARTS, name
-    command = [sys.executable, "-m", "colcon", "--log-base"]
+            shutil.copy(ROOT / name, package / name)
     builds = {}
     for way, options in WAYS.items():
         bases = ["--base-paths", "src", "--build-base", f"build_{way}", "--install-base", f"install_{way}"]
-        builds[way] = subprocess.Popen(
-            [*command, f"log_{way}", "build", "--event-handlers", "console_direct+", *bases, *options],
-            cwd=folder,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
+        words = ["--log-base", f"log_{way}", "build", "--event-handlers", "console_direct+", *bases, *options]
+        with (folder / f"{way}.log").open("w") as log:
+            builds[way] = subprocess.Popen([sys.executable, "-m", "colcon", *words], cwd=folder, stdout=log, stderr=log)
     for way, build in builds.items():
-        text, _ = build.communicate(timeout=200)
-        assert build.returncode == 0, f"{way}: {text}"
+        assert build.wait(200) == 0, (folder / f"{way}.log").read_text()
     return {way: folder / f"install_{way}" for way in WAYS}
 
 

@@ -29,31 +29,13 @@ STEP = np.random.default_rng(0).normal(size=27) / 3.0
 
 class Node:
     def __init__(self, **settings: float) -> None:
-        self.now = 100.0
-        self.health = Health(HealthConfig(**settings), lambda: self.now)
-        self.counts = {"dropped_stale": 0}
+        self.health = Health(HealthConfig(**settings))
 
     def judge(self) -> HealthStatus:
-        return self.health.judge(NodeActivity("active", self.counts, 0, True))
+        return self.health.judge(NodeActivity("active", {}, 0, True))
 
     def call(self, **statistics: float) -> None:
-        self.health.note_arrival()
         self.health.note_call(Level.OK, "tracking", {}, statistics)
-
-
-def test_drops_and_problems_show_for_the_window() -> None:
-    node = Node(window_s=3.0)
-    node.call()
-    node.counts["dropped_stale"] = 1
-    assert (node.judge().level, node.judge().message) == (Level.WARN, "dropped_stale")
-    node.health.note_problem(Level.ERROR, "no camera_info")
-    assert (node.judge().level, node.judge().message) == (Level.ERROR, "no camera_info; dropped_stale")
-    node.now += 3.1
-    assert node.judge().level is Level.OK
-    for share in (25, 40):
-        node.health.note_problem(Level.WARN, f"{share}% are lost", "transport")
-    assert node.judge().message == "40% are lost"
-    assert "more than 1 MB" in Node(memory_warn_mb=1).judge().message
 
 
 def test_many_problems_are_counted_not_listed_and_are_one_change() -> None:
