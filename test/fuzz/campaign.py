@@ -19,6 +19,7 @@ from dataclasses import replace
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
+from threading import Lock
 
 import psutil
 from execution import Outcome, Target, make_input, refused_valid_inputs, run_input
@@ -126,7 +127,7 @@ class Campaign:
         self.failures: dict[Path, Outcome] = {}
         self.growth_bytes, self.seconds = 0, 0.0
         self._world, self._out, self._seed, self._place = world, out, seed, place
-        self._targets = targets_of(place)
+        self._targets, self._lock = targets_of(place), Lock()
         out.mkdir(parents=True, exist_ok=True)
 
     def run(
@@ -147,9 +148,10 @@ class Campaign:
                 name, index = names[turn % len(names)], turn // len(names)
                 content = make_input(self._targets[name], self._world, self._seed, index)
                 outcome = worker.run(name, content, cpu_s)
-                self.outcomes[name, outcome.kind] += 1
-                self.growth_bytes = max(self.growth_bytes, outcome.growth_bytes)
-                self.seconds = max(self.seconds, outcome.seconds)
+                with self._lock:
+                    self.outcomes[name, outcome.kind] += 1
+                    self.growth_bytes = max(self.growth_bytes, outcome.growth_bytes)
+                    self.seconds = max(self.seconds, outcome.seconds)
                 if not outcome.good:
                     self._keep(name, index, outcome, content)
             if worker is not None:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.io.text_table import check_order, parse_seconds, parse_stamp_ns, parse_table, seconds_text
+from sfr_loc_map.io.text_table import parse_seconds, parse_stamp_ns, parse_table, seconds_text
 
 finite = st.floats(-1e308, 1e308)  # which no form rounds to infinity
 forms = st.sampled_from(("{!r}", "{:.9f}", "{:.17e}", "{:.3g}", "{:.0f}"))
@@ -67,10 +67,3 @@ def test_columns_are_chosen_and_more_may_follow() -> None:
     table = parse_table(b"a,3,x,7\nb,4,y,8,9\n", "x", "form", (3, 1), stamp=parse_stamp_ns, separator=",", more=True)
     assert (table.stamps_ns.tolist(), table.values.tolist()) == ([7, 8], [[3.0], [4.0]])
     assert not len(parse_table(b"# nothing\n", "x", "form", (0, 1)).lines)
-
-
-def test_stamps_are_in_order() -> None:
-    check_order([1, 1, 2], "x", strict=False)
-    for stamps, strict, words in (([1, 1, 2], True, r"\(entry 2\)"), ([1, 2, 1], False, r"\(entry 3\) goes back")):
-        with pytest.raises(InputError, match=f"stamp 1 {words}"):
-            check_order(stamps, "x", strict=strict)
