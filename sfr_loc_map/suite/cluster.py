@@ -48,8 +48,8 @@ class FailureCause(StrEnum):
 class JobOutcome:
     """What came of a job."""
 
-    result: str | None  #: The score as JSON; None if it failed.
-    seconds: float | None = None  #: How long it took, None where this is not known.
+    result: str | None = None  #: The score as JSON; None if it failed.
+    seconds: float = 0.0  #: How long it took, if it did not fail.
     cause: FailureCause | None = None  #: Why it failed.
     message: str = ""  #: The error, or the limit.
     tries: int = 1  #: How often it was tried.
@@ -156,7 +156,7 @@ def run_jobs(client: Client, jobs: Sequence[Job], timeout_s: float, cache: Path)
                 yield job, _cause_of_death(client, worker, tries[job.key])
             elif error is not None:
                 message = " ".join(f"{type(error).__name__}: {error}".split())[:MESSAGE_LENGTH]
-                yield job, JobOutcome(result=None, cause=FailureCause.FAULT, message=message, tries=TRIES)
+                yield job, JobOutcome(cause=FailureCause.FAULT, message=message, tries=TRIES)
             elif future.status == "finished":
                 outcome: JobOutcome = future.result()
                 yield job, replace(outcome, tries=tries[job.key] + outcome.tries)
@@ -188,7 +188,7 @@ def _cause_of_death(client: Client, address: str, tries: int) -> JobOutcome:
     for _, event in client.get_events(OVER_TIME):
         if event["worker"] == address:
             cause, message = FailureCause.TIME, f"not done after {event['seconds']:g} s"
-    return JobOutcome(result=None, cause=cause, message=message, tries=tries)
+    return JobOutcome(cause=cause, message=message, tries=tries)
 
 
 def run_on_worker(job: Job, timeout_s: float, cache: str) -> JobOutcome:
@@ -218,7 +218,7 @@ def run_on_worker(job: Job, timeout_s: float, cache: str) -> JobOutcome:
             text = to_json(run_job(job, Path(scratch), place))
     except SfrError as error:
         message = " ".join(str(error).split())[:MESSAGE_LENGTH]
-        return JobOutcome(result=None, seconds=time.monotonic() - begin, cause=FailureCause.BAD_INPUT, message=message)
+        return JobOutcome(cause=FailureCause.BAD_INPUT, message=message)
     finally:
         timer.cancel()
     return JobOutcome(result=text, seconds=time.monotonic() - begin)

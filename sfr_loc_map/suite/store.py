@@ -20,7 +20,8 @@ from typing import Any
 
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.io.atomic import atomic_path
-from sfr_loc_map.metrics.score_json import RecordError, from_plain, json_line, to_plain
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score_json import RecordError, from_dict, from_plain, json_line, to_plain
 from sfr_loc_map.suite.cluster import FailureCause, JobOutcome
 from sfr_loc_map.suite.job import SHORT_KEY, Job
 from sfr_loc_map.suite.plan import SourceFacts, inspect_source
@@ -117,24 +118,13 @@ class Store:
         """Tell whether there is a failure."""
         return (self.failures / f"{key}.json").is_file()
 
-    def result_text(self, key: str) -> str:
-        """Return the score of a job as JSON.
-
-        Raises:
-            InputError: If it cannot be read.
-        """
+    def score(self, key: str) -> Score:
+        """Return the score of a job; raise InputError if its file cannot be read."""
         path = self.results / f"{key}.json"
-        try:
-            return path.read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise InputError(f"cannot read the result '{path}': {error}; delete it and run the suite again") from error
+        return from_dict(_read(path), f"'{path}'")
 
     def failure(self, key: str) -> JobFailure:
-        """Return why a job failed.
-
-        Raises:
-            InputError: If its file cannot be read.
-        """
+        """Return why a job failed; raise InputError if its file cannot be read."""
         path = self.failures / f"{key}.json"
         try:
             failure = from_plain(JobFailure, _read(path))

@@ -19,7 +19,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.config import Condition, VerdictState
 from sfr_loc_map.metrics.limits import COVERAGE_MIN, Limit, LimitPart, Limits, figure_of, parse_limits, verdicts
 from sfr_loc_map.metrics.score import ConditionScore, Interval, IntervalStatistic, Score, Statistic, Verdict
-from sfr_loc_map.metrics.score_json import from_json, to_plain
+from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.metrics.statistics import student_quantile
 from sfr_loc_map.suite.job import Job
 from sfr_loc_map.suite.plan import Refusal
@@ -162,7 +162,7 @@ def summarise(store: Store, refusals: Sequence[Refusal] = ()) -> Summary:
     drives = []
     for job, state, seconds in entries:
         if state == "done":
-            score = from_json(store.result_text(job.key), f"'{store.results / job.key}.json'")
+            score = store.score(job.key)
             judged = () if limits is None else tuple(item for item in verdicts(limits, score) if _applies(item, score))
             drives.append(ScoredJob(job, seconds, replace(score, verdicts=judged)))
     return Summary(

@@ -64,14 +64,12 @@ def test_missed_limits_come_first_the_worst_before_the_others() -> None:
     assert item == LookFirst("map coverage over 5 m", "It misses its limit: 40 % against 80 %.", "table-map")
 
 
-def test_lost_frames_are_named_and_the_list_is_short() -> None:
+def test_lost_frames_are_named_the_list_is_short_and_the_page_begins_with_it() -> None:
     texts = [f"{item.what}: {item.why}" for item in look_first(replace(whole_score(), verdicts=()))]
     assert texts[0] == "lost frames: 3 of 300 frames (1 %) are lost, and count in every figure like the others."
     assert re.search(r"at frames \d+ to \d+\.$", texts[-1])
     assert len(look_first(replace(whole_score(), verdicts=(verdict(1.0, 0.1, FAIL),) * 9))) == MOST
 
-
-def test_the_page_begins_with_them_and_each_leads_to_a_place_of_the_page() -> None:
     page = render_page(named(), figures=False)
     assert "<h1>crater: localisation and mapping report</h1>" in page
     assert page.index('id="run"') < page.index('id="look-first"') < page.index('id="table-verdicts"')

@@ -75,8 +75,6 @@ def test_an_error_beyond_five_times_the_stated_3_sigma_is_silent_where_it_is_cal
     said = stated_errors(estimates, truth)
     assert (said.tracking, said.lost, said.beyond_share, said.honesty) == (3, 1, 0.0, Honesty.SAID)
 
-
-def test_attitude_is_judged_as_well() -> None:
     estimates, truth = drive([0.0, 0.0])
     turned = Transform(matrix_from_rotvec(np.array([0.0, 0.0, 16 * SIGMA_M])), estimates[1].T_ds_rb.translation)
     stated = stated_errors([estimates[0], replace(estimates[1], T_ds_rb=turned)], truth)

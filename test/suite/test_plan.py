@@ -44,11 +44,15 @@ def test_every_combination_once(tmp_path: Path) -> None:
     assert {job.source.name for job in localise} == {"drive1", "drive2", "both"}
 
 
-def test_a_source_that_cannot_be_read_is_named_and_left_out(tmp_path: Path) -> None:
-    (tmp_path / "drive1").write_text("1")
-    (tmp_path / "broken").write_text("1")
-    jobs, refusals = plan_of(tmp_path, sources=["drive1", "broken"])
-    assert len(jobs) == 1
+def test_a_source_that_cannot_be_read_is_named_and_left_out_and_places_are_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("drive1", "broken", "estimate", "truth"):
+        (tmp_path / name).write_text(name)
+    jobs, refusals = plan_of(Path(), sources=["drive1", "broken", {"estimate": "estimate", "truth": "truth"}])
+    places = [place for job in jobs for place in (job.source.path, job.source.truth) if place]
+    assert places == [str(tmp_path / name) for name in ("drive1", "estimate", "truth")]
     assert [refusal.path for refusal in refusals] == [str(tmp_path / "broken")]
 
 
@@ -82,17 +86,6 @@ def test_the_key_follows_from_what_the_result_depends_on(tmp_path: Path) -> None
     assert [other.pairing == job.pairing for other in others] == [True, True, False]
     (tmp_path / "drive1").write_text("other content")
     assert plan_of(tmp_path, sources=["drive1"])[0][0].key != job.key
-
-
-def test_places_are_whole_however_the_file_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A job has a current directory of its own."""
-    monkeypatch.chdir(tmp_path)
-    for name in ("drive1", "estimate", "truth"):
-        (tmp_path / name).write_text(name)
-    jobs, _refusals = plan_of(Path(), sources=["drive1", {"estimate": "estimate", "truth": "truth"}])
-    places = [place for job in jobs for place in (job.source.path, job.source.truth) if place]
-    assert len(places) == 3
-    assert all(Path(place).is_absolute() for place in places)
 
 
 def test_sources_elsewhere_are_known_by_their_version_or_their_content(tmp_path: Path) -> None:

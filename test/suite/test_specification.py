@@ -15,7 +15,11 @@ from sfr_loc_map.suite.specification import load_specification
 GOOD = {
     "sources": ["a.mcap", {"simulate": "s.yaml", "seeds": [1, 2]}, {"estimate": "e.csv", "truth": "t.csv"}],
     "perturb": ["black:share=0.1", "blurred+noisy"],
-    "configurations": {"default": {}, "few": {"localisation": {"max_features": 400}}},
+    "configurations": {
+        "default": {},
+        "few": {"localisation": {"max_features": 400}},
+        "mine": {"localisation": {"method": "mine.py:Mine", "method_config": "mine.txt"}},
+    },
     "tasks": ["localise"],
     "conditions": ["distance=5", "time=60"],
     "limits": {"trajectory": [{"condition": "frames=10", "position_mean_m": 0.1}]},
@@ -26,7 +30,8 @@ GOOD = {
 
 def written(folder: Path, content: object) -> Path:
     (folder / "a.mcap").touch()
-    (folder / "s.yaml").write_text("drive: {pairs: 7}")
+    for name, text in (("s.yaml", "drive: {pairs: 7}"), ("mine.py", "class Mine: pass"), ("mine.txt", "fast")):
+        (folder / name).write_text(text)
     path = folder / "suite.yaml"
     path.write_text(yaml.safe_dump(content))
     return path
@@ -37,22 +42,15 @@ def test_every_key_means_something(tmp_path: Path) -> None:
     assert [source.name for source in made.sources] == ["a.mcap", "s-1", "s-2", "e.csv"]
     assert all(Path(source.path).is_absolute() for source in made.sources)
     assert made.perturb == ("", "black:share=0.1", "blurred+noisy")
-    assert made.configurations == {"default": {}, "few": {"localisation.max_features": 400}}
-    assert made.tasks == (JobKind.LOCALISE,)
-    assert made.scoring.conditions == ("distance=5.0", "time=60.0", "frames=10.0")
-    assert (made.settings.timing, made.settings.memory_mb, made.settings.repeats) == (True, 500, 1)
-
-
-def test_a_configuration_names_a_method(tmp_path: Path) -> None:
-    (tmp_path / "mine.py").write_text("class Mine: pass")
-    (tmp_path / "mine.txt").write_text("fast")
-    part = {"method": "mine.py:Mine", "method_config": "mine.txt"}
-    made = load_specification(written(tmp_path, GOOD | {"configurations": {"mine": {"localisation": part}}}))
-    assert made.configurations["mine"] == {
+    mine = {
         "localisation.method": f"{tmp_path}/mine.py:Mine",
         "localisation.method_config": "fast",
         "localisation.method_sha256": hashlib.sha256(b"class Mine: pass").hexdigest(),
     }
+    assert made.configurations == {"default": {}, "few": {"localisation.max_features": 400}, "mine": mine}
+    assert made.tasks == (JobKind.LOCALISE,)
+    assert made.scoring.conditions == ("distance=5.0", "time=60.0", "frames=10.0")
+    assert (made.settings.timing, made.settings.memory_mb, made.settings.repeats) == (True, 500, 1)
 
 
 @pytest.mark.parametrize(
