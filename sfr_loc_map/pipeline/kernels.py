@@ -73,16 +73,9 @@ def load_kernels(
 ) -> None:
     """Load all kernels of a part, so that no later call pays for it.
 
-    SIGINT and SIGTERM, where Python handles them, take effect when that is done.
-
-    Args:
-        part: One of `PARTS`.
-        say: Called with each line of progress where kernels are compiled.
-        is_wanted: Becomes false where the program is to end and no exception says so, as in a ROS node. Where it is
-            given, the handlers of signals are left as they are.
-
-    Raises:
-        KeyboardInterrupt: If kernels had to be compiled, and are wanted no more.
+    SIGINT and SIGTERM, where Python handles them, take effect when that is done. Kernels that had to be compiled and
+    are wanted no more end in KeyboardInterrupt: `is_wanted` says so where no exception does, as in a ROS node, and the
+    handlers of signals are then left as they are.
     """
 
     def refuse() -> None:

@@ -50,9 +50,7 @@ class Phase(StrEnum):
 class LocalisationSession:
     """Owns the localiser of a node; to be used by one thread.
 
-    Attributes:
-        phase: What the next pair leads to.
-        tracked_ns: Stamp of the last pair that the present localiser tracked, None before.
+    `tracked_ns` is the stamp of the last pair that the present localiser tracked, None before.
     """
 
     def __init__(

@@ -122,18 +122,12 @@ class MessageTimes:
 
 
 def latencies(times: Sequence[MessageTimes], stamp_ns: int, published_ns: int, node_time_ns: int) -> dict[str, float]:
-    """Return the latencies of one result, seconds, as far as their clocks can be compared.
+    """Return the latencies of one result of some messages, seconds, as far as their clocks can be compared.
 
-    Args:
-        times: Of the messages that the result is made of.
-        stamp_ns: Stamp of the result: when the images were taken.
-        published_ns: System time at which the result was published.
-        node_time_ns: The same moment on the node's clock (simulated time where the node uses it).
-
-    Returns:
-        `latency_transport_s`: from the publisher's publish call to the receipt by the middleware, the slowest message;
-        `latency_receive_to_publish_s`: from the receipt of the last message to the publication of the result, with the
-        wait in queues; `latency_stamp_to_publish_s`: from the stamp to the publication.
+    `latency_transport_s`: from the publisher's publish call to the receipt by the middleware, the slowest message;
+    `latency_receive_to_publish_s`: from the receipt of the last message to the publication (system time), with the wait
+    in queues; `latency_stamp_to_publish_s`: from the stamp to the same moment on the node's clock, which may be
+    simulated.
     """
 
     def seconds(begin_ns: int, end_ns: int) -> float | None:
