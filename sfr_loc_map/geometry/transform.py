@@ -17,6 +17,7 @@ from sfr_loc_map.geometry.rotation import (
     quat_conjugate,
     quat_from_matrix,
     rotvec_from_matrix,
+    skew,
 )
 
 IDENTITY = np.eye(3)
@@ -131,16 +132,16 @@ def propagated_covariance(
     `w x d`. Covariances are in ROS order. A rotation takes components in the axes of the first one to those of the
     other, in which the displacement is.
     """
-    carried = np.zeros((6, 6))
+    carried, (x, y, z) = np.zeros((6, 6)), displacement
     carried[:3, :3] = carried[3:, 3:] = rotation
-    carried[:3, 3:] = np.cross(displacement, IDENTITY) @ rotation
+    carried[:3, 3:] = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]) @ rotation
     return np.asarray(carried @ covariance @ carried.T)
 
 
 def propagation(displacement: FloatArray) -> FloatArray:
     """Return F `(6, 6)`, which takes the error of a pose to that of a pose fixed to it, see `propagated_covariance`."""
     carried = np.eye(6)
-    carried[:3, 3:] = np.cross(displacement, IDENTITY)
+    carried[:3, 3:] = -skew(displacement)
     return carried
 
 

@@ -163,8 +163,8 @@ class Tracker:
             covariance: `(N, 3)` uu, uv, vv for a noise of one grey level, px^2.
             residual: `(N,)` RMS, grey levels; NaN where not found.
         """
-        found = residual[~np.isnan(residual)]
-        typical = float(np.median(found)) if len(found) else 1.0
+        found = np.sort(residual[~np.isnan(residual)])  # as quick as `np.median` is not
+        typical = 0.5 * (found[(len(found) - 1) // 2] + found[len(found) // 2]) if len(found) else 1.0
         level = np.maximum(residual, typical)
         variance = covariance * (1.2 * (level * level))[:, None]
         floor: FloatArray | float = PIXEL_FLOOR**2
