@@ -55,10 +55,7 @@ def reader_paths(path: Path) -> list[Path]:
 
 
 def check_database(path: Path) -> None:
-    """Compare the size of an SQLite file with what its header says (SQLite's file format, section 1.3).
-
-    Some versions of the library read a file that was cut off without a word.
-    """
+    """Compare the size of an SQLite file with its header (SQLite's file format, 1.3); some libraries do not."""
     with path.open("rb") as stream:
         header = stream.read(SQLITE_HEADER_BYTES)
     if len(header) < SQLITE_HEADER_BYTES or not header.startswith(SQLITE_MAGIC) or header[24:28] != header[92:96]:

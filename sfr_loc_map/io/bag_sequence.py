@@ -1,7 +1,6 @@
 """The drive and the mapping pairs of a bag, as sequences.
 
-A first pass reads stamps only and says which pairs are whole; a second one joins what belongs to a stamp as it comes
-by. Left and right are joined by equal stamps.
+A first pass reads stamps and says which pairs are whole; a second one joins what has equal stamps as it comes by.
 """
 
 from __future__ import annotations

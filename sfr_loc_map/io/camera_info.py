@@ -1,7 +1,6 @@
 """A rectified rig as a pair of sensor_msgs/CameraInfo and back.
 
-Messages are read by attributes only, so those of a bag reader and of a ROS client library are taken alike. The
-formula is that of sensor_msgs/CameraInfo: the right camera's `P[3] = -fx baseline`.
+Messages of a bag reader and of a ROS client library are taken alike. The right camera's `P[3] = -fx baseline`.
 """
 
 from __future__ import annotations

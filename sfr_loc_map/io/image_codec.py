@@ -1,7 +1,6 @@
 """Images as 8-bit grey arrays, from files and from messages; the true points of a pair, an image of points.
 
-The functions for messages read attributes only (`height`, `encoding`, `data`, ...), so messages of a bag reader and
-of a ROS client library are taken alike.
+Messages of a bag reader and of a ROS client library are taken alike.
 """
 
 from __future__ import annotations

@@ -68,10 +68,7 @@ def open_kitti(path: Path) -> Source:
 
 
 def _load_poses(path: Path, stamps: list[int], rig: StereoRig, offset_m: float) -> Trajectory | None:
-    """Return the poses of RB: `T_sb_left inv(T_0_first) T_0_i inv(T_sb_left)`, of the left camera used.
-
-    That camera is `offset_m` along x of camera 0.
-    """
+    """Return the poses of RB by those of camera 0, along whose x the left camera used is at `offset_m`."""
     files = [path / "poses.txt", path.parent.parent / "poses" / f"{path.resolve().name}.txt"]
     file = next((file for file in files if file.is_file()), None)
     if file is None:

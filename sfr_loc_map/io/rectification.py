@@ -124,8 +124,7 @@ class CalibratedCamera:
 def rectified_pair(name: str, left: CalibratedCamera, right: CalibratedCamera) -> tuple[StereoRig, Rectify | None]:
     """Return the rectified rig, with the pose of the bench in the body, and what rectifies images.
 
-    Cameras that are a rectified pair already need nothing (None). Others are rectified by Bouguet's method, without a
-    black rim.
+    A rectified pair needs nothing (None). Others are rectified by Bouguet's method, without a black rim.
     """
     if left.size != right.size:
         raise InputError(f"{name}: the left camera is {left.size}, the right {right.size}: both need one size")
