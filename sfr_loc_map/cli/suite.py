@@ -92,7 +92,7 @@ def run(
             from sfr_loc_map.suite.summary import summarise
 
             summary = summarise(store, refusals)
-            write_summary(summary, store.folder)
+            write_summary(summary, store)
     if interrupted:
         done = f"{summary.counts['done']} of {summary.tasks} tasks are done and reported"
         raise InterruptedRunError(f"interrupted: {done}; the same command goes on")
@@ -154,7 +154,7 @@ def report(
     check_outputs(json_path, overwrite=overwrite)
     store = _open_store(folder)
     summary = summarise(store)
-    write_summary(summary, store.folder)
+    write_summary(summary, store)
     _present(summary, store, json_path, lenient=lenient)
 
 

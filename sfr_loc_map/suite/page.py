@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -12,24 +14,37 @@ from sfr_loc_map.metrics.score_json import json_line, to_plain
 from sfr_loc_map.report.page import render_overview, render_page
 from sfr_loc_map.report.plots import COLORS, Column, Plot, axis, error_bars, error_scale, largest, marks, scaled
 from sfr_loc_map.suite.comparison import History
+from sfr_loc_map.suite.store import Store
 from sfr_loc_map.suite.summary import ScoredJob, Summary
 from sfr_loc_map.suite.tables import PAGES, history_tables, linked, suite_tables
 
 RUNS = "runs, by their number in the table"
 
 
-def write_summary(summary: Summary, folder: Path) -> None:
-    """Write `suite.json`, `report.html`, the pages of drives and, where pyarrow is installed, `results.parquet`.
+INDEX = """CREATE TABLE tasks (key TEXT PRIMARY KEY, position INTEGER, label TEXT, kind TEXT, source TEXT, path TEXT,
+    source_sha256 TEXT, faults TEXT, configuration TEXT, repeat INTEGER, pairing TEXT, state TEXT, seconds REAL)"""
+
+
+def write_summary(summary: Summary, store: Store) -> None:
+    """Write `suite.json`, `report.html`, the pages of drives, `index.sqlite` and, with pyarrow, `results.parquet`.
 
     Raises:
         OutputError: If a file cannot be written.
     """
+    folder = store.folder
     (folder / PAGES).mkdir(exist_ok=True)
     texts = {"suite.json": json_line(summary.to_dict()), "report.html": render_summary(summary)}
     texts |= {f"{PAGES}/{drive.job.key}.html": render_page(drive.score, figures=False) for drive in linked(summary)}
     for name, text in texts.items():
         with atomic_path(folder / name) as temporary:
             temporary.write_text(text, encoding="utf-8")
+    with atomic_path(folder / "index.sqlite") as temporary, closing(sqlite3.connect(temporary)) as index, index:
+        index.execute(INDEX)
+        for place, (job, state, seconds) in enumerate(store.entries()):
+            source = (job.source.name, job.source.path, job.source.sha256)
+            what = (job.faults, job.configuration, job.repeat, job.pairing)
+            row = (job.key, place, job.label, job.kind, *source, *what, state, seconds)
+            index.execute(f"INSERT INTO tasks VALUES ({', '.join('?' * len(row))})", row)
     _write_parquet(summary, folder / "results.parquet")
 
 
