@@ -72,16 +72,6 @@ def test_a_torn_image_is_read_where_it_is_new(share: float) -> None:
     assert [estimate.state for estimate in estimates[7:]] == [TrackingState.TRACKING] * 2
 
 
-def test_a_pair_after_a_torn_one_is_doubted_while_its_parts_disagree() -> None:
-    """The lower half of each image is that of the exposure before: only in the first one was that shown."""
-    broken = [torn(DRIVE[index], DRIVE[index - 1], HEIGHT // 2) for index in range(6, 9)]
-    estimates = run([*DRIVE[:6], *broken, *DRIVE[9:12]])
-    for index, estimate in enumerate(estimates):
-        stated = 5.0 * 3.0 * np.sqrt(np.trace(estimate.covariance[:3, :3]))
-        assert estimate.state is not TrackingState.TRACKING or errors(estimate, true_pose(index))[0] < stated
-    assert {estimate.state for estimate in estimates[10:]} == {TrackingState.TRACKING}
-
-
 @pytest.mark.parametrize("share", [0.3, 0.7])
 def test_a_tear_that_was_never_shown_is_told_and_leaves_the_map_as_it_was(share: float) -> None:
     random, pairs, old = np.random.default_rng(0), DRIVE[:12], DRIVE[7]  # what was shown of the old one had other noise

@@ -209,16 +209,6 @@ def test_a_pose_given_for_the_past_replaces_what_was_known_then() -> None:
     np.testing.assert_allclose(track.covariance_of_left(DEPTH_M, known), expected, atol=1e-15)
 
 
-def test_rotation_error_of_the_start_swings_the_path() -> None:
-    covariance, later = random_covariance(3), path(8)[-1]
-    track = PoseTrack(IN_CAMERA, MotionBounds(), StartPose(Transform.identity(), covariance))
-    track.arrive(0)
-    move(track, 1, later)
-    jacobian = numeric_jacobian(lambda start: start @ later, Transform.identity())
-    found = track.covariance_of_left(DEPTH_M, None)
-    np.testing.assert_allclose(found, jacobian @ covariance @ jacobian.T, atol=1e-12)
-
-
 def test_covariance_of_the_rover_follows_its_extrinsics() -> None:
     T_ds_world = Transform.from_quat([5.0, 6.0, 7.0], [0.3, -0.1, 0.5, 0.8])
     T_world_left = Transform.from_quat([1.0, -2.0, 0.5], [0.2, 0.1, -0.4, 0.9])

@@ -1,4 +1,4 @@
-"""Relocalisation: poses from optical flow and from descriptors, and when to give up."""
+"""Relocalisation: poses from optical flow and from descriptors."""
 
 from __future__ import annotations
 

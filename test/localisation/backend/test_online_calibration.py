@@ -10,7 +10,6 @@ from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.localisation.backend.online_calibration import AFTERMATH_PAIRS, OnlineCalibration
 from sfr_loc_map.localisation.estimate import StateReason, TrackingState
-from sfr_loc_map.localisation.frontend.pose_solver import RightOffset
 from sfr_loc_map.simulation.faults import parse_fault
 from sfr_loc_map.simulation.perturber import Perturber
 from sfr_loc_map.suite.fault_benchmark import error_and_sigma
@@ -51,14 +50,6 @@ def test_a_turn_of_the_right_camera_is_learnt_from_rows_and_moves_columns_as_it_
     assert calibration.offset.v == pytest.approx(-CAMERA.fx * turn[0], abs=0.03)
     assert calibration.offset.roll == pytest.approx(CAMERA.fx * turn[2], abs=0.06)
     np.testing.assert_allclose(calibration.offset.at(moved, CAMERA), moved - places, atol=0.06)
-
-
-def test_vertical_disparity_of_a_known_yaw_is_no_pitch_and_no_roll() -> None:
-    calibration, uv = OnlineCalibration(CAMERA, 7), np.random.default_rng(4).uniform(20, 490, (200, 2))
-    calibration.offset = RightOffset(u=3.0)
-    calibration.learn_vertical(uv, calibration.offset.at(uv, CAMERA)[:, 1])
-    assert calibration.offset.v == pytest.approx(0.0, abs=1e-9)
-    assert calibration.offset.roll == pytest.approx(0.0, abs=1e-9)
 
 
 def follow(true_px: np.ndarray, noise_px: float, seed: int = 0) -> tuple[np.ndarray, OnlineCalibration]:

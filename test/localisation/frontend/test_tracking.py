@@ -1,4 +1,4 @@
-"""Tracking of landmarks: coarse and fine pose, trust, swapped images."""
+"""Tracking of landmarks: offset of the right camera, trust, variance."""
 
 from __future__ import annotations
 
