@@ -110,6 +110,8 @@ class Peer:
         self.node = rclpy.create_node("peer")
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
+        self.qos: Any = 50
+        """Of publishers."""
         self._publishers: dict[str, Any] = {}
         self._watched: list[Process] = []
 
@@ -136,7 +138,7 @@ class Peer:
         from rclpy.duration import Duration
 
         if topic not in self._publishers:
-            self._publishers[topic] = self.node.create_publisher(kind, topic, 50)
+            self._publishers[topic] = self.node.create_publisher(kind, topic, self.qos)
         publisher = self._publishers[topic]
         self.until(lambda: publisher.get_subscription_count() > 0, f"a listener on {topic}")
         publisher.publish(message)

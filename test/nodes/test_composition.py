@@ -1,51 +1,16 @@
-"""Nodes within another program's process."""
+"""A node of one's own, within another program's process."""
 
-import weakref
 from dataclasses import dataclass
 from pathlib import Path
 
-from geometry_msgs.msg import PointStamped, PoseStamped
-from made_scene import LOC_RIG, NAV_RIG, loc_pair, nav_pair
-from nav_msgs.msg import Odometry
+from geometry_msgs.msg import PointStamped
+from made_scene import LOC_RIG
 from our_localisation import OurLocalisation
 from peers import Capture, LocalNode, Manager
-from scenes import MOUNT, calls, params, raw, send_infos, send_pair
-from sensor_msgs.msg import PointCloud2
+from scenes import MOUNT, params, send_infos
 
 from sfr_loc_map.config import param
-from sfr_loc_map.io import bag_messages
-from sfr_loc_map.nodes.localisation_node import LocalisationNode, LocalisationNodeConfig
-from sfr_loc_map.nodes.mapping_node import MappingNode
-
-ROVER = ["-r", "__ns:=/rover"]
-
-
-def test_two_nodes_share_a_process_and_cleanup_frees_what_they_held(ros: None, capfd: Capture) -> None:
-    with (
-        Manager() as peer,
-        LocalNode(peer, capfd, LocalisationNode, *MOUNT, *ROVER) as first,
-        LocalNode(peer, capfd, MappingNode, *ROVER, *params("pairs_per_map:=2")) as second,
-    ):
-        localisation, mapping = first.node, second.node
-        odometry = peer.listen(Odometry, "/rover/localisation/odometry")
-        clouds = peer.listen(PointCloud2, "/rover/mapping/points")
-        send_infos(peer, "loc", LOC_RIG, "/rover/")
-        send_infos(peer, "nav", NAV_RIG, "/rover/")
-        for index in range(2):
-            send_pair(peer, "loc", loc_pair(index), "/rover/")
-            item = nav_pair(index)
-            pose = bag_messages.pose(item.pair.stamp_ns, item.T_lm_navsb)
-            peer.publish(PoseStamped, "/rover/nav/pose", raw(pose))
-            send_pair(peer, "nav", item.pair, "/rover/")
-        peer.until(lambda: (len(odometry), len(clouds), len(calls(peer.diagnostics))) == (2, 1, 5), "all results")
-        held = (localisation._session._localiser, mapping._session._mapper, mapping.worker)
-        held = [weakref.ref(item) for item in held]
-        for node in (localisation, mapping):
-            node.trigger_deactivate()
-            node.trigger_cleanup()
-            assert node.state == "unconfigured"
-        peer.spin(0.1)
-        assert [item() for item in held] == [None, None, None]
+from sfr_loc_map.nodes.localisation_node import LocalisationNodeConfig
 
 
 @dataclass(frozen=True, slots=True)

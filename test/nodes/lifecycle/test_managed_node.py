@@ -13,26 +13,20 @@ from made_scene import LOC_RIG, loc_pair, true_pose
 from peers import Capture, LocalNode, Manager, localised
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
-from scenes import MOUNT, RELIABLE, calls, params, raw, send_infos, send_pair
-from sensor_msgs.msg import CameraInfo, Image
+from scenes import MOUNT, RELIABLE, calls, params, send_infos, send_pair
+from sensor_msgs.msg import Image
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.inputs import SIDES
-from sfr_loc_map.io import bag_messages
 from sfr_loc_map.nodes.diagnostics import Level, values_of
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
 from sfr_loc_map.nodes.messages.pose import covariance_of
 from sfr_loc_map.nodes.monitor_node import MonitorNode
 from sfr_loc_map.nodes.stereo_input import ReceivedPair
 
-CONFIGURE, CLEANUP, ACTIVATE, DEACTIVATE = (
-    Transition.TRANSITION_CONFIGURE,
-    Transition.TRANSITION_CLEANUP,
-    Transition.TRANSITION_ACTIVATE,
-    Transition.TRANSITION_DEACTIVATE,
-)
+CONFIGURE, CLEANUP = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP
+ACTIVATE, DEACTIVATE = Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_DEACTIVATE
 CALLS_AT_ONCE = 40
 """What comes at 57 Hz within a call of 0.7 s."""
 
@@ -44,10 +38,8 @@ def test_a_node_goes_through_its_states_and_receives_only_when_active(ros: None,
         def ends(count: int) -> None:
             """Wait for so many publishers of results and subscriptions to images."""
             names = "localisation/odometry", "loc/left/image_rect"
-            peer.until(
-                lambda: peer.node.count_publishers(names[0]) + peer.node.count_subscribers(names[1]) == count,
-                f"{count} ends",
-            )
+            node = peer.node
+            peer.until(lambda: node.count_publishers(names[0]) + node.count_subscribers(names[1]) == count, "ends")
 
         assert peer.state() == "unconfigured"
         assert peer.change(ACTIVATE) == (False, "unconfigured")  # there is no such step from here
@@ -187,18 +179,10 @@ def test_the_node_answers_while_a_pair_is_worked_on_and_survives_a_fault(ros: No
 def test_a_node_at_its_defaults_serves_best_effort_cameras_and_says_what_is_lost(ros: None, capfd: Capture) -> None:
     arguments = [*MOUNT[len(RELIABLE) :], *params("health.period_s:=0.1")]
     with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *arguments) as node:
-        camera = {
-            f"loc/{side}/{name}": peer.node.create_publisher(kind, f"loc/{side}/{name}", qos_profile_sensor_data)
-            for side in SIDES
-            for kind, name in ((CameraInfo, "camera_info"), (Image, "image_rect"))
-        }
-        peer.until(lambda: all(p.get_subscription_count() for p in camera.values()), "the node's listeners")
-        for pair in (loc_pair(0), loc_pair(1)):  # the first makes the rig known
-            for side, pixels in zip(SIDES, (pair.left, pair.right), strict=True):
-                info = bag_messages.camera_info(pair.stamp_ns, LOC_RIG, "loc", side)
-                camera[f"loc/{side}/camera_info"].publish(raw(info))
-                image = bag_messages.image(pair.stamp_ns, pixels, "loc", side)
-                camera[f"loc/{side}/image_rect"].publish(raw(image))
+        peer.qos = qos_profile_sensor_data
+        for index in (0, 1):
+            send_infos(peer, "loc", LOC_RIG)
+            send_pair(peer, "loc", loc_pair(index))
         peer.until(lambda: len(peer.odometry) == 2, "odometry of best-effort images")
         assert "offers less" not in node.text
         assert 0.0 < float(values_of(peer.well(Level.OK, "tracking"))["received_messages_hz"]) < 100.0
