@@ -39,7 +39,7 @@ READERS: dict[str, tuple[Callable[[Path], bool], Opener]] = {
     "katwijk": (is_katwijk, lambda path, _: open_katwijk(path)),
     "lusnar": (is_lusnar, lambda path, _: open_lusnar(path)),
 }
-"""Name of a format, and its test and opener, in the order of trying."""
+"""Name of a format, its test and opener, in the order of trying; a folder with rig.json or pairs.csv is `sfr`."""
 
 
 def open_source(path: Path, remap: Remap = None) -> Source:

@@ -216,5 +216,5 @@ class Mapper:
         )
 
     def _stated(self, cloud: PointCloud, T_lm_left: Sequence[Transform], calibration: CalibrationSigma) -> PointCloud:
-        """Return a cloud with the calibration's part in its sigma."""
+        """Return a cloud with the sigma that is published: its own, with the calibration's part."""
         return replace(cloud, sigma=total_sigma(cloud, T_lm_left, self._rig, calibration))

@@ -44,6 +44,7 @@ class Figure:
 COVERAGE_MIN = "coverage_min"
 """The one limit that is a lower bound."""
 
+# Limits of a suite are judged by suite/summary.py: those of trajectories by pooled figures, others by the worst drive.
 _PLACES: dict[LimitPart, dict[str, str]] = {
     LimitPart.TRAJECTORY: {
         f"{error}_{statistic}_{unit}": f"{error}_{unit}.{statistic}"

@@ -19,7 +19,7 @@ from sfr_loc_map.suite.job import NO_CONFIGURATION, Job, JobKind, JobSource, Sou
 from sfr_loc_map.suite.sources import remote_version
 from sfr_loc_map.suite.specification import SuiteSpecification
 
-READERS = 8
+READER_THREADS = 8
 """Sources that are hashed, or asked for, at a time: of many large ones this takes longer than their jobs."""
 LIBRARIES = ("numpy", "numba", "scipy", "opencv-python-headless", "simplejpeg")
 """Libraries that can change a figure."""
@@ -58,7 +58,7 @@ def make_plan(
         if names.count(source.name) > 1 and source.kind is not SourceKind.SIMULATED:
             sources[index] = replace(source, name="/".join(Path(source.path).parts[-3:]))
 
-    with ThreadPoolExecutor(READERS) as readers:
+    with ThreadPoolExecutor(READER_THREADS) as readers:
         found = [readers.submit(_known, source, facts_of) for source in sources]
     jobs: dict[str, Job] = {}
     refusals = []

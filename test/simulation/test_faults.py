@@ -171,3 +171,7 @@ def test_a_repeated_pair_repeats_what_was_delivered() -> None:
             assert np.array_equal(delivered[index].left, delivered[before].left)
             checked += 1
     assert checked >= 3
+
+
+def test_the_help_names_every_kind() -> None:
+    assert not [kind for kind in KINDS if kind not in FAULT_HELP]

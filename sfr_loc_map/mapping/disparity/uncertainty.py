@@ -50,7 +50,7 @@ SIGMA_FACTORS = F(1.0) + SIGMA_GROWTH / F(255.0) * np.arange(256, dtype=F)
 
 
 def disparity_sigma(refined: RefinedDisparity) -> FloatImage:
-    """Return the standard deviation of each disparity `(H, W)` float32, pixels.
+    """Return the standard deviation of each disparity `(H, W)` float32, pixels; pixels are judged and fused by it, too.
 
     A field with information h per cell and smoothness weight s has, under white noise, the variance
     `integral d2k / (2 pi)^2 1 / (h + s k^4) = 1 / (8 sqrt(h s))` at each point. To that come the bias of smoothing,
