@@ -236,6 +236,7 @@ def test_output_that_is_there_already_stays(
         (("localise", "{source}", "-o", "{out}/t.csv", "--remap", "a=b"), "'--remap a=b': must have the form"),
         (("map", "{source}", "-o", "{out}/c.ply", "--fusion"), "No such option.*--fusion.*: see 'sfr map --help'"),
         (("fly",), "No such command 'fly': see 'sfr --help'"),
+        (("score", "{tum}", "{tum}", "--target", "gr740"), "'--target' and '--target-timing' belong together"),
         (("score", "{tum}", "{tum}", "--spacing", "ten"), "Invalid value for '--spacing'.*: see"),
         (("score", "{tum}", "{tum}", "--spacing", "0"), "spacing' is 0: must lie in"),
         (("score", "{tum}", "{tum}", "--rebase", "none"), "rebase' is 'none': must be one of pose, position"),

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from sfr_loc_map.cli.simulate import FAULT_HELP
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.simulation.faults import KINDS, Fault, FaultKind, parse_fault
