@@ -100,14 +100,11 @@ class Trajectory(_Shown, trajectory_base.Trajectory):
     """Poses of RB in DS at stamps: `stamps_ns` `(N,)`, `positions` `(N, 3)` m, `quats_xyzw` `(N, 4)` as in ROS.
 
     Iterating gives `(stamp_ns, pose)`.
-
-    Attributes:
-        records: The calls that gave the poses: time, memory, state, covariance; empty for poses from elsewhere.
-        method: Whose poses these are, None where nobody has said so.
     """
 
+    #: The calls that gave the poses: time, memory, state, covariance; empty for poses from elsewhere.
     records: tuple[CallRecord, ...] = ()
-    method: MethodRecord | None = None
+    method: MethodRecord | None = None  #: Whose poses these are, None where nobody has said so.
 
     @classmethod
     def of(
@@ -238,15 +235,11 @@ class Trajectory(_Shown, trajectory_base.Trajectory):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PointCloud(_Shown, cloud_base.PointCloud):
-    """Points in LM: `xyz` `(N, 3)` m, `sigma` `(N,)` m, `intensity`, and the pixel `u`, `v` and `pair` they come from.
+    """Points in LM: `xyz` `(N, 3)` m, `sigma` `(N,)` m, `intensity`, the pixel `u`, `v` and `pair` they come from."""
 
-    Attributes:
-        records: The calls that gave the points: time, memory; empty for points from elsewhere.
-        method: Whose points these are, None where nobody has said so.
-    """
-
+    #: The calls that gave the points: time, memory; empty for points from elsewhere.
     records: tuple[CallRecord, ...] = ()
-    method: MethodRecord | None = None
+    method: MethodRecord | None = None  #: Whose points these are, None where nobody has said so.
 
     @classmethod
     def of(

@@ -53,7 +53,6 @@ class PointCloud:
                 raise GeometryError(f"cloud field '{name}' is {array.dtype} {array.shape}: {wanted} is needed")
 
     def __len__(self) -> int:
-        """Return the number of points."""
         return len(self.xyz)
 
     @classmethod

@@ -17,17 +17,12 @@ from sfr_loc_map.geometry.transform import Transform
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """Poses of RB in DS at stamps, kept exactly as given (not sorted, quaternions not normalised).
+    """Poses of RB in DS at stamps, kept exactly as given (not sorted, quaternions not normalised)."""
 
-    Attributes:
-        stamps_ns: `(N,)` int64, nanoseconds.
-        positions: `(N, 3)` float64, metres, the RB origin in DS (`rbOriginPos_m_Ds`).
-        quats_xyzw: `(N, 4)` float64, orientation of RB in DS as in ROS messages: takes components in RB to DS, the
-            conjugate of `att_q_DsToRb`.
-    """
-
-    stamps_ns: IntArray
-    positions: FloatArray
+    stamps_ns: IntArray  #: `(N,)` int64, nanoseconds.
+    positions: FloatArray  #: `(N, 3)` float64, metres, the RB origin in DS (`rbOriginPos_m_Ds`).
+    #: `(N, 4)` float64, orientation of RB in DS as in ROS messages: takes components in RB to DS, the conjugate of
+    #: `att_q_DsToRb`.
     quats_xyzw: FloatArray
 
     def __post_init__(self) -> None:
@@ -56,7 +51,6 @@ class Trajectory:
             )
 
     def __len__(self) -> int:
-        """Return the number of poses."""
         return len(self.stamps_ns)
 
     @property

@@ -25,17 +25,12 @@ IDENTITY = np.eye(3)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Transform:
-    """Rigid motion `T_a_b`: takes points given in frame b to frame a.
+    """Rigid motion `T_a_b`: takes points given in frame b to frame a."""
 
-    Attributes:
-        rotation: `(3, 3)` float64, det +1, turns components in b into components in a.
-        translation: `(3,)` float64, metres, the origin of b in a.
-        given_quat_xyzw: `(4,)` float64, the quaternion that `from_quat` was given, None otherwise. Files are written
-            with it, so that what was read is written again to the last digit.
-    """
-
-    rotation: FloatArray
-    translation: FloatArray
+    rotation: FloatArray  #: `(3, 3)` float64, det +1, turns components in b into components in a.
+    translation: FloatArray  #: `(3,)` float64, metres, the origin of b in a.
+    #: `(4,)` float64, the quaternion that `from_quat` was given, None otherwise. Files are written with it, so that
+    #: what was read is written again to the last digit.
     given_quat_xyzw: FloatArray | None = None
 
     def __post_init__(self) -> None:
@@ -156,7 +151,6 @@ class FrameTree:
     """Static transforms by child frame, each of which has one parent, as `/tf_static` gives them."""
 
     def __init__(self) -> None:
-        """Start empty."""
         self._parents: dict[str, tuple[str, Transform]] = {}
 
     def add(self, parent: str, child: str, T_parent_child: Transform) -> None:

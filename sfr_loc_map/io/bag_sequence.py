@@ -76,7 +76,6 @@ class _BagPairs:
         return tuple(self._parts)
 
     def __len__(self) -> int:
-        """Return the number of whole pairs."""
         return len(self._parts)
 
     @cached_property

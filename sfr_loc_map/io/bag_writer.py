@@ -102,7 +102,6 @@ class BagWriter:
         self._rigs: dict[Task, StereoRig] = {}
 
     def __enter__(self) -> BagWriter:
-        """Open the bag."""
         with _database_errors():
             self._writer.open()
         return self
@@ -265,7 +264,6 @@ class BagRecorder:
         self._syncing = threading.Thread(target=self._sync, name="sync", daemon=True)
 
     def __enter__(self) -> BagRecorder:
-        """Make the bag."""
         try:
             self._writer.open()
         except OSError as error:

@@ -100,15 +100,10 @@ def read_pair(entry: ImagePair, rig: StereoRig) -> StereoPair:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageFiles:
-    """Pairs of image files.
+    """Pairs of image files."""
 
-    Attributes:
-        rig: Rig of the images once they are rectified.
-        entries: The files, in the order of stamps; all have the rig's size.
-    """
-
-    rig: StereoRig
-    entries: Sequence[ImagePair]
+    rig: StereoRig  #: Rig of the images once they are rectified.
+    entries: Sequence[ImagePair]  #: The files, in the order of stamps; all have the rig's size.
 
     @property
     def stamps_ns(self) -> tuple[int, ...]:
@@ -116,20 +111,15 @@ class ImageFiles:
         return tuple(entry.stamp_ns for entry in self.entries)
 
     def __len__(self) -> int:
-        """Return the number of pairs."""
         return len(self.entries)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageFileSequence(ImageFiles):
-    """A drive of image files (`sequence.LocSequence`).
+    """A drive of image files (`sequence.LocSequence`)."""
 
-    Attributes:
-        ground_truth: True poses of RB in DS, or None.
-        rectify: Makes the rectified images of those read: left, right; None where they are rectified.
-    """
-
-    ground_truth: Trajectory | None = None
+    ground_truth: Trajectory | None = None  #: True poses of RB in DS, or None.
+    #: Makes the rectified images of those read: left, right; None where they are rectified.
     rectify: Callable[[GreyImage, GreyImage], tuple[GreyImage, GreyImage]] | None = None
 
     def pairs(self) -> Iterator[StereoPair]:
@@ -143,19 +133,16 @@ class TableWriter:
     """A folder of images and tables that is being written; a context manager. Tables grow line by line."""
 
     def __init__(self, path: Path) -> None:
-        """Prepare a folder, made when the block begins."""
         self._path = path
         self._tables: dict[Path, IO[str]] = {}
 
     def __enter__(self) -> Self:
-        """Make the folder."""
         self._path.mkdir(exist_ok=True)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close all tables."""
         for stream in self._tables.values():
             stream.close()
 

@@ -124,19 +124,12 @@ def read_data(path: Path, needed: str = "the data set needs it") -> bytes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Table:
-    """Rows of a text.
+    """Rows of a text."""
 
-    Attributes:
-        name: Name of the text, for messages.
-        lines: `(N,)` number of the line of each row, from 1.
-        stamps_ns: `(N,)` nanoseconds; empty without a column of stamps.
-        values: `(N, K)` finite numbers.
-    """
-
-    name: str
-    lines: IntArray
-    stamps_ns: IntArray
-    values: FloatArray
+    name: str  #: Name of the text, for messages.
+    lines: IntArray  #: `(N,)` number of the line of each row, from 1.
+    stamps_ns: IntArray  #: `(N,)` nanoseconds; empty without a column of stamps.
+    values: FloatArray  #: `(N, K)` finite numbers.
 
     def trajectory(self, positions: FloatArray, quats_xyzw: FloatArray) -> Trajectory:
         """Return the poses that stand in the rows."""

@@ -90,21 +90,13 @@ WORDS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoadedTrajectory:
-    """A trajectory as read.
+    """A trajectory as read."""
 
-    Attributes:
-        path: Its file.
-        trajectory: The poses.
-        format: How it was written.
-        stamps: Where its stamps come from, in words, where the file does not have them.
-        by_index: Whether the stamps are only the numbers of the lines.
-    """
-
-    path: Path
-    trajectory: Trajectory
-    format: TrajectoryFormat = TrajectoryFormat.CSV
-    stamps: str = ""
-    by_index: bool = False
+    path: Path  #: Its file.
+    trajectory: Trajectory  #: The poses.
+    format: TrajectoryFormat = TrajectoryFormat.CSV  #: How it was written.
+    stamps: str = ""  #: Where its stamps come from, in words, where the file does not have them.
+    by_index: bool = False  #: Whether the stamps are only the numbers of the lines.
 
     @property
     def text(self) -> str:

@@ -56,7 +56,6 @@ class FoxgloveView:
     """Serves what a hub brings at `url`, on a port of loopback (0: a free one); a context manager."""
 
     def __init__(self, hub: Hub, port: int, title: str) -> None:
-        """Make the channels."""
         self.url = ""
         self._hub, self._port, self._title = hub, port, title
         self._state = LiveState()
@@ -84,7 +83,6 @@ class FoxgloveView:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End."""
         self._stopped.set()
         self._thread.join(5.0)
         if self._server is not None:

@@ -71,7 +71,6 @@ class CloudTruth:
     """Keeps the true points of the last pairs of a map, and tells how far points are from those of their pixels."""
 
     def __init__(self) -> None:
-        """Start without truth."""
         self._truths: deque[tuple[int, PointImage]] = deque(maxlen=MAX_PAIRS)
 
     def add(self, stamp_ns: int, message: Any) -> None:  # noqa: ANN401 - a PointCloud2 of any library

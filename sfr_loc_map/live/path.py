@@ -71,7 +71,6 @@ class LivePath:
     """Collects poses. Its memory is bounded."""
 
     def __init__(self) -> None:
-        """Start empty."""
         self.version = -1  # changes whenever rows that were given out do not hold any more
         self.condition, self.spacing = Condition(ConditionKind.DISTANCE, 5.0), 10  # of sub-trajectories, frames
         self.restart()

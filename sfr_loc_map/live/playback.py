@@ -272,13 +272,11 @@ class Player:
         self._rewind()
 
     def __enter__(self) -> Player:
-        """Begin to play."""
         self._hub.operator = self
         self._thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End."""
         self.close()
         self._thread.join(5.0)
 

@@ -123,7 +123,6 @@ class LiveState:
     """What is known of a run. One thread alone uses it."""
 
     def __init__(self) -> None:
-        """Start with nothing known."""
         self.path = LivePath()
         self.report: ReportView | None = None
         self.nodes: dict[str, NodeView] = {}

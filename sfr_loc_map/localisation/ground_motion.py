@@ -86,7 +86,6 @@ class GroundMotionFinder:
     """
 
     def __init__(self, tracker: Tracker, relocaliser: Relocaliser, rig: StereoRig, config: LocalisationConfig) -> None:
-        """Start before the first pair."""
         self._tracker, self._relocaliser = tracker, relocaliser
         self._shape = rig.height, rig.width
         self.regions = DynamicRegions(self._shape, min(config.max_features, ENOUGH_TO_FOLLOW))

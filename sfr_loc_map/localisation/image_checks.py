@@ -82,7 +82,6 @@ class StaleImageFilter:
     """
 
     def __init__(self) -> None:
-        """Start without an image."""
         self._before: StereoPair | None = None
         self._last: tuple[StaleRows, StaleRows] | None = None
         self.rows: Mask = np.zeros(0, np.bool_)
@@ -198,7 +197,6 @@ class TearWatch:
     """
 
     def __init__(self) -> None:
-        """Start without a tear."""
         self.stale: Mask | None = None
         self._pairs = self._tears = 0
 

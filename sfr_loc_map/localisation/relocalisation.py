@@ -54,7 +54,6 @@ class Relocaliser:
     """
 
     def __init__(self, tracker: Tracker, config: LocalisationConfig, camera: StereoCamera) -> None:
-        """Start without images."""
         self._tracker, self._config, self._camera = tracker, config, camera
         self.last: KnownImage | None = None
         self.best: KnownImage | None = None

@@ -35,27 +35,17 @@ F = np.float32
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairMap:
-    """The map of one stereo pair.
+    """The map of one stereo pair."""
 
-    Attributes:
-        stamp_ns: The pair's stamp.
-        cloud: Its points in LM, with `pair` as given to `process`. Sigma has the part of the calibration.
-        random_sigma: `(N,)`, metres, the part of sigma that differs from point to point: noise and smoothing.
-        view: Points with the sigma by which pairs are fused; disparities and pose.
-        saturation: Saturated pixels, which widen the stated sigma.
-        calibration: Standard deviations of the calibration, widened by what the pair shows.
-        statistics: Figures of this call by name.
-        warnings: What is suspicious, one line each.
-    """
-
-    stamp_ns: int
-    cloud: PointCloud
+    stamp_ns: int  #: The pair's stamp.
+    cloud: PointCloud  #: Its points in LM, with `pair` as given to `process`. Sigma has the part of the calibration.
+    #: `(N,)`, metres, the part of sigma that differs from point to point: noise and smoothing.
     random_sigma: NDArray[np.float32]
-    view: PairView
-    saturation: Saturation
-    calibration: CalibrationSigma
-    statistics: Mapping[str, float] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
+    view: PairView  #: Points with the sigma by which pairs are fused; disparities and pose.
+    saturation: Saturation  #: Saturated pixels, which widen the stated sigma.
+    calibration: CalibrationSigma  #: Standard deviations of the calibration, widened by what the pair shows.
+    statistics: Mapping[str, float] = field(default_factory=dict)  #: Figures of this call by name.
+    warnings: tuple[str, ...] = ()  #: What is suspicious, one line each.
 
     @property
     def disparity_px(self) -> FloatImage:
@@ -65,21 +55,16 @@ class PairMap:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FusedMap:
-    """The map of up to three pairs.
+    """The map of up to three pairs."""
 
-    Attributes:
-        cloud: Points in LM, each on the ray of its pair and pixel. Sigma has the part of the calibration.
-        random_sigma: `(N,)`, metres, the part of sigma that differs from point to point: noise and smoothing.
-        T_lm_left: Poses of the pairs' left cameras that it was made with: those given, or as registered.
-        statistics: Figures of the fusion by name (overlap and disagreement per pair, ...).
-        warnings: What is suspicious, one line each.
-    """
-
-    cloud: PointCloud
+    cloud: PointCloud  #: Points in LM, each on the ray of its pair and pixel. Sigma has the part of the calibration.
+    #: `(N,)`, metres, the part of sigma that differs from point to point: noise and smoothing.
     random_sigma: NDArray[np.float32]
+    #: Poses of the pairs' left cameras that it was made with: those given, or as registered.
     T_lm_left: tuple[Transform, ...] = ()
+    #: Figures of the fusion by name (overlap and disagreement per pair, ...).
     statistics: Mapping[str, float] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()  #: What is suspicious, one line each.
 
 
 class Mapper:

@@ -76,11 +76,9 @@ class IsolatedMethod:
             self._process.close()
 
     def __enter__(self) -> Self:
-        """Return itself."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End its process."""
         self.close()
 
     @property

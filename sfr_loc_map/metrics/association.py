@@ -29,22 +29,16 @@ AUTO_STAMPS = 16
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimates:
-    """Estimated poses with what is known about each.
+    """Estimated poses with what is known about each."""
 
-    Attributes:
-        trajectory: Estimated poses of RB in DS, in any order.
-        lost: `(N,)` bool, pose was repeated because the localiser was lost.
-        degraded: `(N,)` bool, the localiser had a reason to doubt the pose.
-        covariance: `(N, 21)` float64, upper triangle of the covariance, ROS order (m^2, rad^2), NaN where not known;
-            None if it is known of none.
-        steps: `(N, 27)` float64, step to each pose (see `metrics.consistency`), NaN where not known; None if it is
-            known of none.
-    """
-
-    trajectory: Trajectory
-    lost: Mask
-    degraded: Mask
+    trajectory: Trajectory  #: Estimated poses of RB in DS, in any order.
+    lost: Mask  #: `(N,)` bool, pose was repeated because the localiser was lost.
+    degraded: Mask  #: `(N,)` bool, the localiser had a reason to doubt the pose.
+    #: `(N, 21)` float64, upper triangle of the covariance, ROS order (m^2, rad^2), NaN where not known; None if it
+    #: is known of none.
     covariance: FloatArray | None
+    #: `(N, 27)` float64, step to each pose (see `metrics.consistency`), NaN where not known; None if it is known of
+    #: none.
     steps: FloatArray | None = None
 
     @classmethod

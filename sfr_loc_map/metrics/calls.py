@@ -114,22 +114,14 @@ def _status_bytes(key: bytes) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calls:
-    """Calls in the order they were made.
+    """Calls in the order they were made."""
 
-    Attributes:
-        stamps_ns: `(N,)` int64, stamp of the pair.
-        seconds: `(N,)` float64, wall-clock time, NaN where not measured.
-        states: `(N,)` state of each call: initialising, tracking, degraded, lost; mapped, fused.
-        peak_bytes: `(N,)` float64, peak resident memory, NaN where not measured.
-        above_idle_bytes: `(N,)` float64, the same above the idle process.
-        stage_s: `(N,)` float64 by name, time of each stage, NaN where a call had none of that name.
-    """
-
-    stamps_ns: IntArray
-    seconds: FloatArray
-    states: Sequence[str]
-    peak_bytes: FloatArray
-    above_idle_bytes: FloatArray
+    stamps_ns: IntArray  #: `(N,)` int64, stamp of the pair.
+    seconds: FloatArray  #: `(N,)` float64, wall-clock time, NaN where not measured.
+    states: Sequence[str]  #: `(N,)` state of each call: initialising, tracking, degraded, lost; mapped, fused.
+    peak_bytes: FloatArray  #: `(N,)` float64, peak resident memory, NaN where not measured.
+    above_idle_bytes: FloatArray  #: `(N,)` float64, the same above the idle process.
+    #: `(N,)` float64 by name, time of each stage, NaN where a call had none of that name.
     stage_s: Mapping[str, FloatArray] = field(default_factory=dict)
 
 

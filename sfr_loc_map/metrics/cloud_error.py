@@ -124,21 +124,13 @@ def footprint_coverage(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointErrors:
-    """The errors `(N,)` of points that have a truth, in the order of the cloud.
+    """The errors `(N,)` of points that have a truth, in the order of the cloud."""
 
-    Attributes:
-        index: Which points of the cloud.
-        error_m: Distance from the truth [4.3.4].
-        range_m: Distance of the truth from the left optical centre.
-        along_m: Part of the error along the ray, positive if too far.
-        disparity_px: Disparity that the depth along the left optical axis amounts to, less the true one:
-            `f b / Z - f b / Z_true`.
-    """
-
-    index: NDArray[np.intp]
-    error_m: FloatArray
-    range_m: FloatArray
-    along_m: FloatArray
+    index: NDArray[np.intp]  #: Which points of the cloud.
+    error_m: FloatArray  #: Distance from the truth [4.3.4].
+    range_m: FloatArray  #: Distance of the truth from the left optical centre.
+    along_m: FloatArray  #: Part of the error along the ray, positive if too far.
+    #: Disparity that the depth along the left optical axis amounts to, less the true one: `f b / Z - f b / Z_true`.
     disparity_px: FloatArray
 
 

@@ -45,7 +45,6 @@ class Record:
         __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
     def __init_subclass__(cls) -> None:
-        """Make a dataclass of it."""
         dataclass(frozen=True, kw_only=True)(cls)
 
 

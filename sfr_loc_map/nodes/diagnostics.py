@@ -113,23 +113,16 @@ def task_record(status: DiagnosticStatus) -> TaskRecord | None:
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """One call of the processing API, as the node saw it.
-
-    Attributes:
-        state: Its result in one word (tracking, degraded, lost, mapped, ...), `level` how good that is.
-        times: Times around it, seconds, by name.
-        reason: Why it is degraded or lost, in one word; empty otherwise.
-        step: `(27,)` of the localiser, as in `CallRecord`; None where there is none.
-    """
+    """One call of the processing API, as the node saw it."""
 
     stamp_ns: int
     usage: CallUsage
-    state: str
+    state: str  #: Its result in one word (tracking, degraded, lost, mapped, ...), `level` how good that is.
     level: Level
     statistics: Mapping[str, float]
-    times: Mapping[str, float] = field(default_factory=dict)
-    reason: str = ""
-    step: FloatArray | None = None
+    times: Mapping[str, float] = field(default_factory=dict)  #: Times around it, seconds, by name.
+    reason: str = ""  #: Why it is degraded or lost, in one word; empty otherwise.
+    step: FloatArray | None = None  #: `(27,)` of the localiser, as in `CallRecord`; None where there is none.
 
     @property
     def result(self) -> str:

@@ -129,12 +129,10 @@ class RosFeed:
         self._thread = Thread(target=self._spin, name="sfr-live-ros", daemon=True)
 
     def __enter__(self) -> RosFeed:
-        """Start to receive."""
         self._thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Leave the graph."""
         self._running = False
         self._thread.join(5.0)
         self._media.close()

@@ -85,12 +85,9 @@ class LocalisationNodeConfig(PairNodeConfig):
 
 
 class LocalisationNode(PairNode[LocalisationNodeConfig]):
-    """Publishes the pose of RB in DS for each stereo pair.
+    """Publishes the pose of RB in DS for each stereo pair."""
 
-    Attributes:
-        config_type: Its parameters; a subclass may have more, by a dataclass that derives from this one.
-    """
-
+    #: Its parameters; a subclass may have more, by a dataclass that derives from this one.
     config_type: type[LocalisationNodeConfig] = LocalisationNodeConfig
     rig_name = "loc"
 
@@ -269,7 +266,6 @@ class TrackPublisher:
     """Publishes tracks, masks and the image drawn of them, each only while somebody subscribes."""
 
     def __init__(self, endpoints: Endpoints) -> None:
-        """Create the publishers."""
         self._tracks = endpoints.add_publisher(PointCloud2, "localisation/tracks", 2)
         self._masks = [endpoints.add_publisher(Image, f"localisation/{side}_mask", 2) for side in SIDES]
         self._image = endpoints.add_publisher(Image, "localisation/debug_image", 2)

@@ -236,7 +236,6 @@ class MapPublisher:
     """Publishes maps, latched; `warn` is called where a map has no grids."""
 
     def __init__(self, endpoints: Endpoints, lm_frame: str, warn: Callable[[str], None]) -> None:
-        """Create the publishers."""
         self._lm_frame, self._warn = lm_frame, warn
         self._cloud = endpoints.add_publisher(PointCloud2, "mapping/points", 1, latched=True)
         self._elevation = endpoints.add_publisher(PointCloud2, "mapping/elevation", 1, latched=True)

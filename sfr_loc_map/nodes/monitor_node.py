@@ -295,7 +295,6 @@ class ScorePublisher:
     """Publishes a score: its JSON, single figures for plots, and all of it as diagnostics."""
 
     def __init__(self, endpoints: Endpoints) -> None:
-        """Create the publishers."""
         self._metrics = endpoints.add_publisher(DiagnosticArray, "metrics", 10)
         self._report = endpoints.add_publisher(String, "metrics/report", 1, latched=True)
         self._figures = {

@@ -37,7 +37,6 @@ class OdometryBuffer:
     """
 
     def __init__(self) -> None:
-        """Start empty."""
         self._poses: deque[tuple[int, Transform]] = deque(maxlen=CAPACITY)
         self._changed = Condition()
 

@@ -187,13 +187,11 @@ class LivePage:
         self._process = node_process("nodes.live_page", arguments)
 
     def __enter__(self) -> LivePage:
-        """Start it."""
         with suppress(NodeError):  # too little memory for the page: the run goes on
             self._process.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End it."""
         end_processes([self._process])
 
     @property
@@ -221,11 +219,9 @@ class Supervisor:
         self.processes: dict[str, ChildProcess] = {}
 
     def __enter__(self) -> Supervisor:
-        """Return itself."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End all nodes."""
         end_processes(list(self.processes.values()))
 
     def start(self, name: str, arguments: Sequence[str] = ()) -> None:

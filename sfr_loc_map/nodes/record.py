@@ -44,21 +44,14 @@ END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 @dataclass(frozen=True, slots=True)
 class RecordOptions:
-    """What to record.
+    """What to record."""
 
-    Attributes:
-        topics: Their names, relative to the namespace; empty: inputs and outputs of the suite's nodes.
-        everything: All topics instead, except hidden ones.
-        namespace: Of the rover.
-        duration_s: How long; None: until SIGINT, SIGTERM or SIGHUP.
-        zstd: Whether chunks are compressed.
-    """
-
+    #: Their names, relative to the namespace; empty: inputs and outputs of the suite's nodes.
     topics: Sequence[str] = ()
-    everything: bool = False
-    namespace: str = ""
-    duration_s: float | None = None
-    zstd: bool = False
+    everything: bool = False  #: All topics instead, except hidden ones.
+    namespace: str = ""  #: Of the rover.
+    duration_s: float | None = None  #: How long; None: until SIGINT, SIGTERM or SIGHUP.
+    zstd: bool = False  #: Whether chunks are compressed.
 
 
 @dataclass(slots=True)

@@ -64,21 +64,13 @@ class StereoInputConfig:
 
 @dataclass(frozen=True, slots=True)
 class ReceivedPair:
-    """Two image messages of one moment, not yet decoded.
+    """Two image messages of one moment, not yet decoded."""
 
-    Attributes:
-        stamp_ns: Stamp of the left one.
-        rig: The rig that took them.
-        frame_id: Frame of the left camera by its camera_info.
-        images: The left and the right one.
-        rectifier: What rectifies the images, None where they are rectified.
-    """
-
-    stamp_ns: int
-    rig: StereoRig
-    frame_id: str
-    images: tuple[ReceivedImage, ReceivedImage]
-    rectifier: StereoRectifier | None = None
+    stamp_ns: int  #: Stamp of the left one.
+    rig: StereoRig  #: The rig that took them.
+    frame_id: str  #: Frame of the left camera by its camera_info.
+    images: tuple[ReceivedImage, ReceivedImage]  #: The left and the right one.
+    rectifier: StereoRectifier | None = None  #: What rectifies the images, None where they are rectified.
 
     @property
     def times(self) -> tuple[MessageTimes, MessageTimes]:

@@ -120,7 +120,6 @@ class Keyboard:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Restore the terminal."""
         if self.is_there:
             termios.tcsetattr(self._descriptor, termios.TCSADRAIN, self._before)
 

@@ -160,7 +160,6 @@ class _Faulty(Generic[S]):
     """Pairs with injected faults; the same seed affects the same ones."""
 
     def __init__(self, inner: S, faults: Sequence[Fault], seed: int) -> None:
-        """Choose the affected pairs."""
         self._inner: S = inner
         self._perturber = Perturber(faults, seed, len(inner), inner.rig)
 
@@ -170,7 +169,6 @@ class _Faulty(Generic[S]):
         return self._perturber.rig
 
     def __len__(self) -> int:
-        """Return the number of pairs that are left."""
         return int(np.count_nonzero(self._perturber.kept))
 
 

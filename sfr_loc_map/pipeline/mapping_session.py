@@ -80,7 +80,6 @@ class MappingSession:
     """Owns the mapper of a node and the pairs mapped so far, the last of stamp `last_ns`; to be used by one thread."""
 
     def __init__(self, config: MappingConfig) -> None:
-        """Start without a rig."""
         self.last_ns = 0
         self._config = config
         self._rig: StereoRig | None = None
@@ -88,7 +87,6 @@ class MappingSession:
         self._pairs: list[PairMap] = []
 
     def __len__(self) -> int:
-        """Return how many pairs the map to come has."""
         return len(self._pairs)
 
     def is_other_rig(self, rig: StereoRig) -> bool:

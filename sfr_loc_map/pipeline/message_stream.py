@@ -167,7 +167,6 @@ class PairTracker:
     """Tells when a stereo pair, with its pose where it needs one, has been published."""
 
     def __init__(self) -> None:
-        """Start with none."""
         self._parts: dict[tuple[str, int], set[str]] = {}
 
     def add(self, message: Message) -> tuple[str, int] | None:

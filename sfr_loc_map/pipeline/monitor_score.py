@@ -80,7 +80,6 @@ class CallRing:
     """The last calls, in arrays allocated at the start: memory does not grow over a long run."""
 
     def __init__(self, capacity: int) -> None:
-        """Allocate for so many calls."""
         # seconds, peak, above idle; filled, so that the memory is resident from now on
         self._figures = np.full((3, capacity), np.nan)
         self._stamps_ns, self._states = np.full(capacity, -1, np.int64), np.full(capacity, -1, np.int16)
@@ -89,7 +88,6 @@ class CallRing:
         self._added = 0
 
     def __len__(self) -> int:
-        """Return how many are kept."""
         return min(self._added, len(self._states))
 
     def add(self, record: CallRecord) -> None:
@@ -127,15 +125,11 @@ class CallRing:
 
 @dataclass(frozen=True, slots=True)
 class PairSet:
-    """The pairs of one cloud.
+    """The pairs of one cloud."""
 
-    Attributes:
-        stamps_ns: Their stamps, in the order of the points' `pair`.
-        fused: Whether the mapper says that the cloud is fused. Of a mapper that does not say so `mapping/points` is by
-            contract the fused cloud, and one of a single pair has nothing to fuse.
-    """
-
-    stamps_ns: tuple[int, ...]
+    stamps_ns: tuple[int, ...]  #: Their stamps, in the order of the points' `pair`.
+    #: Whether the mapper says that the cloud is fused. Of a mapper that does not say so `mapping/points` is by
+    #: contract the fused cloud, and one of a single pair has nothing to fuse.
     fused: bool
 
 
@@ -143,7 +137,6 @@ class PairSets:
     """Tells from the calls of the mapper, in their order, which pairs each published cloud is made of."""
 
     def __init__(self) -> None:
-        """Start before the first pair."""
         self._mapped_ns: list[int] = []
 
     def add(self, record: CallRecord) -> PairSet | None:
@@ -172,7 +165,6 @@ class MapInputs:
     """
 
     def __init__(self) -> None:
-        """Start empty."""
         self.rig: StereoRig | None = None
         self._pair_sets = PairSets()
         self._points: OrderedDict[int, PointImage] = OrderedDict()

@@ -157,7 +157,6 @@ class TransportGaps:
     """
 
     def __init__(self) -> None:
-        """Start with a topic of which nothing was received."""
         self.lost = self._last = 0
 
     def add(self, info: dict[str, Any]) -> int:

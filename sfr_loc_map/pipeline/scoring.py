@@ -65,25 +65,15 @@ NO_TRUTH = "'{}' has no true poses (groundtruth.csv, ground_truth/odometry): giv
 
 @dataclass(frozen=True, slots=True)
 class ScoreInputs:
-    """Files that a score is made of; what is None is left out.
+    """Files that a score is made of; what is None is left out."""
 
-    Attributes:
-        estimate: Estimated trajectory (TUM, csv or bag).
-        truth: True trajectory (TUM, csv, bag or data set folder).
-        cloud: Cloud file.
-        map_truth: Source with mapping pairs and their truth.
-        stats: CSV files with the calls of localiser and mapper.
-        target: CSV file with calls that were measured on a target.
-        target_name: Name of the target.
-    """
-
-    estimate: Path | None = None
-    truth: Path | None = None
-    cloud: Path | None = None
-    map_truth: Path | None = None
-    stats: tuple[Path, ...] = ()
-    target: Path | None = None
-    target_name: str = ""
+    estimate: Path | None = None  #: Estimated trajectory (TUM, csv or bag).
+    truth: Path | None = None  #: True trajectory (TUM, csv, bag or data set folder).
+    cloud: Path | None = None  #: Cloud file.
+    map_truth: Path | None = None  #: Source with mapping pairs and their truth.
+    stats: tuple[Path, ...] = ()  #: CSV files with the calls of localiser and mapper.
+    target: Path | None = None  #: CSV file with calls that were measured on a target.
+    target_name: str = ""  #: Name of the target.
 
     @classmethod
     def of(cls, estimate: Path, truth: Path, stats: Sequence[Path] = ()) -> ScoreInputs:
@@ -95,19 +85,12 @@ class ScoreInputs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScoredDrive:
-    """Estimated and true poses of RB in DS.
+    """Estimated and true poses of RB in DS."""
 
-    Attributes:
-        estimates: Estimated poses.
-        truth: True poses.
-        rig: Rig of the localisation cameras, None where it is not known.
-        notes: What the format of each file was found to be, one line each.
-    """
-
-    estimates: Estimates
-    truth: Trajectory
-    rig: StereoRig | None = None
-    notes: tuple[str, ...] = ()
+    estimates: Estimates  #: Estimated poses.
+    truth: Trajectory  #: True poses.
+    rig: StereoRig | None = None  #: Rig of the localisation cameras, None where it is not known.
+    notes: tuple[str, ...] = ()  #: What the format of each file was found to be, one line each.
 
     def converted(self, convention: PoseConvention) -> ScoredDrive:
         """Return it with estimates that were written in a convention as poses of RB in DS."""
@@ -125,15 +108,10 @@ class ScoredCloud:
 
 @dataclass(frozen=True, slots=True)
 class Correction:
-    """How an estimate is converted to poses of RB in DS before it is scored.
+    """How an estimate is converted to poses of RB in DS before it is scored."""
 
-    Attributes:
-        declared: What the user says of its convention.
-        apply_diagnosis: Whether the mismatch that the diagnosis finds then is corrected as well.
-    """
-
-    declared: PoseConvention = field(default_factory=PoseConvention)
-    apply_diagnosis: bool = False
+    declared: PoseConvention = field(default_factory=PoseConvention)  #: What the user says of its convention.
+    apply_diagnosis: bool = False  #: Whether the mismatch that the diagnosis finds then is corrected as well.
 
     @property
     def is_wanted(self) -> bool:
@@ -143,31 +121,19 @@ class Correction:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Run:
-    """What there is of a run; what is absent is None or empty.
+    """What there is of a run; what is absent is None or empty."""
 
-    Attributes:
-        inputs: Files that it was read from, for provenance.
-        stats: Calls on this host.
-        target: Calls on the target of `inputs`.
-        drive: Trajectory.
-        cloud: Map.
-        method: Whose run it is; None: as the statistics say.
-        external: How an external node behaved, None where there was none.
-        findings: What was wrong with its answers.
-        convention: How the poses of `drive` have been converted, None where they have not.
-        in_memory: Hash of inputs that are no file, by role.
-    """
-
-    inputs: ScoreInputs
-    stats: Sequence[CallStats] = ()
-    target: CallStats | None = None
-    drive: ScoredDrive | None = None
-    cloud: ScoredCloud | None = None
-    method: MethodRecord | None = None
-    external: ExternalScore | None = None
-    findings: tuple[FindingRecord, ...] = ()
+    inputs: ScoreInputs  #: Files that it was read from, for provenance.
+    stats: Sequence[CallStats] = ()  #: Calls on this host.
+    target: CallStats | None = None  #: Calls on the target of `inputs`.
+    drive: ScoredDrive | None = None  #: Trajectory.
+    cloud: ScoredCloud | None = None  #: Map.
+    method: MethodRecord | None = None  #: Whose run it is; None: as the statistics say.
+    external: ExternalScore | None = None  #: How an external node behaved, None where there was none.
+    findings: tuple[FindingRecord, ...] = ()  #: What was wrong with its answers.
+    #: How the poses of `drive` have been converted, None where they have not.
     convention: ConventionRecord | None = None
-    in_memory: Mapping[str, str] = field(default_factory=dict)
+    in_memory: Mapping[str, str] = field(default_factory=dict)  #: Hash of inputs that are no file, by role.
 
     @property
     def notes(self) -> tuple[str, ...]:

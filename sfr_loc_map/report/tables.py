@@ -101,7 +101,6 @@ class Cell:
     link: str = ""  #: Place of a page about it, relative to the page that the table stands in; empty for none.
 
     def __post_init__(self) -> None:
-        """Make the text fit for a terminal: it may come from a file."""
         object.__setattr__(self, "text", printable(self.text))
 
     @classmethod

@@ -19,7 +19,6 @@ class Sensor:
     """Imaging chain of a stereo rig: the same (seed, frame, camera) gives the same bytes."""
 
     def __init__(self, seed: int, task: Task, config: SensorConfig, rig: StereoRig) -> None:
-        """Prepare everything that does not change between frames."""
         self._seed, self._task, self._config, self._rig = seed, TASK_SEEDS[task], config, rig
         size = (rig.height, rig.width)
         # the cosine to the fourth power of the angle off the axis, weakened to a share

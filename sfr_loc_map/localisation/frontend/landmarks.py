@@ -61,7 +61,6 @@ class Patches(dict[int, Templates]):
     """
 
     def __init__(self, hosted: tuple[HostPatches, ...], rows: NDArray[np.intp]) -> None:
-        """Start without a copy."""
         super().__init__()
         self.hosted, self.rows = hosted, rows
 

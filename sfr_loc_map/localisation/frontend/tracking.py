@@ -73,7 +73,6 @@ class Tracker:
     """Tracks landmarks in pairs: first all together on coarse pyramid levels, then each one in both images."""
 
     def __init__(self, config: LocalisationConfig, camera: StereoCamera) -> None:
-        """Track for the camera of a rig."""
         self._min_tracked, self._camera = config.min_tracked, camera
 
     def align(

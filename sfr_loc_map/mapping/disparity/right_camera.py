@@ -46,17 +46,12 @@ MIN_ROLL_PX = 0.05
 
 @dataclass(frozen=True, slots=True)
 class RectificationCorrection:
-    """How the right image differs from a rectified, equally exposed one.
+    """How the right image differs from a rectified, equally exposed one."""
 
-    Attributes:
-        gain: Its contrast over that of the left image.
-        offset: Its brightness where the left image's is 0, grey levels.
-        vertical_px: Vertical disparity: its content lies lower than the left's by
-            `vertical_px[0] + vertical_px[1] x + vertical_px[2] y` pixels, x and y from -1 to 1 over the left image.
-    """
-
-    gain: float
-    offset: float
+    gain: float  #: Its contrast over that of the left image.
+    offset: float  #: Its brightness where the left image's is 0, grey levels.
+    #: Vertical disparity: its content lies lower than the left's by `vertical_px[0] + vertical_px[1] x +
+    #: vertical_px[2] y` pixels, x and y from -1 to 1 over the left image.
     vertical_px: tuple[float, float, float]
 
     @property
@@ -157,19 +152,12 @@ def _shifted_up(image: FloatImage, vertical: FloatArray) -> FloatImage:
 
 @dataclass(frozen=True, slots=True)
 class CameraRotation:
-    """Rotation of the right camera against its calibration.
+    """Rotation of the right camera against its calibration."""
 
-    Attributes:
-        yaw_rad: About y; positive turns it to the right.
-        yaw_sigma_rad: Standard deviation of the yaw.
-        roll_rad: About z; positive turns it clockwise.
-        pitch_rad: About x; positive turns it up. It is the rotation that the vertical offset amounts to.
-    """
-
-    yaw_rad: float
-    yaw_sigma_rad: float
-    roll_rad: float
-    pitch_rad: float
+    yaw_rad: float  #: About y; positive turns it to the right.
+    yaw_sigma_rad: float  #: Standard deviation of the yaw.
+    roll_rad: float  #: About z; positive turns it clockwise.
+    pitch_rad: float  #: About x; positive turns it up. It is the rotation that the vertical offset amounts to.
 
 
 def camera_rotation(

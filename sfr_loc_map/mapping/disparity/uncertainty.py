@@ -73,17 +73,12 @@ def disparity_sigma(refined: RefinedDisparity) -> FloatImage:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Saturation:
-    """How saturated the images are around each pixel of the left one: there is no texture, and highlights move.
+    """How saturated the images are around each pixel of the left one: there is no texture, and highlights move."""
 
-    Attributes:
-        flat: `(H, W)`, there is nothing but saturation in one of the images.
-        around: `(H, W)` uint8, the mean around each pixel of 0 for pixels that are not saturated, 255 for others.
-        share: Share of the pixels of the left image that are saturated in either.
-    """
-
-    flat: Mask
+    flat: Mask  #: `(H, W)`, there is nothing but saturation in one of the images.
+    #: `(H, W)` uint8, the mean around each pixel of 0 for pixels that are not saturated, 255 for others.
     around: GreyImage
-    share: float
+    share: float  #: Share of the pixels of the left image that are saturated in either.
 
     def widen(self, sigma: NDArray[np.float32], cloud: PointCloud, number: int) -> None:
         """Multiply the standard deviations `(N,)` of the points of a cloud's pair by their factors, in place."""

@@ -64,27 +64,17 @@ GRID_FACTOR = 2.8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RefinedDisparity:
-    """A refined field and what is needed to judge it.
+    """A refined field and what is needed to judge it."""
 
-    Attributes:
-        disparity_px: `(H, W)` float32, pixels, without holes.
-        cells_px: `(H/2, W/2)` float32, pixels, the field on cells, padded.
-        information: `(H/2, W/2)` float32, 1 / pixels^2 of one cell.
-        weights: Of the field's second differences.
-        normalised_residual: `(H, W)` float32, residual over its standard deviation; NaN outside the right image.
-        noise: Standard deviation of a residual, grey levels.
-        right: `(H, W)` float32, the corrected right image.
-        correction: Of the right image.
-    """
-
-    disparity_px: FloatImage
-    cells_px: FloatImage
-    information: FloatImage
-    weights: SmoothnessWeights
+    disparity_px: FloatImage  #: `(H, W)` float32, pixels, without holes.
+    cells_px: FloatImage  #: `(H/2, W/2)` float32, pixels, the field on cells, padded.
+    information: FloatImage  #: `(H/2, W/2)` float32, 1 / pixels^2 of one cell.
+    weights: SmoothnessWeights  #: Of the field's second differences.
+    #: `(H, W)` float32, residual over its standard deviation; NaN outside the right image.
     normalised_residual: FloatImage
-    noise: float
-    right: FloatImage
-    correction: RectificationCorrection
+    noise: float  #: Standard deviation of a residual, grey levels.
+    right: FloatImage  #: `(H, W)` float32, the corrected right image.
+    correction: RectificationCorrection  #: Of the right image.
 
 
 def refine(left: FloatImage, right: FloatImage, initial_px: FloatImage) -> RefinedDisparity:

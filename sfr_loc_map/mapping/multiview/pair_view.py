@@ -39,19 +39,12 @@ class ViewImages(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PairView:
-    """Points of one stereo pair with the disparity image and the pose that they come from.
+    """Points of one stereo pair with the disparity image and the pose that they come from."""
 
-    Attributes:
-        cloud: Its points in LM.
-        disparity_px: `(H, W)` float32, pixels, NaN where none.
-        T_lm_left: Takes points in its left optical frame to LM.
-        noise_grey: Standard deviation of the difference of two images of the same ground, grey levels.
-    """
-
-    cloud: PointCloud
-    disparity_px: FloatImage
-    T_lm_left: Transform
-    noise_grey: float
+    cloud: PointCloud  #: Its points in LM.
+    disparity_px: FloatImage  #: `(H, W)` float32, pixels, NaN where none.
+    T_lm_left: Transform  #: Takes points in its left optical frame to LM.
+    noise_grey: float  #: Standard deviation of the difference of two images of the same ground, grey levels.
 
     def with_pose(self, T_lm_left: Transform) -> PairView:
         """Return the view at another pose, its points moved along."""
@@ -92,25 +85,15 @@ class PairView:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReprojectedPoints:
-    """What another view says of the M points that it sees too, `(M,)` float32 each.
+    """What another view says of the M points that it sees too, `(M,)` float32 each."""
 
-    Attributes:
-        index: Numbers of the points in their cloud.
-        difference: How much farther along the view's ray it sees them, metres.
-        deviation: Standard deviation of its range, metres.
-        weight: Its weight, 1 / m^2.
-        grey_difference: Its grey level minus the point's; NaN where it has no point.
-        grey_difference_shifted: The same at `SHIFT_PX` to the right and below.
-        offset_px: Distance from its nearest sample.
-    """
-
-    index: NDArray[np.intp]
-    difference: FloatImage
-    deviation: FloatImage
-    weight: FloatImage
-    grey_difference: FloatImage
-    grey_difference_shifted: FloatImage
-    offset_px: FloatImage
+    index: NDArray[np.intp]  #: Numbers of the points in their cloud.
+    difference: FloatImage  #: How much farther along the view's ray it sees them, metres.
+    deviation: FloatImage  #: Standard deviation of its range, metres.
+    weight: FloatImage  #: Its weight, 1 / m^2.
+    grey_difference: FloatImage  #: Its grey level minus the point's; NaN where it has no point.
+    grey_difference_shifted: FloatImage  #: The same at `SHIFT_PX` to the right and below.
+    offset_px: FloatImage  #: Distance from its nearest sample.
 
 
 def reproject_into_view(

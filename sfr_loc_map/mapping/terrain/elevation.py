@@ -90,21 +90,13 @@ def _cell_of(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ElevationModel:
-    """Heights over a grid whose rows go along y and columns along x of LM.
+    """Heights over a grid whose rows go along y and columns along x of LM."""
 
-    Attributes:
-        height_m: `(R, C)` float32, z of LM, NaN in cells without a point.
-        sigma_m: `(R, C)` float32, standard deviation of the height, NaN likewise.
-        count: `(R, C)` int32, points in the cell.
-        origin_m: x and y of the outer corner of cell (0, 0), which has the least x and y.
-        cell_m: Side of a cell.
-    """
-
-    height_m: NDArray[np.float32]
-    sigma_m: NDArray[np.float32]
-    count: NDArray[np.int32]
-    origin_m: tuple[float, float]
-    cell_m: float
+    height_m: NDArray[np.float32]  #: `(R, C)` float32, z of LM, NaN in cells without a point.
+    sigma_m: NDArray[np.float32]  #: `(R, C)` float32, standard deviation of the height, NaN likewise.
+    count: NDArray[np.int32]  #: `(R, C)` int32, points in the cell.
+    origin_m: tuple[float, float]  #: x and y of the outer corner of cell (0, 0), which has the least x and y.
+    cell_m: float  #: Side of a cell.
 
 
 def elevation_of_cells(

@@ -37,22 +37,19 @@ HAZARD, UNKNOWN = 100, -1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TerrainGrid:
-    """What a rover needs to know of the ground, over a grid whose rows go along y and columns along x of LM.
+    """What a rover needs to know of the ground, over a grid whose rows go along y and columns along x of LM."""
 
-    Attributes:
-        elevation: Heights, their sigma, points of each cell, place and size of the cells. Cells with too few points
-            have no height.
-        slope_rad: `(R, C)` float32, angle of the plane fitted to the heights within the rover's footprint.
-        roughness_m: `(R, C)` float32, root of the mean squared difference of these heights from the plane.
-        step_m: `(R, C)` float32, largest difference of heights above that plane around the cell (.
-        hazard: `(R, C)` int8, 100 where a criterion reaches its limit, 0 to 99 the largest share of a limit in
-            percent, -1 where not known.
-    """
-
+    #: Heights, their sigma, points of each cell, place and size of the cells. Cells with too few points have no
+    #: height.
     elevation: ElevationModel
+    #: `(R, C)` float32, angle of the plane fitted to the heights within the rover's footprint.
     slope_rad: NDArray[np.float32]
+    #: `(R, C)` float32, root of the mean squared difference of these heights from the plane.
     roughness_m: NDArray[np.float32]
+    #: `(R, C)` float32, largest difference of heights above that plane around the cell (.
     step_m: NDArray[np.float32]
+    #: `(R, C)` int8, 100 where a criterion reaches its limit, 0 to 99 the largest share of a limit in percent, -1
+    #: where not known.
     hazard: NDArray[np.int8]
 
 

@@ -104,7 +104,6 @@ class LibraryLocaliser(Library):
     """`sfr_candidate_process`."""
 
     def __init__(self, setup: Mapping[str, Any]) -> None:
-        """Look for the function."""
         super().__init__(setup)
         pointer = ctypes.c_void_p
         self._process = self.function(
@@ -149,7 +148,6 @@ class LibraryMapper(Library):
     """`sfr_candidate_map`."""
 
     def __init__(self, setup: Mapping[str, Any]) -> None:
-        """Look for the function and make room for the points."""
         super().__init__(setup)
         pointer, size = ctypes.c_void_p, ctypes.c_size_t
         self._map = self.function("map", ctypes.c_int32, pointer, pointer, pointer, pointer, size, pointer)

@@ -28,7 +28,6 @@ class Pandora:
     """Disparities of the left image, NaN where none."""
 
     def __init__(self, setup: Mapping[str, Any]) -> None:
-        """Load the plugins and warm up on noise."""
         import pandora  # type: ignore[import-not-found,unused-ignore]
         from pandora.state_machine import PandoraMachine  # type: ignore[import-not-found,unused-ignore]
 

@@ -44,7 +44,6 @@ class PythonClass:
     """What both kinds of methods have in common."""
 
     def __init__(self, setup: Mapping[str, Any]) -> None:
-        """Make the object and warm it up."""
         T_rb_sb = None if setup["T_rb_sb"] is None else _transform(setup["T_rb_sb"])
         rig = replace(StereoRig(**{name: setup[name] for name in CAMERA}), T_rb_sb=T_rb_sb)
         self.method: Any = _load(setup["target"])(rig, setup["config"])
@@ -95,7 +94,6 @@ class PythonMapper(PythonClass):
     """A mapper: its result has a `cloud`, or is a `PointCloud`, or a disparity image `(H, W)` of the left camera."""
 
     def __init__(self, setup: Mapping[str, Any]) -> None:
-        """Look whether it fuses."""
         super().__init__(setup)
         self.fuses = callable(getattr(self.method, "fuse", None))
         self._results: list[Any] = []

@@ -29,7 +29,6 @@ class ReplayNode:
     """A ROS node whose waiting fails (`NodeError`) as soon as a supervised node ends; a context manager."""
 
     def __init__(self, supervisor: Supervisor) -> None:
-        """Join the graph."""
         start_ros()
         self.supervisor = supervisor
         self.node: Node = rclpy.create_node(NAME)
@@ -38,11 +37,9 @@ class ReplayNode:
         self._clients: dict[str, Client] = {}
 
     def __enter__(self) -> ReplayNode:
-        """Return itself."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Leave the graph."""
         self.node.destroy_node()
         try_shutdown()
 

@@ -33,26 +33,18 @@ RELIABLE_INPUT = {
 
 @dataclass(frozen=True, slots=True)
 class ExternalOptions:
-    """An external node in place of ours.
+    """An external node in place of ours."""
 
-    Attributes:
-        task: What it does.
-        topic: What it publishes its results on.
-        command: Command that starts it; empty: it runs already, or is started by the user.
-        watch: Process whose CPU and memory are measured: number, or part of a command line; empty: that of the command.
-        frames: What its answers name, `parent -> child` or of a cloud `parent`; empty: what the first of them names.
-        timeout_s: How long the answer to a pair is waited for, in lock step; what comes later is late.
-        start_timeout_s: How long it may take until it listens.
-        convention: In what its poses differ from those of RB in DS; for a cloud, its points from those in LM.
-    """
-
-    task: Task
-    topic: str
-    command: str = ""
+    task: Task  #: What it does.
+    topic: str  #: What it publishes its results on.
+    command: str = ""  #: Command that starts it; empty: it runs already, or is started by the user.
+    #: Process whose CPU and memory are measured: number, or part of a command line; empty: that of the command.
     watch: str = ""
+    #: What its answers name, `parent -> child` or of a cloud `parent`; empty: what the first of them names.
     frames: str = ""
-    timeout_s: float = 5.0
-    start_timeout_s: float = 60.0
+    timeout_s: float = 5.0  #: How long the answer to a pair is waited for, in lock step; what comes later is late.
+    start_timeout_s: float = 60.0  #: How long it may take until it listens.
+    #: In what its poses differ from those of RB in DS; for a cloud, its points from those in LM.
     convention: PoseConvention = field(default_factory=PoseConvention)
 
     @property
@@ -64,37 +56,22 @@ class ExternalOptions:
 
 @dataclass(frozen=True, slots=True)
 class ReplayOptions:
-    """How a source is replayed.
+    """How a source is replayed."""
 
-    Attributes:
-        localisation: Parameters of the localiser.
-        mapping: Parameters of the mapper.
-        score: Settings of the monitor's score.
-        limits: Limits file of the monitor's verdicts, None for none.
-        start: Returns the pose of RB in DS after an offset in seconds, with its stamp; None for the identity.
-        rate: 0: lock step, the result of each pair is awaited; otherwise a multiple of the recorded speed.
-        offset_s: Where it starts, seconds after the first message.
-        paused: Whether it waits for the operator before the first pair.
-        loop: Whether it starts again at its end, until the operator or a signal ends it.
-        remap: New names of topics by the names in the bag.
-        parameter_file: ROS parameter file for all nodes; the parameters above override it.
-        page: Page that shows the run, None for none.
-        external: Node under test in place of one of ours, None for ours.
-    """
-
-    localisation: LocalisationConfig
-    mapping: MappingConfig
-    score: ScoreConfig
-    limits: Path | None
+    localisation: LocalisationConfig  #: Parameters of the localiser.
+    mapping: MappingConfig  #: Parameters of the mapper.
+    score: ScoreConfig  #: Settings of the monitor's score.
+    limits: Path | None  #: Limits file of the monitor's verdicts, None for none.
+    #: Returns the pose of RB in DS after an offset in seconds, with its stamp; None for the identity.
     start: Callable[[float], StartPose | None]
-    rate: float
-    offset_s: float
-    paused: bool
-    loop: bool
-    remap: Mapping[str, str]
-    parameter_file: Path | None
-    page: LivePage | None = None
-    external: ExternalOptions | None = None
+    rate: float  #: 0: lock step, the result of each pair is awaited; otherwise a multiple of the recorded speed.
+    offset_s: float  #: Where it starts, seconds after the first message.
+    paused: bool  #: Whether it waits for the operator before the first pair.
+    loop: bool  #: Whether it starts again at its end, until the operator or a signal ends it.
+    remap: Mapping[str, str]  #: New names of topics by the names in the bag.
+    parameter_file: Path | None  #: ROS parameter file for all nodes; the parameters above override it.
+    page: LivePage | None = None  #: Page that shows the run, None for none.
+    external: ExternalOptions | None = None  #: Node under test in place of one of ours, None for ours.
 
 
 def node_arguments(source: Source, options: ReplayOptions, folder: Path) -> dict[str, list[str]]:

@@ -20,58 +20,39 @@ from sfr_loc_map.pipeline.monitor_score import PairSet, PairSets
 
 @dataclass(frozen=True, slots=True)
 class ObservedNode:
-    """What is known of an external node besides its answers.
+    """What is known of an external node besides its answers."""
 
-    Attributes:
-        name: Its name in the graph.
-        version: As it tells on /diagnostics, None where it does not.
-        options: What the user said of it.
-        usage: CPU and memory of its processes, None where they were not watched.
-        log: What its process wrote; empty where it was not started here.
-    """
-
-    name: str
-    version: str | None
-    options: ExternalOptions
-    usage: ProcessUsage | None
-    log: str
+    name: str  #: Its name in the graph.
+    version: str | None  #: As it tells on /diagnostics, None where it does not.
+    options: ExternalOptions  #: What the user said of it.
+    usage: ProcessUsage | None  #: CPU and memory of its processes, None where they were not watched.
+    log: str  #: What its process wrote; empty where it was not started here.
 
 
 @dataclass(slots=True)
 class ReplayResults:
-    """What the nodes have published since the last reset.
+    """What the nodes have published since the last reset."""
 
-    Attributes:
-        rows: Stamp, position (m) and quaternion (x, y, z, w) of each odometry message, numbers as received.
-        covariances: Covariance `(6, 6)` of the pose by stamp.
-        localisation: Calls of the localiser by stamp.
-        mapping: Calls of the mapper by state and stamp.
-        clouds: Stamp and points of each published cloud.
-        report: Last report of the monitor (JSON), empty where there is none.
-        input_error: What a node reports of input that it cannot use, empty if none does.
-        published: Task and stamp of each pair that was published to the nodes.
-        whole: Whether the run was played to its end.
-        interrupted: Whether a signal ended the replay.
-        cut_short: Other runs of the replay with results, which a jump or a signal ended, in their order.
-        answers: What an external node answered, None without one; its poses are in `rows` as it published them.
-        points: Stamp and points `(N, 3)` in LM of each cloud of an external node.
-        observed: What else is known of the external node, None without one.
-    """
-
+    #: Stamp, position (m) and quaternion (x, y, z, w) of each odometry message, numbers as received.
     rows: list[tuple[int, tuple[float, ...], tuple[float, ...]]] = field(default_factory=list)
-    covariances: dict[int, FloatArray] = field(default_factory=dict)
-    localisation: dict[int, CallRecord] = field(default_factory=dict)
+    covariances: dict[int, FloatArray] = field(default_factory=dict)  #: Covariance `(6, 6)` of the pose by stamp.
+    localisation: dict[int, CallRecord] = field(default_factory=dict)  #: Calls of the localiser by stamp.
+    #: Calls of the mapper by state and stamp.
     mapping: dict[tuple[str, int], CallRecord] = field(default_factory=dict)
-    clouds: list[tuple[int, PointCloud]] = field(default_factory=list)
-    report: str = ""
-    input_error: str = ""
+    clouds: list[tuple[int, PointCloud]] = field(default_factory=list)  #: Stamp and points of each published cloud.
+    report: str = ""  #: Last report of the monitor (JSON), empty where there is none.
+    input_error: str = ""  #: What a node reports of input that it cannot use, empty if none does.
+    #: Task and stamp of each pair that was published to the nodes.
     published: set[tuple[str, int]] = field(default_factory=set)
-    whole: bool = False
-    interrupted: bool = False
+    whole: bool = False  #: Whether the run was played to its end.
+    interrupted: bool = False  #: Whether a signal ended the replay.
+    #: Other runs of the replay with results, which a jump or a signal ended, in their order.
     cut_short: tuple[ReplayResults, ...] = ()
+    #: What an external node answered, None without one; its poses are in `rows` as it published them.
     answers: AnswerBook | None = None
+    #: Stamp and points `(N, 3)` in LM of each cloud of an external node.
     points: list[tuple[int, FloatArray]] = field(default_factory=list)
-    observed: ObservedNode | None = None
+    observed: ObservedNode | None = None  #: What else is known of the external node, None without one.
 
     @property
     def trajectory(self) -> Trajectory:
