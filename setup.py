@@ -16,13 +16,7 @@ VERSION = re.search(r'__version__ = "(.+)"', (ROOT / PACKAGE / "__init__.py").re
 PROFILES = glob(PACKAGE + "/nodes/profiles/*.xml")  # in share/ for other programs: camera drivers need it
 NODES = ("localisation_node", "mapping_node", "monitor_node")
 # BSD-2 (Sphinx, copybutton), MIT (MyST, furo); matplotlib draws the figures of the pages (PSF-like)
-DOCS = [
-    "furo>=2024.8,<2027",
-    "matplotlib>=3.8,<4",
-    "myst-parser>=4,<6",
-    "sphinx>=8,<10",
-    "sphinx-copybutton>=0.5,<0.6",
-]
+DOCS = ["furo>=2024.8,<2027", "matplotlib>=3.8,<4", "myst-parser>=4,<6", "sphinx>=8,<10", "sphinx-copybutton>=0.5,<0.6"]
 TEST = ["hypothesis>=6.100,<7", "pytest>=8,<10", "pytest-timeout>=2.3,<3", "pytest-xdist>=3.7,<4"]
 LIVE = ["aiohttp>=3.10,<4"]
 FOXGLOVE = ["foxglove-sdk>=0.30,<0.40"]
@@ -54,13 +48,7 @@ setup(
     python_requires=">=3.11,<3.14",
     packages=find_packages(include=[PACKAGE, PACKAGE + ".*"]),
     package_data={
-        PACKAGE: [
-            "py.typed",
-            "report/templates/*",
-            "live/web/*",
-            "nodes/profiles/*.xml",
-            "mapping/disparity/*.json",
-        ],
+        PACKAGE: ["py.typed", "report/templates/*", "live/web/*", "nodes/profiles/*.xml", "mapping/disparity/*.json"],
         "": ["*.pyi"],
     },
     data_files=[

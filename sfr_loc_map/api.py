@@ -66,10 +66,8 @@ if TYPE_CHECKING:
 C = TypeVar("C")
 PathLike = str | os.PathLike[str]
 SourceLike = PathLike | sequence.Source
-Start = str | Transform | StartPose
-"""Where a drive starts: `identity`, `truth`, or a pose of RB in DS."""
-Parameters = PathLike | Mapping[str, object]
-"""Parameters: a YAML file, or values by name (`{"max_features": 300}`)."""
+Start = str | Transform | StartPose  #: Where a drive starts: `identity`, `truth`, or a pose of RB in DS.
+Parameters = PathLike | Mapping[str, object]  #: Parameters: a YAML file, or values by name (`{"max_features": 300}`).
 Estimate = PathLike | trajectory_base.Trajectory | cloud_base.PointCloud
 Truth = PathLike | trajectory_base.Trajectory | sequence.Source
 Step = tuple[PoseEstimate, CallRecord, MethodRecord]
@@ -108,10 +106,7 @@ class Trajectory(_Shown, trajectory_base.Trajectory):
 
     @classmethod
     def of(
-        cls,
-        poses: trajectory_base.Trajectory,
-        records: Iterable[CallRecord] = (),
-        method: MethodRecord | None = None,
+        cls, poses: trajectory_base.Trajectory, records: Iterable[CallRecord] = (), method: MethodRecord | None = None
     ) -> Self:
         """Return poses with the calls that gave them."""
         return cls(poses.stamps_ns, poses.positions, poses.quats_xyzw, tuple(records), method)

@@ -155,11 +155,7 @@ def build(config_type: type[C], values: Mapping[str, Any], *, origin: str = "con
 
 
 def check_value(info: ParamInfo, value: Any) -> Any:  # noqa: ANN401 - any parameter type
-    """Return `value` in the parameter's type.
-
-    Raises:
-        ConfigError: If the type is wrong or the value is out of range.
-    """
+    """Return `value` in the parameter's type; raises ConfigError if the type is wrong or the value is out of range."""
     value = _as_type(info, value)
     for number in value if isinstance(value, tuple) else (value,):
         if not _in_range(info, number):
@@ -170,11 +166,7 @@ def check_value(info: ParamInfo, value: Any) -> Any:  # noqa: ANN401 - any param
 
 
 def load_yaml(path: Path) -> dict[str, Any]:
-    """Read a YAML file that holds one mapping.
-
-    Raises:
-        ConfigError: If the file is missing, not YAML or not a mapping.
-    """
+    """Read a YAML file that holds one mapping; raises ConfigError if the file is missing, not YAML or not a mapping."""
     try:
         content = parse_yaml(read_text(path))
     except OSError as error:

@@ -27,38 +27,28 @@ if TYPE_CHECKING:  # messages and short files do without it
     import numpy as np
     from numpy.typing import NDArray
 
-NS_PER_S = 1_000_000_000
-"""Nanoseconds in a second."""
+NS_PER_S = 1_000_000_000  #: Nanoseconds in a second.
 Side = Literal["left", "right"]
-SIDES: tuple[Side, Side] = ("left", "right")
-"""The cameras of a stereo rig, in the order of all files and topics."""
-LOST_VARIANCE = 9999.0
-"""Variance on the whole diagonal of the covariance of a pose that is not known (m^2, rad^2)."""
-JUMP_BACK_NS = NS_PER_S
-"""A clock that goes back by more than this was set, or a bag was started again."""
+SIDES: tuple[Side, Side] = ("left", "right")  #: The cameras of a stereo rig, in the order of all files and topics.
+LOST_VARIANCE = 9999.0  #: Variance on the whole diagonal of the covariance of a pose that is not known (m^2, rad^2).
+JUMP_BACK_NS = NS_PER_S  #: A clock that goes back by more than this was set, or a bag was started again.
 
 MB = 1_000_000
-MAX_TEXT_BYTES = MB
-"""Largest settings file, rig or list of topics: a legitimate one has some kilobytes."""
+MAX_TEXT_BYTES = MB  #: Largest settings file, rig or list of topics: a legitimate one has some kilobytes.
 MAX_JSON_BYTES = 64 * MB
 MAX_IMAGE_BYTES = 512 * MB
 MAX_CLOUD_BYTES = 4096 * MB
-MAX_TABLE_BYTES = 256 * MB
-"""Largest table of text: a trajectory of 1.5 million poses."""
+MAX_TABLE_BYTES = 256 * MB  #: Largest table of text: a trajectory of 1.5 million poses.
 MAX_TABLE_LINES = 4_000_000
 MAX_LINE_BYTES = 64_000
 FREE_BYTES = 64 * 2**20
 LARGEST_RATIO = 20
 """What is compressed may become `FREE_BYTES`, or this many times its own size where that is more: images and points of
 real sensors do not compress so well."""
-MAX_DEPTH = 64
-"""Deepest nesting of JSON and YAML."""
-MAX_NODES = 100_000
-"""Most values of a YAML file once its aliases are written out."""
-MAX_DIGITS = 20
-"""Longest integer of JSON and YAML: 64 bits have 19 digits and a sign."""
-MAX_MESSAGE = 600
-"""Characters of a message; the first and the last ones of a longer text are kept."""
+MAX_DEPTH = 64  #: Deepest nesting of JSON and YAML.
+MAX_NODES = 100_000  #: Most values of a YAML file once its aliases are written out.
+MAX_DIGITS = 20  #: Longest integer of JSON and YAML: 64 bits have 19 digits and a sign.
+MAX_MESSAGE = 600  #: Characters of a message; the first and the last ones of a longer text are kept.
 _TAIL = 200
 _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]|[\ud800-\udfff]")
 _UNPRINTABLE = re.compile(
@@ -104,8 +94,7 @@ def special_kind(mode: int) -> str:
 def check_regular(path: Path) -> None:
     """Check that a path is a regular file, or a link to one.
 
-    Raises:
-        OSError: If it is missing or something else, or its name is that of no file.
+    Raises OSError if it is missing or something else, or its name is that of no file.
     """
     read_bytes(path, None)
 
@@ -115,8 +104,7 @@ def read_bytes(path: Path, limit: int | None, *, table: bool = False) -> bytes:
 
     Of a `table` of text the number and the length of its lines are bounded as well.
 
-    Raises:
-        OSError: If it cannot be read, is not a regular file (a named pipe would wait for ever) or is too large.
+    Raises OSError if it cannot be read, is not a regular file (a named pipe would wait for ever) or is too large.
     """
     if "\0" in str(path):  # Python would raise a ValueError
         raise OSError(errno.EINVAL, "its name holds a zero byte", str(path))
@@ -164,8 +152,7 @@ def expansion_limit(compressed: int) -> int:
 def check_expansion(compressed: int, size: int, what: str) -> None:
     """Check a size that is claimed for something compressed, before memory is taken for it.
 
-    Raises:
-        ValueError: If it is larger than `expansion_limit`.
+    Raises ValueError if it is larger than `expansion_limit`.
     """
     if size > expansion_limit(compressed):
         raise ValueError(
@@ -178,8 +165,7 @@ def hash_path(path: Path) -> str:
 
     Hidden files are left out of a folder's hash.
 
-    Raises:
-        InputError: If the path is missing or cannot be read.
+    Raises InputError if the path is missing or cannot be read.
     """
     path = Path(path)
     try:

@@ -150,11 +150,7 @@ CLAUSES = (
         "The document does not say how. By default the whole pose is re-based, with `--rebase position` its position.",
     ),
     Clause(
-        "4.1.3",
-        "Standard deviation",
-        "With Bessel's correction.",
-        ("metrics/statistics.py",),
-        "every column sigma",
+        "4.1.3", "Standard deviation", "With Bessel's correction.", ("metrics/statistics.py",), "every column sigma"
     ),
     Clause(
         "4.2.1",
@@ -201,13 +197,7 @@ CLAUSES = (
         ("metrics/calls.py", "pipeline/call_stats.py"),
         "table of times per call: mapping, fusion",
     ),
-    Clause(
-        "4.3.2",
-        "RAM consumption, mapping",
-        "As 4.2.2.",
-        ("metrics/calls.py",),
-        "table of peak memory: mapping",
-    ),
+    Clause("4.3.2", "RAM consumption, mapping", "As 4.2.2.", ("metrics/calls.py",), "table of peak memory: mapping"),
     Clause("4.3.3", "Mapping accuracy performance", note="A heading; what it asks stands in 4.3.4."),
     Clause(
         "4.3.4",

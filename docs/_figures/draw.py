@@ -86,10 +86,7 @@ def draw_rebasing() -> None:
             axes.plot(*truth.positions[index, :2], "o", color=TRUE, ms=4)
             axes.annotate(name, truth.positions[index, :2], xytext=(-4, -13), textcoords="offset points")
         axes.annotate(
-            "",
-            positions[end, :2],
-            truth.positions[end, :2],
-            arrowprops={"arrowstyle": "->", "color": ERROR, "lw": 1.5},
+            "", positions[end, :2], truth.positions[end, :2], arrowprops={"arrowstyle": "->", "color": ERROR, "lw": 1.5}
         )
         error = np.linalg.norm(positions[end] - truth.positions[end])
         axes.set_title(f"{title}: error {error:.2f} m", color=ERROR)

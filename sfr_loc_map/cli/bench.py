@@ -105,10 +105,7 @@ def localise(
 
 @app.command(name="map", epilog=examples("sfr bench map data/ --json bench.json"))
 def map_(
-    source: SourceArgument,
-    compared: ComparedOptions,
-    json_path: JsonOption = None,
-    overwrite: OverwriteOption = False,
+    source: SourceArgument, compared: ComparedOptions, json_path: JsonOption = None, overwrite: OverwriteOption = False
 ) -> None:
     """Our mapper against OpenCV's semi-global matching, Pandora where installed, and any other method."""
     from sfr_loc_map.inputs import Task

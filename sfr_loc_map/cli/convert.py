@@ -10,14 +10,7 @@ import typer
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import OverwriteOption, RemapOption, SourceArgument, parse_remaps
-from sfr_loc_map.cli.output import (
-    check_outputs,
-    check_suffix,
-    output_folder,
-    progress_bar,
-    say,
-    warn,
-)
+from sfr_loc_map.cli.output import check_outputs, check_suffix, output_folder, progress_bar, say, warn
 from sfr_loc_map.errors import ConfigError, InputError, naming
 
 if TYPE_CHECKING:
@@ -26,8 +19,7 @@ if TYPE_CHECKING:
 CLOUDS = (".ply", ".pcd", ".npz", ".las", ".laz")
 """Endings of files of points; the same as `io.cloud_file.SUFFIXES`, which takes long to import."""
 MODELS = (".tif", ".tiff", ".png", ".html")
-ARCHIVE = ".dem.npz"
-"""Endings of files of an elevation model; an archive of points ends in .npz, too."""
+ARCHIVE = ".dem.npz"  #: Endings of files of an elevation model; an archive of points ends in .npz, too.
 
 
 class Compression(StrEnum):

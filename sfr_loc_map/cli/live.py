@@ -28,11 +28,7 @@ LivePortOption = Annotated[
 
 
 def require_live() -> None:
-    """Check that the web server can be imported.
-
-    Raises:
-        MissingExtraError: If it cannot.
-    """
+    """Check that the web server can be imported; raises MissingExtraError if it cannot."""
     if find_spec("aiohttp") is None:
         raise MissingExtraError("sfr live needs a web server, aiohttp: pip install 'sfr_loc_map[live]'")
 
@@ -44,8 +40,7 @@ def live_beside(wanted: bool, port: int, namespace: str = "", *, isolated: bool 
     The page starts first of all: the imports of a run take longer than those of the page. It must be in the domain of a
     run that chooses one of its own (`isolated`).
 
-    Raises:
-        MissingExtraError: If a page is wanted and the web server or ROS cannot be imported.
+    Raises MissingExtraError if a page is wanted and the web server or ROS cannot be imported.
     """
     if not wanted:
         yield None

@@ -10,14 +10,7 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 import typer
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.options import (
-    MethodOptions,
-    OverwriteOption,
-    RemapOption,
-    SourceArgument,
-    StartOption,
-    open_drive,
-)
+from sfr_loc_map.cli.options import MethodOptions, OverwriteOption, RemapOption, SourceArgument, StartOption, open_drive
 from sfr_loc_map.cli.output import check_outputs, check_suffix, progress_bar, say, warn
 from sfr_loc_map.cli.verdict import conclude_findings
 from sfr_loc_map.errors import ConfigError, InterruptedRunError, naming

@@ -41,19 +41,7 @@ PANELS = {
     "history": MANY,
 }
 """Subcommands in the order of the help, that of a user's day, and what they stand under."""
-MODULES = (
-    "start",
-    "doctor",
-    "replay",
-    "localise",
-    "map_cloud",
-    "run",
-    "live",
-    "score",
-    "pages",
-    "convert",
-    "simulate",
-)
+MODULES = ("start", "doctor", "replay", "localise", "map_cloud", "run", "live", "score", "pages", "convert", "simulate")
 GROUPS = ("bench", "suite")
 
 UsageError: type[Exception] = typer.BadParameter.__bases__[0]  # of click or of the copy within typer, by its version

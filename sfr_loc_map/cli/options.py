@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.metrics.limits import Limits
     from sfr_loc_map.pipeline.scoring import Correction
 
-OURS = "sfr"
-"""Name of the suite's own localiser and mapper, which run in the process of the command."""
+OURS = "sfr"  #: Name of the suite's own localiser and mapper, which run in the process of the command.
 _NAMESPACE = re.compile(r"/?([A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*)?/?")
 
 

@@ -34,8 +34,7 @@ STDERR = 2
 HTML_SUFFIXES = (".html", ".htm")
 DATA_SET_FILES = ("rig.json", "pairs.csv", "groundtruth.csv", "simulation.yaml", "metadata.yaml")
 DATA_SET_FOLDERS = ("left", "right", "truth", "masks", "loc", "nav")
-DATA_SET_SUFFIXES = (".mcap", ".db3")
-"""What is in the folders that the suite writes as a whole."""
+DATA_SET_SUFFIXES = (".mcap", ".db3")  #: What is in the folders that the suite writes as a whole.
 
 
 def check_suffix(path: Path | None, suffixes: tuple[str, ...]) -> None:
@@ -47,9 +46,8 @@ def check_suffix(path: Path | None, suffixes: tuple[str, ...]) -> None:
 def check_outputs(*outputs: Path | str | None, overwrite: bool, inputs: Sequence[Path] = ()) -> None:
     """Check the files that a command writes before the work for them is done; None and `-` are left out.
 
-    Raises:
-        OutputError: If two outputs, or an output and an input, are one file, one of them exists and `overwrite` is not
-            given, or one cannot be written.
+    Raises OutputError if two outputs, or an output and an input, are one file, one of them exists and `overwrite` is
+    not given, or one cannot be written.
     """
     from sfr_loc_map.io.atomic import check_output
 
@@ -75,8 +73,7 @@ def output_folder(path: Path, *, overwrite: bool, inputs: Sequence[Path] = ()) -
 
     With `overwrite` what is there is moved aside, and moved back where the block leaves nothing in its place.
 
-    Raises:
-        OutputError: If something else is there, an input lies within it, or `overwrite` is not given.
+    Raises OutputError if something else is there, an input lies within it, or `overwrite` is not given.
     """
     place = path.resolve()
     if any(place in (item.resolve(), *item.resolve().parents) for item in inputs):

@@ -46,8 +46,7 @@ def score(
         ),
     ] = "pose",
     stats: Annotated[
-        list[Path] | None,
-        typer.Option(metavar="S.csv", help="Calls (time, memory, state, covariance); repeatable."),
+        list[Path] | None, typer.Option(metavar="S.csv", help="Calls (time, memory, state, covariance); repeatable.")
     ] = None,
     target: Annotated[
         str | None, typer.Option(metavar="NAME", help="Name of the target that --target-timing was measured on.")
@@ -82,16 +81,14 @@ def score(
         ),
     ] = None,
     max_difference: Annotated[
-        float | None,
-        typer.Option(metavar="S", help="Of stamps paired for APE and RPE.", show_default="0.01"),
+        float | None, typer.Option(metavar="S", help="Of stamps paired for APE and RPE.", show_default="0.01")
     ] = None,
     rpe_delta: Annotated[
         str | None,
         typer.Option(metavar="frames=N|distance=M", help="Length of a relative error.", show_default="frames=1"),
     ] = None,
     evo: Annotated[
-        Path | None,
-        typer.Option(metavar="F.zip", help="Write the APE as a result of evo, for evo_res; needs --align."),
+        Path | None, typer.Option(metavar="F.zip", help="Write the APE as a result of evo, for evo_res; needs --align.")
     ] = None,
     json_path: JsonOption = None,
     html: HtmlOption = None,

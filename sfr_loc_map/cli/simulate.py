@@ -113,8 +113,7 @@ def perturb(
         Path, typer.Argument(metavar="DST", help="*.mcap, *.db3 or *.bag: a ROS 2 bag; else a data set folder.")
     ],
     fault: Annotated[
-        list[str] | None,
-        typer.Option("--fault", metavar="KIND[:...]", help=FAULT_HELP, autocompletion=complete_faults),
+        list[str] | None, typer.Option("--fault", metavar="KIND[:...]", help=FAULT_HELP, autocompletion=complete_faults)
     ] = None,
     seed: Annotated[int, typer.Option(min=0, metavar="N", help="Seed that selects the affected pairs.")] = 0,
     overwrite: OverwriteOption = False,

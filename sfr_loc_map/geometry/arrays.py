@@ -10,22 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-"""Values, vectors, matrices, poses; float64."""
-IntArray = NDArray[np.int64]
-"""Stamps in nanoseconds, indices, counts; int64."""
-Mask = NDArray[np.bool_]
-"""True where something holds."""
-GreyImage = NDArray[np.uint8]
-"""Image `(H, W)`, 8 bits."""
-ColourImage = NDArray[np.uint8]
-"""Image `(H, W, 3)`, 8 bits a channel."""
-FloatImage = NDArray[np.float32]
-"""Image `(H, W)` of float32: intensity, disparity, weight."""
-PointImage = NDArray[np.float32]
-"""Points `(H, W, 3)` of the pixels of an image, metres; NaN where there is none."""
-FloatArray32 = NDArray[np.float32]
-"""Values of float32, where the half of the bytes counts."""
+FloatArray = NDArray[np.float64]  #: Values, vectors, matrices, poses; float64.
+IntArray = NDArray[np.int64]  #: Stamps in nanoseconds, indices, counts; int64.
+Mask = NDArray[np.bool_]  #: True where something holds.
+GreyImage = NDArray[np.uint8]  #: Image `(H, W)`, 8 bits.
+ColourImage = NDArray[np.uint8]  #: Image `(H, W, 3)`, 8 bits a channel.
+FloatImage = NDArray[np.float32]  #: Image `(H, W)` of float32: intensity, disparity, weight.
+PointImage = NDArray[np.float32]  #: Points `(H, W, 3)` of the pixels of an image, metres; NaN where there is none.
+FloatArray32 = NDArray[np.float32]  #: Values of float32, where the half of the bytes counts.
 
 
 def median(values: NDArray[np.floating[Any]]) -> float:

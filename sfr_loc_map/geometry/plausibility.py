@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike
 from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 
-MAX_IMAGE_PIXELS = 8192 * 8192
-"""Largest image: a header may claim any size, and every allocation follows from it."""
+MAX_IMAGE_PIXELS = 8192 * 8192  #: Largest image: a header may claim any size, and every allocation follows from it.
 MAX_IMAGE_SIDE = 32_768
 IMAGE_SIZE = f"{{}} is {{}} x {{}}: whole numbers of pixels > 0, up to {MAX_IMAGE_PIXELS} in all, are needed"
 FOCAL_SHARE = (0.01, 100.0)
@@ -24,25 +23,19 @@ FOCAL_SHARE = (0.01, 100.0)
 MAX_CENTRE_SHARE = 10.0
 """Distance of the principal point from the image centre over the longer side; images may be crops."""
 BASELINE_M = (1e-4, 100.0)
-MAX_DISTORTION = 100.0
-"""Largest coefficient of lens distortion."""
-MAX_EXTRINSICS_M = 100.0
-"""Farthest that a camera may be from the origin of its rover."""
-MAX_POSITION_M = 1e9
-"""Farthest position: the squares of those beyond it would swamp every sum."""
-QUATERNION_TOLERANCE = 1e-2
-"""How far the length of a quaternion may be from 1: those of files are rounded."""
+MAX_DISTORTION = 100.0  #: Largest coefficient of lens distortion.
+MAX_EXTRINSICS_M = 100.0  #: Farthest that a camera may be from the origin of its rover.
+MAX_POSITION_M = 1e9  #: Farthest position: the squares of those beyond it would swamp every sum.
+QUATERNION_TOLERANCE = 1e-2  #: How far the length of a quaternion may be from 1: those of files are rounded.
 QUATERNION_SQUARES = (1.0 - QUATERNION_TOLERANCE) ** 2, (1.0 + QUATERNION_TOLERANCE) ** 2
 """Smallest and largest sum of its squares."""
-MAX_VARIANCE = 1e6
-"""Largest variance of a pose that is known at all: 1 km (m^2, rad^2)."""
+MAX_VARIANCE = 1e6  #: Largest variance of a pose that is known at all: 1 km (m^2, rad^2).
 
 
 def check_image_size(width: float, height: float, name: str = "image") -> None:
     """Check the size of an image, before anything is allocated for it.
 
-    Raises:
-        GeometryError: If it cannot be that of an image.
+    Raises GeometryError if it cannot be that of an image.
     """
     sides_ok = all(1 <= n <= MAX_IMAGE_SIDE and n == int(n) for n in (width, height))
     if not (sides_ok and width * height <= MAX_IMAGE_PIXELS):
@@ -94,8 +87,7 @@ def check_distortion(coefficients: ArrayLike) -> None:
 def check_rotation(rotation: FloatArray) -> None:
     """Check a rotation matrix `(3, 3)` that came from outside.
 
-    Raises:
-        GeometryError: If it is not orthonormal with determinant +1, within the rounding of files.
+    Raises GeometryError if it is not orthonormal with determinant +1, within the rounding of files.
     """
     if not plausible_rotations(rotation):
         raise GeometryError("a rotation matrix is not orthonormal with determinant +1")

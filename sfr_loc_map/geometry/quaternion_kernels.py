@@ -10,8 +10,7 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.jit import jit
 
-Quat = tuple[float, float, float, float]
-"""x, y, z, w of a unit quaternion."""
+Quat = tuple[float, float, float, float]  #: x, y, z, w of a unit quaternion.
 Vector = tuple[float, float, float]
 
 

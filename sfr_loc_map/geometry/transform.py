@@ -59,9 +59,8 @@ class Transform:
 
         The quaternion takes components in b to a; it is normalised here.
 
-        Raises:
-            GeometryError: If a number is not finite, the quaternion not of unit length within 1e-2, or the position
-                absurd.
+        Raises GeometryError if a number is not finite, the quaternion not of unit length within 1e-2, or the position
+        absurd.
         """
         quat = np.array(quat_xyzw, dtype=np.float64)
         low, high = QUATERNION_SQUARES
@@ -73,8 +72,7 @@ class Transform:
     def from_matrix(cls, matrix: FloatArray) -> Transform:
         """Return `T_a_b` of a matrix `(3, 4)` or `(4, 4)` that comes from outside.
 
-        Raises:
-            GeometryError: If its left part is not a rotation, or the position is absurd.
+        Raises GeometryError if its left part is not a rotation, or the position is absurd.
         """
         check_rotation(matrix[:3, :3])
         return cls(matrix[:3, :3].copy(), matrix[:3, 3].copy())

@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-MAX_HEADER = 1024
-"""Bytes of a header; those of arrays of numbers have some 120."""
+MAX_HEADER = 1024  #: Bytes of a header; those of arrays of numbers have some 120.
 MIN_UNPACKED, MAX_RATIO = 16_000_000, 20
 """The members that are read may have so many bytes, or so many times those of the archive."""
 _BROKEN_ARCHIVE = (

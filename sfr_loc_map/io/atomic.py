@@ -20,8 +20,7 @@ from sfr_loc_map.errors import OutputError
 from sfr_loc_map.inputs import special_kind
 
 SUFFIX = ".part"
-_RANDOM = "[a-z0-9_]" * 8
-"""What `tempfile` puts into names."""
+_RANDOM = "[a-z0-9_]" * 8  #: What `tempfile` puts into names.
 
 
 @contextmanager

@@ -9,8 +9,7 @@ from sfr_loc_map.inputs import check_regular, refusing
 
 STORAGE_SUFFIXES = (".mcap", ".db3")
 ROS1_MAGIC = b"#ROSBAG"
-ROS1_SUFFIXES = (".bag", ".active")
-"""Endings of files: finished ones, and those of a recorder that was killed."""
+ROS1_SUFFIXES = (".bag", ".active")  #: Endings of files: finished ones, and those of a recorder that was killed.
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 SQLITE_MAGIC = b"SQLite format 3\x00"
 SQLITE_HEADER_BYTES = 100

@@ -17,8 +17,7 @@ from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS,
 from sfr_loc_map.io.camera_info import projection
 from sfr_loc_map.io.image_codec import encode_jpeg
 
-FLOAT32 = 7
-"""Code of a 32-bit float in sensor_msgs/PointField."""
+FLOAT32 = 7  #: Code of a 32-bit float in sensor_msgs/PointField.
 _T = TYPESTORE.types
 
 

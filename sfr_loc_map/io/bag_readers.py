@@ -33,14 +33,11 @@ if sys.version_info >= (3, 14):
 else:
     from backports import zstd
 
-HEADER, CHUNK, DATA_END = 0x01, 0x06, 0x0F
-"""Opcodes of mcap."""
-RECORD_HEAD = 9
-"""Opcode and length of a record of mcap."""
+HEADER, CHUNK, DATA_END = 0x01, 0x06, 0x0F  #: Opcodes of mcap.
+RECORD_HEAD = 9  #: Opcode and length of a record of mcap.
 NEVER = 2**63 - 1
 METADATA = "rosbag2_bagfile_information"
-OLD_TYPES = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
-"""Older names of types of ROS 1 that are read."""
+OLD_TYPES = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}  #: Older names of types of ROS 1 that are read.
 _ROS1, _ROS2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_JAZZY)
 
 

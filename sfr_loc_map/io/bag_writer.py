@@ -39,8 +39,7 @@ CHUNK_BYTES = 8 * 2**20  # of a recording
 SYNC_S = 1.0
 DATA_END = b"\x0f" + (4).to_bytes(8, "little") + bytes(4)
 FOOTER = b"\x02" + (20).to_bytes(8, "little") + bytes(20)
-END = DATA_END + FOOTER + MCAP_MAGIC
-"""End of a file without an index (mcap specification: Data End, Footer, Magic)."""
+END = DATA_END + FOOTER + MCAP_MAGIC  #: End of a file without an index (mcap specification: Data End, Footer, Magic).
 NEVER = QosTime(0, 0)
 _KEPT = (QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL)
 LATCHED = Qos(*_KEPT, NEVER, NEVER, QosLiveliness.AUTOMATIC, NEVER, False)

@@ -29,10 +29,8 @@ Columns = dict[str, NDArray[Any]]  # values of each field, one a point
 PIXEL_FIELDS = ("u", "v", "pair")
 FUSED, PAIR_STAMPS = "fused", "pair_stamps_ns"
 """Names of what a file says of its cloud: comments `sfr fused true`, `sfr pair_stamps_ns 1 2 3`, or members of NPZ."""
-MAX_PAIR_STAMPS = 256
-"""As many pairs as the points' `pair` can name."""
-MAX_COUNT = 4096
-"""Most values of one field of a point of PCD: descriptors have some hundreds."""
+MAX_PAIR_STAMPS = 256  #: As many pairs as the points' `pair` can name.
+MAX_COUNT = 4096  #: Most values of one field of a point of PCD: descriptors have some hundreds.
 PCD_TYPES = {"I1", "I2", "I4", "I8", "U1", "U2", "U4", "U8", "F4", "F8"}
 PLY_TYPES = {
     name: kind

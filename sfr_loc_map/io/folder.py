@@ -62,8 +62,7 @@ class FolderNavSequence(ImageFiles):
 def open_folder(path: Path) -> Source:
     """Open a data set folder: of either task, or of both as `loc/` and `nav/`.
 
-    Raises:
-        InputError: If a file is missing or broken, or a value in it is; names it.
+    Raises InputError if a file is missing or broken, or a value in it is; names it.
     """
     loc: ImageFileSequence | None = None
     nav: FolderNavSequence | None = None

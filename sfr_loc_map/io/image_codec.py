@@ -23,8 +23,7 @@ from sfr_loc_map.inputs import MAX_IMAGE_BYTES, NS_PER_S, read_bytes, refusing
 
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 JPEG_MAGIC = b"\xff\xd8"
-FORMATS = "PNG, JPEG, PGM, PPM or BMP"
-"""Formats that are read: those whose size is known before they are decoded."""
+FORMATS = "PNG, JPEG, PGM, PPM or BMP"  #: Formats that are read: those whose size is known before they are decoded.
 _PNM = re.compile(rb"P[2356](?:\s+|\s*#[^\n]*\n)+(\d{1,9})(?:\s+|\s*#[^\n]*\n)+(\d{1,9})\s")
 BAYER = {
     "rggb": cv2.COLOR_BayerBG2GRAY,
@@ -45,8 +44,7 @@ ENCODINGS: dict[str, tuple[type[np.generic], int]] = {
     **dict.fromkeys(LUMA, (np.uint8, 2)),
 }
 """Encodings of sensor_msgs/Image that are read: type of a sample and samples per pixel."""
-MAX_DECODED_BYTES = 2**27
-"""Largest image that is decoded: 8192 x 8192 in 8-bit grey twice, 5792 x 5792 in colour."""
+MAX_DECODED_BYTES = 2**27  #: Largest image that is decoded: 8192 x 8192 in 8-bit grey twice, 5792 x 5792 in colour.
 
 
 def grey8(image: NDArray[Any], order: Literal["bgr", "rgb"] = "bgr") -> GreyImage:

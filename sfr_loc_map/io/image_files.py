@@ -20,8 +20,7 @@ from sfr_loc_map.io.image_codec import read_grey
 from sfr_loc_map.io.text_table import parse_stamp_ns
 
 _log = logging.getLogger(__name__)
-NAMED_FILES = 3
-"""Missing files that a message names."""
+NAMED_FILES = 3  #: Missing files that a message names.
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +37,7 @@ class ImagePair:
 def whole_pairs(entries: Sequence[ImagePair], name: str) -> tuple[list[ImagePair], int]:
     """Return the pairs both images of which are there, and how many are not; warn of those in one line.
 
-    Raises:
-        InputError: If none is whole, or the stamps do not grow.
+    Raises InputError if none is whole, or the stamps do not grow.
     """
     for earlier, later in pairwise(entries):
         if later.stamp_ns <= earlier.stamp_ns:

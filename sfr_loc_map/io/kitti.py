@@ -30,8 +30,7 @@ from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.text_table import numbers_of, parse_table, read_data, read_lines, seconds_text
 from sfr_loc_map.io.trajectory_file import read_times
 
-CAMERAS = ((0, 1), (2, 3))
-"""Numbers of the left and right cameras that are looked for: grey, colour."""
+CAMERAS = ((0, 1), (2, 3))  #: Numbers of the left and right cameras that are looked for: grey, colour.
 _log = logging.getLogger(__name__)
 
 

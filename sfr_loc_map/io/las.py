@@ -19,13 +19,11 @@ from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.inputs import check_expansion
 
 SUFFIXES = (".las", ".laz")
-USER, RECORD = "sfr_loc_map", 1
-"""The variable length record with what the cloud says of itself, a comment a line."""
+USER, RECORD = "sfr_loc_map", 1  #: The variable length record with what the cloud says of itself, a comment a line.
 FINEST_M = 1e-6  # unit of the coordinates
 EXTRA = ("sigma", "grey", "u", "v", "pair")
 """Extra dimensions; `grey` is the intensity, which the format has in whole numbers only."""
-HEADER_BYTES = {2: 227, 3: 235, 4: 375}
-"""Least size of the header by minor version."""
+HEADER_BYTES = {2: 227, 3: 235, 4: 375}  #: Least size of the header by minor version.
 VLR_BYTES, EVLR_BYTES = 54, 60
 
 

@@ -10,14 +10,7 @@ from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.euroc import is_euroc, open_euroc
 from sfr_loc_map.io.folder import PLACES, open_folder
 from sfr_loc_map.io.kitti import is_kitti, open_kitti
-from sfr_loc_map.io.rover_data_sets import (
-    is_katwijk,
-    is_lusnar,
-    is_madmax,
-    open_katwijk,
-    open_lusnar,
-    open_madmax,
-)
+from sfr_loc_map.io.rover_data_sets import is_katwijk, is_lusnar, is_madmax, open_katwijk, open_lusnar, open_madmax
 from sfr_loc_map.io.sequence import Source
 
 Remap = Mapping[str, str] | None
@@ -48,8 +41,7 @@ def open_source(path: Path, remap: Remap = None) -> Source:
     Nothing is held open: each pass over the pairs opens and closes its files itself. `remap` has new names of topics by
     the names in a bag.
 
-    Raises:
-        InputError: If there is nothing, nothing that is known, or it is broken.
+    Raises InputError if there is nothing, nothing that is known, or it is broken.
     """
     path = Path(path)
     if not path.exists():

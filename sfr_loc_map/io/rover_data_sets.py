@@ -49,8 +49,7 @@ VARIABLE = "stereoParams"
 KATWIJK_NAME = re.compile(r"LocCam_(\d{4})_(\d{2})_(\d{2})_(\d{2})_(\d{2})_(\d{2})_(\d{3})_0\.png")
 MAX_MAT_BYTES, MAX_UNPACKED_BYTES = 16 * MB, 32 * MB
 MAT_HEADER_BYTES = 128
-MAT_COMPRESSED = 15
-"""Type of an element of a MATLAB file that is compressed."""
+MAT_COMPRESSED = 15  #: Type of an element of a MATLAB file that is compressed.
 LUSNAR_LAYOUTS = (("image0/color", "image1/color"), ("image1/RGB", "image2/RGB"))
 """Folders of the left and right images: of the scenes, of their description."""
 LUSNAR_TRUTHS = ("gt.txt", "Rover_pose.txt")
@@ -58,8 +57,7 @@ SIDE_PX, FOCAL_PX, BASELINE_M = 1024, 610.17784, 0.31
 CENTRE_PX = (SIDE_PX - 1) / 2
 """The published centre 512 counts from the corner of the first pixel, this one from its centre."""
 LEFT_ON_ROVER_M = (1.0, -0.155, -1.5)
-PITCH_DEG = -20.0
-"""Place and pitch of the left camera in the rover frame, z down."""
+PITCH_DEG = -20.0  #: Place and pitch of the left camera in the rover frame, z down.
 FLIP = Transform(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
 """Turns a frame with y right and z down to one with y left and z up, and back."""
 

@@ -37,8 +37,7 @@ _DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,4})?")
 def parse_stamp_ns(text: str) -> int:
     """Return whole nanoseconds; spaces around them are allowed.
 
-    Raises:
-        ValueError: If it is not a whole number of 64 bits.
+    Raises ValueError if it is not a whole number of 64 bits.
     """
     if _WHOLE.fullmatch(text.strip(" \t")) and -STAMP_LIMIT <= int(text) < STAMP_LIMIT:
         return int(text)
@@ -48,8 +47,7 @@ def parse_stamp_ns(text: str) -> int:
 def parse_seconds(text: str) -> int:
     """Return the nanoseconds of decimal seconds, exactly; beyond nine decimals to the nearest (half to even).
 
-    Raises:
-        ValueError: If it is not a finite decimal number, or does not fit 64 bit.
+    Raises ValueError if it is not a finite decimal number, or does not fit 64 bit.
     """
     word = text.strip(" \t")
     whole, _, fraction = word.partition(".")

@@ -56,15 +56,11 @@ CONJUGATED = np.array([-1.0, -1.0, -1.0, 1.0])
 """What makes orientations as in ROS messages of `att_q_DsToRb`, and back."""
 TUM_SUFFIXES = (".txt", ".tum")
 KITTI_SUFFIX, EUROC_SUFFIX, EVO_SUFFIX = ".kitti", ".euroc.csv", ".zip"
-OUTPUT_SUFFIXES = (".csv", *TUM_SUFFIXES, KITTI_SUFFIX)
-"""Endings of names of trajectory files that are written."""
-FILE_SUFFIXES = (*OUTPUT_SUFFIXES, EVO_SUFFIX)
-"""Endings of names of those that are read."""
+OUTPUT_SUFFIXES = (".csv", *TUM_SUFFIXES, KITTI_SUFFIX)  #: Endings of names of trajectory files that are written.
+FILE_SUFFIXES = (*OUTPUT_SUFFIXES, EVO_SUFFIX)  #: Endings of names of those that are read.
 ZIP_MAGIC = b"PK\x03\x04"
-HEAD_BYTES = 10_000
-"""The format and the header are looked for in these."""
-MAX_MEMBERS = 1000
-"""Most members of a zip file that are looked at."""
+HEAD_BYTES = 10_000  #: The format and the header are looked for in these.
+MAX_MEMBERS = 1000  #: Most members of a zip file that are looked at.
 
 
 class TrajectoryFormat(StrEnum):
@@ -124,8 +120,7 @@ def read_trajectory_file(path: Path, role: str = "estimate") -> LoadedTrajectory
     The first bytes tell the format, and where they do not the name. Stamps come as they are: out of order or twice, if
     so written.
 
-    Raises:
-        InputError: If it cannot be read, or a line is no pose; names the line.
+    Raises InputError if it cannot be read, or a line is no pose; names the line.
     """
     path = place = Path(path)
     data = ZIP_MAGIC
@@ -274,8 +269,7 @@ def save_trajectory(path: Path, trajectory: Trajectory, kind: TrajectoryFormat |
     Numbers are written in the shortest form that reads back to the same bits. Without a `kind` the name tells it (.txt
     and .tum, .kitti, .euroc.csv, otherwise csv).
 
-    Raises:
-        OutputError: If it cannot be written.
+    Raises OutputError if it cannot be written.
     """
     path = Path(path)
     kind = kind or format_of_name(path) or TrajectoryFormat.CSV
@@ -314,10 +308,7 @@ def csv_row(stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> str:
 
 
 def evo_result_bytes(
-    info: Mapping[str, str],
-    stats: Mapping[str, float],
-    arrays: Mapping[str, NDArray[Any]],
-    poses: Mapping[str, str],
+    info: Mapping[str, str], stats: Mapping[str, float], arrays: Mapping[str, NDArray[Any]], poses: Mapping[str, str]
 ) -> bytes:
     """Return a result as evo reads it (`evo_res`).
 

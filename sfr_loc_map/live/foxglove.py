@@ -21,12 +21,9 @@ from sfr_loc_map.live.path import PathRow, Point
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import CloudSample, ElevationSample, ImageSample, Media, TrackSample, View
 
-HOST = "127.0.0.1"
-"""The protocol has no token, so other hosts are not let in: a tunnel (ssh -L) reaches it."""
-BACKLOG_MESSAGES = 64
-"""Messages that wait for a client; beyond them the SDK drops the oldest."""
-TICK_S, PERIOD_S = 0.1, 1.0
-"""Time between two looks at what has come, two messages of figures, paths and scene."""
+HOST = "127.0.0.1"  #: The protocol has no token, so other hosts are not let in: a tunnel (ssh -L) reaches it.
+BACKLOG_MESSAGES = 64  #: Messages that wait for a client; beyond them the SDK drops the oldest.
+TICK_S, PERIOD_S = 0.1, 1.0  #: Time between two looks at what has come, two messages of figures, paths and scene.
 MAP_FRAME, DRIVE_FRAME = "lm", "ds"
 FIGURES, CALLS, ESTIMATE, TRUTH, SCENE = "/figures", "/calls", "/path/estimate", "/path/truth", "/path/scene"
 POINTS, GRID, TRACKS = "/mapping/points", "/mapping/grid", "/localisation/tracks"
@@ -43,8 +40,7 @@ CHANNELS = {
     **dict.fromkeys(IMAGES, channels.CompressedImageChannel),
 }
 TOPICS = (FIGURES, CALLS, *CHANNELS)
-ERROR_SCALE = 20.0
-"""So much larger are errors drawn than they are."""
+ERROR_SCALE = 20.0  #: So much larger are errors drawn than they are.
 ELLIPSE_POINTS = 36
 FLOAT32 = messages.PackedElementFieldNumericType.Float32
 GREEN, BLUE = messages.Color(r=0.1, g=0.6, b=0.2, a=1.0), messages.Color(r=0.1, g=0.3, b=0.9, a=1.0)

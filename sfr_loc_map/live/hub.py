@@ -19,8 +19,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import one_line
 from sfr_loc_map.live.updates import Media, Update, View
 
-MAX_WAITING = 20_000
-"""Records that wait: at 100 a second more than three minutes."""
+MAX_WAITING = 20_000  #: Records that wait: at 100 a second more than three minutes.
 MAX_TEXT = 200
 
 

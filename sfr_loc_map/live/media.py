@@ -17,23 +17,16 @@ from sfr_loc_map.io.image_codec import JPEG_MAGIC, claimed_size, decode_grey, en
 from sfr_loc_map.live.updates import ELEVATION, POINTS, CloudSample, ElevationSample, ImageSample
 from sfr_loc_map.mapping.config import MAX_PAIRS
 
-IMAGE_WIDTH = 640
-"""Widest image that is shown, pixels."""
+IMAGE_WIDTH = 640  #: Widest image that is shown, pixels.
 JPEG_QUALITY = 75
-MAX_JPEG_BYTES = 100_000
-"""Largest file that is shown as it is: a page has 2 MB/s for 14 images and the clouds."""
-MAX_POINTS = 40_000
-"""Most points of a cloud that are shown."""
+MAX_JPEG_BYTES = 100_000  #: Largest file that is shown as it is: a page has 2 MB/s for 14 images and the clouds.
+MAX_POINTS = 40_000  #: Most points of a cloud that are shown.
 CELL_M = 0.1
-MAX_SIDE = 512
-"""Cells along each axis of a grid that is made of a cloud; beyond them they are larger."""
-MAX_CELLS = 30_000
-"""Most cells that are shown."""
-WORST = frozenset({"hazard", "step"})
-"""Layers of which the worst of several cells is shown."""
+MAX_SIDE = 512  #: Cells along each axis of a grid that is made of a cloud; beyond them they are larger.
+MAX_CELLS = 30_000  #: Most cells that are shown.
+WORST = frozenset({"hazard", "step"})  #: Layers of which the worst of several cells is shown.
 MAX_OUTLINES, MAX_CORNERS = 40, 200
-TOLERANCE_PX = 0.7
-"""Largest distance of an outline from the edge of a mask, pixels of the mask."""
+TOLERANCE_PX = 0.7  #: Largest distance of an outline from the edge of a mask, pixels of the mask.
 
 
 def image_sample(topic: str, stamp_ns: int, image: NDArray[np.uint8], published_s: float) -> ImageSample:

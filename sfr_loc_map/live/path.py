@@ -27,8 +27,7 @@ MAX_ROWS = 4000
 """Poses that are kept; beyond them every other one is left out, and from then on every other one of those to come."""
 MAX_TRUTHS, MAX_PENDING, MAX_OPEN_STARTS = 4000, 400, 1000
 """True poses that are kept, estimates that wait for one, sub-trajectories that have not ended."""
-MAX_GAP_NS = NS_PER_S
-"""Longest gap of the truth that is interpolated."""
+MAX_GAP_NS = NS_PER_S  #: Longest gap of the truth that is interpolated.
 Point = tuple[float, float, float]
 
 

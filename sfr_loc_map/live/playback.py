@@ -52,10 +52,8 @@ LOCALISATION_NODE, MAPPING_NODE = "localisation_node", "mapping_node"
 LEVELS = {TrackingState.DEGRADED.value: 1, TrackingState.LOST.value: 2}
 LOST = np.eye(6) * LOST_VARIANCE
 TICK_S, REPORT_PERIOD_S, TIME_LINE_PERIOD_S = 0.05, 1.0, 0.25
-IMAGES_BUDGET_S = 0.03
-"""Of each tick, for reading images: figures do not wait for them."""
-MOST_WAITING = 2000
-"""Records that may wait in the hub while the player is ahead."""
+IMAGES_BUDGET_S = 0.03  #: Of each tick, for reading images: figures do not wait for them.
+MOST_WAITING = 2000  #: Records that may wait in the hub while the player is ahead.
 Moment = tuple[float, updates.Update]
 """Place, seconds since the begin of its task; the time of receipt is filled in when it is played."""
 Frame = tuple[float, str, int, GreyImage]

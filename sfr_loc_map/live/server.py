@@ -59,8 +59,7 @@ HEADERS = {
     "Cache-Control": "no-store",
 }
 MIN_TOKEN, MAX_PAGES, MAX_MESSAGE_BYTES = 8, 32, 4096
-SOCKET_BUFFER_BYTES = 262_144
-"""Of the kernel, for each page: what waits there is older than what waits here."""
+SOCKET_BUFFER_BYTES = 262_144  #: Of the kernel, for each page: what waits there is older than what waits here.
 SHUTDOWN_S, LAST_MESSAGE_S = 1.0, 0.1
 """Time for requests under way when the server ends (a page that keeps its connection open keeps nobody), and for the
 last message to the pages."""
@@ -68,8 +67,7 @@ TICK_S, PERIOD_S = 0.01, 0.1
 """Time between two looks at what has come, longest time between two looks at what is stale."""
 SEND_TIMEOUT_S, PAUSE_S = 10.0, 0.02
 """A page that takes nothing for so long is cut off; one whose budget is spent waits so long."""
-NODES_PERIOD_S = 0.5
-"""At least so often the pages hear of the nodes, and by that of the server."""
+NODES_PERIOD_S = 0.5  #: At least so often the pages hear of the nodes, and by that of the server.
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,14 +29,12 @@ from sfr_loc_map.report.score_tables import (
 from sfr_loc_map.report.tables import ABSENT, Cell, Column, Table, fitting, number
 
 MAX_NODES, MAX_TOPICS, MAX_STAMPS, MAX_PROBLEMS, MAX_CALLS = 32, 32, 2000, 20, 600
-MAX_VALUES, MAX_LETTERS = 100, 300
-"""Of the health of a node that are kept."""
+MAX_VALUES, MAX_LETTERS = 100, 300  #: Of the health of a node that are kept.
 MAX_REPORT_CHARACTERS = 8_000_000
 TOPIC_STALE_S = 1.7
 STALE_AFTER_S, STALE_PERIODS = 1.6, 1.6
 """A node reports its health each second; one that has not for so long, or for so many of its own periods, is stale."""
-MIN_PERIOD_S = 1e-6
-"""Shortest period that a rate is told of: messages that are all of one moment have none."""
+MIN_PERIOD_S = 1e-6  #: Shortest period that a rate is told of: messages that are all of one moment have none.
 LEVELS = ("ok", "warning", "error", "stale")
 CALL_TIMES = (
     "processing_time_s",

@@ -30,16 +30,12 @@ class LocalisationConfig:
     """Parameters of the localiser; ROS parameters and configuration files have the same names."""
 
     max_features: int = param(
-        2250,
-        doc="Landmarks tracked in a keyframe; there are twice as many at 1024 x 1024 pixels.",
-        low=50,
-        high=20_000,
+        2250, doc="Landmarks tracked in a keyframe; there are twice as many at 1024 x 1024 pixels.", low=50, high=20_000
     )
     window_keyframes: int = param(7, doc="Keyframes adjusted together.", low=2, high=20)
     min_tracked: int = param(25, doc="Minimum number of inliers of a trusted pose.", low=8, high=1000)
     motion: MotionBounds = field(default_factory=MotionBounds)
     left_mask: str = param(
-        "",
-        doc="PNG file, 0 where the left camera sees the rover itself: no feature is detected there. Empty: none.",
+        "", doc="PNG file, 0 where the left camera sees the rover itself: no feature is detected there. Empty: none."
     )
     right_mask: str = param("", doc="The same for the right camera.")

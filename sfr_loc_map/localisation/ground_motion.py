@@ -29,30 +29,20 @@ from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tra
 from sfr_loc_map.localisation.image_checks import Exposure, TearWatch
 from sfr_loc_map.localisation.relocalisation import Relocaliser
 
-MIN_AGREEMENT = 0.3
-"""Share of the unexplained landmarks that a second motion must explain."""
-CONVINCING = 0.6
-"""Share from which it is one in any case, and not sought by flow as well."""
-MIN_DIFFERENCE_PX = 1.0
-"""Image motion between two poses that are two motions."""
-STILL_PX = 1.0
-"""Image motion below which a pose is a standstill."""
-OLD = 3.0
-"""Weight of a landmark that is older than the newest keyframe."""
-STAYING = 2.0
-"""Divisor, before the first motion, of the evidence for a motion whose landmarks stay in the image."""
-CLEAR = 1.4
-"""Ratio of the evidence for two motions from which the ground's is known."""
-EXPECTED = 1.5
-"""Factor on the evidence for a motion that continues the one before."""
+MIN_AGREEMENT = 0.3  #: Share of the unexplained landmarks that a second motion must explain.
+CONVINCING = 0.6  #: Share from which it is one in any case, and not sought by flow as well.
+MIN_DIFFERENCE_PX = 1.0  #: Image motion between two poses that are two motions.
+STILL_PX = 1.0  #: Image motion below which a pose is a standstill.
+OLD = 3.0  #: Weight of a landmark that is older than the newest keyframe.
+STAYING = 2.0  #: Divisor, before the first motion, of the evidence for a motion whose landmarks stay in the image.
+CLEAR = 1.4  #: Ratio of the evidence for two motions from which the ground's is known.
+EXPECTED = 1.5  #: Factor on the evidence for a motion that continues the one before.
 
 MIN_SHARE, MAX_SHARE = 0.12, 0.47
 """Share of the landmarks in view that must be unexplained before a second motion is sought, and from which the pose is
 in doubt without one."""
-MORE_THAN_USUAL = 1.25
-"""Factor on the share in which no second motion was found, before one is sought again."""
-FORGET = 0.99
-"""Factor per pair by which that share is forgotten."""
+MORE_THAN_USUAL = 1.25  #: Factor on the share in which no second motion was found, before one is sought again.
+FORGET = 0.99  #: Factor per pair by which that share is forgotten.
 NO_ROWS = np.zeros(0, np.intp)
 
 

@@ -26,16 +26,13 @@ from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.localisation.estimate import StateReason
 from sfr_loc_map.localisation.frontend.dynamic_regions import Unexplained
 
-ROW_STEPS: Final = (16, 1)
-"""Every so many rows are compared; more of them where the first ones do not decide."""
+ROW_STEPS: Final = (16, 1)  #: Every so many rows are compared; more of them where the first ones do not decide.
 MAX_NOISE: Final = 12.0
 """Standard deviation of a difference, grey levels, beyond which it is no noise: most moving images are told by it."""
 MAX_NEIGHBOUR_CORRELATION: Final = 0.2
 """Correlation of neighbouring pixels of a difference beyond which it is no noise: what moves leaves edges."""
-UNEXPOSED, OVEREXPOSED = 8, 247
-"""Grey levels beyond which noise is cut off."""
-MIN_PIXELS: Final = 256
-"""Fewest exposed pixels that tell anything."""
+UNEXPOSED, OVEREXPOSED = 8, 247  #: Grey levels beyond which noise is cut off.
+MIN_PIXELS: Final = 256  #: Fewest exposed pixels that tell anything.
 MIDDLE_SLOPE: Final = -0.25
 """Slope of the difference over the first image, between that of two exposures and that of an old image."""
 STANDARD_ERRORS: Final = 4.0
@@ -46,22 +43,15 @@ MAX_CHANGED: Final = 0.1
 makes a tenth of the pixels of two exposures differ."""
 MIN_ROW_RANGE: Final = 8
 """Range of the grey levels of a row that has texture: sky and saturated rows are equal in all images."""
-MIN_STALE_SHARE: Final = 0.05
-"""Share of the rows that make an image torn."""
-PROBE: Final = 64
-"""Every so many columns, or rows, are compared first."""
-MIN_WITNESSES: Final = 12
-"""Landmarks in view on either side of a tear that tell whether it is there."""
-MIN_AGREEING: Final = 0.5
-"""Share of them that agree with the pose in a whole image."""
-MAX_DOUBTED_PAIRS: Final = 20
-"""Pairs after a torn one that are doubted where nothing proves them whole."""
-MIN_PART: Final = 30
-"""Landmarks in view on the smaller side of a tear at an unknown row."""
+MIN_STALE_SHARE: Final = 0.05  #: Share of the rows that make an image torn.
+PROBE: Final = 64  #: Every so many columns, or rows, are compared first.
+MIN_WITNESSES: Final = 12  #: Landmarks in view on either side of a tear that tell whether it is there.
+MIN_AGREEING: Final = 0.5  #: Share of them that agree with the pose in a whole image.
+MAX_DOUBTED_PAIRS: Final = 20  #: Pairs after a torn one that are doubted where nothing proves them whole.
+MIN_PART: Final = 30  #: Landmarks in view on the smaller side of a tear at an unknown row.
 MAX_AGREEING_BEYOND, MIN_AGREEING_WITHIN = 0.2, 0.75
 """Shares that agree with the pose on the two sides of such a tear."""
-MAX_TEARS: Final = 10
-"""Such pairs in a row: what lasts longer is something that moves."""
+MAX_TEARS: Final = 10  #: Such pairs in a row: what lasts longer is something that moves.
 
 
 class StaleRows(NamedTuple):

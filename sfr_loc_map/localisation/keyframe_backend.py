@@ -23,10 +23,8 @@ from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tra
 
 KEYFRAME_FLOW = 0.05
 """Median optical flow since the last keyframe, as a share of the image width, that triggers a new one."""
-ADJUSTMENT_ROUNDS = 2
-"""Gauss-Newton iterations of each window adjustment: the next keyframe goes on from there."""
-MIN_DEPTH_M = 0.5
-"""Nearest depth of stereo matching."""
+ADJUSTMENT_ROUNDS = 2  #: Gauss-Newton iterations of each window adjustment: the next keyframe goes on from there.
+MIN_DEPTH_M = 0.5  #: Nearest depth of stereo matching.
 MIN_DISPARITY_PX = 1e-3
 LARGE_IMAGE_PX, MEGAPIXEL = 900 * 900, 1024 * 1024
 """Pixels of an image from which on there are twice `max_features` landmarks, whose patches tell their slopes; and

@@ -40,8 +40,7 @@ MIN_RIGHT_SHARE = 0.3
 """Share of the landmarks seen in the left image that are seen in the right one too, below which the images may be
 swapped."""
 
-KEYFRAME_SHARE = 0.65
-"""Share of the last keyframe's landmarks below which a new keyframe is made."""
+KEYFRAME_SHARE = 0.65  #: Share of the last keyframe's landmarks below which a new keyframe is made.
 Outcome = tuple[TrackingStatistics, StepEstimate | None, tuple[SlidingWindow, StereoFrame, TrackingResult] | None]
 """Figures of a call, the step to its pose (None when lost), and the keyframe to be made of its pair."""
 

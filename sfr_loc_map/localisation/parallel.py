@@ -16,8 +16,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 
-FEWEST = 64
-"""Points from which on a second thread is worth its start."""
+FEWEST = 64  #: Points from which on a second thread is worth its start.
 _core = getattr(ctypes.CDLL(None), "sched_getcpu", None)
 R = TypeVar("R")
 Rows = TypeVar("Rows", bound=FloatArray | tuple[FloatArray, ...])

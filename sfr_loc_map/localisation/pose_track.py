@@ -36,46 +36,36 @@ from sfr_loc_map.localisation.estimate import StartPose, StepEstimate
 from sfr_loc_map.localisation.frontend.tracking import TrackingResult
 from sfr_loc_map.localisation.keyframe_backend import KEYFRAME_FLOW
 
-HISTORY_PAIRS: Final = 1000
-"""Pairs back to which a pose from outside can be bound."""
+HISTORY_PAIRS: Final = 1000  #: Pairs back to which a pose from outside can be bound.
 MAX_AHEAD_NS: Final = 10 * NS_PER_S
 """A pose with a stamp farther ahead of the pairs is of another clock: it is taken for the next pair."""
-MAX_MISSED_PAIRS: Final = 4
-"""Missing pairs over which a constant velocity is still extrapolated."""
-CLIMB_SHARE: Final = 0.3
-"""Vertical against horizontal speed of an unseen motion."""
-TILT_SHARE: Final = 0.2
-"""Rates of roll and pitch against that of the heading."""
-MAX_ANGLE: Final = np.pi / np.sqrt(3.0)
-"""Standard deviation, radians, of a heading of which nothing is known."""
+MAX_MISSED_PAIRS: Final = 4  #: Missing pairs over which a constant velocity is still extrapolated.
+CLIMB_SHARE: Final = 0.3  #: Vertical against horizontal speed of an unseen motion.
+TILT_SHARE: Final = 0.2  #: Rates of roll and pitch against that of the heading.
+MAX_ANGLE: Final = np.pi / np.sqrt(3.0)  #: Standard deviation, radians, of a heading of which nothing is known.
 SLACK_M: Final = 1.0
-SLACK_RAD: Final = 1.0
-"""Motion that is never implausible, whatever the stamps say."""
+SLACK_RAD: Final = 1.0  #: Motion that is never implausible, whatever the stamps say.
 
 COMMON_PX: Final = 0.03
 """Standard deviation of the error of a whole image (blur, jitter), pixels: it is unobservable."""
 COMMON_DISPARITY_PX: Final = 0.01
 """Standard deviation of the error that all disparities share, pixels: it scales the path."""
-INFLATION: Final = 2.0
-"""Factor on the covariance of an adjustment: errors of neighbouring landmarks are correlated."""
+INFLATION: Final = 2.0  #: Factor on the covariance of an adjustment: errors of neighbouring landmarks are correlated.
 DRIFT_SHARE: Final = 0.1
 """Standard deviation of the attitude that a drift of the right camera leaves, as a share of the drift followed."""
 KEYFRAME_PX: Final = 0.01
 """Standard deviation of the position error of a keyframe that its landmarks share, pixels at their median depth."""
 MIN_SHARE: Final = 0.02
 """Share of a keyframe's drift that the smallest step has: no pose is exactly that of the one before."""
-MIN_SIZE_SHARE: Final = 0.25
-"""Smallest size of a keyframe interval, in intervals as the flow triggers them."""
+MIN_SIZE_SHARE: Final = 0.25  #: Smallest size of a keyframe interval, in intervals as the flow triggers them.
 EXPECTED_CHI_MEDIAN: Final = 0.839
 """Median of chi-square with four degrees of freedom, divided by them: of a landmark whose variances are as stated."""
 FACTOR_SHARE: Final = 0.1
 """Share of a pair in the variance factor: it follows the light and the ground within some ten pairs."""
-MIN_FACTOR: Final = 0.2
-"""Smallest variance factor: below it errors dominate that a residual does not show."""
+MIN_FACTOR: Final = 0.2  #: Smallest variance factor: below it errors dominate that a residual does not show.
 STEP_INFLATION: Final = 1.5
 """Factor on `INFLATION` where the variance factor is known: what neighbours have alike is in no residual."""
-FIRST_VARIANCE: Final = 1e-12
-"""Keeps each covariance of a step positive definite (m^2, rad^2)."""
+FIRST_VARIANCE: Final = 1e-12  #: Keeps each covariance of a step positive definite (m^2, rad^2).
 NOTHING: Final = np.zeros((6, 6))
 
 
@@ -115,11 +105,7 @@ class PoseTrack:
     """
 
     def __init__(self, rig: StereoRig, bounds: MotionBounds, start: StartPose) -> None:
-        """Start at a pose.
-
-        Raises:
-            GeometryError: If the extrinsics of the rig are unknown.
-        """
+        """Start at a pose; raises GeometryError if the extrinsics of the rig are unknown."""
         self._T_rb_left, self.T_left_rb, self._bounds = rig.T_rb_left, rig.T_rb_left.inverse(), bounds
         self._fx, self._per_px = rig.fx, rig.fx * rig.baseline_m
         self._interval = KEYFRAME_FLOW * rig.width / rig.fx

@@ -16,12 +16,10 @@ from sfr_loc_map.localisation.frontend.landmarks import BORDER, Landmarks
 from sfr_loc_map.localisation.frontend.pose_solver import RightOffset
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, TrackingResult, is_textured
 
-RELOCALISATION_ATTEMPTS = 2
-"""Good images that are compared with the window before a new one begins."""
+RELOCALISATION_ATTEMPTS = 2  #: Good images that are compared with the window before a new one begins.
 NO_POINTS = np.zeros((0, 2))
 FLOW_WINDOW = (21, 21)
-MAX_FLOW_ROUND_TRIP_PX = 1.0
-"""Largest distance between a point and itself after flow forwards and backwards."""
+MAX_FLOW_ROUND_TRIP_PX = 1.0  #: Largest distance between a point and itself after flow forwards and backwards.
 MAX_REPROJECTION_PX = 3.0
 
 

@@ -21,8 +21,7 @@ STATES = {
 }
 FIGURES = {"inliers": "in", "features": "of", "keyframes": "kf", "chi_median": "chi", "residual_px": "px"}
 """Statistics in the caption, as far as the estimate has them, and their short names."""
-STRIP = 18
-"""Height of the caption below the image, pixels."""
+STRIP = 18  #: Height of the caption below the image, pixels.
 _SHIFT = 4  # OpenCV draws at fractions of 1/16 pixel
 
 

@@ -12,12 +12,9 @@ from sfr_loc_map.mapping.disparity.filters import mad_sigma
 from sfr_loc_map.mapping.disparity.right_camera import RectificationCorrection
 from sfr_loc_map.mapping.disparity.semi_global_matching import semi_global_matching
 
-MIN_CONTRAST = 2.0
-"""Standard deviation of an image's grey levels below which there is nothing to match."""
-MIN_TEXTURED_SHARE = 0.02
-"""Share of the image that must have texture for its matches to be judged."""
-MIN_MATCHED_SHARE = 0.3
-"""Share of the textured pixels that must be matched."""
+MIN_CONTRAST = 2.0  #: Standard deviation of an image's grey levels below which there is nothing to match.
+MIN_TEXTURED_SHARE = 0.02  #: Share of the image that must have texture for its matches to be judged.
+MIN_MATCHED_SHARE = 0.3  #: Share of the textured pixels that must be matched.
 POOR_MATCHED_SHARE = 0.6
 VERTICAL_WARNING_PX = 0.3
 GAIN_WARNING = 1.15
@@ -28,8 +25,7 @@ COARSE_FACTOR = 2
 def check_images(pair: StereoPair, rig: StereoRig) -> None:
     """Refuse images that are not the rig's or have no content.
 
-    Raises:
-        MappingError: If the size is not the rig's, an image is textureless, or both are identical.
+    Raises MappingError if the size is not the rig's, an image is textureless, or both are identical.
     """
     if pair.left.shape != (rig.height, rig.width):
         raise MappingError(
@@ -72,8 +68,7 @@ def check_matches(
 
     Of the textured pixels a share is matched, of all pixels a share is saturated; so many disparities were searched.
 
-    Raises:
-        MappingError: If so little matches that the rest would be chance.
+    Raises MappingError if so little matches that the rest would be chance.
     """
     if share < MIN_MATCHED_SHARE:
         raise MappingError(

@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 
 from sfr_loc_map.config import param
 
-MAX_PAIRS = 3
-"""Most stereo pairs of one map [1.3]."""
+MAX_PAIRS = 3  #: Most stereo pairs of one map [1.3].
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,11 +56,7 @@ class TerrainConfig:
         0.05, unit="m", doc="Roughness from which on a cell is a hazard.", low=0.001, high=10.0
     )
     max_step_m: float = param(
-        0.18,
-        unit="m",
-        doc="Step from which on a cell is a hazard; about the radius of a wheel.",
-        low=0.001,
-        high=10.0,
+        0.18, unit="m", doc="Step from which on a cell is a hazard; about the radius of a wheel.", low=0.001, high=10.0
     )
 
 

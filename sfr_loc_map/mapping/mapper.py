@@ -78,11 +78,7 @@ class Mapper:
     version = __version__
 
     def __init__(self, rig: StereoRig, config: MappingConfig = MappingConfig()) -> None:  # noqa: B008 - frozen
-        """Prepare for a rig.
-
-        Raises:
-            ConfigError: If the parameters do not fit together or the rig.
-        """
+        """Prepare for a rig; raises ConfigError if the parameters do not fit together or the rig."""
         self._rig = rig
         self._refine_poses = config.refine_poses
         self._calibration = config.calibration

@@ -24,12 +24,9 @@ from sfr_loc_map.jit import jit_rows
 from sfr_loc_map.mapping.config import CalibrationUncertainty
 from sfr_loc_map.mapping.disparity.right_camera import MIN_ROLL_PX, CameraRotation
 
-MEASURED_SIGMAS = 5.0
-"""A yaw counts as measured from so many of its standard deviations on."""
-WARNING_FACTOR = 2.0
-"""A measured yaw is warned of from so many standard deviations of the calibration on."""
-MIN_WARNING_DEG = 0.02
-"""Less yaw than this is not warned of, however well the calibration is said to be known."""
+MEASURED_SIGMAS = 5.0  #: A yaw counts as measured from so many of its standard deviations on.
+WARNING_FACTOR = 2.0  #: A measured yaw is warned of from so many standard deviations of the calibration on.
+MIN_WARNING_DEG = 0.02  #: Less yaw than this is not warned of, however well the calibration is said to be known.
 
 
 def cloud_from_disparity(

@@ -41,8 +41,7 @@ from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 
 SCHEMA = "sfr-bench/1"
-OURS = "ours"
-"""Name of our method in tables."""
+OURS = "ours"  #: Name of our method in tables.
 CLOCK = "host monotonic"
 MEMORY = (
     "kernel high-water mark of the process' resident memory (VmHWM), set back before each call; largest of all calls"
@@ -51,8 +50,7 @@ LIMITS = MethodLimits(call_timeout_s=900.0, memory_mb=16_000, restarts=0)
 """Of a method in a comparison; some dense matchers take minutes."""
 COMPARED = ("accuracy", "time_s", "memory_bytes")
 """Parts of an entry of which the ratios of ours to the others are told."""
-Figures = dict[str, Any]
-"""Figures of a pass, or their medians, as they are written to a file."""
+Figures = dict[str, Any]  #: Figures of a pass, or their medians, as they are written to a file.
 P = TypeVar("P", StereoPair, PosedStereoPair)
 R = TypeVar("R")
 

@@ -29,8 +29,7 @@ from sfr_loc_map.metrics.calls import CallUsage
 from sfr_loc_map.metrics.score import FindingKind, MethodKind
 
 EXIT_TIMEOUT_S = 10.0
-POLL_S = 0.05
-"""How often the memory of a process that is at work is looked at."""
+POLL_S = 0.05  #: How often the memory of a process that is at work is looked at.
 CAMERA = ("width", "height", "fx", "fy", "cx", "cy", "baseline_m")
 SHARED_MEMORY = Path("/dev/shm")
 MB = 1_000_000
@@ -71,8 +70,7 @@ class MethodProcess:
     ) -> None:
         """Start it and wait until it is warmed up; the pose is that at the first pair.
 
-        Raises:
-            MethodError: If it does not start; the message has its last log line.
+        Raises MethodError if it does not start; the message has its last log line.
         """
         self._limits = limits
         shared = SHARED_MEMORY if os.access(SHARED_MEMORY, os.W_OK) else None
@@ -112,8 +110,7 @@ class MethodProcess:
 
         Time and memory are by the clock and the kernel's mark of the method's process.
 
-        Raises:
-            MethodFailureError: If there is no result: what the method did.
+        Raises MethodFailureError if there is no result: what the method did.
         """
         self._images[0], self._images[1] = pair.left, pair.right
         about = {"output": self.output, "stamp_ns": pair.stamp_ns}

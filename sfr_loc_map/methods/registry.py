@@ -110,8 +110,7 @@ PEERS: dict[Task, dict[str, Method]] = {
 def find_method(spec: str, task: Task, config: str = "") -> Method:
     """Return the method that a text names; the configuration of a peer names its interpreter: `python: PATH`.
 
-    Raises:
-        MethodError: If there is none, or a peer is not installed.
+    Raises MethodError if there is none, or a peer is not installed.
     """
     if spec in BUILT_IN[task]:
         return replace(BUILT_IN[task][spec], config=config)

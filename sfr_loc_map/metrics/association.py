@@ -20,11 +20,9 @@ from sfr_loc_map.metrics.config import AssociationConfig, AssociationMode
 from sfr_loc_map.metrics.score import AssociationCounts
 
 Rows = NDArray[np.intp]
-UPPER = np.triu_indices(6)
-"""Places of the upper triangle of a 6 x 6 covariance, row by row."""
+UPPER = np.triu_indices(6)  #: Places of the upper triangle of a 6 x 6 covariance, row by row.
 COVARIANCE_SIZE = len(UPPER[0])
-AUTO_STAMPS = 16
-"""Stamps of each kind in the common span that `auto` looks at."""
+AUTO_STAMPS = 16  #: Stamps of each kind in the common span that `auto` looks at.
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -43,8 +43,7 @@ METHOD_UNAVAILABLE = "not measured: this system has no resettable high-water mar
 KINDS: dict[str, CallKind] = {MappingState.MAPPED: CallKind.MAPPING, MappingState.FUSED: CallKind.FUSION}
 """Kind of call by its state; all other states are those of the localiser."""
 HISTOGRAM_BINS = 40
-SERIES_ROWS = 2000
-"""Calls of each kind that are kept for figures."""
+SERIES_ROWS = 2000  #: Calls of each kind that are kept for figures.
 
 
 # ---- measuring

@@ -29,8 +29,7 @@ from sfr_loc_map.metrics.score import (
 )
 from sfr_loc_map.metrics.statistics import chi2_interval95, chi2_quantile, column, sample_statistic
 
-FOOTPRINTS = 2.0
-"""A true point is covered by a point of a fused cloud nearer than so many pixel footprints, Z / f."""
+FOOTPRINTS = 2.0  #: A true point is covered by a point of a fused cloud nearer than so many pixel footprints, Z / f.
 BATCH = 262144
 NEES_BLOCK_PX = 32
 """One point of each block of pixels counts for the consistency of sigma: neighbours' errors are not independent."""
@@ -183,9 +182,8 @@ class ScoredMap(NamedTuple):
 def score_map(cloud: PointCloud, truths: Sequence[PairTruth], config: MapScoreConfig) -> ScoredMap:
     """Return the score of a cloud in LM whose points' pixels are known, by the truth of the pairs 0, 1, ... of it.
 
-    Raises:
-        MetricsError: If a point names a pair or pixel that is not there, a point is not finite, or the cloud does not
-            say whether it is fused.
+    Raises MetricsError if a point names a pair or pixel that is not there, a point is not finite, or the cloud does
+    not say whether it is fused.
     """
     if cloud.fused is None:
         raise MetricsError("the cloud does not say whether it is fused: set `fused`, coverage depends on it")

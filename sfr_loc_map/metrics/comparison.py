@@ -34,8 +34,7 @@ from sfr_loc_map.metrics.trajectory_error import COLUMNS, HEADING
 from sfr_loc_map.metrics.trajectory_score import FIGURES
 
 SCHEMA = "sfr-compare/1"
-_PRECISION = 1e-9
-"""The errors in a score's details are rounded to this."""
+_PRECISION = 1e-9  #: The errors in a score's details are rounded to this.
 
 
 class Outcome(StrEnum):
@@ -104,9 +103,8 @@ SIDE_BY_SIDE = {
 def compare_scores(scores: Sequence[Score], names: Sequence[str]) -> Comparison:
     """Return the comparison of scores with the first of them.
 
-    Raises:
-        MetricsError: If there are fewer than two scores, two of different data, or nothing that two of them have in
-            common.
+    Raises MetricsError if there are fewer than two scores, two of different data, or nothing that two of them have in
+    common.
     """
     if len(scores) < 2:
         raise MetricsError(f"a comparison needs two scores or more, found {len(scores)}: give several score files")

@@ -9,8 +9,7 @@ from enum import StrEnum
 from sfr_loc_map.config import build, param
 from sfr_loc_map.errors import ConfigError, MetricsError
 
-MAX_VALUE = 1e9
-"""Metres, seconds or frames of a condition; as many seconds fit 64 bits of nanoseconds."""
+MAX_VALUE = 1e9  #: Metres, seconds or frames of a condition; as many seconds fit 64 bits of nanoseconds.
 
 
 class AssociationMode(StrEnum):

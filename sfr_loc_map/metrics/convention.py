@@ -19,17 +19,8 @@ import numpy as np
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.pose_convention import (
-    FIRST_POSE,
-    MIRROR,
-    PoseConvention,
-    aligned,
-    converted,
-    lever_arms,
-)
-from sfr_loc_map.geometry.pose_convention import (
-    OPTICAL_IN_BODY as OPTICAL_IN_RB,
-)
+from sfr_loc_map.geometry.pose_convention import FIRST_POSE, MIRROR, PoseConvention, aligned, converted, lever_arms
+from sfr_loc_map.geometry.pose_convention import OPTICAL_IN_BODY as OPTICAL_IN_RB
 from sfr_loc_map.geometry.quaternion_kernels import slerp, unit_quats
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -42,22 +33,17 @@ from sfr_loc_map.metrics.trajectory_error import ATTITUDE, PoseRows, sub_traject
 
 GAIN, GAIN_FITTED = 2.0, 3.0
 """Undoing a mismatch must make the disagreement this many times smaller; the second where numbers were fitted."""
-AGREES = 1e-3
-"""A disagreement below this (a thousandth of the path, or 0.06 degrees) needs no explanation."""
-EXPLAINED = 0.25
-"""What is left must be less than this (a quarter of the path, or 14 degrees)."""
-SIMPLER = 2.0
-"""A mismatch with fitted numbers must explain this many times more than one without."""
+AGREES = 1e-3  #: A disagreement below this (a thousandth of the path, or 0.06 degrees) needs no explanation.
+EXPLAINED = 0.25  #: What is left must be less than this (a quarter of the path, or 14 degrees).
+SIMPLER = 2.0  #: A mismatch with fitted numbers must explain this many times more than one without.
 MAX_POSES, MIN_POSES = 20_000, 8
 SUB_TRAJECTORIES = 400
 MIN_LEVER_M, MAX_TILT_DEG = 0.05, 60.0
 OFFSET_STEPS = 200
-AS_GOOD = 1.1
-"""An offset to the stamps of the truth themselves is taken for the best one if it is this near to it."""
+AS_GOOD = 1.1  #: An offset to the stamps of the truth themselves is taken for the best one if it is this near to it.
 STAMP_NOISE_NS = 1_000
 LOOKS_WRONG = "the estimate looks wrong:"
-Poses = tuple[FloatArray, FloatArray]
-"""Positions `(N, 3)` and unit quaternions `(N, 4)`."""
+Poses = tuple[FloatArray, FloatArray]  #: Positions `(N, 3)` and unit quaternions `(N, 4)`.
 
 
 class Hypothesis(Record):

@@ -41,8 +41,7 @@ class Figure:
     interval: Interval | None = None
 
 
-COVERAGE_MIN = "coverage_min"
-"""The one limit that is a lower bound."""
+COVERAGE_MIN = "coverage_min"  #: The one limit that is a lower bound.
 
 # Limits of a suite are judged by suite/summary.py: those of trajectories by pooled figures, others by the worst drive.
 _PLACES: dict[LimitPart, dict[str, str]] = {

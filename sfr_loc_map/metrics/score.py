@@ -16,10 +16,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, cast, dataclass_tran
 
 from sfr_loc_map.metrics.config import AssociationMode, CallKind, CloudKind, Condition, Rebase, VerdictState
 
-Interval = tuple[float, float]
-"""Lower and upper bound of a 95 % interval."""
-Column = tuple[float | None, ...]
-"""One entry a row; None where a value is undefined."""
+Interval = tuple[float, float]  #: Lower and upper bound of a 95 % interval.
+Column = tuple[float | None, ...]  #: One entry a row; None where a value is undefined.
 Integers = tuple[int, ...]
 
 

@@ -30,14 +30,12 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.jit import jit
 from sfr_loc_map.metrics.score import Column, Interval, SampleStatistic, Statistic
 
-MAX_BLOCKS = 512
-"""Sums are taken over at most so many stretches of consecutive values; a stretch grows by doubling."""
+MAX_BLOCKS = 512  #: Sums are taken over at most so many stretches of consecutive values; a stretch grows by doubling.
 RESAMPLES = 1000
 WIDENING, WIDENING_UNSIGNED = 1.1, 1.25
 """Resampled figures scatter that much less than the true ones; the second of errors that are never negative."""
 MIN_FREEDOM = 1.5
-MIN_INDEPENDENT = 2.0
-"""With fewer independent sub-trajectories there is no interval."""
+MIN_INDEPENDENT = 2.0  #: With fewer independent sub-trajectories there is no interval.
 
 
 # ---- mean and scatter

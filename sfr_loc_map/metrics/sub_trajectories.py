@@ -15,10 +15,8 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.jit import jit
 from sfr_loc_map.metrics.config import ConditionKind
 
-DISTANCE_TOLERANCE_M = 1e-9
-"""A path this much shorter than the distance is long enough."""
-DISTANCE, TIME, FRAMES = range(3)
-"""Kinds of conditions in compiled code."""
+DISTANCE_TOLERANCE_M = 1e-9  #: A path this much shorter than the distance is long enough.
+DISTANCE, TIME, FRAMES = range(3)  #: Kinds of conditions in compiled code.
 KINDS = {ConditionKind.DISTANCE: DISTANCE, ConditionKind.TIME: TIME, ConditionKind.FRAMES: FRAMES}
 
 

@@ -14,8 +14,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.quaternion_kernels import Quat, conjugate, product, rotated, row_difference, row_quat
 from sfr_loc_map.jit import jit
 
-MIN_DIRECTION_M = 1e-6
-"""A horizontal displacement shorter than this has no direction: the rover's heading is taken."""
+MIN_DIRECTION_M = 1e-6  #: A horizontal displacement shorter than this has no direction: the rover's heading is taken.
 
 
 X, Y, Z, ATTITUDE, HEADING, ALONG, CROSS, VERTICAL, TRAVELLED = range(9)

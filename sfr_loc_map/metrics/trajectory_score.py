@@ -34,8 +34,7 @@ from sfr_loc_map.metrics.trajectory_error import COLUMNS, HEADING, PoseRows, sub
 
 FIGURES = {"position_m": slice(0, 3), "attitude_deg": slice(3, 4), "heading_deg": slice(4, 5)}
 """Figures of the score and the columns of the errors that they are made of."""
-PATH_ROWS, DETAIL_ROWS = 2000, 1000
-"""Frames, and sub-trajectories of each condition, that are kept for figures."""
+PATH_ROWS, DETAIL_ROWS = 2000, 1000  #: Frames, and sub-trajectories of each condition, that are kept for figures.
 POSITION_VARIANCES = [0, 6, 11]
 """Columns of the upper triangle of a 6 x 6 covariance that hold the variances of x, y and z."""
 DISTANCES_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
@@ -43,8 +42,7 @@ DISTANCES_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
 DISTANCES_SPACING, DISTANCES_BASE_M = 10, 50.0
 """Their starts are at least this many frames apart, whatever the spacing of the conditions; beyond the base in
 proportion to the distance: the more sub-trajectories overlap, the less one more says."""
-DISTANCES_MAX_STARTS = 5000
-"""A sub-trajectory of theirs through more starts than this is left out: the rover stood."""
+DISTANCES_MAX_STARTS = 5000  #: A sub-trajectory of theirs through more starts than this is left out: the rover stood.
 
 
 class ScoredTrajectory(NamedTuple):
@@ -157,10 +155,7 @@ def score_trajectory(
         path_length_m=float(lengths[-1, 0] + lengths[-1, 1]) if count else 0.0,
         duration_s=int(stamps_ns[-1] - stamps_ns[0]) / NS_PER_S if count else None,
         association=AssociationScore(
-            counts=counts,
-            mode=mode,
-            tolerance_s=config.association.tolerance_s,
-            max_gap_s=config.association.max_gap_s,
+            counts=counts, mode=mode, tolerance_s=config.association.tolerance_s, max_gap_s=config.association.max_gap_s
         ),
         several=tuple(scores) if len(scores) > 1 else (),
         by_distance=tuple(by_distance),

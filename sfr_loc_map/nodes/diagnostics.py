@@ -36,18 +36,12 @@ from sfr_loc_map.pipeline.call_stats import STATISTIC, TaskRecord, call_of
 
 Value = str | bool | int | float
 TOPIC = "/diagnostics"
-HARDWARE_ID = socket.gethostname()
-"""Of each status: the host that the node runs on, whose time and memory it tells."""
-QUEUE_DEPTH = 1000
-"""Statuses that are kept for a slow subscriber."""
-LOG_PERIOD_S = 5.0
-"""The same line is logged once in that time."""
-LATENCY_WINDOW = 200
-"""Calls over which the percentile of a latency is taken."""
-MAX_MOMENTS = 10_000
-"""Arrivals or calls within the window that a rate is taken over."""
-MAX_REASONS = 4
-"""Reasons that a message names."""
+HARDWARE_ID = socket.gethostname()  #: Of each status: the host that the node runs on, whose time and memory it tells.
+QUEUE_DEPTH = 1000  #: Statuses that are kept for a slow subscriber.
+LOG_PERIOD_S = 5.0  #: The same line is logged once in that time.
+LATENCY_WINDOW = 200  #: Calls over which the percentile of a latency is taken.
+MAX_MOMENTS = 10_000  #: Arrivals or calls within the window that a rate is taken over.
+MAX_REASONS = 4  #: Reasons that a message names.
 MB = 1_000_000
 OFFSETS = {
     "vertical_offset_px": "vertical disparity of more than {:g} px: check the calibration",
@@ -55,8 +49,7 @@ OFFSETS = {
     "disparity_offset_px": "disparity bias of more than {:g} px: check the calibration",
 }
 """Statistics of the localiser that are monitored, and their warnings; limits are `..._offset_warn_px`."""
-_ONE_AT_A_TIME = Lock()
-"""Time and memory of a call are those of the whole process: nodes that share one take turns."""
+_ONE_AT_A_TIME = Lock()  #: Time and memory of a call are those of the whole process: nodes that share one take turns.
 
 
 class Level(IntEnum):
@@ -102,8 +95,7 @@ def level_of(status: DiagnosticStatus) -> Level:
 def task_record(status: DiagnosticStatus) -> TaskRecord | None:
     """Return the call that a status describes, None where it describes something else.
 
-    Raises:
-        InputError: If it is such a status but a value is missing or no number.
+    Raises InputError if it is such a status but a value is missing or no number.
     """
     try:
         return call_of(values_of(status))

@@ -17,14 +17,10 @@ from sfr_loc_map.errors import NodeError
 PROFILE = Path(__file__).with_name("profiles") / "fastdds_shm.xml"
 """Fast DDS profile with a shared-memory segment that holds large images and clouds."""
 OLD_PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
-DOMAINS = 101
-"""Domains 1 to 101 have ports below the ephemeral range."""
-PROBED_PARTICIPANTS = 10
-"""The first of a domain may have ended while others run."""
-HELD_PORT = 249
-"""From the first port of a domain: that of participant 119, which no program reaches."""
-KEPT = 16
-"""Most domains that one process holds."""
+DOMAINS = 101  #: Domains 1 to 101 have ports below the ephemeral range.
+PROBED_PARTICIPANTS = 10  #: The first of a domain may have ended while others run.
+HELD_PORT = 249  #: From the first port of a domain: that of participant 119, which no program reaches.
+KEPT = 16  #: Most domains that one process holds.
 _held: deque[socket.socket] = deque()
 
 
@@ -40,8 +36,7 @@ def profile_variable(environment: MutableMapping[str, str] = os.environ) -> str:
 
 
 PROFILE_VARIABLE = profile_variable()
-EXPORT_LINE = f"export {PROFILE_VARIABLE}={PROFILE}"
-"""What a camera driver's shell needs."""
+EXPORT_LINE = f"export {PROFILE_VARIABLE}={PROFILE}"  #: What a camera driver's shell needs.
 
 
 def prepare(environment: MutableMapping[str, str] = os.environ) -> None:
@@ -70,8 +65,7 @@ def free_domain() -> int:
     The participants come seconds after the choice: until then a port of the domain that they do not reach is held. It
     is given back at the end of this process, or after more calls.
 
-    Raises:
-        NodeError: If all are in use.
+    Raises NodeError if all are in use.
     """
     for domain in random.sample(range(1, DOMAINS + 1), DOMAINS):
         base = 7400 + 250 * domain
@@ -116,8 +110,7 @@ def configure_malloc() -> None:
 def start_ros(arguments: Sequence[str] = (), *, signals: bool = False) -> None:
     """Start ROS with a command line; signals stay with the program unless ROS is to shut down by them.
 
-    Raises:
-        NodeError: If it does not start: bad arguments or parameter files, a log folder that cannot be written.
+    Raises NodeError if it does not start: bad arguments or parameter files, a log folder that cannot be written.
     """
     import rclpy
     from rclpy.signals import SignalHandlerOptions

@@ -56,9 +56,7 @@ def add_static_transforms(message: Any, tree: FrameTree) -> None:  # noqa: ANN40
         p, q = item.transform.translation, item.transform.rotation
         try:
             tree.add(
-                item.header.frame_id,
-                item.child_frame_id,
-                Transform.from_quat((p.x, p.y, p.z), (q.x, q.y, q.z, q.w)),
+                item.header.frame_id, item.child_frame_id, Transform.from_quat((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
             )
         except GeometryError:
             continue

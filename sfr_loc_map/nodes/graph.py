@@ -45,10 +45,8 @@ from sfr_loc_map.pipeline.doctor_observation import (
 )
 from sfr_loc_map.pipeline.reception import TransportGaps
 
-QUIET_S = 1.5
-"""Discovery counts as complete when there are images and the graph has not changed for so long,"""
-DISCOVERY_S = 8.0
-"""or after so long."""
+QUIET_S = 1.5  #: Discovery counts as complete when there are images and the graph has not changed for so long,
+DISCOVERY_S = 8.0  #: or after so long.
 FIRST_MESSAGE_S = 4.0
 """How long a topic with a publisher may take to bring its first message before the observation begins."""
 POLL_S = 0.1

@@ -75,28 +75,18 @@ KINDS = frozenset(kind.value for kind in StatusKind)
 DEPTH = 200
 GRAPH_PERIOD_S = 0.5
 SPIN_S = 0.1
-IMAGE_PERIOD_S = 0.15
-"""Shortest time between two pairs of images that are shown."""
-TRACKED = "loc/left"
-"""The image that tracks are drawn on; of its stamps that are not shown they are left out."""
-MAX_SHOWN = 64
-"""Images of which tracks are waited for: ten seconds."""
-MAX_MAPS = 8
-"""Clouds, elevation and hazard grids that wait; more are left out."""
-MASK_HOLD_NS = NS_PER_S // 2
-"""A mask that much older than the tracks is shown with them."""
-ENOUGH_POINTS = 100_000
-"""Points of a cloud that are read where the mapper publishes its grid."""
+IMAGE_PERIOD_S = 0.15  #: Shortest time between two pairs of images that are shown.
+TRACKED = "loc/left"  #: The image that tracks are drawn on; of its stamps that are not shown they are left out.
+MAX_SHOWN = 64  #: Images of which tracks are waited for: ten seconds.
+MAX_MAPS = 8  #: Clouds, elevation and hazard grids that wait; more are left out.
+MASK_HOLD_NS = NS_PER_S // 2  #: A mask that much older than the tracks is shown with them.
+ENOUGH_POINTS = 100_000  #: Points of a cloud that are read where the mapper publishes its grid.
 IMAGE_KINDS = ((Image, "image_rect"), (CompressedImage, "image_rect/compressed"), (Image, "image_raw"))
 NO_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
 """The nodes themselves tell of peers that do not fit; each event would cost the executor time at every message."""
-LAYERS = ("height", *ELEVATION_FIELDS[3:])
-"""Layers of an elevation message, after x and y."""
+LAYERS = ("height", *ELEVATION_FIELDS[3:])  #: Layers of an elevation message, after x and y.
 FOUND_S, ANSWER_S, POLL_S = 2.0, 10.0, 0.02
-TRANSITIONS = {
-    Action.ACTIVATE: Transition.TRANSITION_ACTIVATE,
-    Action.DEACTIVATE: Transition.TRANSITION_DEACTIVATE,
-}
+TRANSITIONS = {Action.ACTIVATE: Transition.TRANSITION_ACTIVATE, Action.DEACTIVATE: Transition.TRANSITION_DEACTIVATE}
 SERVICES = {Action.RESET: SUITE_NODES, Action.FINISH: ("mapping_node",), Action.SAVE: ("monitor_node",)}
 """Nodes that offer each service."""
 

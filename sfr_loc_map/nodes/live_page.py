@@ -20,8 +20,7 @@ from sfr_loc_map.live.hub import Hub
 from sfr_loc_map.live.server import DEFAULT_HOST, DEFAULT_PORT, LiveConfig, LiveServer, serve_until_signal
 from sfr_loc_map.nodes.environment import configure_malloc
 
-NICENESS = 5
-"""What only looks on gives way to what it looks at: a third of the weight of other processes."""
+NICENESS = 5  #: What only looks on gives way to what it looks at: a third of the weight of other processes.
 
 
 def serve_graph(config: LiveConfig, namespace: str, *, open_browser: bool = False) -> None:

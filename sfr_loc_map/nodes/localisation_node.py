@@ -49,8 +49,7 @@ from sfr_loc_map.pipeline.kernels import load_kernels
 from sfr_loc_map.pipeline.localisation_session import LocalisationSession, PoseFile
 from sfr_loc_map.pipeline.reception import ThinnedPath
 
-OUTPUT_DEPTH = 1000
-"""Odometry messages that are kept for a slow subscriber."""
+OUTPUT_DEPTH = 1000  #: Odometry messages that are kept for a slow subscriber.
 LEVELS = {
     TrackingState.INITIALISING: Level.WARN,
     TrackingState.TRACKING: Level.OK,

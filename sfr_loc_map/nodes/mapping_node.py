@@ -40,12 +40,9 @@ from sfr_loc_map.nodes.stereo_input import ReceivedPair
 from sfr_loc_map.pipeline.kernels import load_kernels
 from sfr_loc_map.pipeline.mapping_session import MappingSession, PoseMatching
 
-POSE_DEPTH, OUTPUT_DEPTH = 100, 10
-"""Queues of nav/pose and of the disparity; clouds and grids are latched."""
-OVERDUE_S = 0.2
-"""Period at which pairs are dropped whose pose did not come."""
-ANY_RIG = StereoRig(320, 240, 300.0, 300.0, 159.5, 119.5, 0.1)
-"""To check parameters with, before the rig is known."""
+POSE_DEPTH, OUTPUT_DEPTH = 100, 10  #: Queues of nav/pose and of the disparity; clouds and grids are latched.
+OVERDUE_S = 0.2  #: Period at which pairs are dropped whose pose did not come.
+ANY_RIG = StereoRig(320, 240, 300.0, 300.0, 159.5, 119.5, 0.1)  #: To check parameters with, before the rig is known.
 
 
 @dataclass(frozen=True, slots=True)

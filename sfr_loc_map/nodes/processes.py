@@ -25,11 +25,9 @@ TASKS = ("localisation", "mapping", "monitor")
 EVERYTHING = "all"
 ESCALATION = ((signal.SIGINT, 5.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))
 """Signals that end processes, and how many seconds each gets."""
-CANNOT_START = 2
-"""Exit code of a node that cannot work with its arguments and settings."""
+CANNOT_START = 2  #: Exit code of a node that cannot work with its arguments and settings.
 WATCH_S = 0.2
-RESTART_PAUSE_S = 1.0
-"""Pause after a restart, so that a node that crashes at once does not occupy the host."""
+RESTART_PAUSE_S = 1.0  #: Pause after a restart, so that a node that crashes at once does not occupy the host.
 SEGMENT_LOCK = re.compile(r"/dev/shm/fastrtps_[0-9a-f]+_el")
 
 

@@ -24,8 +24,7 @@ from sfr_loc_map.nodes.lifecycle.endpoints import RELIABILITIES, Endpoints, prof
 from sfr_loc_map.nodes.messages.image import check_image, grey_from_image
 from sfr_loc_map.pipeline.reception import LossWatch, MessageTimes, StampPairing, TransportGaps, jumped_back
 
-ReceivedImage = tuple[Any, MessageTimes]
-"""sensor_msgs/Image or CompressedImage, and when it was sent and received."""
+ReceivedImage = tuple[Any, MessageTimes]  #: sensor_msgs/Image or CompressedImage, and when it was sent and received.
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,13 +28,11 @@ COVARIANCE_NAMES = tuple(f"cov_{i}{j}" for i, j in zip(*UPPER, strict=True))
 STEP_NAMES = (*(f"step_{name}" for name in COVARIANCE_NAMES), *(f"systematic_cov_{i}" for i in range(6)))
 METHOD_NAMES = ("method", "method_version", "method_kind", "method_sha256", "finding")
 STATES = (*TrackingState, *MappingState)
-STATISTIC = "statistic."
-"""Prefix of the names of a call's figures in a status."""
+STATISTIC = "statistic."  #: Prefix of the names of a call's figures in a status.
 DEFAULT_STATE = {"localisation": TrackingState.TRACKING.value, "mapping": MappingState.MAPPED.value}
 """State of a call by its task, where an external node tells none."""
 MAX_CALL_S = 1e6
-MAX_NUMBER = 1e18
-"""Of times, sizes and covariances in a file; squares of it are finite."""
+MAX_NUMBER = 1e18  #: Of times, sizes and covariances in a file; squares of it are finite.
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,13 +18,7 @@ from sfr_loc_map.io.bag_sequence import RAW, RECTIFIED
 from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import image_from_compressed_message, image_from_message, stamp_of
 from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig
-from sfr_loc_map.pipeline.doctor_observation import (
-    EXPECTED,
-    Observation,
-    ObservedTopic,
-    Reliability,
-    allowed_types,
-)
+from sfr_loc_map.pipeline.doctor_observation import EXPECTED, Observation, ObservedTopic, Reliability, allowed_types
 from sfr_loc_map.pipeline.reception import MUCH_LOST, loss_fix
 
 FEW_LOST = 0.01  # share of images lost in transport above which there is a warning

@@ -33,8 +33,7 @@ EXPECTED: Mapping[str, tuple[str, ...]] = {
     "ground_truth/points": (POINTS,),
 }
 """Types of the topics that are observed, by their names in the suite."""
-MESSAGES_KEPT = 4
-"""Messages of each topic that are kept."""
+MESSAGES_KEPT = 4  #: Messages of each topic that are kept.
 
 
 def allowed_types(name: str) -> tuple[str, ...]:

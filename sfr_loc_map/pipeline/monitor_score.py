@@ -41,12 +41,10 @@ from sfr_loc_map.pipeline.call_stats import CallRecord
 from sfr_loc_map.pipeline.reception import jumped_back
 
 T = TypeVar("T")
-MAX_CALLS = 100_000
-"""Calls that times and memory are summarised over, the last ones."""
+MAX_CALLS = 100_000  #: Calls that times and memory are summarised over, the last ones.
 MAX_STATES, MAX_STAGES = 100, 16
 """States that are told apart, and stages whose times are kept: their names come from the network."""
-MAX_KEPT = 2 * MAX_PAIRS
-"""True points, poses, sets of pairs and clouds that are kept until the others come."""
+MAX_KEPT = 2 * MAX_PAIRS  #: True points, poses, sets of pairs and clouds that are kept until the others come.
 POSE = [("stamp_ns", np.int64), ("position", np.float64, 3), ("quat", np.float64, 4)]
 ESTIMATE = [*POSE, ("covariance", np.float64, COVARIANCE_SIZE), ("lost", np.bool_)]
 STEP = [("stamp_ns", np.int64), ("step", np.float64, STEP_SIZE), ("degraded", np.bool_), ("known", np.bool_)]

@@ -39,14 +39,12 @@ from sfr_loc_map.metrics.score import MethodRecord
 from sfr_loc_map.pipeline.call_stats import CallRecord
 from sfr_loc_map.pipeline.kernels import load_kernels
 
-MAX_START_GAP_NS = NS_PER_S
-"""Longest gap of the truth in which a drive can start."""
+MAX_START_GAP_NS = NS_PER_S  #: Longest gap of the truth in which a drive can start.
 DEFAULT_STEP_S = 0.1
 CODECS = {".avi": "MJPG", ".mp4": "mp4v"}
 """Coding of a film by the ending of the file's name; both are part of OpenCV's wheels."""
 FRAMES_PER_SECOND = 10.0
-MANY = 0.05
-"""Share of pairs without a good pose from which there is a warning."""
+MANY = 0.05  #: Share of pairs without a good pose from which there is a warning.
 SEE_SOURCE = "sfr doctor {source}"
 SEE_TRACKS = "sfr localise {source} -o again.csv --video tracks.avi"
 SEE_CALLS = "sfr localise {source} -o again.csv --stats stats.csv"

@@ -58,8 +58,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source
 
 _log = logging.getLogger(__name__)
-IN_MEMORY = "(in memory)"
-"""Path of an input that is no file."""
+IN_MEMORY = "(in memory)"  #: Path of an input that is no file.
 NO_TRUTH = "'{}' has no true poses (groundtruth.csv, ground_truth/odometry): give a source with truth"
 
 

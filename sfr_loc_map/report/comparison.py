@@ -50,8 +50,7 @@ from sfr_loc_map.report.tables import (
 DASHES = ("solid", "dash", "dot")
 SYMBOLS = ("circle", "square", "diamond")
 KINDS = (CallKind.LOCALISATION, CallKind.MAPPING)
-LOG_RATIO = 20.0
-"""Errors that differ more than so many times are drawn on a logarithmic axis."""
+LOG_RATIO = 20.0  #: Errors that differ more than so many times are drawn on a logarithmic axis.
 Named = Sequence[tuple[str, Score]]
 
 

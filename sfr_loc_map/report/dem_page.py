@@ -11,8 +11,7 @@ from sfr_loc_map.report.page import render_overview
 from sfr_loc_map.report.plots import Plot, axis, colour_bar, heat
 from sfr_loc_map.report.tables import ABSENT, Cell, Column, Table
 
-MAX_SIDE = 400
-"""Most cells of a figure along a side; of larger grids every so many cells are shown."""
+MAX_SIDE = 400  #: Most cells of a figure along a side; of larger grids every so many cells are shown.
 CAPTIONS = {
     "height": "z of LM, mean of the points of the cell.",
     "sigma": "One standard deviation of the height.",

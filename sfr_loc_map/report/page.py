@@ -31,12 +31,10 @@ if TYPE_CHECKING:
     from markupsafe import Markup
 
 TITLE = "Localisation and mapping report"
-FIRST_TABLES = ("verdicts", "headline", "counts", "groups")
-"""Tables before the figures."""
+FIRST_TABLES = ("verdicts", "headline", "counts", "groups")  #: Tables before the figures.
 TRUTH_ROLES, RESULT_ROLES = ("truth", "map_truth"), ("estimate", "cloud")
 NO_VERDICT, NO_VERDICT_ICON = "no verdict", "\u2013"
-MOST = 5
-"""More than this is not to be looked at first."""
+MOST = 5  #: More than this is not to be looked at first.
 Sections = Sequence[tuple[str, list[Plot]]]
 
 
@@ -46,8 +44,7 @@ Sections = Sequence[tuple[str, list[Plot]]]
 def load_score(path: Path) -> Score:
     """Read a score; numbers that are not finite are undefined.
 
-    Raises:
-        InputError: If the file cannot be read or holds no score.
+    Raises InputError if the file cannot be read or holds no score.
     """
     try:
         text = read_text(path, MAX_JSON_BYTES)
@@ -61,8 +58,7 @@ def load_score(path: Path) -> Score:
 def write_page(score: Score, path: Path) -> None:
     """Write the report page; an existing file is replaced.
 
-    Raises:
-        OutputError: If the file cannot be written.
+    Raises OutputError if the file cannot be written.
     """
     text = render_page(score)
     with atomic_path(path) as temporary:

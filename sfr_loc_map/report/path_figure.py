@@ -24,8 +24,7 @@ if TYPE_CHECKING:
 
 COLOURS = ("one", "two", "three", "four", "five")
 X, Y, Z, TIME = "x of DS (east), m", "y of DS (north), m", "z of DS (up), m", "time, s"
-MOST_POINTS = 5000
-"""Poses of a path that are drawn."""
+MOST_POINTS = 5000  #: Poses of a path that are drawn.
 
 
 class Curve(NamedTuple):
@@ -43,8 +42,7 @@ def curves_of(
 ) -> list[Curve]:
     """Return trajectories as curves; with a truth it comes first, and each is aligned with it.
 
-    Raises:
-        MetricsError: If one has no pose, or no stamps near those of the truth.
+    Raises MetricsError if one has no pose, or no stamps near those of the truth.
     """
     given = [poses for poses in (*trajectories.values(), truth) if poses is not None and len(poses)]
     if len(given) < len(trajectories) + (truth is not None) or not given:
@@ -107,11 +105,7 @@ def path_figure(curves: Sequence[Curve]) -> Figure:
 
 
 def save_path_html(curves: Sequence[Curve], path: Path) -> None:
-    """Write the figure as a page that needs no network.
-
-    Raises:
-        OutputError: If it cannot be written.
-    """
+    """Write the figure as a page that needs no network; raises OutputError if it cannot be written."""
     figure = path_figure(curves).to_html(full_html=False, include_plotlyjs=True)
     head = '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>Trajectories</title></head>'
     with atomic_path(path) as temporary:

@@ -55,8 +55,7 @@ TRACE_BACK = (
     "stamps %{customdata[3]} to %{customdata[4]} ns"
 )
 """What a mark says when pointed at; `customdata` is a row of `_traces_to`."""
-DRAWN_SHARE = 0.05
-"""Share of the extent of the drive that the largest error is drawn as."""
+DRAWN_SHARE = 0.05  #: Share of the extent of the drive that the largest error is drawn as.
 ELLIPSES = 15
 STATES = {
     "initialising": ("@two", "diamond"),
@@ -68,8 +67,7 @@ STATES = {
     "other": ("@four", "square"),
 }
 """What a call said: its colour and mark."""
-MIN_HISTOGRAM = 10
-"""Fewer calls are told by their timeline alone."""
+MIN_HISTOGRAM = 10  #: Fewer calls are told by their timeline alone.
 LOG_TICKS_MM = (0.1, 0.3, 1, 3, 10, 30, 100, 300, 1000, 3000, 10000)
 SCATTER_ROWS = 3000
 LAW_STEPS = 40
@@ -198,10 +196,7 @@ def _top_view(path: PathRows, parts: list[Part]) -> Plot:
         scaled([None if t is None or e is None else t + factor * e for t, e in zip(*columns, strict=True)], 1.0)
         for columns in zip(truth, _errors(path)[:2], strict=True)
     ]
-    data = [
-        line("truth", truth, "@truth", width=3, **more),
-        line("estimate", estimate, "@one", dash="dash", **more),
-    ]
+    data = [line("truth", truth, "@truth", width=3, **more), line("estimate", estimate, "@one", dash="dash", **more)]
     if factor > 1:
         name = f"estimate, error drawn {factor:g} times"
         data.append(line(name, drawn, "@two", dash="dot", width=1.5, hoverinfo="skip"))
@@ -330,10 +325,7 @@ def _position(parts: list[Part]) -> Plot:
         if figure.mean_plus_3sigma_ci95 is not None:
             low, high = (bound * factor for bound in figure.mean_plus_3sigma_ci95)
             data.append(band(f"95 % interval of it, {over}", ends, low, high, f"{color}-soft", **group))
-    layout = {
-        "xaxis": axis(AT_THE_END),
-        "yaxis": axis(f"size of the position error, {unit}", rangemode="tozero"),
-    }
+    layout = {"xaxis": axis(AT_THE_END), "yaxis": axis(f"size of the position error, {unit}", rangemode="tozero")}
     caption = "Each mark is one sub-trajectory: point at it for its frames and stamps. A click on a name of the legend "
     caption += "shows or hides a condition."
     return Plot("position", "Position error against distance travelled", caption, data, layout, width="full")

@@ -48,8 +48,7 @@ SUMMARY = (
     "verdicts",
 )
 """Tables of the terminal; the verdicts stand last, where they are seen."""
-HOST = "host"
-"""First word of the name of a clock of this machine."""
+HOST = "host"  #: First word of the name of a clock of this machine.
 UNTOLD = "not told"
 STATISTIC = {"mean": "mean", "sigma": "sigma", "mean_plus_3sigma": "mean + 3 sigma"}
 TERMS: Mapping[str, str] = {

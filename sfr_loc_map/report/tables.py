@@ -152,8 +152,7 @@ class VerdictStyle:
 
 
 VERDICTS = {"pass": VerdictStyle("✔", "pass", "green"), "fail": VerdictStyle("✖", "fail", "bold red")}
-OPEN = VerdictStyle("?", "open", "yellow")
-"""Of every other verdict."""
+OPEN = VerdictStyle("?", "open", "yellow")  #: Of every other verdict.
 Row = tuple[Cell, ...]
 
 
@@ -211,8 +210,7 @@ def to_rich(table: Table) -> RichTable:
     return shown
 
 
-WORDS = ' class="words"'
-"""Attribute of words and of the heading over them: they are aligned to the left."""
+WORDS = ' class="words"'  #: Attribute of words and of the heading over them: they are aligned to the left.
 
 
 def to_html(table: Table) -> str:

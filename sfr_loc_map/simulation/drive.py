@@ -21,14 +21,10 @@ from sfr_loc_map.inputs import NS_PER_S, Task
 from sfr_loc_map.simulation.config import CamerasConfig, DriveConfig, SimulationConfig
 from sfr_loc_map.simulation.terrain import Mesh, Terrain
 
-GROUND_HEIGHT_RB_M = -0.540
-"""Height of the ground plane in RB when deployed on flat ground [3.2.1]."""
-MAST_XY_RB_M = (0.451, 0.317)
-"""Base of the mast (DMA) and the pan axis in RB [3.2.2, 3.2.6]."""
-TILT_AXIS_Z_RB_M = 0.594
-"""Height of the tilt axis in RB [3.2.6]."""
-TILT_AXIS_X_RB_M = 0.451
-"""Place of the tilt axis along RB x at pan 0 [3.2.6]."""
+GROUND_HEIGHT_RB_M = -0.540  #: Height of the ground plane in RB when deployed on flat ground [3.2.1].
+MAST_XY_RB_M = (0.451, 0.317)  #: Base of the mast (DMA) and the pan axis in RB [3.2.2, 3.2.6].
+TILT_AXIS_Z_RB_M = 0.594  #: Height of the tilt axis in RB [3.2.6].
+TILT_AXIS_X_RB_M = 0.451  #: Place of the tilt axis along RB x at pan 0 [3.2.6].
 WHEELS_RB_M = np.array([(x, y) for x in (0.62, 0.0, -0.62) for y in (0.52, -0.52)])
 """Positions of the six wheels in RB, metres (size of a fetch rover; the document gives none)."""
 WHEEL_RADIUS_M = 0.18
@@ -106,13 +102,11 @@ def rover_mesh() -> Mesh:
     return Mesh.join(parts)
 
 
-STEP_S = 0.05
-"""Time between the states of the trajectory; poses between are interpolated."""
+STEP_S = 0.05  #: Time between the states of the trajectory; poses between are interpolated.
 VIBRATION_HZ = 6.0
 ARGUMENTS = {"straight": 1, "arc": 2, "turn": 1, "stop": 1, "goto": 2}
 NEAR_M = 1e-6
-FARTHEST_M = 400.0
-"""Largest extent of a path along x or y: the ground is 1024 m wide and centred on the path."""
+FARTHEST_M = 400.0  #: Largest extent of a path along x or y: the ground is 1024 m wide and centred on the path.
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,8 +168,7 @@ class Drive:
 def make_drive(seed: int, config: DriveConfig, terrain: Terrain) -> Drive:
     """Return the drive of a configuration over a ground.
 
-    Raises:
-        ConfigError: If there is no segment, one is not understood, or the path leaves the ground.
+    Raises ConfigError if there is no segment, one is not understood, or the path leaves the ground.
     """
     if not config.segments:
         raise ConfigError("drive.segments is empty: give at least one, as 'stop 1', or set drive.enabled=false")
@@ -295,8 +288,7 @@ class Plan:
     def make(cls, config: SimulationConfig) -> Plan:
         """Return the plan of a configuration.
 
-        Raises:
-            ConfigError: If pans and tilts do not match, nothing is enabled, or the path or the distortion is wrong.
+        Raises ConfigError if pans and tilts do not match, nothing is enabled, or the path or the distortion is wrong.
         """
         if len(config.panorama.pan_deg) != len(config.panorama.tilt_deg):
             raise ConfigError(

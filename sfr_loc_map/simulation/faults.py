@@ -81,8 +81,7 @@ KINDS = {
     FaultKind.CLOCK: KindInfo(0.1, "all stamps are AMOUNT s late against the ground truth", share=1.0, start=0),
 }
 CAMERAS = ("both", "left", "right")
-RIG_KINDS = (FaultKind.FOCAL, FaultKind.BASELINE)
-"""Kinds that change the rig alone: they affect all pairs."""
+RIG_KINDS = (FaultKind.FOCAL, FaultKind.BASELINE)  #: Kinds that change the rig alone: they affect all pairs.
 IMAGE_KINDS = (
     FaultKind.BLACK,
     FaultKind.START,
@@ -180,11 +179,9 @@ AMOUNTS: Final[dict[FaultKind, tuple[float, float]]] = {
 
 Wrong stamps are no fault of a pose, and a wrong focal length or baseline is unobservable: neither is drawn.
 """
-COUNTS: Final = (0.6, 0.3, 0.1)
-"""Probability of one, two and three faults at a time."""
+COUNTS: Final = (0.6, 0.3, 0.1)  #: Probability of one, two and three faults at a time.
 WHOLE_DRIVE: Final = (FaultKind.BODY, FaultKind.DIRT, FaultKind.SHADOW, FaultKind.START, *ROTATION_AXES)
-ONE_CAMERA: Final = (*IMAGE_KINDS, *SHARES_OF_IMAGE, FaultKind.FROZEN)
-"""Kinds that may affect one camera alone."""
+ONE_CAMERA: Final = (*IMAGE_KINDS, *SHARES_OF_IMAGE, FaultKind.FROZEN)  #: Kinds that may affect one camera alone.
 
 
 def random_faults(rng: np.random.Generator, pairs: int) -> str:

@@ -17,21 +17,15 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.simulation.faults import IMAGE_KINDS, RIG_KINDS, ROTATION_AXES, Fault, FaultKind
 
-READ_NOISE = 1.0
-"""Noise of a camera that is left when no light comes in, grey levels."""
+READ_NOISE = 1.0  #: Noise of a camera that is left when no light comes in, grey levels.
 BODY_DEPTH, OBJECT_DEPTH, SHADOW_DEPTH = 6.0, 8.0, 12.0
 """Depth of the own body, of a crossing object and of the ground in the own shadow, baselines."""
-TEXTURE_CONTRAST = 30.0
-"""Standard deviation of the texture of body and object, grey levels."""
+TEXTURE_CONTRAST = 30.0  #: Standard deviation of the texture of body and object, grey levels.
 SHADOW_BRIGHTNESS, DIRT_BRIGHTNESS = 0.35, 0.4
-SPOT_RADIUS = 0.04
-"""Typical radius of a spot of dirt, as a share of the image's width."""
-ALL_PAIRS = (*RIG_KINDS, *ROTATION_AXES, FaultKind.CLOCK)
-"""Kinds that affect all pairs."""
-REPEATING = (FaultKind.REPEATED, FaultKind.FROZEN)
-"""Kinds that show the images of a pair before."""
-EPISODES = (FaultKind.FADE, FaultKind.OBJECT)
-"""Kinds whose bursts are whole: one begins only where it can end."""
+SPOT_RADIUS = 0.04  #: Typical radius of a spot of dirt, as a share of the image's width.
+ALL_PAIRS = (*RIG_KINDS, *ROTATION_AXES, FaultKind.CLOCK)  #: Kinds that affect all pairs.
+REPEATING = (FaultKind.REPEATED, FaultKind.FROZEN)  #: Kinds that show the images of a pair before.
+EPISODES = (FaultKind.FADE, FaultKind.OBJECT)  #: Kinds whose bursts are whole: one begins only where it can end.
 DRIFT_PAIRS = 100.0
 UNAFFECTED = -1
 LAST_STAMP_NS = 2**63 - 1
@@ -277,8 +271,7 @@ def _with_shadow(pair: StereoPair, amount: float, moment: Moment, rig: StereoRig
     return left, right
 
 
-Views = tuple[GreyImage, GreyImage]
-"""Left and right image."""
+Views = tuple[GreyImage, GreyImage]  #: Left and right image.
 VIEW_FAULTS: dict[FaultKind, Callable[[StereoPair, float, Moment, StereoRig, np.random.Generator], Views]] = {
     FaultKind.BODY: _with_body,
     FaultKind.OBJECT: _with_object,

@@ -17,8 +17,7 @@ from sfr_loc_map.jit import jit, jit_inline
 from sfr_loc_map.simulation.noise import hash2, mix, unit
 from sfr_loc_map.simulation.terrain import Mesh
 
-SKY, GROUND = -2, -1
-"""Object that a ray hits, if it is not the rock of that number."""
+SKY, GROUND = -2, -1  #: Object that a ray hits, if it is not the rock of that number.
 
 
 class Hits(NamedTuple):
@@ -103,24 +102,17 @@ def camera_pose(T_ds_sb: Transform, rig: StereoRig, right: bool) -> Transform:
     return T_ds_left @ Transform(np.eye(3), np.array([rig.baseline_m, 0.0, 0.0]))
 
 
-BAND_RAYS = 1 << 17
-"""Rays traced at once: few enough to stay in the processor's cache."""
-LIFT_M = 2e-4
-"""Shadow rays start this far above the surface, so that a triangle does not shade itself."""
+BAND_RAYS = 1 << 17  #: Rays traced at once: few enough to stay in the processor's cache.
+LIFT_M = 2e-4  #: Shadow rays start this far above the surface, so that a triangle does not shade itself.
 LIFT_PER_RANGE = 1e-4
 NUDGE = 1e-5
-LEVEL_RAY = -0.05
-"""A ray that goes down by more than this must meet the ground."""
+LEVEL_RAY = -0.05  #: A ray that goes down by more than this must meet the ground.
 SKY_RANGE_M = 1e9
 Float32s = NDArray[np.float32]
 
 
 def require_tracer() -> None:
-    """Check that the ray tracer is installed.
-
-    Raises:
-        MissingExtraError: If not.
-    """
+    """Check that the ray tracer is installed; raises MissingExtraError if not."""
     try:
         import_module("embreex.rtcore_scene")
     except ImportError as error:
@@ -141,11 +133,7 @@ class Tracer:
     """Finds what rays hit first, and whether light reaches a point."""
 
     def __init__(self, mesh: Mesh) -> None:
-        """Build the search tree.
-
-        Raises:
-            MissingExtraError: If the ray tracer is not installed.
-        """
+        """Build the search tree; raises MissingExtraError if the ray tracer is not installed."""
         require_tracer()
         self.mesh = mesh
         self._scene: Any = import_module("embreex.rtcore_scene").EmbreeScene(robust=True)

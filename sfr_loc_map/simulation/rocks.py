@@ -18,14 +18,12 @@ from sfr_loc_map.simulation.config import RockConfig
 from sfr_loc_map.simulation.noise import hash2, mix, unit
 from sfr_loc_map.simulation.terrain import Mesh, Terrain, cell_size, coarseness, path_distance, smooth_step
 
-CLASS_RATIO = 1.35
-"""Ratio of the diameters that bound one size class."""
+CLASS_RATIO = 1.35  #: Ratio of the diameters that bound one size class.
 RANGE_PER_DIAMETER = 180.0
 """Rocks are placed as far from the path as this many of their diameters; farther ones would be under a few pixels."""
 FARTHEST_M = 350.0
 SHAPES = 24
-LEVEL_PIXELS = (14.0, 48.0, 200.0)
-"""Apparent sizes, in pixels of an 800 px lens, from which a finer shape is used."""
+LEVEL_PIXELS = (14.0, 48.0, 200.0)  #: Apparent sizes, in pixels of an 800 px lens, from which a finer shape is used.
 LENS_PX = 800.0
 
 

@@ -11,8 +11,7 @@ from sfr_loc_map.inputs import Task
 from sfr_loc_map.simulation.config import SensorConfig
 
 _LENS, _HOT, _EXPOSURE, _NOISE = 6, 7, 8, 9
-TASK_SEEDS = {Task.LOCALISATION: 0, Task.MAPPING: 1}
-"""Number of a task in the seeds of what is random."""
+TASK_SEEDS = {Task.LOCALISATION: 0, Task.MAPPING: 1}  #: Number of a task in the seeds of what is random.
 
 
 class Sensor:

@@ -179,8 +179,7 @@ def reflect(mu0: float, mu: float, lunar: float) -> float:
     return 2.0 * lunar / (mu0 + mu + 1e-6) + 1.0 - lunar
 
 
-RUN = 1024
-"""Rays shaded at once: their numbers stay in the processor's first cache."""
+RUN = 1024  #: Rays shaded at once: their numbers stay in the processor's first cache.
 _STONE = np.uint32(103)
 
 
@@ -272,13 +271,7 @@ def _footprint(normal: FloatArray, ray: FloatArray, small: float) -> float:
 
 @jit_inline
 def _brightness(
-    normal: Vector,
-    mu: float,
-    distance: float,
-    albedo: float,
-    sunlit: float,
-    lit: float,
-    parameters: ShadingParameters,
+    normal: Vector, mu: float, distance: float, albedo: float, sunlit: float, lit: float, parameters: ShadingParameters
 ) -> float:
     """Return the brightness of a surface in the light of sun and sky, through the haze."""
     light = parameters.light

@@ -14,10 +14,8 @@ from sfr_loc_map.jit import jit, jit_inline
 from sfr_loc_map.simulation.config import GroundConfig, ReliefConfig
 from sfr_loc_map.simulation.noise import gradient2, hash2, mix, sub_seed, unit, value2
 
-SHORTEST_M = 0.02
-"""Shortest wave of the relief that is geometry; finer waves show in shading only."""
-CRATER_CLASSES = 4
-"""Doublings of crater size, from 1 m across."""
+SHORTEST_M = 0.02  #: Shortest wave of the relief that is geometry; finer waves show in shading only.
+CRATER_CLASSES = 4  #: Doublings of crater size, from 1 m across.
 OCTAVE_ANGLE = 0.6435
 """Angle between the grids of two octaves, radians (of a 3-4-5 triangle), so that no grid direction stands out."""
 _HILL, _RELIEF, _RIPPLE, _CRATER, _SAND, _ROCK = (np.uint32(k) for k in (11, 22, 33, 44, 55, 66))
@@ -215,16 +213,12 @@ def _craters(x: float, y: float, density: float, seed: np.uint32) -> float:
     return total
 
 
-CELLS = 32
-"""Cells along the edge of a tile; a power of two."""
-ROOT_M = 1024.0
-"""Edge of the ground; a power of two keeps every vertex exact in binary."""
-FINEST_M = ROOT_M / CELLS / 2**11
-"""Smallest cell: 15.6 mm."""
+CELLS = 32  #: Cells along the edge of a tile; a power of two.
+ROOT_M = 1024.0  #: Edge of the ground; a power of two keeps every vertex exact in binary.
+FINEST_M = ROOT_M / CELLS / 2**11  #: Smallest cell: 15.6 mm.
 CELL_PER_DISTANCE = 0.014
 """Edge of a cell over its distance from the path, about five pixels of the localisation cameras."""
-FULL_DETAIL_POINTS = 40
-"""Points of a path (some 0.3 m apart) up to which the cells are as small as above."""
+FULL_DETAIL_POINTS = 40  #: Points of a path (some 0.3 m apart) up to which the cells are as small as above.
 
 
 class Mesh(NamedTuple):

@@ -47,11 +47,7 @@ class World:
     """The scene of a plan, ready to be rendered."""
 
     def __init__(self, plan: Plan) -> None:
-        """Build the scene: a few seconds.
-
-        Raises:
-            MissingExtraError: If the ray tracer is not installed.
-        """
+        """Build the scene: a few seconds; raises MissingExtraError if the ray tracer is not installed."""
         config = plan.config
         self.plan = plan
         path = plan.path()

@@ -122,8 +122,7 @@ def run_jobs(client: Client, jobs: Sequence[Job], timeout_s: float, cache: Path)
     As many are handed out as run at a time; on a running cluster, which may grow with them, twice as many. Workers that
     do not see the folder of simulated and fetched sources use one of their own.
 
-    Raises:
-        InputError: If the scheduler is lost; what is done is done.
+    Raises InputError if the scheduler is lost; what is done is done.
     """
     from distributed import as_completed
     from distributed.scheduler import KilledWorker

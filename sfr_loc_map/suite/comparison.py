@@ -31,14 +31,12 @@ from sfr_loc_map.suite.summary import ScoredJob, Summary, drawn_weights
 SIGNIFICANCE = 0.05
 HISTORY_LEVEL = 0.01
 """Largest probability of a false alarm in a whole history; shared by all runs and figures (Bonferroni)."""
-MIN_RATIO = 1.01
-"""In a history less than one per cent is no finding, however certain."""
+MIN_RATIO = 1.01  #: In a history less than one per cent is no finding, however certain.
 EXACT_DRIVES = 14
 DRAWS, MAX_DRAWS = 20000, 200000
 ENOUGH_EXCEEDED = 10
 SEED = 20260202
-MIN_TESTED = 6
-"""With fewer drives no choice of signs has a probability under 0.03."""
+MIN_TESTED = 6  #: With fewer drives no choice of signs has a probability under 0.03.
 
 
 class FigureKind(StrEnum):
@@ -142,8 +140,7 @@ class History:
 def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> SuiteComparison:
     """Return the comparison of two suites, of which the first is the reference.
 
-    Raises:
-        MetricsError: If no drive is in both.
+    Raises MetricsError if no drive is in both.
     """
     mine, theirs = _by_pairing(first, other)
     common = [(drive, theirs[key]) for key, drive in mine.items() if key in theirs]
@@ -191,8 +188,7 @@ def _by_pairing(*suites: Summary) -> list[dict[str, ScoredJob]]:
 def find_changes(runs: Sequence[HistoryRun]) -> History:
     """Return how the figures changed over runs in the order of time.
 
-    Raises:
-        MetricsError: If there are fewer than two runs.
+    Raises MetricsError if there are fewer than two runs.
     """
     if len(runs) < 2:
         raise MetricsError(f"a history needs two suites or more, found {len(runs)}: give several folders")

@@ -48,10 +48,8 @@ MAP_FAULTS = (
     "black:camera=right",
 )  # fmt: skip
 """Faults of cameras and calibrations; those of images affect all pairs."""
-LIMIT = 5.0
-"""Largest error over the stated 3 sigma that still counts as stated."""
-VALID = ("initialising", "tracking")
-"""States whose pose and covariance are to be used."""
+LIMIT = 5.0  #: Largest error over the stated 3 sigma that still counts as stated.
+VALID = ("initialising", "tracking")  #: States whose pose and covariance are to be used.
 JUMP_SIGMA = 3.0
 SCORED_TO_M = 10.0
 LIMIT_SHARE = 0.01
@@ -131,8 +129,7 @@ def benchmark_faults(
 
     A fault is a text for `parse_fault`, or several joined by `+`; the first condition of the scoring is shown.
 
-    Raises:
-        ConfigError: If a fault is not known.
+    Raises ConfigError if a fault is not known.
     """
     truth = sequence.ground_truth
     assert truth is not None

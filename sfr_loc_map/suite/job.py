@@ -11,14 +11,10 @@ from enum import StrEnum
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.score_json import to_plain
 
-KEY_LENGTH = 32
-"""Hexadecimal digits of a key: two of 10^9 results agree by chance with a probability of 10^-21."""
-SHORT_KEY = 12
-"""Digits of a key that name a job to people."""
-REFERENCE = "reference_s"
-"""Name of the time of a fixed work among the facts of the host in a score."""
-NO_CONFIGURATION = "-"
-"""Of jobs that take no parameters."""
+KEY_LENGTH = 32  #: Hexadecimal digits of a key: two of 10^9 results agree by chance with a probability of 10^-21.
+SHORT_KEY = 12  #: Digits of a key that name a job to people.
+REFERENCE = "reference_s"  #: Name of the time of a fixed work among the facts of the host in a score.
+NO_CONFIGURATION = "-"  #: Of jobs that take no parameters.
 
 
 class JobKind(StrEnum):

@@ -51,8 +51,7 @@ def run_job(job: Job, scratch: Path, cache: Path) -> Score:
 
     Simulated and fetched sources are kept in `cache`.
 
-    Raises:
-        SfrError: If the source cannot be read, or nothing can be scored.
+    Raises SfrError if the source cannot be read, or nothing can be scored.
     """
     cv2.setNumThreads(job.threads)
     numba.set_num_threads(min(job.threads, numba.get_num_threads()))

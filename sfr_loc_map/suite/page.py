@@ -28,8 +28,7 @@ INDEX = """CREATE TABLE tasks (key TEXT PRIMARY KEY, position INTEGER, label TEX
 def write_summary(summary: Summary, store: Store) -> None:
     """Write `suite.json`, `report.html`, the pages of drives, `index.sqlite` and, with pyarrow, `results.parquet`.
 
-    Raises:
-        OutputError: If a file cannot be written.
+    Raises OutputError if a file cannot be written.
     """
     folder = store.folder
     (folder / PAGES).mkdir(exist_ok=True)

@@ -23,8 +23,7 @@ READER_THREADS = 8
 """Sources that are hashed, or asked for, at a time: of many large ones this takes longer than their jobs."""
 LIBRARIES = ("numpy", "numba", "scipy", "opencv-python-headless", "simplejpeg")
 """Libraries that can change a figure."""
-WITHOUT_EFFECT = frozenset({"cli", "report", "suite"})
-"""Parts of the package that no figure of a job depends on."""
+WITHOUT_EFFECT = frozenset({"cli", "report", "suite"})  #: Parts of the package that no figure of a job depends on.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,8 +48,7 @@ def make_plan(
 ) -> tuple[list[Job], list[Refusal]]:
     """Return the jobs of a suite in the order of its file, the same work once, and the sources that cannot be read.
 
-    Raises:
-        ConfigError: If there is no job at all.
+    Raises ConfigError if there is no job at all.
     """
     sources = list(specification.sources)
     names = [source.name for source in sources]

@@ -19,8 +19,7 @@ from sfr_loc_map.suite.job import JobSource, SourceKind, digest
 if TYPE_CHECKING:
     from fsspec import AbstractFileSystem
 
-FETCHED = "fetched"
-"""Folder of the copies of remote sources in the cache, a folder each."""
+FETCHED = "fetched"  #: Folder of the copies of remote sources in the cache, a folder each.
 VERSION_FACTS = {"etag", "content-md5", "digest", "lastmodified", "last-modified", "last_modified", "mtime", "created"}
 """What file systems name the version of a file by, in small letters."""
 
@@ -28,8 +27,7 @@ VERSION_FACTS = {"etag", "content-md5", "digest", "lastmodified", "last-modified
 def local_path(source: JobSource, cache: Path) -> Path:
     """Return the place of a source here; a simulation is rendered once, a remote source is fetched once for all jobs.
 
-    Raises:
-        InputError: If a remote source cannot be read, has changed, or has another hash.
+    Raises InputError if a remote source cannot be read, has changed, or has another hash.
     """
     if source.kind is SourceKind.SIMULATED:
         from sfr_loc_map.pipeline.simulate import simulate
@@ -72,8 +70,7 @@ def _made_once(target: Path, make: Callable[[Path], object]) -> Path:
 def expand(url: str) -> list[str]:
     """Return the URLs that match one with `*`, `?` or `[`; one without is returned as it is.
 
-    Raises:
-        InputError: If the server does not answer.
+    Raises InputError if the server does not answer.
     """
     if not any(sign in url.partition("://")[2] for sign in "*?["):
         return [url]
@@ -84,8 +81,7 @@ def expand(url: str) -> list[str]:
 def remote_version(url: str) -> str:
     """Return a hash of the place of a source and of what its server tells of each file: size, ETag, Last-Modified.
 
-    Raises:
-        InputError: If there is nothing, the server does not answer, or it tells no size or no version.
+    Raises InputError if there is nothing, the server does not answer, or it tells no size or no version.
     """
     with _opened(url) as (system, path):
         system.invalidate_cache()

@@ -69,11 +69,7 @@ class SuiteSpecification:
 
 
 def load_specification(path: Path) -> SuiteSpecification:
-    """Read a suite's file.
-
-    Raises:
-        ConfigError: If it cannot be read, or a key or value is not valid.
-    """
+    """Read a suite's file; raises ConfigError if it cannot be read, or a key or value is not valid."""
     content, single = load_yaml(path), flatten(SuiteSettings())
     known = [*LISTS, "configurations", "limits", *single]
     for key in content:

@@ -69,11 +69,7 @@ class Store:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Hold the folder for one run at a time.
-
-        Raises:
-            OutputError: If another run holds it.
-        """
+        """Hold the folder for one run at a time; raises OutputError if another run holds it."""
         with (self.folder / ".lock").open("w") as stream:
             try:
                 fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -84,8 +80,7 @@ class Store:
     def facts_of(self, path: Path) -> SourceFacts:
         """Return what a source holds; it is read once as long as its size and time of change stay.
 
-        Raises:
-            InputError: If it cannot be read.
+        Raises InputError if it cannot be read.
         """
         try:
             files = [path] if path.is_file() else [item for item in path.rglob("*") if item.is_file()]
@@ -101,11 +96,7 @@ class Store:
         return facts
 
     def plan(self, jobs: Sequence[Job], suite: Path) -> None:
-        """Take the jobs of a suite's file as it is now.
-
-        Raises:
-            OutputError: If they cannot be written.
-        """
+        """Take the jobs of a suite's file as it is now; raises OutputError if they cannot be written."""
         self._plan |= {"suite": str(suite.absolute()), "jobs": to_plain(jobs)}
         with atomic_path(self.folder / PLAN) as temporary:
             temporary.write_text(json_line(self._plan), encoding="utf-8")
@@ -135,11 +126,7 @@ class Store:
         return replace(failure, again=shlex.join(command))
 
     def save(self, job: Job, outcome: JobOutcome) -> None:
-        """Keep what came of a job, whole or not at all.
-
-        Raises:
-            OutputError: If it cannot be written.
-        """
+        """Keep what came of a job, whole or not at all; raises OutputError if it cannot be written."""
         failed = self.failures / f"{job.key}.json"
         if outcome.result is not None:
             with atomic_path(self.results / f"{job.key}.json") as temporary:

@@ -26,8 +26,7 @@ from sfr_loc_map.suite.plan import Refusal
 from sfr_loc_map.suite.store import JobFailure, Store
 
 SCHEMA = "sfr-suite/1"
-MIN_DRIVES = 5
-"""With fewer drives there is no interval."""
+MIN_DRIVES = 5  #: With fewer drives there is no interval.
 RESAMPLES = 2000
 SEED = 20260101
 

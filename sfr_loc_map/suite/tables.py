@@ -26,10 +26,8 @@ from sfr_loc_map.suite.comparison import History, SuiteComparison
 from sfr_loc_map.suite.job import NO_CONFIGURATION, SHORT_KEY
 from sfr_loc_map.suite.summary import ScoredJob, Summary
 
-PAGES = "pages"
-"""Folder of the pages of single results, beside the page of the suite."""
-MAX_PAGES = 200
-"""Pages of the worst results; of the others the score is there, of which `sfr report` makes a page."""
+PAGES = "pages"  #: Folder of the pages of single results, beside the page of the suite.
+MAX_PAGES = 200  #: Pages of the worst results; of the others the score is there, of which `sfr report` makes a page.
 HEAD, WORDS, INTERVAL, VERDICT, FILE, SHOWN = "head", "words", "interval", "verdict", "file", "shown"
 """Kinds of columns without one unit; of `SHOWN` each row names its own."""
 Kind = Unit | str

@@ -12,12 +12,7 @@ from made_scene import write_folder
 
 @pytest.mark.parametrize(
     ("arguments", "expected"),
-    [
-        (["nowhere"], "nowhere"),
-        (["empty"], "empty"),
-        (["--rate", "2"], "--rate"),
-        (["--truth", "empty"], "--truth"),
-    ],
+    [(["nowhere"], "nowhere"), (["empty"], "empty"), (["--rate", "2"], "--rate"), (["--truth", "empty"], "--truth")],
 )
 def test_what_cannot_be_played_is_refused(
     arguments: list[str], expected: str, sfr: Sfr, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -13,9 +13,7 @@ from made_scene import HEIGHT, true_pose
 
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.localisation.estimate import StateReason, TrackingState
-from sfr_loc_map.localisation.image_checks import (
-    is_frozen,
-)
+from sfr_loc_map.localisation.image_checks import is_frozen
 
 DRIVE = drive(16)
 SCENE = cv2.GaussianBlur(np.random.default_rng(5).normal(0, 120, (256, 256)), (0, 0), 2.0) + 120.0

@@ -16,13 +16,7 @@ from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.localisation.backend.online_calibration import FIRST_SIGMA_PX, OnlineCalibration
 from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.estimate import StartPose, StepEstimate
-from sfr_loc_map.localisation.pose_track import (
-    COMMON_DISPARITY_PX,
-    COMMON_PX,
-    INFLATION,
-    MAX_MISSED_PAIRS,
-    PoseTrack,
-)
+from sfr_loc_map.localisation.pose_track import COMMON_DISPARITY_PX, COMMON_PX, INFLATION, MAX_MISSED_PAIRS, PoseTrack
 
 RIG = StereoRig(640, 480, 400.0, 400.0, 320.0, 240.0, 0.2, Transform.from_quat([0.3, 0.1, 0.2], [0.5, -0.5, 0.5, -0.5]))
 IN_CAMERA = replace(RIG, T_rb_sb=RIG.T_sb_left.inverse())

@@ -8,10 +8,7 @@ from loc_drive import pair_of_drive
 from made_scene import LOC_RIG, true_pose, wall_points
 
 from sfr_loc_map.localisation.frontend.feature_detection import find_corners
-from sfr_loc_map.localisation.relocalisation import (
-    pnp_from_descriptors,
-    pnp_from_optical_flow,
-)
+from sfr_loc_map.localisation.relocalisation import pnp_from_descriptors, pnp_from_optical_flow
 
 CAMERA, ENOUGH = LOC_RIG.camera, 20
 

@@ -7,14 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sfr_loc_map.metrics.sub_trajectories import path_lengths
-from sfr_loc_map.metrics.trajectory_error import (
-    ALONG,
-    CROSS,
-    PoseRows,
-    heading_rad,
-    sub_trajectory_errors,
-    wrapped_deg,
-)
+from sfr_loc_map.metrics.trajectory_error import ALONG, CROSS, PoseRows, heading_rad, sub_trajectory_errors, wrapped_deg
 
 
 def test_a_million_steps_lose_nothing() -> None:

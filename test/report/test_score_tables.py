@@ -6,20 +6,8 @@ import pytest
 from made_scores import dig, json_of, whole_score
 
 from sfr_loc_map.metrics.config import Condition, VerdictState
-from sfr_loc_map.metrics.score import (
-    Interval,
-    IntervalStatistic,
-    Score,
-    TargetScore,
-    TrajectoryScore,
-    Verdict,
-)
-from sfr_loc_map.report.score_tables import (
-    TERMS,
-    score_markdown,
-    score_tables,
-    summary_tables,
-)
+from sfr_loc_map.metrics.score import Interval, IntervalStatistic, Score, TargetScore, TrajectoryScore, Verdict
+from sfr_loc_map.report.score_tables import TERMS, score_markdown, score_tables, summary_tables
 from sfr_loc_map.report.tables import Row, Table
 
 FIVE_METRES = Condition.parse("distance=5")

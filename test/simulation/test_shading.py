@@ -51,9 +51,7 @@ def scene() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return points, objects, np.array([0.0, 0.0, 1.2])
 
 
-def test_brightness_does_not_depend_on_the_rest_of_the_batch(
-    scene: tuple[np.ndarray, np.ndarray, np.ndarray],
-) -> None:
+def test_brightness_does_not_depend_on_the_rest_of_the_batch(scene: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
     points, objects, camera = scene
     together = brightness(points, objects, camera)
     assert np.isfinite(together).all()

@@ -19,13 +19,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState, lost_covariance
 from sfr_loc_map.mapping.config import CalibrationUncertainty, MappingConfig
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.suite.fault_benchmark import (
-    Honesty,
-    fault_figures,
-    jump_sigmas,
-    map_fault_figures,
-    stated_errors,
-)
+from sfr_loc_map.suite.fault_benchmark import Honesty, fault_figures, jump_sigmas, map_fault_figures, stated_errors
 
 SCORING = TrajectoryScoreConfig(conditions=("frames=2",), spacing=1)
 SIGMA_M = 0.01

@@ -353,8 +353,7 @@ def adjust(problem: BundleProblem, prior: Prior, iterations: int) -> Adjustment:
         step = update.reshape(-1, 6)
         rotations = [retract(old, *angles) for old, angles in zip(keyframes.rotations, step[:, 3:], strict=True)]
         problem = problem._replace(
-            keyframes=Poses(np.stack(rotations), keyframes.positions + step[:, :3]),
-            uv_inverse_depth=landmarks,
+            keyframes=Poses(np.stack(rotations), keyframes.positions + step[:, :3]), uv_inverse_depth=landmarks
         )
         if np.abs(update).max() < 1e-6:
             break

@@ -19,30 +19,18 @@ from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.localisation.frontend.pose_solver import RightOffset
 
 MIN_PAIRS: Final = 8
-MAX_PAIRS: Final = 16
-"""Fewest and most consecutive pairs that a drift is judged by."""
-SIGMAS: Final = 5.0
-"""Standard errors beyond which the shift is a drift."""
-FLOOR_PX: Final = 0.015
-"""Shift that is no drift, whatever its standard error."""
-AFTERMATH_PAIRS: Final = 20
-"""Pairs after the last correction in which the camera still counts as drifting."""
-FIRST_SIGMA_PX: Final = 0.3
-"""Standard deviation of the offset along the rows before any observation."""
-DRIFT_PX: Final = 0.002
-"""Random walk of the offset per keyframe."""
-DRIFT_UNCERTAINTY: Final = 0.1
-"""Standard deviation of each correction of a drift, as a share of it."""
-MAX_STEP_PX: Final = 0.05
-"""Maximum change of the correction along the rows per keyframe."""
-MIN_MATCHES: Final = 20
-"""Minimum number of matches of a keyframe that is learnt from."""
-VERTICAL_NOISE_PX: Final = 0.15
-"""Typical noise of the vertical disparity of a match."""
-RETENTION: Final = 0.98
-"""Weight that the information about vertical disparity keeps with each keyframe."""
-VERTICAL_PRIOR: Final = (1e-3, 5e-3)
-"""Weight of zero pitch and zero roll before any observation, in keyframes."""
+MAX_PAIRS: Final = 16  #: Fewest and most consecutive pairs that a drift is judged by.
+SIGMAS: Final = 5.0  #: Standard errors beyond which the shift is a drift.
+FLOOR_PX: Final = 0.015  #: Shift that is no drift, whatever its standard error.
+AFTERMATH_PAIRS: Final = 20  #: Pairs after the last correction in which the camera still counts as drifting.
+FIRST_SIGMA_PX: Final = 0.3  #: Standard deviation of the offset along the rows before any observation.
+DRIFT_PX: Final = 0.002  #: Random walk of the offset per keyframe.
+DRIFT_UNCERTAINTY: Final = 0.1  #: Standard deviation of each correction of a drift, as a share of it.
+MAX_STEP_PX: Final = 0.05  #: Maximum change of the correction along the rows per keyframe.
+MIN_MATCHES: Final = 20  #: Minimum number of matches of a keyframe that is learnt from.
+VERTICAL_NOISE_PX: Final = 0.15  #: Typical noise of the vertical disparity of a match.
+RETENTION: Final = 0.98  #: Weight that the information about vertical disparity keeps with each keyframe.
+VERTICAL_PRIOR: Final = (1e-3, 5e-3)  #: Weight of zero pitch and zero roll before any observation, in keyframes.
 DETECTION_SIGMAS: Final = 4.0
 """Standard deviations beyond which an offset along the rows is corrected; a rig without error is left alone."""
 

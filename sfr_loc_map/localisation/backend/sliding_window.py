@@ -21,8 +21,7 @@ from sfr_loc_map.localisation.frontend.landmarks import NO_PATCHES, HostPatches,
 from sfr_loc_map.localisation.frontend.patch import LocalPlanes, Pyramid, Templates
 from sfr_loc_map.localisation.frontend.pose_solver import LandmarkEstimates
 
-START_VARIANCE = 1e-10
-"""Variance of the first pose (m^2, rad^2): it is given, not estimated."""
+START_VARIANCE = 1e-10  #: Variance of the first pose (m^2, rad^2): it is given, not estimated.
 
 
 class KeyframeDrift(NamedTuple):

@@ -21,22 +21,16 @@ from sfr_loc_map.localisation.frontend.tracking import StereoFrame, TrackingResu
 
 MIN_FIXED_NCC = 0.8
 """Minimum normalised cross-correlation of a patch with the image where it was cut, if it is fixed to the camera."""
-BESIDE_PX = 3
-"""Distance at which such a patch must fit worse."""
-MAX_AMBIGUITY = 0.5
-"""Maximum ratio of its `1 - correlation` where it was cut to that beside."""
+BESIDE_PX = 3  #: Distance at which such a patch must fit worse.
+MAX_AMBIGUITY = 0.5  #: Maximum ratio of its `1 - correlation` where it was cut to that beside.
 FIXED_LIFE, MOVING_LIFE = 10, 8
 """Pairs for which a region is left out after it was last seen to be fixed, or to move."""
 MAX_MARKS = 4000
 FLOW_WINDOW = (15, 15)
-REACH = 1.25
-"""Half side of the square around a mark, in spacings of landmarks."""
-MIN_MOTION_PX = 2.0
-"""Image motion that distinguishes what is fixed to the camera from the ground."""
-MIN_FIXED = 12
-"""Minimum number of landmarks that are taken as fixed to the camera."""
-MIN_FIXED_SHARE = 0.25
-"""Minimum share of them among the unexplained landmarks: a few look fixed by chance."""
+REACH = 1.25  #: Half side of the square around a mark, in spacings of landmarks.
+MIN_MOTION_PX = 2.0  #: Image motion that distinguishes what is fixed to the camera from the ground.
+MIN_FIXED = 12  #: Minimum number of landmarks that are taken as fixed to the camera.
+MIN_FIXED_SHARE = 0.25  #: Minimum share of them among the unexplained landmarks: a few look fixed by chance.
 
 
 @jit_fast_ir_inline

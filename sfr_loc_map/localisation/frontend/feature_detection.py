@@ -18,8 +18,7 @@ from sfr_loc_map.inputs import read_bytes
 from sfr_loc_map.jit import jit, jit_fast
 from sfr_loc_map.localisation.parallel import both
 
-BLOCK = 7
-"""Side of the neighbourhood over which the gradients of a corner are summed, pixels."""
+BLOCK = 7  #: Side of the neighbourhood over which the gradients of a corner are summed, pixels.
 
 
 MAX_MASK_BYTES = 64_000_000
@@ -28,11 +27,7 @@ _PNG_HEAD = re.compile(rb"\x89PNG\r\n\x1a\n.{4}IHDR(.{4})(.{4})", re.DOTALL)
 
 
 def find_corners(
-    image: FloatImage,
-    occupied: FloatArray,
-    wanted: int,
-    border: int,
-    mask: NDArray[np.uint8] | None = None,
+    image: FloatImage, occupied: FloatArray, wanted: int, border: int, mask: NDArray[np.uint8] | None = None
 ) -> FloatArray:
     """Return new corners, one for each cell that has no landmark yet.
 
@@ -90,11 +85,7 @@ def load_mask(path: str, rig: StereoRig) -> NDArray[np.uint8] | None:
 
 
 def read_mask(path: str) -> NDArray[np.uint8]:
-    """Read the image `(H, W)` of a mask, of whatever size.
-
-    Raises:
-        ConfigError: If it cannot be read.
-    """
+    """Read the image `(H, W)` of a mask, of whatever size; raises ConfigError if it cannot be read."""
     try:
         data = read_bytes(Path(path), MAX_MASK_BYTES)
         head = _PNG_HEAD.match(data)

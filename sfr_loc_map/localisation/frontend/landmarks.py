@@ -24,16 +24,11 @@ from sfr_loc_map.localisation.frontend.patch import (
 )
 from sfr_loc_map.localisation.frontend.pose_solver import LandmarkEstimates
 
-BORDER = HALF + 4
-"""Pixels along the image edges where no landmark is made: its patch with the gradients must fit."""
-COARSE_HALF = 3
-"""Half width of a patch at the smaller levels."""
-MIN_INVERSE_DEPTH = 1e-6
-"""Inverse depth, 1/m, up to which a landmark is at infinity."""
-ENOUGH_TO_ALIGN = 200
-"""As many landmarks give a pose to some hundredths of a pixel."""
-ENOUGH_TO_FOLLOW = 800
-"""As many landmarks give the pose of a pair that is no keyframe: its errors do not add up."""
+BORDER = HALF + 4  #: Pixels along the image edges where no landmark is made: its patch with the gradients must fit.
+COARSE_HALF = 3  #: Half width of a patch at the smaller levels.
+MIN_INVERSE_DEPTH = 1e-6  #: Inverse depth, 1/m, up to which a landmark is at infinity.
+ENOUGH_TO_ALIGN = 200  #: As many landmarks give a pose to some hundredths of a pixel.
+ENOUGH_TO_FOLLOW = 800  #: As many landmarks give the pose of a pair that is no keyframe: its errors do not add up.
 
 
 class HostPatches(NamedTuple):

@@ -43,8 +43,7 @@ def build_pyramid(image: GreyImage) -> Pyramid:
     return tuple(ImageLevel(np.ascontiguousarray(level), 2.0**number) for number, level in enumerate(levels))
 
 
-BEHIND = -1e9
-"""Pixel coordinates of what lies behind the camera."""
+BEHIND = -1e9  #: Pixel coordinates of what lies behind the camera.
 
 
 class LocalPlanes(NamedTuple):
@@ -123,13 +122,10 @@ def local_warp(h: FloatArray, u: float, v: float) -> LocalWarp:
     )
 
 
-HALF = 5
-"""Half width of a patch: 11 x 11 pixels."""
+HALF = 5  #: Half width of a patch: 11 x 11 pixels.
 SIDE = 2 * HALF + 1
-MIN_POWER = 1e-3
-"""Sum of squares about the mean below which a patch has no texture, grey levels squared."""
-Patch = NDArray[np.float32]
-"""Values of one patch `(S * S,)` row by row, or of several; float32."""
+MIN_POWER = 1e-3  #: Sum of squares about the mean below which a patch has no texture, grey levels squared.
+Patch = NDArray[np.float32]  #: Values of one patch `(S * S,)` row by row, or of several; float32.
 
 
 class Templates(NamedTuple):

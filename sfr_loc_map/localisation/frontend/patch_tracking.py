@@ -29,14 +29,10 @@ from sfr_loc_map.localisation.frontend.patch import (
     warped_normal,
 )
 
-MIN_DETERMINANT = 0.05
-"""Smallest area to which a warp may shrink a pixel, pixels."""
-MAX_SPAN_PX = 60.0
-"""Largest extent of a warped patch, pixels."""
-MAX_DEPTH_CHANGE = 0.99
-"""Largest change of the depth from the centre of a patch to a corner, over the depth."""
-MAX_STEP_PX = 1.5
-"""Largest step of one iteration."""
+MIN_DETERMINANT = 0.05  #: Smallest area to which a warp may shrink a pixel, pixels.
+MAX_SPAN_PX = 60.0  #: Largest extent of a warped patch, pixels.
+MAX_DEPTH_CHANGE = 0.99  #: Largest change of the depth from the centre of a patch to a corner, over the depth.
+MAX_STEP_PX = 1.5  #: Largest step of one iteration.
 CONVERGED_PX, FINISHED_PX = 0.03, 0.01
 """Last step of a track that has converged, and the step below which no further iteration follows."""
 

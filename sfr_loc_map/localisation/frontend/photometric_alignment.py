@@ -31,12 +31,9 @@ from sfr_loc_map.localisation.frontend.patch import (
 )
 from sfr_loc_map.localisation.frontend.patch_tracking import MIN_DETERMINANT
 
-MAX_DETERMINANT = 20.0
-"""Largest area to which a warp may stretch a pixel, pixels."""
-MIN_PATCHES = 8
-"""Minimum number of patches in view."""
-RESIDUAL_FLOOR = 4.0
-"""Variance of a grey level that is added to what the warp leaves unexplained."""
+MAX_DETERMINANT = 20.0  #: Largest area to which a warp may stretch a pixel, pixels.
+MIN_PATCHES = 8  #: Minimum number of patches in view.
+RESIDUAL_FLOOR = 4.0  #: Variance of a grey level that is added to what the warp leaves unexplained.
 
 
 class PoseAlignment(NamedTuple):

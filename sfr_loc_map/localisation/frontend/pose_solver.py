@@ -122,10 +122,8 @@ class RightOffset(NamedTuple):
         return np.column_stack((along_u, self.v * (1.0 + y * y) + self.u * x * y + self.roll * x))
 
 
-MIN_LANDMARKS = 6
-"""Minimum number of observed landmarks."""
-UNOBSERVED_VARIANCE = 1e8
-"""Variance of a position that was not observed, px^2."""
+MIN_LANDMARKS = 6  #: Minimum number of observed landmarks.
+UNOBSERVED_VARIANCE = 1e8  #: Variance of a position that was not observed, px^2.
 
 
 class LandmarkEstimates(NamedTuple):
@@ -262,11 +260,7 @@ def _add_normal_equations(
 
 @jit_fast
 def solve_pose(
-    start: Pose,
-    landmarks: LandmarkEstimates,
-    observations: StereoObservations,
-    camera: StereoCamera,
-    iterations: int,
+    start: Pose, landmarks: LandmarkEstimates, observations: StereoObservations, camera: StereoCamera, iterations: int
 ) -> PoseSolution:
     """Estimate the pose of a pair by robust weighted least squares on both images.
 
@@ -310,14 +304,12 @@ def solve_pose(
     return PoseSolution(Pose(rotation, position), h, linearised.chi2_per_dof)
 
 
-UNKNOWNS = 7
-"""Position and rotation of the left camera, shift of the right image."""
+UNKNOWNS = 7  #: Position and rotation of the left camera, shift of the right image.
 ROBUST_CHI2 = 4.0
 """Squared residual per degree of freedom at which the weight of a landmark has fallen to a quarter (Geman-McClure)."""
 
 
-ENOUGH = 300
-"""About as many landmarks are used: the error that a whole image has is larger than that of their mean."""
+ENOUGH = 300  #: About as many landmarks are used: the error that a whole image has is larger than that of their mean.
 
 
 class RightShift(NamedTuple):

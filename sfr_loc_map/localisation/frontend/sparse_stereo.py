@@ -167,15 +167,11 @@ def search_row(image: FloatImage, patches: Patch, uv: FloatArray, max_disparity:
     return found
 
 
-PRIOR_SIGMA = 0.05
-"""Standard deviation of a slope as the neighbours give it, pixels of disparity per pixel."""
-MIN_SQUARE = 1.0
-"""Smallest mean squared residual that counts, grey levels squared: pixels are whole grey levels."""
+PRIOR_SIGMA = 0.05  #: Standard deviation of a slope as the neighbours give it, pixels of disparity per pixel.
+MIN_SQUARE = 1.0  #: Smallest mean squared residual that counts, grey levels squared: pixels are whole grey levels.
 SLOPE_ITERATIONS = 5
-MAX_SLOPE_SHIFT_PX, MAX_SLOPE = 1.0, 0.7
-"""A patch that moves farther, or becomes steeper, keeps its slopes."""
-FINISHED_PX = 0.01
-"""Largest movement of a pixel of the patch below which no further iteration follows."""
+MAX_SLOPE_SHIFT_PX, MAX_SLOPE = 1.0, 0.7  #: A patch that moves farther, or becomes steeper, keeps its slopes.
+FINISHED_PX = 0.01  #: Largest movement of a pixel of the patch below which no further iteration follows.
 
 
 class _Plane(NamedTuple):
@@ -344,14 +340,10 @@ def refine_slopes(image: FloatImage, patches: Patch, right: FloatArray, slope: F
 
 SEARCH_LEVEL = 1
 SEARCH_HALF = 4
-NEIGHBOURS = 9
-"""Maximum number of points that a local plane is fitted to."""
-MIN_NEIGHBOURS = 4
-"""Minimum number of points that a local plane is fitted to."""
-MIN_SEARCH_NCC, MIN_NCC = 0.75, 0.7
-"""Minimum normalised cross-correlation of the search and of the refined match."""
-MAX_AMBIGUITY = 0.85
-"""Maximum ratio of best to second-best `1 - correlation` of the search."""
+NEIGHBOURS = 9  #: Maximum number of points that a local plane is fitted to.
+MIN_NEIGHBOURS = 4  #: Minimum number of points that a local plane is fitted to.
+MIN_SEARCH_NCC, MIN_NCC = 0.75, 0.7  #: Minimum normalised cross-correlation of the search and of the refined match.
+MAX_AMBIGUITY = 0.85  #: Maximum ratio of best to second-best `1 - correlation` of the search.
 MAX_VERTICAL_PX, MIN_DISPARITY_PX = 1.0, -0.5
 """Maximum distance of a match from its row, and minimum disparity, pixels."""
 MAX_SHIFT_PX, ITERATIONS = 2.5, 12

@@ -30,8 +30,7 @@ FIRST_ITERATIONS, NEXT_ITERATIONS = 6, 4
 POSE_ITERATIONS = 10
 INLIER_CHI2_PER_DOF = 9.0
 """Squared Mahalanobis residual per degree of freedom below which a landmark agrees with a pose."""
-PIXEL_FLOOR = 0.05
-"""Smallest standard deviation of a tracked position, pixels."""
+PIXEL_FLOOR = 0.05  #: Smallest standard deviation of a tracked position, pixels.
 EDGES_FROM_PX = 600.0
 """Focal length from which on edges of stones, not noise, limit a pose: seen from elsewhere they are other points of the
 stone, and the sun makes those of one side the stronger ones, so that the path turns. Their residuals are large."""

@@ -21,20 +21,13 @@ from sfr_loc_map.jit import jit_rows, jit_rows_inline
 
 F = np.float32
 
-OTHER_SURFACE_PX = F(1.0)
-"""Disparities that differ by less belong to one surface."""
-MAX_DIFFERENCE = F(30.0)
-"""Absolute differences of grey level are truncated to this."""
-LARGE = F(1e9)
-"""Cost where there is nothing to compare."""
-NEIGHBOURHOOD = 3
-"""Half side of the neighbourhood in which other surfaces are searched, pixels."""
-CLAIM_PX = 6
-"""Columns to either side in which surfaces are sought that claim the same pixel of the right image."""
-FIGURES = 15
-"""Number of the figures of a pixel."""
-RADIUS = 4
-"""Half side of the window over which costs are averaged."""
+OTHER_SURFACE_PX = F(1.0)  #: Disparities that differ by less belong to one surface.
+MAX_DIFFERENCE = F(30.0)  #: Absolute differences of grey level are truncated to this.
+LARGE = F(1e9)  #: Cost where there is nothing to compare.
+NEIGHBOURHOOD = 3  #: Half side of the neighbourhood in which other surfaces are searched, pixels.
+CLAIM_PX = 6  #: Columns to either side in which surfaces are sought that claim the same pixel of the right image.
+FIGURES = 15  #: Number of the figures of a pixel.
+RADIUS = 4  #: Half side of the window over which costs are averaged.
 WEIGHT_BY_GREY = np.exp(-np.arange(256.0) / 8.0).astype(F)
 """Support of a neighbour by the difference of its grey level from the centre."""
 _AXIS = np.arange(-RADIUS, RADIUS + 1, dtype=np.float64)
@@ -42,10 +35,8 @@ WEIGHT_BY_DISTANCE = np.exp(-np.hypot(_AXIS[:, None], _AXIS[None]) / 3.0).astype
 """Support of a neighbour by its position in the window."""
 MAX_LOG = 3.0
 """Logarithms of margins and jumps are clipped to this; it also stands for a margin where there is no other surface."""
-MIN_TYPICAL_GREY = 0.5
-"""Smallest typical cost: whole grey levels differ by that much without noise."""
-MIN_COST = 0.05
-"""Smallest cost, in typical ones, whose logarithm is taken."""
+MIN_TYPICAL_GREY = 0.5  #: Smallest typical cost: whole grey levels differ by that much without noise.
+MIN_COST = 0.05  #: Smallest cost, in typical ones, whose logarithm is taken.
 
 
 class EdgeScene(NamedTuple):

@@ -12,12 +12,9 @@ from sfr_loc_map.geometry.arrays import FloatImage, Mask, median
 
 F = np.float32
 
-MAD_TO_SIGMA = 1.4826
-"""Standard deviation of a normal law over its median absolute deviation."""
-VARIANCE_SIDE = 7
-"""Side of the square of a local variance."""
-MIN_DISPARITY_PX = F(0.3)
-"""Smallest disparity whose depth is compared with another one."""
+MAD_TO_SIGMA = 1.4826  #: Standard deviation of a normal law over its median absolute deviation.
+VARIANCE_SIDE = 7  #: Side of the square of a local variance.
+MIN_DISPARITY_PX = F(0.3)  #: Smallest disparity whose depth is compared with another one.
 
 
 def mad_sigma(deviations: NDArray[np.floating[Any]]) -> float:

@@ -27,26 +27,19 @@ from sfr_loc_map.mapping.disparity.filters import depth_ratio, within
 
 F = np.float32
 
-PASSES = 2
-"""What was filled offers its surface to its neighbours in the next pass."""
-REACH = 12
-"""Rows or columns within which a surface is a hypothesis."""
-SLOPE_PX = 2
-"""Distance over which a surface's slope is taken, pixels."""
+PASSES = 2  #: What was filled offers its surface to its neighbours in the next pass.
+REACH = 12  #: Rows or columns within which a surface is a hypothesis.
+SLOPE_PX = 2  #: Distance over which a surface's slope is taken, pixels.
 VALID_WEIGHT = F(0.3)
 """Weight in a window of pixels that have a disparity: they would only repeat what they were found to be."""
 COST_PERCENTILE = 90.0
 """A filled pixel matches no worse than so many percent of the valid pixels beside holes: `BESIDE` pixels or less from
 one. Every `SAMPLE`th of them is taken."""
 BESIDE, SAMPLE, MIN_SAMPLES = 3, 5, 50
-MARGIN_SIGMAS = 1.5
-"""Margin in matching cost over any other hypothesis, in standard deviations of noise."""
-ASIDE_PX = F(2.0)
-"""A surface that nothing else confirms must match better than disparities so far to either side."""
-SAME_PX = F(0.5)
-"""Hypotheses that differ by less are judged once."""
-MIN_ALIKE = 5
-"""Of the eight pixels around a filled one so many must belong to its surface."""
+MARGIN_SIGMAS = 1.5  #: Margin in matching cost over any other hypothesis, in standard deviations of noise.
+ASIDE_PX = F(2.0)  #: A surface that nothing else confirms must match better than disparities so far to either side.
+SAME_PX = F(0.5)  #: Hypotheses that differ by less are judged once.
+MIN_ALIKE = 5  #: Of the eight pixels around a filled one so many must belong to its surface.
 FILLED_SIGMA_PX = F(0.5)
 """Smallest standard deviation of a filled disparity. The root of the mean squared error was 0.2 to 0.9 on rendered
 ground, two thirds of them were within 0.16 to 0.3."""

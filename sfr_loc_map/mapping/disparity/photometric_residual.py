@@ -17,10 +17,8 @@ DERIVATIVE_NEAR = F(0.5 * (1.0 - 2.0 * 0.1065))
 DERIVATIVE_FAR = F(0.5 * 0.1065)
 SMOOTH_SIDE = F(0.1065)
 """Taps of a central difference after a Gaussian of 0.5 pixels, `exp(-2) / (1 + 2 exp(-2))` at one pixel."""
-MIN_NOISE = 0.3
-"""Standard deviation that the rounding to whole grey levels alone gives a residual, about."""
-DEFAULT_VARIANCE = F(25.0)
-"""Grey levels squared, where too few residuals are known to measure it."""
+MIN_NOISE = 0.3  #: Standard deviation that the rounding to whole grey levels alone gives a residual, about.
+DEFAULT_VARIANCE = F(25.0)  #: Grey levels squared, where too few residuals are known to measure it.
 BINS, MIN_PER_BIN = 8, 50
 
 

@@ -27,19 +27,16 @@ from sfr_loc_map.mapping.disparity.photometric_residual import (
 
 F = np.float32
 
-STRIDE = 3
-"""Every third pixel of every third row is used: a hundred thousand are plenty."""
+STRIDE = 3  #: Every third pixel of every third row is used: a hundred thousand are plenty.
 ITERATIONS = 3
 MIN_GREY, MAX_GREY = 2.0, 253.0
 """Grey levels beyond which a pixel may be saturated and does not count for the exposure."""
-MIN_SPREAD = 8.0
-"""Grey levels that an image must span for its contrast to be compared."""
+MIN_SPREAD = 8.0  #: Grey levels that an image must span for its contrast to be compared.
 MIN_EXPOSURE_PIXELS, MIN_ROW_PIXELS, MIN_ROTATION_PIXELS = 100, 1000, 5000
 MIN_OFFSET_PX = 0.02
 """Rows are resampled only for more than this: resampling blurs, a hundredth of a pixel does not matter."""
 MAX_STEP_PX = 0.5
-TAIL = 2.0
-"""Residuals of so many standard deviations have half their weight."""
+TAIL = 2.0  #: Residuals of so many standard deviations have half their weight.
 MIN_ROLL_PX = 0.05
 """Vertical disparity at the edge of the image from which on a roll is compensated; less is within the measurement."""
 

@@ -37,8 +37,7 @@ def search_range(rig: StereoRig, config: MappingConfig) -> SearchRange:
     No more than half of the image's width is searched, whatever the nearest depth: nearer surfaces are visible to one
     camera only over most of the image.
 
-    Raises:
-        ConfigError: If the depths are in the wrong order.
+    Raises ConfigError if the depths are in the wrong order.
     """
     scale = rig.fx * rig.baseline_m
     if config.min_range_m >= config.max_range_m:

@@ -18,14 +18,11 @@ from sfr_loc_map.jit import jit_rows, jit_rows_inline, on_one_thread
 
 F = np.float32
 
-MAX_STEP_PX = F(1.0)
-"""No field changes by more than this in one solve: beyond it the linearisation does not hold."""
-MIN_SHARED = 100_000
-"""Cells from which on threads share a grid."""
+MAX_STEP_PX = F(1.0)  #: No field changes by more than this in one solve: beyond it the linearisation does not hold.
+MIN_SHARED = 100_000  #: Cells from which on threads share a grid.
 BLOCK_ROWS = 32
 """Rows that a thread takes at once: what lies between their input and their output stays in its cache."""
-SUMMED_ROWS = 4
-"""Rows that are summed side by side, each in its order: one sum alone waits for itself."""
+SUMMED_ROWS = 4  #: Rows that are summed side by side, each in its order: one sum alone waits for itself.
 
 
 class SmoothnessWeights(NamedTuple):

@@ -25,23 +25,19 @@ NOISE_INFORMATION = F(0.2026)
 of two images has a quarter of the residual's variance."""
 MAX_SIGMA_PX = F(2.0)
 WINDOW_CELLS = 9
-SHAPE_SHARE = F(0.34)
-"""Error for each pixel of second difference and square cell of smoothing radius."""
+SHAPE_SHARE = F(0.34)  #: Error for each pixel of second difference and square cell of smoothing radius.
 CREASE_SHARE = F(1.2)
 """Error for each pixel by which the second difference within 3 x 3 cells exceeds its median: beside edges and creases
 the field is off by as much as it bends. Both shares were found on several rendered grounds, lights and cameras at once.
 """
 MAX_CREASE_PX = F(1.0)
 """Larger second differences are edges between surfaces; the error beside them does not grow with their height."""
-EDGE_FACTOR = 10.0
-"""Second differences beyond so many times the median are edges, no shape of the ground."""
+EDGE_FACTOR = 10.0  #: Second differences beyond so many times the median are edges, no shape of the ground.
 
 _CLIPPED = np.where(np.isin(np.arange(256), (0, 255)), 255, 0).astype(np.uint8)
 """By grey level: 255 for saturated ones, 0 for others."""
-FLAT_PX = 5
-"""A pixel whose square of this side is saturated throughout has nothing to match."""
-AROUND_PX = 11
-"""Saturated pixels count for the uncertainty of those within a square of this side."""
+FLAT_PX = 5  #: A pixel whose square of this side is saturated throughout has nothing to match.
+AROUND_PX = 11  #: Saturated pixels count for the uncertainty of those within a square of this side.
 SIGMA_GROWTH = F(1.5)
 """How much sigma grows where all pixels around are saturated: their residuals are small without being right, so the
 noise that is measured in the images is too small. Found on rendered ground of which half is clipped."""

@@ -23,13 +23,10 @@ from sfr_loc_map.mapping.disparity.variational_refinement import JUMP_PX, Refine
 
 F = np.float32
 
-MIN_TEXTURE = F(0.06)
-"""Mean information of a cell beyond that of noise below which a region counts as textureless."""
+MIN_TEXTURE = F(0.06)  #: Mean information of a cell beyond that of noise below which a region counts as textureless.
 TEXTURE_CELLS = 13
-MAX_CHI2_PER_DOF = F(4.0)
-"""Mean square of normalised residuals in 5 x 5 pixels beyond which a match is doubtful."""
-MAX_SQUARE = F(36.0)
-"""Squares of single normalised residuals are clipped to this, unknown ones take it."""
+MAX_CHI2_PER_DOF = F(4.0)  #: Mean square of normalised residuals in 5 x 5 pixels beyond which a match is doubtful.
+MAX_SQUARE = F(36.0)  #: Squares of single normalised residuals are clipped to this, unknown ones take it.
 MAX_CONTRAST_SHARE = F(0.7)
 """Share of the image's own variance that a doubtful match's residuals must reach to be wrong; 2 is no correlation."""
 MAX_CHANGE_PX = 1.5
@@ -45,8 +42,7 @@ MAX_SLOPE = F(0.7)
 joins two surfaces across a part that one of the cameras does not see."""
 STEPS = F(16.0)
 """Disparities are compared in whole sixteenths of a pixel; neighbours of a segment differ by at most one pixel."""
-MIN_PIXELS = 80
-"""Segments of so many pixels or fewer agree with nothing around them."""
+MIN_PIXELS = 80  #: Segments of so many pixels or fewer agree with nothing around them.
 LARGE_PIXELS = 2000
 """Segments of more pixels are not of noise: in 100 images with a sky of noise the largest had 740."""
 MIN_CORRELATION = 0.7

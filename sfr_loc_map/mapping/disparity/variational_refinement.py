@@ -37,24 +37,17 @@ from sfr_loc_map.mapping.disparity.smoothness import SmoothnessWeights, conjugat
 
 F = np.float32
 
-LEVELS = 3
-"""Grids of one iteration: cells of 2, 4 and 8 pixels."""
-PAD = 2**LEVELS
-"""Images are padded to a multiple of this."""
+LEVELS = 3  #: Grids of one iteration: cells of 2, 4 and 8 pixels.
+PAD = 2**LEVELS  #: Images are padded to a multiple of this.
 WARPS, NOISY_WARPS = 3, 5
 """Iterations; more where noise is large, as the matcher's field is then further from the best one."""
 NOISY_PX = 1.2
 """Median standard deviation of the disparity of a cell by its own pixels alone from which noise is large, pixels."""
-SOLVER_ITERATIONS = (8, 12, 12)
-"""Conjugate gradient steps on each grid, finest first."""
-JUMP_PX = F(1.0)
-"""Neighbouring cells that differ more belong to two surfaces."""
-START_TOLERANCES_PX = (F(1.5), F(0.7))
-"""Neighbours that differ by less are averaged in the matcher's result, twice."""
-BOX = 9
-"""Side in cells over which brightness offset and noise level are averaged."""
-TAIL = F(1.0 / 25.0)
-"""Residuals of five standard deviations have half their weight."""
+SOLVER_ITERATIONS = (8, 12, 12)  #: Conjugate gradient steps on each grid, finest first.
+JUMP_PX = F(1.0)  #: Neighbouring cells that differ more belong to two surfaces.
+START_TOLERANCES_PX = (F(1.5), F(0.7))  #: Neighbours that differ by less are averaged in the matcher's result, twice.
+BOX = 9  #: Side in cells over which brightness offset and noise level are averaged.
+TAIL = F(1.0 / 25.0)  #: Residuals of five standard deviations have half their weight.
 ROUGHNESS_CELLS = 4
 """Spacing of the second differences by which roughness is measured: far enough apart to rise above the noise."""
 ROUGHNESS_FACTOR = 10.0 / ROUGHNESS_CELLS**2

@@ -19,22 +19,16 @@ from sfr_loc_map.mapping.multiview.pair_view import PairView
 
 F = np.float32
 
-STEP = 3
-"""Every third pixel of every third row is compared."""
-WINDOW = 9
-"""Samples along each side of the window that grey levels are compared over."""
+STEP = 3  #: Every third pixel of every third row is compared.
+WINDOW = 9  #: Samples along each side of the window that grey levels are compared over.
 MIN_LIKENESS = F(0.8)
-MIN_KNOWN = F(0.6)
-"""Share of the window in which both pairs must have points: more than at the border of the image."""
+MIN_KNOWN = F(0.6)  #: Share of the window in which both pairs must have points: more than at the border of the image.
 SAME_DISPARITY_PX = 1.0
 MIN_MOTION_PX = 8.0
 """Ground must move by so much in the image from one pair to the other: less leaves it like itself."""
-MIN_SPREAD = F(2.0)
-"""Spread of grey levels in the window over that of the noise below which they say nothing."""
-OPENING = 5
-"""Samples along each side of the smallest region."""
-MIN_SHARE = 0.003
-"""Share of the image below which nothing is taken out."""
+MIN_SPREAD = F(2.0)  #: Spread of grey levels in the window over that of the noise below which they say nothing.
+OPENING = 5  #: Samples along each side of the smallest region.
+MIN_SHARE = 0.003  #: Share of the image below which nothing is taken out.
 
 
 def without_fixed_content(

@@ -25,20 +25,15 @@ from sfr_loc_map.mapping.multiview.pair_view import SHIFT_PX, PairView, Reprojec
 
 F = np.float32
 
-AGREE_SIGMAS = 3.0
-"""Differences up to so many standard deviations are taken as noise."""
+AGREE_SIGMAS = 3.0  #: Differences up to so many standard deviations are taken as noise.
 COMMON_SHARE = 0.5
 """Share of a point's variance that all pairs have in common (smoothing of the same shape) and no mean removes."""
 SAME_PX = F(0.02)
 """Two points that are seen nearer to each other than this are one sample: images from one position and direction."""
-SAMPLE = 4
-"""Agreement is measured by every fourth point."""
-MIN_OVERLAP = 1000
-"""Fewer points in common say nothing of poses."""
-MEDIAN_ABSOLUTE = 0.6745
-"""Median of the absolute value of a standard normal variable."""
-RANGE_WARNING = 1.8
-"""Ratio of measured to expected differences in range beyond which two poses are doubted."""
+SAMPLE = 4  #: Agreement is measured by every fourth point.
+MIN_OVERLAP = 1000  #: Fewer points in common say nothing of poses.
+MEDIAN_ABSOLUTE = 0.6745  #: Median of the absolute value of a standard normal variable.
+RANGE_WARNING = 1.8  #: Ratio of measured to expected differences in range beyond which two poses are doubted.
 GREY_WARNING = 0.45
 """Ratio of grey level differences to those `SHIFT_PX` away beyond which poses are doubted; 0.1-0.3 for right poses."""
 MIN_TEXTURE = 2.0

@@ -20,10 +20,8 @@ from sfr_loc_map.jit import jit_rows, jit_rows_inline
 
 F = np.float32
 
-FEATHER_PX = 48.0
-"""Distance from the border of an image from which on its points have full weight."""
-JUMP_PX = F(1.0)
-"""Nothing is interpolated between disparities that differ by this or more."""
+FEATHER_PX = 48.0  #: Distance from the border of an image from which on its points have full weight.
+JUMP_PX = F(1.0)  #: Nothing is interpolated between disparities that differ by this or more.
 SHIFT_PX = 8
 """Grey levels are compared with those so far away along both axes as well: what a wrong pose would show."""
 MIN_DEPTH_M = 1e-3

@@ -20,14 +20,11 @@ POINTS = 10_000
 BLURS_PX = (12.0, 5.0, 2.0, 0.7)
 """Images are compared at these scales, coarse to fine, so that a degree (a dozen pixels) can be compensated."""
 ITERATIONS = 6
-DERIVATIVE_STEPS = np.array([2e-4] * 3 + [1e-3] * 3)
-"""Steps of numerical derivatives, radians and metres."""
-CONVERGED_STEP = 1e-5
-"""Radians and metres: less than what the last image row of a pair can show."""
+DERIVATIVE_STEPS = np.array([2e-4] * 3 + [1e-3] * 3)  #: Steps of numerical derivatives, radians and metres.
+CONVERGED_STEP = 1e-5  #: Radians and metres: less than what the last image row of a pair can show.
 PRIOR_SIGMAS = np.array([np.deg2rad(0.5)] * 3 + [0.02] * 3)
 """Standard deviations of a pose error, radians and metres: where rotation and translation look alike, they share."""
-TAIL = 3.0
-"""Residuals of so many standard deviations have half their weight."""
+TAIL = 3.0  #: Residuals of so many standard deviations have half their weight.
 MAX_ROTATION_DEG, MAX_TRANSLATION_M = 2.0, 0.1
 """Poses that would have to be moved farther are left as given, with a warning."""
 

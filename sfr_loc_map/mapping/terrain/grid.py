@@ -28,10 +28,8 @@ TAIL = 0.15
 """Share of the points of a cell that lie above its high height, and below its low one: outliers are among them."""
 STEP_RADIUS_M = 0.25
 """A step is a difference of heights within this distance: more would count a slope of small rocks as one."""
-KNOWN_SHARE = 0.5
-"""Share of the cells of the footprint that must have a height for slope and roughness."""
-NEIGHBOURS = 1.5
-"""Least radius, in cells, of a window in which a plane is fitted: a cell and its eight neighbours."""
+KNOWN_SHARE = 0.5  #: Share of the cells of the footprint that must have a height for slope and roughness.
+NEIGHBOURS = 1.5  #: Least radius, in cells, of a window in which a plane is fitted: a cell and its eight neighbours.
 HAZARD, UNKNOWN = 100, -1
 
 

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 ABI = 1
 STATES = ("initialising", "tracking", "degraded", "lost")
-MARK = b"\xa5" * 64
-"""Behind each thing that a candidate writes."""
+MARK = b"\xa5" * 64  #: Behind each thing that a candidate writes.
 MESSAGE_SIZE = 512
 POINT = np.dtype([("x", "f4"), ("y", "f4"), ("z", "f4"), ("sigma", "f4"), ("u", "u2"), ("v", "u2")])
 CLOUD = np.dtype([*((name, "f4") for name in ("x", "y", "z", "sigma", "intensity")), ("u", "u2"), ("v", "u2"),

@@ -17,10 +17,8 @@ from sfr_loc_map.geometry.arrays import FloatArray
 
 FEATURES = 2000
 QUALITY, SPACING_PX = 0.003, 8.0
-RETURN_PX = 1.0
-"""Largest distance of a corner from its position after flow forth and back."""
-ROW_PX = 1.0
-"""Largest vertical disparity of a corner."""
+RETURN_PX = 1.0  #: Largest distance of a corner from its position after flow forth and back.
+ROW_PX = 1.0  #: Largest vertical disparity of a corner.
 MIN_INLIERS = 8
 
 Corners = NDArray[np.float32]

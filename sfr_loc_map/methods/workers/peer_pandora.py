@@ -20,8 +20,7 @@ PIPELINE: dict[str, dict[str, Any]] = {
     "filter": {"filter_method": "median", "filter_size": 3},
     "validation": {"validation_method": "cross_checking_accurate"},
 }
-INVALID = 0b01111000011
-"""Bits of the validity mask of pixels without disparity."""
+INVALID = 0b01111000011  #: Bits of the validity mask of pixels without disparity.
 
 
 class Pandora:

@@ -21,8 +21,7 @@ from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import ConfigError
 
-Answer = tuple[bool, str]
-"""Success and message of a std_srvs/Trigger."""
+Answer = tuple[bool, str]  #: Success and message of a std_srvs/Trigger.
 RELIABILITIES = ("reliable", "best_effort")
 POLICY_WORDS: dict[QoSPolicyKind, tuple[str, ...]] = {
     QoSPolicyKind.RELIABILITY: RELIABILITIES,
@@ -32,8 +31,7 @@ POLICY_WORDS: dict[QoSPolicyKind, tuple[str, ...]] = {
 }
 """Policies that a parameter may set, and their words; the depth is a number."""
 MAX_DEPTH = 100_000
-OVERRIDES = "qos_overrides."
-"""Beginning of the names of these parameters."""
+OVERRIDES = "qos_overrides."  #: Beginning of the names of these parameters.
 WAITING_REQUESTS = 1000
 """Requests of a service that wait behind the jobs of the worker; the 10 of ROS are gone within a long call."""
 

@@ -72,12 +72,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
             raise ConfigError(f"parameters of {name}: {error}") from error
         self.task = task
         self._settings = Parameters(
-            self,
-            config_type,
-            live=live,
-            state=lambda: self.state,
-            check=self.check_config,
-            changed=self._on_change,
+            self, config_type, live=live, state=lambda: self.state, check=self.check_config, changed=self._on_change
         )
         self._last_error: Exception | None = None
         self._quiet = False  # a failed transition is left to the caller to report

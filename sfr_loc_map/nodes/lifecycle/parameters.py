@@ -25,8 +25,7 @@ from sfr_loc_map.nodes.lifecycle.worker import Overload
 C = TypeVar("C")
 BUILT_IN = ("use_sim_time", "start_type_description_service", OVERRIDES)
 """Parameters that ROS itself declares on a node."""
-FIXED = "autostart"
-"""Is read once, when the node starts."""
+FIXED = "autostart"  #: Is read once, when the node starts.
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,8 +8,7 @@ from enum import StrEnum
 from threading import Condition, Thread
 
 Job = Callable[[], None]
-MAX_WAITING_BYTES = 256_000_000
-"""Of jobs that say how large they are: some sixteen clouds of a megapixel."""
+MAX_WAITING_BYTES = 256_000_000  #: Of jobs that say how large they are: some sixteen clouds of a megapixel.
 
 
 class Overload(StrEnum):

@@ -25,8 +25,7 @@ from sfr_loc_map.nodes.messages.fields import byte_array
 def grey_from_image(message: Image | CompressedImage, size: tuple[int, int]) -> GreyImage:
     """Return an image message (PNG or JPEG where compressed) as 8-bit grey `(H, W)`; `size` is that of camera_info.
 
-    Raises:
-        InputError: If the size is another, the encoding is not supported or the data is broken.
+    Raises InputError if the size is another, the encoding is not supported or the data is broken.
     """
     check_image(message, size)
     return image_from_message(message) if isinstance(message, Image) else image_from_compressed_message(message)

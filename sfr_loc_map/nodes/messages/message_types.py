@@ -18,11 +18,7 @@ UNKNOWN_HASH = "RIHS01_unknown"
 
 
 def message_type(msgtype: str) -> type[Any]:
-    """Return the type of a name such as `sensor_msgs/msg/Image`.
-
-    Raises:
-        NodeError: If its package is not installed.
-    """
+    """Return the type of a name such as `sensor_msgs/msg/Image`; raises NodeError if its package is not installed."""
     package, _, name = msgtype.split("/")
     try:
         found: type[Any] = getattr(importlib.import_module(f"{package}.msg"), name)

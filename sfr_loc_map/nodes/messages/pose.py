@@ -31,8 +31,7 @@ from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, StepEstimate
 from sfr_loc_map.nodes.messages.fields import header_msg
 
-FIRST_VELOCITY_VARIANCE = 1.0
-"""Of the velocity at the first pose, (m/s)^2 and (rad/s)^2: it has no pose before."""
+FIRST_VELOCITY_VARIANCE = 1.0  #: Of the velocity at the first pose, (m/s)^2 and (rad/s)^2: it has no pose before.
 
 
 def pose_msg(pose: Transform, quat_xyzw: FloatArray) -> Pose:
@@ -45,9 +44,8 @@ def pose_msg(pose: Transform, quat_xyzw: FloatArray) -> Pose:
 def transform_from_pose(pose: Pose, name: str) -> Transform:
     """Return `T_parent_child` of a pose message; `name` says what it is where it is none.
 
-    Raises:
-        InputError: If a number is not finite, the position is absurd or the quaternion is not of unit length (an empty
-            message has none).
+    Raises InputError if a number is not finite, the position is absurd or the quaternion is not of unit length (an
+    empty message has none).
     """
     p, q = pose.position, pose.orientation
     try:
@@ -59,8 +57,7 @@ def transform_from_pose(pose: Pose, name: str) -> Transform:
 def start_pose_of(message: PoseWithCovarianceStamped) -> StartPose:
     """Return a pose from outside, which holds at its stamp; a stamp of zero is none.
 
-    Raises:
-        InputError: If it is no pose, or its covariance none: not finite, absurd, not symmetric, a variance negative.
+    Raises InputError if it is no pose, or its covariance none: not finite, absurd, not symmetric, a variance negative.
     """
     pose = transform_from_pose(message.pose.pose, "initialpose")
     covariance = np.array(message.pose.covariance, np.float64).reshape(6, 6)
@@ -96,8 +93,7 @@ def _twist_msg(step: StepEstimate | None) -> TwistWithCovariance:
 def odometry_row(message: Odometry) -> tuple[int, tuple[float, float, float], tuple[float, float, float, float]]:
     """Return stamp (ns), position (m) and quaternion (x, y, z, w) of odometry, numbers as sent.
 
-    Raises:
-        InputError: If they are not a pose.
+    Raises InputError if they are not a pose.
     """
     stamp = stamp_of(message)
     transform_from_pose(message.pose.pose, f"odometry of stamp {stamp}")

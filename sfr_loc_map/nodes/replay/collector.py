@@ -25,8 +25,7 @@ from sfr_loc_map.nodes.replay.results import ReplayResults
 
 QUEUE_DEPTH = 1000
 NODE_OF_TASK = {"loc": "localisation_node", "nav": "mapping_node"}
-QUIET_S = 5.0
-"""At a rate, results are awaited for so long after the last one."""
+QUIET_S = 5.0  #: At a rate, results are awaited for so long after the last one.
 REPORT_TIMEOUT_S = 60.0
 POLL_S = 0.05
 

@@ -36,8 +36,7 @@ from sfr_loc_map.pipeline.external_run import Answer, AnswerBook, ProcessWatch, 
 DEPTH = 1000
 PUBLISHER_GRACE_S = 2.0
 """How long the publisher of a node that listens already is waited for; some make it with their first result."""
-NOT_YET_NAMED = "_NODE_NAME_UNKNOWN_"
-"""Name in ROS of a publisher whose node is not discovered yet."""
+NOT_YET_NAMED = "_NODE_NAME_UNKNOWN_"  #: Name in ROS of a publisher whose node is not discovered yet.
 WORLD, BODY, MAP = "ds", "rb", "lm"
 
 

@@ -28,8 +28,7 @@ from sfr_loc_map.nodes.replay.graph_node import ANSWER_TIMEOUT_S, SPIN_S, Replay
 from sfr_loc_map.pipeline.controls import Controls, Keyboard
 from sfr_loc_map.pipeline.message_stream import Message, Pacer, PairTracker
 
-START_TIMEOUT_S = 300.0
-"""The first start after an installation compiles the kernels."""
+START_TIMEOUT_S = 300.0  #: The first start after an installation compiles the kernels.
 SETTLE_S = 0.3
 SOURCE_DEPTH = 20
 SEEK, RATE = "seek_s", "rate"

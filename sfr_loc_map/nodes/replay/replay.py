@@ -23,8 +23,7 @@ from sfr_loc_map.nodes.replay.results import ReplayResults
 from sfr_loc_map.pipeline.controls import HELP, Controls, Keyboard
 from sfr_loc_map.pipeline.message_stream import POINTS_TOPIC, end_of, messages_of, start_at, topics_of
 
-AGAIN = "plays again from"
-"""Beginning of the line that announces another run."""
+AGAIN = "plays again from"  #: Beginning of the line that announces another run.
 
 
 def replay(
@@ -91,11 +90,7 @@ def _pairs_per_map(source: Source) -> int:
 
 
 def _play(
-    source: Source,
-    options: ReplayOptions,
-    player: Player,
-    progress: Callable[[str], None],
-    say: Callable[[str], None],
+    source: Source, options: ReplayOptions, player: Player, progress: Callable[[str], None], say: Callable[[str], None]
 ) -> None:
     """Play one run after the other, as the controls want."""
     controls, collector = player.controls, player.collector

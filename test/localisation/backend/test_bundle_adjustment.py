@@ -5,13 +5,7 @@ import pytest
 
 from sfr_loc_map.geometry.camera import Poses, StereoCamera
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
-from sfr_loc_map.localisation.backend.bundle_adjustment import (
-    KERNEL_CHI2,
-    BundleProblem,
-    Prior,
-    adjust,
-    linearise,
-)
+from sfr_loc_map.localisation.backend.bundle_adjustment import KERNEL_CHI2, BundleProblem, Prior, adjust, linearise
 
 CAMERA = StereoCamera(400.0, 410.0, 256.0, 240.0, 0.2)
 KEYFRAMES, LANDMARKS = 3, 40

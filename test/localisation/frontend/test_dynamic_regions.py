@@ -6,12 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from sfr_loc_map.localisation.frontend.dynamic_regions import (
-    FIXED_LIFE,
-    DynamicRegions,
-    fixed_correlation,
-    stays,
-)
+from sfr_loc_map.localisation.frontend.dynamic_regions import FIXED_LIFE, DynamicRegions, fixed_correlation, stays
 from sfr_loc_map.localisation.frontend.patch import HALF, cut_patches
 
 UV = np.array([[40.0, 30.0], [90.0, 60.0]])

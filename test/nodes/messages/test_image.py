@@ -63,10 +63,7 @@ BROKEN = [
     (image("mono8", GREY, data=b"123"), "too few"),
     (image("mono8", GREY, step=3), "broken"),
     # sizes are compared before anything is decoded or allocated
-    (
-        image("mono8", GREY, height=2**31, width=2**31, step=2**31),
-        "2147483648 x 2147483648: its camera_info",
-    ),
+    (image("mono8", GREY, height=2**31, width=2**31, step=2**31), "2147483648 x 2147483648: its camera_info"),
     (compressed(PNG[:16] + (60000).to_bytes(4, "big") * 2 + PNG[24:]), "60000 x 60000: its camera_info says 6 x 4"),
     (compressed(b""), "not PNG or JPEG"),
     (compressed(b"\xff\xd8\xff\xe0" + bytes(40)), "not PNG or JPEG"),
