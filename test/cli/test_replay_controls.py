@@ -28,16 +28,12 @@ from rcl_interfaces.srv import SetParameters
 from std_srvs.srv import SetBool
 
 from sfr_loc_map.io.image_codec import stamp_of
-from sfr_loc_map.nodes import environment
 
 COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
 
 
 @pytest.fixture
-def peer(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Peer]:
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(environment.free_domain()))
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "ros_log"))
+def peer(own_domain: None) -> Iterator[Peer]:
     rclpy.init(args=[])
     with Peer() as found:
         yield found

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("rclpy")
-pytestmark = [pytest.mark.ros, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.ros, pytest.mark.timeout(120), pytest.mark.usefixtures("own_domain")]
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
 
 from made_scene import LOC_RIG, loc_pair
@@ -21,16 +21,8 @@ from sensor_msgs.msg import Image
 
 from sfr_loc_map.cli.main import main
 from sfr_loc_map.io import bag_messages
-from sfr_loc_map.nodes import environment
 
 COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
-
-
-@pytest.fixture(autouse=True)
-def own_domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(environment.free_domain()))
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "ros_log"))
 
 
 @pytest.mark.slow
