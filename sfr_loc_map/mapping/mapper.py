@@ -19,6 +19,7 @@ from sfr_loc_map.mapping.checks import check_images, check_matches, matched_shar
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.disparity.filters import local_variance
 from sfr_loc_map.mapping.disparity.hole_filling import FILLED_SIGMA_PX, fill_holes
+from sfr_loc_map.mapping.disparity.photometric_residual import shift_rows
 from sfr_loc_map.mapping.disparity.right_camera import camera_rotation, without_roll
 from sfr_loc_map.mapping.disparity.semi_global_matching import search_range, semi_global_matching
 from sfr_loc_map.mapping.disparity.uncertainty import Saturation, disparity_sigma, saturation
@@ -94,6 +95,7 @@ class Mapper:
         initial[:, side // 2 :] = 4.0
         grey = left.astype(F)
         refined = refine(grey, right.astype(F), initial)
+        shift_rows(grey, np.zeros_like(grey))  # only where rows have to be corrected
         sigma = disparity_sigma(refined)
         valid = valid_mask(grey, refined, initial, sigma, local_variance(grey))
         camera_rotation(grey, refined.right, refined.disparity_px, valid, refined.correction.vertical_px, self._rig)

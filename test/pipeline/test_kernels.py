@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,8 @@ from first_run import RUNS, kept_digest
 from numba import njit
 
 from sfr_loc_map.child_process import child_environment
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.trajectory_file import save_trajectory
 from sfr_loc_map.pipeline import kernels
 from sfr_loc_map.pipeline.kernels import announce_compilation, load_kernels
 
@@ -123,3 +126,40 @@ def test_a_run_that_compiles_gives_the_bits_of_one_that_loads(name: str, tmp_pat
         assert any(tmp_path.rglob("*.nbi"))
     assert len(first) == 64
     assert run_python(script, name, **cache) == first
+
+
+NOTHING_LEFT = """
+import sys
+from pathlib import Path
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.pipeline.kernels import PARTS
+from sfr_loc_map.pipeline.offline import map_pairs
+from sfr_loc_map.pipeline.scoring import ScoreInputs, score_files
+
+def signatures():
+    modules = [module for name, module in sys.modules.items() if name.startswith("sfr_loc_map")]
+    found = [value for module in modules for value in vars(module).values() if hasattr(value, "nopython_signatures")]
+    return {kernel.py_func.__qualname__: len(kernel.signatures) for kernel in found}
+
+for part in ("mapping", "metrics"):
+    PARTS[part]()
+before = signatures()
+source, truth, late = map(Path, sys.argv[1:])
+map_pairs(open_source(source).nav, MappingConfig())
+for estimate in (truth, late):
+    score_files(ScoreInputs.of(estimate, truth), ScoreConfig())
+after = signatures()
+assert after == before, {name: count for name, count in after.items() if count != before.get(name)}
+"""
+
+
+@pytest.mark.slow
+def test_maps_and_scores_of_the_sample_find_all_kernels_loaded(tmp_path: Path) -> None:
+    sample = Path(__file__).parents[2] / "sample" / "sample.mcap"
+    loc = open_source(sample).loc
+    paths = tmp_path / "truth.csv", tmp_path / "late.csv"
+    for path, late_ns in zip(paths, (0, 5_000_000), strict=True):  # the second lies between the true stamps
+        save_trajectory(path, replace(loc.ground_truth, stamps_ns=loc.ground_truth.stamps_ns + late_ns))
+    run_python("-c", NOTHING_LEFT, str(sample), *map(str, paths))
