@@ -20,11 +20,11 @@ FLOORS = (
 """From the bottom; what stands on one floor does not import its neighbours, but the root modules do."""
 NEIGHBOURS = {("cli", "api")}
 ROS = ("rclpy", "launch", "launch_ros", "ament_index_python", "builtin_interfaces", "std_srvs", "rosidl", "tf2_ros")
-ROS_ROOMS = {"nodes"}
+ROS_PACKAGES = {"nodes"}
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 
-def room_of(path: Path) -> str:
+def layer_of(path: Path) -> str:
     return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
 
 
@@ -47,15 +47,15 @@ def is_ros(name: str) -> bool:
 
 
 def test_modules_import_lower_floors_alone_and_ros_only_in_nodes() -> None:
-    floor = {room: number for number, rooms in enumerate(FLOORS) for room in rooms}
+    floor = {layer: number for number, layers in enumerate(FLOORS) for layer in layers}
     wrong = []
     for path in FILES:
-        room = room_of(path)
+        layer = layer_of(path)
         for name in imported(path):
             head, *rest = name.split(".")
-            other = rest[0] if head == NAME and rest and rest[0] in floor else room
-            below = floor[other] < floor[room] or other == room or floor[room] == 0 or (room, other) in NEIGHBOURS
-            if not below or head == "" or (is_ros(name) and room not in ROS_ROOMS):
+            other = rest[0] if head == NAME and rest and rest[0] in floor else layer
+            below = floor[other] < floor[layer] or other == layer or floor[layer] == 0 or (layer, other) in NEIGHBOURS
+            if not below or head == "" or (is_ros(name) and layer not in ROS_PACKAGES):
                 wrong.append(f"{path.relative_to(PACKAGE)}: {name}")
     assert not wrong
 

@@ -115,6 +115,7 @@ def _with_groups(function: Callable[..., Any], hint: str) -> Callable[..., Any]:
         return function(**values)
 
     call.__name__, call.__doc__ = function.__name__, function.__doc__
+    call.hint = hint  # type: ignore[attr-defined]
     call.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
     call.__annotations__ = {item.name: item.annotation for item in parameters}
     return call

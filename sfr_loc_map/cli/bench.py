@@ -55,7 +55,10 @@ class ComparedOptions:
 SpacingOption = Annotated[int, typer.Option(min=1, metavar="FRAMES", help="Frames from one start to the next.")]
 
 
-@app.command(epilog=examples("sfr bench localise data/ --repeat 3 --json bench.json"))
+@app.command(
+    epilog=examples("sfr bench localise data/ --repeat 3 --json bench.json"),
+    hint="sfr localise SRC -o T.csv --stats S.csv --method NAME    # one method, to score and compare",
+)
 def localise(
     source: SourceArgument,
     compared: ComparedOptions,
@@ -103,7 +106,11 @@ def localise(
     _present({"source": str(source), **result, "missing": missing}, json_path)
 
 
-@app.command(name="map", epilog=examples("sfr bench map data/ --json bench.json"))
+@app.command(
+    name="map",
+    epilog=examples("sfr bench map data/ --json bench.json"),
+    hint="sfr map SRC -o C.ply --stats S.csv --method NAME    # one method, to score and compare",
+)
 def map_(
     source: SourceArgument, compared: ComparedOptions, json_path: JsonOption = None, overwrite: OverwriteOption = False
 ) -> None:
@@ -128,7 +135,8 @@ def map_(
     epilog=examples(
         "sfr bench faults data/ --fault torn+noisy --json faults.json",
         "sfr bench faults --map data/ --markdown faults.md",
-    )
+    ),
+    hint="sfr perturb SRC DST --fault KIND:amount=A    # one fault alone, kept",
 )
 def faults(
     source: SourceArgument,

@@ -62,7 +62,8 @@ def live_beside(wanted: bool, port: int, namespace: str = "", *, isolated: bool 
         "sfr live --host 0.0.0.0 --token a-long-secret",
         "sfr live --terminal",
         "sfr live out/ --rate 4",
-    )
+    ),
+    hint="sfr replay SRC --live --out DIR    # a run that is scored while the page shows it",
 )
 def live(
     source: Annotated[

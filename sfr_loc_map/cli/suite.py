@@ -38,7 +38,8 @@ LINE_EVERY_S = 20.0
         "sfr suite run suite.yaml --out runs/today --workers 4",
         "sfr suite run suite.yaml --out runs/today --dry-run",
         "sfr suite run suite.yaml --out runs/today --retry-failed --json -",
-    )
+    ),
+    hint="sfr suite report DIR    # its page again, from the results",
 )
 def run(
     suite: Annotated[Path, typer.Argument(metavar="SUITE.yaml", help="Sources, faults, configurations, tasks.")],
@@ -140,7 +141,10 @@ def _say_plan(store: Store, jobs: Sequence[Job], total: int, places: int) -> Non
     say(f"{len(jobs)} of {total} tasks to run, {cost}")
 
 
-@app.command(epilog=examples("sfr suite report runs/today --json summary.json"))
+@app.command(
+    epilog=examples("sfr suite report runs/today --json summary.json"),
+    hint="sfr suite compare A B    # against an earlier one",
+)
 def report(
     folder: FolderArgument,
     json_path: JsonOption = None,
@@ -158,7 +162,10 @@ def report(
     _present(summary, store, json_path, lenient=lenient)
 
 
-@app.command(epilog=examples("sfr suite compare runs/before runs/after --html comparison.html"))
+@app.command(
+    epilog=examples("sfr suite compare runs/before runs/after --html comparison.html"),
+    hint="sfr history DIR...    # the first change that made it worse",
+)
 def compare(
     first: Annotated[Path, typer.Argument(metavar="A", help="Folder of the suite that is the reference.")],
     other: Annotated[Path, typer.Argument(metavar="B", help="Folder of the suite that is compared with it.")],
@@ -182,7 +189,10 @@ def compare(
     show(json.dumps(result.to_dict(), allow_nan=False) + "\n", json_path, tables)
 
 
-@root.command(epilog=examples("sfr history runs/2026-01 runs/2026-02 runs/2026-03 --html history.html"))
+@root.command(
+    epilog=examples("sfr history runs/2026-01 runs/2026-02 runs/2026-03 --html history.html"),
+    hint="sfr suite compare A B    # two of these suites in full",
+)
 def history(
     folders: Annotated[list[Path], typer.Argument(metavar="DIR", help="Folders of suites, in the order of time.")],
     json_path: JsonOption = None,

@@ -32,7 +32,6 @@ from sfr_loc_map.metrics.statistics import chi2_interval95
 
 PARTS = (slice(0, 6), slice(0, 3), slice(3, 6))  #: Pose, position, attitude.
 STEP_SIZE: Final = 27  #: Numbers of a step: upper triangle of its covariance, then the systematic vector.
-SUM_SIZE: Final = 43  #: Numbers of the sums: covariance, systematic vector, number of poses whose step is not known.
 AXES: Final = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 

@@ -46,7 +46,7 @@ from sfr_loc_map.pipeline.kernels import load_kernels
 from sfr_loc_map.pipeline.monitor_score import MonitorScore, ReportFile
 from sfr_loc_map.pipeline.reception import TransportGaps
 
-RESTS = 9.0  #: Time without scoring after each score, as a multiple of the time that it took.
+RESTS = 9.0  #: Time without scoring after each score, as a multiple of the processor time that it took.
 FIGURES = {
     "position": ("trajectory", "position_m"),
     "attitude": ("trajectory", "attitude_deg"),

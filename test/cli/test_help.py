@@ -84,3 +84,22 @@ def test_the_shell_completes_commands_options_and_values(
     monkeypatch.setenv("_TYPER_COMPLETE_ARGS", words)
     monkeypatch.setenv("_TYPER_COMPLETE_FISH_ACTION", "get-args")
     assert found in re.findall(r"[\w=-]+", sfr().out)
+
+
+def test_every_command_has_a_next_step_that_exists() -> None:
+    own = {
+        "init",
+        "localise",
+        "map",
+        "convert",
+        "score",
+        "simulate",
+        "perturb",
+        "record",
+    }  # by the paths they were given
+    hints = {name: command.callback.hint for name, command in COMMANDS.items() if name not in own}
+    assert all(hints.values()), hints
+    for line in hints.values():
+        program, *words = line.split()
+        assert program == "sfr"
+        assert words[0] in COMMANDS or " ".join(words[:2]) in COMMANDS, line

@@ -41,6 +41,6 @@ def made_targets() -> dict[str, Target]:
             FAILURES[name]()
 
     return {
-        name: Target(name, "file", (lambda _rng, _data: b"spoilt",), (lambda path, name=name: reader(name, path),))
+        name: Target(name, "file", (lambda _rng, _data: b"corrupted",), (lambda path, name=name: reader(name, path),))
         for name in FAILURES
     }

@@ -42,5 +42,5 @@ def test_every_kind_of_failure_is_noticed_and_kept(tmp_path: Path) -> None:
     assert len(campaign.failures) == len(FAILURES) - 1
     for (file, outcome), name in zip(campaign.failures.items(), FAILURES, strict=False):
         assert name in outcome.kind
-        assert file.read_bytes() == b"spoilt"
+        assert file.read_bytes() == b"corrupted"
         assert str(file) in file.with_suffix(".txt").read_text()

@@ -46,7 +46,7 @@ def rows(poses: Poses, which: Any) -> Any:
     return tuple(part[which] for part in poses)
 
 
-def spoilt(poses: Poses, seed: int, *, keep: float = 0.9, duplicates: int = 3, shuffle: bool = True) -> Any:
+def corrupted(poses: Poses, seed: int, *, keep: float = 0.9, duplicates: int = 3, shuffle: bool = True) -> Any:
     """The same poses with some lost, some given twice (with other values) and out of order."""
     rng = np.random.default_rng(seed)
     which = np.flatnonzero(rng.random(len(poses[0])) < keep)

@@ -9,7 +9,7 @@ import pytest
 import reference
 from hypothesis import given
 from hypothesis import strategies as st
-from random_drives import Poses, drive, rows, spoilt, trajectory
+from random_drives import Poses, corrupted, drive, rows, trajectory
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.metrics.association import Estimates
@@ -43,7 +43,7 @@ def compare(got: TrajectoryScore, wanted: dict[str, Any]) -> None:
 def test_agrees_with_the_plain_reference(seed: int, rebase: str) -> None:
     truth, estimate = drive(seed, 40 + 5 * seed, turns=seed % 2 == 0, stand=seed % 3 == 0)
     if seed % 4 == 1:
-        estimate, truth = spoilt(estimate, seed), spoilt(truth, seed + 1, keep=0.8)
+        estimate, truth = corrupted(estimate, seed), corrupted(truth, seed + 1, keep=0.8)
     if seed % 4 == 2:
         estimate = rows(estimate, slice(7, -9))
     if seed % 4 == 3:
