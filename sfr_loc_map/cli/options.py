@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sfr_loc_map.cli.output import HTML_SUFFIXES, check_outputs, check_suffix
 from sfr_loc_map.errors import ConfigError, MissingExtraError
 
 if TYPE_CHECKING:
@@ -154,6 +155,20 @@ class MethodOptions:
         except (OSError, ValueError) as error:
             raise ConfigError(f"'--config {self.config}' cannot be read ({error}): give a text file") from error
         return find_method(self.method, task, text)
+
+
+@dataclass(frozen=True, slots=True)
+class OutputOptions:
+    """Where figures are written."""
+
+    json_path: JsonOption = None
+    html: HtmlOption = None
+    overwrite: OverwriteOption = False
+
+    def check(self, *more: Path | None, inputs: Sequence[Path] = ()) -> None:
+        """Check these and more outputs before the work for them is done; raise OutputError if one cannot be."""
+        check_suffix(self.html, HTML_SUFFIXES)
+        check_outputs(self.json_path, self.html, *more, overwrite=self.overwrite, inputs=inputs)
 
 
 @dataclass(frozen=True, slots=True)

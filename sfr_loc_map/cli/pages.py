@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.options import HtmlOption, JsonOption, OverwriteOption, words
+from sfr_loc_map.cli.options import OutputOptions, OverwriteOption, words
 from sfr_loc_map.cli.output import HTML_SUFFIXES, check_outputs, check_suffix, say, show, write_text
 from sfr_loc_map.errors import ConfigError
 
@@ -98,27 +98,27 @@ def compare(
         list[Path],
         typer.Argument(metavar="A.json B.json ...", help="Scores of sfr score --json; the first is the reference."),
     ],
-    json_path: JsonOption = None,
-    html: HtmlOption = None,
-    overwrite: OverwriteOption = False,
+    output: OutputOptions,
 ) -> None:
     """Compare scores of the same data, of one method or of several, paired by sub-trajectory."""
     from sfr_loc_map.metrics.comparison import compare_scores
     from sfr_loc_map.report.comparison import comparison_tables, methods_figures, methods_tables
     from sfr_loc_map.report.page import load_score, render_overview
 
-    check_suffix(html, HTML_SUFFIXES)
-    check_outputs(json_path, html, overwrite=overwrite, inputs=scores)
+    output.check(inputs=scores)
     loaded = [load_score(path) for path in scores]
     names = _names(scores, loaded)
     result = compare_scores(loaded, names)
     tables = [*methods_tables(loaded, names), *comparison_tables(result)]
-    if html is not None:
-        text = f"{len(names)} scores of the same data; the reference is {names[0]}."
-        write_text(render_overview("Comparison of scores", None, text, tables, methods_figures(loaded, names)), html)
-        propose(f"open {html} in a browser")
+    if output.html is not None:
+        text, figures = (
+            f"{len(names)} scores of the same data; the reference is {names[0]}.",
+            methods_figures(loaded, names),
+        )
+        write_text(render_overview("Comparison of scores", None, text, tables, figures), output.html)
+        propose(f"open {output.html} in a browser")
     shown = [table for table in tables if table.name != "provenance"]  # too wide for a terminal; the page has it
-    show(json.dumps(result.to_dict(), allow_nan=False) + "\n", json_path, shown)
+    show(json.dumps(result.to_dict(), allow_nan=False) + "\n", output.json_path, shown)
 
 
 def _names(paths: list[Path], scores: list[Score]) -> list[str]:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.options import ConventionOptions, HtmlOption, JsonOption, JudgeOptions, OverwriteOption, words
-from sfr_loc_map.cli.output import HTML_SUFFIXES, STANDARD_OUTPUT, check_outputs, check_suffix, say, show, warn
+from sfr_loc_map.cli.options import ConventionOptions, JudgeOptions, OutputOptions, words
+from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_suffix, say, show, warn
 from sfr_loc_map.cli.verdict import conclude
 from sfr_loc_map.errors import ConfigError
 
@@ -36,6 +36,7 @@ def score(
     ],
     judge: JudgeOptions,
     conversion: ConventionOptions,
+    output: OutputOptions,
     spacing: Annotated[int, typer.Option(metavar="FRAMES", help="Frames from one start to the next.")] = 10,
     rebase: Annotated[
         str,
@@ -90,9 +91,6 @@ def score(
     evo: Annotated[
         Path | None, typer.Option(metavar="F.zip", help="Write the APE as a result of evo, for evo_res; needs --align.")
     ] = None,
-    json_path: JsonOption = None,
-    html: HtmlOption = None,
-    overwrite: OverwriteOption = False,
 ) -> None:
     """Score an estimate against the truth: exit 1 if a limit is missed, 3 if something could not be judged."""
     from sfr_loc_map.metrics.config import aligned_error_config, score_config
@@ -117,29 +115,28 @@ def score(
     if align is None and evo is not None:
         raise ConfigError("'--evo' writes an APE, which --align none|origin|se3|sim3 asks for")
     aligned = aligned_error_config(align, {"max_difference_s": max_difference, "rpe_delta": rpe_delta})
-    check_suffix(html, HTML_SUFFIXES)
     check_suffix(evo, (".zip",))
-    check_outputs(json_path, html, evo, overwrite=overwrite, inputs=(estimate, truth, *inputs.stats))
+    output.check(evo, inputs=(estimate, truth, *inputs.stats))
     correction = conversion.read(has_poses=has_poses)
     loaded = load_run(inputs, fused)
     for note in loaded.notes:
         say(note, err=True)
     run = converted_run(loaded, config, correction)
     result = score_run(run, config, limits, aligned)
-    present(result, json_path, html)
+    present(result, output.json_path, output.html)
     if evo is not None and run.drive is not None and aligned is not None:
         names = {"est_name": str(run.inputs.estimate), "ref_name": str(run.inputs.truth)}
         save_evo_result(evo, run.drive.estimates.trajectory, run.drive.truth, aligned, names)
-    if json_path == STANDARD_OUTPUT:
+    if output.json_path == STANDARD_OUTPUT:
         pass  # a program reads it
     elif result.contradiction is not None:
         propose("sfr", "doctor", estimate, truth, why="which convention mismatch it is, and what corrects it")
-    elif html is not None:
-        propose(f"open {html} in a browser")
+    elif output.html is not None:
+        propose(f"open {output.html} in a browser")
     elif not result.verdicts:
         propose("sfr init    # limits to fill in; then: sfr score ... --limits limits.yaml --html report.html")
-    elif json_path is not None:
-        propose("sfr", "report", json_path, why="the same as a page with figures")
+    elif output.json_path is not None:
+        propose("sfr", "report", output.json_path, why="the same as a page with figures")
     else:  # the options are left to the reader: without them it would be another score
         propose("sfr score ... --html report.html", why="the same command, with a page of figures")
     conclude(result, asked, lenient=judge.lenient)

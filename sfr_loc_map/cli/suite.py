@@ -14,8 +14,8 @@ import typer
 
 from sfr_loc_map.cli.app import App, examples, help_without_command, propose
 from sfr_loc_map.cli.app import app as root
-from sfr_loc_map.cli.options import HtmlOption, JsonOption, LenientOption, OverwriteOption
-from sfr_loc_map.cli.output import HTML_SUFFIXES, check_outputs, check_suffix, progress_bar, say, show, write_text
+from sfr_loc_map.cli.options import JsonOption, LenientOption, OutputOptions, OverwriteOption
+from sfr_loc_map.cli.output import check_outputs, progress_bar, say, show, write_text
 from sfr_loc_map.cli.verdict import not_judged
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError, InterruptedRunError
 from sfr_loc_map.inputs import one_line
@@ -169,9 +169,7 @@ def report(
 def compare(
     first: Annotated[Path, typer.Argument(metavar="A", help="Folder of the suite that is the reference.")],
     other: Annotated[Path, typer.Argument(metavar="B", help="Folder of the suite that is compared with it.")],
-    json_path: JsonOption = None,
-    html: HtmlOption = None,
-    overwrite: OverwriteOption = False,
+    output: OutputOptions,
 ) -> None:
     """Compare two suites over the drives that both have: better, worse, or no difference shown."""
     from sfr_loc_map.report.page import render_tables
@@ -179,14 +177,13 @@ def compare(
     from sfr_loc_map.suite.summary import summarise
     from sfr_loc_map.suite.tables import comparison_tables
 
-    check_suffix(html, HTML_SUFFIXES)
-    check_outputs(json_path, html, overwrite=overwrite)
+    output.check()
     reference, compared = (summarise(_open_store(folder)) for folder in (first, other))
     result = compare_suites(reference, compared, (str(first), str(other)))
     tables = comparison_tables(result)
-    if html is not None:
-        write_text(render_tables("Comparison of suites", tables), html)
-    show(json.dumps(result.to_dict(), allow_nan=False) + "\n", json_path, tables)
+    if output.html is not None:
+        write_text(render_tables("Comparison of suites", tables), output.html)
+    show(json.dumps(result.to_dict(), allow_nan=False) + "\n", output.json_path, tables)
 
 
 @root.command(
@@ -195,9 +192,7 @@ def compare(
 )
 def history(
     folders: Annotated[list[Path], typer.Argument(metavar="DIR", help="Folders of suites, in the order of time.")],
-    json_path: JsonOption = None,
-    html: HtmlOption = None,
-    overwrite: OverwriteOption = False,
+    output: OutputOptions,
 ) -> None:
     """Find the first suite that is certainly worse than what was before; exit code 1 if there is one."""
     from sfr_loc_map.suite.comparison import HistoryRun, find_changes
@@ -205,12 +200,11 @@ def history(
     from sfr_loc_map.suite.summary import summarise
     from sfr_loc_map.suite.tables import history_tables
 
-    check_suffix(html, HTML_SUFFIXES)
-    check_outputs(json_path, html, overwrite=overwrite)
+    output.check()
     result = find_changes([HistoryRun.of(str(folder), summarise(_open_store(folder))) for folder in folders])
-    if html is not None:
-        write_text(render_history(result), html)
-    show(json.dumps(result.to_dict(), allow_nan=False) + "\n", json_path, history_tables(result))
+    if output.html is not None:
+        write_text(render_history(result), output.html)
+    show(json.dumps(result.to_dict(), allow_nan=False) + "\n", output.json_path, history_tables(result))
     if result.first_worse:
         found = "; ".join(f"{kind}: {run}" for kind, run in result.first_worse.items())
         raise FailedVerdictError(f"certainly worse than before: {found}")
