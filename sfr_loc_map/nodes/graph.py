@@ -50,7 +50,7 @@ DISCOVERY_S = 8.0  #: or after so long.
 FIRST_MESSAGE_S = 4.0
 """How long a topic with a publisher may take to bring its first message before the observation begins."""
 POLL_S = 0.1
-ANSWER_S = 2.0
+ANSWER_S = 10.0  #: How long a node may take to answer: a second, or several on a busy host.
 DEPTH = 100
 SUITE_NODES = (*TASK_OF_NODE, "monitor_node")
 IMAGE_NAMES = tuple(
@@ -194,13 +194,13 @@ class _GraphObserver:
         full_name = f"{space.rstrip('/')}/{name}"
         state = self._call(GetState, f"{full_name}/get_state", GetState.Request())
         request = GetParameters.Request(names=list(PARAMETERS))
-        answer = self._call(GetParameters, f"{full_name}/get_parameters", request)
+        answer = self._call(GetParameters, f"{full_name}/get_parameters", request) if state is not None else None
         values = [parameter_value_to_python(value) for value in answer.values] if answer is not None else []
         sim_time, tolerance_s, rectify, quat = (*values, None, None, None, None)[:4]
         return ObservedNode(
             full_name,
             TASK_OF_NODE.get(name, ""),
-            state=str(state.current_state.label) if state is not None else "",
+            state=str(state.current_state.label) if state is not None and answer is not None else "",
             use_sim_time=bool(sim_time),
             extrinsics_given=any(quat) if quat is not None else False,
             stamp_tolerance_ns=round((tolerance_s or 0.0) * NS_PER_S),

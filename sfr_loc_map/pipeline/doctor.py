@@ -273,7 +273,7 @@ def _left_right_swapped(lefts: list[tuple[int, GreyImage]], rights: list[tuple[i
 def _extrinsics(seen: Observation) -> Findings:
     node = seen.node("loc")
     given = seen.extrinsics_given or seen.extrinsics_in_tf or (node is not None and node.extrinsics_given)
-    if "loc" not in seen.tasks or given:
+    if "loc" not in seen.tasks or given or (node is not None and not node.state):  # who does not answer may have it
         return
     text = "neither a parameter nor /tf_static has it"
     if seen.files:
@@ -338,7 +338,10 @@ def _nodes(seen: Observation) -> Findings:
             text = "use_sim_time is on but /clock has no publisher: its time stops"
             fix = "set use_sim_time to false, or publish /clock (ros2 bag play --clock)"
             yield Finding(Cause.CLOCK, node.name, text, fix)
-        if node.state not in ("active", ""):
+        if not node.state:
+            text, fix = "the node does not answer: its parameters are not known", "look again when the host is less busy"
+            yield Finding(Cause.SILENT, node.name, text, fix, False)
+        elif node.state != "active":
             transition = "activate" if node.state == "inactive" else "configure"
             fix = f"ros2 lifecycle set {node.name} {transition}"
             yield Finding(Cause.INACTIVE, node.name, f"the node is {node.state}", fix)
