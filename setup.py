@@ -22,7 +22,6 @@ LIVE = ["aiohttp>=3.10,<4"]
 FOXGLOVE = ["foxglove-sdk>=0.30,<0.40"]
 PLOT = ["matplotlib>=3.8,<4"]
 DEM = ["rasterio>=1.3,<2"]
-LAZ = ["laspy[lazrs]>=2.5,<3"]
 SUITE = ["distributed>=2025.1,<2027", "pyarrow>=17,<27", "fsspec[http]>=2025.2,<2027"]
 
 setup(
@@ -92,7 +91,6 @@ setup(
         "foxglove": FOXGLOVE,  # MIT; the same by the protocol of Foxglove
         "docs": DOCS,  # the documentation site
         "dem": DEM,  # BSD-3; bundles GDAL, MIT; elevation models as GeoTIFF
-        "laz": LAZ,  # BSD-2, its compressor lazrs MIT; clouds as LAS and LAZ
         "plot": PLOT,  # PSF-like; PNG of sfr plot
         "test": TEST,
         # cyclonedds: EPL-2.0 or BSD-3; a DDS client that is not ROS, for tests
@@ -102,7 +100,6 @@ setup(
             *LIVE,
             *FOXGLOVE,
             *DEM,
-            *LAZ,
             *PLOT,
             "colcon-common-extensions>=0.3,<1",  # Apache-2.0; builds the package as a ROS workspace does, for tests
             "cyclonedds>=11,<12",

@@ -16,7 +16,7 @@ from sfr_loc_map.errors import ConfigError, InputError, naming
 if TYPE_CHECKING:
     pass
 
-CLOUDS = (".ply", ".pcd", ".npz", ".las", ".laz")
+CLOUDS = (".ply", ".pcd", ".npz")
 """Endings of files of points; the same as `io.cloud_file.SUFFIXES`, which takes long to import."""
 MODELS = (".tif", ".tiff", ".png", ".html")
 ARCHIVE = ".dem.npz"  #: Endings of files of an elevation model; an archive of points ends in .npz, too.
@@ -52,7 +52,7 @@ def convert(
         typer.Argument(
             metavar="DST",
             help="*.mcap, *.db3, *.bag: a ROS 2 bag; *.csv, *.txt, *.tum, *.kitti, *.euroc.csv: the true trajectory; "
-            "else a folder. Of a cloud: *.ply, *.pcd, *.npz, *.las, *.laz, or its elevation model: *.tif, *.dem.npz, "
+            "else a folder. Of a cloud: *.ply, *.pcd, *.npz, or its elevation model: *.tif, *.dem.npz, "
             "*.png, *.html.",
         ),
     ],
@@ -74,7 +74,7 @@ def convert(
 ) -> None:
     """Convert a source to a bag, a folder or a layout of others; a trajectory; a cloud, also to an elevation model.
 
-    Sources are data set folders, ROS 1 and ROS 2 bags, sequences of KITTI, EuRoC, MADMAX, Katwijk and LuSNAR.
+    Sources are data set folders, ROS 1 and ROS 2 bags, sequences of KITTI and EuRoC.
     """
     from sfr_loc_map.io.registry import open_source
     from sfr_loc_map.pipeline.convert import ConvertOptions, Layout, holds_trajectory, is_trajectory
@@ -139,7 +139,7 @@ def _convert_trajectory(source: Path, destination: Path, remap: list[str] | None
 def _convert_cloud(source: Path, destination: Path, cell_m: float | None, *, overwrite: bool) -> None:
     """Write a cloud in another format, or its elevation model."""
     from sfr_loc_map.io import geotiff
-    from sfr_loc_map.io.cloud_file import check_cloud_format, load_cloud, save_cloud
+    from sfr_loc_map.io.cloud_file import load_cloud, save_cloud
     from sfr_loc_map.mapping.config import TerrainConfig
     from sfr_loc_map.pipeline.map_files import grid_of_file, save_dem, with_cell
 
@@ -149,7 +149,6 @@ def _convert_cloud(source: Path, destination: Path, cell_m: float | None, *, ove
     if not is_model:
         if cell_m is not None:
             raise ConfigError(f"'--cell' is of an elevation model: '{destination}' will be a cloud")
-        check_cloud_format(destination)
         cloud = load_cloud(source).cloud
         if cloud is None:
             raise InputError(

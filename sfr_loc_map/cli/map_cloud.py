@@ -21,15 +21,13 @@ from sfr_loc_map.errors import ConfigError, naming
         "sfr map data/ -o cloud.ply --stats stats.csv",
         "sfr map panorama.mcap -o cloud.npz --no-fuse",
         "sfr map data/ -o cloud.ply --dem 0.05 --colour --covariance",
-        "sfr map data/ -o cloud.laz --dem site.tif --dem site.html",
+        "sfr map data/ -o cloud.ply --dem site.tif --dem site.html",
         "sfr map data/ -o other.ply --stats other.stats.csv --method sgbm",
     ),
 )
 def map_cloud(
     source: SourceArgument,
-    output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="C.ply", help="Cloud: .ply, .pcd, .npz, .las or .laz.")
-    ],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="C.ply", help="Cloud: .ply, .pcd or .npz.")],
     under_test: MethodOptions,
     fuse: Annotated[bool, typer.Option("--fuse/--no-fuse", help="One cloud, or the points of every pair.")] = True,
     dem: Annotated[
@@ -54,7 +52,7 @@ def map_cloud(
     """Map up to three stereo pairs, with the same code as the node, or by another method."""
     from sfr_loc_map.config import read_config
     from sfr_loc_map.inputs import Task
-    from sfr_loc_map.io.cloud_file import SUFFIXES, check_cloud_format
+    from sfr_loc_map.io.cloud_file import SUFFIXES
     from sfr_loc_map.mapping.config import MappingConfig
     from sfr_loc_map.methods.registry import record_of_ours
     from sfr_loc_map.pipeline.call_stats import save_stats
@@ -62,7 +60,6 @@ def map_cloud(
     from sfr_loc_map.pipeline.offline import map_pairs, map_pairs_with
 
     check_suffix(output, SUFFIXES)
-    check_cloud_format(output)
     parameters = read_config(MappingConfig, under_test.config if under_test.is_ours else None, "mapping")
     parameters = replace(parameters, refine_poses=parameters.refine_poses or refine_poses)
     outputs = MapOutputs(output, fuse, *dem_outputs(dem or (), output, parameters.terrain), colour, covariance)

@@ -58,10 +58,7 @@ def _checked_start(text: str) -> str:
 
 
 SourceArgument = Annotated[
-    Path,
-    typer.Argument(
-        metavar="SRC", help="Data set folder, bag of ROS 2 or 1, or sequence of KITTI, EuRoC, MADMAX, Katwijk, LuSNAR."
-    ),
+    Path, typer.Argument(metavar="SRC", help="Data set folder, bag of ROS 2 or 1, or sequence of KITTI or EuRoC.")
 ]
 NamespaceOption = Annotated[
     str, typer.Option("--namespace", metavar="NS", callback=checked_namespace, help="Namespace of the rover.")

@@ -1,4 +1,4 @@
-"""Point clouds as files: PLY, PCD, NPZ, LAS and LAZ.
+"""Point clouds as files: PLY, PCD and NPZ.
 
 Written are all fields of `FIELD_TYPES` in their types: PLY and PCD binary little endian, NPZ one array a field. Read
 are any order and any number type of the fields, text and binary, and clouds of other programs with x, y, z alone.
@@ -20,7 +20,6 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M
 from sfr_loc_map.inputs import MAX_CLOUD_BYTES, read_bytes
-from sfr_loc_map.io import las
 from sfr_loc_map.io.array_file import parse_npz
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.text_table import parse_count
@@ -97,12 +96,6 @@ def save_cloud(path: Path, cloud: PointCloud) -> None:
     content = _FORMATS[path.suffix][1](cloud)
     with atomic_path(path) as temporary:
         temporary.write_bytes(content)
-
-
-def check_cloud_format(path: Path) -> None:
-    """Check that clouds of a name's ending can be written, before the work for one is done."""
-    if path.suffix in las.SUFFIXES:
-        las.load_laspy()
 
 
 def save_points(path: Path, xyz: FloatArray) -> None:
@@ -277,8 +270,6 @@ _FORMATS: dict[str, tuple[Callable[[bytes], tuple[Columns, list[str]]], Callable
     ".ply": (_read_ply, _ply_bytes),
     ".pcd": (_read_pcd, _pcd_bytes),
     ".npz": (_read_npz, _npz_bytes),
-    ".las": (las.read_las, lambda cloud: las.las_bytes(cloud, _comments(cloud), compressed=False)),
-    ".laz": (las.read_las, lambda cloud: las.las_bytes(cloud, _comments(cloud), compressed=True)),
 }
 """What reads and what writes a cloud, by the ending of the file."""
 SUFFIXES = tuple(_FORMATS)

@@ -15,9 +15,7 @@ from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.image_codec import read_grey
-from sfr_loc_map.io.text_table import parse_stamp_ns
 
 _log = logging.getLogger(__name__)
 NAMED_FILES = 3  #: Missing files that a message names.
@@ -64,21 +62,6 @@ def pairs_of(lefts: Mapping[int, Path], rights: Mapping[int, Path], name: str) -
     if not entries:
         raise InputError(f"{name}: none of {len(lefts)} left and {len(rights)} right images have equal stamps")
     return entries
-
-
-def stamped_files(folder: Path, prefix: str, suffix: str) -> dict[int, Path]:
-    """Return the files `PREFIXnanosecondsSUFFIX` of a folder by their stamps; others are passed over."""
-    files: dict[int, Path] = {}
-    for file in folder.iterdir():
-        if file.name.startswith(prefix) and file.name.endswith(suffix):
-            with refusing(f"image '{file}'", "rename or remove it"):
-                stamp = parse_stamp_ns(file.name[len(prefix) : len(file.name) - len(suffix)])
-            if stamp in files:
-                raise InputError(f"images '{files[stamp]}' and '{file}' have one stamp: remove one")
-            files[stamp] = file
-    if not files:
-        raise InputError(f"'{folder}' has no image {prefix}STAMP{suffix}")
-    return dict(sorted(files.items()))
 
 
 def check_size(image: GreyImage, rig: StereoRig, name: str) -> None:

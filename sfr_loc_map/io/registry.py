@@ -10,7 +10,6 @@ from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.euroc import is_euroc, open_euroc
 from sfr_loc_map.io.folder import PLACES, open_folder
 from sfr_loc_map.io.kitti import is_kitti, open_kitti
-from sfr_loc_map.io.rover_data_sets import is_katwijk, is_lusnar, is_madmax, open_katwijk, open_lusnar, open_madmax
 from sfr_loc_map.io.sequence import Source
 
 Remap = Mapping[str, str] | None
@@ -28,9 +27,6 @@ READERS: dict[str, tuple[Callable[[Path], bool], Opener]] = {
     "sfr": (lambda path: any((path / place).exists() for place in PLACES), lambda path, _: open_folder(path)),
     "kitti": (is_kitti, lambda path, _: open_kitti(path)),
     "euroc": (is_euroc, lambda path, _: open_euroc(path)),
-    "madmax": (is_madmax, lambda path, _: open_madmax(path)),
-    "katwijk": (is_katwijk, lambda path, _: open_katwijk(path)),
-    "lusnar": (is_lusnar, lambda path, _: open_lusnar(path)),
 }
 """Name of a format, its test and opener, in the order of trying; a folder with rig.json or pairs.csv is `sfr`."""
 
@@ -52,6 +48,6 @@ def open_source(path: Path, remap: Remap = None) -> Source:
     found = ", ".join(sorted(item.name for item in path.iterdir())[:6]) or "nothing" if path.is_dir() else "a file"
     raise InputError(
         f"'{path}' is of no format that is read: sought pairs.csv, loc/, nav/ (data set folder), metadata.yaml, "
-        f"*.mcap, *.db3 (ROS 2 bag), *.bag (ROS 1 bag), image_0/ and calib.txt (KITTI), mav0/ (EuRoC), *rect_left/ "
-        f"(MADMAX), LocCam/ (Katwijk), image0/color/ (LuSNAR); found {found}; give the folder that holds them"
+        f"*.mcap, *.db3 (ROS 2 bag), *.bag (ROS 1 bag), image_0/ and calib.txt (KITTI), mav0/ (EuRoC); found {found}; "
+        f"give the folder that holds them"
     )

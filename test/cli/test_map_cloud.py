@@ -15,7 +15,7 @@ rasterio = pytest.importorskip("rasterio", reason="extra dem")
 
 def test_products_lie_beside_the_cloud(sfr: Sfr, tmp_path: Path) -> None:
     source = good_folder(tmp_path / "data")
-    cloud = tmp_path / "c.laz"
+    cloud = tmp_path / "c.ply"
     more = [word for name in ("x.tif", "x.html") for word in ("--dem", tmp_path / name)]
     result = sfr("map", source, "-o", cloud, "--dem", "0.1", *more, "--colour", "--covariance")
     assert (result.code, result.out) == (0, "")

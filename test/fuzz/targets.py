@@ -111,7 +111,6 @@ def run_arguments(path: Path) -> None:
 
 T = m.TEXT + m.BYTES
 YAML_TEXT = m.YAML[3:]  # what is YAML for others only is no tree
-_RUN = _drive("A-0", "t.tum", "f")
 _PANORAMA = (_map("panorama"), *_convert("panorama", "b.mcap", "f"))
 _EUROC = "euroc/mav0"
 _SCORES = (
@@ -139,11 +138,6 @@ TARGETS = (
     Target("EuRoC sensor.yaml", f"{_EUROC}/cam0/sensor.yaml", YAML_TEXT, _drive("euroc")),
     Target("EuRoC data.csv", f"{_EUROC}/cam1/data.csv", T, _drive("euroc", "f")),
     Target("EuRoC truth", f"{_EUROC}/state_groundtruth_estimate0/data.csv", T, _drive("euroc", "t.tum")),
-    Target("MADMAX truth", "A-0/ground_truth/gt_6DoF_gnss_and_imu.csv", T, _RUN),
-    Target("MADMAX camera", "calibration/camera_rect_left_info.txt", YAML_TEXT, _RUN),
-    Target("MADMAX transform", "calibration/tf__camera_left_to_camera_right.csv", T, _RUN),
-    Target("Katwijk calibration", "LocCam_calibstruct.mat", m.BYTES, (*_convert("Part1", "f"),)),
-    Target("LuSNAR truth", "Moon_1/gt.txt", T, (*_convert("Moon_1", "t.tum"),)),
     Target("PNG", "drive/left/000000.png", m.PNG, _drive("drive", "b.mcap")),
     *(
         Target(
@@ -156,11 +150,9 @@ TARGETS = (
         for kind in KINDS
     ),
     Target("truth .npy", "panorama/truth/000000.npy", m.NPY, (*_PANORAMA, *_cloud("cloud.ply"))),
-    Target("NPZ", "cloud.npz", m.NPZ, _cloud("cloud.npz")),
+    Target("NPZ", "cloud.npz", m.NPZ, _cloud("cloud.npz", "x.dem.npz", "x.tif")),
     Target("PLY", "cloud.ply", m.CLOUD, _cloud("cloud.ply")),
     Target("PCD", "cloud.pcd", m.CLOUD, _cloud("cloud.pcd")),
-    Target("LAS", "cloud.las", m.BYTES, _cloud("cloud.las", "x.dem.npz")),
-    Target("LAZ", "cloud.laz", m.BYTES, _cloud("cloud.laz", "x.tif")),
     Target("PCD of text", "text.pcd", m.CLOUD + m.TEXT, _cloud("text.pcd")),
     Target("mcap", "bag.mcap/bag.mcap", MCAP, _bag("bag.mcap")),
     Target("mcap of JPEG", "jpeg.mcap/bag.mcap", MCAP, _drive("jpeg.mcap", "f")),

@@ -13,7 +13,7 @@ from world import make_world
 
 SEED = 20
 COSTLY = {"localisation config", "arguments", "JPG", "mcap", "mcap of JPEG", "sqlite3", "metadata.yaml", "resume file"}
-COSTLY |= {"LAS", "ROS 1 bag", "MADMAX transform"}
+COSTLY |= {"ROS 1 bag"}
 """What takes more than a tenth of a second each, or has tests enough elsewhere."""
 SLICE = [target for target in TARGETS if target.name not in COSTLY]
 

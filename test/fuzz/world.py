@@ -11,7 +11,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 from execution import run_command
-from made_layouts import write_katwijk, write_lusnar, write_madmax
 from made_ros1 import write_ros1
 from made_scene import LOC_RIG, NAV_RIG, PERIOD_NS, START_NS, fill, loc_pair, true_pose, write_bag, write_folder
 
@@ -49,9 +48,6 @@ def make_world(folder: Path) -> Path:
             fill(opened, 2, 0)
     sensor = part / "euroc/mav0/cam0/sensor.yaml"
     sensor.write_text(sensor.read_text().replace("coefficients: [0.0,", "coefficients: [0.01,"))
-    write_madmax(part / "A-0")
-    write_katwijk(part / "Part1")
-    write_lusnar(part / "Moon_1")
     for kind in KINDS:
         drive = part / f"drive-{kind}"
         shutil.copytree(part / "drive", drive)
@@ -106,7 +102,7 @@ def _cloud(world: Path) -> None:
     for axis, name in enumerate("xyz"):
         records[name] = truth[v, u, axis]
     records["sigma"], records["intensity"], records["u"], records["v"] = 0.01, 100, u, v
-    for suffix in ("ply", "pcd", "npz", "las", "laz"):
+    for suffix in ("ply", "pcd", "npz"):
         save_cloud(world / f"cloud.{suffix}", PointCloud.from_structured(records, False))
     text = (" ".join(map(str, record)) for record in records[:50].tolist())
     head = (world / "cloud.pcd").read_bytes().split(b"DATA")[0].decode().replace(str(len(u)), "50")

@@ -7,10 +7,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from scipy.io import savemat
 
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec, quat_from_matrix
-from sfr_loc_map.geometry.transform import Transform
 
 # Columns of P: fx = fy = 700, cx = 10, cy = 8, and -fx b with b = 0.54 m; camera 2 is 0.06 m left of camera 0.
 KITTI_CALIB = """P0: 7.0e+02 0 1.0e+01 0 0 7.0e+02 8 0 0 0 1 0
@@ -23,13 +21,6 @@ EUROC_K, EUROC_D = np.array([[60.0, 0, 31.0], [0, 61.0, 24.5], [0, 0, 1]]), np.a
 EUROC_CAMERAS_M = {"cam0": np.array([0.05, -0.02, 0.5]), "cam1": np.array([0.16, -0.02, 0.5])}
 """Places of the cameras in B, whose z they look along."""
 EUROC_ROTVEC = [0.1, 0.2, 0.3]
-MADMAX_STAMPS = (1544000000123456789, 1544000000223456789)
-MADMAX_T_IMU_B = Transform(np.eye(3), np.array([0.1, -0.2, 0.3]))
-MADMAX_T_IMU_LEFT = Transform(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]), np.array([0.5, 0.1, 0.2]))
-MADMAX_BASELINE_M = 0.09
-KATWIJK_K = np.array([[80.0, 0.0, 33.0], [0.0, 81.0, 25.0], [0.0, 0.0, 1.0]])
-KATWIJK_DISTORTION = np.array([-0.2, 0.05, 0.001, -0.0005])
-LUSNAR_STAMPS = (1700000000100000000, 1700000000200000000)
 REST = ",".join(["0.0"] * 9)
 """Velocities and biases."""
 
@@ -71,69 +62,5 @@ def write_euroc(folder: Path) -> Path:
     (truth / "data.csv").write_text(
         f"#timestamp, p_RS_R_x [m], ...\n1403636579763555585,1,2,3,{w!r},{x!r},{y!r},{z!r},{REST}\n"
         f"1403636579768555585,1,2,4,1,0,0,0,{REST}\n"
-    )
-    return folder
-
-
-def write_madmax(folder: Path, *, inverse: bool = False) -> Path:
-    """Write a run and, beside it, its calibration."""
-    calibration, truth = folder.parent / "calibration", folder / "ground_truth"
-    calibration.mkdir(exist_ok=True)
-    for side, shift in (("left", 0.0), ("right", -868.246 * MADMAX_BASELINE_M)):
-        names = (f"img_rect_{side}_{stamp}" for stamp in MADMAX_STAMPS)
-        write_images(folder / f"img_rect_{side}", names, first=int(side == "right"))
-        (calibration / f"camera_rect_{side}_info.txt").write_text(
-            f'header: \n  seq: 0\n  frame_id: "camera_{side}"\nheight: 48\nwidth: 64\ndistortion_model: "plumb_bob"\n'
-            "D: [0.0, 0.0, 0.0, 0.0, 0.0]\nK: [868.246, 0.0, 31.0, 0.0, 868.246, 23.0, 0.0, 0.0, 1.0]\n"
-            "R: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]\n"
-            f"P: [868.246, 0.0, 31.0, {shift}, 0.0, 868.246, 23.0, 0.0, 0.0, 0.0, 1.0, 0.0]\n---\n"
-        )
-    for name, pose in {
-        "imu_to_B": MADMAX_T_IMU_B,
-        "imu_to_camera_left": MADMAX_T_IMU_LEFT,
-        "camera_left_to_camera_right": Transform(np.eye(3), np.array([MADMAX_BASELINE_M, 0.0, 0.0])),
-    }.items():
-        pose = pose.inverse() if inverse else pose
-        numbers = ", ".join(map(repr, (*pose.translation.tolist(), *pose.quat_xyzw.tolist())))
-        (calibration / f"tf__{name}.csv").write_text(f"#position.x, position.y, ..., orientation.w\n{numbers}\n")
-    truth.mkdir()
-    (truth / "gt_6DoF_gnss_and_imu.csv").write_text(
-        "% comment\n" * 13 + "% UNIX time, x-enu(m), y-enu(m), z-enu(m), sdx, sdy, sdz, orientation.w, orientation.x, "
-        "orientation.y, orientation.z\n1544000000.1200, 1.0, 2.0, 3.0, 0, 0, 0, 1.0, 0.0, 0.0, 0.0\n"
-        "1544000000.2200, 1.5, 2.0, 3.0, 0, 0, 0, 0.0, 0.0, 0.0, 1.0\n"
-    )
-    return folder
-
-
-def write_katwijk(folder: Path, *, compressed: bool = True, rotation: np.ndarray | None = None) -> Path:
-    """Write a part of a traverse, and its calibration beside it."""
-    names = [f"LocCam_2015_11_26_12_53_35_{ms}_{side}" for ms in (149, 349) for side in (0, 1)]
-    write_images(folder / "LocCam", names, (48, 64, 3))
-    camera = {
-        "IntrinsicMatrixInternal": np.add(KATWIJK_K, [[0, 0, 1], [0, 0, 1], [0, 0, 0]]),  # MATLAB's first pixel is 1, 1
-        "RadialDistortion": KATWIJK_DISTORTION[:2],
-        "TangentialDistortion": KATWIJK_DISTORTION[2:],
-    }
-    parameters = {
-        "CameraParameters1": camera,
-        "CameraParameters2": camera,
-        "RotationOfCamera2": np.eye(3) if rotation is None else rotation,
-        "TranslationOfCamera2": [-120.0, 0.5, -0.3],
-    }
-    savemat(folder.parent / "LocCam_calibstruct.mat", {"stereoParams": parameters}, do_compression=compressed)
-    return folder
-
-
-def write_lusnar(folder: Path, *, described: bool = False) -> Path:
-    """Write a scene; `described`: with the names of the data set's description."""
-    left, right, truth = ("image0/color", "image1/color", "gt.txt")
-    if described:
-        left, right, truth = ("image1/RGB", "image2/RGB", "Rover_pose.txt")
-    for i, name in enumerate((left, right)):
-        write_images(folder / name, map(str, LUSNAR_STAMPS), (1024, 1024, 4), i)
-    half = 0.5**0.5
-    (folder / truth).write_text(
-        f"#timestamp [ns],p_RS_R_x [m],...\n{LUSNAR_STAMPS[0]},0,0,0,1,0,0,0,{REST}\n"
-        f"{LUSNAR_STAMPS[1]},1.0,2.0,-3.0,{half!r},0,0,{half!r},{REST}\n"
     )
     return folder

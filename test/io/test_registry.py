@@ -27,14 +27,11 @@ LAYOUTS: dict[str, Callable[[Path], Path]] = {
     "folder": lambda path: write_folder(path, make_world()),
     "kitti": made.write_kitti,
     "euroc": made.write_euroc,
-    "madmax": made.write_madmax,
-    "lusnar": made.write_lusnar,
 }
 ALL = ""
 """The whole text is replaced."""
 BASELINE = '"baseline_m": 0.12'
 CAM0, CAM1 = "mav0/cam0/data.csv", "mav0/cam1/sensor.yaml"
-CAMERA, TRUTH = "../calibration/camera_rect_{}_info.txt", "ground_truth/gt_6DoF_gnss_and_imu.csv"
 BROKEN = [
     ("folder", "loc/rig.json", ALL, "[]", "Expected `object`"),
     ("folder", "loc/rig.json", BASELINE, f'{BASELINE}, "baseline": 1', "unknown field `baseline`"),
@@ -66,14 +63,6 @@ BROKEN = [
     ("euroc", CAM1, "0.16, 0.0, 1.0, 0.0, -0.02", "0.05, 0.0, 1.0, 0.0, 0.2", "one above the other"),
     ("euroc", CAM0, ALL, "#x\n12,a.png\n", "equal stamps"),
     ("euroc", CAM0, ALL, "#x\n1.5,a.png\n", "'1.5'"),
-    ("madmax", CAMERA.format("left"), "P:", "Q:", "no camera_info with P"),
-    ("madmax", CAMERA.format("left"), "P: [868.246", "P: [nan", "differ in more than"),
-    ("madmax", CAMERA.format("right"), "-78", "78", "swapped"),
-    ("madmax", "../calibration/tf__camera_left_to_camera_right.csv", "0.09", "0.9", "0.9 m apart along x, by P 0.09 m"),
-    ("madmax", "../calibration/tf__imu_to_B.csv", "0.1", "x", "'x' is not a finite number"),
-    ("madmax", TRUTH, "x-enu(m)", "lat", r"no column x-enu\(m\)"),
-    ("madmax", TRUTH, "1544000000.22", "1543000000.22", "in order"),
-    ("madmax", TRUTH, "0.0, 0.0, 0.0, 1.0", "0.0", "columns found"),
 ]
 
 
