@@ -339,7 +339,10 @@ def _nodes(seen: Observation) -> Findings:
             fix = "set use_sim_time to false, or publish /clock (ros2 bag play --clock)"
             yield Finding(Cause.CLOCK, node.name, text, fix)
         if not node.state:
-            text, fix = "the node does not answer: its parameters are not known", "look again when the host is less busy"
+            text, fix = (
+                "the node does not answer: its parameters are not known",
+                "look again when the host is less busy",
+            )
             yield Finding(Cause.SILENT, node.name, text, fix, False)
         elif node.state != "active":
             transition = "activate" if node.state == "inactive" else "configure"

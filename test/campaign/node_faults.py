@@ -81,8 +81,12 @@ def kill(names: Sequence[str], harness: Harness, row: Row) -> None:
         row.observed.append(f"continues {step:.3f} m from the last published pose")
         row.expect(step < 0.05, "the last known pose was not used")
         variance = covariance_of(harness.odometry[first])[0, 0]
-        unseen_m = 0.5 * (first - last) * 1e-9  # at half of unseen_speed_m_s: the pose kept may be later than the last seen
-        row.expect(variance >= unseen_m**2, f"the motion meanwhile is not in the covariance: {variance:.2g} m^2 along x")
+        unseen_m = (
+            0.5 * (first - last) * 1e-9
+        )  # at half of unseen_speed_m_s: the pose kept may be later than the last seen
+        row.expect(
+            variance >= unseen_m**2, f"the motion meanwhile is not in the covariance: {variance:.2g} m^2 along x"
+        )
     elif MONITOR in names:
         saved = json.loads(harness.saved_report.with_name("report.before.json").read_text(encoding="utf-8"))
         kept = saved.get("trajectory", {}).get("estimate_poses", 0)
