@@ -11,14 +11,8 @@ from numpy.typing import NDArray
 from sfr_loc_map.errors import GeometryError
 
 FIELD_TYPES: dict[str, type[np.generic]] = {
-    "x": np.float32,
-    "y": np.float32,
-    "z": np.float32,
-    "sigma": np.float32,
-    "intensity": np.float32,
-    "u": np.uint16,
-    "v": np.uint16,
-    "pair": np.uint8,
+    **dict.fromkeys(("x", "y", "z", "sigma", "intensity"), np.float32),
+    **{"u": np.uint16, "v": np.uint16, "pair": np.uint8},
 }
 """Fields of a cloud in the order of the topic `mapping/points` and of the cloud files."""
 COLUMNS = ("xyz", "sigma", "intensity", "u", "v", "pair")
@@ -42,14 +36,13 @@ class PointCloud:
     pair_stamps_ns: tuple[int, ...] | None = None
 
     def __post_init__(self) -> None:
-        """Check shapes and types; GeometryError if they are not as documented."""
+        """Check shapes and types."""
         count = len(self.xyz)
-        if self.xyz.shape != (count, 3) or self.xyz.dtype != np.float32:
-            raise GeometryError(f"cloud points are {self.xyz.dtype} {self.xyz.shape}: float32 (N, 3) is needed")
-        for name in COLUMNS[1:]:
-            array = getattr(self, name)
-            if array.shape != (count,) or array.dtype != FIELD_TYPES[name]:
-                wanted = f"{FIELD_TYPES[name].__name__} ({count},)"
+        for name in COLUMNS:
+            array, kind = getattr(self, name), FIELD_TYPES.get(name, np.float32)
+            shape = (count, 3) if name == "xyz" else (count,)
+            if array.shape != shape or array.dtype != kind:
+                wanted = f"{kind.__name__} {shape}"
                 raise GeometryError(f"cloud field '{name}' is {array.dtype} {array.shape}: {wanted} is needed")
 
     def __len__(self) -> int:

@@ -2,12 +2,10 @@
 
 Rigs, transforms and trajectories check themselves by it when they are made, so that nothing absurd reaches compiled
 code, which does not check its indices. A bound is far from any rover; it stops wrong units, swapped columns and broken
-messages, not unusual rigs. Comparisons are written so that NaN fails them.
+messages, not unusual rigs. Checks raise GeometryError; comparisons are written so that NaN fails them.
 """
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +15,6 @@ from sfr_loc_map.geometry.arrays import FloatArray, Mask
 
 MAX_IMAGE_PIXELS = 8192 * 8192  #: Largest image: a header may claim any size, and every allocation follows from it.
 MAX_IMAGE_SIDE = 32_768
-IMAGE_SIZE = f"{{}} is {{}} x {{}}: whole numbers of pixels > 0, up to {MAX_IMAGE_PIXELS} in all, are needed"
 FOCAL_SHARE = (0.01, 100.0)
 """Focal length over the longer side of the image: fields of view from 178 to 0.6 degrees."""
 MAX_CENTRE_SHARE = 10.0
@@ -33,30 +30,18 @@ MAX_VARIANCE = 1e6  #: Largest variance of a pose that is known at all: 1 km (m^
 
 
 def check_image_size(width: float, height: float, name: str = "image") -> None:
-    """Check the size of an image, before anything is allocated for it.
-
-    Raises GeometryError if it cannot be that of an image.
-    """
+    """Check the size of an image, before anything is allocated for it."""
     sides_ok = all(1 <= n <= MAX_IMAGE_SIDE and n == int(n) for n in (width, height))
     if not (sides_ok and width * height <= MAX_IMAGE_PIXELS):
-        raise GeometryError(IMAGE_SIZE.format(name, width, height))
+        raise GeometryError(
+            f"{name} is {width} x {height}: whole numbers of pixels > 0, up to {MAX_IMAGE_PIXELS} in all, are needed"
+        )
 
 
 def check_camera(size: tuple[float, float], focal: tuple[float, float], centre: tuple[float, float]) -> None:
-    """Check the intrinsics of one camera.
-
-    Args:
-        size: Width and height, pixels.
-        focal: Focal lengths along rows and columns, pixels.
-        centre: Principal point, pixels.
-
-    Raises:
-        GeometryError: If they cannot be those of a camera.
-    """
+    """Check size (width, height), focal lengths (along rows, columns) and principal point of a camera, all pixels."""
+    check_image_size(*size)
     side = max(size)
-    sides_ok = all(1 <= n <= MAX_IMAGE_SIDE and n == int(n) for n in size)
-    if not (sides_ok and size[0] * size[1] <= MAX_IMAGE_PIXELS):
-        raise GeometryError(IMAGE_SIZE.format("image", *size))
     low, high = (share * side for share in FOCAL_SHARE)
     if not all(low <= f <= high for f in focal):
         raise GeometryError(
@@ -70,7 +55,7 @@ def check_camera(size: tuple[float, float], focal: tuple[float, float], centre: 
 
 
 def check_extrinsics(position_m: FloatArray) -> None:
-    """Check the position `(3,)` of a stereo rig on its rover, metres; GeometryError if it is not on the rover."""
+    """Check the position `(3,)` of a stereo rig on its rover, metres."""
     if not (np.abs(position_m) <= MAX_EXTRINSICS_M).all():
         raise GeometryError(
             f"the stereo rig is at {position_m.tolist()} m in RB: up to {MAX_EXTRINSICS_M:g} m are possible"
@@ -78,19 +63,10 @@ def check_extrinsics(position_m: FloatArray) -> None:
 
 
 def check_distortion(coefficients: ArrayLike) -> None:
-    """Check the coefficients of lens distortion; GeometryError if one is absurd or not finite."""
+    """Check the coefficients of lens distortion."""
     values = np.asarray(coefficients, dtype=np.float64)
     if not (np.abs(values) <= MAX_DISTORTION).all():
         raise GeometryError(f"distortion is {values.tolist()}: finite numbers up to {MAX_DISTORTION:g} are possible")
-
-
-def check_rotation(rotation: FloatArray) -> None:
-    """Check a rotation matrix `(3, 3)` that came from outside.
-
-    Raises GeometryError if it is not orthonormal with determinant +1, within the rounding of files.
-    """
-    if not plausible_rotations(rotation):
-        raise GeometryError("a rotation matrix is not orthonormal with determinant +1")
 
 
 def plausible_rotations(rotations: FloatArray) -> Mask:
@@ -113,13 +89,6 @@ def plausible_quats(quats_xyzw: FloatArray) -> Mask:
         squares = np.einsum("...i,...i->...", quats_xyzw, quats_xyzw)
     low, high = QUATERNION_SQUARES
     return np.asarray((low <= squares) & (squares <= high))
-
-
-def is_plausible_pose(position: Sequence[float], quat_xyzw: Sequence[float]) -> bool:
-    """Tell the same of one pose, in a hundredth of the time."""
-    low, high = QUATERNION_SQUARES
-    far = len(position) != 3 or not all(-MAX_POSITION_M <= value <= MAX_POSITION_M for value in position)
-    return not far and len(quat_xyzw) == 4 and low <= sum(value * value for value in quat_xyzw) <= high
 
 
 def is_finite_covariance(covariance: FloatArray) -> bool:

@@ -9,9 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 
-from sfr_loc_map.config import build, flatten, param, parameters
+from sfr_loc_map.config import build, changed, param, parameters
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_from_matrix, quat_multiply, quat_normalised, quat_rotate
@@ -59,7 +60,7 @@ class PoseConvention:
     )
 
     def __post_init__(self) -> None:
-        """Check that the frame is declared once; ConfigError if a frame and extrinsics are given, or no pose."""
+        """Check that the frame is declared once."""
         if self.extrinsics and (self.frame != RB or len(self.extrinsics) != 7):
             raise ConfigError(
                 f"convention: extrinsics are seven numbers x,y,z,qx,qy,qz,qw in place of frame=NAME: found "
@@ -69,22 +70,28 @@ class PoseConvention:
     @classmethod
     def parse(cls, texts: Sequence[str]) -> PoseConvention:
         """Return the convention of settings `NAME=VALUE`; ConfigError if one is given twice or is none."""
-        defaults = {info.name: info.default for info in parameters(cls)}
+        types = {info.name: info.type for info in parameters(cls)}
         values: dict[str, object] = {}
         for text in texts:
             name, separator, value = text.partition("=")
             if not separator or name in values:
                 problem = "is given twice" if separator else "must have the form NAME=VALUE, as frame=left_optical"
                 raise ConfigError(f"convention '{text}': {problem}")
-            values[name] = _typed(text, value, defaults.get(name))
+            try:
+                content = value.split(",") if name == "extrinsics" else value
+                values[name] = msgspec.convert(content, types.get(name, str), strict=False)
+            except msgspec.ValidationError as error:
+                raise ConfigError(f"convention '{text}': {error}") from error
         return build(cls, values, origin="convention")
 
     @property
     def settings(self) -> tuple[str, ...]:
         """What differs, as `parse` takes it."""
-        defaults = flatten(PoseConvention())
-        changed = {name: value for name, value in flatten(self).items() if value != defaults[name]}
-        return tuple(f"{name}={_text(value)}" for name, value in changed.items())
+        differing = {
+            **changed(self),
+            **({"extrinsics": ",".join(map(repr, self.extrinsics))} if self.extrinsics else {}),
+        }
+        return tuple(f"{name}={str(value).lower()}" for name, value in differing.items())
 
     @property
     def of_another_frame(self) -> bool:
@@ -139,23 +146,3 @@ def lever_arms(trajectory: Trajectory, T_rb_child: Transform) -> FloatArray:
     """Return for poses of RB where RB is seen from the frame the estimate was of: `(N, 3)`, metres, world axes."""
     child = np.broadcast_to(T_rb_child.translation, trajectory.positions.shape)
     return -quat_rotate(quat_normalised(trajectory.quats_xyzw), child)
-
-
-def _typed(text: str, value: str, default: object) -> object:
-    """Return a value in the type of its parameter; of an unknown parameter as it is."""
-    words = {"true": True, "false": False}
-    try:
-        if isinstance(default, bool):
-            return words[value.lower()]
-        if isinstance(default, tuple):
-            return tuple(float(part) for part in value.split(","))
-        return type(default)(value) if isinstance(default, (int, float)) else value
-    except (KeyError, ValueError, OverflowError) as error:
-        kind = "true or false" if isinstance(default, bool) else "a number"
-        raise ConfigError(f"convention '{text}': {kind} is needed") from error
-
-
-def _text(value: object) -> str:
-    if isinstance(value, tuple):
-        return ",".join(map(repr, value))
-    return str(value).lower() if isinstance(value, bool) else str(value)

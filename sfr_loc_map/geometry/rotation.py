@@ -61,11 +61,7 @@ def quat_rotate(quat_xyzw: ArrayLike, vectors: ArrayLike) -> FloatArray:
 
 def matrix_from_quat(quat_xyzw: ArrayLike) -> FloatArray:
     """Return rotation matrices `(..., 3, 3)` of quaternions `(..., 4)`, normalised first."""
-    quat = np.asarray(quat_xyzw, dtype=np.float64)
-    norm = np.sqrt(np.sum(quat * quat, axis=-1))
-    if not np.all(np.isfinite(norm)) or np.any(norm < MIN_NORM):
-        raise GeometryError(NO_LENGTH)
-    x, y, z, w = (quat[..., i] / norm for i in range(4))
+    x, y, z, w = np.moveaxis(quat_normalised(quat_xyzw), -1, 0)
     rows = (
         (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
         (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
@@ -81,49 +77,24 @@ def quat_from_matrix(matrix: ArrayLike) -> FloatArray:
     full precision for every angle, 180 degrees too.
     """
     m = np.asarray(matrix, dtype=np.float64)
-    if m.ndim == 2:
-        return _quat_from_one_matrix(m)
-    trace = m[..., 0, 0] + m[..., 1, 1] + m[..., 2, 2]
-    squares = np.stack((m[..., 0, 0], m[..., 1, 1], m[..., 2, 2], trace), axis=-1)
-    diagonal = 1.0 + 2.0 * squares - trace[..., None]
-    diagonal[..., 3] = 1.0 + trace
-    xy, xz, yz = m[..., 1, 0] + m[..., 0, 1], m[..., 0, 2] + m[..., 2, 0], m[..., 2, 1] + m[..., 1, 2]
-    xw, yw, zw = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]
-    rows = np.stack(
-        (
-            np.stack((diagonal[..., 0], xy, xz, xw), axis=-1),
-            np.stack((xy, diagonal[..., 1], yz, yw), axis=-1),
-            np.stack((xz, yz, diagonal[..., 2], zw), axis=-1),
-            np.stack((xw, yw, zw, diagonal[..., 3]), axis=-1),
-        ),
-        axis=-2,
-    )
-    largest = np.argmax(squares, axis=-1)
-    quat = quat_normalised(np.take_along_axis(rows, largest[..., None, None], axis=-2)[..., 0, :])
-    return np.where(quat[..., 3:4] < 0, -quat, quat)
-
-
-def _quat_from_one_matrix(matrix: FloatArray) -> FloatArray:
-    """Return that of one matrix `(3, 3)`, the same to the last digit and without the cost of small arrays."""
-    (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
-    trace = a + e + i
-    squares = (a, e, i, trace)
-    largest = squares.index(max(squares)) if trace == trace else 3  # NaN
-    if largest == 3:
-        quat = (h - f, c - g, d - b, 1.0 + trace)
-    elif largest == 2:
-        quat = (c + g, h + f, 1.0 + 2.0 * i - trace, d - b)
-    elif largest == 1:
-        quat = (d + b, 1.0 + 2.0 * e - trace, h + f, c - g)
-    else:
-        quat = (1.0 + 2.0 * a - trace, d + b, c + g, h - f)
-    x, y, z, w = quat
-    norm = math.sqrt(x * x + y * y + z * z + w * w)
-    if not MIN_NORM <= norm < math.inf:
-        raise GeometryError(NO_LENGTH)
-    if w / norm < 0:
-        norm = -norm
-    return np.array((x / norm, y / norm, z / norm, w / norm))
+    quats = np.empty((m.size // 9, 4))
+    for index, ((a, b, c), (d, e, f), (g, h, i)) in enumerate(m.reshape(-1, 3, 3).tolist()):
+        trace = a + e + i
+        squares = (a, e, i, trace)
+        largest = squares.index(max(squares)) if trace == trace else 3  # NaN
+        x, y, z, w = (
+            (1.0 + 2.0 * a - trace, d + b, c + g, h - f),
+            (d + b, 1.0 + 2.0 * e - trace, h + f, c - g),
+            (c + g, h + f, 1.0 + 2.0 * i - trace, d - b),
+            (h - f, c - g, d - b, 1.0 + trace),
+        )[largest]
+        norm = math.sqrt(x * x + y * y + z * z + w * w)
+        if not MIN_NORM <= norm < math.inf:
+            raise GeometryError(NO_LENGTH)
+        if w / norm < 0:
+            norm = -norm
+        quats[index] = x / norm, y / norm, z / norm, w / norm
+    return quats.reshape(*m.shape[:-2], 4)
 
 
 def matrix_from_rotvec(rotvec: ArrayLike) -> FloatArray:
@@ -137,14 +108,8 @@ def matrix_from_rotvec(rotvec: ArrayLike) -> FloatArray:
 
 def rotvec_from_matrix(matrix: ArrayLike) -> FloatArray:
     """Return the rotation vector `(3,)`, radians, angle in [0, pi], of one rotation matrix `(3, 3)`."""
-    quat = _quat_from_one_matrix(np.asarray(matrix, dtype=np.float64))
+    quat = quat_from_matrix(matrix)
     sine = float(np.sqrt(quat[:3] @ quat[:3]))
     if sine < 1e-9:
         return np.asarray(2.0 * quat[:3])
     return np.asarray(quat[:3] * (2.0 * np.arctan2(sine, quat[3]) / sine))
-
-
-def skew(vector: ArrayLike) -> FloatArray:
-    """Return the matrix `(3, 3)` for which `skew(a) @ b == cross(a, b)`."""
-    x, y, z = np.asarray(vector, dtype=np.float64)
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

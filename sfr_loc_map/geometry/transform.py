@@ -10,14 +10,13 @@ from numpy.typing import ArrayLike
 
 from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, QUATERNION_SQUARES, check_rotation
+from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, QUATERNION_SQUARES, plausible_rotations
 from sfr_loc_map.geometry.rotation import (
     matrix_from_quat,
     matrix_from_rotvec,
     quat_conjugate,
     quat_from_matrix,
     rotvec_from_matrix,
-    skew,
 )
 
 IDENTITY = np.eye(3)
@@ -57,10 +56,7 @@ class Transform:
     def from_quat(cls, translation: ArrayLike, quat_xyzw: ArrayLike) -> Transform:
         """Return `T_a_b` from the origin of b in a, metres, and the orientation of b in a, as in ROS messages.
 
-        The quaternion takes components in b to a; it is normalised here.
-
-        Raises GeometryError if a number is not finite, the quaternion not of unit length within 1e-2, or the position
-        absurd.
+        The quaternion takes components in b to a; it is normalised here, and refused if its length is not 1 +- 1e-2.
         """
         quat = np.array(quat_xyzw, dtype=np.float64)
         low, high = QUATERNION_SQUARES
@@ -70,11 +66,9 @@ class Transform:
 
     @classmethod
     def from_matrix(cls, matrix: FloatArray) -> Transform:
-        """Return `T_a_b` of a matrix `(3, 4)` or `(4, 4)` that comes from outside.
-
-        Raises GeometryError if its left part is not a rotation, or the position is absurd.
-        """
-        check_rotation(matrix[:3, :3])
+        """Return `T_a_b` of a matrix `(3, 4)` or `(4, 4)` that comes from outside."""
+        if not plausible_rotations(matrix[:3, :3]):
+            raise GeometryError("a rotation matrix is not orthonormal with determinant +1")
         return cls(matrix[:3, :3].copy(), matrix[:3, 3].copy())
 
     @classmethod
@@ -116,26 +110,28 @@ class Transform:
         return np.asarray(np.asarray(points, dtype=np.float64) @ self.rotation.T + self.translation)
 
 
+def propagation(displacement: FloatArray) -> FloatArray:
+    """Return F `(6, 6)`, which takes the error of a pose to that of a pose fixed to it, in ROS order.
+
+    A rotation error `w` about the fixed axes of a frame moves what lies `d`, the displacement, beyond the pose by
+    `w x d`.
+    """
+    carried, (x, y, z) = np.eye(6), displacement
+    carried[:3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
+    return carried
+
+
 def propagated_covariance(
     covariance: FloatArray, displacement: FloatArray, rotation: FloatArray = IDENTITY
 ) -> FloatArray:
     """Return what the covariance `(6, 6)` of a pose makes of that of a pose fixed to it, `(6, 6)`: `F P F^T`.
 
-    A rotation error `w` about the fixed axes of a frame moves what lies `d`, the displacement, beyond the pose by
-    `w x d`. Covariances are in ROS order. A rotation takes components in the axes of the first one to those of the
-    other, in which the displacement is.
+    A rotation takes components in the axes of the first one to those of the other, in which the displacement is.
     """
-    carried, (x, y, z) = np.zeros((6, 6)), displacement
+    carried = propagation(displacement)
+    carried[:3, 3:] = carried[:3, 3:] @ rotation
     carried[:3, :3] = carried[3:, 3:] = rotation
-    carried[:3, 3:] = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]) @ rotation
     return np.asarray(carried @ covariance @ carried.T)
-
-
-def propagation(displacement: FloatArray) -> FloatArray:
-    """Return F `(6, 6)`, which takes the error of a pose to that of a pose fixed to it, see `propagated_covariance`."""
-    carried = np.eye(6)
-    carried[:3, 3:] = -skew(displacement)
-    return carried
 
 
 def interpolated(before: Transform, after: Transform, share: float) -> Transform:

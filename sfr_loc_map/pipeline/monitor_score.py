@@ -20,7 +20,6 @@ from numpy.typing import DTypeLike, NDArray
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.geometry.arrays import FloatArray, PointImage
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.geometry.plausibility import is_plausible_pose
 from sfr_loc_map.geometry.quaternion_kernels import slerp
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -324,8 +323,7 @@ class MonitorScore:
 
 
 def _check(stamp_ns: int, position: Sequence[float], quat_xyzw: Sequence[float]) -> None:
-    if not is_plausible_pose(position, quat_xyzw):
-        Trajectory(np.array([stamp_ns]), np.array([position], np.float64), np.array([quat_xyzw], np.float64))
+    Trajectory(np.array([stamp_ns]), np.array([position], np.float64), np.array([quat_xyzw], np.float64))
 
 
 def warm_up(config: ScoreConfig) -> None:

@@ -7,12 +7,10 @@ from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.plausibility import (
     check_camera,
     check_distortion,
-    check_rotation,
     is_plausible_covariance,
     plausible_positions,
     plausible_quats,
 )
-from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 
 
 def test_cameras_of_the_field_pass_and_absurd_distortion_does_not() -> None:
@@ -23,14 +21,6 @@ def test_cameras_of_the_field_pass_and_absurd_distortion_does_not() -> None:
     for absurd in (np.nan, np.inf, 1e300, -1e3):
         with pytest.raises(GeometryError, match="distortion"):
             check_distortion([0.0, absurd])
-
-
-def test_rotations() -> None:
-    rotation = matrix_from_rotvec([0.3, -2.0, 0.5])
-    check_rotation(np.round(rotation, 4))
-    for bad in (-rotation, 1.1 * rotation, np.full((3, 3), np.nan), np.full((3, 3), 1e300)):
-        with pytest.raises(GeometryError, match="rotation matrix"):
-            check_rotation(bad)
 
 
 def test_positions_and_quaternions_row_by_row() -> None:

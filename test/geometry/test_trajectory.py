@@ -33,20 +33,9 @@ def test_golden_attitude_is_the_conjugate() -> None:
     np.testing.assert_allclose(trajectory.pose(0).rotation @ [1, 0, 0], [0, 1, 0], atol=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("part", "index", "value"),
-    [(1, (1, 2), np.nan), (1, (1, 0), np.inf), (2, (1, 3), np.nan), (2, (1, 0), -np.inf), (2, 1, 0.0)],
-)
+@pytest.mark.parametrize(("part", "index", "value"), [(1, (1, 2), np.nan), (2, (1, 0), -np.inf), (2, 1, 0.0)])
 def test_first_bad_pose_is_named(part: int, index: tuple[int, int] | int, value: float) -> None:
     arrays = np.array([0, 10, 20]), np.ones((3, 3)), np.tile([0.0, 0.6, 0.0, 0.8], (3, 1))
     arrays[part][index] = value
     with pytest.raises(GeometryError, match=r"pose 1 \(stamp 10\).*1 of 3"):
         Trajectory(*arrays)
-
-
-@pytest.mark.parametrize(
-    "shapes", [((2,), (3, 3), (3, 4)), ((3,), (3, 2), (3, 4)), ((3,), (3, 3), (3, 3)), ((3, 1), (3, 3), (3, 4))]
-)
-def test_shapes_that_do_not_agree(shapes: tuple[tuple[int, ...], ...]) -> None:
-    with pytest.raises(GeometryError, match="shapes"):
-        Trajectory(np.zeros(shapes[0], np.int64), np.ones(shapes[1]), np.ones(shapes[2]))
