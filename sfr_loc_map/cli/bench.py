@@ -133,8 +133,7 @@ def map_(
 
 @app.command(
     epilog=examples(
-        "sfr bench faults data/ --fault torn+noisy --json faults.json",
-        "sfr bench faults --map data/ --markdown faults.md",
+        "sfr bench faults data/ --fault torn+noisy --json faults.json", "sfr bench faults data/ --markdown faults.md"
     ),
     hint="sfr perturb SRC DST --fault KIND:amount=A    # one fault alone, kept",
 )
@@ -149,7 +148,6 @@ def faults(
             help="As for sfr perturb, several joined by +; repeatable. By default common faults.",
         ),
     ] = None,
-    maps: Annotated[bool, typer.Option("--map", help="The mapper instead, on the mapping pairs.")] = False,
     condition: Annotated[
         str,
         typer.Option(
@@ -170,48 +168,24 @@ def faults(
     config: ConfigOption = None,
     remap: RemapOption = None,
 ) -> None:
-    """Localiser or mapper on data with faults: errors beside stated sigmas; exit 1 if one is wrong and does not say so.
-
-    Faults that affect some pairs of a drive affect all pairs of a map, unless their text says otherwise.
-    """
+    """Localiser on data with faults: errors beside stated sigmas; exit 1 if one is wrong and does not say so."""
     from sfr_loc_map.localisation.config import LocalisationConfig
-    from sfr_loc_map.mapping.config import MappingConfig
     from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-    from sfr_loc_map.suite.fault_benchmark import (
-        FAULTS,
-        LIMIT_SHARE,
-        MAP_FAULTS,
-        benchmark_faults,
-        benchmark_map_faults,
-        silent_faults,
-    )
+    from sfr_loc_map.suite.fault_benchmark import FAULTS, benchmark_faults, silent_faults
 
     check_outputs(json_path, markdown_path, overwrite=overwrite, inputs=[source])
-    wanted = tuple(fault or (MAP_FAULTS if maps else FAULTS))
+    wanted = tuple(fault or FAULTS)
+    localiser, drive = read_config(LocalisationConfig, config, "localisation"), open_drive(source, remap)
+    if drive.ground_truth is None:
+        raise InputError(f"no drive with ground truth in '{source}': give a source that has one")
+    check_conditions(drive.ground_truth, (condition,), lenient=lenient)
+    scoring = TrajectoryScoreConfig(conditions=(condition,), spacing=spacing)
     with progress_bar("faults") as bar:
-        shown = bar.add_task("mapping" if maps else "localising", total=len(wanted) + 1)
-        if maps:
-            mapper = read_config(MappingConfig, config, "mapping")
-            panorama = open_panorama(source, remap)
-            result = benchmark_map_faults(panorama, wanted, mapper, seed, lambda: bar.advance(shown))
-        else:
-            localiser, drive = read_config(LocalisationConfig, config, "localisation"), open_drive(source, remap)
-            if drive.ground_truth is None:
-                raise InputError(f"no drive with ground truth in '{source}': give a source that has one")
-            check_conditions(drive.ground_truth, (condition,), lenient=lenient)
-            scoring = TrajectoryScoreConfig(conditions=(condition,), spacing=spacing)
-            result = benchmark_faults(drive, wanted, localiser, scoring, seed, lambda: bar.advance(shown))
+        shown = bar.add_task("localising", total=len(wanted) + 1)
+        result = benchmark_faults(drive, wanted, localiser, scoring, seed, lambda: bar.advance(shown))
     _present({"source": str(source)} | result, json_path, markdown_path)
-    silent = silent_faults(result)
-    if silent and maps:
-        raise FailedVerdictError(
-            f"wrong maps without a warning, more than {LIMIT_SHARE:.1%} of the points beyond 5 times their "
-            f"stated 3 sigma: {', '.join(silent)}"
-        )
-    if silent:
-        more = f" and {len(silent) - 5} more" if len(silent) > 5 else ""
-        named = ", ".join(silent[:5]) + more
-        raise FailedVerdictError(f"wrong and called tracking, beyond 5 times the stated 3 sigma: {named}")
+    if silent := silent_faults(result):
+        raise FailedVerdictError(f"wrong and called tracking, beyond 5 times the stated 3 sigma: {', '.join(silent)}")
 
 
 def _present(result: dict[str, Any], json_path: str | None, markdown_path: Path | None = None) -> None:

@@ -48,7 +48,7 @@ def run(
     scheduler: Annotated[
         str | None, typer.Option(metavar="ADDR", help="Running Dask scheduler, as tcp://host:8786.")
     ] = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be done and what it would cost.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be done.")] = False,
     only: Annotated[str, typer.Option(metavar="KEY", help="Run this one task again, done or not.")] = "",
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Try again what failed before.")] = False,
     json_path: JsonOption = None,
@@ -66,7 +66,7 @@ def run(
     specification = load_specification(suite)
     settings, store = specification.settings, Store(out)
     with store.locked():
-        planned, refusals = make_plan(specification, store.facts_of)
+        planned, refusals = make_plan(specification, store.facts_of, store.cache)
         store.plan(planned, suite)
         for refusal in refusals:
             say(f"sfr: warning: left out: {refusal.reason}", err=True)
@@ -80,7 +80,9 @@ def run(
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         places = 1 if settings.timing else min(workers or max(1, cores // settings.threads), max(1, len(jobs)))
         if dry_run:
-            _say_plan(store, jobs, len(planned), places)
+            for job in jobs:
+                say(f"{job.key}  {job.label}")
+            say(f"{len(jobs)} of {len(planned)} tasks to run, {places} at a time")
             return propose("sfr", "suite", "run", suite, "--out", out, why="run them")
         interrupted = False
         try:
@@ -103,9 +105,7 @@ def run(
 def _run_jobs(jobs: Sequence[Job], store: Store, settings: SuiteSettings, places: int, scheduler: str | None) -> None:
     """Run jobs and keep what comes of each; show a bar on a terminal, a line now and then elsewhere."""
     from sfr_loc_map.suite.cluster import connected, run_jobs
-    from sfr_loc_map.suite.sources import trim_copies
 
-    trim_copies(store.cache, settings.cache_mb * 10**6)
     begin = last = time.monotonic()
     failed = 0
     with (
@@ -124,21 +124,6 @@ def _run_jobs(jobs: Sequence[Job], store: Store, settings: SuiteSettings, places
             if bar.disable and (now - last > LINE_EVERY_S or done == len(jobs)):
                 last, left_s = now, (now - begin) / done * (len(jobs) - done)
                 say(f"{done} of {len(jobs)} tasks, {failed} failed, about {left_s:.0f} s left", err=True)
-
-
-def _say_plan(store: Store, jobs: Sequence[Job], total: int, places: int) -> None:
-    """Say what would be done, and what it would cost by what like jobs have cost."""
-    known: dict[str, list[float]] = {}
-    for job, _, seconds in store.entries():
-        if seconds is not None:
-            known.setdefault(job.kind, []).append(seconds)
-    for job in jobs:
-        say(f"{job.key}  {job.label}")
-    like = [known.get(job.kind, []) for job in jobs]
-    cost = "cost not known before a like task has run"
-    if all(like):
-        cost = f"about {sum(sum(times) / len(times) for times in like) / places:.0f} s, {places} at a time"
-    say(f"{len(jobs)} of {total} tasks to run, {cost}")
 
 
 @app.command(

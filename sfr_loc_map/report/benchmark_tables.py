@@ -47,17 +47,6 @@ FAULTS: tuple[Figure, ...] = (
     ("vertical disparity", PIXEL, "vertical_offset_px"),
     ("disparity bias", PIXEL, "disparity_offset_px"),
 )
-MAP_FAULTS: tuple[Figure, ...] = (
-    ("pairs", NONE, "pairs"),
-    ("refused", NONE, "refused"),
-    ("coverage", NONE, "coverage"),
-    ("mean error", MILLIMETRE, "mean_error_m"),
-    ("median sigma", MILLIMETRE, "median_sigma_m"),
-    ("error / 3 sigma, median", NONE, "median_ratio"),
-    ("99 %", NONE, "ratio_p99"),
-    ("largest", NONE, "largest_ratio"),
-    ("beyond 5 times", PERCENT, "beyond_share"),
-)
 
 
 def benchmark_tables(result: Mapping[str, Any]) -> list[Table]:
@@ -65,10 +54,6 @@ def benchmark_tables(result: Mapping[str, Any]) -> list[Table]:
     if result["kind"] == "faults":
         title = f"Localisation with faults, {result['condition']}: mean + 3 sigma; largest errors of tracking pairs"
         return [_table("faults", title, result, FAULTS, word="honesty")]
-    if result["kind"] == "map-faults":
-        title = "Maps with faults: points, and their errors over the stated 3 sigma; "
-        title += f"true points to {result['to_m']:g} m"
-        return [_table("map-faults", title, result, MAP_FAULTS, word="honesty")]
     if result["kind"] == "localise":
         kinds = {"position_m": MILLIMETRE, "attitude_deg": DEGREE, "heading_deg": DEGREE}
         errors = [

@@ -15,7 +15,7 @@ import threading
 import time
 from collections import Counter, deque
 from collections.abc import Generator, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -49,20 +49,13 @@ class JobOutcome:
     """What came of a job."""
 
     result: str | None = None  #: The score as JSON; None if it failed.
-    seconds: float = 0.0  #: How long it took, if it did not fail.
     cause: FailureCause | None = None  #: Why it failed.
     message: str = ""  #: The error, or the limit.
-    tries: int = 1  #: How often it was tried.
 
 
 @contextlib.contextmanager
 def connected(settings: SuiteSettings, *, workers: int, scheduler: str | None) -> Iterator[Client]:
-    """Yield a client of workers that are started here, or of the running scheduler at an address.
-
-    Raises:
-        MissingExtraError: If Dask is not installed.
-        InputError: If nobody answers at the address.
-    """
+    """Yield a client of workers that are started here, or of the running scheduler at an address."""
     try:
         import dask
         from distributed import Client, LocalCluster
@@ -120,9 +113,7 @@ def run_jobs(client: Client, jobs: Sequence[Job], timeout_s: float, cache: Path)
     """Yield each job with what came of it, as it is done.
 
     As many are handed out as run at a time; on a running cluster, which may grow with them, twice as many. Workers that
-    do not see the folder of simulated and fetched sources use one of their own.
-
-    Raises InputError if the scheduler is lost; what is done is done.
+    do not see the cache of simulated sources use one of their own.
     """
     from distributed import as_completed
     from distributed.scheduler import KilledWorker
@@ -152,15 +143,15 @@ def run_jobs(client: Client, jobs: Sequence[Job], timeout_s: float, cache: Path)
                 if tries[job.key] < TRIES:
                     waiting.appendleft(job)
                     continue
-                yield job, _cause_of_death(client, worker, tries[job.key])
+                outcome = _cause_of_death(client, worker)
             elif error is not None:
                 message = " ".join(f"{type(error).__name__}: {error}".split())[:MESSAGE_LENGTH]
-                yield job, JobOutcome(cause=FailureCause.FAULT, message=message, tries=TRIES)
+                outcome = JobOutcome(cause=FailureCause.FAULT, message=message)
             elif future.status == "finished":
-                outcome: JobOutcome = future.result()
-                yield job, replace(outcome, tries=tries[job.key] + outcome.tries)
+                outcome = future.result()
             else:  # the scheduler has forgotten it
                 raise ConnectionError(future.status)
+            yield job, outcome
             future.release()
     except (OSError, StopIteration) as error:
         raise InputError(
@@ -179,7 +170,7 @@ def _places(client: Client) -> int:
     return threads if client.cluster is not None else 2 * threads
 
 
-def _cause_of_death(client: Client, address: str, tries: int) -> JobOutcome:
+def _cause_of_death(client: Client, address: str) -> JobOutcome:
     cause, message = FailureCause.DIED, "its worker process was killed or crashed"
     for _, event in client.get_events(OVER_MEMORY):
         if event["worker"] == address:
@@ -187,7 +178,7 @@ def _cause_of_death(client: Client, address: str, tries: int) -> JobOutcome:
     for _, event in client.get_events(OVER_TIME):
         if event["worker"] == address:
             cause, message = FailureCause.TIME, f"not done after {event['seconds']:g} s"
-    return JobOutcome(cause=cause, message=message, tries=tries)
+    return JobOutcome(cause=cause, message=message)
 
 
 def run_on_worker(job: Job, timeout_s: float, cache: str) -> JobOutcome:
@@ -200,7 +191,7 @@ def run_on_worker(job: Job, timeout_s: float, cache: str) -> JobOutcome:
     from sfr_loc_map.metrics.score_json import to_json
     from sfr_loc_map.suite.job_run import run_job
 
-    worker, begin = get_worker(), time.monotonic()
+    worker = get_worker()
     worker.log_event(STARTED, {"worker": worker.address, "key": job.key})
     place = Path(cache) if Path(cache).is_dir() else Path(worker.local_directory) / "sfr-cache"
 
@@ -214,10 +205,8 @@ def run_on_worker(job: Job, timeout_s: float, cache: str) -> JobOutcome:
     timer.start()
     try:
         with tempfile.TemporaryDirectory(dir=worker.local_directory) as scratch:
-            text = to_json(run_job(job, Path(scratch), place))
+            return JobOutcome(result=to_json(run_job(job, Path(scratch), place)))
     except SfrError as error:
-        message = " ".join(str(error).split())[:MESSAGE_LENGTH]
-        return JobOutcome(cause=FailureCause.BAD_INPUT, message=message)
+        return JobOutcome(cause=FailureCause.BAD_INPUT, message=" ".join(str(error).split())[:MESSAGE_LENGTH])
     finally:
         timer.cancel()
-    return JobOutcome(result=text, seconds=time.monotonic() - begin)

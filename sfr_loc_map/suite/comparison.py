@@ -12,7 +12,7 @@ slow decline adds up instead of hiding in small steps.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -66,17 +66,18 @@ class DriveRatio:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FigureComparison:
-    """One figure over all drives run alike."""
+    """One figure over the drives that two runs have in common; below 1 the other is better."""
 
-    runs: str  #: Task, configuration and faults.
+    runs: str  #: Task, configuration and faults; in a history the name of the run.
+    baseline: str  #: Name of the run that it is compared with.
     kind: FigureKind
     figure: str  #: Name with unit.
-    drives: int  #: Drives in both suites.
-    ratio: float  #: Geometric mean of other over first; below 1 the other suite is better.
+    drives: int  #: Drives in both.
+    ratio: float  #: Geometric mean over the drives of other over first.
     ci95: Interval | None  #: 95 % interval of the ratio, by resampling drives.
     p: float | None  #: Probability of such a ratio by chance (sign-flip test).
-    p_corrected: float | None  #: The same, corrected for the number of comparisons (Holm).
-    outcome: Outcome  #: What follows at 5 %.
+    p_corrected: float | None  #: The same, corrected for the number of comparisons (Holm); not in a history.
+    outcome: Outcome
     worst: DriveRatio  #: Drive with the largest ratio.
 
 
@@ -108,28 +109,12 @@ class HistoryRun:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class HistoryPoint:
-    """One figure of one run, compared with its baseline."""
-
-    run: str  #: Name of the run.
-    kind: FigureKind
-    figure: str  #: Name with unit.
-    drives: int  #: Drives in both.
-    median: float  #: Median of the figure over the drives.
-    baseline: str  #: Name of the run that it is compared with.
-    ratio: float  #: Geometric mean over the drives of this run over the baseline.
-    ci95: Interval | None  #: Its 95 % interval.
-    p: float | None  #: Probability of such a ratio by chance, uncorrected.
-    outcome: Outcome  #: Worse or better where this is certain.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class History:
     """Runs in their order."""
 
     runs: tuple[str, ...]  #: Names of the runs.
     level: float  #: Level of one comparison.
-    points: tuple[HistoryPoint, ...]  #: By figure and run, from the second run on.
+    points: tuple[FigureComparison, ...]  #: By figure and run, from the second run on.
     first_worse: Mapping[str, str]  #: The first run of each kind of figure that is certainly worse, by kind.
 
     def to_dict(self) -> dict[str, object]:
@@ -138,10 +123,7 @@ class History:
 
 
 def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> SuiteComparison:
-    """Return the comparison of two suites, of which the first is the reference.
-
-    Raises MetricsError if no drive is in both.
-    """
+    """Return the comparison of two suites, of which the first is the reference; MetricsError if no drive is in both."""
     mine, theirs = _by_pairing(first, other)
     common = [(drive, theirs[key]) for key, drive in mine.items() if key in theirs]
     if not common:
@@ -155,25 +137,14 @@ def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> Su
             if name in others:
                 ratio = DriveRatio(label=drive.job.label, first=value, other=others[name])
                 pairs.setdefault((runs, name), []).append(ratio)
-    ratios = [_log_ratios(items) for items in pairs.values()]
-    chances = [sign_flip_p(logs) for logs in ratios]
-    figures = [
-        FigureComparison(
-            runs=runs,
-            kind=name.kind,
-            figure=name.name,
-            drives=len(items),
-            ratio=_mean_ratio(logs),
-            ci95=_ratio_interval(logs),
-            p=p,
-            p_corrected=corrected,
-            outcome=_outcome(logs, corrected, SIGNIFICANCE),
-            worst=items[int(logs.argmax())],
-        )
-        for ((runs, name), items), logs, p, corrected in zip(pairs.items(), ratios, chances, holm(chances), strict=True)
-    ]
+    figures = [_compared(name, runs, names[0], items) for (runs, name), items in pairs.items()]
+    corrected = holm([item.p for item in figures])
+    judged = (
+        replace(item, p_corrected=p, outcome=_outcome(item, p, SIGNIFICANCE))
+        for item, p in zip(figures, corrected, strict=True)
+    )
     left_out = (len(mine) - len(common), len(theirs) - len(common))
-    return SuiteComparison(names=names, common=len(common), left_out=left_out, figures=tuple(figures))
+    return SuiteComparison(names=names, common=len(common), left_out=left_out, figures=tuple(judged))
 
 
 def _by_pairing(*suites: Summary) -> list[dict[str, ScoredJob]]:
@@ -186,10 +157,7 @@ def _by_pairing(*suites: Summary) -> list[dict[str, ScoredJob]]:
 
 
 def find_changes(runs: Sequence[HistoryRun]) -> History:
-    """Return how the figures changed over runs in the order of time.
-
-    Raises MetricsError if there are fewer than two runs.
-    """
+    """Return how the figures changed over runs in the order of time; MetricsError for fewer than two."""
     if len(runs) < 2:
         raise MetricsError(f"a history needs two suites or more, found {len(runs)}: give several folders")
     names = sorted({name for run in runs for figures in run.figures.values() for name in figures})
@@ -197,13 +165,13 @@ def find_changes(runs: Sequence[HistoryRun]) -> History:
     points = [point for name in names for point in _points(name, runs, level)]
     order = [run.name for run in runs]
     worse: dict[str, str] = {}
-    for point in sorted(points, key=lambda item: order.index(item.run)):
+    for point in sorted(points, key=lambda item: order.index(item.runs)):
         if point.outcome is Outcome.WORSE:
-            worse.setdefault(point.kind.value, point.run)
+            worse.setdefault(point.kind.value, point.runs)
     return History(runs=tuple(order), level=level, points=tuple(points), first_worse=worse)
 
 
-def _points(name: FigureName, runs: Sequence[HistoryRun], level: float) -> Iterator[HistoryPoint]:
+def _points(name: FigureName, runs: Sequence[HistoryRun], level: float) -> Iterator[FigureComparison]:
     """Yield one figure of each run after the first beside its baseline."""
     baseline = runs[0]
     for run in runs[1:]:
@@ -214,36 +182,45 @@ def _points(name: FigureName, runs: Sequence[HistoryRun], level: float) -> Itera
         ]
         if not pairs:
             continue
-        logs = _log_ratios(pairs)
-        p, ratio = sign_flip_p(logs), _mean_ratio(logs)
-        # None where nothing could be found at this level, even if all drives agreed
-        outcome = _outcome(logs, None if _smallest_p(len(logs)) > level else p, level)
-        if outcome in (Outcome.BETTER, Outcome.WORSE) and 1.0 / MIN_RATIO < ratio < MIN_RATIO:
+        point = _compared(name, run.name, baseline.name, pairs)
+        # where nothing could be found at this level, even if all drives agreed, there is not enough data
+        smallest = 2.0 ** (1 - len(pairs)) if len(pairs) <= EXACT_DRIVES else 1.0 / (1 + MAX_DRAWS)
+        outcome = _outcome(point, None if smallest > level else point.p, level)
+        if outcome in (Outcome.BETTER, Outcome.WORSE) and 1.0 / MIN_RATIO < point.ratio < MIN_RATIO:
             outcome = Outcome.NO_DIFFERENCE
-        yield HistoryPoint(
-            run=run.name,
-            kind=name.kind,
-            figure=name.name,
-            drives=len(pairs),
-            median=float(np.median([item.other for item in pairs])),
-            baseline=baseline.name,
-            ratio=ratio,
-            ci95=_ratio_interval(logs),
-            p=p,
-            outcome=outcome,
-        )
+        yield replace(point, outcome=outcome)
         if outcome is Outcome.BETTER:
             baseline = run
 
 
-def _outcome(log_ratios: FloatArray, p: float | None, level: float) -> Outcome:
-    if not log_ratios.any():
-        return Outcome.EQUAL
-    if p is None:
-        return Outcome.NOT_ENOUGH_DATA
+def _compared(name: FigureName, runs: str, baseline: str, pairs: Sequence[DriveRatio]) -> FigureComparison:
+    """Return a figure of drives, not judged yet."""
+    logs = np.array([np.log(item.other / item.first) for item in pairs])
+    interval: Interval | None = None
+    if len(logs) >= 5:
+        low, high = np.exp(np.quantile(drawn_weights(len(logs)) @ logs / len(logs), (0.025, 0.975))).tolist()
+        interval = (low, high)
+    return FigureComparison(
+        runs=runs,
+        baseline=baseline,
+        kind=name.kind,
+        figure=name.name,
+        drives=len(pairs),
+        ratio=float(np.exp(logs.mean())),
+        ci95=interval,
+        p=sign_flip_p(logs),
+        p_corrected=None,
+        outcome=Outcome.NOT_ENOUGH_DATA if logs.any() else Outcome.EQUAL,
+        worst=pairs[int(logs.argmax())],
+    )
+
+
+def _outcome(item: FigureComparison, p: float | None, level: float) -> Outcome:
+    if p is None or item.outcome is Outcome.EQUAL:
+        return item.outcome
     if p >= level:
         return Outcome.NO_DIFFERENCE
-    return Outcome.WORSE if log_ratios.mean() > 0.0 else Outcome.BETTER
+    return Outcome.WORSE if item.ratio > 1.0 else Outcome.BETTER
 
 
 def figures_of(score: Score) -> dict[FigureName, float]:
@@ -251,50 +228,26 @@ def figures_of(score: Score) -> dict[FigureName, float]:
 
     Times count only where no other job ran beside; they are multiples of a fixed work measured in the same run.
     """
-    return {name: value for name, value in _figures(score) if value is not None and value > 0.0}
-
-
-def _figures(score: Score) -> Iterator[tuple[FigureName, float | None]]:
-    accuracy = FigureKind.ACCURACY
+    found: dict[FigureName, float | None] = {}
     for part in () if score.trajectory is None else score.trajectory.conditions:
-        over = f"over {part.condition.label}"
-        yield FigureName(accuracy, f"position {over}, m"), part.position_m.mean_plus_3sigma
-        yield FigureName(accuracy, f"attitude {over}, deg"), part.attitude_deg.mean_plus_3sigma
-        yield FigureName(accuracy, f"heading {over}, deg"), part.heading_deg.mean_plus_3sigma
-    yield FigureName(accuracy, "map point error, m"), value_at(score, "map.errors.point_error_m.mean_plus_3sigma")
+        for error, unit in (("position", "m"), ("attitude", "deg"), ("heading", "deg")):
+            name = FigureName(FigureKind.ACCURACY, f"{error} over {part.condition.label}, {unit}")
+            found[name] = getattr(part, f"{error}_{unit}").mean_plus_3sigma
+    point_error = value_at(score, "map.errors.point_error_m.mean_plus_3sigma")
+    found[FigureName(FigureKind.ACCURACY, "map point error, m")] = point_error
     coverage = value_at(score, "map.coverage")
-    yield FigureName(accuracy, "map not covered, share"), None if coverage is None else 1.0 - coverage
+    found[FigureName(FigureKind.ACCURACY, "map not covered, share")] = None if coverage is None else 1.0 - coverage
     reference_s = (value_at(score, "provenance.host") or {}).get(REFERENCE)
     for kind in (CallKind.LOCALISATION, CallKind.MAPPING):
-        yield FigureName(FigureKind.MEMORY, f"{kind} peak, bytes"), value_at(score, f"memory.{kind}.peak_bytes")
+        found[FigureName(FigureKind.MEMORY, f"{kind} peak, bytes")] = value_at(score, f"memory.{kind}.peak_bytes")
         median_s = value_at(score, f"timing.{kind}.p50")
         share = None if median_s is None or reference_s is None else median_s / float(reference_s)
-        yield FigureName(FigureKind.TIME, f"{kind} p50, of the reference"), share
-
-
-def _log_ratios(pairs: Sequence[DriveRatio]) -> FloatArray:
-    return np.array([np.log(item.other / item.first) for item in pairs])
-
-
-def _mean_ratio(log_ratios: FloatArray) -> float:
-    return float(np.exp(log_ratios.mean()))
-
-
-def _ratio_interval(logs: FloatArray) -> Interval | None:
-    """Return the 95 % interval of the geometric mean ratio by resampling drives; None with too few."""
-    if len(logs) < 5:
-        return None
-    means = drawn_weights(len(logs)) @ logs / len(logs)
-    low, high = np.quantile(means, (0.025, 0.975))
-    return float(np.exp(low)), float(np.exp(high))
+        found[FigureName(FigureKind.TIME, f"{kind} p50, of the reference")] = share
+    return {name: value for name, value in found.items() if value is not None and value > 0.0}
 
 
 def sign_flip_p(log_ratios: FloatArray) -> float | None:
-    """Return the two-sided probability of a mean log ratio as large by chance; None with too few drives.
-
-    Args:
-        log_ratios: `(D,)` one for each drive; 0 where both are equal.
-    """
+    """Return the two-sided probability of a mean log ratio `(D,)` as large by chance; None with too few drives."""
     count = len(log_ratios)
     if count < MIN_TESTED:
         return None
@@ -312,8 +265,3 @@ def sign_flip_p(log_ratios: FloatArray) -> float | None:
         exceeded += int(np.count_nonzero(np.abs(signs @ log_ratios) >= observed))
         drawn += DRAWS
     return (1 + exceeded) / (1 + drawn)
-
-
-def _smallest_p(count: int) -> float:
-    """Return the smallest probability that so many drives can show."""
-    return 2.0 ** (1 - count) if count <= EXACT_DRIVES else 1.0 / (1 + MAX_DRAWS)

@@ -41,22 +41,10 @@ class JobSource:
 
     name: str  #: Short name, unique in the suite.
     kind: SourceKind  #: Where the data come from.
-    path: str  #: The source, its URL, the scenario, or the estimate.
+    path: str  #: The source, its URL before the plan, the scenario, or the estimate.
     truth: str = ""  #: Truth of an estimate, otherwise empty.
     settings: Mapping[str, object] = field(default_factory=dict)  #: All settings of a simulation, otherwise empty.
-    sha256: str  #: Hash of the content, or of the settings; `version` where a remote content has no known hash.
-    version: str = ""  #: Of a remote source, as its server tells it.
-
-    @property
-    def content_sha256(self) -> str:
-        """Hash of the content of a remote source, empty where it is not known."""
-        return self.sha256 if self.sha256 != self.version else ""
-
-    @property
-    def identity(self) -> list[str]:
-        """What the result depends on: a remote source whose content is known is the same as its copy here."""
-        same = self.kind is SourceKind.REMOTE and self.content_sha256
-        return [(SourceKind.FILE if same else self.kind).value, self.sha256]
+    sha256: str  #: Hash of the content, or of the settings; empty before the plan.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,7 +72,7 @@ class Job:
         """Name of the result: a hash of all that the result depends on; names and places of files are not among it."""
         faults = [self.faults, self.fault_seed if self.faults else 0]
         how = [self.parameters, self.start, self.scoring, self.repeat, self.alone, self.threads]
-        return digest([self.kind, self.source.identity, *faults, *how, self.code])
+        return digest([self.kind, [self.source.kind, self.source.sha256], *faults, *how, self.code])
 
     @property
     def label(self) -> str:
@@ -97,7 +85,7 @@ class Job:
     @property
     def pairing(self) -> str:
         """What jobs of two suites have in common that are compared: the same work on the same data."""
-        data = [self.kind, *self.source.identity, self.faults, self.fault_seed, self.repeat]
+        data = [self.kind, self.source.kind, self.source.sha256, self.faults, self.fault_seed, self.repeat]
         return digest([*data, self.start, self.scoring])
 
 

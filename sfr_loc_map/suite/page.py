@@ -3,33 +3,27 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.score_json import json_line, to_plain
 from sfr_loc_map.report.page import render_overview, render_page
-from sfr_loc_map.report.plots import COLORS, Column, Plot, axis, error_bars, error_scale, largest, marks, scaled
+from sfr_loc_map.report.plots import Column, Plot, axis, error_bars, error_scale, largest, marks, scaled
 from sfr_loc_map.suite.comparison import History
 from sfr_loc_map.suite.store import Store
 from sfr_loc_map.suite.summary import ScoredJob, Summary
 from sfr_loc_map.suite.tables import PAGES, history_tables, linked, suite_tables
 
 RUNS = "runs, by their number in the table"
-
-
 INDEX = """CREATE TABLE tasks (key TEXT PRIMARY KEY, position INTEGER, label TEXT, kind TEXT, source TEXT, path TEXT,
-    source_sha256 TEXT, faults TEXT, configuration TEXT, repeat INTEGER, pairing TEXT, state TEXT, seconds REAL)"""
+    source_sha256 TEXT, faults TEXT, configuration TEXT, repeat INTEGER, pairing TEXT, state TEXT)"""
 
 
 def write_summary(summary: Summary, store: Store) -> None:
-    """Write `suite.json`, `report.html`, the pages of drives, `index.sqlite` and, with pyarrow, `results.parquet`.
-
-    Raises OutputError if a file cannot be written.
-    """
+    """Write `suite.json`, `report.html`, the pages of drives, `index.sqlite` and, with pyarrow, `results.parquet`."""
     folder = store.folder
     (folder / PAGES).mkdir(exist_ok=True)
     texts = {"suite.json": json_line(summary.to_dict()), "report.html": render_summary(summary)}
@@ -39,10 +33,10 @@ def write_summary(summary: Summary, store: Store) -> None:
             temporary.write_text(text, encoding="utf-8")
     with atomic_path(folder / "index.sqlite") as temporary, closing(sqlite3.connect(temporary)) as index, index:
         index.execute(INDEX)
-        for place, (job, state, seconds) in enumerate(store.entries()):
+        for place, (job, state) in enumerate(store.entries()):
             source = (job.source.name, job.source.path, job.source.sha256)
             what = (job.faults, job.configuration, job.repeat, job.pairing)
-            row = (job.key, place, job.label, job.kind, *source, *what, state, seconds)
+            row = (job.key, place, job.label, job.kind, *source, *what, state)
             index.execute(f"INSERT INTO tasks VALUES ({', '.join('?' * len(row))})", row)
     _write_parquet(summary, folder / "results.parquet")
 
@@ -54,26 +48,13 @@ def _write_parquet(summary: Summary, path: Path) -> None:
         import pyarrow.parquet
     except ImportError:
         return
-    rows = []
-    for drive in summary.drives:
-        plain, row = to_plain(drive.score), drive.names()
-        for part in ("trajectory", "map", "timing", "memory"):
-            row |= dict(_numbers(plain.get(part) or {}, part))
-        rows.append(row)
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    columns = {name: [row.get(name) for row in rows] for name in names}
+    parts = ("trajectory", "map", "timing", "memory")
+    rows = [drive.names() | {part: to_plain(getattr(drive.score, part)) for part in parts} for drive in summary.drives]
+    table = pyarrow.Table.from_pylist(rows)
+    while any(pyarrow.types.is_struct(column.type) for column in table.columns):
+        table = table.flatten()
     with atomic_path(path) as temporary:
-        pyarrow.parquet.write_table(pyarrow.table(columns), temporary)
-
-
-def _numbers(value: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, float | None]]:
-    """Yield the numbers of nested objects by their place; lists are of single drives and stay in their file."""
-    for key, item in value.items():
-        place = f"{prefix}.{key}"
-        if isinstance(item, Mapping):
-            yield from _numbers(item, place)
-        elif item is None or (isinstance(item, (int, float)) and not isinstance(item, bool)):
-            yield place, None if item is None else float(item)
+        pyarrow.parquet.write_table(table, temporary)
 
 
 def render_summary(summary: Summary) -> str:
@@ -83,9 +64,9 @@ def render_summary(summary: Summary) -> str:
     # no text of a user is in the figures: runs stand as their number in the table `groups`
     numbers = {(group.task, group.configuration, group.faults): n for n, group in enumerate(summary.groups, 1)}
     driven = sorted(((numbers[drive.runs], drive) for drive in summary.drives), key=lambda item: item[0])
-    sections = [("Errors", [*_error_plots(summary, driven), *_fault_plots(driven)]), ("Cost", _cost_plots(summary))]
-    shown = [(title, plots) for title, plots in sections if plots]
-    return render_overview("Suite of runs", summary.verdict, text, suite_tables(summary, commands=True), shown)
+    plots = [*_error_plots(summary, driven), *_fault_plots(driven)]
+    sections = [("Errors", plots)] if plots else []
+    return render_overview("Suite of runs", summary.verdict, text, suite_tables(summary), sections)
 
 
 def _error_plots(summary: Summary, driven: Sequence[tuple[int, ScoredJob]]) -> list[Plot]:
@@ -124,20 +105,6 @@ def _fault_plots(driven: Sequence[tuple[int, ScoredJob]]) -> list[Plot]:
     return [Plot("suite-faults", "Faults against error", caption, [trace], layout, width="full")]
 
 
-def _cost_plots(summary: Summary) -> list[Plot]:
-    by_kind: dict[str, list[tuple[float, float]]] = {}
-    for drive in summary.drives:
-        trajectory, score = drive.score.trajectory, drive.score.map
-        if drive.seconds is not None:
-            pairs = float(trajectory.estimate_poses if trajectory else score.pairs if score else 0)
-            by_kind.setdefault(drive.job.kind.value, []).append((pairs, drive.seconds))
-    kinds = zip(by_kind.items(), COLORS, strict=False)
-    traces = [marks(kind, _columns(rows, digits=4), color, size=6) for (kind, rows), color in kinds]
-    layout = {"xaxis": axis("pairs"), "yaxis": axis("seconds", rangemode="tozero")}
-    caption = "Time of a whole task: reading, work, score."
-    return [Plot("suite-cost", "Time of tasks", caption, traces, layout, width="full")] if traces else []
-
-
 def render_history(history: History) -> str:
     """Return the page of a history as HTML."""
     worse = "; ".join(f"{kind}: {run}" for kind, run in history.first_worse.items())
@@ -150,19 +117,17 @@ def render_history(history: History) -> str:
 
 def _history_plot(number: int, figure: str, history: History) -> Plot:
     points = [point for point in history.points if point.figure == figure]
-    rows = [(float(history.runs.index(point.run)), point.ratio) for point in points]
     bounds = [point.ci95 or (point.ratio, point.ratio) for point in points]
     low, high = (
         scaled([abs(bound[side] - point.ratio) for bound, point in zip(bounds, points, strict=True)], 1.0)
         for side in (0, 1)
     )
-    trace = marks("over baseline", _columns(rows), "@one")
+    trace = marks("over baseline", _columns([(history.runs.index(it.runs), it.ratio) for it in points]), "@one")
     trace["error_y"] = error_bars(high, low)
     layout = {"xaxis": axis("run, in the order of the table", dtick=1), "yaxis": axis("over baseline")}
     return Plot(f"history-{number}", figure, "Geometric mean over the drives, 95 % interval.", [trace], layout)
 
 
-def _columns(rows: Sequence[tuple[float, float | None]], factor: float = 1.0, digits: int = 6) -> list[Column]:
+def _columns(rows: Sequence[tuple[int, float | None]], factor: float = 1.0) -> list[Column]:
     """Return x and y of points."""
-    y = [None if value is None else float(f"{value * factor:.{digits}g}") for _, value in rows]
-    return [[x for x, _ in rows], y]
+    return [[x for x, _ in rows], scaled([y for _, y in rows], factor)]

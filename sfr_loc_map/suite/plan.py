@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import importlib.metadata
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cache
 from itertools import product
 from pathlib import Path
 
@@ -16,11 +16,11 @@ from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.inputs import hash_path
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.job import NO_CONFIGURATION, Job, JobKind, JobSource, SourceKind, digest
-from sfr_loc_map.suite.sources import remote_version
+from sfr_loc_map.suite.sources import fetch
 from sfr_loc_map.suite.specification import SuiteSpecification
 
 READER_THREADS = 8
-"""Sources that are hashed, or asked for, at a time: of many large ones this takes longer than their jobs."""
+"""Sources that are hashed, or fetched, at a time: of many large ones this takes longer than their jobs."""
 LIBRARIES = ("numpy", "numba", "scipy", "opencv-python-headless", "simplejpeg")
 """Libraries that can change a figure."""
 WITHOUT_EFFECT = frozenset({"cli", "report", "suite"})  #: Parts of the package that no figure of a job depends on.
@@ -44,11 +44,11 @@ class Refusal:
 
 
 def make_plan(
-    specification: SuiteSpecification, facts_of: Callable[[Path], SourceFacts]
+    specification: SuiteSpecification, facts_of: Callable[[Path], SourceFacts], cache: Path
 ) -> tuple[list[Job], list[Refusal]]:
     """Return the jobs of a suite in the order of its file, the same work once, and the sources that cannot be read.
 
-    Raises ConfigError if there is no job at all.
+    Remote sources are fetched into the cache. Raises ConfigError if there is no job at all.
     """
     sources = list(specification.sources)
     names = [source.name for source in sources]
@@ -57,7 +57,7 @@ def make_plan(
             sources[index] = replace(source, name="/".join(Path(source.path).parts[-3:]))
 
     with ThreadPoolExecutor(READER_THREADS) as readers:
-        found = [readers.submit(_known, source, facts_of) for source in sources]
+        found = [readers.submit(_known, source, facts_of, cache) for source in sources]
     jobs: dict[str, Job] = {}
     refusals = []
     for source, facts in zip(sources, found, strict=True):
@@ -70,9 +70,10 @@ def make_plan(
     return list(jobs.values()), refusals
 
 
-def _known(source: JobSource, facts_of: Callable[[Path], SourceFacts]) -> tuple[JobSource, tuple[JobKind, ...]]:
-    """Return a source with its hash, and the kinds of jobs that it has the data for."""
-    drive = panorama = True
+def _known(
+    source: JobSource, facts_of: Callable[[Path], SourceFacts], cache: Path
+) -> tuple[JobSource, tuple[JobKind, ...]]:
+    """Return a source that lies here, with its hash, and the kinds of jobs that it has the data for."""
     if source.kind is SourceKind.ESTIMATE:
         for path in (source.path, source.truth):
             if not Path(path).exists():
@@ -82,10 +83,9 @@ def _known(source: JobSource, facts_of: Callable[[Path], SourceFacts]) -> tuple[
     if source.kind is SourceKind.SIMULATED:
         config = build(SimulationConfig, source.settings)
         drive, panorama = config.drive.enabled, config.panorama.enabled
-    elif source.kind is SourceKind.REMOTE:
-        version = remote_version(source.path)
-        source = replace(source, sha256=source.sha256 or version, version=version)
     else:
+        if source.kind is SourceKind.REMOTE:
+            source = replace(source, kind=SourceKind.FILE, path=str(fetch(source.path, cache).absolute()))
         facts = facts_of(Path(source.path))
         drive, panorama = facts.pairs > 0, facts.nav_pairs > 0
         source = replace(source, sha256=facts.sha256)
@@ -130,7 +130,7 @@ def inspect_source(path: Path) -> SourceFacts:
     return SourceFacts(sha256=hash_path(path), pairs=pairs, nav_pairs=nav_pairs)
 
 
-@cache
+@functools.cache
 def code_fingerprint() -> str:
     """Return a hash of the code and of the versions of the libraries that can change a figure."""
     root = Path(__file__).parents[1]

@@ -12,43 +12,45 @@ from typing import TYPE_CHECKING
 
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import InputError, MissingExtraError
-from sfr_loc_map.inputs import hash_path
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.job import JobSource, SourceKind, digest
 
 if TYPE_CHECKING:
     from fsspec import AbstractFileSystem
 
-FETCHED = "fetched"  #: Folder of the copies of remote sources in the cache, a folder each.
-VERSION_FACTS = {"etag", "content-md5", "digest", "lastmodified", "last-modified", "last_modified", "mtime", "created"}
-"""What file systems name the version of a file by, in small letters."""
-
 
 def local_path(source: JobSource, cache: Path) -> Path:
-    """Return the place of a source here; a simulation is rendered once, a remote source is fetched once for all jobs.
+    """Return the place of a source here; a simulation is rendered once for all jobs."""
+    if source.kind is not SourceKind.SIMULATED:
+        return Path(source.path)
+    from sfr_loc_map.pipeline.simulate import simulate
 
-    Raises InputError if a remote source cannot be read, has changed, or has another hash.
-    """
-    if source.kind is SourceKind.SIMULATED:
-        from sfr_loc_map.pipeline.simulate import simulate
+    config = build(SimulationConfig, source.settings)
+    return _made_once(cache / f"simulated-{source.sha256}", lambda out: simulate(config, out, workers=1))
 
-        config = build(SimulationConfig, source.settings)
-        return _made_once(cache / f"simulated-{source.sha256}", lambda out: simulate(config, out, workers=1))
-    if source.kind is SourceKind.REMOTE:
+
+def fetch(url: str, cache: Path) -> Path:
+    """Return the place of the copy of a remote source; another version, as the server tells it, is fetched again."""
+    with _opened(url) as (system, path):
+        system.invalidate_cache()
+        protocols = (system.protocol,) if isinstance(system.protocol, str) else system.protocol
+        # over HTTP there are only files: what is listed are the links of a page
+        one = "http" in protocols or system.isfile(path)
+        files = {path: system.info(path)} if one else system.find(path, detail=True)
+        if not files:
+            raise FileNotFoundError(url)
         # formats are known by their endings, so the name stays
-        name = source.path.partition("?")[0].rstrip("/").rpartition("/")[2] or "source"
-        return _made_once(cache / FETCHED / source.version, lambda out: _fetch(source, out / name)) / name
-    return Path(source.path)
+        name = url.partition("?")[0].rstrip("/").rpartition("/")[2] or "source"
 
+        def get(folder: Path) -> None:
+            folder.mkdir()
+            if one:
+                system.get_file(path, str(folder / name))
+            else:
+                system.get(path.rstrip("/") + "/", f"{folder / name}/", recursive=True)
 
-def trim_copies(cache: Path, limit_bytes: int) -> None:
-    """Remove the copies of remote sources that were made longest ago, beyond a size of all together."""
-    copies = [path for path in (cache / FETCHED).glob("*") if path.is_dir()]
-    total = 0
-    for copy in sorted(copies, key=lambda path: path.stat().st_mtime, reverse=True):
-        total += sum(item.stat().st_size for item in copy.rglob("*") if item.is_file())
-        if total > limit_bytes:
-            shutil.rmtree(copy)
+        version = digest([url, [[place, str(facts)] for place, facts in sorted(files.items())]])
+        return _made_once(cache / "fetched" / version, get) / name
 
 
 def _made_once(target: Path, make: Callable[[Path], object]) -> Path:
@@ -68,66 +70,16 @@ def _made_once(target: Path, make: Callable[[Path], object]) -> Path:
 
 
 def expand(url: str) -> list[str]:
-    """Return the URLs that match one with `*`, `?` or `[`; one without is returned as it is.
-
-    Raises InputError if the server does not answer.
-    """
+    """Return the URLs that match one with `*`, `?` or `[`; one without is returned as it is."""
     if not any(sign in url.partition("://")[2] for sign in "*?["):
         return [url]
     with _opened(url) as (system, path):
         return sorted(system.unstrip_protocol(name) for name in system.glob(path))
 
 
-def remote_version(url: str) -> str:
-    """Return a hash of the place of a source and of what its server tells of each file: size, ETag, Last-Modified.
-
-    Raises InputError if there is nothing, the server does not answer, or it tells no size or no version.
-    """
-    with _opened(url) as (system, path):
-        system.invalidate_cache()
-        if _is_file(system, path):
-            files = {"": system.info(path)}
-        else:
-            root = system._strip_protocol(path)
-            files = {name.removeprefix(root): facts for name, facts in system.find(path, detail=True).items()}
-        if not files:
-            raise FileNotFoundError(url)
-    listed = []
-    for name, facts in sorted(files.items()):
-        told = {key: str(value) for key, value in facts.items() if value and key.lower() in VERSION_FACTS}
-        if facts.get("size") is None or not told:
-            raise InputError(
-                f"'{url}': the server tells no size or no version (ETag, Last-Modified); download it and give its path"
-            )
-        listed.append([name, int(facts["size"]), told])
-    return digest([url, listed])
-
-
-def _fetch(source: JobSource, target: Path) -> None:
-    url = source.path
-    target.parent.mkdir()
-    if remote_version(url) != source.version:
-        raise InputError(f"'{url}' has changed since the suite was planned: run the suite again")
-    with _opened(url) as (system, path):
-        if _is_file(system, path):
-            system.get_file(path, str(target))
-        else:
-            system.get(path.rstrip("/") + "/", str(target) + "/", recursive=True)
-    if source.content_sha256 and (found := hash_path(target)) != source.content_sha256:
-        raise InputError(
-            f"'{url}' has the SHA-256 {found}, the suite's file says {source.content_sha256}: correct one of them"
-        )
-
-
-def _is_file(system: AbstractFileSystem, path: str) -> bool:
-    """Tell whether a source is one file; over HTTP there are no others, what is listed are the links of a page."""
-    protocols = (system.protocol,) if isinstance(system.protocol, str) else system.protocol
-    return "http" in protocols or bool(system.isfile(path))
-
-
 @contextlib.contextmanager
 def _opened(url: str) -> Iterator[tuple[AbstractFileSystem, str]]:
-    """Yield the file system and the path of a URL; tell what a server answered, each has errors of its own."""
+    """Yield the file system and the path of a URL; every error of it is an InputError."""
     try:
         from fsspec.core import url_to_fs
 
@@ -141,8 +93,5 @@ def _opened(url: str) -> Iterator[tuple[AbstractFileSystem, str]]:
     try:
         yield opened
     except Exception as error:
-        cause = error.__cause__ or error  # a file system over HTTP says "not found" whatever was wrong
-        if isinstance(cause, FileNotFoundError) or getattr(cause, "status", None) == 404:
-            raise InputError(f"there is nothing at '{url}': give the URL of a bag or data set") from error
-        reason = " ".join(f"{type(cause).__name__}: {cause}".split())
+        reason = " ".join(f"{type(error).__name__}: {error.__cause__ or error}".split())
         raise InputError(f"cannot read '{url}': {reason}; check the URL, the network and the credentials") from error

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import difflib
 import glob
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -49,9 +47,6 @@ class SuiteSettings:
         4000, unit="MB", doc="Resident memory at which the process of a task is ended.", low=500, high=10**6
     )
     timeout_s: float = param(3600.0, unit="s", doc="Time after which a task is ended.", low=0.1, high=1e7)
-    cache_mb: int = param(
-        20000, unit="MB", doc="Size of all copies of remote sources at the start of a run.", low=1, high=10**9
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,14 +65,10 @@ class SuiteSpecification:
 
 def load_specification(path: Path) -> SuiteSpecification:
     """Read a suite's file; raises ConfigError if it cannot be read, or a key or value is not valid."""
-    content, single = load_yaml(path), flatten(SuiteSettings())
-    known = [*LISTS, "configurations", "limits", *single]
-    for key in content:
-        if key not in known:
-            close = difflib.get_close_matches(str(key), known, n=1)
-            hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(known)}"
-            raise ConfigError(f"{path}: unknown key '{key}' ({hint})")
-    lists = {name: content.get(name) or [] for name in LISTS}
+    content = load_yaml(path)
+    lists = {name: content.pop(name, None) or [] for name in LISTS}
+    configurations, limits = content.pop("configurations", None), _limits(content.pop("limits", None), path)
+    settings = build(SuiteSettings, content, origin=str(path))
     if odd := next((name for name, value in lists.items() if not isinstance(value, list)), None):
         raise ConfigError(f"{path}: '{odd}' is a {type(lists[odd]).__name__}: a list is needed")
     if not lists["sources"]:
@@ -91,11 +82,6 @@ def load_specification(path: Path) -> SuiteSpecification:
     sources: list[JobSource] = []
     for number, entry in enumerate(lists["sources"], 1):
         sources += _sources(entry, path.absolute().parent, f"{path}: source {number}")
-    far = [source.path for source in sources if source.kind is SourceKind.REMOTE]
-    if far and tasks is None:
-        raise ConfigError(f"{path}: '{far[0]}' is not read before it is run: give 'tasks', as [localise]")
-    settings = build(SuiteSettings, {key: content[key] for key in content if key in single}, origin=str(path))
-    limits = _limits(content.get("limits"), path)
     named = [Condition.parse(str(text)) for text in lists["conditions"] or ["distance=5"]]
     named += parse_limits(limits, f"{path}: limits").conditions if limits else ()
     conditions = tuple(dict.fromkeys(item.setting for item in named))
@@ -103,7 +89,7 @@ def load_specification(path: Path) -> SuiteSpecification:
         path=path,
         sources=tuple(sources),
         perturb=("", *map(str, lists["perturb"])),
-        configurations=_configurations(content.get("configurations"), path),
+        configurations=_configurations(configurations, path),
         tasks=tasks,
         scoring=TrajectoryScoreConfig(conditions, settings.spacing, settings.rebase),
         limits=limits,
@@ -113,8 +99,7 @@ def load_specification(path: Path) -> SuiteSpecification:
 
 def _sources(entry: object, folder: Path, origin: str) -> Iterator[JobSource]:
     if isinstance(entry, str) and "://" in entry:
-        urls = expand(entry)
-        if not urls:
+        if not (urls := expand(entry)):
             raise ConfigError(f"source '{entry}': nothing there matches; give an existing URL or glob")
         yield from (_source(SourceKind.REMOTE, url) for url in urls)
     elif isinstance(entry, str) and entry:
@@ -125,17 +110,11 @@ def _sources(entry: object, folder: Path, origin: str) -> Iterator[JobSource]:
     elif isinstance(entry, Mapping) and set(entry) == {"estimate", "truth"}:
         path, truth = (str(folder / str(entry[name])) for name in ("estimate", "truth"))
         yield _source(SourceKind.ESTIMATE, path, truth=truth)
-    elif isinstance(entry, Mapping) and set(entry) == {"url", "sha256"}:
-        url, sha256 = str(entry["url"]), str(entry["sha256"]).lower()
-        if "://" not in url or not re.fullmatch("[0-9a-f]{64}", sha256):
-            raise ConfigError(f"{origin}: 'url' takes a URL as https://..., 'sha256' 64 hexadecimal digits")
-        yield _source(SourceKind.REMOTE, url, sha256=sha256)
     elif isinstance(entry, Mapping) and "simulate" in entry:
         yield from _simulations(entry, folder, origin)
     else:
         raise ConfigError(
-            f"{origin}: needs a path or URL, 'simulate: SCENARIO', 'estimate: EST' with 'truth: TRUTH', "
-            "or 'url: URL' with 'sha256: HASH'"
+            f"{origin}: needs a path or URL, 'simulate: SCENARIO', or 'estimate: EST' with 'truth: TRUTH'"
         )
 
 

@@ -3,7 +3,6 @@
 DIR/results/KEY.json        score of a job (sfr-score/1)
 DIR/failures/KEY.json       why a job failed
 DIR/plan.json               file of the suite, what its sources hold, its jobs in their order
-DIR/seconds.csv             how long each job took; of several lines of a key the last counts
 DIR/cache/                  simulated and fetched sources, may be deleted
 """
 
@@ -16,7 +15,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.io.atomic import atomic_path
@@ -27,9 +26,10 @@ from sfr_loc_map.suite.job import SHORT_KEY, Job
 from sfr_loc_map.suite.plan import SourceFacts, inspect_source
 
 PLAN = "plan.json"
+T = TypeVar("T")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class JobFailure:
     """A job that failed, and why."""
 
@@ -38,23 +38,16 @@ class JobFailure:
     source: str  #: Place of its source.
     cause: FailureCause
     message: str
-    tries: int
     again: str = ""  #: Command that runs it again, alone.
 
 
 class Store:
-    """The folder of a suite."""
+    """The folder of a suite: opened, or made; OutputError if it holds something else."""
 
     def __init__(self, folder: Path) -> None:
-        """Open or make a folder.
-
-        Raises:
-            OutputError: If it cannot be made, or holds something else.
-            InputError: If its plan cannot be read.
-        """
         self.folder = Path(folder)
         self.results, self.failures, self.cache = (self.folder / name for name in ("results", "failures", "cache"))
-        self._seconds, plan = self.folder / "seconds.csv", self.folder / PLAN
+        plan = self.folder / PLAN
         others = [path.name for path in self.folder.iterdir()] if self.folder.is_dir() else []
         if others and not plan.exists() and not self.results.is_dir():
             raise OutputError(f"'{folder}' holds {others[0]} and is not a folder of a suite: choose another name")
@@ -69,7 +62,7 @@ class Store:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Hold the folder for one run at a time; raises OutputError if another run holds it."""
+        """Hold the folder for one run at a time."""
         with (self.folder / ".lock").open("w") as stream:
             try:
                 fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -78,10 +71,7 @@ class Store:
             yield
 
     def facts_of(self, path: Path) -> SourceFacts:
-        """Return what a source holds; it is read once as long as its size and time of change stay.
-
-        Raises InputError if it cannot be read.
-        """
+        """Return what a source holds; it is read once as long as its size and time of change stay."""
         try:
             files = [path] if path.is_file() else [item for item in path.rglob("*") if item.is_file()]
             stats = [item.stat() for item in files]
@@ -90,13 +80,13 @@ class Store:
         stamp = [sum(item.st_size for item in stats), max((item.st_mtime_ns for item in stats), default=0)]
         known = self._plan["sources"].get(str(path.absolute()))
         if known is not None and known["stamp"] == stamp:
-            return from_plain(SourceFacts, known["facts"])
+            return _record(SourceFacts, known["facts"], self.folder / PLAN)
         facts = inspect_source(path)
         self._plan["sources"][str(path.absolute())] = {"stamp": stamp, "facts": to_plain(facts)}
         return facts
 
     def plan(self, jobs: Sequence[Job], suite: Path) -> None:
-        """Take the jobs of a suite's file as it is now; raises OutputError if they cannot be written."""
+        """Take the jobs of a suite's file as it is now."""
         self._plan |= {"suite": str(suite.absolute()), "jobs": to_plain(jobs)}
         with atomic_path(self.folder / PLAN) as temporary:
             temporary.write_text(json_line(self._plan), encoding="utf-8")
@@ -110,52 +100,44 @@ class Store:
         return (self.failures / f"{key}.json").is_file()
 
     def score(self, key: str) -> Score:
-        """Return the score of a job; raise InputError if its file cannot be read."""
+        """Return the score of a job."""
         path = self.results / f"{key}.json"
         return from_dict(_read(path), f"'{path}'")
 
     def failure(self, key: str) -> JobFailure:
-        """Return why a job failed; raise InputError if its file cannot be read."""
+        """Return why a job failed."""
+        out, only = str(self.folder.absolute()), key[:SHORT_KEY]
+        command = ("sfr", "suite", "run", self._plan["suite"], "--out", out, "--only", only)
         path = self.failures / f"{key}.json"
-        try:
-            failure = from_plain(JobFailure, _read(path))
-        except RecordError as error:
-            raise InputError(f"cannot read '{path}': {error}; delete it and run the suite again") from error
-        folder, only = str(self.folder.absolute()), key[:SHORT_KEY]
-        command = ("sfr", "suite", "run", self._plan["suite"], "--out", folder, "--only", only)
-        return replace(failure, again=shlex.join(command))
+        return replace(_record(JobFailure, _read(path), path), again=shlex.join(command))
 
     def save(self, job: Job, outcome: JobOutcome) -> None:
-        """Keep what came of a job, whole or not at all; raises OutputError if it cannot be written."""
+        """Keep what came of a job, whole or not at all."""
         failed = self.failures / f"{job.key}.json"
         if outcome.result is not None:
             with atomic_path(self.results / f"{job.key}.json") as temporary:
                 temporary.write_text(outcome.result, encoding="utf-8")
             failed.unlink(missing_ok=True)
-            with self._seconds.open("a", encoding="utf-8") as stream:
-                stream.write(f"{job.key},{outcome.seconds!r}\n")
             return
         assert outcome.cause is not None
-        failure = JobFailure(
-            key=job.key,
-            label=job.label,
-            source=job.source.path,
-            cause=outcome.cause,
-            message=outcome.message,
-            tries=outcome.tries,
-        )
+        failure = JobFailure(job.key, job.label, job.source.path, outcome.cause, outcome.message)
         with atomic_path(failed) as temporary:
             temporary.write_text(json_line(failure), encoding="utf-8")
 
-    def entries(self) -> list[tuple[Job, str, float | None]]:
-        """Return the jobs of the suite in its order, each with `done`, `failed` or `waiting`, and how long it took."""
-        lines = self._seconds.read_text(encoding="utf-8").splitlines() if self._seconds.is_file() else []
-        seconds = {key: float(text) for key, _, text in (line.partition(",") for line in lines)}
-        entries = []
-        for job in (from_plain(Job, item) for item in self._plan["jobs"]):
-            state = "done" if self.is_done(job.key) else "failed" if self.has_failed(job.key) else "waiting"
-            entries.append((job, state, seconds.get(job.key)))
-        return entries
+    def entries(self) -> list[tuple[Job, str]]:
+        """Return the jobs of the suite in its order, each with `done`, `failed` or `waiting`."""
+        jobs = (_record(Job, item, self.folder / PLAN) for item in self._plan["jobs"])
+        return [
+            (job, "done" if self.is_done(job.key) else "failed" if self.has_failed(job.key) else "waiting")
+            for job in jobs
+        ]
+
+
+def _record(kind: type[T], value: object, path: Path) -> T:
+    try:
+        return from_plain(kind, value)
+    except RecordError as error:
+        raise InputError(f"cannot read '{path}': {error}; delete it and run the suite again") from error
 
 
 def _read(path: Path) -> dict[str, Any]:

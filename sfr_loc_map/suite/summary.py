@@ -33,10 +33,9 @@ SEED = 20260101
 
 @dataclass(frozen=True, slots=True)
 class ScoredJob:
-    """A job with its score, and how long it took; None where this is not known."""
+    """A job with its score."""
 
     job: Job
-    seconds: float | None
     score: Score
 
     @property
@@ -61,7 +60,6 @@ class ScoredJob:
             "configuration": job.configuration,
             "faults": job.faults,
             "repeat": job.repeat,
-            "seconds": self.seconds,
         }
 
 
@@ -69,12 +67,12 @@ class ScoredJob:
 class PooledCondition:
     """Errors over the sub-trajectories of one condition of all drives."""
 
-    condition: Condition  #: What ends a sub-trajectory.
-    drives: int  #: Drives with at least two of them.
+    condition: Condition
+    drives: int  #: Drives with at least two sub-trajectories.
     count: int  #: Sub-trajectories.
-    position_m: IntervalStatistic  #: Position error.
-    attitude_deg: IntervalStatistic  #: Attitude error.
-    heading_deg: IntervalStatistic  #: Heading error; the mean is taken without its sign.
+    position_m: IntervalStatistic
+    attitude_deg: IntervalStatistic
+    heading_deg: IntervalStatistic  #: The mean is taken without its sign.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,38 +136,31 @@ class Summary:
 
     def to_dict(self) -> dict[str, object]:
         """Return it as JSON values; of each drive its key, names, verdicts, and where its score stands."""
-        return {
-            "schema": SCHEMA,
-            "version": __version__,
-            "code": self.code,
-            "counts": self.counts,
-            "verdict": to_plain(self.verdict),
-            "groups": to_plain(self.groups),
-            "drives": [
-                drive.names() | {"file": f"results/{drive.job.key}.json", "verdicts": to_plain(drive.score.verdicts)}
-                for drive in self.drives
-            ],
-            "failures": to_plain(self.failures),
-            "refusals": to_plain(self.refusals),
-        }
+        parts = {name: to_plain(getattr(self, name)) for name in ("verdict", "groups", "failures", "refusals")}
+        drives = [
+            drive.names() | {"file": f"results/{drive.job.key}.json", "verdicts": to_plain(drive.score.verdicts)}
+            for drive in self.drives
+        ]
+        head = {"schema": SCHEMA, "version": __version__, "code": self.code, "counts": self.counts}
+        return head | parts | {"drives": drives}
 
 
 def summarise(store: Store, refusals: Sequence[Refusal] = ()) -> Summary:
-    """Return what follows from the results of a suite's folder; raise InputError if one cannot be read."""
+    """Return what follows from the results of a suite's folder."""
     entries = store.entries()
-    limits = next((parse_limits(job.limits, "limits") for job, _, _ in entries if job.limits), None)
+    limits = next((parse_limits(job.limits, "limits") for job, _ in entries if job.limits), None)
     drives = []
-    for job, state, seconds in entries:
+    for job, state in entries:
         if state == "done":
             score = store.score(job.key)
             judged = () if limits is None else tuple(item for item in verdicts(limits, score) if _applies(item, score))
-            drives.append(ScoredJob(job, seconds, replace(score, verdicts=judged)))
+            drives.append(ScoredJob(job, replace(score, verdicts=judged)))
     return Summary(
         tasks=len(entries),
-        waiting=sum(state == "waiting" for _, state, _ in entries),
+        waiting=sum(state == "waiting" for _, state in entries),
         groups=tuple(groups_of(drives, limits)),
         drives=tuple(drives),
-        failures=tuple(store.failure(job.key) for job, state, _ in entries if state == "failed"),
+        failures=tuple(store.failure(job.key) for job, state in entries if state == "failed"),
         refusals=tuple(refusals),
         code=entries[0][0].code if entries else "",
     )
@@ -265,10 +256,7 @@ def pool(scores: Sequence[ConditionScore]) -> PooledCondition:
 
 
 def pooled_statistic(drives: Sequence[tuple[int, Sequence[Statistic]]]) -> IntervalStatistic:
-    """Return mean, sigma and mean + 3 sigma of all values, with the interval of the last.
-
-    Of each drive there are its count and the statistics of its components; one with fewer than two values is left out.
-    """
+    """Return mean, sigma and mean + 3 sigma of all values: of each drive its count and statistics by component."""
     used = [(n, parts) for n, parts in drives if n > 1]
     if not used:
         return IntervalStatistic(mean=None, sigma=None, mean_plus_3sigma=None, mean_plus_3sigma_ci95=None)

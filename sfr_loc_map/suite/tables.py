@@ -16,7 +16,6 @@ from sfr_loc_map.report.tables import (
     MILLISECOND,
     NONE,
     PERCENT,
-    SECOND,
     Cell,
     Column,
     Table,
@@ -30,11 +29,8 @@ PAGES = "pages"  #: Folder of the pages of single results, beside the page of th
 MAX_PAGES = 200  #: Pages of the worst results; of the others the score is there, of which `sfr report` makes a page.
 HEAD, WORDS, INTERVAL, VERDICT, FILE, SHOWN = "head", "words", "interval", "verdict", "file", "shown"
 """Kinds of columns without one unit; of `SHOWN` each row names its own."""
-Kind = Unit | str
-Columns = tuple[tuple[str, Kind, str], ...]
+Columns = tuple[tuple[str, Unit | str, str], ...]
 """Title, unit or kind, and the keys that lead to the value in a row, joined by dots."""
-NOT_IN_FILE = ("number", "missed", "seconds", "largest")
-"""Figures of a row that do not stand in the file that it is about."""
 GROUPS: Columns = (
     ("number", NONE, "number"),
     ("task", HEAD, "task"),
@@ -78,7 +74,6 @@ DRIVES: Columns = (
     ("pairs", NONE, "trajectory.matched"),
     ("call p95", MILLISECOND, "timing.localisation_s.p95"),
     ("peak", MIB, "memory.localisation_peak_bytes"),
-    ("task", SECOND, "seconds"),
     ("limits missed", NONE, "missed"),
     ("result", FILE, "key"),
 )
@@ -93,18 +88,19 @@ MAPS: Columns = (
 FAILURES: Columns = (
     ("task", HEAD, "label"),
     ("cause", WORDS, "cause"),
-    ("tries", NONE, "tries"),
     ("message", WORDS, "message"),
-    ("again", WORDS, "again"),
     ("result", FILE, "key"),
 )
-COMPARISON: Columns = (
-    ("runs", HEAD, "runs"),
-    ("figure", WORDS, "figure"),
+RATIO: Columns = (
     ("drives", NONE, "drives"),
     ("ratio", NONE, "ratio"),
     ("95 % interval", INTERVAL, "ci95"),
     ("p", NONE, "p"),
+)
+COMPARISON: Columns = (
+    ("runs", HEAD, "runs"),
+    ("figure", WORDS, "figure"),
+    *RATIO,
     ("p, corrected", NONE, "p_corrected"),
     ("the other is", WORDS, "outcome"),
     ("largest ratio", NONE, "largest"),
@@ -112,13 +108,9 @@ COMPARISON: Columns = (
 )
 HISTORY: Columns = (
     ("figure", HEAD, "figure"),
-    ("run", WORDS, "run"),
-    ("drives", NONE, "drives"),
-    ("median", NONE, "median"),
+    ("run", WORDS, "runs"),
     ("baseline", WORDS, "baseline"),
-    ("ratio", NONE, "ratio"),
-    ("95 % interval", INTERVAL, "ci95"),
-    ("p", NONE, "p"),
+    *RATIO,
     ("is", WORDS, "outcome"),
 )
 
@@ -132,70 +124,57 @@ def _table(name: str, title: str, columns: Columns, rows: Iterable[Mapping[str, 
     return Table(name, title, heads, cells, note)
 
 
-def _cell(row: Mapping[str, Any], kind: Kind, keys: str) -> Cell:
-    """Return the cell of a row; `place` of the row, before the keys, is where its figures stand in their file."""
+def _cell(row: Mapping[str, Any], kind: Unit | str, keys: str) -> Cell:
     value: Any = row
     for key in keys.split("."):
         value = value.get(key) if isinstance(value, Mapping) else None
-    place = "" if keys in NOT_IN_FILE else f"{row.get('place', '')}{keys}"
     text = ABSENT if value in (None, "") else str(value)
+    if isinstance(kind, Unit) or kind == SHOWN:
+        return Cell.number(value, keys, kind if isinstance(kind, Unit) else row["shown"], ABSENT)
+    if kind == INTERVAL:
+        return Cell.interval(value, keys, row.get("shown", NONE))
     if kind == HEAD:
         return replace(Cell.head(text), link=row.get("link", ""))
     if kind == FILE:
         return Cell(text[:SHORT_KEY], link="" if text == ABSENT else f"{row.get('folder', 'results')}/{text}.json")
-    if kind == INTERVAL:
-        return Cell.interval(value, place, row.get("shown", NONE))
-    if kind == SHOWN:
-        return Cell.number(value, place, row["shown"], ABSENT)
-    if isinstance(kind, Unit):
-        return Cell.number(value, place, kind, ABSENT)
     return Cell.verdict(text) if kind == VERDICT else Cell(text)
 
 
-def suite_tables(summary: Summary, *, commands: bool = False) -> list[Table]:
-    """Return the tables of a suite: counts, verdicts, pooled errors, drives from the worst on, failures.
-
-    With `commands` each failure has the command that repeats it, which is too long for a terminal's table.
-    """
-    counts: Columns = tuple((name, NONE, f"counts.{name}") for name in summary.counts)
-    refused = {"counts": summary.counts, "refusals": len(summary.refusals)}
+def suite_tables(summary: Summary) -> list[Table]:
+    """Return the tables of a suite: counts, verdicts, pooled errors, drives from the worst on, failures."""
     groups, verdicts, pooled = [], [], []
-    for number, group in enumerate(summary.groups):
-        place, runs = f"groups.{number}.", _joined(group.task, group.configuration, group.faults)
+    for number, group in enumerate(summary.groups, 1):
+        runs = _joined(group.task, group.configuration, group.faults)
         head = {"runs": runs, "link": "suite.json"}
-        row = {**to_plain(group), **head, "place": place, "number": number + 1, "faults": group.faults or "none"}
+        row = {**to_plain(group), **head, "number": number, "faults": group.faults or "none"}
         groups.append(row if group.conditions else row | {"matched": None, "lost": None})  # maps have no frames
-        for index, item in enumerate(group.verdicts):
+        for item in group.verdicts:
             figure = item.metric if item.condition is None else f"{item.metric} over {item.condition.label}"
-            verdicts.append({**to_plain(item), **head, "place": f"{place}verdicts.{index}.", "figure": figure})
-        for index, part in enumerate(group.conditions):
+            verdicts.append({**to_plain(item), **head, "figure": figure})
+        for part in group.conditions:
             for key, unit in (("position_m", METRE), ("attitude_deg", DEGREE), ("heading_deg", DEGREE)):
                 figures = to_plain(getattr(part, key))
                 shown = MILLIMETRE if unit is METRE and (figures["mean_plus_3sigma"] or 0.0) < 1.0 else unit
                 named = {"over": part.condition.label, "error": key.partition("_")[0], "unit": shown.symbol}
-                counted = {"count": part.count, "drives": part.drives, "shown": shown}
-                pooled.append(figures | head | named | counted | {"place": f"{place}conditions.{index}.{key}."})
-    failures = [to_plain(item) for item in summary.failures]
-    failures += [
-        {"label": item.path, "cause": "source refused", "tries": 0, "message": item.reason} for item in summary.refusals
-    ]
+                pooled.append(figures | head | named | {"count": part.count, "drives": part.drives, "shown": shown})
+    failures = [to_plain(item) | {"folder": "failures"} for item in summary.failures]
+    failures += [{"label": item.path, "cause": "source refused", "message": item.reason} for item in summary.refusals]
     pages = {drive.job.key for drive in linked(summary)}
     maps = [_row(drive, pages) for drive in summary.drives if drive.score.map is not None]
     maps.sort(key=lambda row: -((row["map"].get("point_error_m") or {}).get("mean_plus_3sigma") or 0.0))
-    drives = [_row(drive, pages) for drive in worst_first(summary)]
+    counts = summary.counts | {"sources refused": len(summary.refusals)}
     of_verdicts = "Pooled: the sub-trajectories of all drives are one sample. Worst drive: the figure cannot be pooled."
     of_pooled = "95 % interval of mean + 3 sigma by resampling whole drives; it needs five of them."
-    of_drives = "Errors over the sub-trajectories of the first condition. "
-    of_drives += "A drive links to its page, a result to the file."
-    of_failures = FAILURES if commands else tuple(column for column in FAILURES if column[0] != "again")
+    of_drives = "Errors over the sub-trajectories of the first condition."
+    drives = [_row(drive, pages) for drive in worst_first(summary)]
     tables = (
-        _table("counts", "Tasks", (*counts, ("sources refused", NONE, "refusals")), [refused]),
+        _table("counts", "Tasks", tuple((name, NONE, name) for name in counts), [counts]),
         _table("verdicts", "Verdicts over all drives", VERDICTS, verdicts, of_verdicts),
         _table("groups", "Runs", GROUPS, groups, "Drives of one number were run alike."),
         _table("pooled", "Errors over the sub-trajectories of all drives", POOLED, pooled, of_pooled),
         _table("maps", "Maps, the worst first", MAPS, maps),
         _table("drives", "Drives, the worst first", DRIVES, drives, of_drives),
-        _table("failures", "Failures", of_failures, [row | {"folder": "failures"} for row in failures]),
+        _table("failures", "Failures", FAILURES, failures),
     )
     return [table for table in tables if table.rows]
 

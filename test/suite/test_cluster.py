@@ -23,6 +23,7 @@ EXPECTED = {
     "flaky": (None, 3, ""),
     "good": (None, 1, ""),
 }
+"""Cause, tries and message by what a job does."""
 
 
 @pytest.mark.slow
@@ -34,14 +35,11 @@ def test_each_fails_for_its_cause_and_no_other_with_it(tmp_path: Path) -> None:
     with connected(SuiteSettings(memory_mb=600), workers=2, scheduler=None) as client:
         client.register_plugin(Misbehaving())
         found = {job.source.name: outcome for job, outcome in run_jobs(client, jobs, 2.5, tmp_path)}
-    assert {name: (outcome.cause, outcome.tries) for name, outcome in found.items()} == {
-        name: expected[:2] for name, expected in EXPECTED.items()
-    }
-    for name, (cause, _, words) in EXPECTED.items():
+    for name, (cause, tries, words) in EXPECTED.items():
+        assert found[name].cause == cause, name
         assert (found[name].result is None) == (cause is not None)
         assert words in found[name].message
-    tries = {name: (tmp_path / name).stat().st_size for name in EXPECTED}
-    assert tries == {"memory": 3, "hang": 3, "crash": 3, "input": 1, "fault": 3, "flaky": 3, "good": 1}
+        assert (tmp_path / name).stat().st_size == tries
 
 
 def test_no_scheduler_is_told() -> None:

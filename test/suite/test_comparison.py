@@ -40,7 +40,7 @@ def scaled(score: Score, factor: float) -> Score:
 
 def summary(score: Score, factors: dict[str, float]) -> Summary:
     drives = tuple(
-        ScoredJob(replace(JOB, source=replace(JOB.source, name=name, sha256=name)), None, scaled(score, factor))
+        ScoredJob(replace(JOB, source=replace(JOB.source, name=name, sha256=name)), scaled(score, factor))
         for name, factor in factors.items()
     )
     return Summary(tasks=len(drives), waiting=0, groups=(), drives=drives, failures=(), refusals=(), code="")
@@ -123,7 +123,7 @@ def test_the_first_worse_run_is_named_and_a_better_one_is_the_new_baseline() -> 
     rows = errors(rng)
     factors = {"a": 1.0, "b": 1.0, "c": 0.8, "d": 0.92, "e": 1.3}
     history = find_changes([run_of(name, factor * rows) for name, factor in factors.items()])
-    by_run = {point.run: point for point in history.points}
+    by_run = {point.runs: point for point in history.points}
     assert [by_run[name].outcome for name in "bcde"] == [*(Outcome.EQUAL, Outcome.BETTER, Outcome.WORSE, Outcome.WORSE)]
     assert (by_run["c"].baseline, by_run["d"].baseline) == ("a", "c")
     assert by_run["d"].ratio == pytest.approx(0.92 / 0.8)

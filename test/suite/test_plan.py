@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from sfr_loc_map.errors import ConfigError, InputError
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.suite.job import Job, JobKind, SourceKind
 from sfr_loc_map.suite.plan import Refusal, SourceFacts, make_plan
 from sfr_loc_map.suite.specification import load_specification
@@ -23,7 +23,7 @@ def facts(path: Path) -> SourceFacts:
 def plan_of(folder: Path, **content: object) -> tuple[list[Job], list[Refusal]]:
     suite = folder / "suite.yaml"
     suite.write_text(yaml.safe_dump(content))
-    return make_plan(load_specification(suite), facts)
+    return make_plan(load_specification(suite), facts, folder / "cache")
 
 
 def test_every_combination_once(tmp_path: Path) -> None:
@@ -88,24 +88,12 @@ def test_the_key_follows_from_what_the_result_depends_on(tmp_path: Path) -> None
     assert plan_of(tmp_path, sources=["drive1"])[0][0].key != job.key
 
 
-def test_sources_elsewhere_are_known_by_their_version_or_their_content(tmp_path: Path) -> None:
+def test_a_source_elsewhere_is_known_by_its_content(tmp_path: Path) -> None:
     memory = pytest.importorskip("fsspec", reason="needs the extra [suite]").filesystem("memory")
-    memory.pipe("/plan/a.mcap", b"a")
-    url, known = "memory://plan/a.mcap", {"url": "memory://plan/a.mcap", "sha256": "0A" * 32}
-    with pytest.raises(ConfigError, match="give 'tasks'"):
-        plan_of(tmp_path, sources=[url])
-    with pytest.raises(ConfigError, match="64 hexadecimal"):
-        plan_of(tmp_path, sources=[known | {"sha256": "1"}], tasks=["localise"])
-    (job,) = plan_of(tmp_path, sources=[url], tasks=["localise"])[0]
-    assert (job.source.name, job.source.kind, job.source.content_sha256) == ("a.mcap", SourceKind.REMOTE, "")
-    (same,) = plan_of(tmp_path, sources=[url], tasks=["localise"])[0]
-    assert same.key == job.key
-    memory.pipe("/plan/a.mcap", b"other")
-    (changed,) = plan_of(tmp_path, sources=[url], tasks=["localise"])[0]
-    assert changed.key != job.key
-    (content,) = plan_of(tmp_path, sources=[known], tasks=["localise"])[0]
-    here = replace(content, source=replace(content.source, kind=SourceKind.FILE, path="a.mcap", version=""))
-    assert content.key == here.key
-    assert content.pairing == here.pairing
-    (refusal,) = plan_of(tmp_path, sources=["memory://plan/missing"], tasks=["localise"])[1]
-    assert "there is nothing" in refusal.reason
+    memory.pipe("/plan/drive.mcap", b"content")
+    (job,) = plan_of(tmp_path, sources=["memory://plan/drive.mcap"])[0]
+    assert Path(job.source.path).read_text() == "content"
+    (tmp_path / "drive1").write_text("content")
+    assert plan_of(tmp_path, sources=["drive1"])[0][0].key == job.key
+    (refusal,) = plan_of(tmp_path, sources=["memory://plan/missing"])[1]
+    assert "cannot read 'memory://plan/missing'" in refusal.reason
