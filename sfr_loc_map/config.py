@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
@@ -141,7 +141,7 @@ def build(config_type: type[C], values: Mapping[str, Any], *, origin: str = "con
     """
     flat = _flatten_mapping(values)
     known = {info.name: info for info in parameters(config_type)}
-    problems = [f"unknown key '{name}'{_suggestion(name, known)}" for name in flat if name not in known]
+    problems = [f"unknown key '{name}'{suggestion(name, known)}" for name in flat if name not in known]
     checked: dict[str, Any] = {}
     for name, value in flat.items():
         if name in known:
@@ -220,7 +220,8 @@ def _is_a(kind: type, value: Any) -> bool:  # noqa: ANN401 - any parameter type
     return isinstance(value, (int, float) if kind is float else kind)
 
 
-def _suggestion(name: str, known: Mapping[str, Any]) -> str:
+def suggestion(name: str, known: Collection[str]) -> str:
+    """Return what was meant by an unknown name, in brackets."""
     close = difflib.get_close_matches(name, known, n=1)
     return f" (did you mean '{close[0]}'?)" if close else f" (known: {', '.join(sorted(known)[:8])}, ...)"
 

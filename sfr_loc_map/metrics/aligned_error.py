@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import (
     matrix_from_quat,
     quat_conjugate,
@@ -25,21 +25,14 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics.association import nearest_stamps, unique_rows
 from sfr_loc_map.metrics.config import AlignedErrorConfig, Condition, ConditionKind
-from sfr_loc_map.metrics.score import AlignedError, AlignedErrors, Alignment, AlignmentTransform, ErrorStatistics
+from sfr_loc_map.metrics.score import AlignedError, AlignedErrors, AlignmentTransform, ErrorStatistics
 
 TEXTS = {
-    Alignment.NONE: "not aligned",
-    Alignment.ORIGIN: "aligned at the first pose",
-    Alignment.SE3: "se3 aligned (rotation and translation by Umeyama)",
-    Alignment.SIM3: "sim3 aligned (scale, rotation, translation by Umeyama)",
+    "none": "not aligned",
+    "origin": "aligned at the first pose",  # `T_gt(0) inv(T_est(0))`
+    "se3": "se3 aligned (rotation and translation by Umeyama)",
+    "sim3": "sim3 aligned (scale, rotation, translation by Umeyama)",
 }
-
-
-class Poses(NamedTuple):
-    """Positions `(N, 3)`, m, and unit quaternions `(N, 4)`, scalar last."""
-
-    positions: FloatArray
-    quats: FloatArray
 
 
 class Similarity(NamedTuple):
@@ -51,11 +44,10 @@ class Similarity(NamedTuple):
 
 
 class AlignedPoses(NamedTuple):
-    """Paired poses after the alignment, stamps of the estimate, and what was applied to it (None for `none`)."""
+    """Paired poses after the alignment, with unit quaternions, and what was applied to it (None for `none`)."""
 
-    estimate: Poses
-    truth: Poses
-    stamps_ns: IntArray
+    estimate: Trajectory
+    truth: Trajectory
     similarity: Similarity | None
 
     def errors_m(self) -> FloatArray:
@@ -76,14 +68,32 @@ def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedError
     # relative: E = inv(inv(Q_i) Q_j) inv(P_i) P_j, Q the truth, P the estimate; the next motion begins at j
     ends = _ends(poses.estimate.positions, delta)
     (true_move, true_turn), (move, turn) = (_motions(each, ends) for each in (poses.truth, poses.estimate))
-    pairs = f"{len(poses.stamps_ns)} poses paired by the nearest stamp within {config.max_difference_s:g} s"
-    texts = f"APE (ATE), {{0}}, {pairs}", f"RPE over {length}, consecutive, {{0}}, {pairs}"
-    absolute_turns = quat_multiply(quat_conjugate(poses.truth.quats), poses.estimate.quats)
-    relative_turns, moves_m = quat_multiply(quat_conjugate(true_turn), turn), np.linalg.norm(move - true_move, axis=1)
-    return AlignedErrors(
-        ape=_record(poses.errors_m(), absolute_turns, texts[0], config, poses.similarity),
-        rpe=_record(moves_m, relative_turns, texts[1], config, poses.similarity, delta),
-    )
+    errors = {
+        "APE (ATE)": (poses.errors_m(), poses.truth.quats_xyzw, poses.estimate.quats_xyzw),
+        f"RPE over {length}, consecutive": (np.linalg.norm(move - true_move, axis=1), true_turn, turn),
+    }
+    transform, records = None, []
+    if (similarity := poses.similarity) is not None:
+        quat, place = quat_from_matrix(similarity.rotation), tuple(similarity.translation.tolist())
+        transform = AlignmentTransform(scale=similarity.scale, quat_xyzw=tuple(quat.tolist()), translation_m=place)
+    pairs = f"{len(poses.truth)} poses paired by the nearest stamp within {config.max_difference_s:g} s"
+    for (name, (errors_m, true_quats, quats)), over in zip(errors.items(), (None, delta), strict=True):
+        turns = quat_multiply(quat_conjugate(true_quats), quats)
+        angles = 2.0 * np.arctan2(np.linalg.norm(turns[:, :3], axis=1), np.abs(turns[:, 3]))
+        record = AlignedError(
+            description=f"{name}, {TEXTS[config.align]}, {pairs}",
+            alignment=config.align,
+            association="nearest stamp",
+            max_difference_s=config.max_difference_s,
+            delta=over,
+            count=len(errors_m),
+            unit="m",
+            translation=_statistics(errors_m),
+            rotation_deg=_statistics(np.degrees(angles)),
+            transform=transform,
+        )
+        records.append(record)
+    return AlignedErrors(ape=records[0], rpe=records[1])
 
 
 def aligned_poses(estimate: Trajectory, truth: Trajectory, config: AlignedErrorConfig) -> AlignedPoses:
@@ -101,32 +111,31 @@ def aligned_poses(estimate: Trajectory, truth: Trajectory, config: AlignedErrorC
         short = np.flatnonzero(difference <= round(config.max_difference_s * NS_PER_S))
         long = nearest[short]
     mine, theirs = (long, short) if estimate_is_longer else (short, long)
-    est_rows, gt_rows = est_rows[mine], gt_rows[theirs]
-    if not len(est_rows):
+    if not len(mine):
         raise MetricsError(
             f"no stamps of estimate and truth are within {config.max_difference_s:g} s of each other, so that there is "
             "no APE: give another --max-difference, or leave --align out"
         )
-    est = Poses(estimate.positions[est_rows], quat_normalised(estimate.quats_xyzw[est_rows]))
-    true = Poses(truth.positions[gt_rows], quat_normalised(truth.quats_xyzw[gt_rows]))
-    alignment, similarity = Alignment(config.align), None
-    if alignment is Alignment.ORIGIN:
-        turn = quat_multiply(true.quats[0], quat_conjugate(est.quats[0]))
+    est, true = (
+        Trajectory(each.stamps_ns[rows], each.positions[rows], quat_normalised(each.quats_xyzw[rows]))
+        for each, rows in ((estimate, est_rows[mine]), (truth, gt_rows[theirs]))
+    )
+    similarity = None
+    if config.align == "origin":
+        turn = quat_multiply(true.quats_xyzw[0], quat_conjugate(est.quats_xyzw[0]))
         translation = true.positions[0] - quat_rotate(turn, est.positions[0])
         similarity = Similarity(1.0, matrix_from_quat(turn), translation)
-    elif alignment is not Alignment.NONE:
-        similarity = umeyama(est.positions, true.positions, with_scale=alignment is Alignment.SIM3)
+    elif config.align != "none":
+        similarity = umeyama(est.positions, true.positions, with_scale=config.align == "sim3")
     if similarity is not None:
-        turned = quat_multiply(quat_from_matrix(similarity.rotation), est.quats)
+        turned = quat_multiply(quat_from_matrix(similarity.rotation), est.quats_xyzw)
         moved = (similarity.scale * est.positions) @ similarity.rotation.T + similarity.translation
-        est = Poses(np.asarray(moved), turned)
-    return AlignedPoses(est, true, estimate.stamps_ns[est_rows], similarity)
+        est = Trajectory(est.stamps_ns, np.asarray(moved), turned)
+    return AlignedPoses(est, true, similarity)
 
 
 def umeyama(points: FloatArray, targets: FloatArray, *, with_scale: bool) -> Similarity:
-    """Return the similarity that takes points `(N, 3)` nearest to their targets: `min sum |target - (s R p + t)|^2`.
-
-    Equations of Umeyama 1991; without scale it is 1.
+    """Return the similarity that takes points `(N, 3)` nearest to their targets (equations of Umeyama 1991).
 
     MetricsError if the points lie on a line or in one place, so that no rotation follows from them.
     """
@@ -144,11 +153,11 @@ def umeyama(points: FloatArray, targets: FloatArray, *, with_scale: bool) -> Sim
     return Similarity(scale, rotation, mean_t - scale * (rotation @ mean_p))  # equation 41
 
 
-def _motions(poses: Poses, ends: NDArray[np.intp]) -> Poses:
-    """Return the motions `inv(T_i) T_j` from each end to the next."""
+def _motions(poses: Trajectory, ends: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+    """Return positions and quaternions of the motions `inv(T_i) T_j` from each end to the next."""
     i, j = ends[:-1], ends[1:]
-    back = quat_conjugate(poses.quats[i])
-    return Poses(quat_rotate(back, poses.positions[j] - poses.positions[i]), quat_multiply(back, poses.quats[j]))
+    back = quat_conjugate(poses.quats_xyzw[i])
+    return quat_rotate(back, poses.positions[j] - poses.positions[i]), quat_multiply(back, poses.quats_xyzw[j])
 
 
 def _ends(positions: FloatArray, delta: Condition) -> NDArray[np.intp]:
@@ -166,42 +175,9 @@ def _ends(positions: FloatArray, delta: Condition) -> NDArray[np.intp]:
     return np.array(ends, np.intp)
 
 
-def _record(
-    errors_m: FloatArray,
-    turns: FloatArray,
-    description: str,
-    config: AlignedErrorConfig,
-    similarity: Similarity | None,
-    delta: Condition | None = None,
-) -> AlignedError:
-    angles = 2.0 * np.arctan2(np.linalg.norm(turns[:, :3], axis=1), np.abs(turns[:, 3]))
-    transform = None
-    if similarity is not None:
-        quat, place = quat_from_matrix(similarity.rotation), tuple(similarity.translation.tolist())
-        transform = AlignmentTransform(scale=similarity.scale, quat_xyzw=tuple(quat.tolist()), translation_m=place)
-    alignment = Alignment(config.align)
-    return AlignedError(
-        description=description.format(TEXTS[alignment]),
-        alignment=alignment,
-        association="nearest stamp",
-        max_difference_s=config.max_difference_s,
-        delta=delta,
-        count=len(errors_m),
-        unit="m",
-        translation=_statistics(errors_m),
-        rotation_deg=_statistics(np.degrees(angles)),
-        transform=transform,
-    )
-
-
 def _statistics(errors: FloatArray) -> ErrorStatistics:
+    names = ("mean", "median", "std", "min", "max")
     if not len(errors):
-        return ErrorStatistics(rmse=None, mean=None, median=None, std=None, min=None, max=None)
-    return ErrorStatistics(
-        rmse=float(np.sqrt(np.mean(np.square(errors)))),
-        mean=float(np.mean(errors)),
-        median=float(np.median(errors)),
-        std=float(np.std(errors)),
-        min=float(np.min(errors)),
-        max=float(np.max(errors)),
-    )
+        return ErrorStatistics(rmse=None, **dict.fromkeys(names))
+    rmse = float(np.sqrt(np.mean(np.square(errors))))
+    return ErrorStatistics(rmse=rmse, **{name: float(getattr(np, name)(errors)) for name in names})

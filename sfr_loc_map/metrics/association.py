@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.quaternion_kernels import slerp, unit_quats
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -32,11 +31,9 @@ class Estimates:
     trajectory: Trajectory  #: Estimated poses of RB in DS, in any order.
     lost: Mask  #: `(N,)` bool, pose was repeated because the localiser was lost.
     degraded: Mask  #: `(N,)` bool, the localiser had a reason to doubt the pose.
-    #: `(N, 21)` float64, upper triangle of the covariance, ROS order (m^2, rad^2), NaN where not known; None if it
-    #: is known of none.
+    #: `(N, 21)` float64, upper triangle, ROS order (m^2, rad^2), NaN where not known; None if known of none.
     covariance: FloatArray | None
-    #: `(N, 27)` float64, step to each pose (see `metrics.consistency`), NaN where not known; None if it is known of
-    #: none.
+    #: `(N, 27)` float64, step to each pose (see `metrics.consistency`), alike.
     steps: FloatArray | None = None
 
     @classmethod
@@ -48,19 +45,9 @@ class Estimates:
         covariance: FloatArray | None = None,
         steps: FloatArray | None = None,
     ) -> Estimates:
-        """Return estimates, by default none of them lost or degraded and without covariances.
-
-        MetricsError if the numbers of rows differ.
-        """
-        count = len(trajectory)
-        nowhere = np.zeros(count, np.bool_)
+        """Return estimates, by default none of them lost or degraded and without covariances."""
+        nowhere = np.zeros(len(trajectory), np.bool_)
         lost, degraded = (nowhere if flags is None else np.asarray(flags, np.bool_) for flags in (lost, degraded))
-        shape = (count, COVARIANCE_SIZE) if covariance is None else covariance.shape
-        if {lost.shape, degraded.shape} != {(count,)} or shape != (count, COVARIANCE_SIZE):
-            raise MetricsError(
-                f"{count} estimates need as many flags and covariances of {COVARIANCE_SIZE} numbers: "
-                f"got {lost.shape}, {degraded.shape} and {shape}"
-            )
         return cls(trajectory, lost, degraded, covariance, steps)
 
 
@@ -70,11 +57,7 @@ def lost_by_covariance(covariance: FloatArray) -> Mask:
 
 
 class Frames(NamedTuple):
-    """Estimated and true poses side by side, in time order; metres, DS; quaternions of unit length, scalar last.
-
-    Stamps are those of the truth, or of the estimate where the truth is interpolated; `est_rows` tells which of the
-    estimates each is.
-    """
+    """Estimated and true poses side by side, in time order; metres, DS; unit quaternions; which estimate each is."""
 
     stamps_ns: IntArray
     gt_pos: FloatArray
@@ -89,7 +72,7 @@ def associate(
 ) -> tuple[Frames, AssociationCounts, AssociationMode]:
     """Return the frames, what became of every pose, and how it was done: match or interpolate."""
     both = estimate.stamps_ns, truth.stamps_ns
-    est_rows, gt_rows = (len(each) - 1 - np.unique(each[::-1], return_index=True)[1] for each in both)
+    est_rows, gt_rows = map(unique_rows, both)
     est_stamps, gt_stamps = estimate.stamps_ns[est_rows], truth.stamps_ns[gt_rows]
     tolerance = round(config.tolerance_s * NS_PER_S)
     mode = AssociationMode(config.truth)
@@ -154,10 +137,7 @@ def unique_rows(stamps_ns: IntArray) -> Rows:
 
 
 def match_nearest(partner: Rows, est_stamps: IntArray, gt_stamps: IntArray, tolerance: int) -> None:
-    """Give estimates without a partner (-1) the nearest truth left over (the earlier of two), each truth once.
-
-    If several would take one truth, the nearest of them (the earliest of equals) does.
-    """
+    """Give estimates without a partner (-1) the nearest truth left over, each truth once; of equals the earlier."""
     free_est = np.flatnonzero(partner < 0)
     free_gt = np.setdiff1d(np.arange(len(gt_stamps)), partner, assume_unique=True)
     nearest, difference = nearest_stamps(est_stamps[free_est], gt_stamps[free_gt])

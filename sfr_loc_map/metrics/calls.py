@@ -51,7 +51,7 @@ SERIES_ROWS = 2000  #: Calls of each kind that are kept for figures.
 
 @dataclass(slots=True)
 class CallUsage:
-    """What one call took: wall-clock seconds to its return, peak resident memory, the same above the idle process."""
+    """What one call took: wall-clock time, peak resident memory, the same above the idle process."""
 
     processing_time_s: float = 0.0
     peak_rss_bytes: int | None = None
@@ -133,10 +133,7 @@ class ScoredCalls(NamedTuple):
 
 
 def parts_of(calls: Sequence[ScoredCalls]) -> tuple[TimingScore | None, MemoryScore | None, CallDetails | None]:
-    """Return `timing` and `memory` of a score, None where nothing was measured, and what figures are drawn from.
-
-    Calls may come from several sources: of a kind that several have the last counts.
-    """
+    """Return the parts of a score, None where nothing was measured; of a kind that several sources have the last."""
     known: tuple[dict[str, Any], ...] = ({}, {}, {})
     for scored in calls:
         for part, values in zip(scored, known, strict=True):
@@ -173,10 +170,7 @@ def score_calls(calls: Calls, clock: str = HOST_CLOCK, *, details: bool = True) 
 
 
 def call_score(seconds: FloatArray, clock: str, stages: Mapping[str, StageTime] | None = None) -> CallScore:
-    """Return the figures of all calls, the first apart as well, since it may load or compile.
-
-    Seconds `(N,)` in order, NaN (not measured) is left out; a host time is never shown under another clock's name.
-    """
+    """Return the figures of all calls `(N,)` in order, NaN where not measured; the first, which may load, apart."""
     known = seconds[np.isfinite(seconds)]
     return CallScore(
         **asdict(sample_statistic(known)),
@@ -195,17 +189,6 @@ def stage_time(seconds: FloatArray) -> StageTime | None:
     return StageTime(**asdict(sample_statistic(known)), max=float(known.max())) if len(known) else None
 
 
-def call_histogram(seconds: FloatArray) -> CallHistogram:
-    """Return a histogram of the times with logarithmic bins."""
-    known = seconds[np.isfinite(seconds) & (seconds > 0)]
-    if not len(known):
-        return CallHistogram(edges_s=(), counts=())
-    low, high = float(known.min()), float(known.max())
-    edges = np.geomspace(low, max(high, low * 1.01) * (1 + 1e-9), HISTOGRAM_BINS + 1)
-    edges[0] = low
-    return CallHistogram(edges_s=tuple(edges.tolist()), counts=tuple(np.histogram(known, edges)[0].tolist()))
-
-
 def _figures(calls: Calls, mine: NDArray[np.intp]) -> CallFigures:
     """Return the calls for figures; of many calls the slowest of each block, so that no peak is hidden."""
     block = max(1, -(-len(mine) // SERIES_ROWS))
@@ -218,14 +201,18 @@ def _figures(calls: Calls, mine: NDArray[np.intp]) -> CallFigures:
         peak_rss_bytes=column(calls.peak_bytes[chosen], None),
         state=tuple(calls.states[row] for row in chosen),
     )
-    return CallFigures(histogram=call_histogram(calls.seconds[mine]), series=series)
+    seconds, histogram = calls.seconds[mine], CallHistogram(edges_s=(), counts=())
+    if len(known := seconds[np.isfinite(seconds) & (seconds > 0)]):
+        low, high = float(known.min()), float(known.max())
+        edges = np.geomspace(low, max(high, low * 1.01) * (1 + 1e-9), HISTOGRAM_BINS + 1)
+        edges[0] = low
+        counts = np.histogram(known, edges)[0]
+        histogram = CallHistogram(edges_s=tuple(edges.tolist()), counts=tuple(counts.tolist()))
+    return CallFigures(histogram=histogram, series=series)
 
 
 def score_target(calls: Calls, name: str) -> TargetScore:
-    """Return the score of calls that were measured elsewhere, under that target's name.
-
-    They stand apart from the host's figures, and neither is shown under the other's name.
-    """
+    """Return the score of calls that were measured elsewhere, under that target's name."""
     timing, memory, _ = score_calls(calls, clock=name, details=False)
     measured = any(_measured(peaks) for kind in CallKind if (peaks := memory.of(kind)) is not None)
     memory = replace(memory, method=f"as measured on {name}") if measured else MemoryScore()
@@ -243,10 +230,7 @@ def stage_of(figure: str) -> str | None:
 
 
 def with_external(scored: ScoredCalls, node: ExternalScore) -> ScoredCalls:
-    """Return scored calls with the clock of an external node's own times, and the memory of its processes.
-
-    Its latency is not among them: it is not a time per call.
-    """
+    """Return scored calls with the clock of an external node's own times, and the memory of its processes."""
     kind, timing, memory = CallKind(node.task), scored.timing, scored.memory
     if (calls := timing.of(kind)) is not None:
         timing = replace(timing, **{kind.value: replace(calls, clock=NODE_CLOCK)})

@@ -84,12 +84,10 @@ def truths_of(pairs: Sequence[PosedStereoPair], rig: StereoRig) -> list[PairTrut
 
 def pixel_coverage(cloud: PointCloud, truths: Sequence[PairTruth]) -> list[Mask]:
     """Return for each pair which pixels `(H, W)` have a point."""
-    covered = []
-    for number, truth in enumerate(truths):
-        image = np.zeros(truth.points.shape[:2], np.bool_)
+    covered = [np.zeros(truth.points.shape[:2], np.bool_) for truth in truths]
+    for number, image in enumerate(covered):
         mine = cloud.pair == number
         image[cloud.v[mine], cloud.u[mine]] = True
-        covered.append(image)
     return covered
 
 
@@ -129,30 +127,22 @@ class PointErrors:
     error_m: FloatArray  #: Distance from the truth [4.3.4].
     range_m: FloatArray  #: Distance of the truth from the left optical centre.
     along_m: FloatArray  #: Part of the error along the ray, positive if too far.
-    #: Disparity that the depth along the left optical axis amounts to, less the true one: `f b / Z - f b / Z_true`.
-    disparity_px: FloatArray
+    disparity_px: FloatArray  #: `f b / Z - f b / Z_true`, Z the depth along the left optical axis.
 
 
 def point_errors(cloud: PointCloud, truths: Sequence[PairTruth]) -> PointErrors:
-    """Return the errors of all points whose pixel has a truth.
-
-    MetricsError if a point is not finite, or names a pair or pixel that is not there.
-    """
+    """Return the errors of all points whose pixel has a truth; MetricsError if a point is none of this source."""
     if not np.isfinite(cloud.xyz).all():
         raise MetricsError("the cloud has points that are not finite: leave them out")
-    if len(cloud) and int(cloud.pair.max()) >= len(truths):
-        raise MetricsError(
-            f"the cloud has points of pair {int(cloud.pair.max())} but the truth has {len(truths)} pairs (0 to "
-            f"{len(truths) - 1}): give the source that the cloud was made from"
-        )
+    if len(cloud) and int(last := cloud.pair.max()) >= len(truths):
+        problem = f"the cloud has points of pair {last} but the truth has {len(truths)} pairs"
+        raise MetricsError(f"{problem}: give the source that the cloud was made from")
     parts = []
     for number, truth in enumerate(truths):
         index = np.flatnonzero(cloud.pair == number)
         if (cloud.u[index] >= truth.rig.width).any() or (cloud.v[index] >= truth.rig.height).any():
-            raise MetricsError(
-                f"the cloud has pixels outside the {truth.rig.width} x {truth.rig.height} of pair {number}: "
-                "give the source that the cloud was made from"
-            )
+            problem = f"the cloud has pixels outside the {truth.rig.width} x {truth.rig.height} of pair {number}"
+            raise MetricsError(f"{problem}: give the source that the cloud was made from")
         true = truth.points[cloud.v[index], cloud.u[index]].astype(np.float64)
         known = np.isfinite(true).all(axis=1)
         index, true = index[known], true[known]
@@ -182,8 +172,8 @@ class ScoredMap(NamedTuple):
 def score_map(cloud: PointCloud, truths: Sequence[PairTruth], config: MapScoreConfig) -> ScoredMap:
     """Return the score of a cloud in LM whose points' pixels are known, by the truth of the pairs 0, 1, ... of it.
 
-    Raises MetricsError if a point names a pair or pixel that is not there, a point is not finite, or the cloud does
-    not say whether it is fused.
+    MetricsError if a point names a pair or pixel that is not there or is not finite, or the cloud does not say whether
+    it is fused.
     """
     if cloud.fused is None:
         raise MetricsError("the cloud does not say whether it is fused: set `fused`, coverage depends on it")
@@ -193,27 +183,18 @@ def score_map(cloud: PointCloud, truths: Sequence[PairTruth], config: MapScoreCo
         covered = footprint_coverage(cloud, truths, ranges, max(config.scored_to_m, *config.range_edges_m))
     else:
         covered = pixel_coverage(cloud, truths)
-    bins = []
+    bins, by_pair = [], []
     for low, high in zip(config.range_edges_m, config.range_edges_m[1:], strict=False):
         which = (errors.range_m >= low) & (errors.range_m < high)
-        bins.append(
-            RangeScore(
-                from_m=low,
-                to_m=high,
-                coverage=_coverage(covered, ranges, low, high),
-                point_error_m=sample_statistic(errors.error_m[which]),
-                disparity_error_px=_disparity(errors.disparity_px[which]),
-            )
-        )
-    numbers = cloud.pair[errors.index]
-    by_pair = [
-        PairScore(
-            pair=number,
-            coverage=_coverage([image], [distance], config.scored_from_m, config.scored_to_m),
-            point_error_m=sample_statistic(errors.error_m[numbers == number]),
-        )
-        for number, (image, distance) in enumerate(zip(covered, ranges, strict=True))
-    ]
+        statistic, disparity = sample_statistic(errors.error_m[which]), _disparity(errors.disparity_px[which])
+        share = _coverage(covered, ranges, low, high)
+        made = RangeScore(from_m=low, to_m=high, coverage=share, point_error_m=statistic, disparity_error_px=disparity)
+        bins.append(made)
+    numbers, scored = cloud.pair[errors.index], (config.scored_from_m, config.scored_to_m)
+    for number, (image, distance) in enumerate(zip(covered, ranges, strict=True)):
+        statistic = sample_statistic(errors.error_m[numbers == number])
+        share = _coverage([image], [distance], *scored)
+        by_pair.append(PairScore(pair=number, coverage=share, point_error_m=statistic))
     by_pixels = PointErrorScore(
         points_without_truth=len(cloud) - len(errors.index),
         point_error_m=sample_statistic(errors.error_m),
@@ -226,8 +207,8 @@ def score_map(cloud: PointCloud, truths: Sequence[PairTruth], config: MapScoreCo
         pairs=len(truths),
         points=len(cloud),
         cloud=CloudKind.FUSED if cloud.fused else CloudKind.SINGLE_PAIRS,
-        coverage=_coverage(covered, ranges, config.scored_from_m, config.scored_to_m),
-        coverage_range_m=(config.scored_from_m, config.scored_to_m),
+        coverage=_coverage(covered, ranges, *scored),
+        coverage_range_m=scored,
         nearest_only=False,
         errors=by_pixels,
     )
@@ -246,14 +227,13 @@ def score_nearest(xyz: NDArray[np.floating], truths: Sequence[PairTruth], config
     distance = np.asarray(tree.query(np.asarray(xyz, np.float64), workers=-1)[0])
     records = np.zeros(len(xyz), PointCloud.dtype())
     records["x"], records["y"], records["z"], records["pair"] = (*np.asarray(xyz).T, 255)  # of no pair
-    cloud = PointCloud.from_structured(records)
-    ranges = [truth.ranges_m() for truth in truths]
-    covered = footprint_coverage(cloud, truths, ranges, config.scored_to_m)
+    ranges, scored = [truth.ranges_m() for truth in truths], (config.scored_from_m, config.scored_to_m)
+    covered = footprint_coverage(PointCloud.from_structured(records), truths, ranges, config.scored_to_m)
     score = MapScore(
         pairs=len(truths),
         points=len(xyz),
-        coverage=_coverage(covered, ranges, config.scored_from_m, config.scored_to_m),
-        coverage_range_m=(config.scored_from_m, config.scored_to_m),
+        coverage=_coverage(covered, ranges, *scored),
+        coverage_range_m=scored,
         nearest_only=True,
         nearest_distance_m=sample_statistic(distance),
     )
@@ -304,27 +284,19 @@ def _details(cloud: PointCloud, errors: PointErrors, truths: Sequence[PairTruth]
     step = max(1, -(-len(errors.index) // CLOUD_ROWS))
     some = errors.index[::step]
     x, y, z = (column(np.round(values.astype(float), 3), None) for values in cloud.xyz[some].T)
-    sample = PointRows(
-        x_m=x,
-        y_m=y,
-        z_m=z,
-        error_m=column(np.round(errors.error_m[::step], 4), None),
-        range_m=column(np.round(errors.range_m[::step], 3), None),
-    )
-    images = tuple(_error_image(cloud, errors, number, truth) for number, truth in enumerate(truths))
+    error_m = column(np.round(errors.error_m[::step], 4), None)
+    sample = PointRows(x_m=x, y_m=y, z_m=z, error_m=error_m, range_m=column(np.round(errors.range_m[::step], 3), None))
+    images = []
+    for number, truth in enumerate(truths):  # the mean error of blocks of pixels
+        block = max(1, -(-truth.rig.width // IMAGE_WIDTH))
+        shape = -(-truth.rig.height // block), -(-truth.rig.width // block)
+        mine = cloud.pair[errors.index] == number
+        points = errors.index[mine]
+        index = (cloud.v[points].astype(np.int64) // block) * shape[1] + cloud.u[points].astype(np.int64) // block
+        count = np.bincount(index, minlength=shape[0] * shape[1])
+        total = np.bincount(index, weights=errors.error_m[mine], minlength=shape[0] * shape[1])
+        mean = np.where(count > 0, np.rint(1e4 * total / np.maximum(count, 1)), -1).astype(int)
+        rows = tuple(tuple(row) for row in mean.reshape(shape).tolist())
+        images.append(ErrorImage(pair=number, block_px=block, error=rows))
     law = Triangulation(focal_px=truths[0].rig.fx, baseline_m=truths[0].rig.baseline_m)
-    return MapDetails(cloud=sample, error_images=images, triangulation=law)
-
-
-def _error_image(cloud: PointCloud, errors: PointErrors, number: int, truth: PairTruth) -> ErrorImage:
-    """Return the mean error of blocks of pixels."""
-    block = max(1, -(-truth.rig.width // IMAGE_WIDTH))
-    shape = -(-truth.rig.height // block), -(-truth.rig.width // block)
-    mine = cloud.pair[errors.index] == number
-    points = errors.index[mine]
-    index = (cloud.v[points].astype(np.int64) // block) * shape[1] + cloud.u[points].astype(np.int64) // block
-    count = np.bincount(index, minlength=shape[0] * shape[1])
-    total = np.bincount(index, weights=errors.error_m[mine], minlength=shape[0] * shape[1])
-    mean = np.where(count > 0, np.rint(1e4 * total / np.maximum(count, 1)), -1).astype(int)
-    rows = tuple(tuple(row) for row in mean.reshape(shape).tolist())
-    return ErrorImage(pair=number, block_px=block, error=rows)
+    return MapDetails(cloud=sample, error_images=tuple(images), triangulation=law)

@@ -8,32 +8,26 @@ blocks (circular block bootstrap, as for the interval of one figure, see `metric
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
+from scipy.special import stdtr
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.metrics.config import Condition
+from sfr_loc_map.metrics.config import CallKind, Condition
 from sfr_loc_map.metrics.limits import value_at
 from sfr_loc_map.metrics.score import Interval, Key, MethodRecord, Record, Score, SubTrajectoryRows
 from sfr_loc_map.metrics.score_json import to_plain
-from sfr_loc_map.metrics.statistics import (
-    MIN_FREEDOM,
-    MIN_INDEPENDENT,
-    WIDENING,
-    holm,
-    resampled,
-    student_quantile,
-    student_share,
-)
+from sfr_loc_map.metrics.statistics import MIN_FREEDOM, MIN_INDEPENDENT, WIDENING, holm, resampled, student_quantile
 from sfr_loc_map.metrics.trajectory_error import COLUMNS, HEADING
 from sfr_loc_map.metrics.trajectory_score import FIGURES
 
 SCHEMA = "sfr-compare/1"
+KINDS = (CallKind.LOCALISATION, CallKind.MAPPING)
 _PRECISION = 1e-9  #: The errors in a score's details are rounded to this.
 
 
@@ -87,25 +81,16 @@ class Comparison(Record):
 
 
 SIDE_BY_SIDE = {
-    "map.point_error_m.mean": "map.errors.point_error_m.mean",
-    "map.point_error_m.mean_plus_3sigma": "map.errors.point_error_m.mean_plus_3sigma",
+    **{f"map.point_error_m.{name}": f"map.errors.point_error_m.{name}" for name in ("mean", "mean_plus_3sigma")},
     "map.coverage": "map.coverage",
-    "timing.localisation_s.p50": "timing.localisation.p50",
-    "timing.localisation_s.p95": "timing.localisation.p95",
-    "timing.mapping_s.p50": "timing.mapping.p50",
-    "timing.mapping_s.p95": "timing.mapping.p95",
-    "memory.localisation_peak_bytes": "memory.localisation.peak_bytes",
-    "memory.mapping_peak_bytes": "memory.mapping.peak_bytes",
+    **{f"timing.{kind}_s.{name}": f"timing.{kind}.{name}" for kind in KINDS for name in ("p50", "p95")},
+    **{f"memory.{kind}_peak_bytes": f"memory.{kind}.peak_bytes" for kind in KINDS},
 }
 """Figures of whole runs by their place in the JSON of the score, and in the score itself."""
 
 
 def compare_scores(scores: Sequence[Score], names: Sequence[str]) -> Comparison:
-    """Return the comparison of scores with the first of them.
-
-    Raises MetricsError if there are fewer than two scores, two of different data, or nothing that two of them have in
-    common.
-    """
+    """Return the comparison of scores with the first of them; MetricsError if they have nothing in common."""
     if len(scores) < 2:
         raise MetricsError(f"a comparison needs two scores or more, found {len(scores)}: give several score files")
     others = list(zip(scores[1:], names[1:], strict=True))
@@ -125,16 +110,12 @@ def compare_scores(scores: Sequence[Score], names: Sequence[str]) -> Comparison:
     return Comparison(names=tuple(names), methods=methods, pairs=tuple(pairs), side_by_side=tuple(side_by_side))
 
 
-def _paired(first: Score, other: Score, name: str) -> list[PairedDifference]:
+def _paired(first: Score, other: Score, name: str) -> Iterator[PairedDifference]:
     if first.trajectory is None or other.trajectory is None:  # a map alone has nothing to pair
-        return []
+        return
     rebase = [part.first.rebase for part in (first.trajectory, other.trajectory)]
     if rebase[0] != rebase[1]:
-        raise MetricsError(
-            f"the first score is re-based by {rebase[0]}, '{name}' by {rebase[1]}: unlike figures are not compared; "
-            "score both alike"
-        )
-    pairs = []
+        raise MetricsError(f"'{name}' is re-based by {rebase[1]}, the first score by {rebase[0]}: score both alike")
     for mine, theirs in itertools.product(sub_trajectories_of(first), sub_trajectories_of(other)):
         if mine.condition != theirs.condition:
             continue
@@ -150,37 +131,29 @@ def _paired(first: Score, other: Score, name: str) -> list[PairedDifference]:
         starts, ends = (np.asarray(frames)[rows[:, 0]] for frames in (mine.start_frame, mine.end_frame))
         inside = np.searchsorted(starts, ends, side="left") - np.arange(len(starts))
         overlap = float(np.maximum(inside, 1).mean())  # starts within one sub-trajectory
+        left_out = (len(spans[0]) - len(rows), len(spans[1]) - len(rows))
         for figure, columns in FIGURES.items():
-            pair = PairedDifference(
-                name=name,
-                condition=mine.condition,
-                figure=figure,
-                count=len(rows),
-                left_out=(len(spans[0]) - len(rows), len(spans[1]) - len(rows)),
-                first=None,
-                other=None,
-                difference=None,
-                ci95=None,
-            )
-            pairs.append(_with_difference(pair, a[:, columns], b[:, columns], overlap))
-    return pairs
+            said = _difference(a[:, columns], b[:, columns], overlap)
+            common: dict[str, Any] = {"name": name, "condition": mine.condition, "figure": figure, "count": len(rows)}
+            yield PairedDifference(**common, left_out=left_out, **said)
 
 
-def _with_difference(pair: PairedDifference, a: FloatArray, b: FloatArray, overlap: float) -> PairedDifference:
-    """Return the pair with the difference of the figures of errors `(N, d)`, its interval and the outcome."""
+def _difference(a: FloatArray, b: FloatArray, overlap: float) -> dict[str, Any]:
+    """Return the figures of errors `(N, d)` of both, their difference, its interval and the outcome."""
+    said: dict[str, Any] = dict.fromkeys(("first", "other", "difference", "ci95"))
     if len(a) < 2:
-        return pair
+        return said
     first, other = (
         float(np.sqrt(np.cumsum(np.square(errors.mean(axis=0)))[-1]))
         + 3.0 * float(np.sqrt(np.cumsum(np.square(errors.std(axis=0, ddof=1)))[-1]))
         for errors in (a, b)
     )
     difference, independent = other - first, len(a) / overlap
-    pair = replace(pair, first=first, other=other, difference=difference)
+    said |= {"first": first, "other": other, "difference": difference}
     if np.array_equal(a, b):
-        return replace(pair, ci95=(0.0, 0.0), outcome=Outcome.EQUAL)
+        return said | {"ci95": (0.0, 0.0), "outcome": Outcome.EQUAL}
     if independent < MIN_INDEPENDENT:
-        return pair
+        return said
     share, figures = 1.0, []
     for errors in (a, b):
         mean = errors.mean(axis=0)
@@ -194,43 +167,34 @@ def _with_difference(pair: PairedDifference, a: FloatArray, b: FloatArray, overl
     sigma = float(WIDENING * scatter / np.sqrt(share))
     half, p = student_quantile(0.975, freedom) * sigma + _PRECISION, None
     if sigma > 0.0:
-        p = 2.0 * student_share(-max(abs(difference) - _PRECISION, 0.0) / sigma, freedom)
+        p = 2.0 * float(stdtr(freedom, -max(abs(difference) - _PRECISION, 0.0) / sigma))
     outcome = Outcome.BETTER if difference < 0 else Outcome.WORSE
     outcome = Outcome.NO_DIFFERENCE if abs(difference) <= half else outcome
-    return replace(pair, ci95=(difference - half, difference + half), outcome=outcome, p=p)
+    return said | {"ci95": (difference - half, difference + half), "outcome": outcome, "p": p}
 
 
 def check_same_data(first: Score, other: Score, names: tuple[str, str]) -> None:
-    """Check that two scores were made with the same truth: by its hash, and by the stamps of the sub-trajectories.
-
-    MetricsError if not; the names are for its message.
-    """
+    """Check that two scores were made with the same truth, by its hash and by stamps; MetricsError if not."""
     both = first, other
+    problem = ""
     for role in ("truth", "map_truth"):
         mine, theirs = (None if score.provenance is None else score.provenance.inputs.get(role) for score in both)
-        if mine is None or theirs is None:
-            continue
-        # the values, or the files of scores that do not have the hash of the values
-        known = mine.data_sha256 is not None and theirs.data_sha256 is not None
-        if (mine.data_sha256 != theirs.data_sha256) if known else (mine.sha256 != theirs.sha256):
-            raise MetricsError(
-                f"different data: the {role.replace('_', ' ')} of '{names[0]}' is '{mine.path}', that of '{names[1]}' "
-                f"is '{theirs.path}', and their values differ; compare scores of the same data"
-            )
+        if mine is not None and theirs is not None:
+            # the values, or the files of scores that do not have the hash of the values
+            known = mine.data_sha256 is not None and theirs.data_sha256 is not None
+            if (mine.data_sha256 != theirs.data_sha256) if known else (mine.sha256 != theirs.sha256):
+                what = role.replace("_", " ")
+                problem = f"the {what} of '{names[0]}' is '{mine.path}', that of '{names[1]}' '{theirs.path}'"
     spans = [
-        {
-            part.condition: set(zip(part.start_stamp_ns, part.end_stamp_ns, strict=True))
-            for part in sub_trajectories_of(score)
-        }
-        for score in both
+        {part.condition: set(zip(part.start_stamp_ns, part.end_stamp_ns, strict=True)) for part in of_score}
+        for of_score in map(sub_trajectories_of, both)
     ]
     common = [(spans[0][condition], spans[1][condition]) for condition in spans[0] if condition in spans[1]]
     common = [(mine, theirs) for mine, theirs in common if mine and theirs]
     if common and not any(mine & theirs for mine, theirs in common):
-        raise MetricsError(
-            f"different data: '{names[0]}' and '{names[1]}' have no sub-trajectory of the same stamps; compare scores "
-            "of the same data"
-        )
+        problem = problem or f"'{names[0]}' and '{names[1]}' have no sub-trajectory of the same stamps"
+    if problem:
+        raise MetricsError(f"different data: {problem}; compare scores of the same data")
 
 
 def sub_trajectories_of(score: Score) -> tuple[SubTrajectoryRows, ...]:

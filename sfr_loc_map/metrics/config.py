@@ -72,7 +72,7 @@ class ConditionKind(StrEnum):
     @property
     def key(self) -> str:
         """Its key in the JSON of the score."""
-        return {"distance": "distance_m", "time": "time_s", "frames": "frames"}[self]
+        return "frames" if self is ConditionKind.FRAMES else f"{self}_{self.unit}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,10 +84,7 @@ class Condition:
 
     @classmethod
     def parse(cls, text: str) -> Condition:
-        """Return the condition of a text such as `distance=5`, `time=60` or `frames=100`.
-
-        MetricsError if it is none.
-        """
+        """Return the condition of a text such as `distance=5`, `time=60`, `frames=100`; MetricsError if none."""
         name, _, number = text.partition("=")
         try:
             kind, value = ConditionKind(name), float(number)
@@ -102,18 +99,13 @@ class Condition:
 
     @classmethod
     def from_plain(cls, value: object) -> Condition:
-        """Return the condition of its JSON: `{"distance_m": 5.0}`.
-
-        ValueError if it is none.
-        """
+        """Return the condition of its JSON: `{"distance_m": 5.0}`; ValueError if it is none."""
         for kind in ConditionKind:
-            if isinstance(value, Mapping) and list(value) == [kind.key]:
-                number = value[kind.key]
-                if isinstance(number, (int, float)) and not isinstance(number, bool):
-                    try:
-                        return cls.parse(f"{kind}={number!r}")
-                    except MetricsError as error:
-                        raise ValueError(str(error)) from error
+            if isinstance(value, Mapping) and list(value) == [kind.key] and type(value[kind.key]) in (int, float):
+                try:
+                    return cls.parse(f"{kind}={value[kind.key]!r}")
+                except MetricsError as error:
+                    raise ValueError(str(error)) from error
         raise ValueError('a condition such as {"distance_m": 5.0} is needed')
 
     def to_plain(self) -> dict[str, float | int]:
@@ -131,7 +123,6 @@ class Condition:
         return f"{self.kind}={self.value!r}"
 
     def __str__(self) -> str:
-        """Return the label."""
         return self.label
 
 
@@ -202,19 +193,13 @@ class ScoreConfig:
 
 
 def score_config(conditions: Sequence[str] | None, settings: Mapping[str, object]) -> ScoreConfig:
-    """Return the settings of a score from options: ends of a sub-trajectory (default: none), others by dotted name.
-
-    ConfigError if one is not valid.
-    """
+    """Return the settings of a score from options: ends of a sub-trajectory, others by dotted name."""
     named = {"trajectory.conditions": tuple(conditions)} if conditions else {}
     return build(ScoreConfig, {**settings, **named}, origin="options")
 
 
 def aligned_error_config(align: str | None, settings: Mapping[str, object]) -> AlignedErrorConfig | None:
-    """Return the settings of APE and RPE, None where no alignment is named; values by name, None for the default.
-
-    ConfigError if one is not valid, or is given without an alignment.
-    """
+    """Return the settings of APE and RPE, None where no alignment is named; values by name, None for the default."""
     given = {name: value for name, value in settings.items() if value is not None}
     if align is None and given:
         raise ConfigError(f"{', '.join(given)}: of APE and RPE, which --align none|origin|se3|sim3 asks for")

@@ -20,12 +20,12 @@ from typing import Final
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
-from sfr_loc_map.geometry.quaternion_kernels import Quat, rotated, row_quat, unit_quats
+from sfr_loc_map.geometry.quaternion_kernels import rotated, row_quat, unit_quats
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_multiply, quat_normalised, quat_rotate
 from sfr_loc_map.geometry.small_linalg import copy_row
 from sfr_loc_map.geometry.transform import propagated_covariance, propagation
 from sfr_loc_map.inputs import LOST_VARIANCE
-from sfr_loc_map.jit import jit, jit_inline
+from sfr_loc_map.jit import jit
 from sfr_loc_map.metrics.association import UPPER, Estimates, Frames, unique_rows
 from sfr_loc_map.metrics.score import NeesPart, NeesScore
 from sfr_loc_map.metrics.statistics import chi2_interval95
@@ -59,8 +59,9 @@ def nees_score(
         if start < free_from:
             continue
         first, last = int(frames.est_rows[start]), int(frames.est_rows[end])
-        before, after = _matrix(covariances[first]), _matrix(covariances[last])
-        if not all(np.isfinite(matrix).all() and np.diag(matrix).max() < LOST_VARIANCE for matrix in (before, after)):
+        before, after = matrices = np.empty((2, 6, 6))
+        matrices[:, UPPER[0], UPPER[1]] = matrices[:, UPPER[1], UPPER[0]] = covariances[[first, last]]
+        if not all(np.isfinite(matrix).all() and np.diag(matrix).max() < LOST_VARIANCE for matrix in matrices):
             continue
         free_from = end
         growth = relative_covariance(sums[first], sums[last], frames.est_pos[end]) if sums else None
@@ -79,19 +80,14 @@ def nees_score(
         from_steps += known
     if not count and not not_usable:
         return None
-    parts = []
-    for total, part in zip(totals.tolist(), PARTS, strict=True):
-        degrees = part.stop - part.start
-        if not count:
-            parts.append(NeesPart(mean=None, expected=float(degrees), interval95=None, consistent=None))
-            continue
-        mean, (low, high) = total / count, chi2_interval95(degrees * count, count)
-        inside = low <= mean <= high
-        parts.append(NeesPart(mean=mean, expected=float(degrees), interval95=(low, high), consistent=inside))
-    pose, position, attitude = parts
-    return NeesScore(
-        count=count, not_usable=not_usable, from_steps=from_steps, pose=pose, position=position, attitude=attitude
-    )
+    parts = {}
+    for name, total, part in zip(("pose", "position", "attitude"), totals.tolist(), PARTS, strict=True):
+        degrees, mean, interval, inside = part.stop - part.start, None, None, None
+        if count:
+            mean, interval = total / count, chi2_interval95(degrees * count, count)
+            inside = interval[0] <= mean <= interval[1]
+        parts[name] = NeesPart(mean=mean, expected=float(degrees), interval95=interval, consistent=inside)
+    return NeesScore(count=count, not_usable=not_usable, from_steps=from_steps, **parts)
 
 
 def relative_error(frames: Frames, start: int, end: int) -> FloatArray:
@@ -121,13 +117,6 @@ def relative_covariance(start: FloatArray, end: FloatArray, position: FloatArray
     return np.asarray(0.5 * (covariance + covariance.T))
 
 
-def _matrix(triangle: FloatArray) -> FloatArray:
-    matrix = np.empty((6, 6))
-    matrix[UPPER] = triangle
-    matrix.T[UPPER] = triangle
-    return matrix
-
-
 @jit
 def accumulated(
     steps: FloatArray, lost: Mask, positions: FloatArray, quats: FloatArray, wanted: IntArray
@@ -137,45 +126,36 @@ def accumulated(
     Steps are NaN where not known; a lost pose repeats the one before and has none. Metres, DS; unit quaternions.
     """
     result, found = np.empty((len(wanted), 43)), 0
-    total, before = np.zeros(43), np.array([[0.0, 0.0, 0.0, 1.0]])
+    total, before = np.zeros(43), (0.0, 0.0, 0.0, 1.0)
     step, carried = np.empty((6, 6)), np.zeros((6, 6))
     for k in range(len(steps)):
-        if not lost[k]:
-            if _is_finite(steps, k):
-                column = 0
-                for i in range(6):
-                    for j in range(i, 6):
-                        step[i, j] = step[j, i] = steps[k, column]
-                        column += 1
-                _to_origin(row_quat(before, 0), positions[k], carried)
-                _add(total, carried, step, steps[k])
-            else:
-                total[42] += 1.0
-        copy_row(quats[k], before[0])
+        known = True
+        for value in steps[k]:  # `.all()` would load the compiler's parts with the kernel
+            known = known and np.isfinite(value)
+        if not known and not lost[k]:
+            total[42] += 1.0
+        elif not lost[k]:
+            column = 0
+            x, y, z = positions[k, 0], positions[k, 1], positions[k, 2]
+            for j in range(6):
+                for i in range(j, 6):
+                    step[i, j] = step[j, i] = steps[k, column]
+                    column += 1
+                if j < 3:  # what takes an error at the position, in the axes of RB before, to the origin of DS
+                    a, b, c = rotated(before, AXES[j])
+                    carried[0, j], carried[1, j], carried[2, j] = a, b, c
+                    carried[3, j + 3], carried[4, j + 3], carried[5, j + 3] = a, b, c
+                    carried[0, j + 3], carried[1, j + 3], carried[2, j + 3] = (
+                        y * c - z * b,
+                        z * a - x * c,
+                        x * b - y * a,
+                    )
+            _add(total, carried, step, steps[k])
+        before = row_quat(quats, k)
         if found < len(wanted) and wanted[found] == k:
             copy_row(total, result[found])
             found += 1
     return result
-
-
-@jit_inline
-def _is_finite(steps: FloatArray, k: int) -> bool:
-    """Tell whether a row has finite values only; `.all()` would load the compiler's parts with the kernel."""
-    for value in steps[k]:  # noqa: SIM110 - numba has no generators here
-        if not np.isfinite(value):
-            return False
-    return True
-
-
-@jit
-def _to_origin(attitude: Quat, position: FloatArray, carried: FloatArray) -> None:
-    """Write the matrix that takes an error at a position, in the axes of RB before, to the origin of DS."""
-    x, y, z = position[0], position[1], position[2]
-    for j in range(3):
-        a, b, c = rotated(attitude, AXES[j])
-        carried[0, j], carried[1, j], carried[2, j] = a, b, c
-        carried[3, j + 3], carried[4, j + 3], carried[5, j + 3] = a, b, c
-        carried[0, j + 3], carried[1, j + 3], carried[2, j + 3] = y * c - z * b, z * a - x * c, x * b - y * a
 
 
 @jit

@@ -26,7 +26,7 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform, propagation
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, associate
+from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, associate, unique_rows
 from sfr_loc_map.metrics.config import AssociationConfig
 from sfr_loc_map.metrics.score import Key, Record
 from sfr_loc_map.metrics.trajectory_error import ATTITUDE, PoseRows, sub_trajectory_errors
@@ -67,13 +67,10 @@ class Diagnosis(Record):
 def diagnose(
     estimate: Trajectory, truth: Trajectory, config: AssociationConfig, rig: StereoRig | None = None
 ) -> Diagnosis:
-    """Find the single convention mismatch that explains how estimate and truth (poses of RB in DS) disagree.
-
-    `rig` is that of the cameras, None where it is not known.
-    """
+    """Find the single convention mismatch that explains how estimate and truth (poses of RB in DS) disagree."""
     both = estimate, truth
-    rows = [len(each.stamps_ns) - 1 - np.unique(each.stamps_ns[::-1], return_index=True)[1] for each in both]
-    rows[0] = rows[0][:: max(1, len(estimate.stamps_ns) // MAX_POSES)]
+    every = max(1, len(estimate.stamps_ns) // MAX_POSES), 1
+    rows = [unique_rows(each.stamps_ns)[::step] for each, step in zip(both, every, strict=True)]
     estimate, truth = (
         Trajectory(each.stamps_ns[mine], each.positions[mine], each.quats_xyzw[mine])
         for each, mine in zip(both, rows, strict=True)
@@ -91,14 +88,9 @@ def diagnose(
             )
     hypotheses += _time_offset(estimate, truth, before)
     hypotheses.sort(key=attrgetter("disagreement"))
-    if before is not None and before < AGREES:
-        return Diagnosis(disagreement=before, hypotheses=tuple(hypotheses), found=None)
     most = np.inf if before is None else before
-    possible = [
-        item
-        for item in hypotheses
-        if item.disagreement <= min(EXPLAINED, most / (GAIN_FITTED if item.fitted else GAIN))
-    ]
+    bounds = {fitted: min(EXPLAINED, most / gain) for fitted, gain in ((False, GAIN), (True, GAIN_FITTED))}
+    possible = [item for item in hypotheses if most >= AGREES and item.disagreement <= bounds[item.fitted]]
     plain = [item for item in possible if not item.fitted]
     best = next(iter(possible), None)
     if best is not None and plain and plain[0].disagreement <= SIMPLER * best.disagreement:
@@ -128,51 +120,25 @@ def _each_undone(truth: Poses, estimate: Poses, rig: StereoRig | None) -> Iterat
 
     (p, quats), q = estimate, Rotation.from_quat(estimate[1])
     optical, upright = Rotation.from_matrix(OPTICAL_IN_RB), Rotation.identity()
+    mirrored, wxyz = (
+        Rotation.from_quat(quats * np.array([-1.0, 1.0, -1.0, 1.0])),
+        Rotation.from_quat(quats[:, [1, 2, 3, 0]]),
+    )
+    inverted = -q.inv().apply(p), q.inv()
+    conjugated = "its attitudes are conjugated (orientation of RB in DS in place of DsToRb): conjugate them"
+    optical_text = "its attitudes are those of the optical axes (x right, y down, z forward): rotate them to RB"
+    small = "its positions are a thousand times too small (the truth in millimetres, or kilometres): write metres"
+    swapped = "it moves backwards where the truth moves forwards: the left and right images are swapped"
+    sides = "left and right are mirrored (y points right): negate y, and x and z of the quaternions"
     for name, setting, sentence, undone in (
-        (
-            "conjugated quaternion",
-            "quaternion=conjugated",
-            "its attitudes are conjugated (att_q_DsToRb written as the orientation of RB in DS): conjugate them",
-            (p, q.inv()),
-        ),
-        (
-            "scalar first",
-            "quaternion=wxyz",
-            "its quaternions are written scalar first (w x y z): write them scalar last (x y z w)",
-            (p, Rotation.from_quat(quats[:, [1, 2, 3, 0]])),
-        ),
-        (
-            "inverted poses",
-            "inverse=true",
-            "its poses are inverted (DS in RB in place of RB in DS): invert them",
-            (-q.inv().apply(p), q.inv()),
-        ),
-        (
-            "optical axes",
-            "frame=rb_optical",
-            "its attitudes are those of the optical axes (x right, y down, z forward) in place of RB: "
-            "rotate them to RB",
-            (p, q * optical.inv()),
-        ),
+        ("conjugated quaternion", "quaternion=conjugated", conjugated, (p, q.inv())),
+        ("scalar first", "quaternion=wxyz", "its quaternions are scalar first: write them scalar last", (p, wxyz)),
+        ("inverted poses", "inverse=true", "its poses are inverted (DS in RB): invert them", inverted),
+        ("optical axes", "frame=rb_optical", optical_text, (p, q * optical.inv())),
         ("millimetres", "metres_per_unit=0.001", "its positions are in millimetres: write metres", (p * 1e-3, q)),
-        (
-            "kilometres",
-            "metres_per_unit=1000",
-            "its positions are a thousand times too small (the truth in millimetres, or kilometres): write metres",
-            (p * 1e3, q),
-        ),
-        (
-            "swapped left and right images",
-            "",
-            "it moves backwards where the truth moves forwards: the left and right images are swapped",
-            (-p, q),
-        ),
-        (
-            "mirrored left and right",
-            "mirrored=true",
-            "left and right are mirrored (y points right): negate y, and x and z of the quaternions",
-            (p * MIRROR, Rotation.from_quat(quats * np.array([-1.0, 1.0, -1.0, 1.0]))),
-        ),
+        ("kilometres", "metres_per_unit=1000", small, (p * 1e3, q)),
+        ("swapped left and right images", "", swapped, (-p, q)),
+        ("mirrored left and right", "mirrored=true", sides, (p * MIRROR, mirrored)),
     ):
         yield name, setting, sentence, False, (undone[0], undone[1].as_quat())
 
@@ -215,10 +181,7 @@ def _each_undone(truth: Poses, estimate: Poses, rig: StereoRig | None) -> Iterat
 
 
 def _time_offset(estimate: Trajectory, truth: Trajectory, before: float | None) -> Iterator[Hypothesis]:
-    """Yield the mismatch of a clock offset: truth is interpolated at shifted stamps and the best shift searched.
-
-    Both are in time order. A shift that leaves less than half of the estimate a truth is none.
-    """
+    """Yield the mismatch of a clock offset: the truth interpolated at shifted stamps, by the best shift."""
     est_ns, gt_ns = estimate.stamps_ns, truth.stamps_ns
     if min(len(est_ns), len(gt_ns)) < MIN_POSES:
         return
@@ -276,11 +239,7 @@ def converted_estimates(
 
     A world frame that is the first pose is aligned there with the truth; without one the first pose is the identity. A
     covariance is carried along; where poses are inverted or mirrored it is left out. Steps (`step_cov`) are motions of
-    RB: they stay only where nothing but the world frame or the stamps differ.
-
-    Raises:
-        MetricsError: If no pose has a true pose to align the world frame with.
-        GeometryError: If what comes out are no poses.
+    RB: they stay only where nothing but the world frame or the stamps differ. MetricsError if no pose has a true pose.
     """
     poses = converted(estimates.trajectory, convention, T_rb_child)
     covariance = None if convention.inverse or convention.mirrored else estimates.covariance
@@ -299,10 +258,7 @@ def converted_estimates(
 
 
 def world_at_first_pose(estimates: Estimates, truth: Trajectory | None) -> Transform:
-    """Return `T_ds_world` that takes the first pose that is not lost and has a true pose to it (to the identity).
-
-    MetricsError if no pose has a true pose.
-    """
+    """Return `T_ds_world` that takes the first pose that has a truth to it; without a truth, to the identity."""
     if truth is None:
         if not len(estimates.trajectory):
             raise MetricsError("there is no pose to align the world frame at: give an estimate with poses")
@@ -317,7 +273,6 @@ def world_at_first_pose(estimates: Estimates, truth: Trajectory | None) -> Trans
 
 
 def _carried(covariance: FloatArray, carry: FloatArray) -> FloatArray:
-    """Return `A P A^T` of covariances `(N, 21)`; A `(6, 6)`, or one for each."""
     full = np.empty((len(covariance), 6, 6))
     full[:, UPPER[0], UPPER[1]] = full[:, UPPER[1], UPPER[0]] = covariance
     moved = carry @ full @ np.swapaxes(carry, -1, -2)

@@ -5,7 +5,6 @@ Every key names figure and unit; limits are upper bounds, except `coverage_min`.
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
@@ -14,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from sfr_loc_map.config import load_yaml
+from sfr_loc_map.config import load_yaml, suggestion
 from sfr_loc_map.errors import ConfigError, MetricsError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
@@ -42,19 +41,17 @@ class Figure:
 
 
 COVERAGE_MIN = "coverage_min"  #: The one limit that is a lower bound.
+STATISTICS = ("mean", "sigma", "mean_plus_3sigma")
 
 # Limits of a suite are judged by suite/summary.py: those of trajectories by pooled figures, others by the worst drive.
 _PLACES: dict[LimitPart, dict[str, str]] = {
     LimitPart.TRAJECTORY: {
         f"{error}_{statistic}_{unit}": f"{error}_{unit}.{statistic}"
         for error, unit in (("position", "m"), ("attitude", "deg"), ("heading", "deg"))
-        for statistic in ("mean", "sigma", "mean_plus_3sigma")
+        for statistic in STATISTICS
     },
     LimitPart.MAP: {
-        **{
-            f"point_error_{statistic}_m": f"errors.point_error_m.{statistic}"
-            for statistic in ("mean", "sigma", "mean_plus_3sigma", "p50", "p95")
-        },
+        **{f"point_error_{name}_m": f"errors.point_error_m.{name}" for name in (*STATISTICS, "p50", "p95")},
         COVERAGE_MIN: "coverage",
     },
     LimitPart.TIMING: {
@@ -105,19 +102,14 @@ def load_limits(path: Path) -> Limits:
 
 
 def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
-    """Return the limits of a mapping as in the file; `origin` is where it comes from, for messages.
-
-    ConfigError if a key or value is not valid.
-    """
+    """Return the limits of a mapping as in the file; ConfigError, which names the origin, if one is not valid."""
     _check_keys(content, ("minimum_count", *LimitPart), origin)
     minimum = content.get("minimum_count", 2)
     if not isinstance(minimum, int) or isinstance(minimum, bool) or minimum < 2:
         raise ConfigError(f"{origin}: 'minimum_count' is {minimum!r}: a whole number of at least 2 is needed")
     entries = content.get("trajectory", [])
     if not isinstance(entries, list):
-        raise ConfigError(
-            f"{origin}: 'trajectory' must be a list with one entry for each condition ('- condition: ...')"
-        )
+        raise ConfigError(f"{origin}: 'trajectory' must be a list, one entry a condition ('- condition: ...')")
     limits: list[Limit] = []
     for number, entry in enumerate(entries, 1):
         place = f"{origin}: trajectory entry {number}"
@@ -151,9 +143,7 @@ def _limits_of(part: LimitPart, block: object, origin: str, condition: Condition
 def _check_keys(block: Mapping[str, Any], known: Collection[str], origin: str) -> None:
     for key in block:
         if key not in known:
-            close = difflib.get_close_matches(str(key), known, n=1)
-            hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(known)}"
-            raise ConfigError(f"{origin}: unknown key '{key}' ({hint})")
+            raise ConfigError(f"{origin}: unknown key '{key}'{suggestion(str(key), known)}")
 
 
 def verdicts(limits: Limits, score: Score) -> tuple[Verdict, ...]:
@@ -171,17 +161,9 @@ def verdicts(limits: Limits, score: Score) -> tuple[Verdict, ...]:
             met = value >= limit.limit if limit.key == COVERAGE_MIN else abs(value) <= limit.limit
             state = VerdictState.PASS if met else VerdictState.FAIL
             certain = None if interval is None else not interval[0] <= limit.limit < interval[1]
-        verdict = Verdict(
-            metric=f"target {limit.key}" if limit.part is LimitPart.TARGET else limit.key,
-            limit=limit.limit,
-            value=value,
-            ci95=interval,
-            condition=limit.condition,
-            count=count,
-            state=state,
-            certain=certain,
-        )
-        judged.append(verdict)
+        metric = f"target {limit.key}" if limit.part is LimitPart.TARGET else limit.key
+        said: dict[str, Any] = {"state": state, "certain": certain, "condition": limit.condition}
+        judged.append(Verdict(metric=metric, limit=limit.limit, value=value, ci95=interval, count=count, **said))
     return tuple(judged)
 
 
@@ -218,10 +200,10 @@ def reasons_not_judged(score: Score, asked: Collection[Condition] = ()) -> tuple
         return (score.contradiction,)
     drive, errors = score.trajectory, None if score.map is None else score.map.errors
     unmet: dict[Condition | None, str] = {}
-    for part in () if drive is None else drive.conditions:
-        if drive is not None and not part.count and (not asked or part.condition in asked):
-            extent = drive.matched, drive.path_length_m, drive.duration_s or 0.0
-            unmet[part.condition] = _reason(part.condition, *extent)
+    if drive is not None:
+        never = (part.condition for part in drive.conditions if not part.count)
+        extent = drive.matched, drive.path_length_m, drive.duration_s or 0.0
+        unmet = {item: _reason(item, *extent) for item in never if not asked or item in asked}
     reasons = [*unmet.values()]
     if errors is not None and not errors.point_error_m.count:
         reasons.append("map: no point of the cloud has a true point")
@@ -236,21 +218,13 @@ def conditions_beyond(truth: Trajectory, conditions: Collection[Condition]) -> t
     """Return why a drive with this truth never meets some conditions, to be said before the work is done."""
     length_m = float(np.linalg.norm(np.diff(truth.positions, axis=0), axis=1).sum())
     duration_s = float(truth.stamps_ns[-1] - truth.stamps_ns[0]) / NS_PER_S if len(truth) else 0.0
-    longest = {
-        ConditionKind.DISTANCE: length_m,
-        ConditionKind.TIME: duration_s,
-        ConditionKind.FRAMES: float(len(truth) - 1),
-    }
+    longest = dict(zip(ConditionKind, (length_m, duration_s, len(truth) - 1.0), strict=True))
     beyond = (item for item in conditions if item.value > longest[item.kind])
     return tuple(_reason(item, len(truth), length_m, duration_s) for item in beyond)
 
 
 def _reason(condition: Condition, frames: int, length_m: float, duration_s: float) -> str:
-    """Return how long the drive is in the unit of a condition that it never meets."""
-    texts = {
-        ConditionKind.DISTANCE: f"the drive is {length_m:.1f} m long",
-        ConditionKind.TIME: f"the drive lasts {duration_s:.1f} s",
-        ConditionKind.FRAMES: f"the drive has {frames} frames",
-    }
+    texts = f"is {length_m:.1f} m long", f"lasts {duration_s:.1f} s", f"has {frames} frames"
+    text = f"the drive {texts[list(ConditionKind).index(condition.kind)]}"
     one = "one pose of the estimate has a true pose, at least two are needed"
-    return f"condition {condition.kind}={condition.value:g}: {texts[condition.kind] if frames > 1 else one}"
+    return f"condition {condition.kind}={condition.value:g}: {text if frames > 1 else one}"

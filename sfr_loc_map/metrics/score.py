@@ -2,17 +2,16 @@
 
 Numbers in brackets are clauses of the specification; docs/metrics.md has the rules in full. N is the start of a
 sub-trajectory, N+x its end, n the number of sub-trajectories or values. None is a figure that is undefined (too few
-values); a part that is absent is None as well, or empty. `metrics.score_json` writes and reads the JSON, in which every
-field stands under its own name unless an annotation says otherwise. The comments at the fields are the reference of the
-JSON (docs/reference/score.md).
+values) or a part that is absent. `metrics.score_json` writes and reads the JSON, in which every field stands under its
+own name unless an annotation says otherwise. The comments at the fields are its reference (docs/reference/score.md).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import Field, dataclass, field
+from dataclasses import MISSING, Field, dataclass, field, fields
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, cast, dataclass_transform
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, dataclass_transform
 
 from sfr_loc_map.metrics.config import AssociationMode, CallKind, CloudKind, Condition, Rebase, VerdictState
 
@@ -21,15 +20,13 @@ Column = tuple[float | None, ...]  #: One entry a row; None where a value is und
 Integers = tuple[int, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Key:
+class Key(NamedTuple):
     """Annotation: the key of a field in JSON, where it is not the field's name."""
 
     name: str
 
 
-@dataclass(frozen=True, slots=True)
-class Inline:
+class Inline(NamedTuple):
     """Annotation: the keys of a field stand in its owner's object, after a prefix; all absent: the field is None."""
 
     prefix: str = ""
@@ -49,6 +46,12 @@ class Record:
 class Columns(Record):
     """Record whose tuples are the columns of one table, of one length; those with a default may be empty."""
 
+    def check(self) -> None:
+        """Check the lengths of what was read; ValueError if they differ."""
+        columns = ((getattr(self, item.name), item.default is MISSING) for item in fields(self))
+        if len({len(part) for part, needed in columns if isinstance(part, tuple) and (part or needed)}) > 1:
+            raise ValueError("its columns differ in length")
+
 
 # ---- what is said of many values
 
@@ -57,16 +60,14 @@ class Statistic(Record):
     """Mean and scatter of one error."""
 
     mean: float | None  #: Sum of the values over n; of a vector the norm of the mean vector [4.1.3].
-    #: `sqrt(sum (e_i - mean)^2 / (n - 1))`; of a vector the norm of the sigmas of its axes [4.1.3].
-    sigma: float | None
+    sigma: float | None  #: `sqrt(sum (e_i - mean)^2 / (n - 1))`; of a vector the norm of those of its axes [4.1.3].
     mean_plus_3sigma: float | None  #: `|mean| + 3 sigma`.
 
 
 class IntervalStatistic(Statistic):
     """Mean and scatter of one error over sub-trajectories, with the interval of their sum."""
 
-    #: 95 % interval of mean + 3 sigma by circular block bootstrap; see `metrics.statistics`.
-    mean_plus_3sigma_ci95: Interval | None
+    mean_plus_3sigma_ci95: Interval | None  #: 95 % interval, see `metrics.statistics`.
 
 
 class SampleStatistic(Record):
@@ -80,16 +81,12 @@ class SampleStatistic(Record):
     p95: float | None  #: 95th percentile, alike.
 
 
-# ---- trajectory
-
-
 class NeesPart(Record):
     """Normalised estimation error squared of some components (Bar-Shalom, Li, Kirubarajan 2001, section 5.4)."""
 
     mean: float | None  #: `sum e_i^T Q_i^-1 e_i / n`, Q the covariance of the end given the start.
     expected: float  #: Number of components: the mean of an honest covariance.
-    #: 2.5 % and 97.5 % points of chi-square with `expected n` degrees of freedom, over n.
-    interval95: Interval | None
+    interval95: Interval | None  #: 2.5 % and 97.5 % points of chi-square with `expected n` degrees of freedom, over n.
     consistent: bool | None  #: Whether the mean lies in it.
 
 
@@ -98,9 +95,7 @@ class NeesScore(Record):
 
     count: int  #: Sub-trajectories with a usable covariance.
     not_usable: int  #: Sub-trajectories over which the covariance did not grow, so that it cannot be tested.
-    #: Of those counted, how many were judged by the covariances of the steps between; the others by the growth of the
-    #: published covariance.
-    from_steps: int = 0
+    from_steps: int = 0  #: Those judged by the covariances of the steps between, not by the growth of the published.
     pose: NeesPart  #: Position and attitude, 6 components.
     position: NeesPart  #: 3 components.
     attitude: NeesPart  #: 3 components.
@@ -126,12 +121,9 @@ class ConditionScore(Record):
     #: What is taken from the estimate at N: `T_gt(N) inv(T_est(N)) T_est(N+x)` is compared with `T_gt(N+x)` (pose), or
     #: only the position offset at N is taken away (position) [4.1.2].
     rebase: Rebase
-    #: Position error in DS, estimate less truth: norm of the mean vector, norm of the sigmas [4.2.3.1].
-    position_m: IntervalStatistic
-    #: `2 atan2(|v|, |w|)` of the rotation (v, w) between estimate and truth, never negative [4.2.3.2].
-    attitude_deg: IntervalStatistic
-    #: Heading of the RB x-axis, estimate less truth, in (-180, 180]; mean with its sign [4.2.3.3].
-    heading_deg: IntervalStatistic
+    position_m: IntervalStatistic  #: Estimate less truth in DS: norms of mean vector and of sigmas [4.2.3.1].
+    attitude_deg: IntervalStatistic  #: `2 atan2(|v|, |w|)` of the rotation (v, w) between both [4.2.3.2].
+    heading_deg: IntervalStatistic  #: Of the RB x-axis, estimate less truth, in (-180, 180] [4.2.3.3].
     overlap: float  #: Starts within one sub-trajectory on average; n / overlap of them are independent.
     nees: NeesScore | None  #: Consistency of the covariance, None where none was published.
     components: ErrorComponents  #: Position error by directions.
@@ -185,16 +177,14 @@ class TrajectoryScore(Record):
     degraded: int = 0  #: Frames at which it gave a pose that it has a reason to doubt: they count like any other.
     path_length_m: float  #: Length of the truth's path over the frames.
     duration_s: float | None  #: From the first to the last frame.
-    #: Starts that waited for their end through too many others: none since every pose is kept.
-    discarded_starts: Annotated[int, Key("starts_given_up")] = 0
+    discarded_starts: Annotated[int, Key("starts_given_up")] = 0  #: None since every pose is kept.
     association: AssociationScore  #: How estimates found their truth.
-    #: Scores of all conditions if there are more than one, otherwise empty; see `conditions`.
-    several: Annotated[tuple[ConditionScore, ...], Key("conditions")] = ()
+    several: Annotated[tuple[ConditionScore, ...], Key("conditions")] = ()  #: All, where there are more than one.
     by_distance: tuple[DistanceScore, ...]  #: Error against distance.
 
     @property
     def conditions(self) -> tuple[ConditionScore, ...]:
-        """Scores of all conditions, in the order of the settings."""
+        """Scores of all conditions."""
         return self.several or (self.first,)
 
     def of(self, condition: Condition) -> ConditionScore | None:
@@ -203,17 +193,6 @@ class TrajectoryScore(Record):
 
 
 # ---- ape and rpe: errors as other tools give them, beside the figures of the specification
-
-
-class Alignment(StrEnum):
-    """How the estimate is aligned with the truth before it is compared."""
-
-    NONE = "none"
-    ORIGIN = "origin"  #: By the first pose: `T_gt(0) inv(T_est(0))`.
-    SE3 = "se3"
-    """By the rotation and translation of least squares of the positions (Umeyama 1991)."""
-    SIM3 = "sim3"
-    """The same with a scale."""
 
 
 class ErrorStatistics(Record):
@@ -239,7 +218,7 @@ class AlignedError(Record):
     """One error of a trajectory as other tools give it."""
 
     description: str  #: Metric, alignment and association in one line.
-    alignment: Alignment  #: How the estimate was aligned.
+    alignment: str  #: How the estimate was aligned: `none`, `origin`, `se3` or `sim3`.
     association: str  #: How poses of estimate and truth were paired.
     max_difference_s: float  #: Longest difference of the stamps of a pair.
     delta: Condition | None = None  #: From one pose of a relative error to the other; None of an absolute error.
@@ -319,15 +298,9 @@ class MapScore(Record):
     #: share of those true points with a point nearer than two pixel footprints, `2 Z / f`.
     coverage: float | None
     coverage_range_m: tuple[float, float]  #: Scored range [low, high).
-    #: Whether the points' pixels are not known, so that only the nearest true points can be compared.
-    nearest_only: bool
-    #: Errors against the surface that the pixels see; None where they are not known.
-    errors: Annotated[PointErrorScore | None, Inline()] = None
-    #: Distance to the nearest true point, which reads low; None where pixels are known.
-    nearest_distance_m: SampleStatistic | None = None
-
-
-# ---- calls
+    nearest_only: bool  #: Whether pixels are not known, so that only the nearest true points can be compared.
+    errors: Annotated[PointErrorScore | None, Inline()] = None  #: Against what pixels see, where they are known.
+    nearest_distance_m: SampleStatistic | None = None  #: To the nearest true point, which reads low; else.
 
 
 class StageTime(SampleStatistic):
@@ -344,20 +317,23 @@ class CallScore(SampleStatistic):
     first: float | None  #: The first call, which may load or compile.
     max_after_first: float | None  #: Longest of the others.
     clock: str  #: Clock they were measured with; a host time is never a time of the target.
-    #: Times of the stages of a call by name, where the calls tell them.
-    stages: Mapping[str, StageTime] = field(default_factory=dict)
+    stages: Mapping[str, StageTime] = field(default_factory=dict)  #: By name, where the calls tell them.
 
 
-class TimingScore(Record):
-    """The times of calls by kind [4.2.1]; None where there was none."""
+class ByKind(Record):
+    """What there is of calls by kind; None where there was none."""
+
+    def of(self, kind: CallKind) -> Any:  # noqa: ANN401 - of the type of the fields
+        """Return what there is of a kind."""
+        return getattr(self, kind)
+
+
+class TimingScore(ByKind):
+    """The times of calls by kind [4.2.1]."""
 
     localisation: Annotated[CallScore | None, Key("localisation_s")] = None  #: Pairs localised.
     mapping: Annotated[CallScore | None, Key("mapping_s")] = None  #: Pairs mapped.
     fusion: Annotated[CallScore | None, Key("fusion_s")] = None  #: Sets fused.
-
-    def of(self, kind: CallKind) -> CallScore | None:
-        """Return the times of the calls of a kind."""
-        return cast(CallScore | None, getattr(self, kind))
 
     def kinds(self) -> Iterator[tuple[CallKind, CallScore]]:
         """Yield the kinds of which there were calls."""
@@ -373,17 +349,13 @@ class PeakMemory(Record):
     above_idle_bytes: int | None  #: The same above the idle process.
 
 
-class MemoryScore(Record):
-    """The memory of calls by kind [4.2.2]; None where there was none."""
+class MemoryScore(ByKind):
+    """The memory of calls by kind [4.2.2]."""
 
     localisation: Annotated[PeakMemory | None, Inline("localisation_")] = None  #: Pairs localised.
     mapping: Annotated[PeakMemory | None, Inline("mapping_")] = None  #: Pairs mapped.
     fusion: Annotated[PeakMemory | None, Inline("fusion_")] = None  #: Sets fused.
     method: str | None = None  #: How it was measured; None if nothing was.
-
-    def of(self, kind: CallKind) -> PeakMemory | None:
-        """Return the memory of the calls of a kind."""
-        return cast(PeakMemory | None, getattr(self, kind))
 
 
 class TargetScore(Record):
@@ -392,9 +364,6 @@ class TargetScore(Record):
     name: str  #: Name of the target.
     timing: TimingScore  #: Times.
     memory: MemoryScore  #: Memory, without kinds and method where it was not measured.
-
-
-# ---- methods under test, external nodes and conversions
 
 
 class MethodKind(StrEnum):
@@ -458,8 +427,7 @@ class AnswerCounts(Record):
     doubled: int = 0  #: Answers of a stamp that had been answered.
     other_stamp: int = 0  #: Answers whose stamp is that of no pair; poses among them count by interpolation.
     other_frame: int = 0  #: Answers left out because they name other frames.
-    #: Answers left out because they are none: numbers that are not finite, no unit quaternion, a cloud without x, y, z.
-    not_usable: int = 0
+    not_usable: int = 0  #: Answers left out because they are none: not finite, no unit quaternion, no x, y, z.
 
 
 class ProcessUsage(Record):
@@ -478,9 +446,7 @@ class ExternalScore(Record):
     topic: str  #: What it published on.
     frames: str  #: Frames that its answers name: `parent` or `parent -> child`.
     answers: AnswerCounts  #: What became of pairs and answers.
-    #: From publishing the last image of a pair to the receipt of its answer: transport, waiting and processing
-    #: together. It is not a time per call. None without an answer.
-    latency_s: StageTime | None
+    latency_s: StageTime | None  #: From publishing the last image of a pair to its answer: not a time per call.
     process: ProcessUsage | None = None  #: CPU and memory of its processes, None where they were not watched.
     ended: str = ""  #: How its process ended during the run; empty where it ran on, or was not started here.
 
@@ -526,16 +492,12 @@ class CallFigures(Record):
     series: CallSeries  #: Times and memory by call.
 
 
-class CallDetails(Record):
-    """The figures of calls by kind; None where there was none."""
+class CallDetails(ByKind):
+    """The figures of calls by kind."""
 
     localisation: CallFigures | None = None  #: Pairs localised.
     mapping: CallFigures | None = None  #: Pairs mapped.
     fusion: CallFigures | None = None  #: Sets fused.
-
-    def of(self, kind: CallKind) -> CallFigures | None:
-        """Return the figures of the calls of a kind."""
-        return cast(CallFigures | None, getattr(self, kind))
 
 
 class PathRows(Columns):
@@ -599,8 +561,7 @@ class ErrorImage(Record):
 
     pair: int  #: Number of the pair.
     block_px: int  #: Pixels of a block each way.
-    #: Rows of blocks, tenths of a millimetre, -1 where there is no point.
-    error: Annotated[tuple[Integers, ...], Key("error_0p1mm")]
+    error: Annotated[tuple[Integers, ...], Key("error_0p1mm")]  #: Rows of blocks, -1 where there is no point.
 
 
 class Triangulation(Record):
@@ -638,10 +599,8 @@ class Verdict(Record):
     ci95: Interval | None  #: Its 95 % interval, None where it has none.
     condition: Condition | None = None  #: Condition of the sub-trajectories, None outside the trajectory.
     count: int | None  #: Number of values the figure is made of, None where it is not made of many.
-    #: Pass if `|value| <= limit`, of `coverage_min` if `value >= limit`.
-    state: Annotated[VerdictState, Key("verdict")]
-    #: Whether the interval lies on one side of the limit, None where there is no interval.
-    certain: bool | None
+    state: Annotated[VerdictState, Key("verdict")]  #: Pass if `|value| <= limit`, of `coverage_min` if `>=`.
+    certain: bool | None  #: Whether the interval lies on one side of the limit, None where there is no interval.
 
 
 class InputFile(Record):
@@ -649,8 +608,7 @@ class InputFile(Record):
 
     path: str  #: As given.
     sha256: str  #: Hash of the content.
-    #: Of a truth the hash of its values, whatever file they were read from; None of other inputs.
-    data_sha256: str | None = None
+    data_sha256: str | None = None  #: Of a truth the hash of its values, whatever file they were read from.
 
 
 class Provenance(Record):
@@ -669,20 +627,16 @@ class Score(Record):
     method: MethodRecord | None = None  #: Whose figures these are; None where nobody has said so.
     findings: tuple[FindingRecord, ...] = ()  #: What that method did wrong, one for each kind.
     external: ExternalScore | None = None  #: How an external node behaved; None where there was none.
-    #: How the poses were converted before they were scored; None where they were not.
-    convention: ConventionRecord | None = None
+    convention: ConventionRecord | None = None  #: How the poses were converted before they were scored.
     trajectory: TrajectoryScore | None = None  #: Errors of the trajectory.
-    #: Absolute and relative error (`ape`, `rpe`) of the trajectory; None where no alignment was asked for.
-    aligned: Annotated[AlignedErrors | None, Inline()] = None
+    aligned: Annotated[AlignedErrors | None, Inline()] = None  #: `ape` and `rpe`, where an alignment was asked for.
     map: MapScore | None = None  #: Errors of the map.
     timing: TimingScore | None = None  #: Times of the calls on this host.
     memory: MemoryScore | None = None  #: Memory of the calls on this host.
     target: TargetScore | None = None  #: Calls that were measured elsewhere.
     verdicts: tuple[Verdict, ...]  #: One for each limit, in the order of the limits.
     warnings: tuple[str, ...] = ()  #: One line for each.
-    #: The convention mismatch by which estimate and truth contradict each other, so that the figures of the trajectory
-    #: judge nothing; None where there is none.
-    contradiction: str | None = None
+    contradiction: str | None = None  #: Convention mismatch of estimate and truth: no figure of them judges anything.
     provenance: Provenance | None = None  #: What it was made of.
     details: Details | None = None  #: What figures are drawn from.
 

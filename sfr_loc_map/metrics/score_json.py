@@ -9,7 +9,6 @@ files of versions that did not have it are read. Numbers that are not finite are
 
 from __future__ import annotations
 
-import difflib
 import json
 import math
 import types
@@ -19,13 +18,14 @@ from enum import StrEnum
 from functools import cache
 from typing import Annotated, Any, NamedTuple, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
+from sfr_loc_map.config import suggestion
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import parse_json
 from sfr_loc_map.metrics.score import Columns, Inline, Key, Score
 
 T = TypeVar("T")
 SCHEMA = "sfr-score/1"
-MAX_NUMBER, MAX_WHOLE = 1e100, 2**63
+MAX_NUMBER, MAX_WHOLE = 1e100, 2**63 - 1
 """Largest numbers: squares and sums of the first stay finite, the other is that of 64 bits."""
 
 
@@ -101,7 +101,6 @@ def from_plain(kind: type[T], value: Any, place: str = "") -> T:  # noqa: ANN401
 
 
 def _read(kind: Any, value: Any, place: str) -> Any:  # noqa: ANN401 - any type expression and a value of it
-    inside = f"{place}." if place else ""
     origin, parts = get_origin(kind), get_args(kind)
     if kind is object:
         return value
@@ -109,7 +108,7 @@ def _read(kind: Any, value: Any, place: str) -> Any:  # noqa: ANN401 - any type 
         undefined = value is None or (isinstance(value, float) and not math.isfinite(value))
         return None if undefined else _read(next(part for part in parts if part is not types.NoneType), value, place)
     if origin is not None and issubclass(origin, Mapping) and isinstance(value, Mapping):
-        return {key: _read(parts[1], item, inside + key) for key, item in value.items()}
+        return {key: _read(parts[1], item, f"{place}.{key}") for key, item in value.items()}
     if origin is tuple and is_dataclass(parts[0]) and isinstance(value, list):
         return tuple(_read(parts[0], item, place) for item in value)
     try:
@@ -118,37 +117,26 @@ def _read(kind: Any, value: Any, place: str) -> Any:  # noqa: ANN401 - any type 
         if is_dataclass(kind):
             record = cast(Any, kind)(**dict(_read_fields(cast(type, kind), value, place)))
             if isinstance(record, Columns):
-                columns = {item.name: (getattr(record, item.name), item.default is MISSING) for item in fields(kind)}
-                lengths = {k: len(v) for k, (v, needed) in columns.items() if isinstance(v, tuple) and (v or needed)}
-                if len(set(lengths.values())) > 1:
-                    raise RecordError(f"{place or 'it'}: its columns differ in length: {lengths}")
+                record.check()
             return record
+        import msgspec  # what writes alone starts without it
+
+        return msgspec.convert(_sensible(value), kind)
     except RecordError:
         raise
-    except ValueError as error:
-        raise RecordError(f"{place or 'it'}: {error}") from error
-    import msgspec  # what writes alone starts without it
-
-    try:
-        return msgspec.convert(_sensible(value), kind)
     except ValueError as error:  # msgspec's is one
-        text = repr(value)
-        found = text if len(text) <= 40 else type(value).__name__
-        raise RecordError(f"{place or 'it'} is {found}: {error}") from error
+        found = "" if is_dataclass(kind) or len(text := repr(value)) > 40 else f" is {text}"
+        raise RecordError(f"{place or 'it'}{found}: {error}") from error
 
 
 def _read_fields(kind: type, content: Any, place: str) -> Iterator[tuple[str, Any]]:  # noqa: ANN401 - any JSON
     """Yield name and value of the fields of a record that are there."""
     if not isinstance(content, Mapping):
-        raise RecordError(f"{place or 'it'} is {type(content).__name__}: an object is needed")
-    items = _fields_of(kind)
-    known = [key for item in items for key in item.keys]
-    for key in content:
-        if key not in known:
-            close = difflib.get_close_matches(str(key), known, n=1)
-            hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(known)}"
-            raise RecordError(f"{place or 'it'} has an unknown key '{key}' ({hint})")
-    for item in items:
+        raise ValueError("an object is needed")
+    known = [key for item in _fields_of(kind) for key in item.keys]
+    if unknown := [key for key in content if key not in known]:
+        raise RecordError(f"{place or 'it'} has an unknown key '{unknown[0]}'{suggestion(str(unknown[0]), known)}")
+    for item in _fields_of(kind):
         present = [key for key in item.keys if key in content]
         if not present and item.has_default:
             continue
@@ -165,12 +153,10 @@ def _sensible(value: Any) -> Any:  # noqa: ANN401 - any value of JSON
     """Return values in which what is not finite is undefined; ValueError if a number is too large."""
     if isinstance(value, list | tuple):
         return [_sensible(item) for item in value]
-    if isinstance(value, float):
-        if abs(value) > MAX_NUMBER and math.isfinite(value):
-            raise ValueError(f"a number of at most {MAX_NUMBER:g} is needed")
-        return value if math.isfinite(value) else None
-    if isinstance(value, int) and not -MAX_WHOLE <= value < MAX_WHOLE:
-        raise ValueError("a whole number of 64 bits is needed")
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, int | float) and abs(value) > (MAX_NUMBER if isinstance(value, float) else MAX_WHOLE):
+        raise ValueError(f"a number of at most {MAX_NUMBER:g} is needed, a whole number of 64 bits")
     return value
 
 

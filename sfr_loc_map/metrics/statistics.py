@@ -73,14 +73,6 @@ def statistic(count: int, mean: FloatArray, squares: FloatArray) -> Statistic:
     return Statistic(mean=middle, sigma=sigma, mean_plus_3sigma=abs(middle) + 3.0 * sigma)
 
 
-def norm(values: FloatArray) -> float:
-    """Return the Cartesian norm of a short vector, always summed in the same order."""
-    total = 0.0
-    for value in values.tolist():
-        total += value * value
-    return float(np.sqrt(total))
-
-
 def sample_statistic(values: NDArray[np.floating]) -> SampleStatistic:
     """Return the statistic of all values; None where undefined."""
     data = np.asarray(values, dtype=np.float64)
@@ -108,11 +100,7 @@ def chi2_interval95(freedom: float, count: int) -> Interval:
 
 
 def chi2_quantile(share: float, freedom: float) -> float:
-    """Return the value that a chi-squared variable stays below with this probability.
-
-    Its distribution function is the regularised lower incomplete gamma function P(freedom / 2, x / 2)
-    (Abramowitz and Stegun 26.4.19).
-    """
+    """Return the value that a chi-squared variable stays below with this probability (Abramowitz, Stegun 26.4.19)."""
     from scipy.special import gammaincinv
 
     return float(2.0 * gammaincinv(freedom / 2.0, share))
@@ -123,13 +111,6 @@ def student_quantile(share: float, freedom: float) -> float:
     from scipy.special import stdtrit
 
     return float(stdtrit(freedom, share))
-
-
-def student_share(value: float, freedom: float) -> float:
-    """Return the probability with which a Student t variable stays below a value."""
-    from scipy.special import stdtr
-
-    return float(stdtr(freedom, value))
 
 
 def holm(probabilities: Sequence[float | None]) -> list[float | None]:
@@ -179,14 +160,8 @@ def block_sums(values: FloatArray) -> BlockSums:
 def interval95(stretches: BlockSums, columns: slice, overlap: float, *, unsigned: bool) -> Interval | None:
     """Return the 95 % interval of norm(mean) + 3 norm(sigma) of some columns, None of too few independent values.
 
-    Args:
-        stretches: Sums of the series.
-        columns: Columns that make one vector.
-        overlap: Starts that lie within one sub-trajectory, on average, >= 1.
-        unsigned: Whether the values are never negative.
+    `overlap` starts lie within one sub-trajectory on average; unsigned values are never negative.
     """
-    from scipy.special import stdtrit
-
     width = (stretches.rows.shape[1] - 1) // 2
     counts, sums = stretches.rows[:, 0], stretches.rows[:, 1 : 1 + width][:, columns]
     squares = stretches.rows[:, 1 + width :][:, columns]
@@ -211,7 +186,7 @@ def interval95(stretches: BlockSums, columns: slice, overlap: float, *, unsigned
     directions = float(variances.sum() ** 2 / np.square(variances).sum())
     freedom = max((independent - 1.0) * np.sqrt(directions), MIN_FREEDOM)
     widening = WIDENING_UNSIGNED if unsigned else WIDENING
-    factor = float(np.exp(widening * float(stdtrit(freedom, 0.975)) * error / centre))
+    factor = float(np.exp(widening * student_quantile(0.975, freedom) * error / centre))
     return centre / factor, centre * factor
 
 

@@ -62,9 +62,7 @@ def score_trajectory(
 ) -> ScoredTrajectory:
     """Return the score of a trajectory; poses of RB in DS, in any order.
 
-    While a run is under way, estimates without a truth are no error.
-
-    MetricsError if no estimate has a truth, or a condition is not valid.
+    MetricsError if a condition is not valid, or no estimate has a truth (which is no error while a run is under way).
     """
     conditions = [Condition.parse(text) for text in config.conditions]
     if not conditions:
@@ -72,25 +70,33 @@ def score_trajectory(
     frames, counts, mode = associate(estimates.trajectory, truth, config.association)
     stamps_ns, count, whole_pose = frames.stamps_ns, len(frames.stamps_ns), config.rebase == Rebase.POSE
     if not count and not under_way:
-        raise MetricsError(_nothing_in_common(estimates.trajectory, truth))
+        spans = [
+            f"{len(each)} poses"
+            + (f" from {min(each) / NS_PER_S:.3f} s to {max(each) / NS_PER_S:.3f} s" if len(each) else "")
+            for each in (estimates.trajectory.stamps_ns.tolist(), truth.stamps_ns.tolist())
+        ]
+        raise MetricsError(
+            f"no estimate has a truth at its stamp: the estimate has {spans[0]}, the truth has {spans[1]}; give "
+            "trajectories of the same drive and clock (sfr doctor finds a clock that is off)"
+        )
     lost, degraded = estimates.lost[frames.est_rows], estimates.degraded[frames.est_rows]
     counts = replace(counts, lost=int(np.count_nonzero(lost)), degraded=int(np.count_nonzero(degraded)))
     lengths = path_lengths(frames.gt_pos)
     poses = PoseRows(frames.gt_pos, frames.gt_quat, frames.est_pos, frames.est_quat, lengths)
-    progress, spans = Progress(stamps_ns, lengths), []
+    progress, pairs = Progress(stamps_ns, lengths), []
     for condition in conditions:
         of_time = condition.kind is ConditionKind.TIME
         threshold = float(round(condition.value * NS_PER_S)) if of_time else condition.value
         starts = np.arange(0, count, config.spacing)
         ends = find_ends(starts, progress, KINDS[condition.kind], threshold)
-        spans.append((starts[ends < count], ends[ends < count]))
+        pairs.append((starts[ends < count], ends[ends < count]))
     sums: dict[int, FloatArray] = {}
     if estimates.steps is not None and estimates.covariance is not None:
-        compared = np.unique(np.concatenate([np.concatenate(span) for span in spans]))
+        compared = np.unique(np.concatenate([np.concatenate(span) for span in pairs]))
         sums = sums_of_steps(estimates, estimates.steps, frames.est_rows[compared])
 
     scores, rows = [], []
-    for condition, (starts, ends) in zip(conditions, spans, strict=True):
+    for condition, (starts, ends) in zip(conditions, pairs, strict=True):
         errors = sub_trajectory_errors(poses, starts, ends, whole_pose)
         mean, squares = moments(errors)
         stretches = block_sums(errors[:, : HEADING + 1])
@@ -101,12 +107,8 @@ def score_trajectory(
         figures: dict[str, Any] = {}
         for name, which in FIGURES.items():
             plain = statistic(len(errors), mean[which], squares[which])
-            figures[name] = IntervalStatistic(
-                mean=plain.mean,
-                sigma=plain.sigma,
-                mean_plus_3sigma=plain.mean_plus_3sigma,
-                mean_plus_3sigma_ci95=interval95(stretches, which, overlap, unsigned=name == "attitude_deg"),
-            )
+            interval = interval95(stretches, which, overlap, unsigned=name == "attitude_deg")
+            figures[name] = IntervalStatistic(**vars(plain), mean_plus_3sigma_ci95=interval)
         columns = {item.name: [COLUMNS.index(item.name)] for item in fields(ErrorComponents)}
         components = {name: statistic(len(errors), mean[at], squares[at]) for name, at in columns.items()}
         score = ConditionScore(
@@ -181,17 +183,3 @@ def score_trajectory(
         },
     )
     return ScoredTrajectory(score_of_all, TrajectoryDetails(path=path, sub_trajectories=tuple(rows)))
-
-
-def _nothing_in_common(estimate: Trajectory, truth: Trajectory) -> str:
-    spans = []
-    for name, poses in (("the estimate", estimate), ("the truth", truth)):
-        text = f"{name} has {len(poses)} poses"
-        if len(poses):
-            first, last = poses.stamps_ns.min() / NS_PER_S, poses.stamps_ns.max() / NS_PER_S
-            text += f" from {first:.3f} s to {last:.3f} s"
-        spans.append(text)
-    return (
-        f"no estimate has a truth at its stamp: {', '.join(spans)}; give trajectories of the same drive and clock "
-        "(sfr doctor finds a clock that is off)"
-    )

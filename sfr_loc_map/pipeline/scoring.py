@@ -446,12 +446,13 @@ def save_evo_result(
     errors = poses.errors_m()
     ape = aligned_errors(estimate, truth, config).ape
     stats = {item.name: getattr(ape.translation, item.name) for item in fields(ape.translation)}
-    seconds = poses.stamps_ns / NS_PER_S
+    stamps_ns = poses.estimate.stamps_ns
+    seconds = stamps_ns / NS_PER_S
     info = {"title": ape.description, "label": "APE (m)", **names}
     arrays = {"error_array": errors, "timestamps": seconds, "seconds_from_start": seconds - seconds[0]}
     texts = {
         f"{names[key]}.tum": trajectory_text(
-            Trajectory(poses.stamps_ns, each.positions, each.quats), TrajectoryFormat.TUM
+            Trajectory(stamps_ns, each.positions, each.quats_xyzw), TrajectoryFormat.TUM
         )
         for key, each in (("est_name", poses.estimate), ("ref_name", poses.truth))
     }

@@ -62,7 +62,7 @@ def curves_of(
             curves.append(curve(name, colour, poses.stamps_ns, poses.positions))
         else:
             paired = aligned_poses(poses, truth, config)
-            curves.append(curve(name, colour, paired.stamps_ns, paired.estimate.positions, paired.errors_m()))
+            curves.append(curve(name, colour, paired.estimate.stamps_ns, paired.estimate.positions, paired.errors_m()))
     return curves
 
 
