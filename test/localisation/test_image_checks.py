@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 
-import cv2
 import numpy as np
 import pytest
 from loc_drive import drive, errors, localiser, noisy, run
@@ -13,26 +11,14 @@ from made_scene import HEIGHT, true_pose
 
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.localisation.estimate import StateReason, TrackingState
-from sfr_loc_map.localisation.image_checks import is_frozen
 
 DRIVE = drive(16)
-SCENE = cv2.GaussianBlur(np.random.default_rng(5).normal(0, 120, (256, 256)), (0, 0), 2.0) + 120.0
-SCENE = np.clip(np.rint(SCENE), 0, 255).astype(np.uint8)
 
 
 def torn(new: StereoPair, old: StereoPair, row: int) -> StereoPair:
     """Return a pair whose rows from one on are those of another pair."""
     sides = (np.concatenate((getattr(new, s)[:row], getattr(old, s)[row:])) for s in ("left", "right"))
     return StereoPair(new.stamp_ns, *sides)
-
-
-@pytest.mark.parametrize("level", [0.5, 1.0, 3.0, 8.0])
-def test_new_noise_on_an_old_image_is_frozen_and_two_exposures_are_not(level: float) -> None:
-    random = np.random.default_rng(0)
-    exposed = [noisy(SCENE, level, random) for _ in range(6)]
-    assert not any(is_frozen(first, second) for first, second in pairwise(exposed))
-    old = noisy(SCENE, 2.0, random)
-    assert all(is_frozen(old, noisy(old, level, random)) for _ in range(5))
 
 
 def test_frozen_pair_with_new_noise_is_degraded_with_a_covariance_that_contains_the_motion() -> None:

@@ -10,9 +10,7 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.mapping.config import CalibrationUncertainty
-from sfr_loc_map.mapping.disparity.right_camera import CameraRotation
-from sfr_loc_map.mapping.reprojection import CalibrationSigma, check_calibration, cloud_from_disparity, total_sigma
+from sfr_loc_map.mapping.reprojection import CalibrationSigma, cloud_from_disparity, total_sigma
 
 SMALL = StereoRig(32, 24, 40.0, 44.0, 14.5, 12.25, 0.25)
 RIG = StereoRig(400, 300, 320.0, 320.0, 199.5, 149.5, 0.2)
@@ -73,22 +71,3 @@ def test_parts_add_as_variances_and_none_leaves_sigma_as_it_is() -> None:
     single = [total_sigma(cloud, [POSE], RIG, NONE._replace(**{n: v})) for n, v in parts._asdict().items()]
     variance = sum(np.square(s) - np.square(cloud.sigma) for s in single) + np.square(cloud.sigma)
     np.testing.assert_allclose(total_sigma(cloud, [POSE], RIG, parts), np.sqrt(variance), rtol=1e-4)
-
-
-@pytest.mark.parametrize(
-    ("yaw_deg", "sigma_deg", "widened", "told"),
-    [
-        (0.008, 0.001, False, False),  # as large as the calibration allows for
-        (0.05, 0.02, False, False),  # not measured
-        (-0.015, 0.001, True, False),
-        (-0.05, 0.002, True, True),
-    ],
-)
-def test_a_measured_yaw_widens_sigma_and_is_told_a_doubtful_one_is_not(
-    yaw_deg: float, sigma_deg: float, widened: bool, told: bool
-) -> None:
-    rotation = CameraRotation(np.radians(yaw_deg), np.radians(sigma_deg), 0.0, 0.0)
-    sigma, warnings = check_calibration(CalibrationUncertainty(), rotation, RIG)
-    stated = np.radians(CalibrationUncertainty().yaw_deg)
-    assert sigma.yaw == (np.hypot(stated, np.radians(yaw_deg)) if widened else stated)
-    assert bool(warnings) == told

@@ -13,8 +13,6 @@ from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate
-from sfr_loc_map.localisation.frontend.patch import build_pyramid
-from sfr_loc_map.localisation.frontend.tracking import StereoFrame
 from sfr_loc_map.localisation.localiser import Localiser
 
 BLACK = np.zeros((HEIGHT, WIDTH), np.uint8)
@@ -24,16 +22,6 @@ pair_of_drive = cache(loc_pair)
 
 def drive(count: int = 40) -> list[StereoPair]:
     return [pair_of_drive(index) for index in range(count)]
-
-
-def frame_of(pair: StereoPair) -> StereoFrame:
-    return StereoFrame(pair.stamp_ns, pair.left, build_pyramid(pair.left), build_pyramid(pair.right))
-
-
-def camera_motion(index: int) -> Transform:
-    """Return the left camera at a pair in that of the first pair."""
-    first, now = (true_pose(k) @ LOC_RIG.T_rb_left for k in (0, index))
-    return first.inverse() @ now
 
 
 def localiser(T_ds_rb: Transform | None = None) -> Localiser:

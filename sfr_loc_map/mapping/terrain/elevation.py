@@ -14,7 +14,7 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit
 
-MAX_CELLS = 25_000_000
+MAX_CELLS = 2_500_000  #: A grid takes up to 107 bytes a cell while it is made: 270 MB.
 SLOPE = 0.1
 """Typical slope of ground: a point displaced along its ray lies over ground that is as much higher or lower."""
 
@@ -60,15 +60,16 @@ class CellGrid:
             low, high = np.maximum(low, centre - reach), np.minimum(high, centre + reach)
             if not (low <= high).all():
                 raise MappingError(f"the cloud has no points within {reach} m of the cameras: raise terrain.range_m")
-        first, last = np.floor(low / cell_m).astype(np.int64), np.floor(high / cell_m).astype(np.int64)
-        columns, rows = (int(size) for size in last - first + 1)
+        first, last = np.floor(low / cell_m), np.floor(high / cell_m)
+        columns, rows = last - first + 1
         if rows * columns > MAX_CELLS:
+            x, y = high - low  # of which a cell c makes at most x / c + 2 by y / c + 2 cells
+            fits = (x + y + np.hypot(x + y, np.sqrt((MAX_CELLS - 4) * x * y))) / (MAX_CELLS - 4)
             raise MappingError(
-                f"cells of {cell_m} m over {columns * cell_m:.0f} x {rows * cell_m:.0f} m are "
-                f"{rows * columns / 1e6:.0f} million: {MAX_CELLS / 1e6:.0f} million are the limit; take larger cells "
-                f"or a smaller max_range_m"
+                f"cells of {cell_m} m over {x:.4g} x {y:.4g} m are {rows * columns / 1e6:.3g} million: "
+                f"{MAX_CELLS / 1e6} million are the limit; take cells of {1.05 * fits:.2g} m or more"
             )
-        return cls((int(first[0]), int(first[1])), rows, columns, cell_m)
+        return cls((int(first[0]), int(first[1])), int(rows), int(columns), cell_m)
 
     def cell_of(self, xyz: NDArray[np.float32]) -> NDArray[np.int32]:
         """Return the cell `(N,)` of each point, row times columns plus column; -1 where it lies outside."""
@@ -113,8 +114,6 @@ def elevation_of_cells(
     Errors of neighbouring points are correlated, so the variance of a cell's mean is that of its points; to it comes
     that of the mean over heights that differ within the cell, and what the points' sigma has beyond its random part: an
     error that they share has no say in their weights, and no mean removes it.
-
-            # placeholder
     """
     height = np.ascontiguousarray(cloud.xyz[:, 2])
     random = cloud.sigma if random_sigma is None else random_sigma

@@ -8,7 +8,7 @@ from made_scene import LOC_RIG, PERIOD_NS, START_NS, true_pose
 
 from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.localisation.backend.online_calibration import AFTERMATH_PAIRS, OnlineCalibration
+from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.estimate import StateReason, TrackingState
 from sfr_loc_map.simulation.faults import parse_fault
 from sfr_loc_map.simulation.perturber import Perturber
@@ -68,17 +68,6 @@ def test_steady_drift_is_followed_to_some_hundredths_of_a_pixel(rate: float, noi
     assert drift.drifts
     assert np.abs(corrected - true)[20:].max() < 0.03 + 5 * noise
     assert abs((corrected - true)[20:].mean()) < 0.02 + noise
-
-
-def test_what_is_over_ends_and_what_belongs_to_other_landmarks_is_forgotten() -> None:
-    drift = OnlineCalibration(CAMERA, 7)
-    for k in range(20):
-        drift.learn_shift(0.02 * k, 1e-4)
-    assert drift.drifts
-    drift.interrupt()
-    assert all(drift.learn_shift(0.0, 1e-4) == 0.0 for _ in range(AFTERMATH_PAIRS))
-    assert not drift.drifts
-    assert OnlineCalibration(CAMERA, 7).learn_shift(5.0, np.inf) == 0.0
 
 
 def test_right_camera_that_turns_is_followed_and_reported() -> None:

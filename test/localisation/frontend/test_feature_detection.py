@@ -38,14 +38,3 @@ def test_corners_are_the_strongest_of_each_cell_strongest_first(seed: int) -> No
     expected = sorted((item for item in expected if item[0] > floor), reverse=True)
     found = find_corners(image, np.zeros((0, 2)), wanted, BORDER)
     assert found.tolist() == [[u, v] for _, u, v in expected]
-
-
-def test_cells_with_landmarks_and_masked_pixels_give_no_corners() -> None:
-    image = texture()
-    free = find_corners(image, np.zeros((0, 2)), 60, BORDER)
-    assert not len(find_corners(image, free, 60, BORDER))
-    mask = np.ones(image.shape, np.uint8)
-    mask[:, :80] = 0
-    right = find_corners(image, np.zeros((0, 2)), 60, BORDER, mask)
-    assert len(right)
-    assert right[:, 0].min() >= 80

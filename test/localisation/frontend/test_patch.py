@@ -1,21 +1,17 @@
 """Image pyramids, homographies of local planes and patches by their definitions."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from numba import njit
-from scipy.ndimage import correlate1d, gaussian_filter
+from scipy.ndimage import gaussian_filter
 
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.localisation.frontend.patch import (
     HALF,
-    LEVELS,
     SIDE,
     LocalPlanes,
     LocalWarp,
-    build_pyramid,
     cut_patches,
     half_width,
     local_warp,
@@ -23,7 +19,6 @@ from sfr_loc_map.localisation.frontend.patch import (
     templates_of,
 )
 
-GREY = np.random.default_rng(0).integers(0, 256, (83, 130), np.uint8)
 CAMERA = StereoCamera(400.0, 420.0, 256.0, 240.0, 0.2)
 HOST = Pose(matrix_from_rotvec([0.1, -0.2, 0.05]), np.array([1.0, -2.0, 0.5]))
 NORMAL, DISTANCE = np.array([0.2, -0.4, 1.0]), 3.0
@@ -54,19 +49,6 @@ UV = np.array([[200.0, 180.0], [300.5, 250.25], [90.0, 400.0]])
 RANDOM = np.random.default_rng(0)
 IMAGE = gaussian_filter(RANDOM.normal(128.0, 400.0, (120, 160)), 2.0).astype(np.float32)
 PLACES = RANDOM.integers(25, 95, (30, 2)).astype(float)
-
-
-def test_levels_are_smoothed_by_a_gaussian_and_then_means_of_2_by_2_pixels() -> None:
-    kernel = np.exp(-0.5 * (np.arange(-1, 2) / 0.5) ** 2)
-    kernel /= kernel.sum()
-    smooth = correlate1d(correlate1d(GREY.astype(float), kernel, 0, mode="mirror"), kernel, 1, mode="mirror")
-    levels = build_pyramid(GREY)
-    np.testing.assert_allclose(levels[0].image, smooth, atol=1e-3)
-    assert [level.scale for level in levels] == [2.0**number for number in range(LEVELS)]
-    for (fine, _), (coarse, _) in pairwise(levels):
-        height, width = (size // 2 for size in fine.shape)
-        blocks = fine[: 2 * height, : 2 * width].reshape(height, 2, width, 2)
-        np.testing.assert_allclose(coarse, blocks.mean(axis=(1, 3)), atol=1e-3)
 
 
 @pytest.mark.parametrize("offset_x", [0.0, CAMERA.baseline_m])

@@ -59,10 +59,3 @@ def test_covariance_is_the_inverse_of_the_normal_matrix() -> None:
     derivatives = derivatives - share[:, :, None] * grey[:, None]
     expected = np.linalg.inv(np.einsum("nik,njk->nij", derivatives, derivatives))
     np.testing.assert_allclose(track(IMAGE).covariance, expected[:, [0, 0, 1], [0, 1, 1]], rtol=1e-3)
-
-
-def test_patches_without_texture_or_outside_are_not_tracked() -> None:
-    assert np.isnan(track(np.full_like(IMAGE, 50.0)).uv).all()
-    away = np.tile(np.array([[1.0, 0.0, 200.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), (len(UV), 1, 1))
-    assert np.isnan(track(IMAGE, away).uv).all()
-    assert np.isnan(track(shifted(1.5, 0.0), max_shift=0.5).uv).mean() > 0.9

@@ -16,7 +16,6 @@ from sfr_loc_map.localisation.frontend.pose_solver import (
     RightShift,
     StereoObservations,
     intrinsics,
-    linearise_in_host,
     linearise_landmark,
     new_projection,
     right_shift,
@@ -125,18 +124,6 @@ def test_jacobians_are_central_differences(seed: int) -> None:
     for column, step in enumerate(STEP * np.eye(UNKNOWNS)):
         difference = projected(step, poses, landmark)[1].uv - projected(-step, poses, landmark)[1].uv
         np.testing.assert_allclose(jacobian[:, column], difference / (2 * STEP), rtol=1e-6, atol=2e-5)
-
-
-@settings(max_examples=25)
-@given(st.integers(0, 2**32 - 1))
-def test_in_its_own_pair_a_landmark_is_projected_as_in_any(seed: int) -> None:
-    (_, host), landmark = scene(seed)
-    _, expected = projected(np.zeros(UNKNOWNS), [host, host], landmark)
-    found = new_projection()
-    linearise_in_host(landmark, intrinsics(CAMERA), found)
-    np.testing.assert_allclose(found.uv, expected.uv, atol=1e-9)
-    np.testing.assert_allclose(found.by_landmark, expected.by_landmark, atol=1e-9)
-    assert not found.by_target.any()
 
 
 # ---- rotation of the right camera

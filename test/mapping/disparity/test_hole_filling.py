@@ -3,14 +3,7 @@
 import numpy as np
 from disparity_world import two_planes
 
-from sfr_loc_map.mapping.disparity.hole_filling import (
-    MAX_DEPTH_RATIO,
-    REACH,
-    HoleScene,
-    distance_to,
-    fill_holes,
-    hypotheses,
-)
+from sfr_loc_map.mapping.disparity.hole_filling import MAX_DEPTH_RATIO, fill_holes
 
 F = np.float32
 ROWS, COLS = 60, 160
@@ -75,17 +68,3 @@ def test_a_textureless_region_is_no_part_of_the_surface_beside_it_unless_enclose
     _, filled = scene.filled(hole)
     assert filled[:12].mean() < 0.1
     assert filled[patch].mean() > 0.8
-
-
-def test_surfaces_are_continued_as_planes() -> None:
-    v, u = np.mgrid[:ROWS, :COLS]
-    plane = (10.0 + 0.2 * u - 0.1 * v).astype(F)
-    valid = np.ones((ROWS, COLS), bool)
-    valid[20:31, 60:71] = False
-    scene = HoleScene(plane, plane, np.where(valid, plane, F(0.0)), valid, ~valid, plane, distance_to(valid))
-    found = hypotheses(scene, 25, 65)
-    np.testing.assert_allclose(found, np.tile([plane[25, 65], 0.2, -0.1], (8, 1)), atol=1e-4)
-    valid[:] = False
-    valid[25, 65 + REACH] = valid[25 - REACH - 1, 65] = True
-    scene = HoleScene(plane, plane, plane, valid, ~valid, plane, distance_to(valid))
-    np.testing.assert_array_equal(np.isfinite(hypotheses(scene, 25, 65)[:, 0]), [True] + 7 * [False])

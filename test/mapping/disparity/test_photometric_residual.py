@@ -63,21 +63,6 @@ def test_the_information_vector_is_minus_the_gradient_of_the_energy() -> None:
     assert np.median(equations.information[INNER] / curvature[INNER]) == pytest.approx(1.0, abs=0.1)
 
 
-def test_residuals_beyond_the_tail_lose_weight() -> None:
-    template = np.tile(2.0 * np.arange(COLS, dtype=F), (ROWS, 1))
-    residual = np.full((ROWS, COLS), 6.0, F)
-    residual[:, 10] = np.nan
-    cells = np.zeros((ROWS // 2, COLS // 2), F)
-    found = normal_equations(slopes(template), residual, cells + F(1.0), cells + F(0.25), F(0.04))
-    level, variance = (6.0 - 1.0) ** 2 / 4.0, 4.0
-    weight = 1.0 / (1.0 + 0.04 * level)
-    for j, count in ((7, 4), (5, 2), (0, 0)):  # all four pixels, two of them NaN, no slope at the border
-        np.testing.assert_allclose(found.weight[:, j], count * weight, rtol=1e-5)
-        np.testing.assert_allclose(found.chi2[:, j], count * weight * level, rtol=1e-5)
-        np.testing.assert_allclose(found.information[:, j], count * weight * 4.0 / variance, rtol=1e-4)
-        np.testing.assert_allclose(found.information_vector[:, j], count * weight * 2.0 * 5.0 / variance, rtol=1e-4)
-
-
 def test_the_variance_of_noise_grows_with_the_grey_level() -> None:
     rng = np.random.default_rng(0)
     left = np.tile(np.linspace(20.0, 220.0, 640), (400, 1))

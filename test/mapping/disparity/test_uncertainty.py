@@ -12,13 +12,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity.semi_global_matching import semi_global_matching
 from sfr_loc_map.mapping.disparity.smoothness import SmoothnessWeights, conjugate_gradient_step
-from sfr_loc_map.mapping.disparity.uncertainty import (
-    CREASE_SHARE,
-    NOISE_INFORMATION,
-    SHAPE_SHARE,
-    disparity_sigma,
-    saturation,
-)
+from sfr_loc_map.mapping.disparity.uncertainty import CREASE_SHARE, NOISE_INFORMATION, SHAPE_SHARE, disparity_sigma
 from sfr_loc_map.mapping.disparity.variational_refinement import refine
 from sfr_loc_map.mapping.mapper import Mapper
 
@@ -70,19 +64,6 @@ def test_sigma_is_noise_shape_and_crease(refined: Any) -> None:
     folded = disparity_sigma(replace(plane, cells_px=(5.0 + 0.3 * np.abs(u - middle)).astype(F)))[INNER[0]]
     assert folded[:, 2 * middle].min() > np.sqrt(noise + (CREASE_SHARE * 0.15) ** 2)
     np.testing.assert_allclose(folded[:, 2 * middle + 8], np.sqrt(noise), rtol=1e-2)
-
-
-@pytest.mark.parametrize("level", [0, 255])
-def test_a_patch_of_either_image_is_flat_where_its_partner_is_seen(level: int) -> None:
-    left, right, disparity = np.full((60, 80), 100, np.uint8), np.full((60, 80), 100, np.uint8), np.full((60, 80), F(7))
-    assert not saturation(left, right, disparity).flat.any()
-    right[20:30, 30:40] = level
-    found = saturation(left, right, disparity)
-    rows, columns = np.nonzero(found.flat)
-    assert (rows.min(), rows.max(), columns.min(), columns.max()) == (22, 27, 39, 44)  # 7 pixels to the right
-    assert found.share == pytest.approx(100 / 4800)
-    left[20:30, 30:40], right[:] = level, 100
-    assert np.flatnonzero(saturation(left, right, disparity).flat.any(axis=0)).tolist() == list(range(32, 38))
 
 
 def test_a_clipped_patch_is_a_hole_and_uncertain_around_it() -> None:

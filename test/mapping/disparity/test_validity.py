@@ -6,8 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 from disparity_world import make_world, slope
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from sfr_loc_map.mapping.disparity.filters import local_variance
 from sfr_loc_map.mapping.disparity.uncertainty import NOISE_INFORMATION, disparity_sigma
@@ -15,7 +13,6 @@ from sfr_loc_map.mapping.disparity.validity import (
     MAX_CHANGE_PX,
     MAX_SLOPE,
     MIN_PIXELS,
-    find_segments,
     locally_valid,
     occlusion_mask,
     valid_mask,
@@ -101,22 +98,7 @@ def test_the_background_left_of_a_block_is_occluded() -> None:
     assert not occlusion_mask(disparity, valid, F(1.0))[:, 6:].any()
 
 
-def test_segments_are_those_of_a_graph_and_small_ones_are_invalid(scene: Scene) -> None:
-    steps = np.random.default_rng(3).integers(-8, 60, (40, 70)).astype(np.int32)
-    steps[10:30, 20:60] //= 8
-    found, pixels = find_segments(steps, np.int32(16))
-    number = np.arange(steps.size).reshape(steps.shape)
-    edges = []
-    for a, b in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
-        joined = (steps[a] >= 0) & (steps[b] >= 0) & (np.abs(steps[a] - steps[b]) <= 16)
-        edges.append(np.stack((number[a][joined], number[b][joined])))
-    rows, columns = np.concatenate(edges, axis=1)
-    graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(steps.size, steps.size))
-    known = steps.ravel() >= 0
-    _, first, label = np.unique(connected_components(graph)[1][known], return_index=True, return_inverse=True)
-    np.testing.assert_array_equal(found.ravel()[known], np.argsort(np.argsort(first))[label])
-    np.testing.assert_array_equal(pixels, np.bincount(found[found >= 0]))
-    assert (found[steps < 0] == -1).all()
+def test_small_segments_are_invalid(scene: Scene) -> None:
     initial, side = np.full_like(scene.initial, np.nan), int(np.sqrt(MIN_PIXELS))
     speck, island = np.s_[50 : 50 + side, 100 : 100 + side], np.s_[150 : 152 + side, 200 : 202 + side]
     for part in (speck, island):

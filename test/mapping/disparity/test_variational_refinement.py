@@ -9,14 +9,12 @@ from disparity_world import hills, make_world
 from sfr_loc_map.mapping.disparity.variational_refinement import (
     cells_from_pixels,
     edge_preserving_mean,
-    fill_occlusions,
     pixels_from_cells,
     refine,
 )
 
 F = np.float32
 JUMP = F(1.0)
-NAN = np.nan
 INNER = np.s_[16:-16, 48:-16]
 
 
@@ -52,25 +50,3 @@ def test_planes_are_kept(slope_u: float, slope_v: float) -> None:
     np.testing.assert_allclose(cells_from_pixels(pixels, JUMP), cells, atol=1e-5)
     np.testing.assert_allclose(pixels_from_cells(cells, JUMP)[1:-1, 1:-1], pixels[1:-1, 1:-1], atol=1e-5)
     np.testing.assert_allclose(edge_preserving_mean(pixels, 2, F(5.0))[2:-2, 2:-2], pixels[2:-2, 2:-2], atol=1e-5)
-
-
-def test_nothing_is_interpolated_across_a_jump() -> None:
-    cells = np.full((6, 8), 5.0, F)
-    cells[:, 4:] = 9.0
-    pixels = pixels_from_cells(cells, JUMP)
-    np.testing.assert_array_equal(pixels[:, :8], 5.0)
-    np.testing.assert_array_equal(pixels[:, 8:], 9.0)
-    np.testing.assert_array_equal(edge_preserving_mean(cells, 3, JUMP), cells)
-
-
-@pytest.mark.parametrize(
-    ("row", "expected"),
-    [
-        ([8.0, NAN, NAN, 5.0], [8.0, 5.0, 5.0, 5.0]),
-        ([5.0, NAN, NAN, 8.0], [5.0, 5.0, 5.0, 8.0]),
-        ([NAN, 7.0, 6.0, NAN], [7.0, 7.0, 6.0, 6.0]),
-        ([NAN, NAN, NAN, NAN], [0.0, 0.0, 0.0, 0.0]),
-    ],
-)
-def test_holes_take_the_farther_neighbour(row: list[float], expected: list[float]) -> None:
-    np.testing.assert_array_equal(fill_occlusions(np.array([row], F)), np.array([expected], F))

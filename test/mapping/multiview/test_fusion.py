@@ -1,21 +1,18 @@
 """Fusion: the inverse-variance mean of planes, independent of order; agreement, conflict, duplicates."""
 
-from dataclasses import replace
 from itertools import permutations
 from typing import Any
 
 import numpy as np
 import pytest
 
-from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.mapping.multiview.fusion import COMMON_SHARE, MIN_OVERLAP, fuse_views, pose_agreement
-from sfr_loc_map.mapping.multiview.pair_view import PairView, ReprojectedPoints
+from sfr_loc_map.mapping.multiview.fusion import COMMON_SHARE, fuse_views
+from sfr_loc_map.mapping.multiview.pair_view import PairView
 from sfr_loc_map.mapping.reprojection import cloud_from_disparity
 
-F = np.float32
 RIG = StereoRig(160, 140, 100.0, 100.0, 79.5, 69.5, 0.2)
 INNER = np.s_[50:90, 50:110]
 """Pixels of full weight."""
@@ -57,13 +54,6 @@ def test_points_lie_at_the_mean_weighted_by_inverse_variance_in_any_order(order:
         np.testing.assert_allclose(np.square(cloud.sigma).mean(), variance, rtol=0.02)
 
 
-def test_of_the_same_sample_the_one_with_the_larger_weight_stays() -> None:
-    views = [plane_view(4.0, 0.2, 0), plane_view(4.0, 0.1, 1)]
-    cloud = fuse_views(views, RIG)[0]
-    assert len(inner(cloud, 0)) == 0
-    assert len(inner(cloud, 1)) == len(inner(views[1].cloud, 1))
-
-
 @pytest.mark.parametrize(("depth_m", "conflicts"), [(5.0, True), (3.0, False)])
 def test_a_point_is_dropped_if_a_better_view_sees_through_it(depth_m: float, conflicts: bool) -> None:
     """A better view that sees something nearer is occluded itself: the point stays."""
@@ -102,32 +92,3 @@ def test_a_pose_one_degree_off_is_named(two_views: Any, axis: int, degrees: floa
     error = matrix_from_rotvec(np.deg2rad(degrees) * np.eye(3)[axis])
     wrong = second.with_pose(second.T_lm_left @ Transform(error, np.zeros(3)))
     assert any("their poses" in line for line in fuse_views([first, wrong], two_views.rig)[2])
-
-
-def agreement(spread: float, grey: float = 3.0, shifted: float = 15.0, seen: int = 20_000) -> tuple[dict, str]:
-    """Return that of points that differ by a normal law around 1 mm, seen with sigmas of 3 and 4 cm."""
-    rng, deviation = np.random.default_rng(0), np.full(seen, 0.04, F)
-    difference, greys, beside = (rng.normal(*law, seen).astype(F) for law in ((0.001, spread), (7, grey), (7, shifted)))
-    found = ReprojectedPoints(np.arange(seen), difference, deviation, deviation, greys, beside, deviation)
-    cloud = PointCloud.from_structured(np.zeros(40_000, PointCloud.dtype()))
-    clouds = (replace(cloud, sigma=np.full(len(cloud), sigma, F)) for sigma in (0.03, 0.04))
-    first, second = (PairView(each, np.zeros((10, 10), F), Transform.identity(), 2.0) for each in clouds)
-    return pose_agreement((0, 1), (first, second), found)
-
-
-def test_correct_sigmas_give_a_ratio_of_one_and_disagreement_is_named_where_there_is_overlap_and_texture() -> None:
-    figures, warning = agreement(0.05)  # the variances of both views add up: 3 cm and 4 cm make 5 cm
-    assert figures == {
-        "overlap_0_1": 0.5,
-        "difference_median_m_0_1": pytest.approx(0.001, abs=0.003),
-        "difference_spread_m_0_1": pytest.approx(0.05, rel=0.04),
-        "difference_over_sigma_0_1": pytest.approx(1.0, abs=0.03),
-        "grey_difference_over_beside_0_1": pytest.approx(0.2, rel=0.05),
-    }
-    assert warning == ""
-    assert "pairs 0 and 1 disagree" in agreement(0.15)[1]  # ranges three times as far apart
-    assert "pairs 0 and 1 disagree" in agreement(0.05, grey=9.0)[1]
-    assert agreement(0.5, seen=MIN_OVERLAP)[1] == ""
-    assert agreement(0.05, seen=0) == ({"overlap_0_1": 0.0}, "")
-    figures, warning = agreement(0.05, grey=3.0, shifted=3.5)
-    assert (np.isnan(figures["grey_difference_over_beside_0_1"]), warning) == (True, "")

@@ -7,7 +7,14 @@ from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.mapping.terrain.elevation import SLOPE, CellGrid, ElevationModel, elevation_of_cells, point_covariances
+from sfr_loc_map.mapping.terrain.elevation import (
+    MAX_CELLS,
+    SLOPE,
+    CellGrid,
+    ElevationModel,
+    elevation_of_cells,
+    point_covariances,
+)
 
 CENTRES = [np.array([0.0, 0.0, 2.0]), np.array([1.0, 0.0, 2.0])]
 POSES = [Transform(matrix_from_rotvec([-1.9, 0.3, 0.2]), centre) for centre in CENTRES]
@@ -45,7 +52,6 @@ def test_grids_of_one_cell_size_share_their_cells_within_reach() -> None:
     ("xy", "cell", "reach", "message"),
     [
         ([(0.0, 0.0), (9.0, 9.0)], 0.0, (), "more than 0"),
-        ([(0.0, 0.0), (9.0, 9.0)], 1e-4, (), "million"),
         ([], 0.1, (), "no points"),
         ([(90.0, 0.0)], 0.1, (0.0, 0.0, 2.0), r"no points within 2\.0 m of the cameras: raise terrain\.range_m"),
     ],
@@ -55,6 +61,16 @@ def test_cells_that_cannot_be_are_refused(
 ) -> None:
     with pytest.raises(MappingError, match=message):
         CellGrid.over(points(*xy).reshape(-1, 3), cell, *([reach] if reach else []))
+
+
+@pytest.mark.parametrize(("x", "y"), [(537.0, 270.0), (9.0, 1e9), (1e7, 0.0), (4e5, 3e37)])
+def test_the_cells_that_an_error_names_fit(x: float, y: float) -> None:
+    """Of 537 x 270 m, as by a flipped bit, a grid of 0.1 m would take 1.5 GB."""
+    with pytest.raises(MappingError, match=r"million are the limit; take cells of \S+ m or more") as refused:
+        CellGrid.over(points((0.05, 0.0), (x, y)), 0.1)
+    cell_m = float(str(refused.value).split()[-4])
+    grid = CellGrid.over(points((0.05, 0.0), (x, y)), cell_m)
+    assert 0.3 * MAX_CELLS < grid.rows * grid.columns <= MAX_CELLS
 
 
 def test_heights_are_weighed_by_the_variance_of_height_not_of_range() -> None:

@@ -8,14 +8,7 @@ import pytest
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.config import TerrainConfig
-from sfr_loc_map.mapping.terrain.grid import (
-    STEP_RADIUS_M,
-    TAIL,
-    TerrainGrid,
-    elevation_grid,
-    outer_heights,
-    sorted_by_cell,
-)
+from sfr_loc_map.mapping.terrain.grid import STEP_RADIUS_M, TerrainGrid, elevation_grid
 
 CONFIG = TerrainConfig()
 CAMERA = [Transform(np.eye(3), np.array([0.0, 0.0, 2.0]))]
@@ -96,15 +89,3 @@ def test_poses_bound_the_range_and_lower_the_sigma() -> None:
     assert everything.hazard.shape == (40, 40)
     known, unknown = (at(grid, grid.elevation.sigma_m, 0.75, 0.75) for grid in (near, everything))
     assert known < unknown == pytest.approx(0.005, rel=0.02)
-
-
-def test_outer_heights_are_those_of_the_sorted_heights() -> None:
-    rng = np.random.default_rng(4)
-    cell = rng.integers(-1, 30, 900).astype(np.int32)
-    height = rng.integers(0, 12, 900).astype(np.float32)  # with many equal ones
-    low, high = outer_heights(*sorted_by_cell(cell, np.bincount(cell[cell >= 0], minlength=31), height))
-    for at in range(30):
-        ranked = np.sort(height[cell == at])
-        assert low[at] == ranked[round(TAIL * (len(ranked) - 1))]
-        assert high[at] == ranked[round((1.0 - TAIL) * (len(ranked) - 1))]
-    assert np.isnan(low[30])
