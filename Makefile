@@ -59,7 +59,7 @@ example-candidate: $(STAMP)  ## Compile the example candidate in C and run it on
 	$(BIN)/sfr localise sample/sample.mcap --start truth --method lib:out/candidate/libcandidate.so -o out/candidate/estimate.csv --stats out/candidate/stats.csv --overwrite
 	$(BIN)/sfr score out/candidate/estimate.csv sample/sample.mcap --stats out/candidate/stats.csv
 
-fuzz: $(COMPILED)  ## Feed 2000 mutated files and messages to all readers (SEED=N); what fails is kept in out/fuzz
+fuzz: $(COMPILED)  ## Feed 2000 mutated files to all readers (SEED=N); what fails is kept in out/fuzz
 	PYTHONPATH=. $(BIN)/python test/fuzz --seed $(SEED)
 
 random-faults: $(COMPILED)  ## Localise 100 drives with random faults: is one wrong without saying so (SEED=N)

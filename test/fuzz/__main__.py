@@ -1,4 +1,4 @@
-"""Fuzzing of every file format and message: `python test/fuzz`, see `--help`.
+"""Fuzzing of every file format: `python test/fuzz`, see `--help`.
 
 Each input is a valid file with some mutations. It fails if the process ends, hangs, grows, shows a traceback or "fault
 of the program", ends with another exit code than 0 to 3, or writes control characters or endless lines. What failed is
@@ -8,19 +8,20 @@ kept as a file beside the command that repeats it alone. The inputs depend on th
 from __future__ import annotations
 
 import argparse
+import faulthandler
 import os
 import time
 from pathlib import Path
 
 os.environ["OPENCV_LOG_LEVEL"] = "SILENT"  # of what writes the valid files; the workers hear everything
 
-from campaign import MAX_CPU_S, MAX_GROWTH, Campaign, Worker
-from targets import all_targets
-from world import make_world
+from campaign import MAX_CPU_S, MAX_GROWTH, Campaign, run_input
+from targets import all_targets, make_world
 
 
 def main() -> int:
     """Run the campaign, or one input; return the exit code."""
+    faulthandler.enable()
     targets = all_targets()
     parser = argparse.ArgumentParser("fuzz", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--inputs", type=int, default=2000, help="inputs in all, of all formats in turn (2000)")
@@ -36,9 +37,7 @@ def main() -> int:
     world = make_world(out / "world")
     if options.again:
         name, file = options.again
-        worker = Worker(world, out / "again.log", "targets:all_targets")
-        outcome = worker.run(name, Path(file).read_bytes(), MAX_CPU_S)
-        worker.close()
+        outcome = run_input(targets[name], Path(file).read_bytes(), world, out / "again")
         print(f"{outcome.kind}, {outcome.seconds:.1f} s, {outcome.growth_bytes / 1e6:.0f} MB\n{outcome.text}")
         return int(not outcome.good)
     begin = time.monotonic()
@@ -46,8 +45,8 @@ def main() -> int:
     campaign.run(options.only or list(targets), options.inputs, options.seconds, options.workers)
     for (name, kind), count in sorted(campaign.outcomes.items()):
         print(f"{name:20}  {kind} {count}")
-    print(f"{campaign.outcomes.total()} inputs in {time.monotonic() - begin:.0f} s")
     print(
+        f"{campaign.outcomes.total()} inputs in {time.monotonic() - begin:.0f} s: "
         f"largest growth {campaign.growth_bytes / 1e6:.0f} MB (limit {MAX_GROWTH / 1e6:.0f}), "
         f"longest {campaign.seconds:.1f} s of the processor (limit {MAX_CPU_S:.0f})"
     )
