@@ -104,7 +104,7 @@ def live(
     recorded, without nodes, on a time line; the figures are those of its place, at the end those of sfr score. On a
     terminal q ends, and of what is played space pauses and the arrows go 5 s back and on.
     """
-    from sfr_loc_map.live.hub import Hub
+    from sfr_loc_map.live.state import LiveState
     from sfr_loc_map.metrics.config import score_config
 
     if source is None:
@@ -113,33 +113,32 @@ def live(
             raise ConfigError(f"'--{given}' is of a recording: give SRC, or leave it out (the monitor has its own)")
         require_ros("live")
     view_of = _foxglove_view() if foxglove else None
-    for_foxglove = Hub() if foxglove else None
-    hub, config = Hub(for_foxglove), _page_config(host, port, token) if not terminal else None
+    state, config = LiveState(), _page_config(host, port, token) if not terminal else None
     with ExitStack() as stack:
         if source is None:
             from sfr_loc_map.nodes.live_feed import RosFeed
 
             title = namespace or "live"
-            stack.enter_context(RosFeed(hub, namespace))
+            stack.enter_context(RosFeed(state, namespace))
         else:
             from sfr_loc_map.live.playback import Player, open_recording
 
             recording, (parsed, _) = open_recording(source, truth), JudgeOptions(limits, condition).read()
             title = recording.title
-            stack.enter_context(Player(hub, recording, score_config(condition, {}), parsed, rate))
-        if for_foxglove is not None and view_of is not None:
-            view = stack.enter_context(view_of(for_foxglove, foxglove_port, title))
+            stack.enter_context(Player(state, recording, score_config(condition, {}), parsed, rate))
+        if view_of is not None:
+            view = stack.enter_context(view_of(state, foxglove_port, title))
             print(f"foxglove: {view.url}", flush=True)
         if config is not None:
             from sfr_loc_map.live.server import LiveServer, serve_until_signal
 
-            asyncio.run(serve_until_signal(LiveServer(config, hub, title), open_browser=open_browser))
+            asyncio.run(serve_until_signal(LiveServer(config, state, title), open_browser=open_browser))
             return
         from sfr_loc_map.live.terminal import Terminal
 
         TolerantFile.reader_needed = True
         try:
-            Terminal(hub, title).show()
+            Terminal(state, title).show()
         except KeyboardInterrupt:
             raise InterruptedRunError("interrupted: the view has ended, nothing else") from None
 

@@ -1,4 +1,3 @@
-from .hub import Hub as Hub
 from .server import LiveConfig as LiveConfig
 from .server import LiveServer as LiveServer
 from .state import LiveState as LiveState

@@ -32,9 +32,9 @@ from sfr_loc_map.io.cloud_file import load_cloud
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.live import updates
-from sfr_loc_map.live.hub import Action, Command, Hub
 from sfr_loc_map.live.media import CloudTruth, cloud_samples, image_sample
-from sfr_loc_map.live.state import MAX_REPORT_CHARACTERS
+from sfr_loc_map.live.state import MAX_REPORT_CHARACTERS, LiveState
+from sfr_loc_map.live.updates import Action, Command
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.cloud_error import PairTruth, ScoredMap, score_map
@@ -53,7 +53,6 @@ LEVELS = {TrackingState.DEGRADED.value: 1, TrackingState.LOST.value: 2}
 LOST = np.eye(6) * LOST_VARIANCE
 TICK_S, REPORT_PERIOD_S, TIME_LINE_PERIOD_S = 0.05, 1.0, 0.25
 IMAGES_BUDGET_S = 0.03  #: Of each tick, for reading images: figures do not wait for them.
-MOST_WAITING = 2000  #: Records that may wait in the hub while the player is ahead.
 Moment = tuple[float, updates.Update]
 """Place, seconds since the begin of its task; the time of receipt is filled in when it is played."""
 Frame = tuple[float, str, int, GreyImage]
@@ -255,10 +254,10 @@ class Player:
     actions = frozenset({Action.PLAY, Action.PAUSE, Action.SEEK})
 
     def __init__(
-        self, hub: Hub, recording: Recording, config: ScoreConfig, limits: Limits | None, rate: float = 1.0
+        self, state: LiveState, recording: Recording, config: ScoreConfig, limits: Limits | None, rate: float = 1.0
     ) -> None:
         """Stand before the begin; the rate is a multiple of the recorded speed."""
-        self._hub, self._recording, self._settings, self._rate = hub, recording, (config, limits), rate
+        self._state, self._recording, self._settings, self._rate = state, recording, (config, limits), rate
         said = [update for _, update in recording.moments if isinstance(update, updates.Status)]
         self._silent = {status.node for status in said} - {s.node for s in said if s.kind is updates.StatusKind.HEALTH}
         self._map_score: ScoredMap | None = None
@@ -270,7 +269,7 @@ class Player:
         self._rewind()
 
     def __enter__(self) -> Player:
-        self._hub.operator = self
+        self._state.operator = self
         self._thread.start()
         return self
 
@@ -309,23 +308,21 @@ class Player:
                 update = replace(update, published_s=time.time())
             elif isinstance(update, updates.PoseSample | updates.Status):
                 update = replace(update, received_s=time.time())
-            self._hub.put(update)
-            if self._next % MOST_WAITING == 0:  # a hub drops what it has no room for: let the views catch up
-                patience = time.monotonic() + 5.0
-                while self._hub.waiting > MOST_WAITING and time.monotonic() < patience:
-                    time.sleep(0.01)
+            self._state.put(update)
         self._at_s = at_s
 
     def report(self) -> None:
-        """Tell the figures up to here, again after a second or ten times the time that they took."""
+        """Tell the figures up to here."""
         begin_s, now_s = time.monotonic(), time.time()
         for node in self._silent:
             message = "as recorded; its health was not"
-            self._hub.put(updates.Status(node, updates.StatusKind.HEALTH, 0, message, {"lifecycle": "recorded"}, now_s))
+            self._state.put(
+                updates.Status(node, updates.StatusKind.HEALTH, 0, message, {"lifecycle": "recorded"}, now_s)
+            )
         if self._recording.report:
-            self._hub.put(updates.Report(self._recording.report, now_s))
+            self._state.put(updates.Report(self._recording.report, now_s))
         elif self._next:
-            self._hub.put(updates.Report(to_json(self._score.result(details=False)), now_s))
+            self._state.put(updates.Report(to_json(self._score.result(details=False)), now_s))
         end_s = time.monotonic()
         self._report_due_s = end_s + max(REPORT_PERIOD_S, 10.0 * (end_s - begin_s))
 
@@ -362,7 +359,7 @@ class Player:
                 last_s = self._tick(last_s)
                 self._stopped.wait(TICK_S)
         except SfrError as error:
-            self._hub.put(updates.Status("recording", updates.StatusKind.HEALTH, 2, str(error), {}, time.time()))
+            self._state.put(updates.Status("recording", updates.StatusKind.HEALTH, 2, str(error), {}, time.time()))
 
     def _tick(self, last_s: float) -> float:
         """Go on by the time since the last tick, or jump; return when this was."""
@@ -373,7 +370,7 @@ class Player:
         if jump_to is not None:
             if jump_to < self._at_s:
                 self._rewind()
-                self._hub.put(updates.TimeLine(jump_to, end_s, playing, restarted=True))
+                self._state.put(updates.TimeLine(jump_to, end_s, playing, restarted=True))
             self.advance(jump_to)
         elif playing:
             self.advance(min(self._at_s + (now_s - last_s) * self._rate, end_s))
@@ -385,12 +382,12 @@ class Player:
         self._show_images()
         if jump_to is not None or has_ended or now_s - self._told_s >= TIME_LINE_PERIOD_S:
             self._told_s = now_s
-            self._hub.put(updates.TimeLine(round(self._at_s, 3), end_s, self._playing))
+            self._state.put(updates.TimeLine(round(self._at_s, 3), end_s, self._playing))
         return now_s if jump_to is None else time.monotonic()
 
     def _show_images(self) -> None:
         """Tell the newest images up to the place, as far as they can be read in the time that a tick has for them."""
-        if updates.View.IMAGES not in self._hub.wanted:
+        if updates.View.IMAGES not in self._state.wanted:
             return
         until_s, newest = time.monotonic() + IMAGES_BUDGET_S, dict[str, Frame]()
         if self._frames is None:
@@ -400,4 +397,4 @@ class Player:
             newest[self._frame[1]] = self._frame
             self._frame = next(self._frames, None)
         for _, topic, stamp_ns, image in newest.values():
-            self._hub.put(image_sample(topic, stamp_ns, image, time.time()))
+            self._state.put(image_sample(topic, stamp_ns, image, time.time()))

@@ -11,7 +11,6 @@ figures in their order, of each image and cloud topic the newest. One that does 
 from __future__ import annotations
 
 import asyncio
-import gc
 import hmac
 import ipaddress
 import json
@@ -24,9 +23,10 @@ import struct
 import time
 import webbrowser
 from bisect import bisect_left
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib.resources import files
 from operator import attrgetter
 from typing import Any
@@ -41,7 +41,6 @@ from sfr_loc_map.errors import ConfigError, NodeError, SfrError
 from sfr_loc_map.geometry.arrays import FloatArray32
 from sfr_loc_map.inputs import parse_json
 from sfr_loc_map.live import updates
-from sfr_loc_map.live.hub import Command, Hub
 from sfr_loc_map.live.path import ROW_FIELDS
 from sfr_loc_map.live.state import LiveState, ReportView
 
@@ -63,10 +62,8 @@ SOCKET_BUFFER_BYTES = 262_144  #: Of the kernel, for each page: what waits there
 SHUTDOWN_S, LAST_MESSAGE_S = 1.0, 0.1
 """Time for requests under way when the server ends (a page that keeps its connection open keeps nobody), and for the
 last message to the pages."""
-TICK_S, PERIOD_S = 0.01, 0.1
-"""Time between two looks at what has come, longest time between two looks at what is stale."""
-SEND_TIMEOUT_S, PAUSE_S = 10.0, 0.02
-"""A page that takes nothing for so long is cut off; one whose budget is spent waits so long."""
+TICK_S = 0.01  #: What comes within it goes out as one message.
+SEND_TIMEOUT_S = 10.0  #: A page that takes nothing for so long is cut off.
 NODES_PERIOD_S = 0.5  #: At least so often the pages hear of the nodes, and by that of the server.
 
 
@@ -77,7 +74,6 @@ class LiveConfig:
     host: str = param(DEFAULT_HOST, doc="Address to listen on; another than loopback needs a token.")
     port: int = param(DEFAULT_PORT, doc="Port to listen on; 0: a free one.", low=0, high=65535)
     token: str = param("", doc="Word that each request must have; needed where other hosts are let in.")
-    bytes_per_s: float = param(2e6, unit="B/s", doc="Budget of images and clouds for each page.", low=1e4, high=1e9)
 
     def __post_init__(self) -> None:
         """Check that others need a token; ConfigError if there is none, or a short one."""
@@ -91,22 +87,19 @@ class LiveConfig:
 class LiveServer:
     """Shows a run, at `url` once it is served. All methods but the constructor run in one event loop."""
 
-    def __init__(self, config: LiveConfig, hub: Hub, title: str = "") -> None:
+    def __init__(self, config: LiveConfig, state: LiveState, title: str = "") -> None:
         """Read the page; the title may be a namespace or the name of a bag."""
-        self.state = LiveState()
+        self.state = state
         self.url = ""
         self.pages: list[Page] = []
         self.report_text = self.nodes_text = self.end_text = ""  # the latest messages, empty before the first
-        self.frames: dict[str, tuple[updates.Media, bytes]] = {}  # the newest of each topic with its bytes
-        self.cut_off = self.replaced = 0
-        self._config, self._hub, self._title = config, hub, title
+        self._config, self._title = config, title
         self._command_token = secrets.token_urlsafe(18)
         page = (files("sfr_loc_map.live") / "web").iterdir()
         self._files = {item.name: item.read_bytes() for item in page if item.name.rpartition(".")[2] in KINDS}
         self._files["index.html"] = self._files["index.html"].replace(TOKEN_MARK, self._command_token.encode())
         self._begin_s, self._nodes_s = time.time(), 0.0
         self._report: ReportView | None = None
-        self._silent: frozenset[str] = frozenset()
 
     async def serve(self, ready: Callable[[str], None]) -> None:
         """Serve until the task is cancelled; `ready` is called with the address once the page can be opened."""
@@ -119,6 +112,13 @@ class LiveServer:
         app.add_routes([web.post("/command", self._command), web.get("/{name:[^/]*}", self._file)])
         runner = web.AppRunner(app, shutdown_timeout=SHUTDOWN_S, **options)
         await runner.setup()
+        loop, news = asyncio.get_running_loop(), asyncio.Event()
+
+        def wake() -> None:
+            if not news.is_set():
+                with suppress(RuntimeError):  # the loop has ended
+                    loop.call_soon_threadsafe(news.set)
+
         try:
             try:
                 await web.TCPSite(runner, config.host, config.port).start()
@@ -129,19 +129,18 @@ class LiveServer:
             name = f"[{config.host}]" if ":" in config.host else config.host
             query = f"?token={config.token}" if config.token else ""
             self.url = f"http://{name}:{runner.addresses[0][1]}/{query}"
+            self.state.on_change = wake
             ready(self.url)
-            told_s = 0.0
             while True:
-                taken, now_s = self._hub.take(), time.time()
-                for update in taken:
-                    self.take_in(update)
-                if taken or not 0.0 <= now_s - told_s < PERIOD_S:
-                    told_s = now_s
-                    self.tell(now_s)
+                with suppress(TimeoutError):
+                    async with asyncio.timeout(NODES_PERIOD_S):
+                        await news.wait()
+                news.clear()
+                self.tell(time.time())
                 await asyncio.sleep(TICK_S)
         finally:
-            if self._hub.operator is not None:
-                self._hub.operator.close()
+            if self.state.operator is not None:
+                self.state.operator.close()
             await runner.cleanup()
 
     def end(self) -> None:
@@ -149,39 +148,16 @@ class LiveServer:
         self.end_text = self.end_text or message("end", {"time_s": time.time()})
         self.tell(time.time())
 
-    def take_in(self, update: updates.Update) -> None:
-        """Take a record in, for the state and for the pages."""
-        if not self.state.apply(update):
-            return
-        if isinstance(update, updates.Media) and update.topic in self.state.media:
-            before, _ = self.frames.get(update.topic, (None, b""))
-            looking = [page for page in self.pages if before is not None and update.view in page.views]
-            self.replaced += sum(page.sent.get(update.topic) is not before for page in looking)
-            self.frames[update.topic] = update, frame_of(update)
-        elif isinstance(update, updates.TimeLine) and update.restarted:
-            self.frames.clear()
-
     def tell(self, now_s: float) -> None:
         """Let the pages send what has changed."""
-        report, silent = self.state.report, self.state.silent(now_s)
+        report = self.state.report
         if report is not None and report is not self._report:
             self._report, self.report_text = report, message("report", report.to_plain())
-        if now_s - self._nodes_s >= NODES_PERIOD_S or silent != self._silent:
-            self._nodes_s, self._silent = now_s, silent
-            live = self.state.live_to_plain(now_s)
-            self.nodes_text = message("nodes", live | {"load": self._load(), "actions": self._hub.actions})
+        if not 0.0 <= now_s - self._nodes_s < NODES_PERIOD_S:
+            self._nodes_s = now_s
+            self.nodes_text = message("nodes", self.state.live_to_plain(now_s) | {"actions": self.state.actions})
         for page in self.pages:
             page.news.set()
-
-    def _load(self) -> dict[str, Any]:
-        """Return what the pages cost and what was thinned for them."""
-        return {
-            "pages": len(self.pages),
-            "waiting_bytes": sum(page.waiting() for page in self.pages),
-            "replaced": self._hub.replaced + self.replaced,
-            "dropped": self._hub.dropped,
-            "cut_off": self.cut_off,
-        }
 
     @web.middleware
     async def _guard(
@@ -230,15 +206,9 @@ class LiveServer:
 
     def _server(self, now_s: float) -> dict[str, Any]:
         """Return what is to be told of the server itself."""
-        return {
-            "version": __version__,
-            "title": self._title,
-            "time_s": now_s,
-            "uptime_s": round(now_s - self._begin_s, 3),
-            "actions": self._hub.actions,
-            "bytes_per_s": self._config.bytes_per_s,
-            **self._load(),
-        }
+        uptime_s = round(now_s - self._begin_s, 3)
+        facts = {"version": __version__, "title": self._title, "time_s": now_s, "uptime_s": uptime_s}
+        return facts | {"actions": self.state.actions, "pages": len(self.pages)}
 
     async def _websocket(self, request: web.Request) -> web.StreamResponse:
         if len(self.pages) >= MAX_PAGES:
@@ -249,11 +219,11 @@ class LiveServer:
         if transport is None:
             return channel
         transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SOCKET_BUFFER_BYTES)
-        page = Page(self, channel, self._config.bytes_per_s, transport.get_write_buffer_size)
+        page = Page(self, channel)
 
         async def send() -> None:
             """Send, and close the connection of one that is cut off without waiting for it."""
-            with suppress(ConnectionError):
+            with suppress(ConnectionError, TimeoutError):
                 await page.send_all(self._server(time.time()))
             transport.abort()
 
@@ -264,22 +234,18 @@ class LiveServer:
             async for received in channel:
                 if received.type is WSMsgType.TEXT:
                     page.receive(received.data)
-                    self._want()
         finally:
             self.pages.remove(page)
-            self._want()
+            self.state.looks.pop(page, None)
             sender.cancel()
         return channel
-
-    def _want(self) -> None:
-        self._hub.want(frozenset().union(*(page.views for page in self.pages)))
 
     async def _command(self, request: web.Request) -> web.Response:
         if not _equal(request.headers.get(COMMAND_HEADER, ""), self._command_token):
             return web.json_response({"ok": False, "text": "the page is of an earlier server: reload it"}, status=403)
         try:
-            command = Command.parse(await request.read())
-            text = await asyncio.to_thread(self._hub.run, command)
+            command = updates.Command.parse(await request.read())
+            text = await asyncio.to_thread(self.state.run, command)
         except (SfrError, web.RequestPayloadError) as error:
             return web.json_response({"ok": False, "text": str(error)}, status=400)
         return web.json_response({"ok": True, "text": text})
@@ -290,6 +256,7 @@ def message(kind: str, content: dict[str, Any]) -> str:
     return json.dumps({"type": kind, **content}, allow_nan=False, separators=(",", ":"))
 
 
+@lru_cache(maxsize=16)
 def frame_of(media: updates.Media) -> bytes:
     """Return the binary frame of an image, a cloud, a map or tracks.
 
@@ -323,24 +290,11 @@ def frame_of(media: updates.Media) -> bytes:
 class Page:
     """One page: how far it is, what it looks at. Used by the thread of the server's loop alone."""
 
-    def __init__(
-        self,
-        server: LiveServer,
-        channel: web.WebSocketResponse,
-        bytes_per_s: float,
-        waiting: Callable[[], int] = lambda: 0,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        """Start with nothing sent; the budget is that of images and clouds, figures count but never wait for it.
-
-        How many bytes wait for the network tells `waiting`.
-        """
-        self.views: frozenset[updates.View] = frozenset()
+    def __init__(self, server: LiveServer, channel: web.WebSocketResponse) -> None:
+        """Start with nothing sent."""
         self.news = asyncio.Event()
-        self.waiting = waiting
-        self.sent: dict[str, updates.Media] = {}  # of each topic the last; the topic that was sent last is the last
-        self._all, self._channel, self._rate, self._clock = server, channel, bytes_per_s, clock
-        self._credit, self._credited_s = bytes_per_s, clock()
+        self._server, self._state, self._channel = server, server.state, channel
+        self._sent: dict[str, updates.Media] = {}  # of each topic the last; the topic that was sent last is the last
         self._report = self._nodes = self._pong = self._end = ""
         self._version = -1  # of the path, which changes with each restart of a player
         self._next_row = self._next_call = 0
@@ -354,77 +308,70 @@ class Page:
         if not isinstance(content, dict):
             return
         if content.get("type") == "want" and isinstance(content.get("views"), list):
-            self.views = frozenset(view for view in updates.View if view.value in content["views"])
+            self._state.looks[self] = frozenset(view for view in updates.View if view.value in content["views"])
         elif content.get("type") == "ping":
             sent_ms = content.get("sent_ms")
-            if isinstance(sent_ms, int | float) and math.isfinite(sent_ms):
-                self._pong = message("pong", {"sent_ms": sent_ms, "time_s": time.time()})
-                self.news.set()
+            if not (isinstance(sent_ms, int | float) and math.isfinite(sent_ms)):
+                return
+            self._pong = message("pong", {"sent_ms": sent_ms, "time_s": time.time()})
+        self.news.set()
 
     async def send_all(self, server: dict[str, Any]) -> None:
-        """Greet the page and send what is new, until it is cut off; ConnectionError if it is gone."""
-        try:
-            await self._send(message("hello", {"server": server, "row_fields": ROW_FIELDS}))
-            while True:
-                self.news.clear()
-                for text in self._new_figures():
-                    await self._send(text)
-                topic, now_s = self._waiting_topic(), self._clock()
-                self._credit = min(self._credit + (now_s - self._credited_s) * self._rate, self._rate)
-                self._credited_s = now_s
-                if topic is None:
-                    await self.news.wait()
-                elif self._credit > 0.0:
-                    media, data = self._all.frames[topic]
-                    self.sent.pop(topic, None)
-                    self.sent[topic] = media
-                    await self._send(data)
-                else:
-                    with suppress(TimeoutError):
-                        await asyncio.wait_for(self.news.wait(), PAUSE_S)
-        except TimeoutError:
-            self._all.cut_off += 1
+        """Greet the page and send what is new; ConnectionError if it is gone, TimeoutError if it takes nothing."""
+        await self._send(message("hello", {"server": server, "row_fields": ROW_FIELDS}))
+        while True:
+            self.news.clear()
+            for text in self._new_figures():
+                await self._send(text)
+            if (media := self._new_media()) is None:
+                await self.news.wait()
+            else:
+                self._sent.pop(media.topic, None)
+                self._sent[media.topic] = media
+                await self._send(frame_of(media))
 
-    def _new_figures(self) -> Iterator[str]:
-        """Yield what the page has not been sent: report, path, calls, nodes, answers."""
-        every, state = self._all, self._all.state
-        if every.report_text is not self._report:
-            self._report = every.report_text
-            yield self._report
-        path = state.path
-        whole = path.version != self._version
-        rows = path.rows if whole else path.rows[bisect_left(path.rows, self._next_row, key=attrgetter("n")) :]
+    def _new_figures(self) -> list[str]:
+        """Return what the page has not been sent: report, path, calls, nodes, answers."""
+        server, state, found = self._server, self._state, list[str]()
+        if server.report_text is not self._report:
+            self._report = server.report_text
+            found.append(self._report)
+        with state.lock:
+            path, under_way, calls = state.path, state.path.under_way, list(state.calls)
+            whole, self._version = path.version != self._version, path.version
+            rows = path.rows[0 if whole else bisect_left(path.rows, self._next_row, key=attrgetter("n")) :]
         if whole or rows:
-            self._version, self._next_row = path.version, rows[-1].n + 1 if rows else 0
-            content = {"whole": whole, "rows": [row.to_plain() for row in rows], "under_way": path.under_way}
-            yield message("path", content)
-        calls = [call for call in state.calls if whole or call["n"] >= self._next_call]
+            self._next_row = rows[-1].n + 1 if rows else 0
+            plain = [row.to_plain() for row in rows]
+            found.append(message("path", {"whole": whole, "rows": plain, "under_way": under_way}))
+        calls = [call for call in calls if whole or call["n"] >= self._next_call]
         if whole or calls:
             self._next_call = calls[-1]["n"] + 1 if calls else self._next_call
-            yield message("calls", {"calls": calls, "whole": whole})
-        if every.nodes_text is not self._nodes:
-            self._nodes = every.nodes_text
-            yield self._nodes
+            found.append(message("calls", {"calls": calls, "whole": whole}))
+        if server.nodes_text is not self._nodes:
+            self._nodes = server.nodes_text
+            found.append(self._nodes)
         if self._pong:
-            pong, self._pong = self._pong, ""
-            yield pong
-        if every.end_text is not self._end:
-            self._end = every.end_text
-            yield self._end
+            found.append(self._pong)
+            self._pong = ""
+        if server.end_text is not self._end:
+            self._end = server.end_text
+            found.append(self._end)
+        return found
 
-    def _waiting_topic(self) -> str | None:
-        """Return a topic whose newest frame it looks at and has not been sent, the one that was sent longest ago."""
-        frames = self._all.frames
-        for topic in (*(topic for topic in frames if topic not in self.sent), *self.sent):
-            media, _ = frames.get(topic, (None, b""))
-            if media is not None and media.view in self.views and self.sent.get(topic) is not media:
-                return topic
+    def _new_media(self) -> updates.Media | None:
+        """Return what it looks at and has not been sent: of the topic that was sent longest ago."""
+        newest, views = dict(self._state.media), self._state.looks.get(self, frozenset())
+        for topic in (*(topic for topic in newest if topic not in self._sent), *self._sent):
+            media = newest.get(topic)
+            if media is not None and media.view in views and self._sent.get(topic) is not media:
+                return media
         return None
 
     async def _send(self, data: str | bytes) -> None:
-        self._credit -= len(data)
         send = self._channel.send_str(data) if isinstance(data, str) else self._channel.send_bytes(data)
-        await asyncio.wait_for(send, SEND_TIMEOUT_S)
+        async with asyncio.timeout(SEND_TIMEOUT_S):
+            await send
 
 
 async def serve_until_signal(server: LiveServer, *, open_browser: bool = False) -> None:
@@ -432,8 +379,6 @@ async def serve_until_signal(server: LiveServer, *, open_browser: bool = False) 
 
     SIGUSR1 says that the run is over: the pages are told, and can be opened still.
     """
-    gc.collect()
-    gc.freeze()  # what is imported stays: cycles of pages that have gone are then found soon
 
     def announce(url: str) -> None:
         print(f"live: {url}", flush=True)

@@ -1,32 +1,25 @@
-"""The state of a run while it goes on, of bounded memory, fed by the records of `updates`, shown by every view."""
+"""The state of a run while it goes on, of bounded memory: one feed writes it, every view shows it."""
 
 from __future__ import annotations
 
 import math
-import re
 import statistics
 from collections import OrderedDict, deque
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from itertools import islice
+from threading import RLock
 from typing import Any
 
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.inputs import one_line, parse_json
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.path import ROW_FIELDS, LivePath
-from sfr_loc_map.metrics.config import CallKind, VerdictState
-from sfr_loc_map.metrics.score import Score, Verdict
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import SCHEMA, from_dict, to_dict
 from sfr_loc_map.report.page import Overall, overall_of
-from sfr_loc_map.report.score_tables import (
-    headline_table,
-    keyed_conditions,
-    limit_name,
-    limit_unit,
-    map_error,
-    score_tables,
-)
-from sfr_loc_map.report.tables import ABSENT, Cell, Column, Table, fitting, number
+from sfr_loc_map.report.score_tables import score_tables
+from sfr_loc_map.report.tables import Cell, Table
 
 MAX_NODES, MAX_TOPICS, MAX_STAMPS, MAX_PROBLEMS, MAX_CALLS = 32, 32, 2000, 20, 600
 MAX_VALUES, MAX_LETTERS = 100, 300  #: Of the health of a node that are kept.
@@ -117,10 +110,59 @@ class NodeView:
         }
 
 
+@dataclass(frozen=True, slots=True)
+class ReportView:
+    """One report: its JSON values, the score that they are, and what is shown of it."""
+
+    content: dict[str, Any]
+    score: Score
+    overall: Overall
+    tables: tuple[Table, ...]
+    received_s: float
+
+    @classmethod
+    def read(cls, text: str, received_s: float) -> ReportView:
+        """Return a report of its JSON; InputError if it is not a score."""
+        if len(text) > MAX_REPORT_CHARACTERS:
+            raise InputError(f"metrics/report has {len(text)} characters: up to {MAX_REPORT_CHARACTERS} are read")
+        try:
+            score = from_dict(parse_json(text, parse_constant=lambda _: None), "metrics/report")
+        except ValueError as error:
+            raise InputError(f"metrics/report is no JSON ({error})") from error
+        return cls(to_dict(score), score, overall_of(score), tuple(score_tables(score)), received_s)
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return what a page shows, as JSON values."""
+        return {
+            "overall": asdict(self.overall),
+            "tables": [_table_to_plain(table) for table in self.tables],
+            "warnings": list(self.score.warnings),
+            "received_s": self.received_s,
+        }
+
+
+def _table_to_plain(table: Table) -> dict[str, Any]:
+    def plain(cell: Cell) -> dict[str, str]:
+        parts = {"text": cell.text, "key": cell.key, "kind": cell.kind.value, "icon": cell.icon}
+        return {name: value for name, value in parts.items() if value}
+
+    return {
+        "name": table.name,
+        "title": table.title,
+        "note": table.note,
+        "columns": [{"heading": column.heading, "words": column.words} for column in table.columns],
+        "rows": [[plain(cell) for cell in row] for row in table.rows],
+    }
+
+
 class LiveState:
-    """What is known of a run. One thread alone uses it."""
+    """What is known of a run. Methods may be called in any thread; who reads several attributes holds `lock`."""
 
     def __init__(self) -> None:
+        self.lock = RLock()
+        self.on_change: Callable[[], None] = lambda: None  # called in the thread of the feed, after each record
+        self.operator: updates.Operator | None = None  # set by the feed once it can carry out what is asked
+        self.looks: dict[object, frozenset[updates.View]] = {}  # what each of those who look on wants to see
         self.path = LivePath()
         self.report: ReportView | None = None
         self.nodes: dict[str, NodeView] = {}
@@ -134,22 +176,39 @@ class LiveState:
         self._call_count = 0
         self._heard_s = 0.0
 
-    def apply(self, update: updates.Update) -> bool:
-        """Take a record in and return True; one that makes no sense is noted as a problem."""
-        try:
-            received_s, published_s = (float(getattr(update, name, 0.0)) for name in ("received_s", "published_s"))
-            if not (math.isfinite(received_s) and math.isfinite(published_s)):
-                raise ValueError(f"a {type(update).__name__} whose time is no number is left out")
-            self._heard_s = max(self._heard_s, received_s)
-            self._take_in(update)
-        except (SfrError, ValueError, OverflowError) as error:
-            self.problems.append(one_line(str(error)))
-            return False
-        return True
+    @property
+    def wanted(self) -> frozenset[updates.View]:
+        """What somebody looks at; a feed makes nothing else of it."""
+        return frozenset[updates.View]().union(*list(self.looks.values()))
+
+    @property
+    def actions(self) -> list[updates.Action]:
+        """What can be asked now."""
+        return [] if self.operator is None else sorted(self.operator.actions)
+
+    def run(self, command: updates.Command) -> str:
+        """Carry a command out and say what was done; an SfrError says why it cannot be done."""
+        if self.operator is None:
+            raise InputError(f"'{command.action}' is not possible (yet): no nodes have been joined")
+        return self.operator.run(command)
+
+    def put(self, update: updates.Update) -> None:
+        """Take a record in; one that makes no sense is noted as a problem."""
+        with self.lock:
+            try:
+                received_s, published_s = (float(getattr(update, name, 0.0)) for name in ("received_s", "published_s"))
+                if not (math.isfinite(received_s) and math.isfinite(published_s)):
+                    raise ValueError(f"a {type(update).__name__} whose time is no number is left out")
+                self._heard_s = max(self._heard_s, received_s)
+                self._take_in(update)
+            except (SfrError, ValueError, OverflowError) as error:
+                self.problems.append(one_line(str(error)))
+        self.on_change()
 
     def to_plain(self, now_s: float) -> dict[str, Any]:
         """Return the latest report (`sfr-score/1`) with the state of the run as `live`, as JSON values."""
-        live, report = self.live_to_plain(now_s), self.report
+        with self.lock:
+            live, report = self.live_to_plain(now_s), self.report
         if report is None:
             return {"schema": SCHEMA, "verdicts": [], "live": live | {"overall": None, "tables": []}}
         shown = report.to_plain()
@@ -157,37 +216,32 @@ class LiveState:
 
     def live_to_plain(self, now_s: float) -> dict[str, Any]:
         """Return what `state.json` adds to the score, as JSON values, but for what changes with the report only."""
-        now_s = self.moment(now_s)
-        report, rows, line = self.report, self.path.rows, self.time_line
-        localisation = None
-        if rows:
-            node = self.nodes.get("localisation_node")
-            localisation = dict(zip(ROW_FIELDS, rows[-1].to_plain(), strict=True))
-            localisation["state"] = "" if node is None else node.state
-        return {
-            "schema": "sfr-live/1",
-            "time_s": now_s,
-            "stale": updates.LOCALISATION in self.silent(now_s),
-            "report_age_s": None if report is None else round(now_s - report.received_s, 3),
-            "nodes": [self.nodes[name].to_plain(now_s) for name in sorted(self.nodes)],
-            "topics": {name: self.topics[name].to_plain(now_s, self.lost.get(name, 0)) for name in sorted(self.topics)},
-            "localisation": localisation,
-            "under_way": self.path.under_way,
-            "last_call": {call["node"]: call for call in self.calls},
-            "poses": rows[-1].n + 1 if rows else 0,
-            "problems": list(self.problems),
-            "time_line": None if line is None else {"at_s": line.at_s, "end_s": line.end_s, "playing": line.playing},
-        }
-
-    def moment(self, now_s: float) -> float:
-        """Return the moment by which ages are told: while a player stands still, so does its time."""
-        return now_s if self.time_line is None or self.time_line.playing else min(now_s, self._heard_s)
-
-    def silent(self, now_s: float) -> frozenset[str]:
-        """Return the names of nodes and topics that are silent."""
-        now_s = self.moment(now_s)
-        views: dict[str, NodeView | TopicView] = {**self.nodes, **self.topics}
-        return frozenset(name for name, view in views.items() if view.is_stale(now_s))
+        with self.lock:
+            if self.time_line is not None and not self.time_line.playing:  # while a player stands still, nothing ages
+                now_s = min(now_s, self._heard_s)
+            report, rows, line = self.report, self.path.rows, self.time_line
+            localisation = None
+            if rows:
+                node = self.nodes.get("localisation_node")
+                localisation = dict(zip(ROW_FIELDS, rows[-1].to_plain(), strict=True))
+                localisation["state"] = "" if node is None else node.state
+            topics = {name: view.to_plain(now_s, self.lost.get(name, 0)) for name, view in sorted(self.topics.items())}
+            return {
+                "schema": "sfr-live/1",
+                "time_s": now_s,
+                "stale": updates.LOCALISATION in topics and topics[updates.LOCALISATION]["stale"],
+                "report_age_s": None if report is None else round(now_s - report.received_s, 3),
+                "nodes": [node.to_plain(now_s) for _, node in sorted(self.nodes.items())],
+                "topics": topics,
+                "localisation": localisation,
+                "under_way": self.path.under_way,
+                "last_call": {call["node"]: call for call in self.calls},
+                "poses": rows[-1].n + 1 if rows else 0,
+                "problems": list(self.problems),
+                "time_line": None
+                if line is None
+                else {"at_s": line.at_s, "end_s": line.end_s, "playing": line.playing},
+            }
 
     def _note_topic(self, name: str, stamp_ns: int | None, received_s: float) -> None:
         period_s, before = 0.0, self.topics.get(name)
@@ -238,6 +292,7 @@ class LiveState:
                 if update.restarted:
                     self.path.restart()
                     self.calls.clear()
+                    self.media.clear()
                     self.report = None
             case _:
                 before = self.media.get(update.topic)
@@ -263,90 +318,3 @@ def _call_to_plain(n: int, status: updates.Status) -> dict[str, Any] | None:
     state = f"{values.get('state', '')} {values.get('reason', '')}".strip()[:MAX_LETTERS]
     call = {"n": n, "node": status.node, "stamp_ns": str(stamp_ns), "received_s": status.received_s, "state": state}
     return call | {"memory_bytes": memory, **times}
-
-
-@dataclass(frozen=True, slots=True)
-class ReportView:
-    """One report: its JSON values, the score that they are, and what is shown of it."""
-
-    content: dict[str, Any]
-    score: Score
-    overall: Overall
-    tables: tuple[Table, ...]
-    received_s: float
-
-    @classmethod
-    def read(cls, text: str, received_s: float) -> ReportView:
-        """Return a report of its JSON; InputError if it is not a score."""
-        if len(text) > MAX_REPORT_CHARACTERS:
-            raise InputError(f"metrics/report has {len(text)} characters: up to {MAX_REPORT_CHARACTERS} are read")
-        try:
-            score = from_dict(parse_json(text, parse_constant=lambda _: None), "metrics/report")
-        except ValueError as error:
-            raise InputError(f"metrics/report is no JSON ({error})") from error
-        tables = tuple(filter(None, (_live_table(score), *score_tables(score))))
-        return cls(to_dict(score), score, overall_of(score), tables, received_s)
-
-    def to_plain(self) -> dict[str, Any]:
-        """Return what a page shows, as JSON values."""
-        return {
-            "overall": asdict(self.overall),
-            "tables": [_table_to_plain(table) for table in self.tables],
-            "warnings": list(self.score.warnings),
-            "received_s": self.received_s,
-        }
-
-
-def _table_to_plain(table: Table) -> dict[str, Any]:
-    def plain(cell: Cell) -> dict[str, str]:
-        parts = {"text": cell.text, "key": cell.key, "kind": cell.kind.value, "icon": cell.icon}
-        return {name: value for name, value in parts.items() if value}
-
-    return {
-        "name": table.name,
-        "title": table.title,
-        "note": table.note,
-        "columns": [{"heading": column.heading, "words": column.words} for column in table.columns],
-        "rows": [[plain(cell) for cell in row] for row in table.rows],
-    }
-
-
-def _live_table(score: Score) -> Table | None:
-    """Return the figures of the headline with their limits and the worst of their verdicts."""
-    headline = headline_table(score)
-    if headline is None:
-        return None
-    limits: dict[str, list[Verdict]] = {}
-    for item in score.verdicts:
-        limits.setdefault(_place_of(score, item), []).append(item)
-    rows = []
-    for *cells, count in headline.rows:
-        limit = verdict = Cell(ABSENT)
-        if found := limits.get(cells[2].key.rpartition(".")[0]):  # column of the mean, behind name and unit
-            limit = Cell("; ".join(map(_limit, found)))
-            states = {item.state for item in found}
-            worst = (VerdictState.FAIL, VerdictState.NOT_ENOUGH_DATA, VerdictState.PASS)
-            verdict = Cell.verdict(next(state for state in worst if state in states).value)
-        rows.append((*cells, limit, verdict, count))
-    *columns, last = headline.columns
-    columns += Column("limit", words=True), Column("verdict", words=True), last
-    return Table("live", "Figures", tuple(columns), tuple(rows), headline.note)
-
-
-def _place_of(score: Score, item: Verdict) -> str:
-    """Return the place in the JSON of the statistic that a limit is on, empty where the headline has none of it."""
-    subject = item.metric.partition("_")[0]
-    for key, part in keyed_conditions(score):
-        if part.condition == item.condition and subject in ("position", "attitude", "heading"):
-            return f"{key}.{subject}_{'m' if subject == 'position' else 'deg'}"
-    error = map_error(score.map)
-    if item.metric.startswith("point_error_") and error is not None:
-        return error.key
-    return f"timing.{subject}_s" if subject in set(CallKind) and item.metric.endswith("_s") else ""
-
-
-def _limit(item: Verdict) -> str:
-    """Return a limit with its statistic and unit: `mean + 3 sigma ≤ 50 mm`."""
-    unit = fitting(limit_unit(item.metric), item.limit, item.value)
-    statistic = re.sub(r"^(position|attitude|heading|point error|\w+ time) ", "", limit_name(item.metric))
-    return f"{statistic} ≤ {number(item.limit, unit=unit)} {unit.symbol}"

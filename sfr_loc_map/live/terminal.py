@@ -19,26 +19,25 @@ from rich.table import Table as Grid
 from rich.text import Text
 
 from sfr_loc_map.inputs import one_line, printable
-from sfr_loc_map.live.hub import Action, Command, Hub
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.live.updates import LOCALISATION, REPORT
+from sfr_loc_map.live.updates import LOCALISATION, REPORT, Action, Command
 from sfr_loc_map.pipeline.controls import SEEK_STEP_S, Keyboard
 from sfr_loc_map.report.tables import ABSENT, METRE, MIB, MILLISECOND, OPEN, VERDICTS, Row, number
 
 PERIOD_S, LINE_PERIOD_S, KEY_PERIOD_S = 0.5, 1.0, 0.05
 """Time between two drawings of the screen, two lines, two looks at the keys."""
 LEVELS = {"ok": ("✔", "green"), "warning": ("!", "yellow"), "error": ("✖", "bold red"), "stale": ("?", "bold yellow")}
-FIGURE_WIDTH, NUMBER_WIDTH, VERDICT_WIDTH = 18, 10, 17
 WAITING = "no figures yet: waiting for metrics/report of the monitor"
+WORDS = {"min_width": 8}
+NUMBER = {"justify": "right", "max_width": 10}
 
 
 class Terminal:
-    """Draws what a hub brings, until q is pressed. Of a player, space pauses and the arrows go back and on."""
+    """Draws a state until q is pressed. Of a player, space pauses and the arrows go back and on."""
 
-    def __init__(self, hub: Hub, title: str, console: Console | None = None) -> None:
+    def __init__(self, state: LiveState, title: str, console: Console | None = None) -> None:
         """Draw nothing yet; without a console standard output is drawn on."""
-        self.state = LiveState()
-        self._hub, self._title = hub, title
+        self._state, self._title = state, title
         self._console = console or Console(highlight=False)
         self._ended = False
 
@@ -48,16 +47,14 @@ class Terminal:
         with suppress(AttributeError, ValueError):  # a terminal without these signs
             console.file.reconfigure(errors="replace")  # type: ignore[attr-defined]
         with ExitStack() as stack:
-            before = signal.signal(
-                signal.SIGTERM, signal.default_int_handler
-            )  # it must leave the terminal as SIGINT does
+            # SIGTERM must leave the terminal as SIGINT does
+            before = signal.signal(signal.SIGTERM, signal.default_int_handler)
             stack.callback(signal.signal, signal.SIGTERM, before)
             keyboard, screen = None, None
             if console.is_terminal:
                 keyboard = stack.enter_context(Keyboard())
                 screen = stack.enter_context(Live(console=console, screen=True, auto_refresh=False))
             while not self._ended:
-                self.take()
                 for key in keyboard.pressed() if keyboard is not None else ():
                     self._press(key)
                     due_s = 0.0
@@ -71,61 +68,52 @@ class Terminal:
         if console.is_terminal:
             self._print_line()
 
-    def take(self) -> None:
-        """Take in what has arrived."""
-        for update in self._hub.take():
-            self.state.apply(update)
-
     def drawing(self, now_s: float) -> RenderableType:
-        """Return the whole screen, the most important first; the last line says how many lines found no room."""
-        live, console = self.state.live_to_plain(now_s), self._console
-        body = Group(*_parts(console, self.state, live, now_s, self._title))
-        hidden = len(console.render_lines(body, console.options.update(height=None), pad=False)) - console.height + 1
-        words = f"{hidden} lines more: enlarge the window   " if hidden > 0 else ""
-        if (line := live["time_line"]) is None:
-            words += "q ends"
-        else:
+        """Return the whole screen, the most important first."""
+        with self._state.lock:
+            live = self._state.live_to_plain(now_s)
+            body = Group(*_parts(self._state, live, now_s, self._title))
+        words = "q ends"
+        if (line := live["time_line"]) is not None:
             state = "playing" if line["playing"] else "at its end" if line["at_s"] >= line["end_s"] else "paused"
-            words += f"{line['at_s']:.1f} of {line['end_s']:.1f} s, {state}   q ends, space pauses, left and right 5 s"
+            words = f"{line['at_s']:.1f} of {line['end_s']:.1f} s, {state}   q ends, space pauses, left and right 5 s"
         layout = Layout()
         foot = Text(words, "reverse", no_wrap=True, overflow="ellipsis")
         layout.split_column(Layout(body), Layout(foot, size=1))
         return layout
 
     def _print_line(self) -> None:
-        self._console.print(Text(one_line_of(self.state, time.time())), soft_wrap=True)
+        self._console.print(Text(one_line_of(self._state, time.time())), soft_wrap=True)
         self._console.file.flush()
 
     def _press(self, key: str) -> None:
-        place = self.state.time_line
+        place = self._state.time_line
         if key in ("q", "Q"):
             self._ended = True
         elif place is not None and key == " ":
-            self._hub.run(Command(Action.PAUSE if place.playing else Action.PLAY))
+            self._state.run(Command(Action.PAUSE if place.playing else Action.PLAY))
         elif place is not None and key in ("left", "right"):
             step = SEEK_STEP_S if key == "right" else -SEEK_STEP_S
-            self._hub.run(Command(Action.SEEK, at_s=min(max(place.at_s + step, 0.0), place.end_s)))
+            self._state.run(Command(Action.SEEK, at_s=min(max(place.at_s + step, 0.0), place.end_s)))
 
 
 def one_line_of(state: LiveState, now_s: float) -> str:
     """Return what is shown in one line: verdict, headline figures, state, nodes, what is stale."""
-    live, report = state.live_to_plain(now_s), state.report
-    parts = [_clock(now_s), *(f"STALE: {words}" for words in _stale(live))]
-    parts.append(WAITING if report is None else f"{report.overall.state}: {report.overall.text.rstrip('.')}")
-    for row in _rows(state, "headline"):
-        mean, sigma, bound, interval, count = (cell.text for cell in row[2:7])
-        parts.append(f"{_with_unit(row)} mean {mean} sigma {sigma} mean + 3 sigma {bound} ({interval}, n {count})")
+    with state.lock:
+        live, report = state.live_to_plain(now_s), state.report
+        parts = [_clock(now_s), *(f"STALE: {words}" for words in _stale(live))]
+        parts.append(WAITING if report is None else f"{report.overall.state}: {report.overall.text.rstrip('.')}")
+        for row in _rows(state, "headline"):
+            mean, sigma, bound, interval, count = (cell.text for cell in row[2:7])
+            parts.append(f"{_with_unit(row)} mean {mean} sigma {sigma} mean + 3 sigma {bound} ({interval}, n {count})")
     parts += _now(live)
     for node in live["nodes"]:
-        call = live["last_call"].get(node["name"])
-        parts.append(" ".join((node["name"], node["level"], *(_call_words(call) if call is not None else ()))))
+        parts.append(" ".join((node["name"], node["level"], *_costs(node, live))))
     return printable(" ".join("; ".join(parts).split()))
 
 
-def _parts(
-    console: Console, state: LiveState, live: dict[str, Any], now_s: float, title: str
-) -> Iterator[RenderableType]:
-    head = Grid.grid(Column(ratio=1, no_wrap=True, overflow="ellipsis"), _right(), expand=True)
+def _parts(state: LiveState, live: dict[str, Any], now_s: float, title: str) -> Iterator[RenderableType]:
+    head = Grid.grid(Column(ratio=1, no_wrap=True), Column(justify="right", no_wrap=True), expand=True)
     stale = ", ".join(_stale(live))
     right = Text.assemble((f" STALE: {stale} ", "reverse bold yellow"), " ") if stale else Text()
     head.add_row(Text(f"sfr live  {one_line(title)}", "bold"), right + Text(_clock(now_s)))
@@ -137,51 +125,31 @@ def _parts(
         style = VERDICTS.get(overall.state, OPEN).colour
         yield Text.assemble((f" {overall.icon} {overall.state} ", f"reverse {style}"), f" {overall.text}")
     if figures := _rows(state, "headline"):
-        numbers = (
-            Column(title, justify="right", max_width=NUMBER_WIDTH) for title in ("mean", "sigma", "mean +\n3 sigma")
-        )
-        interval = Column("95 % interval", justify="right", min_width=FIGURE_WIDTH)
-        columns = (Column("figure", min_width=FIGURE_WIDTH), *numbers, interval, _right("n"))
-        yield _fitted(console, columns, ([_with_unit(row), *(cell.text for cell in row[2:7])] for row in figures))
+        columns = {"figure": WORDS, "mean": NUMBER, "sigma": NUMBER, "mean +\n3 sigma": NUMBER}
+        columns |= {"95 % interval": NUMBER | {"max_width": 18}, "n": NUMBER}
+        yield _table(columns, ([_with_unit(row), *(cell.text for cell in row[2:7])] for row in figures))
     yield from map(Text, _now(live))
     if live["nodes"]:
-        columns = (*map(Column, ("node", "health", "state")), *map(_right, ("call", "memory", "dropped", "heard")))
-        yield _fitted(console, columns, (_node_words(node, live) for node in live["nodes"]))
+        columns = {"node": {}, "health": {}, "state": {}, "call": NUMBER, "memory": NUMBER, "dropped": NUMBER}
+        yield _table(columns | {"heard": NUMBER}, (_node_words(node, live) for node in live["nodes"]))
     if verdicts := _rows(state, "verdicts"):
-        columns = (
-            Column("verdict", min_width=VERDICT_WIDTH),
-            Column("figure", min_width=FIGURE_WIDTH),
-            _right("limit"),
-            Column("value", justify="right", max_width=NUMBER_WIDTH),
-            _right("n"),
-        )
-        yield _fitted(console, columns, map(_verdict_words, verdicts))
+        columns = {"verdict": WORDS, "figure": WORDS, "limit": NUMBER | {"max_width": 14}, "value": NUMBER, "n": NUMBER}
+        yield _table(columns, map(_verdict_words, verdicts))
     yield from map(Text, _notes(state, live))
+
+
+def _table(columns: dict[str, dict[str, Any]], rows: Iterable[list[Text | str]]) -> Grid:
+    grid = Grid(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
+    for title, options in columns.items():
+        grid.add_column(title, **options)
+    for row in rows:
+        grid.add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in row))
+    return grid
 
 
 def _rows(state: LiveState, name: str) -> tuple[Row, ...]:
     tables = () if state.report is None else state.report.tables
     return next((table.rows for table in tables if table.name == name), ())
-
-
-def _right(title: str = "") -> Column:
-    return Column(title, justify="right", no_wrap=True)
-
-
-def _fitted(console: Console, columns: Iterable[Column], rows: Iterable[list[Text | str]]) -> Grid:
-    """Return a table without the columns at its right that find no room: half a number would be another one."""
-    grid = Grid(*columns, box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
-    for row in rows:
-        grid.add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in row))
-    texts = [[str(text) for text in (column.header, *column.cells)] for column in grid.columns]
-    while len(grid.columns) > 2:
-        lines = console.render_lines(grid, console.options.update(height=None), pad=False)
-        drawn = {word for line in lines for word in "".join(segment.text for segment in line).split()}
-        if {word for column in texts for text in column for word in text.split()} <= drawn:
-            break
-        grid.columns.pop()
-        texts.pop()
-    return grid
 
 
 def _verdict_words(row: Row) -> list[Text | str]:
@@ -196,10 +164,19 @@ def _node_words(node: dict[str, Any], live: dict[str, Any]) -> list[Text | str]:
     health = Text(f"{icon} {node['level']}", style)
     if node["lifecycle"] not in ("active", "unknown"):
         health.append(f", {one_line(node['lifecycle'])}")
-    call = live["last_call"].get(node["name"])
-    costs = _call_words(call) if call is not None else (ABSENT, ABSENT)
     heard = "never" if node["age_s"] is None else f"{node['age_s']:.1f} s"
-    return [one_line(node["name"]), health, one_line(node["state"]), *costs, str(sum(_drops(node).values())), heard]
+    dropped = str(sum(_drops(node).values()))
+    return [one_line(node["name"]), health, one_line(node["state"]), *_costs(node, live), dropped, heard]
+
+
+def _costs(node: dict[str, Any], live: dict[str, Any]) -> tuple[str, str]:
+    """Return time and memory of the last call of a node."""
+    call = live["last_call"].get(node["name"], {})
+    took, memory = call.get("processing_time_s"), call.get("memory_bytes")
+    return (
+        ABSENT if took is None else f"{number(took, unit=MILLISECOND)} ms",
+        ABSENT if memory is None else f"{number(memory, unit=MIB)} MiB",
+    )
 
 
 def _stale(live: dict[str, Any]) -> list[str]:
@@ -224,8 +201,8 @@ def _now(live: dict[str, Any]) -> Iterator[str]:
 def _notes(state: LiveState, live: dict[str, Any]) -> Iterator[str]:
     """Say what is wrong with nodes, what was dropped and why, what could not be read."""
     for node in live["nodes"]:
-        name, view = one_line(node["name"]), state.nodes[node["name"]]
-        if view.health_s is not None and view.level:
+        name = one_line(node["name"])
+        if node["level"] in ("warning", "error"):
             yield f"{name}: {one_line(node['message'])}"
         if drops := [f"{count} {cause}" for cause, count in _drops(node).items() if count]:
             yield f"{name} dropped: {', '.join(drops)}"
@@ -235,12 +212,6 @@ def _notes(state: LiveState, live: dict[str, Any]) -> Iterator[str]:
         yield from (f"warning: {one_line(text)}" for text in state.report.score.warnings)
     if state.problems:
         yield f"not readable: {state.problems[-1]}"
-
-
-def _call_words(call: dict[str, Any]) -> tuple[str, str]:
-    """Return time and memory of a call."""
-    took, memory = number(call.get("processing_time_s"), ABSENT, MILLISECOND), call["memory_bytes"]
-    return f"{took} ms", ABSENT if memory is None else f"{number(memory, unit=MIB)} MiB"
 
 
 def _drops(node: dict[str, Any]) -> dict[str, int]:

@@ -1,21 +1,27 @@
-"""What a feed tells the live state: one small frozen record for each thing that has happened.
+"""What passes between a feed and the live state: small frozen records of what has happened, commands the other way.
 
-A feed is whatever receives a run: the ROS node, or the player of a recorded one. It puts records into a `Hub`. Times
-are seconds of the host's system clock, stamps are those of the messages.
+A feed is whatever receives a run: the ROS node, or the player of a recorded one. Times are seconds of the host's system
+clock, stamps are those of the messages.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import ClassVar
+from typing import Annotated, ClassVar, Protocol
 
+import msgspec
+from msgspec import Meta
+
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, FloatArray32
+from sfr_loc_map.inputs import one_line
 
 LOCALISATION, TRUTH, REPORT = "localisation/odometry", "ground_truth/odometry", "metrics/report"
 POINTS, TRUE_POINTS, TRACKS = "mapping/points", "ground_truth/points", "localisation/tracks"
 ELEVATION, HAZARD = "mapping/elevation", "mapping/hazard"
+MAX_TEXT = 200  #: Letters of a command's texts that are kept.
 
 
 class Track(StrEnum):
@@ -82,7 +88,7 @@ class Sampled:
     published_s: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class ImageSample:
     """One image, reduced for the screen: a JPEG file, its width and height, and those before it was reduced."""
 
@@ -154,6 +160,49 @@ class TimeLine:
     restarted: bool = False
 
 
-Media = ImageSample | CloudSample | ElevationSample | TrackSample
-"""What is large: the newest of each topic replaces what nobody has taken yet."""
+Media = ImageSample | CloudSample | ElevationSample | TrackSample  #: What is large: of each topic the newest is kept.
 Update = Report | PoseSample | Status | Sampled | Media | GraphView | TimeLine
+
+
+class Action(StrEnum):
+    """What may be asked of the nodes or of a player."""
+
+    ACTIVATE = "activate"
+    DEACTIVATE = "deactivate"
+    RESET = "reset"
+    FINISH = "finish"
+    SAVE = "save"
+    BOOKMARK = "bookmark"
+    PLAY = "play"
+    PAUSE = "pause"
+    SEEK = "seek"
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """One request: of which node, the words of a bookmark, seconds to seek to, as far as it needs them."""
+
+    action: Action
+    node: str = ""
+    text: str = ""
+    at_s: Annotated[float, Meta(ge=0.0, lt=1e9)] = 0.0
+
+    @classmethod
+    def parse(cls, text: bytes) -> Command:
+        """Return the command of JSON that a stranger may have written; InputError if it is none."""
+        try:
+            found = msgspec.json.decode(text, type=cls)
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+            raise InputError(f"no command: {error}") from error
+        return replace(found, node=one_line(found.node)[:MAX_TEXT], text=one_line(found.text)[:MAX_TEXT])
+
+
+class Operator(Protocol):
+    """Carries commands out: the nodes' services, or a player. `run` says what was done, and may take seconds."""
+
+    @property
+    def actions(self) -> frozenset[Action]: ...  # noqa: D102
+
+    def run(self, command: Command) -> str: ...  # noqa: D102
+
+    def close(self) -> None: ...  # noqa: D102

@@ -1,4 +1,4 @@
-"""Hands what a run publishes to a `Hub`, in a thread of its own, and carries out what is asked of the nodes.
+"""Hands what a run publishes to a `LiveState`, in a thread of its own, and carries out what is asked of the nodes.
 
 Small messages are subscribed to always; images, feature tracks and clouds only while a page looks at them. Image
 messages are dropped as bytes, undecoded, beyond the rate that is shown.
@@ -40,7 +40,7 @@ from sfr_loc_map.geometry.arrays import FloatArray32
 from sfr_loc_map.inputs import NS_PER_S, SIDES
 from sfr_loc_map.io.image_codec import image_from_message, stamp_of
 from sfr_loc_map.live import media
-from sfr_loc_map.live.hub import Action, Command, Hub
+from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import (
     ELEVATION,
     HAZARD,
@@ -50,6 +50,8 @@ from sfr_loc_map.live.updates import (
     TRACKS,
     TRUE_POINTS,
     TRUTH,
+    Action,
+    Command,
     ElevationSample,
     GraphView,
     PoseSample,
@@ -94,11 +96,11 @@ SERVICES = {Action.RESET: SUITE_NODES, Action.FINISH: ("mapping_node",), Action.
 class RosFeed:
     """A ROS node that receives for a page; a context manager that runs its thread."""
 
-    def __init__(self, hub: Hub, namespace: str = "") -> None:
+    def __init__(self, state: LiveState, namespace: str = "") -> None:
         """Join the graph in a rover's namespace; signals stay with the program."""
         environment.prepare()
         environment.start_ros()
-        self._hub = hub
+        self._state = state
         self._space = namespace.strip("/")
         self._node: Node = rclpy.create_node(
             page_node_name(os.getpid()), namespace=f"/{self._space}", start_parameter_services=False
@@ -106,14 +108,14 @@ class RosFeed:
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
         self._gaps: dict[str, TransportGaps] = {}
-        self._media = MediaFeed(self._node, hub)
-        hub.operator = RosOperator(self._node)
+        self._media = MediaFeed(self._node, state)
+        state.operator = RosOperator(self._node)
         best_effort = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         for track, topic in ((Track.ESTIMATE, LOCALISATION), (Track.TRUTH, TRUTH)):
             self._receive(Odometry, topic, partial(self._on_odometry, track), best_effort)
         self._receive(DiagnosticArray, TOPIC, self._on_diagnostics, best_effort)
-        self._receive(String, REPORT, lambda message, now_s: hub.put(Report(message.data, now_s)), latched)
+        self._receive(String, REPORT, lambda message, now_s: state.put(Report(message.data, now_s)), latched)
         self._node.create_timer(GRAPH_PERIOD_S, self._look_around)
         self._running = True
         self._thread = Thread(target=self._spin, name="sfr-live-ros", daemon=True)
@@ -155,7 +157,7 @@ class RosFeed:
     def _on_odometry(self, track: Track, message: Odometry, now_s: float) -> None:
         stamp_ns, position, quat = odometry_row(message)
         covariance = covariance_of(message) if track is Track.ESTIMATE else None
-        self._hub.put(PoseSample(track, stamp_ns, position, quat, now_s, covariance))
+        self._state.put(PoseSample(track, stamp_ns, position, quat, now_s, covariance))
 
     def _on_diagnostics(self, message: DiagnosticArray, now_s: float) -> None:
         for status in message.status:
@@ -164,15 +166,15 @@ class RosFeed:
             if str(name.parent).strip("/") != self._space or kind not in KINDS or name.name not in SUITE_NODES:
                 continue
             level, values = int(level_of(status)), values_of(status)
-            self._hub.put(Status(name.name, StatusKind(kind), level, status.message, values, now_s))
+            self._state.put(Status(name.name, StatusKind(kind), level, status.message, values, now_s))
 
     def _look_around(self) -> None:
         """Find out which nodes are there, and receive images and clouds as the pages want."""
-        self._media.follow(self._hub.wanted)
+        self._media.follow(self._state.wanted)
         names = self._node.get_node_names_and_namespaces()
         nodes = frozenset(name for name, space in names if space.strip("/") == self._space) & frozenset(SUITE_NODES)
         lost = {topic: gaps.lost for topic, gaps in (self._gaps | self._media.gaps).items()}
-        self._hub.put(GraphView(nodes, time.time(), lost))
+        self._state.put(GraphView(nodes, time.time(), lost))
 
 
 class MediaFeed:
@@ -182,15 +184,15 @@ class MediaFeed:
         gaps: Messages of the wanted topics that did not arrive.
     """
 
-    def __init__(self, node: Node, hub: Hub) -> None:
+    def __init__(self, node: Node, state: LiveState) -> None:
         """Subscribe to the true points, which are published once and are what clouds are compared with."""
         self.gaps: dict[str, TransportGaps] = {}
-        self._node, self._hub = node, hub
+        self._node, self._state = node, state
         self._subscriptions: dict[View, list[Any]] = {}
         self._due: dict[str, tuple[float, int]] = {}
         self._shown: deque[int] = deque(maxlen=MAX_SHOWN)
         self._masks: dict[str, tuple[int, tuple[FloatArray32, ...]]] = {}
-        self._map = MapFeed(hub, lambda: bool(node.count_publishers(ELEVATION)))
+        self._map = MapFeed(state, lambda: bool(node.count_publishers(ELEVATION)))
         self._worker, self._maps_waiting = ThreadPoolExecutor(1, "sfr-live-maps"), 0
         self._best_effort = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
         truth = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -254,7 +256,7 @@ class MediaFeed:
 
     def _on_image(self, name: str, kind: type[Any], raw: bytes, published_s: float) -> None:
         stamp_ns, rig = _stamp_ns(raw), name.partition("/")[0]
-        self._hub.put(Sampled(name, stamp_ns, published_s))
+        self._state.put(Sampled(name, stamp_ns, published_s))
         due_s, chosen_ns = self._due.get(rig, (0.0, -1))
         now = time.monotonic()
         if now >= due_s:
@@ -265,9 +267,9 @@ class MediaFeed:
             self._shown.append(stamp_ns)
         message = deserialize_message(raw, kind)
         if kind is Image:
-            self._hub.put(media.image_sample(name, stamp_ns, image_from_message(message), published_s))
+            self._state.put(media.image_sample(name, stamp_ns, image_from_message(message), published_s))
         else:
-            self._hub.put(media.file_sample(name, stamp_ns, bytes(message.data), published_s))
+            self._state.put(media.file_sample(name, stamp_ns, bytes(message.data), published_s))
 
     def _on_mask(self, side: str, raw: bytes, published_s: float) -> None:
         message = deserialize_message(raw, Image)
@@ -279,7 +281,7 @@ class MediaFeed:
             return
         found = tracks_from_msg(deserialize_message(raw, PointCloud2))
         masks = {side: rings for side, (at_ns, rings) in self._masks.items() if 0 <= stamp_ns - at_ns <= MASK_HOLD_NS}
-        self._hub.put(TrackSample(TRACKS, stamp_ns, found, masks, published_s))
+        self._state.put(TrackSample(TRACKS, stamp_ns, found, masks, published_s))
 
     def _on_map(self, kind: type[Any], add: Callable[[Any, float], None], raw: bytes, published_s: float) -> None:
         """Take a map in, beside the thread that receives: figures do not wait for it."""
@@ -304,15 +306,15 @@ def _stamp_ns(raw: bytes) -> int:
 
 
 class MapFeed:
-    """Gives maps to a hub: the mapper's own grid where it publishes one, else one that is made of its cloud.
+    """Gives maps to a state: the mapper's own grid where it publishes one, else one that is made of its cloud.
 
     Messages that are none raise an `SfrError`.
     """
 
-    def __init__(self, hub: Hub, has_grid: Callable[[], bool]) -> None:
+    def __init__(self, state: LiveState, has_grid: Callable[[], bool]) -> None:
         """Start without a map; `has_grid` tells whether the mapper publishes a grid of its own."""
         self._has_grid = has_grid
-        self._hub, self._truth = hub, media.CloudTruth()
+        self._state, self._truth = state, media.CloudTruth()
         self._points: tuple[int, FloatArray32, FloatArray32] | None = None
         self._hazard: tuple[int, FloatArray32] | None = None
         self._grid: ElevationSample | None = None
@@ -329,10 +331,10 @@ class MapFeed:
         error = self._truth.errors(cloud)
         shown = cloud.xyz, cloud.sigma, published_s, error
         sample, grid = media.cloud_samples(stamp_ns, *shown, with_grid=not has_grid)
-        self._hub.put(sample if every == 1 else replace(sample, total=count))
+        self._state.put(sample if every == 1 else replace(sample, total=count))
         self._points = None if error is None else (stamp_ns, np.asarray(cloud.xyz[:, :2], np.float32), error)
         if grid is not None:
-            self._hub.put(grid)
+            self._state.put(grid)
 
     def add_elevation(self, message: PointCloud2, published_s: float) -> None:
         """Take an elevation grid in."""
@@ -369,7 +371,7 @@ class MapFeed:
             return
         if hazard is not None and hazard[0] == grid.stamp_ns and hazard[1].shape == grid.layers.shape[:2]:
             grid = media.with_layer(grid, "hazard", hazard[1])
-        self._hub.put(media.thinned(grid))
+        self._state.put(media.thinned(grid))
 
 
 class RosOperator:

@@ -16,8 +16,8 @@ from contextlib import ExitStack
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.inputs import one_line
-from sfr_loc_map.live.hub import Hub
 from sfr_loc_map.live.server import DEFAULT_HOST, DEFAULT_PORT, LiveConfig, LiveServer, serve_until_signal
+from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.nodes.environment import configure_malloc
 
 NICENESS = 5  #: What only looks on gives way to what it looks at: a third of the weight of other processes.
@@ -31,11 +31,11 @@ def serve_graph(config: LiveConfig, namespace: str, *, open_browser: bool = Fals
 
 async def _serve(config: LiveConfig, namespace: str, *, open_browser: bool) -> None:
     """Serve at once and join the graph meanwhile; end with the server, or if the graph cannot be joined."""
-    hub = Hub()
+    state = LiveState()
     with ExitStack() as stack:
-        server = LiveServer(config, hub, namespace or "live")
+        server = LiveServer(config, state, namespace or "live")
         serving = asyncio.create_task(serve_until_signal(server, open_browser=open_browser))
-        joining = asyncio.create_task(asyncio.to_thread(_join, stack, hub, namespace))
+        joining = asyncio.create_task(asyncio.to_thread(_join, stack, state, namespace))
         await asyncio.wait({serving, joining}, return_when=asyncio.FIRST_COMPLETED)
         try:
             if joining.done():
@@ -46,10 +46,10 @@ async def _serve(config: LiveConfig, namespace: str, *, open_browser: bool) -> N
             await asyncio.wait({serving, joining})
 
 
-def _join(stack: ExitStack, hub: Hub, namespace: str) -> None:
+def _join(stack: ExitStack, state: LiveState, namespace: str) -> None:
     from sfr_loc_map.nodes.live_feed import RosFeed
 
-    stack.enter_context(RosFeed(hub, namespace))
+    stack.enter_context(RosFeed(state, namespace))
     gc.collect()
     gc.freeze()  # what is imported stays: cycles of pages that have gone are then found soon
 

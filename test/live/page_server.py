@@ -8,8 +8,9 @@ from contextlib import asynccontextmanager
 from typing import Any
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.live.hub import Action, Command, Hub
 from sfr_loc_map.live.server import LiveConfig, LiveServer
+from sfr_loc_map.live.state import LiveState
+from sfr_loc_map.live.updates import Action, Command
 
 
 class Recorder:
@@ -31,8 +32,8 @@ class Recorder:
 
 
 @asynccontextmanager
-async def served(hub: Hub, title: str = "", **config: Any) -> AsyncIterator[LiveServer]:
-    server, ready = LiveServer(LiveConfig(port=0, **config), hub, title), asyncio.Event()
+async def served(state: LiveState, title: str = "", **config: Any) -> AsyncIterator[LiveServer]:
+    server, ready = LiveServer(LiveConfig(port=0, **config), state, title), asyncio.Event()
     task = asyncio.create_task(server.serve(lambda _: ready.set()))
     await asyncio.wait_for(ready.wait(), 10)
     yield server

@@ -16,13 +16,13 @@ pytest.importorskip("aiohttp", reason="needs the extra [live]")
 
 import aiohttp
 from foxglove_client import first_messages
-from live_run import tracks, updates
+from live_run import updates
 from page_server import served
 
 from sfr_loc_map.errors import NodeError
-from sfr_loc_map.live.foxglove import ERROR_SCALE, IMAGES, TOPICS, FoxgloveView
-from sfr_loc_map.live.hub import Hub
+from sfr_loc_map.live.foxglove import IMAGES, TOPICS, FoxgloveView
 from sfr_loc_map.live.media import cloud_samples, image_sample
+from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import View
 
 BEGIN_S = 1_700_000_000.0  # so long ago that all is stale, whenever it is asked for
@@ -48,25 +48,22 @@ def shown() -> tuple[dict[str, Any], dict[str, Any], dict[str, Any], Any]:
     images = [image_sample(topic.removeprefix("/"), STAMP_NS, pixels, BEGIN_S) for topic in IMAGES]
 
     async def run() -> tuple[Any, ...]:
-        for_foxglove = Hub()
-        tee = Hub(for_foxglove)
-        async with served(tee) as server:
-            with FoxgloveView(for_foxglove, 0, "rover1") as view:
+        state = LiveState()
+        for update in (*updates(COUNT, BEGIN_S), cloud, grid, *images):
+            state.put(update)
+        async with served(state) as server:
+            with FoxgloveView(state, 0, "rover1") as view:
                 assert view.url.startswith("ws://127.0.0.1:")
                 with pytest.raises(NodeError, match="--foxglove-port"):
-                    FoxgloveView(Hub(), int(view.url.rpartition(":")[2]), "another").__enter__()
-                for update in (*updates(COUNT, BEGIN_S), cloud, grid, *images, tracks(STAMP_NS, BEGIN_S)):
-                    tee.put(update)
-                while tee.waiting or not server.state.media:
-                    await asyncio.sleep(0.02)
+                    FoxgloveView(state, int(view.url.rpartition(":")[2]), "another").__enter__()
                 wanted: list[frozenset[View]] = []
-                channels, messages = await first_messages(view.url, lambda: wanted.append(tee.wanted))
-                assert wanted == [frozenset(View)], "what is looked at is made"
+                channels, messages = await first_messages(view.url, lambda: wanted.append(state.wanted))
+                assert wanted == [{View.IMAGES, View.CLOUDS}], "what is looked at is made"
                 async with aiohttp.ClientSession() as session, session.get(server.url + "state.json") as answer:
-                    state = await answer.json()
-                while tee.wanted:  # nothing is made once the client is gone
+                    told = await answer.json()
+                while state.wanted:  # nothing is made once the client is gone
                     await asyncio.sleep(0.02)
-        return channels, messages, state, (cloud, images, server.state.path.rows)
+        return channels, messages, told, (cloud, images, state.path.rows)
 
     return asyncio.run(asyncio.wait_for(run(), 60))  # type: ignore[return-value]
 
@@ -78,22 +75,19 @@ def test_every_channel_is_read_with_a_fitting_schema_and_figures_are_those_of_st
     expected = {
         "/mapping/grid": "Grid",
         "/mapping/points": "PointCloud",
-        "/path/scene": "SceneUpdate",
         "/path/estimate": "PosesInFrame",
         "/path/truth": "PosesInFrame",
-        "/localisation/tracks": "ImageAnnotations",
         **dict.fromkeys(IMAGES, "CompressedImage"),
     }
     assert expected.items() <= names.items()
     figures = messages["/figures"]
     assert without_ages(figures) == without_ages(state)
     assert figures["trajectory"]["position_m"]["mean_plus_3sigma"] > 0.0
-    assert messages["/calls"] == state["live"]["last_call"]["localisation_node"]
 
 
-def test_path_and_scene_are_those_of_state_json(shown: Any) -> None:
+def test_the_path_is_that_of_state_json(shown: Any) -> None:
     _, messages, state, (*_, rows) = shown
-    latest, scene = state["live"]["localisation"], messages["/path/scene"]
+    latest = state["live"]["localisation"]
     xyz = {
         name: [[pose["position"][axis] for axis in "xyz"] for pose in messages[f"/path/{name}"]["poses"]]
         for name in ("estimate", "truth")
@@ -103,12 +97,6 @@ def test_path_and_scene_are_those_of_state_json(shown: Any) -> None:
     assert xyz["estimate"][-1] == pytest.approx(latest["position_m"], abs=1e-5)
     stamp = messages["/path/estimate"]["timestamp"]
     assert str(stamp["seconds"] * 10**9 + stamp["nanos"]) == latest["stamp_ns"]
-    lines = {entity["id"]: entity["lines"][0]["points"] for entity in scene["entities"]}
-    assert len(lines["truth"]) == len(lines["estimate"]) == len(lines["error"]) / 2 == COUNT
-    begin, end = (np.array([point[axis] for axis in "xyz"]) for point in lines["error"][-2:])
-    assert (end - begin) / ERROR_SCALE == pytest.approx(latest["error_m"], abs=1e-5)
-    ring = np.array([[point["x"], point["y"]] for point in lines["3 sigma"]]) - xyz["estimate"][-1][:2]
-    assert np.hypot(*ring.T) == pytest.approx(np.full(len(ring), 3 * 0.01))
 
 
 def test_cloud_grid_and_images_hold_what_was_fed(shown: Any) -> None:
@@ -126,9 +114,6 @@ def test_cloud_grid_and_images_hold_what_was_fed(shown: Any) -> None:
     assert mine.any()
     assert values[4, 7, layers.index("height")] == pytest.approx(table[mine, 2].mean(), abs=1e-6)
     assert values[4, 7, layers.index("sigma")] == pytest.approx(0.02)
-    found, outliers, missed, mask = messages["/localisation/tracks"]["points"]
-    assert [len(item["points"]) for item in (found, outliers, missed, mask)] == [36, 2, 1, 4]
-    assert missed["points"][0] == {"x": 50.0, "y": 60.0}
     for image in images:
         assert messages[f"/{image.topic}"]["data"] == image.jpeg
         assert messages[f"/{image.topic}"]["format"] == "jpeg"

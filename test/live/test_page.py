@@ -15,9 +15,9 @@ pytest.importorskip("aiohttp", reason="aiohttp is not installed: pip install '.[
 
 from page_server import Recorder, served
 
-from sfr_loc_map.live.hub import Action, Hub
 from sfr_loc_map.live.server import LiveServer
-from sfr_loc_map.live.updates import Report, Status, StatusKind
+from sfr_loc_map.live.state import LiveState
+from sfr_loc_map.live.updates import Action, Report, Status, StatusKind
 from sfr_loc_map.metrics.score_json import to_json
 
 pytestmark = [
@@ -45,10 +45,10 @@ def data(place: str, name: str) -> str:
     return f"Number(document.getElementById('{place}').dataset.{name})"
 
 
-def keep_alive(hub: Hub, ahead_s: float = 0.0) -> None:
+def keep_alive(state: LiveState, ahead_s: float = 0.0) -> None:
     """Let the nodes say that they are well; what they say ahead of time is not old before, however busy the host is."""
     for node in NODES:
-        hub.put(health(node, time.time() + ahead_s))
+        state.put(health(node, time.time() + ahead_s))
 
 
 async def check_panels(browser: Browser, server: LiveServer) -> None:
@@ -66,8 +66,9 @@ async def check_panels(browser: Browser, server: LiveServer) -> None:
     assert await browser.value("document.querySelectorAll('#nodes .node').length") == 3
     assert await browser.value(f"{text('verdict')}.trim()") == "✖ fail"
     figures = dict(await browser.value(FIGURES))
-    (table,) = (t for t in server.state.to_plain(0.0)["live"]["tables"] if t["name"] == "live")
-    assert figures == {cell["key"]: cell["text"] for row in table["rows"] for cell in row if "key" in cell}
+    tables = [t for t in server.state.to_plain(0.0)["live"]["tables"] if t["name"] in ("headline", "verdicts")]
+    cells = (cell for table in tables for row in table["rows"] for cell in row)
+    assert figures == {cell["key"]: cell["text"] for cell in cells if "key" in cell}
     assert len(figures) > 20
     assert await browser.value(UNEXPLAINED) == []
     assert await browser.value(NAMELESS) == 0
@@ -75,21 +76,21 @@ async def check_panels(browser: Browser, server: LiveServer) -> None:
     assert all(url.startswith(own) for url in browser.requested())
 
 
-async def check_states(browser: Browser, hub: Hub) -> None:
+async def check_states(browser: Browser, state: LiveState) -> None:
     """What is lost or stale is said; while it is paused what comes does not change what is shown."""
     for update in frame(41, time.time() + AHEAD_S, lost=True):
-        hub.put(update)
-    hub.put(Status("localisation_node", StatusKind.CALL, 2, "lost: few_landmarks", {}, time.time()))
-    keep_alive(hub)
+        state.put(update)
+    state.put(Status("localisation_node", StatusKind.CALL, 2, "lost: few_landmarks", {}, time.time()))
+    keep_alive(state)
     await browser.wait_for(f"{text('state')}.includes('lost: few_landmarks')")
     await browser.wait_for("document.querySelector('.frame.lost')")
     await browser.wait_for(f"{text('nodes')}.includes('stale: silent') && {text('nodes-pill')}.includes('silent')")
-    keep_alive(hub, AHEAD_S)
+    keep_alive(state, AHEAD_S)
     await browser.wait_for(f"!{text('nodes')}.includes('stale: silent')")
     await browser.value("document.getElementById('pause').click()")
     await browser.wait_for("!document.getElementById('live').disabled")
     for update in frame(42, time.time()):
-        hub.put(update)
+        state.put(update)
     await browser.wait_for("sfrLive.store.rows.length === 42")
     assert await browser.value(data("path-canvas", "poses")) == 41
     await browser.value("document.getElementById('live').click()")
@@ -110,18 +111,18 @@ async def check_commands(browser: Browser, operator: Recorder) -> None:
     await browser.wait_for("sfrLive.store.rows.length === 42")
 
 
-async def check_hostile_names(browser: Browser, hub: Hub) -> None:
+async def check_hostile_names(browser: Browser, state: LiveState) -> None:
     """Names that are scripts stay texts."""
     score = whole_score(100, 48, 2)
     hostile = replace(score, warnings=(HOSTILE,), verdicts=(replace(score.verdicts[0], metric=HOSTILE),))
-    hub.put(Report(to_json(hostile), time.time()))
+    state.put(Report(to_json(hostile), time.time()))
     values = {HOSTILE: HOSTILE, "lifecycle": HOSTILE, "dropped_" + HOSTILE: HOSTILE}
     for kind in StatusKind:
-        hub.put(Status("localisation_node", kind, 2, HOSTILE, values, time.time()))
-    hub.put(image(HOSTILE, STEP_NS, time.time()))
-    hub.put(Report("{" + HOSTILE, time.time()))
+        state.put(Status("localisation_node", kind, 2, HOSTILE, values, time.time()))
+    state.put(image(HOSTILE, STEP_NS, time.time()))
+    state.put(Report("{" + HOSTILE, time.time()))
     await browser.wait_for(
-        f"document.body.textContent.includes('onerror=alert') && {text('tables')}.includes('onerror')"
+        f"document.body.textContent.includes('onerror=alert') && {text('figure-table')}.includes('onerror')"
     )
     await asyncio.sleep(0.3)
     assert await browser.value("document.querySelectorAll('script').length") == 1
@@ -131,16 +132,16 @@ async def check_hostile_names(browser: Browser, hub: Hub) -> None:
 
 def test_panels_states_commands_and_hostile_names() -> None:
     async def test() -> None:
-        hub, operator = Hub(), Recorder()
-        hub.operator = operator
-        fill(hub, 40)
-        async with served(hub, HOSTILE) as server, Browser(height=4000) as browser:
+        state, operator = LiveState(), Recorder()
+        state.operator = operator
+        fill(state, 40)
+        async with served(state, HOSTILE) as server, Browser(height=4000) as browser:
             await browser.open(server.url)
             await browser.wait_for("document.documentElement.dataset.drawn > 0")
             await check_panels(browser, server)
-            await check_states(browser, hub)
+            await check_states(browser, state)
             await check_commands(browser, operator)
-            await check_hostile_names(browser, hub)
+            await check_hostile_names(browser, state)
             server.end()
             await browser.wait_for(f"{text('connection')}.includes('ended')")
             assert browser.complaints() == []

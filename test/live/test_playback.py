@@ -19,10 +19,9 @@ from sfr_loc_map.io.bag import ODOMETRY, TYPESTORE
 from sfr_loc_map.io.bag_messages import odometry
 from sfr_loc_map.io.cloud_file import save_cloud
 from sfr_loc_map.io.trajectory_file import save_trajectory
-from sfr_loc_map.live.hub import Action, Command, Hub
 from sfr_loc_map.live.playback import Player, open_recording
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.live.updates import CloudSample, ElevationSample, TimeLine, View
+from sfr_loc_map.live.updates import Action, CloudSample, Command, ElevationSample, TimeLine, View
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.score_json import to_dict
 from sfr_loc_map.pipeline.call_stats import CallRecord, save_stats
@@ -81,16 +80,10 @@ def out(source: Path) -> Path:
 
 
 def played(path: Path) -> LiveState:
-    hub = Hub()
-    player = Player(hub, open_recording(path), CONFIG, None)
+    state = LiveState()
+    player = Player(state, open_recording(path), CONFIG, None)
     player.advance(1e9)
     player.report()
-    return taken(hub, LiveState())
-
-
-def taken(hub: Hub, state: LiveState) -> LiveState:
-    for update in hub.take():
-        state.apply(update)
     assert not state.problems
     return state
 
@@ -166,21 +159,21 @@ def check_final(state: LiveState, source: Path, out: Path) -> None:
 
 
 def test_player_has_the_figures_of_its_place_pauses_jumps_back_and_ends(source: Path, out: Path) -> None:
-    hub, state = Hub(), LiveState()
+    state = LiveState()
     recording = open_recording(out, source)
     assert recording.end_s == pytest.approx((COUNT - 1) * 0.1)
-    hub.want(frozenset(View))
+    state.looks["test"] = frozenset(View)
 
     def until(condition: Callable[[], bool]) -> None:
-        end = time.monotonic() + 20.0
-        while taken(hub, state).time_line is None or not condition():
+        end = time.monotonic() + 60.0
+        while state.time_line is None or not condition():
             assert time.monotonic() < end
             time.sleep(0.02)
 
     def at_s() -> float:
         return -1.0 if state.time_line is None else state.time_line.at_s
 
-    with Player(hub, recording, CONFIG, None, rate=50.0) as player:
+    with Player(state, recording, CONFIG, None, rate=50.0) as player:
         until(lambda: at_s() >= recording.end_s)
         check_final(state, source, out)
         final = state.report.content if state.report is not None else {}

@@ -11,7 +11,7 @@ from scenes import sent
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.io import bag_messages
-from sfr_loc_map.live.hub import Hub
+from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import CloudSample, ElevationSample
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel
 from sfr_loc_map.mapping.terrain.grid import TerrainGrid
@@ -49,14 +49,14 @@ def terrain() -> TerrainGrid:
 
 
 def fed(*, has_grid: bool) -> dict[str, Any]:
-    hub, truth = Hub(), ground()
-    feed = MapFeed(hub, lambda: has_grid)
+    state, truth = LiveState(), ground()
+    feed = MapFeed(state, lambda: has_grid)
     feed.add_true_points(bag_messages.points(STAMP_NS, truth, None), 0.0)
     feed.add_cloud(sent(cloud_msg(estimated(truth), STAMP_NS, "lm")), 0.0)
     if has_grid:
         feed.add_hazard(sent(hazard_msg(terrain(), STAMP_NS, "lm")), 0.0)
         feed.add_elevation(sent(elevation_msg(terrain(), STAMP_NS, "lm")), 0.0)
-    return {update.topic: update for update in hub.take()}  # type: ignore[union-attr]
+    return dict(state.media)
 
 
 @pytest.mark.parametrize("has_grid", [True, False])
@@ -92,4 +92,4 @@ def test_broken_grids_are_refused() -> None:
         cells[:, :12, 0], cells[:, 12:, 0] = -last, last
         message.data = byte_array(cells)
         with pytest.raises(InputError, match="must grow"):
-            MapFeed(Hub(), lambda: True).add_elevation(sent(message), 0.0)
+            MapFeed(LiveState(), lambda: True).add_elevation(sent(message), 0.0)

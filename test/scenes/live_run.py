@@ -9,8 +9,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S
-from sfr_loc_map.live.hub import Hub
 from sfr_loc_map.live.media import cloud_samples, image_sample, with_layer
+from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import (
     CloudSample,
     ElevationSample,
@@ -136,23 +136,23 @@ def cloud(stamp_ns: int, now_s: float, count: int = 60_000) -> tuple[CloudSample
     return sample, with_layer(grid, "hazard", np.full(grid.layers.shape[:2], 40.0))
 
 
-def fill(hub: Hub, frames: int = 60) -> None:
-    """Put a whole run of this moment into a hub, with the report of all tables."""
+def fill(state: LiveState, frames: int = 60) -> None:
+    """Put a whole run of this moment into a state, with the report of all tables."""
     from made_scores import whole_score
 
     now_s = time.time()
     for node in NODES:
-        hub.put(health(node, now_s))
+        state.put(health(node, now_s))
     for number in range(frames):
         for update in frame(number, now_s):
-            hub.put(update)
-        hub.put(call(number, now_s))
-    hub.put(Report(to_json(whole_score(100, 48, 2)), now_s))
-    hub.put(GraphView(frozenset(NODES), now_s, {"localisation/odometry": 0}))
+            state.put(update)
+        state.put(call(number, now_s))
+    state.put(Report(to_json(whole_score(100, 48, 2)), now_s))
+    state.put(GraphView(frozenset(NODES), now_s, {"localisation/odometry": 0}))
     for topic in ("loc/left", "loc/right"):
-        hub.put(image(topic, STEP_NS, now_s))
+        state.put(image(topic, STEP_NS, now_s))
     for media in (tracks(STEP_NS, now_s), *cloud(STEP_NS, now_s)):
-        hub.put(media)
+        state.put(media)
 
 
 def updates(count: int, begin_s: float) -> Iterator[Update]:

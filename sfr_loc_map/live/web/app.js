@@ -145,12 +145,9 @@ function showTime() {
 
 function showFooter(cloud) {
   setText(byId("lag"), lag.text());
-  const load = store.nodes?.load, parts = [];
+  const parts = [];
   if (store.thinned.images) parts.push(`images reduced from ${store.thinned.images.join(" × ")}`);
   if (cloud && cloud.count < cloud.total) parts.push(`${cloud.count} of ${cloud.total} points`);
-  if (load?.replaced) parts.push(`${load.replaced} images and clouds left out for newer ones`);
-  if (load?.dropped) parts.push(`${load.dropped} figures lost`);
-  if (load?.cut_off) parts.push(`${load.cut_off} pages cut off that did not read`);
   setText(byId("thinned"), parts.length ? `Thinned: ${parts.join("; ")}.` : "Nothing thinned.");
 }
 

@@ -4,7 +4,7 @@ import { byId, element, setPill, setText } from "./dom.js";
 import { TERMS, helpButton } from "./terms.js";
 
 const STYLES = { pass: "pass", fail: "fail" };
-const LIVE = "live";
+const FIRST = ["headline", "verdicts"]; // beside the path; the others are folded below
 let shown = null;
 
 /** Show the verdict and all tables of a report. */
@@ -15,11 +15,11 @@ export function showReport(report) {
   setPill(byId("verdict"), overall?.style ?? "open", overall?.icon ?? "–", overall?.state ?? "no report yet", overall?.text);
   setText(byId("overall"), overall?.text ?? "The monitor has not reported yet: there are no figures.");
   const tables = report?.tables ?? [];
-  const live = tables.find((table) => table.name === LIVE);
-  byId("figure-table").replaceChildren(live ? tableOf(live, true) : element("p", "note", "not enough data"));
-  if (live?.note) byId("figure-table").append(element("p", "note", live.note));
+  const first = tables.filter((table) => FIRST.includes(table.name));
+  byId("figure-table").replaceChildren(...first.flatMap((table) => [tableOf(table, true), element("p", "note", table.note)]));
+  if (!first.length) byId("figure-table").append(element("p", "note", "not enough data"));
   byId("warnings").replaceChildren(...(report?.warnings ?? []).map((text) => element("li", "", text)));
-  showAll(tables.filter((table) => table.name !== LIVE));
+  showAll(tables.filter((table) => !FIRST.includes(table.name)));
 }
 
 function showAll(tables) {
