@@ -84,9 +84,9 @@ class FoxgloveView:
                 due_s, rows = time.monotonic() + PERIOD_S, list(state.path.rows)
                 self._channels[FIGURES].log(json.dumps(state.to_plain(time.time()), allow_nan=False).encode())
                 stamp = _stamp(rows[-1].stamp_ns if rows else 0)
-                paths = {ESTIMATE: [row.position_m for row in rows], TRUTH: [row.truth_m for row in rows]}
-                for topic, places in paths.items():
-                    poses = [_pose(place) for place in places if place is not None]
+                estimate, truth = [row.position_m for row in rows], [row.truth_m for row in rows if row.truth_m]
+                for topic, places in ((ESTIMATE, estimate), (TRUTH, truth)):
+                    poses = [_pose(place) for place in places]
                     self._channels[topic].log(messages.PosesInFrame(timestamp=stamp, frame_id="ds", poses=poses))
             before, sent = looked_at, media
 

@@ -28,8 +28,8 @@ PERIOD_S, LINE_PERIOD_S, KEY_PERIOD_S = 0.5, 1.0, 0.05
 """Time between two drawings of the screen, two lines, two looks at the keys."""
 LEVELS = {"ok": ("✔", "green"), "warning": ("!", "yellow"), "error": ("✖", "bold red"), "stale": ("?", "bold yellow")}
 WAITING = "no figures yet: waiting for metrics/report of the monitor"
-WORDS = {"min_width": 8}
-NUMBER = {"justify": "right", "max_width": 10}
+WORDS: dict[str, Any] = {"min_width": 8}
+NUMBER: dict[str, Any] = {"justify": "right", "max_width": 10}
 
 
 class Terminal:
@@ -113,6 +113,7 @@ def one_line_of(state: LiveState, now_s: float) -> str:
 
 
 def _parts(state: LiveState, live: dict[str, Any], now_s: float, title: str) -> Iterator[RenderableType]:
+    columns: dict[str, dict[str, Any]]
     head = Grid.grid(Column(ratio=1, no_wrap=True), Column(justify="right", no_wrap=True), expand=True)
     stale = ", ".join(_stale(live))
     right = Text.assemble((f" STALE: {stale} ", "reverse bold yellow"), " ") if stale else Text()
