@@ -68,10 +68,6 @@ class MethodError(SfrError):
     """A method under test cannot be found or started."""
 
 
-class BenchError(SfrError):
-    """A reference method of a benchmark does not run."""
-
-
 class MissingExtraError(SfrError):
     """An optional part is not installed."""
 

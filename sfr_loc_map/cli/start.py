@@ -36,13 +36,10 @@ def init(
 
 
 @app.command(
-    epilog=examples("sfr methods", "sfr methods --include-dir", "sfr methods --peer-python peers/bin/python"),
+    epilog=examples("sfr methods", "sfr methods --include-dir"),
     hint="sfr localise SRC -o T.csv --method NAME    # the same drive by another method",
 )
 def methods(
-    peer_python: Annotated[
-        Path | None, typer.Option("--peer-python", metavar="PYTHON", help="Interpreter in which peers are looked for.")
-    ] = None,
     include_dir: Annotated[
         bool, typer.Option("--include-dir", help="Print the folder of sfr_candidate.h, and nothing else.")
     ] = False,
@@ -58,7 +55,7 @@ def methods(
         say(str(header_folder()))
         return
     check_outputs(json_path, overwrite=overwrite)
-    found = list(listed_methods(peer_python))
+    found = listed_methods()
     rows = tuple(
         (Cell.head(item.task), Cell(item.name), Cell(item.version or "-"), Cell(item.kind), Cell(item.about))
         for item in found

@@ -1,6 +1,4 @@
 from .isolated_method import IsolatedMethod as IsolatedMethod
-from .protocols import LocaliserProtocol as LocaliserProtocol
-from .protocols import MapperProtocol as MapperProtocol
 from .registry import Method as Method
 from .registry import MethodLimits as MethodLimits
 from .registry import find_method as find_method

@@ -1,8 +1,7 @@
 """Methods beside each other on the same pairs, in the same run: accuracy, time and memory of each, as JSON.
 
-Methods that are idle between calls are interleaved: each pair is processed by one after the other, and the first one
-changes from pair to pair, so that other load on the machine affects all alike. Methods that work in the background
-follow, each alone, at the rate of the stamps.
+Each pass gives all pairs to one method after the other; a method that works in the background between calls gets them
+at the rate of their stamps. Figures are medians over the passes.
 """
 
 from __future__ import annotations
@@ -12,16 +11,15 @@ import os
 import platform
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import numpy as np
 
 from sfr_loc_map import __version__
-from sfr_loc_map.errors import BenchError, MethodError
+from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -51,51 +49,39 @@ LIMITS = MethodLimits(call_timeout_s=900.0, memory_mb=16_000, restarts=0)
 COMPARED = ("accuracy", "time_s", "memory_bytes")
 """Parts of an entry of which the ratios of ours to the others are told."""
 Figures = dict[str, Any]  #: Figures of a pass, or their medians, as they are written to a file.
-P = TypeVar("P", StereoPair, PosedStereoPair)
-R = TypeVar("R")
 
 
 @dataclass(slots=True, eq=False)
-class MethodRun(Generic[R]):
+class MethodRun:
     """Calls of one method in one pass: time, peak memory and result of each, and what it did wrong and went on."""
 
     version: str
     idle_bytes: int | None
     seconds: list[float] = field(default_factory=list)
     peaks: list[int | None] = field(default_factory=list)
-    results: list[R] = field(default_factory=list)
+    results: list[Any] = field(default_factory=list)
     findings: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PassInput(Generic[P, R]):
+class PassInput:
     """Input of all methods, and how they are called."""
 
-    items: Callable[[], Iterable[P]]  #: Yields the pairs from the start at each call.
+    items: Callable[[], Iterable[StereoPair] | Iterable[PosedStereoPair]]  #: Yields the pairs from the start.
     open: Callable[[Method], IsolatedMethod]  #: Starts a method.
     #: Gives it a pair, with its number and the seconds since the first; returns its result and what it did.
-    call: Callable[[IsolatedMethod, P, int, float], tuple[R, MethodCall]]
+    call: Callable[[IsolatedMethod, Any, int, float], tuple[Any, MethodCall]]
     rate_scale: float = 1.0  #: Factor on the rate of the recording, for methods that work in the background.
 
 
 def methods_to_compare(
     task: Task, peer_python: Path | None = None, vocabulary: Path | None = None, added: Sequence[str] = ()
 ) -> tuple[list[Method], dict[str, str]]:
-    """Return the methods of a comparison, ours first, and why others cannot be run, by name.
-
-    Args:
-        task: Localisers or mappers.
-        peer_python: Interpreter that may have the peers.
-        vocabulary: Text file with ORB-SLAM3's vocabulary.
-        added: More methods, as `--method` names them.
-
-    Raises:
-        MethodError: If an interpreter or an added method is none.
-    """
+    """Return the methods of a comparison, ours first, those added last, and why others cannot be run, by name."""
     ours, *others = BUILT_IN[task].values()
     present, missing = [replace(ours, name=OURS), *others], {}
     for name, peer in PEERS[task].items():
-        found, reason = find_peer(peer, peer_python, {} if vocabulary is None else {"vocabulary": vocabulary})
+        found, reason = find_peer(peer, peer_python, vocabulary)
         if found is None:
             missing[name] = reason
         else:
@@ -114,20 +100,9 @@ def compare_localisers(
     rate_hz: float | None = None,
     progress: Callable[[], None] = lambda: None,
 ) -> Figures:
-    """Return the figures of localisers on one drive.
+    """Return the figures of localisers, ours with its parameters first, on a drive; accuracy where it has truth.
 
-    Args:
-        sequence: The drive, with ground truth if accuracy is wanted.
-        T_ds_rb: Pose of RB in DS at the first pair.
-        methods: The localisers, ours first.
-        config: Parameters of ours.
-        scoring: Sub-trajectories.
-        repeat: Passes; medians are shown.
-        rate_hz: Pairs per second for methods that work in the background; None: as recorded.
-        progress: Called after each call.
-
-    Raises:
-        BenchError: If ours does not run.
+    Methods that work in the background get the pairs at `rate_hz`, None: as recorded.
     """
     head = _head("localise", len(sequence), repeat) | {"conditions": list(scoring.conditions)}
     stamps_ns = [pair.stamp_ns for pair in sequence.pairs()]
@@ -144,11 +119,11 @@ def compare_localisers(
         estimate, done = localiser.localise(pair, {"since_start_s": since_start_s})
         return None if estimate.state is TrackingState.LOST else estimate.T_ds_rb, done
 
-    def figures(run: MethodRun[Transform | None]) -> Figures:
+    def figures(run: MethodRun) -> Figures:
         found: Figures = {"lost": sum(pose is None for pose in run.results)}
         if sequence.ground_truth is not None:
             found["accuracy"] = trajectory_errors(run.results, stamps_ns, sequence, T_ds_rb, scoring)
-        return found | _costs(run)
+        return found
 
     given = PassInput(
         sequence.pairs,
@@ -170,12 +145,7 @@ def trajectory_errors(
 ) -> dict[str, Figures]:
     """Return number of sub-trajectories and mean + 3 sigma of each error (m, deg), by condition.
 
-    Args:
-        poses: Pose of the left camera in its first one for each pair; where None, the last known one counts.
-        stamps_ns: Stamps of the pairs.
-        sequence: The drive with its ground truth.
-        T_ds_rb: Pose of RB in DS at the first pair.
-        scoring: Sub-trajectories.
+    Poses are of the left camera in its first one; where None, the last known one counts. `T_ds_rb` is the first of RB.
     """
     truth, rig = sequence.ground_truth, sequence.rig
     assert truth is not None
@@ -209,17 +179,9 @@ def compare_mappers(
     repeat: int = 3,
     progress: Callable[[], None] = lambda: None,
 ) -> Figures:
-    """Return the figures of mappers on the pairs of a source, as maps of single pairs.
+    """Return the figures of mappers, ours with its parameters first, on the pairs of a source, as maps of single pairs.
 
-    Args:
-        sequence: Pairs, with ground truth if accuracy is wanted.
-        methods: The mappers, ours first.
-        config: Parameters of ours; all search the same disparities.
-        repeat: Passes; medians are shown.
-        progress: Called after each call.
-
-    Raises:
-        BenchError: If ours does not run.
+    All search the same disparities.
     """
     rig, items = sequence.rig, list(sequence.pairs())
     count = search_range(rig, config).count
@@ -230,7 +192,7 @@ def compare_mappers(
         done, costs = mapper.map_pair(item.pair, item.T_lm_navsb, number)
         return done.cloud, costs
 
-    def figures(run: MethodRun[PointCloud]) -> Figures:
+    def figures(run: MethodRun) -> Figures:
         found: Figures = {"points": float(np.mean([len(cloud) for cloud in run.results]))}
         if len(truths) == len(items):
             cloud = replace(PointCloud.concatenate(run.results), fused=False)
@@ -239,112 +201,71 @@ def compare_mappers(
             if score.errors is not None:
                 error = score.errors.point_error_m
                 found["accuracy"] |= {"mean": error.mean, "mean_plus_3sigma": error.mean_plus_3sigma}
-                found["accuracy"]["by_range_m"] = {
-                    f"{row.from_m:g}-{row.to_m:g} m": {
-                        "count": row.point_error_m.count,
-                        "mean": row.point_error_m.mean,
-                        "mean_plus_3sigma": row.point_error_m.mean_plus_3sigma,
-                    }
-                    for row in score.errors.by_range
-                }
-        return found | _costs(run)
+        return found
 
     given = PassInput(
         sequence.pairs, lambda method: IsolatedMethod(method, rig, limits=LIMITS, setup={"disparities": count}), call
     )
     ours, *others = methods
-    return head | _compared(
-        [replace(ours, config=json.dumps(asdict(config))), *others], given, figures, repeat, progress
-    )
+    mine = replace(ours, config=json.dumps(asdict(config)))
+    return head | _compared([mine, *others], given, figures, repeat, progress)
 
 
-def run_pass(
-    methods: Sequence[Method], given: PassInput[P, R], progress: Callable[[], None] = lambda: None
-) -> tuple[dict[str, MethodRun[R]], dict[str, str]]:
-    """Process all pairs with all methods; return the runs of those that completed it, and why others did not."""
-    runs, failed = _run_group([method for method in methods if not method.background], given, None, progress)
-    for method in methods:
-        if method.background:
-            alone, reasons = _run_group([method], given, given.rate_scale, progress)
-            runs |= alone
-            failed |= reasons
-    return runs, failed
-
-
-def _run_group(
-    methods: Sequence[Method], given: PassInput[P, R], rate_scale: float | None, progress: Callable[[], None]
-) -> tuple[dict[str, MethodRun[R]], dict[str, str]]:
-    """Process all pairs, at the scaled rate of their stamps if there is one."""
-    runs: dict[str, MethodRun[R]] = {}
-    failed: dict[str, str] = {}
-    with ExitStack() as stack:
-        active: list[tuple[str, IsolatedMethod]] = []
-        for method in methods:
-            try:
-                opened = given.open(method)
-            except MethodError as error:
-                failed[method.name] = str(error)
-                continue
-            stack.callback(opened.close)
-            active.append((method.name, opened))
-            runs[method.name] = MethodRun(opened.record.version or "", opened.idle_bytes)
+def run_pass(method: Method, given: PassInput, progress: Callable[[], None] = lambda: None) -> MethodRun:
+    """Process all pairs with a method; MethodError if it does not start, or its process ends."""
+    with given.open(method) as opened:
+        run = MethodRun(opened.record.version or "", opened.idle_bytes)
+        scale = given.rate_scale if method.background else 1.0
         begin_s, first_ns = time.monotonic(), None
         for number, item in enumerate(given.items()):
             stamp_ns = item.stamp_ns if isinstance(item, StereoPair) else item.pair.stamp_ns
             first_ns = stamp_ns if first_ns is None else first_ns
-            since_start_s = (stamp_ns - first_ns) / NS_PER_S / (rate_scale or 1.0)
-            if rate_scale is not None:
+            since_start_s = (stamp_ns - first_ns) / NS_PER_S / scale
+            if method.background:
                 time.sleep(max(0.0, begin_s + since_start_s - time.monotonic()))
-            turn: int = number % max(1, len(active))
-            for name, opened in [*active[turn:], *active[:turn]]:
-                result, call = given.call(opened, item, number, since_start_s)
-                if not opened.alive:
-                    failed[name] = f"method {name}: {call.finding}"
-                    del runs[name]
-                    active.remove((name, opened))
-                    continue
-                run = runs[name]
-                run.seconds.append(call.usage.processing_time_s)
-                run.peaks.append(call.usage.peak_rss_bytes)
-                run.results.append(result)
-                if call.finding:
-                    run.findings.append(call.finding)
-                progress()
-    return runs, failed
+            result, call = given.call(opened, item, number, since_start_s)
+            if not opened.alive:
+                raise MethodError(f"method {method.name}: {call.finding}")
+            run.seconds.append(call.usage.processing_time_s)
+            run.peaks.append(call.usage.peak_rss_bytes)
+            run.results.append(result)
+            if call.finding:
+                run.findings.append(call.finding)
+            progress()
+    return run
 
 
 def _compared(
     methods: Sequence[Method],
-    given: PassInput[P, R],
-    figures: Callable[[MethodRun[R]], Figures],
+    given: PassInput,
+    figures: Callable[[MethodRun], Figures],
     repeat: int,
     progress: Callable[[], None],
 ) -> Figures:
-    """Repeat a pass; a method that has failed is left out of the later ones."""
-    runs: dict[str, list[MethodRun[R]]] = {}
+    """Repeat the passes; a method that has failed is left out, but ours must run."""
+    runs: dict[str, list[MethodRun]] = {}
     failed: dict[str, str] = {}
     for _ in range(repeat):
-        done, reasons = run_pass([method for method in methods if method.name not in failed], given, progress)
-        failed |= reasons
-        if OURS in failed:
-            raise BenchError(failed[OURS])
-        for name, run in done.items():
-            runs.setdefault(name, []).append(run)
-    complete = {name: mine for name, mine in runs.items() if name not in failed}
-    entries = {}
-    for name, mine in complete.items():
-        each = [figures(run) for run in mine]
+        for method in methods:
+            if method.name in failed:
+                continue
+            try:
+                runs.setdefault(method.name, []).append(run_pass(method, given, progress))
+            except MethodError as error:
+                if method.name == OURS:
+                    raise
+                failed[method.name] = str(error)
+    entries, findings = {}, {}
+    for name, mine in runs.items():
+        if name in failed:
+            continue
+        each = [figures(run) | _costs(run) for run in mine]
         entries[name] = {"version": mine[0].version, **medians(each), "runs": each}
+        if texts := list(dict.fromkeys(text for run in mine for text in run.findings)):
+            findings[name] = texts
     ours = {part: entries[OURS].get(part, {}) for part in COMPARED}
-    found = {
-        name: list(dict.fromkeys(text for run in mine for text in run.findings)) for name, mine in complete.items()
-    }
-    return {
-        "entries": entries,
-        "ratios": {name: ratios(ours, entry) for name, entry in entries.items() if name != OURS},
-        "failed": failed,
-        "findings": {name: texts for name, texts in found.items() if texts},
-    }
+    compared = {name: ratios(ours, entry) for name, entry in entries.items() if name != OURS}
+    return {"entries": entries, "ratios": compared, "failed": failed, "findings": findings}
 
 
 def _head(kind: str, pairs: int, repeat: int) -> Figures:
@@ -360,7 +281,7 @@ def _head(kind: str, pairs: int, repeat: int) -> Figures:
     return {"schema": SCHEMA, "kind": kind, "pairs": pairs, "repeat": repeat, "provenance": provenance}
 
 
-def _costs(run: MethodRun[Any]) -> Figures:
+def _costs(run: MethodRun) -> Figures:
     """Return time (s) and memory of the calls of a run; None where there are none, or memory cannot be measured."""
     known = [peak for peak in run.peaks if peak is not None]
     times: Figures = dict.fromkeys(("p50", "p95", "max", "first"))

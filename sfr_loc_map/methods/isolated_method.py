@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from math import isfinite, isnan
-from operator import sub
 from pathlib import Path
 from typing import Any, Self
 
@@ -33,12 +31,7 @@ NO_CALIBRATION = CalibrationSigma(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class IsolatedMethod:
-    """A method under test; a process that was lost is started again at the next pair, at the last known pose.
-
-    Attributes:
-        record: Its name, version and kind.
-        idle_bytes: Resident memory of its process after warm-up, None where that is not known.
-    """
+    """A method under test; a process that was lost is started again at the next pair, at the last known pose."""
 
     def __init__(
         self,
@@ -48,12 +41,7 @@ class IsolatedMethod:
         limits: MethodLimits | None = None,
         setup: Mapping[str, object] | None = None,
     ) -> None:
-        """Start it at a pose; `setup` is sent to its adapter besides rig and pose.
-
-        Raises:
-            MethodError: If it does not start.
-            GeometryError: If the extrinsics of a localiser's rig are not known.
-        """
+        """Start it at a pose; `setup` is sent to its adapter besides rig and pose."""
         self._method, self._rig, self._setup = method, rig, dict(setup or {})
         self._limits, self._starts = limits or MethodLimits(), 0
         self._T_rb_left = rig.T_rb_left if method.task is Task.LOCALISATION else Transform.identity()
@@ -61,7 +49,7 @@ class IsolatedMethod:
         self._process: MethodProcess | None = None
         process = self._started()
         self.record: MethodRecord = method.record(process.version)
-        self.idle_bytes: int | None = process.idle_bytes
+        self.idle_bytes: int | None = process.idle_bytes  # resident after warm-up, None where that is not known
 
     @property
     def alive(self) -> bool:
@@ -103,10 +91,7 @@ class IsolatedMethod:
     # ---- localisers
 
     def localise(self, pair: StereoPair, order: Mapping[str, object] | None = None) -> tuple[PoseEstimate, MethodCall]:
-        """Return the estimate at one pair, lost where the method gave none that is valid, and what the call did.
-
-        The order is sent to its adapter with the pair.
-        """
+        """Return the estimate at one pair, lost where the method gave none that is valid, and what the call did."""
         if self._is_given_up:
             return self._lost(pair, MethodCall(reason="not started again"))
         call = MethodCall()
@@ -134,7 +119,7 @@ class IsolatedMethod:
         if numbers is None:
             return None
         matrix = np.reshape(np.asarray(numbers, np.float64), (4, 4))
-        if not all(map(isfinite, matrix.ravel().tolist())):
+        if not np.isfinite(matrix).all():
             raise MethodFailureError(FindingKind.NOT_FINITE, "the pose has a number that is not finite")
         try:
             pose = Transform.from_matrix(matrix)
@@ -178,10 +163,7 @@ class IsolatedMethod:
         return made, call
 
     def fuse(self, maps: Sequence[PairMap], last: StereoPair) -> tuple[FusedMap, MethodCall | None]:
-        """Return one cloud of the pairs' maps, and what the call did, None where the method does not fuse.
-
-        Then the points of the pairs stand side by side. `last` is a pair that is shown, and not used.
-        """
+        """Return one cloud of the pairs' maps, and what the call did; points stand side by side if it cannot fuse."""
         call: MethodCall | None = None
         cloud = PointCloud.concatenate([item.cloud for item in maps])
         if self._process is not None and self._process.fuses and self._complete:
@@ -234,17 +216,13 @@ def _check_stamp(pair: StereoPair, result: Mapping[str, Any]) -> None:
 
 def _covariance(numbers: Any) -> FloatArray | None:  # noqa: ANN401 - 36 numbers or None
     """Return a covariance `(6, 6)`, None where none is stated."""
-    if numbers is None:
+    covariance = np.reshape(np.asarray([np.nan] * 36 if numbers is None else numbers, np.float64), (6, 6))
+    if np.isnan(covariance).all():
         return None
-    covariance = np.reshape(np.asarray(numbers, np.float64), (6, 6))
-    values: list[float] = covariance.ravel().tolist()  # loops over a few numbers are faster than arrays of them
-    if not all(map(isfinite, values)):
-        if all(map(isnan, values)):
-            return None
+    if not np.isfinite(covariance).all():
         raise MethodFailureError(FindingKind.NOT_FINITE, "the covariance has a number that is not finite")
-    transposed: list[float] = covariance.T.ravel().tolist()
-    asymmetry = max(map(abs, map(sub, values, transposed)))
-    if min(values[::7]) < 0.0 or asymmetry > SYMMETRY * max(map(abs, values)):
+    asymmetry = np.abs(covariance - covariance.T).max()
+    if covariance.diagonal().min() < 0.0 or asymmetry > SYMMETRY * np.abs(covariance).max():
         text = "the covariance is not symmetric, or a variance is negative"
         raise MethodFailureError(FindingKind.INVALID_RESULT, text)
     return covariance

@@ -33,8 +33,6 @@ POLL_S = 0.05  #: How often the memory of a process that is at work is looked at
 CAMERA = ("width", "height", "fx", "fy", "cx", "cy", "baseline_m")
 SHARED_MEMORY = Path("/dev/shm")
 MB = 1_000_000
-LEAKS = {10: 100 * MB, 50: 20 * MB}
-"""A method leaks that keeps more after each of so many calls, so much in all; a window that fills up does not."""
 
 
 class MethodFailureError(MethodError):
@@ -60,18 +58,13 @@ class MethodCall:
 class MethodProcess:
     """A method's process, warmed up and waiting once constructed, of a stated `version`; it `fuses` pairs or not.
 
-    Attributes:
-        idle_bytes: Its resident memory after warm-up, None where that is not known.
-        output: Where the arrays of its results are, without the ending that says what they are.
+    The arrays of its results are at `output`, followed by an ending that says what they are.
     """
 
     def __init__(
         self, method: Method, rig: StereoRig, limits: MethodLimits, T_ds_rb: Transform, setup: Mapping[str, object]
     ) -> None:
-        """Start it and wait until it is warmed up; the pose is that at the first pair.
-
-        Raises MethodError if it does not start; the message has its last log line.
-        """
+        """Start it and wait until it is warmed up; the pose is that at the first pair."""
         self._limits = limits
         shared = SHARED_MEMORY if os.access(SHARED_MEMORY, os.W_OK) else None
         self._folder = Path(tempfile.mkdtemp(prefix="sfr_method_", dir=shared))
@@ -89,7 +82,6 @@ class MethodProcess:
                 start_new_session=True,
             )
         self._rest = b""
-        self._kept = self._growing = self._grown = 0
         T_rb_left = None if rig.T_rb_sb is None else rig.T_rb_left
         transforms = {"start": T_ds_rb, "T_rb_sb": rig.T_rb_sb, "T_rb_left": T_rb_left}
         poses = {name: None if T is None else T.matrix.ravel().tolist() for name, T in transforms.items()}
@@ -108,21 +100,19 @@ class MethodProcess:
     def call(self, pair: StereoPair, order: Mapping[str, object]) -> tuple[MethodCall, Mapping[str, Any]]:
         """Show it a pair, give an order and return what the call took, and what its adapter reports.
 
-        Time and memory are by the clock and the kernel's mark of the method's process.
-
-        Raises MethodFailureError if there is no result: what the method did.
+        MethodFailureError says what the method did if there is no result.
         """
         self._images[0], self._images[1] = pair.left, pair.right
         about = {"output": self.output, "stamp_ns": pair.stamp_ns}
         answer = self._exchange(about | dict(order), self._limits.call_timeout_s)
-        resident, peak = answer["resident_bytes"], answer["peak_bytes"]
-        self._check_limits(resident or 0)
+        peak = answer["peak_bytes"]
+        self._check_limits(answer["resident_bytes"] or 0)
         if "fault" in answer:
             raise MethodFailureError(FindingKind(answer["fault"]), answer["text"])
         above = None if peak is None or self.idle_bytes is None else max(peak - self.idle_bytes, 0)
-        usage, result, leak = CallUsage(answer["seconds"], peak, above), answer["result"], self._leak(resident)
-        finding = f"{FindingKind.LEAKING}: {leak}" if leak else ""
-        return MethodCall(usage, finding, statistics=result.get("statistics") or {}), result
+        result: dict[str, Any] = answer["result"]
+        usage = CallUsage(answer["seconds"], peak, above)
+        return MethodCall(usage, statistics=result.get("statistics") or {}), result
 
     def _exchange(self, order: Mapping[str, object], timeout_s: float) -> dict[str, Any]:
         assert self._process.stdin is not None
@@ -174,17 +164,6 @@ class MethodProcess:
         else:
             how = "by " + next((item.name for item in signal.Signals if item == -code), f"signal {-code}")
         raise MethodFailureError(FindingKind.CRASHED, f"has ended {how}: {last}", ended=True)
-
-    def _leak(self, resident: int | None) -> str:
-        """Return what is wrong with the memory that is kept after the calls, once for each of `LEAKS`."""
-        if resident is None or not self._kept:
-            self._kept = resident or 0
-            return ""
-        grown, self._kept = resident - self._kept, resident
-        self._growing, self._grown = (self._growing + 1, self._grown + grown) if grown > 0 else (0, 0)
-        if self._growing not in LEAKS or self._grown <= LEAKS[self._growing]:
-            return ""
-        return f"keeps {self._grown / self._growing / MB:.1f} MB more after each of {self._growing} calls"
 
     def kill(self) -> None:
         """End the process and all that it has started, now."""

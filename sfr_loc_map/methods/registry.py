@@ -7,21 +7,18 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from importlib import metadata
 from pathlib import Path
 
 from sfr_loc_map import __version__
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import MethodError
-from sfr_loc_map.inputs import Task, hash_path, parse_yaml
+from sfr_loc_map.inputs import Task, hash_path
 from sfr_loc_map.metrics.score import MethodKind, MethodRecord
 
 WORKERS = Path(__file__).parent / "workers"
 OURS, EXTERNAL = "sfr", "external"
-GROUPS = {Task.LOCALISATION: "sfr_loc_map.localisers", Task.MAPPING: "sfr_loc_map.mappers"}
-"""Groups of entry points by which other packages add methods: `name = package.module:Class`."""
 LIBRARY_PREFIX = "lib:"
 CLASS_WORKER, LIBRARY_WORKER = "python_class.py", "c_library.py"
 HEADER = "sfr_candidate.h"
@@ -54,7 +51,7 @@ class Method:
     setup: Mapping[str, object] = field(default_factory=dict)  # sent to its adapter besides the rig
     modules: tuple[str, ...] = ()  # of a peer: what its interpreter must have
     install: str = ""  # of a peer: the command that installs it
-    needs: Mapping[str, str] = field(default_factory=dict)  # of a peer: files that its configuration must name
+    needs_vocabulary: bool = False
 
     @property
     def command(self) -> list[str]:
@@ -67,7 +64,6 @@ class Method:
 
 
 OUR_MODULE, ABOUT_OURS = "sfr_loc_map.methods.ours", "this suite's own, the default"
-VOCABULARY = "its vocabulary: give --vocab FILE, or 'vocabulary: FILE' in the file of --config"
 BUILT_IN: dict[Task, dict[str, Method]] = {
     Task.LOCALISATION: {
         OURS: Method(
@@ -94,7 +90,7 @@ PEERS: dict[Task, dict[str, Method]] = {
         "orbslam3": Method(
             "orbslam3", Task.LOCALISATION, MethodKind.PEER, "peer_orbslam3.py", background=True,
             modules=("pyorbslam3",), install="pip install pyorbslam3 opencv-python-headless",
-            needs={"vocabulary": VOCABULARY},
+            needs_vocabulary=True,
         )
     },
     Task.MAPPING: {
@@ -104,83 +100,48 @@ PEERS: dict[Task, dict[str, Method]] = {
         )
     },
 }  # fmt: skip
-"""Methods that a user may have installed in an interpreter of its own."""
+"""Methods of `sfr bench` that a user may have installed in an interpreter of its own."""
 
 
 def find_method(spec: str, task: Task, config: str = "") -> Method:
-    """Return the method that a text names; the configuration of a peer names its interpreter: `python: PATH`.
-
-    Raises MethodError if there is none, or a peer is not installed.
-    """
+    """Return the method that a text names; raise MethodError if there is none."""
     if spec in BUILT_IN[task]:
         return replace(BUILT_IN[task][spec], config=config)
-    if spec in PEERS[task]:
-        return _configured_peer(PEERS[task][spec], config)
     if spec.startswith(LIBRARY_PREFIX):
         path = Path(spec.removeprefix(LIBRARY_PREFIX)).resolve()
         if not path.is_file():
             raise MethodError(f"method '{spec}': there is no library '{path}', build it (docs/candidates.md)")
         library = (LIBRARY_WORKER, str(path), config)
         return Method(spec, task, MethodKind.LIBRARY, *library, background=True, sha256=hash_path(path))
-    target = next((entry.value for entry in _entry_points(task) if entry.name == spec), spec)
-    if ":" not in target:
-        names = ", ".join((*BUILT_IN[task], *PEERS[task], *(entry.name for entry in _entry_points(task))))
+    if ":" not in spec:
+        names = ", ".join(BUILT_IN[task])
         raise MethodError(
             f"no method '{spec}' for {task}: give one of {names}, package.module:Class or lib:PATH.so (sfr methods)"
         )
-    place = Path(target.rpartition(":")[0])
+    place = Path(spec.rpartition(":")[0])
     sha256 = hash_path(place) if place.suffix == ".py" and place.is_file() else None
     if place.suffix == ".py" and sha256 is None:
         raise MethodError(f"method '{spec}': there is no file '{place}', give the file that has the class")
-    return Method(spec, task, MethodKind.PYTHON, CLASS_WORKER, target, config, background=True, sha256=sha256)
+    return Method(spec, task, MethodKind.PYTHON, CLASS_WORKER, spec, config, background=True, sha256=sha256)
 
 
-def _entry_points(task: Task) -> list[metadata.EntryPoint]:
-    """Return the methods that other packages add; no name of ours can be taken."""
-    found = metadata.entry_points(group=GROUPS[task])
-    return [entry for entry in found if entry.name not in BUILT_IN[task] and entry.name not in PEERS[task]]
-
-
-def _configured_peer(peer: Method, config: str) -> Method:
-    try:
-        values = parse_yaml(config) or {}
-    except ValueError as error:
-        raise MethodError(f"method {peer.name}: its configuration is no YAML ({error})") from error
-    if not isinstance(values, dict):
-        raise MethodError(f"method {peer.name}: its configuration must be a mapping, as 'python: PATH'")
-    python = values.pop("python", None)
-    found, reason = find_peer(peer, None if python is None else Path(str(python)), values)
-    if found is None:
-        raise MethodError(f"method {peer.name}: {reason}")
-    return found
-
-
-def find_peer(peer: Method, python: Path | None, files: dict[str, object]) -> tuple[Method | None, str]:
-    """Return a peer's method with an interpreter and files by name, or None and the reason why it cannot be run."""
-    if reason := lacks(python, peer):
-        return None, reason
-    for name, what in peer.needs.items():
-        if files.get(name) is None:
-            return None, f"needs {what}"
-        if not Path(str(files[name])).is_file():
-            return None, f"there is no {name} '{files[name]}'"
-    assert python is not None
-    setup = {name: str(Path(str(value)).resolve()) for name, value in files.items()}
-    return replace(peer, python=python, setup=setup), ""
-
-
-def lacks(python: Path | None, peer: Method) -> str:
-    """Return why an interpreter cannot import a peer's modules, empty if it can; MethodError if it is none."""
+def find_peer(peer: Method, python: Path | None, vocabulary: Path | None = None) -> tuple[Method | None, str]:
+    """Return a peer's method in an interpreter, or None and the reason why it cannot be run."""
     if python is None:
-        return f"not looked for: give --peer-python, an interpreter with it ({peer.install})"
+        return None, f"not looked for: give --peer-python, an interpreter with it ({peer.install})"
     code = f"import importlib.util as u, sys; sys.exit(0 if all(map(u.find_spec, {peer.modules!r})) else 3)"
     try:
         status = subprocess.run([python, "-c", code], capture_output=True, timeout=60, check=False).returncode
     except (OSError, subprocess.TimeoutExpired) as error:
         raise MethodError(f"'--peer-python {python}' cannot be run ({error}): give a Python interpreter") from error
-    if status not in (0, 3):
-        raise MethodError(f"'--peer-python {python}' ended with {status}: give a Python interpreter")
-    return "" if status == 0 else f"not installed in {python}: {peer.install}"
+    if status:
+        return None, f"not installed in {python}: {peer.install}"
+    setup = {}
+    if peer.needs_vocabulary:
+        if vocabulary is None or not vocabulary.is_file():
+            return None, f"needs its vocabulary, '{vocabulary}' is no file: give --vocab FILE"
+        setup = {"vocabulary": str(vocabulary.resolve())}
+    return replace(peer, python=python, setup=setup), ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,37 +149,24 @@ class ListedMethod:
     """A row of `sfr methods`."""
 
     task: Task
-    name: str  # what `--method` takes
+    name: str
     version: str | None  # None where that is not known without starting it
     kind: MethodKind
-    about: str  # what it is, or why it cannot be run
+    about: str
 
 
-def listed_methods(python: Path | None = None) -> Iterator[ListedMethod]:
-    """Yield the methods that have a name; peers are looked for in an interpreter."""
-    for task in Task:
-        for name, method in BUILT_IN[task].items():
-            version = __version__ if name == OURS else _version_of("opencv-python-headless")
-            yield ListedMethod(task, name, version, method.kind, method.about)
-        for name, peer in PEERS[task].items():
-            missing = lacks(python, peer)
-            version = None if missing or python is None else _version_of(peer.modules[0], python)
-            needs = "; ".join(f"needs {what}" for what in peer.needs.values())
-            yield ListedMethod(task, name, version, peer.kind, missing or needs)
-        for entry in _entry_points(task):
-            stated = None if entry.dist is None else entry.dist.version
-            yield ListedMethod(task, entry.name, stated, MethodKind.PYTHON, entry.value)
+def listed_methods() -> list[ListedMethod]:
+    """Return the methods that have a name."""
+    import cv2
 
-
-def _version_of(package: str, python: Path | None = None) -> str | None:
-    if python is None:
-        try:
-            return metadata.version(package)
-        except metadata.PackageNotFoundError:
-            return None
-    code = f"from importlib import metadata; print(metadata.version({package!r}))"
-    done = subprocess.run([python, "-c", code], capture_output=True, text=True, timeout=60, check=False)
-    return done.stdout.strip() or None
+    versions = {OURS: __version__, "opencv": cv2.__version__, "sgbm": cv2.__version__}
+    every = [(task, method) for task in Task for method in (*BUILT_IN[task].values(), *PEERS[task].values())]
+    return [
+        ListedMethod(
+            task, method.name, versions.get(method.name), method.kind, method.about or f"sfr bench: {method.install}"
+        )
+        for task, method in every
+    ]
 
 
 def record_of_ours(task: Task) -> MethodRecord:

@@ -64,15 +64,7 @@ def benchmark_tables(result: Mapping[str, Any]) -> list[Table]:
         title = "Localisation: mean + 3 sigma; host times"
         return [_table("localise", title, result, (*errors, ("lost", NONE, "lost"), *COSTS))]
     title = f"Maps of single pairs, {result['disparities']} disparities; host times"
-    tables = [_table("map", title, result, (*MAPS, *COSTS))]
-    bins = result["entries"]["ours"].get("accuracy", {}).get("by_range_m", {})
-    by_range = [
-        (f"{name} {title}", MILLIMETRE, f"accuracy/by_range_m/{name}/{key}")
-        for name, item in bins.items()
-        if item["count"]
-        for title, key in (("mean", "mean"), ("mean + 3 sigma", "mean_plus_3sigma"))
-    ]
-    return [*tables, _table("map-range", "Point error by range", result, by_range)] if by_range else tables
+    return [_table("map", title, result, (*MAPS, *COSTS))]
 
 
 def _table(

@@ -1,7 +1,7 @@
 """Candidates as they should be: ours, classes of Python, the example in C, and how they are named."""
 
+import json
 import sys
-from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -14,19 +14,13 @@ from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.io.trajectory_file import read_trajectory_file
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate
-from sfr_loc_map.localisation.localiser import Localiser
-from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.mapper import Mapper
-from sfr_loc_map.methods import registry
+from sfr_loc_map.methods.comparison import methods_to_compare
 from sfr_loc_map.methods.isolated_method import IsolatedMethod
 from sfr_loc_map.methods.method_process import MethodCall
-from sfr_loc_map.methods.protocols import LocaliserProtocol, MapperProtocol
 from sfr_loc_map.methods.registry import find_method
 from sfr_loc_map.metrics.score import MethodKind, MethodRecord
-from sfr_loc_map.pipeline.call_stats import load_call_stats
 from sfr_loc_map.pipeline.offline import localise
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -75,9 +69,6 @@ def calls(spec: str, config: str, count: int) -> list[tuple[PoseEstimate, Method
 
 @pytest.mark.slow
 def test_ours_gives_the_same_bits_in_a_process_of_its_own(drive: Path) -> None:
-    localiser, mapper = Localiser(LOC_RIG, LocalisationConfig(), true_pose(0)), Mapper(NAV_RIG, MappingConfig())
-    assert isinstance(localiser, LocaliserProtocol)
-    assert isinstance(mapper, MapperProtocol)
     known = list(localise(open_source(drive).loc, LocalisationConfig(), true_pose(0)))
     for (estimate, record), (theirs, call) in zip(known, calls("sfr", "", 12), strict=True):
         np.testing.assert_array_equal(theirs.T_ds_rb.matrix, estimate.T_ds_rb.matrix)
@@ -140,22 +131,19 @@ def test_the_example_in_c_localises_and_maps(example: Path) -> None:
     assert np.median(errors) < 0.05  # of 3 m
 
 
-def test_names_are_looked_up(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, sfr: Sfr) -> None:
-    group = "sfr_loc_map.localisers"
-    added = [metadata.EntryPoint(name, "package.module:Theirs", group) for name in ("theirs", "sfr")]
-    monkeypatch.setattr(registry.metadata, "entry_points", lambda group: added if "localisers" in group else [])
-    assert find_method("theirs", Task.LOCALISATION).target == "package.module:Theirs"
+def test_names_are_looked_up(tmp_path: Path, sfr: Sfr) -> None:
     assert find_method("sfr", Task.LOCALISATION).target == "sfr_loc_map.methods.ours:localiser"
     for name, task, words in (
-        ("none", Task.LOCALISATION, "no method 'none' for localisation: give one of sfr, opencv, orbslam3, th"),
+        ("none", Task.LOCALISATION, "no method 'none' for localisation: give one of sfr, opencv, package.module"),
         ("none.py:Class", Task.LOCALISATION, "there is no file"),
-        ("pandora", Task.MAPPING, "give --peer-python"),
+        ("pandora", Task.MAPPING, "no method 'pandora'"),
     ):
         with pytest.raises(MethodError, match=words):
             find_method(name, task)
-    listed = sfr("methods")
-    for word in ("sfr", "opencv", "orbslam3", "theirs", "sgbm", "pandora", __version__):
-        assert word in listed.out
+    listed = sfr("methods", "--json", "-")
+    named = [item["name"] for item in json.loads(listed.out)["methods"]]
+    assert named == ["sfr", "opencv", "orbslam3", "sfr", "sgbm", "pandora"]
+    assert __version__ in listed.out
     assert (Path(sfr("methods", "--include-dir").out.strip()) / "sfr_candidate.h").is_file()
     for method in ("external", "none"):
         assert sfr("localise", tmp_path, "-o", tmp_path / "out.csv", "--method", method).code == 2
@@ -182,20 +170,17 @@ class Slam:
 """
 
 
-def test_a_peer_is_found_by_its_configuration(
-    drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sfr: Sfr
-) -> None:
+def test_a_peer_is_found_in_its_interpreter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "pyorbslam3.py").write_text(ORBSLAM3)
     (tmp_path / "pyorbslam3-9.1.dist-info").mkdir()
     (tmp_path / "pyorbslam3-9.1.dist-info" / "METADATA").write_text("Name: pyorbslam3\nVersion: 9.1\n")
     (tmp_path / "words.txt").write_text("words")
-    (tmp_path / "peer.yaml").write_text(f"python: {sys.executable}\nvocabulary: {tmp_path}/words.txt\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    estimate, stats = tmp_path / "estimate.csv", tmp_path / "stats.csv"
-    method = ("--method", "orbslam3", "--config", tmp_path / "peer.yaml", "--start", "truth")
-    assert sfr("localise", drive, "-o", estimate, "--stats", stats, *method).code == 0
-    found = load_call_stats(stats)
-    assert found.method == MethodRecord(name="orbslam3", version="9.1", kind=MethodKind.PEER)
-    T_first_last = Transform(np.eye(3), np.array([0.0, 0.0, 1.1]))
-    expected = true_pose(0) @ LOC_RIG.T_rb_left @ T_first_last @ LOC_RIG.T_rb_left.inverse()
-    np.testing.assert_allclose(read_trajectory_file(estimate).trajectory.positions[-1], expected.translation, atol=1e-6)
+    *_, peer = methods_to_compare(Task.LOCALISATION, Path(sys.executable), tmp_path / "words.txt")[0]
+    with IsolatedMethod(peer, LOC_RIG, true_pose(0), setup={"rate_hz": 10.0}) as slam:
+        estimate, call = slam.localise(loc_pair(0), {"since_start_s": 1.1})
+    assert not call.finding
+    assert slam.record == MethodRecord(name="orbslam3", version="9.1", kind=MethodKind.PEER)
+    T_first_now = Transform(np.eye(3), np.array([0.0, 0.0, 1.1]))
+    expected = true_pose(0) @ LOC_RIG.T_rb_left @ T_first_now @ LOC_RIG.T_rb_left.inverse()
+    np.testing.assert_allclose(estimate.T_ds_rb.matrix, expected.matrix, atol=1e-12)

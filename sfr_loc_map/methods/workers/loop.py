@@ -15,7 +15,7 @@ that the method raises is an answer too; whatever ends the process is seen by wh
 from __future__ import annotations
 
 import ctypes
-import importlib.util
+import importlib
 import json
 import os
 import signal
@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 
 PR_SET_PDEATHSIG = 1
+CAN_RESET = os.access("/proc/self/clear_refs", os.W_OK)  #: Whether the high-water mark can be set back.
 
 
 def main() -> None:
@@ -34,26 +35,29 @@ def main() -> None:
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)  # some methods print to standard output
     setup = json.loads(sys.stdin.readline())
-    method = _load(sys.argv[1]).open_method(setup)
+    folder, name = os.path.split(sys.argv[1])
+    sys.path.insert(0, folder)
+    method = importlib.import_module(name.removesuffix(".py")).open_method(setup)
     images = np.memmap(setup["images"], np.uint8, "r", shape=(2, setup["height"], setup["width"]))
-    memory = Memory()
     hello = {"version": str(method.version), "fuses": bool(getattr(method, "fuses", False))}
-    _answer(answers, {**hello, "idle_bytes": memory.bytes()[1]})
+    _answer(answers, {**hello, "idle_bytes": _memory()[1]})
     for line in sys.stdin:
-        _answer(answers, _obey(method, memory, np.array(images), json.loads(line)))
+        _answer(answers, _obey(method, np.array(images), json.loads(line)))
     os._exit(0)  # some methods crash in their destructors; all answers have been written
 
 
-def _obey(method: Any, memory: Memory, images: Any, order: dict[str, Any]) -> dict[str, Any]:  # noqa: ANN401
+def _obey(method: Any, images: Any, order: dict[str, Any]) -> dict[str, Any]:  # noqa: ANN401
     call = method.prepare(images[0], images[1], order)
-    memory.reset_peak()
+    if CAN_RESET:
+        with open("/proc/self/clear_refs", "w", encoding="ascii") as marks:
+            marks.write("5")
     begin = time.perf_counter()
     try:
         answer, raised = call(), None
     except Exception as error:
         answer, raised = None, f"{type(error).__name__}: {error}"
     seconds = time.perf_counter() - begin
-    peak, resident = memory.bytes()
+    peak, resident = _memory()
     costs = {"seconds": seconds, "peak_bytes": peak, "resident_bytes": resident}
     if raised is not None:
         return {**costs, "fault": "raised", "text": raised}
@@ -63,47 +67,19 @@ def _obey(method: Any, memory: Memory, images: Any, order: dict[str, Any]) -> di
         return {**costs, "fault": "invalid result", "text": str(error) or type(error).__name__}
 
 
-def _load(path: str) -> Any:  # noqa: ANN401 - a module
-    spec = importlib.util.spec_from_file_location("method", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def _answer(stream: Any, value: dict[str, Any]) -> None:  # noqa: ANN401
     stream.write(json.dumps(value) + "\n")
     stream.flush()
 
 
-class Memory:
-    """Resident memory of this process; its files are opened once."""
-
-    def __init__(self) -> None:
-        """Open them; a system without them measures nothing."""
-        self._status = _opened("/proc/self/status", os.O_RDONLY)
-        self._clear = _opened("/proc/self/clear_refs", os.O_WRONLY)
-
-    def reset_peak(self) -> None:
-        """Set the high-water mark back to what is resident now."""
-        if self._clear is not None:
-            os.write(self._clear, b"5")
-
-    def bytes(self) -> tuple[int | None, int | None]:
-        """Return the high-water mark and what is resident now, None where not known."""
-        if self._status is None or self._clear is None:
-            return None, None
-        text = os.pread(self._status, 8192, 0)
-        peak, resident = (int(text[text.index(key) :].split(None, 2)[1]) * 1024 for key in (b"VmHWM:", b"VmRSS:"))
-        return peak, resident
-
-
-def _opened(path: str, mode: int) -> int | None:
-    try:
-        return os.open(path, mode)
-    except OSError:
-        return None
+def _memory() -> tuple[int | None, int | None]:
+    """Return the high-water mark of resident memory and what is resident now, bytes; None where not known."""
+    if not CAN_RESET:
+        return None, None
+    with open("/proc/self/status", encoding="ascii", errors="replace") as status:
+        text = status.read()
+    peak, resident = (int(text[text.index(key) :].split(None, 2)[1]) * 1024 for key in ("VmHWM:", "VmRSS:"))
+    return peak, resident
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """A Python class as a method: `Class(rig, config)` with `process(pair)`, or `process(pair, T_lm_navsb, index)`.
 
-`warm_up()`, `reset(T_ds_rb)`, `fuse(results)`, `version` and `statistics` are used where the class has them; see
-`sfr_loc_map.methods.protocols`.
+`warm_up()`, `reset(T_ds_rb)`, `fuse(results)`, `version` and `statistics` are used where the class has them
+(docs/candidates.md); the suite's own localiser and mapper are nothing else.
 """
 
 from __future__ import annotations
