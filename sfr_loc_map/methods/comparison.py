@@ -67,7 +67,7 @@ class MethodRun:
 class PassInput:
     """Input of all methods, and how they are called."""
 
-    items: Callable[[], Iterable[StereoPair] | Iterable[PosedStereoPair]]  #: Yields the pairs from the start.
+    items: Callable[[], Iterable[Any]]  #: Yields the pairs, posed ones for mappers, from the start.
     open: Callable[[Method], IsolatedMethod]  #: Starts a method.
     #: Gives it a pair, with its number and the seconds since the first; returns its result and what it did.
     call: Callable[[IsolatedMethod, Any, int, float], tuple[Any, MethodCall]]
