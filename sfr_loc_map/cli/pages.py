@@ -137,7 +137,7 @@ def _names(paths: list[Path], scores: list[Score]) -> list[str]:
     epilog=examples(
         "sfr plot estimate.csv other.tum --truth data/ -o paths.html",
         "sfr plot 00.kitti --truth poses/00.txt --align se3 -o paths.png",
-        "sfr plot estimate.csv -o path.png",
+        "sfr plot estimate.csv -o path.html",
     ),
     hint="sfr score EST TRUTH    # the figures, with limits a verdict",
 )
@@ -146,7 +146,7 @@ def plot(
         list[Path],
         typer.Argument(metavar="T...", help="Trajectories: csv, TUM, KITTI, EuRoC, evo, bags, sources with truth."),
     ],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="X.html|X.png", help="The figure.")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="X.html", help="The page.")],
     truth: Annotated[
         Path | None, typer.Option(metavar="TRUTH", help="True trajectory: also the distance of each to it.")
     ] = None,
@@ -168,9 +168,9 @@ def plot(
     from sfr_loc_map.io.bag_files import is_bag
     from sfr_loc_map.metrics.config import AlignedErrorConfig
     from sfr_loc_map.pipeline.scoring import load_drive, load_estimates, load_truth
-    from sfr_loc_map.report.path_figure import curves_of, save_path_html, save_path_png
+    from sfr_loc_map.report.path_figure import curves_of, save_path_html
 
-    check_suffix(output, (*HTML_SUFFIXES, ".png"))
+    check_suffix(output, HTML_SUFFIXES)
     check_outputs(output, overwrite=overwrite, inputs=[*trajectories, *([truth] if truth is not None else [])])
     config = build(AlignedErrorConfig, {"align": align, "max_difference_s": max_difference}, origin="options")
     names = [path.name if sum(path.name == item.name for item in trajectories) == 1 else path for path in trajectories]
@@ -185,6 +185,5 @@ def plot(
     if truth is not None and true_poses is None:
         true_poses = load_truth(truth)
     curves = curves_of(poses, true_poses, config)
-    save = save_path_png if output.suffix == ".png" else save_path_html
-    save(curves, output)
+    save_path_html(curves, output)
     say(f"{', '.join(curve.name for curve in curves)}: {output}", err=True)

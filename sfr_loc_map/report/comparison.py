@@ -47,10 +47,10 @@ from sfr_loc_map.report.tables import (
     number,
 )
 
+POSITION = "trajectory.first.position_m.mean_plus_3sigma"
 DASHES = ("solid", "dash", "dot")
 SYMBOLS = ("circle", "square", "diamond")
 KINDS = (CallKind.LOCALISATION, CallKind.MAPPING)
-LOG_RATIO = 20.0  #: Errors that differ more than so many times are drawn on a logarithmic axis.
 Named = Sequence[tuple[str, Score]]
 
 
@@ -104,7 +104,8 @@ def methods_tables(scores: Sequence[Score], names: Sequence[str]) -> list[Table]
 
 def _methods(named: Named) -> Table:
     over = next((s.trajectory.first.condition.label for _, s in named if s.trajectory is not None), "")
-    shown: list[tuple[Column, Callable[[Score], Cell]]] = [(Column("kind", words=True), _word("method.kind"))]
+    kind = Column("kind", words=True)
+    shown: list[tuple[Column, Callable[[Score], Cell]]] = [(kind, lambda s: Cell(value_at(s, "method.kind") or ABSENT))]
     if any(score.trajectory is not None for _, score in named):
         shown += [
             (Column(f"position over {over}", MILLIMETRE), _position),
@@ -132,21 +133,16 @@ def _methods(named: Named) -> Table:
     return Table("counts", "Methods", (Column("method", words=True), *(column for column, _ in shown)), rows, note)
 
 
-def _value(place: str) -> Callable[[Score], Cell]:
-    return lambda score: _cell(value_at(score, place))
-
-
-def _word(place: str) -> Callable[[Score], Cell]:
-    return lambda score: Cell(str(value_at(score, place) or ABSENT))
+def _value(place: str, unit: Unit = NONE) -> Callable[[Score], Cell]:
+    return lambda score: _cell(value_at(score, place), unit)
 
 
 def _position(score: Score) -> Cell:
-    total = value_at(score, "trajectory.first.position_m.mean_plus_3sigma")
+    total, bounds = (value_at(score, f"{POSITION}{end}") for end in ("", "_ci95"))
     if total is None:
         return Cell(ABSENT)
-    bounds = value_at(score, "trajectory.first.position_m.mean_plus_3sigma_ci95")
-    interval = f" ({number(1e3 * bounds[0])} to {number(1e3 * bounds[1])})" if bounds is not None else ""
-    return Cell(number(1e3 * total) + interval, 1e3 * total)
+    interval = f" ({Cell.interval(bounds, unit=MILLIMETRE).text})" if bounds is not None else ""
+    return Cell(number(total, unit=MILLIMETRE) + interval, total)
 
 
 def _map_error(score: Score) -> float | None:
@@ -248,27 +244,20 @@ def _style(k: int) -> tuple[str, str, str]:
 
 
 def _paths(named: Named) -> list[Plot]:
-    known: list[tuple[str, str, str, PathRows, Values]] = []
-    for k, (name, score) in enumerate(named):
-        path = value_at(score, "details.trajectory.path")
-        if path is not None and path.stamp_ns:
-            color, dash, _ = _style(k)
-            known.append((name, color, dash, path, _error_sizes(path)))
+    paths = [(k, name, value_at(score, "details.trajectory.path")) for k, (name, score) in enumerate(named)]
+    known = [
+        (_style(k), name, path, _error_sizes(path)) for k, name, path in paths if path is not None and path.stamp_ns
+    ]
     if not known:
         return []
-    longest = max((path for *_, path, _ in known), key=lambda path: len(path.stamp_ns))
+    longest = max((path for _, _, path, _ in known), key=lambda path: len(path.stamp_ns))
     above: list[Trace] = [line("truth", (longest.truth_x_m, longest.truth_y_m), "@truth", width=3)]
     errors: list[Trace] = []
     factor, unit = error_scale(largest(*(size for *_, size in known)))
-    for name, color, dash, path, size in known:
+    for (color, dash, _), name, path, size in known:
         above.append(line(name, (path.estimate_x_m, path.estimate_y_m), color, dash=dash, width=1.5))
         errors.append(line(name, (path.travelled_m, scaled(size, factor)), color, dash=dash))
-    ends = [factor * last for *_, size in known if (last := largest(size)) > 0.0]
-    title = f"size of estimate - truth, {unit}"
-    upright = axis(title, rangemode="tozero")
-    if ends and max(ends) > LOG_RATIO * min(ends):  # on a linear axis the best would lie on zero
-        low, high = 0.05 * min(ends), 1.5 * max(ends)
-        upright = log_axis(title, low, high, steps=(1,)) | {"range": [math.log10(low), math.log10(high)]}
+    upright = axis(f"size of estimate - truth, {unit}", rangemode="tozero")
     over, caption = {"xaxis": axis(TRAVELLED), "yaxis": upright}, "Since the first frame, without re-basing."
     return [
         Plot("paths", "Trajectories from above", "Equal axes.", above, from_above(), height=560, width="full"),
@@ -286,22 +275,21 @@ def _error_sizes(path: PathRows) -> Values:
 
 
 def _growth(named: Named) -> list[Plot]:
-    series: list[tuple[str, dict[float, float]]] = []
-    for name, score in named:
+    series = []
+    for k, (name, score) in enumerate(named):
         steps = value_at(score, "trajectory.by_distance") or ()
         totals = ((item.distance_m, item.position_m.mean_plus_3sigma) for item in steps)
-        series.append((name, {distance: value for distance, value in totals if value is not None}))
-    errors = [value for _, over in series for value in over.values()]
-    if not errors:
+        series.append((_style(k), name, [item for item in totals if item[1] is not None]))
+    points = [point for *_, over in series for point in over]
+    if not points:
         return []
-    distances = [distance for _, over in series for distance in over]
-    factor, unit = error_scale(largest(errors))
+    factor, unit = error_scale(largest([error for _, error in points]))
     data = []
-    for k, (name, over) in enumerate(series):
+    for (color, dash, _), name, over in series:
         if over:
-            color, dash, _ = _style(k)
-            xy = list(over), scaled(list(over.values()), factor)
+            xy = [distance for distance, _ in over], scaled([error for _, error in over], factor)
             data.append(line(name, xy, color, dash=dash, mode="lines+markers"))
+    distances, errors = zip(*points, strict=True)
     layout = {
         "xaxis": log_axis("length of the sub-trajectory, m", min(distances), max(distances)),
         "yaxis": log_axis(f"position error, mean + 3 sigma, {unit}", *_span(scaled(errors, factor)), steps=(1,)),
@@ -324,7 +312,7 @@ def _cost(named: Named, kind: CallKind) -> list[Plot]:
         timed = node.latency_s if is_latency and node is not None else calls
         error = _map_error(score)
         if kind is CallKind.LOCALISATION:
-            error = value_at(score, "trajectory.first.position_m.mean_plus_3sigma")
+            error = value_at(score, POSITION)
         if timed is None or not timed.p50 or not error:
             continue
         color, _, symbol = _style(k)

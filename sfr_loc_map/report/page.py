@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import gzip
 import json
-import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
@@ -24,7 +23,7 @@ from sfr_loc_map.metrics.score import Score, Verdict
 from sfr_loc_map.metrics.score_json import from_json, to_plain
 from sfr_loc_map.report.plots import Plot
 from sfr_loc_map.report.score_figures import error_sizes, parts_of, score_figures
-from sfr_loc_map.report.score_tables import limit_name, limit_unit, score_tables
+from sfr_loc_map.report.score_tables import glossary, limit_name, limit_unit, score_tables
 from sfr_loc_map.report.tables import METRE, OPEN, PERCENT, SHARE, UNKNOWN, VERDICTS, Table, fitting, number, to_html
 
 if TYPE_CHECKING:
@@ -42,10 +41,7 @@ Sections = Sequence[tuple[str, list[Plot]]]
 
 
 def load_score(path: Path) -> Score:
-    """Read a score; numbers that are not finite are undefined.
-
-    Raises InputError if the file cannot be read or holds no score.
-    """
+    """Read a score; InputError if the file cannot be read or holds none."""
     try:
         text = read_text(path, MAX_JSON_BYTES)
     except OSError as error:
@@ -56,10 +52,7 @@ def load_score(path: Path) -> Score:
 
 
 def write_page(score: Score, path: Path) -> None:
-    """Write the report page; an existing file is replaced.
-
-    Raises OutputError if the file cannot be written.
-    """
+    """Write the report page; an existing file is replaced."""
     text = render_page(score)
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
@@ -67,13 +60,12 @@ def write_page(score: Score, path: Path) -> None:
 
 def render_page(score: Score, *, figures: bool = True) -> str:
     """Return the page as HTML; without figures it holds tables only and no script, ready for print."""
-    sections, tables = score_figures(score) if figures else [], score_tables(score)
+    sections, tables = score_figures(score) if figures else [], [*score_tables(score), glossary()]
     provenance, name = dict(_flat(to_plain(score.provenance) or {}, "")), data_set_name(score)
     # each thing to look at leads to a place that this page has
     places = {f"table-{table.name}" for table in tables}
     places |= {f"figure-{plot.name}" for _, group in sections for plot in group}
-    everything = f"table-{tables[0].name}" if tables else "overall"
-    first = [item if item.place in places else replace(item, place=everything) for item in look_first(score)]
+    first = [item if item.place in places else replace(item, place="overall") for item in look_first(score)]
     return _rendered(
         tables,
         sections,
@@ -91,11 +83,7 @@ def render_page(score: Score, *, figures: bool = True) -> str:
 def render_overview(
     title: str, state: VerdictState | None, text: str, tables: Sequence[Table], sections: Sections, heading: str = ""
 ) -> str:
-    """Return a page about many scores as HTML, laid out as that of one.
-
-    The banner has the verdict over all, or a heading for what is not judged, and a text beside it. Tables named
-    `verdicts`, `counts` and `groups` come before the figures.
-    """
+    """Return a page about many scores as HTML: verdict over all or a heading, a text beside it, tables, figures."""
     return _rendered(
         tables,
         sections,
@@ -178,7 +166,7 @@ class Overall:
 
 
 def _overall(state: str | None, text: str, open_icon: str) -> Overall:
-    style = VERDICTS.get(state or NO_VERDICT, replace(OPEN, icon=open_icon))
+    style = VERDICTS.get(state or NO_VERDICT, OPEN._replace(icon=open_icon))
     return Overall(str(state or NO_VERDICT), text, style.css, style.icon)
 
 
@@ -299,33 +287,28 @@ def _worth_a_look(score: Score) -> Iterator[LookFirst]:
 
 def _use_of_limit(item: Verdict) -> float:
     """Return which part of its limit a figure takes up; above 1 it misses it."""
-    value = abs(item.value or 0.0)
+    value, limit = abs(item.value or 0.0), item.limit
     if item.metric.endswith("_min"):
-        return item.limit / value if value else float("inf")
-    return value / item.limit if item.limit else float("inf") if value else 0.0
+        value, limit = limit, value
+    return value / limit if limit else float("inf") if value else 0.0
 
 
 def _beside_limit(item: Verdict) -> str:
     """Return a figure beside its limit, and whether that is certain."""
     unit = limit_unit(item.metric)
     unit = PERCENT if unit is SHARE else fitting(unit, item.limit, item.value)
-    use = _use_of_limit(item)
-    share = f", {number(100.0 * use)} % of it" if use < float("inf") and not item.metric.endswith("_min") else ""
-    value, limit = (number(figure, unit=unit) for figure in (item.value, item.limit))
+    value, limit = (f"{number(figure, unit=unit)} {unit.symbol}" for figure in (item.value, item.limit))
     doubt = " Its 95 % interval spans the limit: more data may change the verdict." if item.certain is False else ""
-    return f"{value} {unit.symbol} against {limit} {unit.symbol}{share}.{doubt}"
+    return f"{value} against {limit}.{doubt}"
 
 
 def _of_limit(item: Verdict, why: str) -> LookFirst:
     """Return a limited figure with what shows it best."""
-    metric, over = item.metric, f" over {item.condition}" if item.condition is not None else ""
-    places = (
-        (r"target |fusion", "table-verdicts"),
-        (r".*_bytes$", "table-memory"),
-        (r".*_s$", f"figure-{metric.partition('_')[0]}-histogram"),
-        (r"point_error|coverage", "table-map"),
-        (r"position", "figure-position"),
-        (r"", "figure-angles"),
-    )
-    place = next(place for pattern, place in places if re.match(pattern, metric))
-    return LookFirst(limit_name(metric) + over, why, place)
+    over = f" over {item.condition}" if item.condition is not None else ""
+    parts = {
+        "position": "figure-position",
+        "attitude": "figure-angles",
+        "heading": "figure-angles",
+        "point": "table-map",
+    }
+    return LookFirst(limit_name(item.metric) + over, why, parts.get(item.metric.partition("_")[0], "table-verdicts"))

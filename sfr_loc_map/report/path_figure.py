@@ -1,4 +1,4 @@
-"""Paths in one figure: from above, in height, and how far they are from the truth; plotly, or a PNG by matplotlib."""
+"""Paths in one figure: from above, in height, and how far they are from the truth."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.errors import MetricsError, MissingExtraError
+from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S, printable
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.metrics.aligned_error import aligned_poses
 from sfr_loc_map.metrics.config import AlignedErrorConfig
-from sfr_loc_map.report.plots import PALETTE, Plot, Trace, axis, error_scale, line, scaled, to_figure
+from sfr_loc_map.report.plots import Plot, Trace, axis, error_scale, line, scaled, to_figure
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 COLOURS = ("one", "two", "three", "four", "five")
-X, Y, Z, TIME = "x of DS (east), m", "y of DS (north), m", "z of DS (up), m", "time, s"
+TIME = "time, s"
 MOST_POINTS = 5000  #: Poses of a path that are drawn.
 
 
@@ -31,7 +31,7 @@ class Curve(NamedTuple):
     """One path: seconds since the first stamp of all, positions `(N, 3)` in m, distance to the truth where known."""
 
     name: str
-    colour: str  #: One of `PALETTE`; `truth` for the truth alone.
+    colour: str  #: A name of the palette; `truth` for the truth alone.
     seconds: FloatArray
     positions: FloatArray
     error_m: FloatArray | None = None
@@ -68,7 +68,9 @@ def curves_of(
 
 def path_plot(curves: Sequence[Curve]) -> Plot:
     """Return the figure of some paths."""
-    factor, unit = _error_unit(curves)
+    factor, unit = error_scale(
+        max((float(each.error_m.max()) for each in curves if each.error_m is not None), default=0.0)
+    )
     data: list[Trace] = []
     for curve in curves:
         width = 3 if curve.colour == "truth" else 2
@@ -84,19 +86,15 @@ def path_plot(curves: Sequence[Curve]) -> Plot:
     errors = any(curve.error_m is not None for curve in curves)
     split = (0.38, 0.2) if errors else (0.28, 0.0)
     layout: dict[str, Any] = {
-        "xaxis": axis(X, anchor="y"),
-        "yaxis": axis(Y, scaleanchor="x", scaleratio=1, domain=[split[0] + 0.14, 1.0]),
+        "xaxis": axis("x of DS (east), m", anchor="y"),
+        "yaxis": axis("y of DS (north), m", scaleanchor="x", scaleratio=1, domain=[split[0] + 0.14, 1.0]),
         "xaxis2": axis("" if errors else TIME, anchor="y2"),
-        "yaxis2": axis(Z, domain=[split[1] + (0.06 if errors else 0.0), split[0]]),
+        "yaxis2": axis("z of DS (up), m", domain=[split[1] + (0.06 if errors else 0.0), split[0]]),
     }
     if errors:
         layout["xaxis3"] = axis(TIME, anchor="y3", matches="x2")
         layout["yaxis3"] = axis(f"position error, {unit}", domain=[0.0, split[1] - 0.02], rangemode="tozero")
     return Plot("paths", "Trajectories", "", data, layout, height=900 if errors else 750, width="full")
-
-
-def _error_unit(curves: Sequence[Curve]) -> tuple[float, str]:
-    return error_scale(max((float(curve.error_m.max()) for curve in curves if curve.error_m is not None), default=0.0))
 
 
 def path_figure(curves: Sequence[Curve]) -> Figure:
@@ -110,42 +108,3 @@ def save_path_html(curves: Sequence[Curve], path: Path) -> None:
     head = '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>Trajectories</title></head>'
     with atomic_path(path) as temporary:
         temporary.write_text(f"{head}<body>{figure}</body></html>\n", encoding="utf-8")
-
-
-def save_path_png(curves: Sequence[Curve], path: Path) -> None:
-    """Write the figure as a PNG.
-
-    Raises:
-        MissingExtraError: If matplotlib is not installed.
-        OutputError: If it cannot be written.
-    """
-    try:
-        from matplotlib.figure import Figure as Canvas
-    except ImportError as error:
-        raise MissingExtraError(
-            "a PNG needs matplotlib: pip install 'sfr_loc_map[plot]', or name the output *.html"
-        ) from error
-    errors = any(curve.error_m is not None for curve in curves)
-    rows = 3 if errors else 2
-    canvas = Canvas(figsize=(8, 9 if errors else 8), dpi=150, layout="constrained")
-    above, height, *below = axes = list(canvas.subplots(rows, 1, height_ratios=[3, 1, 1][:rows]))
-    factor, unit = _error_unit(curves)
-    for curve in curves:
-        style: dict[str, Any] = {"color": PALETTE[curve.colour], "linewidth": 2.0 if curve.colour == "truth" else 1.4}
-        name = printable(curve.name).replace("$", r"\$")  # matplotlib reads formulas
-        above.plot(curve.positions[:, 0], curve.positions[:, 1], label=name.lstrip("_"), **style)
-        height.plot(curve.seconds, curve.positions[:, 2], **style)
-        if below and curve.error_m is not None:
-            below[0].plot(curve.seconds, curve.error_m * factor, **style)
-    above.set(xlabel=X, ylabel=Y, aspect="equal", title="Trajectories")
-    above.set_adjustable("datalim")
-    above.legend(fontsize="small")
-    height.set(ylabel=Z, xlabel="" if below else TIME)
-    if below:
-        below[0].set(xlabel=TIME, ylabel=f"position error, {unit}")
-        below[0].set_ylim(bottom=0.0)
-    for each in axes:
-        each.grid(color=PALETTE["grid"])
-        each.ticklabel_format(useOffset=False)
-    with atomic_path(path) as temporary:
-        canvas.savefig(temporary, format="png")

