@@ -118,7 +118,7 @@ class Trajectory(_Shown, trajectory_base.Trajectory):
 
     @classmethod
     def load(cls, path: PathLike) -> Self:
-        """Read a trajectory file; the format is detected: csv of the suite, TUM, KITTI, EuRoC, result of evo."""
+        """Read a trajectory file; the format is detected: csv of the suite, TUM, KITTI, EuRoC."""
         return cls.of(read_trajectory_file(Path(path)).trajectory)
 
     @classmethod
@@ -145,11 +145,6 @@ class Trajectory(_Shown, trajectory_base.Trajectory):
     def from_euroc(cls, path: PathLike) -> Self:
         """Read a EuRoC csv: nanoseconds, position, quaternion scalar first."""
         return cls._of_file(path, TrajectoryFormat.EUROC)
-
-    @classmethod
-    def from_evo(cls, path: PathLike, role: str = "estimate") -> Self:
-        """Read the estimate or the `truth` of a result of evo that holds its trajectories."""
-        return cls._of_file(path, TrajectoryFormat.EVO, role)
 
     def to_csv(self, path: PathLike) -> None:
         """Write a csv of the suite."""
@@ -214,8 +209,8 @@ class Trajectory(_Shown, trajectory_base.Trajectory):
         return dict(Counter(record.state for record in self.records))
 
     @classmethod
-    def _of_file(cls, path: PathLike, kind: TrajectoryFormat, role: str = "estimate") -> Self:
-        loaded = read_trajectory_file(Path(path), role)
+    def _of_file(cls, path: PathLike, kind: TrajectoryFormat) -> Self:
+        loaded = read_trajectory_file(Path(path))
         if loaded.format is not kind:
             raise InputError(f"{loaded.text}: this is not {kind}; Trajectory.load() reads every format")
         return cls.of(loaded.trajectory)
@@ -513,7 +508,7 @@ def score(
     """Score an estimate against the truth; the same figures as `sfr score`.
 
     Args:
-        estimate: A trajectory or a cloud: in memory or a file (csv, TUM, KITTI, EuRoC, evo, bag; .ply, .pcd, .npz).
+        estimate: A trajectory or a cloud: in memory or a file (csv, TUM, KITTI, EuRoC, bag; .ply, .pcd, .npz).
         truth: A trajectory in memory or its file; a source with truth, as `sfr.open` gives it, or its path.
         conditions: Ends of a sub-trajectory: `distance=5`, `time=60`, `frames=100`; distance=5 where none is given.
         limits: Limits to judge by: a YAML file, or its content.

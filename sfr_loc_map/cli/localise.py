@@ -50,7 +50,7 @@ def localise(
     """Estimate the trajectory of a drive, with the same code as the node, or by another method."""
     from sfr_loc_map.config import read_config
     from sfr_loc_map.inputs import Task
-    from sfr_loc_map.io.trajectory_file import OUTPUT_SUFFIXES, files_written, save_trajectory
+    from sfr_loc_map.io.trajectory_file import FILE_SUFFIXES, files_written, save_trajectory
     from sfr_loc_map.localisation.config import LocalisationConfig
     from sfr_loc_map.methods.registry import record_of_ours
     from sfr_loc_map.pipeline.call_stats import save_stats
@@ -64,7 +64,7 @@ def localise(
         trajectory_of,
     )
 
-    check_suffix(output, OUTPUT_SUFFIXES)
+    check_suffix(output, FILE_SUFFIXES)
     check_outputs(*files_written(output), stats, video, overwrite=overwrite, inputs=(source,))
     theirs = None if under_test.is_ours else under_test.find(Task.LOCALISATION)
     if theirs is not None and video is not None:

@@ -144,7 +144,7 @@ def _names(paths: list[Path], scores: list[Score]) -> list[str]:
 def plot(
     trajectories: Annotated[
         list[Path],
-        typer.Argument(metavar="T...", help="Trajectories: csv, TUM, KITTI, EuRoC, evo, bags, sources with truth."),
+        typer.Argument(metavar="T...", help="Trajectories: csv, TUM, KITTI, EuRoC, bags, sources with truth."),
     ],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="X.html", help="The page.")],
     truth: Annotated[

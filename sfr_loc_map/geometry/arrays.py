@@ -30,8 +30,3 @@ def median(values: NDArray[np.floating[Any]]) -> float:
     if count % 2:
         return float(ordered[half])
     return float((ordered[:half].max() + ordered[half]) / 2.0)
-
-
-def finite_median(values: NDArray[np.floating[Any]]) -> float:
-    """Return the median of those that are not NaN; NaN without any."""
-    return median(values[~np.isnan(values)])

@@ -19,7 +19,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.plausibility import check_camera, check_distortion, check_extrinsics
-from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import parse_yaml, refusing
@@ -119,18 +119,12 @@ class EurocWriter(TableWriter):
                 encoding="ascii",
             )
 
-    def write_nav_rig(self, rig: StereoRig) -> None:
-        """Leave out the rig of mapping pairs."""
-
     def write_loc_pair(self, pair: StereoPair) -> None:
         """Write a pair of the drive."""
         for name, image in zip(CAMERAS, (pair.left, pair.right), strict=True):
             file = f"{pair.stamp_ns}.png"
             (self._path / "mav0" / name / "data" / file).write_bytes(encode_png(image))
             self.append(f"mav0/{name}/data.csv", f"{pair.stamp_ns},{file}", LIST_HEADER)
-
-    def write_nav_pair(self, nav: PosedStereoPair) -> None:
-        """Leave out a mapping pair."""
 
     def write_truth(self, stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> None:
         """Write one true pose of RB in DS."""

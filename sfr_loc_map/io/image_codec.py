@@ -23,7 +23,7 @@ from sfr_loc_map.inputs import MAX_IMAGE_BYTES, NS_PER_S, read_bytes, refusing
 
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 JPEG_MAGIC = b"\xff\xd8"
-FORMATS = "PNG, JPEG, PGM, PPM or BMP"  #: Formats that are read: those whose size is known before they are decoded.
+FORMATS = "PNG, JPEG, PGM or PPM"  #: Formats that are read: those whose size is known before they are decoded.
 _PNM = re.compile(rb"P[2356](?:\s+|\s*#[^\n]*\n)+(\d{1,9})(?:\s+|\s*#[^\n]*\n)+(\d{1,9})\s")
 BAYER = {
     "rggb": cv2.COLOR_BayerBG2GRAY,
@@ -73,7 +73,7 @@ def read_grey(path: Path) -> GreyImage:
 
 
 def decode_grey(data: bytes | NDArray[np.uint8]) -> GreyImage:
-    """Decode the bytes of an image file (PNG, JPEG, PGM, PPM, BMP) to 8-bit grey `(H, W)`.
+    """Decode the bytes of an image file (PNG, JPEG, PGM, PPM) to 8-bit grey `(H, W)`.
 
     PNG checksums are verified, and a JPEG stream that the decoder could only guess at is refused.
     """
@@ -116,11 +116,6 @@ def claimed_size(data: bytes) -> tuple[int, int] | None:
         except ValueError:
             return None
         return int(width), int(height)
-    if data.startswith(b"BM"):  # BITMAPINFOHEADER; rows from top to bottom have a negative height
-        if len(data) < 26 or struct.unpack("<I", data[14:18])[0] < 40:
-            return None
-        width, height = struct.unpack("<ii", data[18:26])
-        return width, abs(height)
     found = _PNM.match(data[:4096])  # comments included
     return (int(found[1]), int(found[2])) if found else None
 

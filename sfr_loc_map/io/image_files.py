@@ -12,7 +12,7 @@ from typing import IO, Self
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import GreyImage
-from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.image_codec import read_grey
@@ -126,6 +126,12 @@ class TableWriter:
     ) -> None:
         for stream in self._tables.values():
             stream.close()
+
+    def write_nav_rig(self, rig: StereoRig) -> None:
+        """Leave out the rig of mapping pairs: most layouts have none."""
+
+    def write_nav_pair(self, nav: PosedStereoPair) -> None:
+        """Leave out a mapping pair."""
 
     def append(self, name: str, row: str, header: str = "") -> None:
         """Write a row of the table of a name in the folder, after its header if it is the first."""

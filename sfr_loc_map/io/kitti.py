@@ -19,7 +19,7 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform, interpolated
 from sfr_loc_map.inputs import NS_PER_S, SIDES, refusing
@@ -106,9 +106,6 @@ class KittiWriter(TableWriter):
         for number, side in enumerate(SIDES):
             self.append("calib.txt", f"P{number}: {' '.join(map(repr, projection(rig, side).tolist()))}")
 
-    def write_nav_rig(self, rig: StereoRig) -> None:
-        """Leave out the rig of mapping pairs."""
-
     def write_loc_pair(self, pair: StereoPair) -> None:
         """Write a pair of the drive."""
         if pair.stamp_ns < 0:
@@ -118,9 +115,6 @@ class KittiWriter(TableWriter):
             (self._path / name / f"{len(self._stamps_ns):06d}.png").write_bytes(encode_png(image))
         self._stamps_ns.append(pair.stamp_ns)
         self.append("times.txt", seconds_text(pair.stamp_ns))
-
-    def write_nav_pair(self, nav: PosedStereoPair) -> None:
-        """Leave out a mapping pair."""
 
     def write_truth(self, stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> None:
         """Take a true pose of RB in DS."""

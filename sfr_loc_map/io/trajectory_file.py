@@ -6,7 +6,6 @@
 | `tum` | `t x y z qx qy qz qw`, t in seconds, orientation as in ROS messages |
 | `kitti` | twelve numbers a line, the first three rows of a pose matrix, no stamps (Geiger et al. 2012) |
 | `euroc` | csv with nanoseconds and quaternions scalar first (Burri et al. 2016); what follows them is left out |
-| `evo` | a zip file of `evo_ape ... --save_results` with trajectories (github.com/MichaelGrupp/evo) |
 
 `att_q_DsToRb` turns components in DS into components in RB: the conjugate of the orientation in ROS messages. KITTI
 has poses of the left camera in its first frame: x right, y down, z forward; here both frames get the axes of the suite
@@ -18,7 +17,6 @@ from __future__ import annotations
 import io
 import json
 import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -34,15 +32,7 @@ from sfr_loc_map.geometry.plausibility import plausible_positions, plausible_rot
 from sfr_loc_map.geometry.pose_convention import OPTICAL_IN_BODY
 from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_conjugate, quat_from_matrix
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import (
-    MAX_TABLE_BYTES,
-    MAX_TEXT_BYTES,
-    NS_PER_S,
-    check_regular,
-    parse_json,
-    read_bytes,
-    refusing,
-)
+from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.text_table import BOM, Table, parse_seconds, parse_stamp_ns, parse_table, read_data, seconds_text
 
@@ -55,12 +45,9 @@ KITTI_COLUMNS = 12
 CONJUGATED = np.array([-1.0, -1.0, -1.0, 1.0])
 """What makes orientations as in ROS messages of `att_q_DsToRb`, and back."""
 TUM_SUFFIXES = (".txt", ".tum")
-KITTI_SUFFIX, EUROC_SUFFIX, EVO_SUFFIX = ".kitti", ".euroc.csv", ".zip"
-OUTPUT_SUFFIXES = (".csv", *TUM_SUFFIXES, KITTI_SUFFIX)  #: Endings of names of trajectory files that are written.
-FILE_SUFFIXES = (*OUTPUT_SUFFIXES, EVO_SUFFIX)  #: Endings of names of those that are read.
-ZIP_MAGIC = b"PK\x03\x04"
+KITTI_SUFFIX, EUROC_SUFFIX = ".kitti", ".euroc.csv"
+FILE_SUFFIXES = (".csv", *TUM_SUFFIXES, KITTI_SUFFIX)  #: Endings of names of trajectory files.
 HEAD_BYTES = 10_000  #: The format and the header are looked for in these.
-MAX_MEMBERS = 1000  #: Most members of a zip file that are looked at.
 
 
 class TrajectoryFormat(StrEnum):
@@ -70,17 +57,15 @@ class TrajectoryFormat(StrEnum):
     TUM = "tum"
     KITTI = "kitti"
     EUROC = "euroc"
-    EVO = "evo"
 
 
-ANNOUNCED = (TrajectoryFormat.KITTI, TrajectoryFormat.EUROC, TrajectoryFormat.EVO)
+ANNOUNCED = (TrajectoryFormat.KITTI, TrajectoryFormat.EUROC)
 """Formats of which a command says that it has found them."""
 WORDS = {
     TrajectoryFormat.CSV: "csv of the suite",
     TrajectoryFormat.TUM: "TUM",
     TrajectoryFormat.KITTI: "KITTI poses of the left camera, turned to x forward, y left, z up",
     TrajectoryFormat.EUROC: "EuRoC csv",
-    TrajectoryFormat.EVO: "evo result",
 }
 
 
@@ -114,23 +99,16 @@ class LoadedTrajectory:
         return replace(self, trajectory=stamped, stamps=f"those of {other.path}, pose by pose", by_index=False)
 
 
-def read_trajectory_file(path: Path, role: str = "estimate") -> LoadedTrajectory:
-    """Read a trajectory in any format; of a result of evo the `estimate` or the `truth`, as `role` says.
+def read_trajectory_file(path: Path) -> LoadedTrajectory:
+    """Read a trajectory in any format.
 
     The first bytes tell the format, and where they do not the name. Stamps come as they are: out of order or twice, if
     so written.
 
     Raises InputError if it cannot be read, or a line is no pose; names the line.
     """
-    path = place = Path(path)
-    data = ZIP_MAGIC
-    if path.suffix != EVO_SUFFIX:
-        with refusing(f"cannot read '{path}'", "give a csv, TUM, KITTI, EuRoC or evo file"):
-            data = read_bytes(path, MAX_TABLE_BYTES, table=True)
-    if is_evo := data.startswith(ZIP_MAGIC):
-        member, data = _evo_member(path, role)
-        place = path / member
-    name = f"'{place}'"
+    path = Path(path)
+    name, data = f"'{path}'", read_data(path, "give a csv, TUM, KITTI or EuRoC file")
     lines = [line.strip() for line in data[:HEAD_BYTES].removeprefix(BOM).splitlines() if line.strip()]
     header = lines[0].decode("utf-8", "replace").replace(" ", "") if lines else ""
     row = next((line for line in lines if not line.startswith(b"#")), b"")
@@ -145,9 +123,8 @@ def read_trajectory_file(path: Path, role: str = "estimate") -> LoadedTrajectory
         table, kind = parse_euroc_table(data, name), TrajectoryFormat.EUROC
         quats = table.values[:, [4, 5, 6, 3]]
     elif len(row.split()) == KITTI_COLUMNS:
-        loaded = _parse_kitti(path, data, name)
-        return replace(loaded, format=TrajectoryFormat.EVO) if is_evo else loaded
-    elif place.suffix == ".csv":
+        return _parse_kitti(path, data, name)
+    elif path.suffix == ".csv":
         raise InputError(f"{name} line 1 is '{header[:60]}': the header '{CSV_HEADER}' is needed")
     else:
         table = parse_table(data, name, TUM_HEADER[2:], range(8), stamp=parse_seconds)
@@ -159,7 +136,7 @@ def read_trajectory_file(path: Path, role: str = "estimate") -> LoadedTrajectory
         trajectory = Trajectory(table.stamps_ns, positions, quats)
     except GeometryError as error:
         raise table.no_pose(positions, quats) from error
-    return LoadedTrajectory(path, trajectory, TrajectoryFormat.EVO if is_evo else kind)
+    return LoadedTrajectory(path, trajectory, kind)
 
 
 def parse_euroc_table(data: bytes, name: str) -> Table:
@@ -204,50 +181,6 @@ def read_times(path: Path, count: int | None = None) -> IntArray:
     if count not in (None, len(table.lines)):
         raise InputError(f"'{path}' has {len(table.lines)} times for {count} poses: one for each is needed")
     return table.stamps_ns
-
-
-def _evo_member(path: Path, role: str) -> tuple[str, bytes]:
-    """Return name and content of the estimate or the truth in a result of evo.
-
-    Its members are `info.json`, `stats.json` and trajectories, `NAME.tum` or `NAME.kitti`, NAME as info.json has it.
-    """
-    try:
-        check_regular(path)
-        with zipfile.ZipFile(path) as archive:
-            names = [item.filename for item in archive.infolist()[:MAX_MEMBERS]]
-            if not {"info.json", "stats.json"} <= set(names):
-                raise InputError(f"'{path}' is no result of evo: it has no info.json and stats.json")
-            name = _member_name(path, names, parse_json(_content(archive, "info.json", MAX_TEXT_BYTES)), role)
-            return name, _content(archive, name, MAX_TABLE_BYTES)
-    except (OSError, ValueError, RuntimeError, NotImplementedError, zipfile.BadZipFile, zlib.error, EOFError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(f"cannot read '{path}': {reason}; give a zip file of evo's --save_results") from error
-
-
-def _content(archive: zipfile.ZipFile, name: str, limit: int) -> bytes:
-    with archive.open(name) as stream:
-        data = stream.read(limit + 1)
-    if len(data) > limit:
-        raise ValueError(f"its member {name[:80]} is larger than {limit} bytes")
-    return data
-
-
-def _member_name(path: Path, names: list[str], info: object, role: str) -> str:
-    poses = [name for name in names if name.endswith((".tum", KITTI_SUFFIX))]
-    if not poses:
-        raise InputError(
-            f"evo result '{path}' has no trajectories, only errors: run 'evo_config set save_traj_in_zip true' before "
-            "evo, or give the files themselves"
-        )
-    said = info if isinstance(info, dict) else {}
-    named = {
-        key: [name for name in poses if name.rpartition(".")[0] == said.get(key)] for key in ("est_name", "ref_name")
-    }
-    wanted, other = ("est_name", "ref_name") if role == "estimate" else ("ref_name", "est_name")
-    rest = [name for name in poses if name not in named[other]]
-    if not named[wanted] and len(rest) != 1:
-        raise InputError(f"evo result '{path}' does not say which is the {role}: it has {', '.join(poses)[:200]}")
-    return (named[wanted] or rest)[0]
 
 
 def format_of_name(path: Path) -> TrajectoryFormat | None:

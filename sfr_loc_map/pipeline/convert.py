@@ -82,7 +82,7 @@ def is_trajectory(path: Path) -> bool:
 
 
 def holds_trajectory(path: Path) -> bool:
-    """Tell whether a path is a trajectory file that is read: these, and results of evo."""
+    """Tell whether a path is a trajectory file that is read."""
     return not path.is_dir() and path.suffix in FILE_SUFFIXES
 
 

@@ -293,7 +293,7 @@ def load_run(
     elif is_bag(place):
         true, rig = LoadedTrajectory(place, load_truth(place)), camera_rig(place)
     elif place.is_file():
-        true = read_trajectory_file(place, "truth")
+        true = read_trajectory_file(place)
     else:
         from sfr_loc_map.io.registry import open_source  # files of trajectories need no images
 
@@ -353,7 +353,7 @@ def estimates_of(trajectory: Trajectory, stats: Sequence[CallStats] = ()) -> Est
 def load_truth(path: Path) -> Trajectory:
     """Read true poses of RB in DS from a trajectory file, a bag or a data set folder."""
     if path.is_file() and not is_bag(path):
-        return read_trajectory_file(path, "truth").trajectory
+        return read_trajectory_file(path).trajectory
     if is_bag(path):
         from sfr_loc_map.pipeline.bag_estimates import bag_truth
 

@@ -21,8 +21,6 @@ from sfr_loc_map.io.cloud_file import save_cloud
 from sfr_loc_map.io.euroc import EurocWriter
 from sfr_loc_map.io.kitti import KittiWriter
 from sfr_loc_map.io.trajectory_file import save_trajectory
-from sfr_loc_map.metrics.config import AlignedErrorConfig
-from sfr_loc_map.pipeline.scoring import save_evo_result
 
 from made_scene import NAV_RIG, PERIOD_NS, START_NS, fill, loc_pair, true_pose, write_bag, write_folder  # isort: skip
 
@@ -89,8 +87,6 @@ def _trajectories(world: Path) -> None:
     save_trajectory(world / "truth.csv", truth)
     for name in ("estimate.csv", "estimate.tum", "estimate.kitti", "estimate.euroc.csv"):
         save_trajectory(world / name, estimate)
-    named = {"est_name": "est", "ref_name": "ref"}
-    save_evo_result(world / "evo.zip", estimate, truth, AlignedErrorConfig(align="none"), named)
     rows = ["stamp_ns,processing_time_s,state,peak_rss_bytes,above_idle_bytes,align_s"]
     rows += [f"{stamp},0.0{i % 9 + 1},tracking,{10**8 + i},9,0.001" for i, (stamp, _) in enumerate(poses)]
     (world / "stats.csv").write_text("\n".join(rows) + "\n")
@@ -170,7 +166,6 @@ TARGETS = (
     Target("KITTI poses", "estimate.kitti", T, _trajectory("estimate.kitti")),
     Target("KITTI stamps", "estimate.times.txt", T, _trajectory("estimate.kitti")),
     Target("EuRoC poses", "estimate.euroc.csv", T, _trajectory("estimate.euroc.csv")),
-    Target("evo result", "evo.zip", m.ZIP, _trajectory("evo.zip")),
     Target("KITTI calib.txt", "kitti/calib.txt", T, _drive("kitti", "b.mcap")),
     Target("KITTI times.txt", "kitti/times.txt", T, _drive("kitti", "f")),
     Target("KITTI poses.txt", "kitti/poses.txt", T, _drive("kitti", "t.csv")),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,7 +23,6 @@ from sfr_loc_map.io.trajectory_file import (
     TrajectoryFormat,
     read_trajectory_file,
     save_trajectory,
-    trajectory_text,
 )
 
 finite = st.floats(allow_nan=False, allow_infinity=False, width=64).filter(lambda v: abs(v) <= 1e9)
@@ -144,35 +142,6 @@ def test_euroc_files_of_the_data_set(tmp_path: Path) -> None:
     assert found.format is TrajectoryFormat.EUROC
     assert found.trajectory.stamps_ns.tolist() == [1403636580838555648]
     assert found.trajectory.quats_xyzw.tolist() == [[-0.5, 0.5, -0.5, 0.5]]
-
-
-def test_results_of_evo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def zipped(path: Path, members: dict[str, str]) -> Path:
-        with zipfile.ZipFile(path, "w") as archive:
-            for name, text in members.items():
-                archive.writestr(name, text)
-        return path
-
-    truth = curve(4)
-    moved = replace(truth, positions=truth.positions + 1.0)
-    info = {"info.json": json.dumps({"title": "APE", "est_name": "est.txt", "ref_name": "ref.txt"}), "stats.json": "{}"}
-    both = {"ref.txt.tum": truth, "est.txt.tum": moved}
-    members = {name: trajectory_text(trajectory, TrajectoryFormat.TUM) for name, trajectory in both.items()}
-    path = zipped(tmp_path / "r.zip", info | members)
-    assert np.array_equal(read_trajectory_file(path).trajectory.positions, moved.positions)
-    assert np.array_equal(read_trajectory_file(path, "truth").trajectory.positions, truth.positions)
-    (tmp_path / "torn.zip").write_bytes(path.read_bytes()[:200])
-    for broken, words in (
-        (zipped(tmp_path / "bare.zip", info), "has no trajectories, only errors"),
-        (zipped(tmp_path / "names.zip", info | members | {"info.json": "{}"}), "does not say which is the estimate"),
-        (zipped(tmp_path / "other.zip", {"a.txt": "x"}), r"no info\.json"),
-        (tmp_path / "torn.zip", "cannot read"),
-    ):
-        with pytest.raises(InputError, match=words):
-            read_trajectory_file(broken)
-    monkeypatch.setattr("sfr_loc_map.io.trajectory_file.MAX_TABLE_BYTES", 100)
-    with pytest.raises(InputError, match="larger than 100 bytes"):
-        read_trajectory_file(path)
 
 
 def test_poses_without_stamps_are_scored_pose_by_pose(tmp_path: Path, sfr: Sfr) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, IntArray, Mask, finite_median
+from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, IntArray, Mask, median
 from sfr_loc_map.jit import jit, jit_inline, jit_rows
 from sfr_loc_map.mapping.disparity.edge_evidence import NEIGHBOURHOOD, EdgeScene, wrong_surface_log_odds
 from sfr_loc_map.mapping.disparity.filters import MAD_TO_SIGMA, box_mean, depth_ratio, within
@@ -77,7 +77,7 @@ def locally_valid(refined: RefinedDisparity, initial_px: FloatImage, contrast: F
     disparity = refined.disparity_px
     rows, cols = disparity.shape
     change = np.abs(disparity - initial_px)
-    valid: Mask = change <= max(MAX_CHANGE_PX, 5.0 * MAD_TO_SIGMA * finite_median(change))
+    valid: Mask = change <= max(MAX_CHANGE_PX, 5.0 * MAD_TO_SIGMA * median(change[~np.isnan(change)]))
     if not valid.any():
         return valid
     valid &= ~occlusion_mask(disparity, valid, JUMP_PX)
