@@ -64,17 +64,6 @@ def test_golden_quarter_turn() -> None:
     np.testing.assert_allclose(quat_from_matrix([[0, -1, 0], [1, 0, 0], [0, 0, 1]]), [0, 0, half, half], atol=TIGHT)
 
 
-def test_a_stack_is_worked_on_as_its_parts() -> None:
-    quats, vectors_in = np.random.default_rng(3).normal(size=(50, 4)), np.random.default_rng(4).normal(size=(50, 3))
-    stack = matrix_from_quat(quats)
-    again = quat_from_matrix(stack)
-    for quat, matrix, found in zip(quats, stack, again, strict=True):
-        assert matrix_from_quat(quat).tobytes() == matrix.tobytes()
-        assert quat_from_matrix(matrix).tobytes() == found.tobytes()
-    rotated = np.einsum("nij,nj->ni", stack, vectors_in)
-    np.testing.assert_allclose(quat_rotate(again, vectors_in), rotated, atol=TIGHT * 10)
-
-
 @pytest.mark.parametrize("quat", [[0, 0, 0, 0], [np.nan, 0, 0, 1], [np.inf, 0, 0, 1], [1e-20, 0, 0, 0]])
 def test_no_rotation_in_these_numbers(quat: list[float]) -> None:
     for numbers in (quat, [[0, 0, 0, 1], quat]):

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from strategies import transforms
 
 from sfr_loc_map.errors import GeometryError
-from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 
 RIG = StereoRig(640, 480, 500.0, 510.0, 319.5, 239.5, 0.12)
@@ -60,16 +60,3 @@ def test_same_cameras_whatever_the_place() -> None:
     assert RIG.same_cameras(replace(RIG, T_rb_sb=Transform.identity()))
     for changes in ({"width": 641}, {"fx": 501.0}, {"cy": 0.0}, {"baseline_m": 0.13}):
         assert not RIG.same_cameras(replace(RIG, **changes))
-
-
-@pytest.mark.parametrize(
-    ("left", "right", "words"),
-    [
-        (np.zeros((4, 5), np.uint8), np.zeros((4, 6), np.uint8), r"7 differ in size: left \(5, 4\), right \(6, 4\)"),
-        (np.zeros((4, 5), np.uint16), np.zeros((4, 5), np.uint8), "left image of stamp 7 is uint16"),
-        (np.zeros((4, 5), np.uint8), np.zeros((4, 5, 3), np.uint8), "right image of stamp 7"),
-    ],
-)
-def test_pairs_that_are_none(left: np.ndarray, right: np.ndarray, words: str) -> None:
-    with pytest.raises(GeometryError, match=words):
-        StereoPair(7, left, right)

@@ -70,19 +70,6 @@ def test_what_is_no_file_is_never_replaced(tmp_path: Path, place: str, words: st
     assert Path("/dev/null").is_char_device()
 
 
-def test_what_comes_while_it_is_written_is_not_replaced_either(tmp_path: Path) -> None:
-    def write() -> None:
-        with atomic_path(tmp_path / "a") as temporary:
-            temporary.write_text("new")
-            os.mkfifo(tmp_path / "a")
-
-    with pytest.raises(OutputError, match="a named pipe"):
-        write()
-    assert (tmp_path / "a").is_fifo()
-    with pytest.raises(OutputError, match="cannot write"), atomic_path(tmp_path / "nothing written"):
-        pass
-
-
 def test_what_a_killed_run_left_is_removed_by_the_next_and_what_is_at_work_is_not(tmp_path: Path) -> None:
     output = tmp_path / "a[1].csv"
     killed = (

@@ -65,24 +65,6 @@ def test_an_error_leaves_what_was_flushed(path: Path) -> None:
     assert read(path) == [raw(1)]
 
 
-def test_large_chunks_are_written_without_a_flush(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sfr_loc_map.io.bag_writer.CHUNK_BYTES", 3_000_000)
-    bag, topic = started(path)
-    for number in range(5):
-        bag.write(topic, number, raw(number, 1_100_000))
-    assert read(path) == [raw(n, 1_100_000) for n in range(3)]
-    bag.__exit__(None, None, None)
-    assert len(read(path)) == 5
-
-
-def test_what_is_there_is_not_written_over(tmp_path: Path) -> None:
-    (tmp_path / "x").write_text("dear")
-    with pytest.raises(OutputError, match="it exists; choose another name"):
-        BagRecorder(tmp_path / "x")
-    with pytest.raises(OutputError, match="cannot record to"), BagRecorder(tmp_path / "x" / "y"):
-        pass
-
-
 @pytest.fixture
 def file_limit() -> Iterator[None]:
     before, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfr_loc_map.errors import InputError, OutputError
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.io.cloud_file import load_cloud, save_cloud
 
@@ -112,19 +112,13 @@ PLY = f"ply\nformat ascii 1.0\ncomment sfr pair_stamps_ns 5\nelement vertex 1\n{
 @pytest.mark.parametrize(
     ("whole", "old", "new", "words"),
     [
-        (PCD, "WIDTH 1\nHEIGHT 1", "WIDTH -1\nHEIGHT -1", "'-1' is not a number"),
         (PCD, "1\nHEIGHT 1\nPOINTS 1", "900000000000\nHEIGHT 1\nPOINTS 900000000000", "bytes of text found"),
         (PCD, "POINTS 1", "POINTS 7", "WIDTH and HEIGHT say 1"),
         (PCD, "COUNT 1 1 1", "COUNT 1 1 999999999", "which is not read"),
-        (PCD, "TYPE F F F", "TYPE F F O", "TYPE O, SIZE 4"),
-        (PCD, "DATA ascii", "DATA binary_compressed", "binary_compressed"),
         (PCD, "DATA ascii\n1 2 3", "DATA binary\n1234", "bytes found where 1 points"),
         (PLY, "vertex 1", "vertex -1", "'-1' is not a number"),
-        (PLY, "vertex 1", "vertex 900000000000", "bytes of text found"),
         (PLY, "1 2 3\n", "1\n", "found where"),
         (PLY, "float z", "list uchar int z", "'list'"),
-        (PLY, "ascii", "weird", "no known format"),
-        (PLY, "element vertex", "element face", "'face'"),
         (PLY, "stamps_ns 5", "stamps_ns -5", "whole nanoseconds"),
         (PLY, "pair_stamps_ns 5", "fused maybe", "must end in true or false"),
     ],
@@ -136,16 +130,3 @@ def test_broken_files(tmp_path: Path, whole: str, old: str, new: str, words: str
     path.write_text(whole.replace(old, new))
     with pytest.raises(InputError, match=f"{path}.*{words}"):
         load_cloud(path)
-
-
-@pytest.mark.parametrize("suffix", [".ply", ".pcd", ".npz"])
-def test_cut_off_files_and_other_endings(tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"c{suffix}"
-    save_cloud(path, random_cloud(50))
-    path.write_bytes(path.read_bytes()[:-200])
-    with pytest.raises(InputError, match=f"c{suffix}"):
-        load_cloud(path)
-    with pytest.raises(OutputError, match=r"\.ply, \.pcd, \.npz"):
-        save_cloud(tmp_path / "c.obj", random_cloud(1))
-    with pytest.raises(InputError, match=r"ends in '\.xyz'"):
-        load_cloud(tmp_path / "c.xyz")

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import made_layouts as made
-import numpy as np
 import pytest
 from made_worlds import make_world, write_folder
 
@@ -33,36 +32,26 @@ ALL = ""
 BASELINE = '"baseline_m": 0.12'
 CAM0, CAM1 = "mav0/cam0/data.csv", "mav0/cam1/sensor.yaml"
 BROKEN = [
-    ("folder", "loc/rig.json", ALL, "[]", "Expected `object`"),
     ("folder", "loc/rig.json", BASELINE, f'{BASELINE}, "baseline": 1', "unknown field `baseline`"),
-    ("folder", "loc/rig.json", BASELINE, '"baseline_m": "0.1"', r"Expected `float`, got `str` - at `\$.baseline_m`"),
-    ("folder", "loc/rig.json", BASELINE, '"baseline_m": 0', "baseline"),
     ("folder", "loc/rig.json", "20.1,", "", r"length 9 - at `\$.k`"),
     ("folder", "loc/rig.json", "0.0,", "0.5,", "k is"),
     ("folder", "loc/rig.json", "7.9", "1e300", "principal point"),
-    ("folder", "loc/rig.json", "quat_xyzw", "quat", "quat"),
-    ("folder", "loc/pairs.csv", "left,", "Left,", "line 1"),
     ("folder", "loc/pairs.csv", ",right/000003.png", "", "line 5: 2 columns"),
     ("folder", "loc/pairs.csv", "1700000000000000001", "1700000000999999999", "must be in order"),
     ("folder", "loc/pairs.csv", "\n17", "\n1_7", "line 2: stamp"),
     ("folder", "nav/pairs.csv", "-0.035", "1e308", "line 3: "),
     ("folder", "nav/pairs.csv", "truth/000000.npy", "truth/\0.npy", "names a truth that is not there"),
     ("kitti", "times.txt", ALL, "0\nx\n", "line 2: stamp 'x' is not a number of seconds"),
-    ("kitti", "times.txt", ALL, "", "no time"),
     ("kitti", "times.txt", ALL, "0\n2\n1\n", "in order"),
     ("kitti", "poses.txt", ALL, "1 0 0 0 0 1 0 0 0 0 1 0\n", "1 poses for 3 times"),
-    ("kitti", "poses.txt", ALL, "1 0 0\n" * 3, "line 1: 3 columns found where 12"),
-    ("kitti", "calib.txt", ALL, "P0: 1 2 3\n", "12 finite numbers"),
     ("kitti", "calib.txt", "P1:", "Q1:", r"P0 and P1 are needed"),
     ("kitti", "calib.txt", "-3.78", "3.78", "swapped"),
     ("kitti", "calib.txt", "P1: 7.0e+02", "P1: 7.1e+02", "differ"),
     ("euroc", CAM1, "radial-tangential", "equidistant", "equidistant"),
-    ("euroc", CAM1, "intrinsics", "other", "intrinsics"),
     ("euroc", CAM1, "[64, 48]", "[63, 48]", "one size"),
     ("euroc", CAM1, "0.16", "-0.16", "swapped"),
     ("euroc", CAM1, "0.16, 0.0, 1.0, 0.0, -0.02", "0.05, 0.0, 1.0, 0.0, 0.2", "one above the other"),
     ("euroc", CAM0, ALL, "#x\n12,a.png\n", "equal stamps"),
-    ("euroc", CAM0, ALL, "#x\n1.5,a.png\n", "'1.5'"),
 ]
 
 
@@ -88,16 +77,6 @@ def test_a_pair_without_its_image_is_left_out_and_counted(tmp_path: Path, layout
         file.unlink()
     with pytest.raises(InputError, match=r"that are not there: .*; restore them|equal stamps|has no image"):
         open_source(path)
-
-
-def test_truth_that_is_missing_or_beyond_the_sky(tmp_path: Path) -> None:
-    file = LAYOUTS["folder"](tmp_path / "a") / "nav/truth/000000.npy"
-    np.save(file, np.full((16, 26, 3), 1e30, np.float32))
-    with pytest.raises(InputError, match=r"truth .*000000.npy.*beyond 1e.09 m"):
-        list(open_source(tmp_path / "a").nav.pairs())
-    file.unlink()
-    with pytest.raises(InputError, match=r"a truth that is not there: .*000000.npy"):
-        open_source(tmp_path / "a")
 
 
 def test_unknown_things_say_what_is_sought(tmp_path: Path) -> None:

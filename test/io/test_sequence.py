@@ -35,16 +35,6 @@ def test_one_task_lies_in_the_folder_itself(tmp_path: Path, world: World) -> Non
     assert_same_pairs((item.pair for item in nav.nav.pairs()), (item.pair for item in world.navs))
 
 
-def test_colour_and_16_bit_images_become_grey(tmp_path: Path, world: World) -> None:
-    folder = write_folder(tmp_path / "a", world, nav=False)
-    grey16 = np.full((16, 24), 65535, np.uint16)
-    grey16[:, :12] = 257 * 7 + 128  # 7.498 -> 7
-    cv2.imwrite(str(folder / "left/000000.png"), grey16)
-    cv2.imwrite(str(folder / "right/000000.png"), np.full((16, 24, 3), (0, 200, 0), np.uint8))  # 0.587 * 200 = 117.4
-    pair = next(open_source(folder).loc.pairs())
-    assert (np.unique(pair.left).tolist(), np.unique(pair.right).tolist()) == ([7, 255], [117])
-
-
 def test_kitti_has_the_known_answer(tmp_path: Path) -> None:
     loc = opened(made.write_kitti(tmp_path / "00"), "kitti")
     assert loc.rig.same_cameras(StereoRig(20, 16, 700.0, 700.0, 10.0, 8.0, 0.54))
