@@ -28,9 +28,7 @@ if TYPE_CHECKING:
     )
 )
 def score(
-    estimate: Annotated[
-        Path, typer.Argument(metavar="EST", help="Trajectory (csv, TUM, KITTI, EuRoC, bag) or cloud.")
-    ],
+    estimate: Annotated[Path, typer.Argument(metavar="EST", help="Trajectory (csv, TUM, KITTI, EuRoC, bag) or cloud.")],
     truth: Annotated[
         Path, typer.Argument(metavar="TRUTH", help="Trajectory, bag or data set; for a cloud a source with truth.")
     ],
