@@ -61,9 +61,5 @@ def coverage(runs: int, length_m: float, spacing: int, law: str, curved: bool, s
 
 
 if __name__ == "__main__":
-    cases = itertools.product((15.0, 30.0, 60.0, 200.0), (1, 10), LAWS, (False, True))
-    print("| length, m | spacing | steps | path | " + " | ".join(FIGURES) + " |\n" + "|---" * 7 + "|")
-    for seed, (length, spacing, law, curved) in enumerate(cases, 1):
-        shares = coverage(int(sys.argv[1]) if len(sys.argv) > 1 else 300, length, spacing, law, curved, seed)
-        words = " | ".join(f"{100 * shares[name]:.0f} %" for name in FIGURES)
-        print(f"| {length:g} | {spacing} | {law} | {'curved' if curved else 'straight'} | {words} |", flush=True)
+    for seed, case in enumerate(itertools.product((15.0, 30.0, 60.0, 200.0), (1, 10), LAWS, (False, True)), 1):
+        print(*case, coverage(int(sys.argv[1]) if len(sys.argv) > 1 else 300, *case, seed), flush=True)

@@ -7,17 +7,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from evo_golden import ALIGNMENTS, DELTAS, STATISTICS
-from trajectory_pairs import PAIRS, TENTHS, drifted
+from trajectory_pairs import PAIRS, TENTHS
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.aligned_error import aligned_errors, umeyama
-from sfr_loc_map.metrics.association import nearest_stamps
 from sfr_loc_map.metrics.config import AlignedErrorConfig
 
+ALIGNMENTS, STATISTICS = ("none", "origin", "se3", "sim3"), ("rmse", "mean", "median", "std", "min", "max")
+DELTAS = ("frames=1", "distance=0.7")
 GOLDEN = json.loads((Path(__file__).parent / "evo_golden.json").read_text())
+"""By `evo.main_ape.ape` and `evo.main_rpe.rpe` on the same poses as TUM files; evo is GPL and never needed to run."""
 
 
 @pytest.mark.parametrize("name", PAIRS)
@@ -50,22 +51,6 @@ def test_a_mirrored_path_is_aligned_by_a_rotation_and_a_straight_one_not_at_all(
     line = np.outer(np.arange(5.0), [1.0, 0.0, 0.0])
     with pytest.raises(MetricsError, match="on a line"):
         umeyama(line, line, with_scale=False)
-
-
-def test_the_nearest_stamp_counts_and_the_earlier_of_two() -> None:
-    stamps, others = np.array([0, 10, 20, 35, 90]), np.array([5, 19, 30, 40, 91, 92])
-    nearest, difference = nearest_stamps(stamps, others)
-    assert (nearest.tolist(), difference.tolist()) == ([0, 0, 1, 2, 4], [5, 5, 1, 5, 1])
-
-
-def test_the_description_names_metric_alignment_and_association() -> None:
-    found = aligned_errors(drifted(TENTHS, 0.1), TENTHS, AlignedErrorConfig(align="sim3", rpe_delta="distance=2"))
-    for part, word in ((found.ape, "APE (ATE)"), (found.rpe, "RPE over 2 m")):
-        assert part.description.startswith(word)
-        assert "sim3 aligned" in part.description
-        assert part.description.endswith("120 poses paired by the nearest stamp within 0.01 s")
-    assert found.ape.transform is not None
-    assert found.ape.transform.scale == pytest.approx(1.0, abs=0.05)
 
 
 def test_nothing_in_common_and_wrong_lengths() -> None:

@@ -37,14 +37,6 @@ def test_twice_the_error_is_worse_and_half_is_better() -> None:
     assert {item.outcome for item in compare_scores([both[0]] * 2, ["a", "b"]).pairs} == {"equal"}
 
 
-def test_pairing_shows_a_difference_that_two_intervals_do_not() -> None:
-    both = scores(2, (0.0100, 0.0105))
-    intervals = [s.trajectory.first.position_m.mean_plus_3sigma_ci95 for s in both if s.trajectory is not None]
-    assert None not in intervals
-    assert intervals[0][1] > intervals[1][0]
-    assert outcome(compare_scores(both, ["a", "b"])) == "worse"
-
-
 @pytest.mark.slow
 def test_estimates_that_differ_by_chance_are_not_called_different() -> None:
     """Over 40 pairs of equally good estimates few may be told apart."""
@@ -84,16 +76,6 @@ def test_unlike_scores_are_refused() -> None:
     for given, words in cases:
         with pytest.raises(MetricsError, match=words):
             compare_scores(given, ["a", "b"][: len(given)])
-
-
-def test_whole_runs_and_maps_stand_side_by_side() -> None:
-    result = compare_scores([whole_run(0.5), whole_run(0.6, 3.0)], ["a", "b"])
-    found = {row.figure: row.values for row in result.side_by_side}
-    assert found == {"map.coverage": (0.5, 0.6), "timing.mapping_s.p50": (0.5, 0.6)}
-    run = replace(scores(5, (0.01,))[0], map=whole_run(0.5).map)
-    alone = compare_scores([run, whole_run(0.6)], ["run", "map"])
-    assert not alone.pairs
-    assert [(row.figure, row.values) for row in alone.side_by_side] == [("map.coverage", (0.5, 0.6))]
 
 
 def test_the_json_of_a_comparison() -> None:

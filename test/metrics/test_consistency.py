@@ -83,11 +83,6 @@ ROOTS = RNG.normal(0.0, 0.01, (COUNT, 6, 6))
 SYSTEMATIC = RNG.normal(0.0, 0.01, (COUNT, 6))
 COVARIANCES = ROOTS @ ROOTS.transpose(0, 2, 1)
 STEPS = np.column_stack((COVARIANCES[:, *UPPER], SYSTEMATIC))
-NONE_LOST = np.zeros(COUNT, np.bool_)
-
-
-def sums(steps: np.ndarray = STEPS, lost: np.ndarray = NONE_LOST) -> np.ndarray:
-    return accumulated(steps, lost, POSITIONS, QUATS, np.arange(COUNT))
 
 
 def test_steps_are_composed_as_one_after_the_other() -> None:
@@ -97,17 +92,10 @@ def test_steps_are_composed_as_one_after_the_other() -> None:
         in_ds = np.kron(np.eye(2), matrix_from_quat(QUATS[k - 1]))
         composed = propagated_covariance(composed, move) + in_ds @ COVARIANCES[k] @ in_ds.T
         systematic = propagation(move) @ systematic + in_ds @ SYSTEMATIC[k]
-    found = relative_covariance(sums()[4], sums()[20], POSITIONS[20])
+    steps = STEPS.copy()
+    steps[25] = np.nan
+    sums = accumulated(steps, np.zeros(COUNT, np.bool_), POSITIONS, QUATS, np.arange(COUNT))
+    assert relative_covariance(sums[24], sums[26], POSITIONS[26]) is None, "a step is not known"
+    found = relative_covariance(sums[4], sums[20], POSITIONS[20])
     assert found is not None
     np.testing.assert_allclose(found, composed + np.outer(systematic, systematic), rtol=1e-9, atol=1e-12)
-
-
-def test_a_lost_pose_has_no_step_and_an_unknown_step_has_no_covariance() -> None:
-    steps = STEPS.copy()
-    steps[8] = np.nan
-    found = sums(steps)
-    assert relative_covariance(found[7], found[12], POSITIONS[12]) is None
-    assert relative_covariance(found[8], found[12], POSITIONS[12]) is not None
-    lost = NONE_LOST.copy()
-    lost[8] = True
-    assert relative_covariance(sums(steps, lost)[7], sums(steps, lost)[12], POSITIONS[12]) is not None

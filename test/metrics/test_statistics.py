@@ -72,13 +72,6 @@ def test_intervals_of_independent_values() -> None:
     assert 4.95 < interval[0] < 5.0 < interval[1] < 5.05
 
 
-def test_too_few_and_perfect_values() -> None:
-    few = np.random.default_rng(4).normal(0, 1, (9, 1))
-    assert interval95(block_sums(few[:1]), slice(0, 1), 1.0, unsigned=False) is None
-    assert interval95(block_sums(few), slice(0, 1), 5.0, unsigned=False) is None
-    assert interval95(block_sums(np.zeros((9, 3))), slice(0, 3), 1.0, unsigned=False) == (0.0, 0.0)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("law", ["white steps", "steps with memory"])
 def test_overlapping_sub_trajectories_of_simulated_odometry(law: str) -> None:
