@@ -161,7 +161,6 @@ def _motions(poses: Trajectory, ends: NDArray[np.intp]) -> tuple[FloatArray, Flo
 
 
 def _ends(positions: FloatArray, delta: Condition) -> NDArray[np.intp]:
-    """Return the poses at which motions begin and end."""
     if delta.kind is ConditionKind.FRAMES:
         return np.arange(0, len(positions), int(delta.value), dtype=np.intp)
     if delta.kind is ConditionKind.TIME:

@@ -190,7 +190,6 @@ def stage_time(seconds: FloatArray) -> StageTime | None:
 
 
 def _figures(calls: Calls, mine: NDArray[np.intp]) -> CallFigures:
-    """Return the calls for figures; of many calls the slowest of each block, so that no peak is hidden."""
     block = max(1, -(-len(mine) // SERIES_ROWS))
     blocks = (mine[first : first + block] for first in range(0, len(mine), block))
     chosen = [rows[np.argmax(np.nan_to_num(calls.seconds[rows], nan=-1.0))] for rows in blocks]

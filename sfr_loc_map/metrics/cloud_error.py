@@ -241,7 +241,6 @@ def score_nearest(xyz: NDArray[np.floating], truths: Sequence[PairTruth], config
 
 
 def _coverage(covered: Sequence[Mask], ranges: Sequence[FloatArray], low: float, high: float) -> float | None:
-    """Return the share of the true points at ranges in [low, high) that are covered."""
     inside = [(distance >= low) & (distance < high) for distance in ranges]
     total = sum(int(np.count_nonzero(which)) for which in inside)
     have = sum(int(np.count_nonzero(image[which])) for image, which in zip(covered, inside, strict=True))

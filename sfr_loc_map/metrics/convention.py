@@ -115,7 +115,6 @@ def disagreement(truth: Poses, estimate: Poses) -> float:
 
 
 def _each_undone(truth: Poses, estimate: Poses, rig: StereoRig | None) -> Iterator[tuple[str, str, str, bool, Poses]]:
-    """Yield each mismatch: name, setting that corrects it, sentence, whether numbers are fitted, and it undone."""
     from scipy.spatial.transform import Rotation  # slow to import, and seldom needed by a node
 
     (p, quats), q = estimate, Rotation.from_quat(estimate[1])
@@ -181,7 +180,6 @@ def _each_undone(truth: Poses, estimate: Poses, rig: StereoRig | None) -> Iterat
 
 
 def _time_offset(estimate: Trajectory, truth: Trajectory, before: float | None) -> Iterator[Hypothesis]:
-    """Yield the mismatch of a clock offset: the truth interpolated at shifted stamps, by the best shift."""
     est_ns, gt_ns = estimate.stamps_ns, truth.stamps_ns
     if min(len(est_ns), len(gt_ns)) < MIN_POSES:
         return

@@ -130,7 +130,6 @@ def _read(kind: Any, value: Any, place: str) -> Any:  # noqa: ANN401 - any type 
 
 
 def _read_fields(kind: type, content: Any, place: str) -> Iterator[tuple[str, Any]]:  # noqa: ANN401 - any JSON
-    """Yield name and value of the fields of a record that are there."""
     if not isinstance(content, Mapping):
         raise ValueError("an object is needed")
     known = [key for item in _fields_of(kind) for key in item.keys]
@@ -150,7 +149,6 @@ def _read_fields(kind: type, content: Any, place: str) -> Iterator[tuple[str, An
 
 
 def _sensible(value: Any) -> Any:  # noqa: ANN401 - any value of JSON
-    """Return values in which what is not finite is undefined; ValueError if a number is too large."""
     if isinstance(value, list | tuple):
         return [_sensible(item) for item in value]
     if isinstance(value, float) and not math.isfinite(value):

@@ -23,12 +23,15 @@ from sfr_loc_map.report.plots import (
     from_above,
     largest,
     line,
+    line_style,
     log_axis,
     marks,
     scaled,
     segments,
+    span,
 )
 from sfr_loc_map.report.plots import Column as Values
+from sfr_loc_map.report.score_figures import growth
 from sfr_loc_map.report.score_tables import UNTOLD, convention_text, map_error
 from sfr_loc_map.report.tables import (
     ABSENT,
@@ -48,7 +51,6 @@ from sfr_loc_map.report.tables import (
 )
 
 POSITION = "trajectory.first.position_m.mean_plus_3sigma"
-DASHES = ("solid", "dash", "dot")
 SYMBOLS = ("circle", "square", "diamond")
 KINDS = (CallKind.LOCALISATION, CallKind.MAPPING)
 Named = Sequence[tuple[str, Score]]
@@ -158,13 +160,11 @@ def _times(score: Score, name: str) -> Cell:
 
 
 def _of_kinds(score: Score, part: str, name: str, unit: Unit) -> Cell:
-    """Return a figure of localisation and of mapping, as far as they are known."""
     values = (value_at(score, f"{part}.{kind}.{name}") for kind in KINDS)
     return Cell(" / ".join(number(value, unit=unit) for value in values if value is not None) or ABSENT)
 
 
 def _map_differences(named: Named) -> list[Table]:
-    """Return the maps by range, each less the first one; nothing for fewer than two maps with pixels."""
     maps = [(name, score.map.errors.by_range) for name, score in named if score.map and score.map.errors]
     if len(maps) < 2:
         return []
@@ -193,7 +193,6 @@ def _map_differences(named: Named) -> list[Table]:
 
 
 def _beside(value: float | None, first: float | None, unit: Unit) -> Row:
-    """Return a value, and what it is less the first one."""
     less = None if value is None or first is None else value - first
     return _cell(value, unit), _cell(less, unit, signed=True)
 
@@ -225,7 +224,7 @@ def methods_figures(scores: Sequence[Score], names: Sequence[str]) -> list[tuple
     """Return the figures by heading, as far as the scores have their data."""
     named = [(plain(name), score) for name, score in zip(names, scores, strict=True)]
     groups = (
-        ("Localisation", [*_paths(named), *_growth(named)]),
+        ("Localisation", [*_paths(named), *growth(named)]),
         ("Cost against accuracy", [*_cost(named, CallKind.LOCALISATION), *_cost(named, CallKind.MAPPING)]),
         ("Maps", _over_range(named)),
     )
@@ -237,16 +236,10 @@ def plain(name: str) -> str:
     return re.sub(r"[^\w .:/+()-]", "_", name)[:60]
 
 
-def _style(k: int) -> tuple[str, str, str]:
-    """Return colour, dash and symbol of a method."""
-    turn = k // len(COLORS) % len(DASHES)
-    return COLORS[k % len(COLORS)], DASHES[turn], SYMBOLS[turn]
-
-
 def _paths(named: Named) -> list[Plot]:
     paths = [(k, name, value_at(score, "details.trajectory.path")) for k, (name, score) in enumerate(named)]
     known = [
-        (_style(k), name, path, _error_sizes(path)) for k, name, path in paths if path is not None and path.stamp_ns
+        (line_style(k), name, path, _error_sizes(path)) for k, name, path in paths if path is not None and path.stamp_ns
     ]
     if not known:
         return []
@@ -254,9 +247,9 @@ def _paths(named: Named) -> list[Plot]:
     above: list[Trace] = [line("truth", (longest.truth_x_m, longest.truth_y_m), "@truth", width=3)]
     errors: list[Trace] = []
     factor, unit = error_scale(largest(*(size for *_, size in known)))
-    for (color, dash, _), name, path, size in known:
-        above.append(line(name, (path.estimate_x_m, path.estimate_y_m), color, dash=dash, width=1.5))
-        errors.append(line(name, (path.travelled_m, scaled(size, factor)), color, dash=dash))
+    for style, name, path, size in known:
+        above.append(line(name, (path.estimate_x_m, path.estimate_y_m), width=1.5, **style))
+        errors.append(line(name, (path.travelled_m, scaled(size, factor)), **style))
     upright = axis(f"size of estimate - truth, {unit}", rangemode="tozero")
     over, caption = {"xaxis": axis(TRAVELLED), "yaxis": upright}, "Since the first frame, without re-basing."
     return [
@@ -274,37 +267,7 @@ def _error_sizes(path: PathRows) -> Values:
     return sizes
 
 
-def _growth(named: Named) -> list[Plot]:
-    series = []
-    for k, (name, score) in enumerate(named):
-        steps = value_at(score, "trajectory.by_distance") or ()
-        totals = ((item.distance_m, item.position_m.mean_plus_3sigma) for item in steps)
-        series.append((_style(k), name, [item for item in totals if item[1] is not None]))
-    points = [point for *_, over in series for point in over]
-    if not points:
-        return []
-    factor, unit = error_scale(largest([error for _, error in points]))
-    data = []
-    for (color, dash, _), name, over in series:
-        if over:
-            xy = [distance for distance, _ in over], scaled([error for _, error in over], factor)
-            data.append(line(name, xy, color, dash=dash, mode="lines+markers"))
-    distances, errors = zip(*points, strict=True)
-    layout = {
-        "xaxis": log_axis("length of the sub-trajectory, m", min(distances), max(distances)),
-        "yaxis": log_axis(f"position error, mean + 3 sigma, {unit}", *_span(scaled(errors, factor)), steps=(1,)),
-    }
-    return [Plot("growths", "Position error against path length", "Re-based at each start.", data, layout)]
-
-
-def _span(values: Values) -> tuple[float, float]:
-    """Return bounds of a logarithmic axis around values."""
-    known = [value for value in values if value is not None and value > 0] or [1.0]
-    return 0.8 * min(known), 1.25 * max(known)
-
-
 def _cost(named: Named, kind: CallKind) -> list[Plot]:
-    """Return the median time of a call against the error, one mark for each method; an open mark is a latency."""
     data, times, errors = [], [], []
     for k, (name, score) in enumerate(named):
         calls, node = value_at(score, f"timing.{kind}"), score.external
@@ -315,7 +278,7 @@ def _cost(named: Named, kind: CallKind) -> list[Plot]:
             error = value_at(score, POSITION)
         if timed is None or not timed.p50 or not error:
             continue
-        color, _, symbol = _style(k)
+        color, symbol = line_style(k)["color"], SYMBOLS[k // len(COLORS) % len(SYMBOLS)]
         times.append(1e3 * timed.p50)
         errors.append(1e3 * error)
         label, symbol = (f"{name} (latency)", f"{symbol}-open") if is_latency else (name, symbol)
@@ -324,8 +287,8 @@ def _cost(named: Named, kind: CallKind) -> list[Plot]:
         return []
     what = "position error" if kind is CallKind.LOCALISATION else "point error"
     layout = {
-        "xaxis": log_axis("median time of a call, ms", *_span(times)),
-        "yaxis": log_axis(f"{what}, mean + 3 sigma, mm", *_span(errors)),
+        "xaxis": log_axis("median time of a call, ms", *span(times)),
+        "yaxis": log_axis(f"{what}, mean + 3 sigma, mm", *span(errors)),
     }
     caption = "Lower left is better. Open marks: latency over topics, which has transport and waiting in it."
     title = f"Cost against accuracy: {kind}"
@@ -342,13 +305,12 @@ def _over_range(named: Named) -> list[Plot]:
         ]
         values += [value for _, value in known]
         if known:
-            color, dash, _ = _style(k)
             levels = [([item.from_m, item.to_m], scaled([value] * 2, 1.0)) for item, value in known]
-            data.append(line(name, segments(levels), color, dash=dash, width=3))
+            data.append(line(name, segments(levels), width=3, **line_style(k)))
     if not data:
         return []
     layout = {
         "xaxis": axis("range from the left camera, m"),
-        "yaxis": log_axis("median point error, mm", *_span(values)),
+        "yaxis": log_axis("median point error, mm", *span(values)),
     }
     return [Plot("map-ranges", "Point error over range", "Median of each range.", data, layout, width="full")]

@@ -43,12 +43,10 @@ Sections = Sequence[tuple[str, list[Plot]]]
 def load_score(path: Path) -> Score:
     """Read a score; InputError if the file cannot be read or holds none."""
     try:
-        text = read_text(path, MAX_JSON_BYTES)
-    except OSError as error:
-        raise InputError(f"cannot read score '{path}': {error.strerror}; give the JSON of sfr score --json") from error
-    except ValueError as error:
-        raise InputError(f"score '{path}' is not text ({error}): give the JSON of sfr score --json") from error
-    return from_json(text, f"'{path}'")
+        return from_json(read_text(path, MAX_JSON_BYTES), f"'{path}'")
+    except (OSError, ValueError) as error:
+        problem = error.strerror if isinstance(error, OSError) else error
+        raise InputError(f"cannot read score '{path}': {problem}; give the JSON of sfr score --json") from error
 
 
 def write_page(score: Score, path: Path) -> None:
@@ -98,11 +96,10 @@ def render_overview(
 
 def render_tables(title: str, tables: Sequence[Table]) -> str:
     """Return a page of tables, without figures, script or network, as HTML."""
-    return _from_template("tables.html.j2", title=title, tables=_html(tables))
+    return render_overview(title, None, "", tables, (), heading="tables")
 
 
 def _rendered(tables: Sequence[Table], sections: Sections, **values: Any) -> str:  # noqa: ANN401 - of the template
-    """Return the page; its figures are drawn by plotly, whose script (compressed: 3 MB less) is part of it."""
     plots, plotly = [plot for _, group in sections for plot in group], ""
     if plots:
         from plotly.offline import get_plotlyjs
@@ -111,8 +108,11 @@ def _rendered(tables: Sequence[Table], sections: Sections, **values: Any) -> str
     specs = json.dumps([asdict(plot) for plot in plots], allow_nan=False, separators=(",", ":"))
     for sign in "<>&\u2028\u2029":  # JSON that cannot end the script element it stands in
         specs = specs.replace(sign, f"\\u{ord(sign):04x}")
-    return _from_template(
-        "page.html.j2",
+    from jinja2 import Environment, PackageLoader  # what only asks for the verdict starts without it
+
+    loader = PackageLoader("sfr_loc_map", "report/templates")
+    environment = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    return environment.get_template("page.html.j2").render(
         first=_html(table for table in tables if table.name in FIRST_TABLES),
         tables=_html(table for table in tables if table.name not in FIRST_TABLES),
         sections=sections,
@@ -122,16 +122,7 @@ def _rendered(tables: Sequence[Table], sections: Sections, **values: Any) -> str
     )
 
 
-def _from_template(name: str, **values: Any) -> str:  # noqa: ANN401 - of the template
-    from jinja2 import Environment, PackageLoader  # what only asks for the verdict starts without it
-
-    loader = PackageLoader("sfr_loc_map", "report/templates")
-    environment = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    return environment.get_template(name).render(**values)
-
-
 def _html(tables: Iterable[Table]) -> Markup:
-    """Return tables as HTML; their renderer escapes every text."""
     return _marked_up("".join(map(to_html, tables)))
 
 
@@ -142,7 +133,6 @@ def _marked_up(text: str) -> Markup:
 
 
 def _flat(value: object, prefix: str) -> Iterator[tuple[str, str]]:
-    """Yield name and text of each entry of nested JSON values."""
     if isinstance(value, Mapping):
         for key, item in value.items():
             yield from _flat(item, f"{prefix}.{key}" if prefix else str(key))
@@ -224,7 +214,6 @@ def run_facts(score: Score) -> tuple[tuple[str, str], ...]:
 
 
 def _paths(score: Score, roles: Sequence[str]) -> list[str]:
-    """Return the inputs of some roles, each once."""
     inputs = {} if score.provenance is None else score.provenance.inputs
     return list(dict.fromkeys(inputs[role].path for role in roles if role in inputs))
 
@@ -286,7 +275,6 @@ def _worth_a_look(score: Score) -> Iterator[LookFirst]:
 
 
 def _use_of_limit(item: Verdict) -> float:
-    """Return which part of its limit a figure takes up; above 1 it misses it."""
     value, limit = abs(item.value or 0.0), item.limit
     if item.metric.endswith("_min"):
         value, limit = limit, value
@@ -294,7 +282,6 @@ def _use_of_limit(item: Verdict) -> float:
 
 
 def _beside_limit(item: Verdict) -> str:
-    """Return a figure beside its limit, and whether that is certain."""
     unit = limit_unit(item.metric)
     unit = PERCENT if unit is SHARE else fitting(unit, item.limit, item.value)
     value, limit = (f"{number(figure, unit=unit)} {unit.symbol}" for figure in (item.value, item.limit))
@@ -303,7 +290,6 @@ def _beside_limit(item: Verdict) -> str:
 
 
 def _of_limit(item: Verdict, why: str) -> LookFirst:
-    """Return a limited figure with what shows it best."""
     over = f" over {item.condition}" if item.condition is not None else ""
     parts = {
         "position": "figure-position",

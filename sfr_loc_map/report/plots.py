@@ -74,6 +74,17 @@ def line(name: str, xy: Sequence[Column], color: str, **more: Any) -> Trace:  # 
     return {"type": "scatter", "mode": "lines", "name": name, "x": xy[0], "y": xy[1], "line": style, **more}
 
 
+def line_style(k: int) -> dict[str, str]:
+    """Return colour and dash of the k-th of several lines."""
+    return {"color": COLORS[k % len(COLORS)], "dash": ("solid", "dash", "dot")[k // len(COLORS) % 3]}
+
+
+def span(values: Column) -> tuple[float, float]:
+    """Return bounds of a logarithmic axis around values."""
+    known = [value for value in values if value is not None and value > 0] or [1.0]
+    return 0.8 * min(known), 1.25 * max(known)
+
+
 def marks(name: str, xy: Sequence[Column], color: str | Column, **more: Any) -> Trace:  # noqa: ANN401
     """Return marks at the points of columns x and y; `symbol` and `size` style them, `marker` adds to that."""
     style = {"color": color, "symbol": more.pop("symbol", "circle"), "size": more.pop("size", 7)}

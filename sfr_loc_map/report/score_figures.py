@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,8 +11,6 @@ import numpy as np
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.limits import value_at
 from sfr_loc_map.metrics.score import (
-    CallFigures,
-    CallScore,
     CallSeries,
     ConditionScore,
     ErrorImage,
@@ -38,12 +36,14 @@ from sfr_loc_map.report.plots import (
     heat,
     largest,
     line,
+    line_style,
     log_axis,
     marks,
     scaled,
     segments,
+    span,
 )
-from sfr_loc_map.report.score_tables import HOST, STATISTIC, clock_text
+from sfr_loc_map.report.score_tables import HOST, STATISTIC
 from sfr_loc_map.report.tables import MIB
 
 SYMBOLS = ("circle", "diamond", "square", "triangle-up", "cross")
@@ -63,7 +63,6 @@ STATES = {
     "other": ("@four", "square"),
 }
 """What a call said: its colour and mark."""
-MIN_HISTOGRAM = 10  #: Fewer calls are told by their timeline alone.
 LOG_TICKS_MM = (0.1, 0.3, 1, 3, 10, 30, 100, 300, 1000, 3000, 10000)
 SCATTER_ROWS = 3000
 LAW_STEPS = 40
@@ -127,7 +126,7 @@ def _error_figures(score: Score) -> list[Plot]:
     of_angles = f"{over}. Heading has a sign; attitude is the angle of the shortest rotation."
     return [
         _position(parts),
-        *_growth(score),
+        *growth([("mean + 3 sigma", score)]),
         Plot("directions", "Position error by direction", directions, *by_direction, height=760, width="full"),
         Plot("angles", "Heading and attitude error", of_angles, *angles, height=480, width="full"),
     ]
@@ -157,7 +156,6 @@ def _sizes(*columns: Column) -> list[float]:
 
 
 def _traces_to(rows: SubTrajectoryRows) -> list[list[str | int]]:
-    """Return what leads back to its frames; stamps as text, since they need all 64 bits."""
     frames = zip(rows.start_frame, rows.end_frame, rows.start_stamp_ns, rows.end_stamp_ns, strict=True)
     return [[str(rows.condition), first, last, str(start), str(end)] for first, last, start, end in frames]
 
@@ -166,7 +164,6 @@ def _traces_to(rows: SubTrajectoryRows) -> list[list[str | int]]:
 
 
 def _errors(path: PathRows) -> list[list[float | None]]:
-    """Return estimate less truth along x, y and z."""
     truth = path.truth_x_m, path.truth_y_m, path.truth_z_m
     estimate = path.estimate_x_m, path.estimate_y_m, path.estimate_z_m
     return [
@@ -246,7 +243,6 @@ def _accumulated(path: PathRows) -> Plot:
 
 
 def _marked(part: Part, name: str, errors: Column, unit: str, *, color: str = COLORS[0], **more: Any) -> Trace:  # noqa: ANN401
-    """Return a mark for each sub-trajectory of a part, over the distance travelled."""
     hover = f"{TRACE_BACK}<br>error %{{y:.4g}} {unit}<extra></extra>"
     trace_back = {"customdata": _traces_to(part.rows), "hovertemplate": hover}
     return marks(name, (part.travelled_m, errors), color, **trace_back, **more)
@@ -277,30 +273,31 @@ def _position(parts: list[Part]) -> Plot:
     return Plot("position", "Position error against distance travelled", caption, data, layout, width="full")
 
 
-def _growth(score: Score) -> list[Plot]:
-    """Return the error against length; nothing for fewer than two lengths."""
-    by_distance = value_at(score, "trajectory.by_distance") or ()
-    steps = [item for item in by_distance if item.position_m.sigma is not None]
-    if len(steps) < 2:
+def growth(named: Sequence[tuple[str, Score]]) -> list[Plot]:
+    """Return the error of some scores against the length of the sub-trajectories, as far as they have it."""
+    series = []
+    for k, (name, score) in enumerate(named):
+        steps = value_at(score, "trajectory.by_distance") or ()
+        totals = ((item.distance_m, item.position_m.mean_plus_3sigma) for item in steps)
+        series.append((line_style(k), name, [item for item in totals if item[1] is not None]))
+    points = [point for *_, over in series for point in over]
+    if not points:
         return []
-    over, mean = [item.distance_m for item in steps], [item.position_m.mean for item in steps]
-    total = [item.position_m.mean_plus_3sigma for item in steps]
-    factor, unit = error_scale(largest(total))
-    filled = {"fill": "tonexty", "fillcolor": "@one-soft"}
-    data = [
-        line("norm of the mean", (over, scaled(mean, factor)), "@one", dash="dash", mode="lines+markers"),
-        line("mean + 3 sigma", (over, scaled(total, factor)), "@one", mode="lines+markers", **filled),
-    ]
+    distances, errors = zip(*points, strict=True)
+    factor, unit = error_scale(largest(errors))
+    data = []
+    for style, name, over in series:
+        if over:
+            xy = [distance for distance, _ in over], scaled([error for _, error in over], factor)
+            data.append(line(name, xy, mode="lines+markers", **style))
     layout = {
-        "xaxis": log_axis("length of the sub-trajectory, m", over[0], over[-1]),
-        "yaxis": axis(f"position error, {unit}", rangemode="tozero"),
+        "xaxis": log_axis("length of the sub-trajectory, m", min(distances), max(distances)),
+        "yaxis": log_axis(f"position error, mean + 3 sigma, {unit}", *span(scaled(errors, factor)), steps=(1,)),
     }
-    caption = "Error re-based at each start, over sub-trajectories of growing length."
-    return [Plot("growth", "Position error against path length", caption, data, layout, width="full")]
+    return [Plot("growth", "Position error against path length", "Re-based at each start.", data, layout)]
 
 
 def _panels(part: Part, *panels: Panel, scale: tuple[float, str] | None = None) -> tuple[list[Trace], dict[str, Any]]:
-    """Return traces and layout of panels below each other, over the distance travelled."""
     factor, unit = scale or error_scale(largest(*(panel.values for panel in panels)))
     data: list[Trace] = []
     layout: dict[str, Any] = {"grid": {"rows": len(panels), "columns": 1, "pattern": "coupled", "ygap": 0.14}}
@@ -329,38 +326,13 @@ def _cost_figures(score: Score) -> list[Plot]:
     figures: list[Plot] = []
     for kind in CallKind:
         calls, times = value_at(score, f"details.calls.{kind}"), value_at(score, f"timing.{kind}")
-        if calls is None:
-            continue
-        clock = "host time" if times is not None and times.clock.startswith(HOST) else "time"
-        histogram = sum(calls.histogram.counts) >= MIN_HISTOGRAM
-        if histogram:
-            figures.append(_histogram(kind, clock, calls, times, clock_text(score.timing, score.target)))
-        if len(calls.series.stamp_ns) > 1:
-            figures.append(_timeline(kind, clock, calls.series, "half" if histogram else "full"))
+        if calls is not None and len(calls.series.stamp_ns) > 1:
+            clock = "host time" if times is not None and times.clock.startswith(HOST) else "time"
+            figures.append(_timeline(kind, clock, calls.series))
     return figures
 
 
-def _histogram(kind: CallKind, clock: str, calls: CallFigures, times: CallScore | None, caption: str) -> Plot:
-    edges, counts = calls.histogram.edges_s, calls.histogram.counts
-    widths = scaled([high - low for low, high in pairwise(edges)], 1.0)
-    bars = {
-        **{"type": "bar", "name": "calls", "x": scaled(edges[:-1], 1.0), "y": counts, "width": widths, "offset": 0},
-        "marker": {"color": "@one"},
-        "customdata": [f"{low:.4g} to {high:.4g} s" for low, high in pairwise(edges)],
-        "hovertemplate": "%{customdata}: %{y} calls<extra></extra>",
-        "showlegend": False,
-    }
-    data: list[Trace] = [bars]
-    for name, dash, color in (("p50", "dash", "@truth"), ("p95", "dot", "@two"), ("p99", "dashdot", "@five")):
-        value = getattr(times, name, None)
-        if value is not None:
-            data.append(line(name, ([value, value], [0, max(counts)]), color, dash=dash, width=2.5))
-    upright, over = axis("number of calls"), log_axis(f"{clock} per call, s", edges[0], edges[-1])
-    layout = {"xaxis": over, "yaxis": upright, "bargap": 0}
-    return Plot(f"{kind}-histogram", f"Time per call: {kind}", caption, data, layout)
-
-
-def _timeline(kind: CallKind, clock: str, series: CallSeries, width: str) -> Plot:
+def _timeline(kind: CallKind, clock: str, series: CallSeries) -> Plot:
     seconds = [round((stamp - series.stamp_ns[0]) * 1e-9, 6) for stamp in series.stamp_ns]
     shown = [state if state in STATES else "other" for state in series.state]
     data: list[Trace] = []
@@ -382,7 +354,7 @@ def _timeline(kind: CallKind, clock: str, series: CallSeries, width: str) -> Plo
         layout["yaxis2"] = axis("peak memory, MiB")
     block = series.slowest_of
     caption = "Each call in turn; memory: resident." if block == 1 else f"The slowest of every {block} calls."
-    return Plot(f"{kind}-timeline", f"Time and memory by call: {kind}", caption, data, layout, height=440, width=width)
+    return Plot(f"{kind}-timeline", f"Time and memory by call: {kind}", caption, data, layout, height=440, width="full")
 
 
 # ---- the map
@@ -404,7 +376,6 @@ def _map_figures(score: Score) -> list[Plot]:
 
 
 def _coloured(errors_mm: Column) -> tuple[list[float | None], float, float, dict[str, Any]]:
-    """Return logarithms of errors in millimetres, the bounds of their middle, and a colour bar for them."""
     logs = [None if mm is None or mm < 0 else round(math.log10(max(mm, 0.1)), 3) for mm in errors_mm]
     known = sorted(value for value in logs if value is not None) or [0.0]
     low, high = known[len(known) // 50], known[-1 - len(known) // 50]

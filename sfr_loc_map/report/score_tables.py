@@ -126,7 +126,6 @@ def score_markdown(score: Score) -> str:
 
 
 def _figures(value: object, names: Mapping[str, str] | tuple[str, ...], key: str, unit: Unit = NONE) -> Row:
-    """Return some figures of a record, undefined where there is not enough data."""
     return tuple(Cell.number(getattr(value, name), f"{key}.{name}", unit, NOT_ENOUGH) for name in names)
 
 
@@ -139,7 +138,6 @@ def _columns(titles: Mapping[str, str] | tuple[str, ...], unit: Unit = NONE) -> 
 
 
 def _headed(first: str, *titles: str) -> tuple[Column, ...]:
-    """Return a column of words and others whose rows have each their unit."""
     return (Column(first, words=True), *_columns(titles))
 
 

@@ -63,7 +63,7 @@ def test_maps_stand_as_differences_from_the_first(scores: list[Score]) -> None:
 
 def test_figures_hold_all_methods_and_no_sign_that_plotly_reads(scores: list[Score]) -> None:
     plots = {plot.name: plot for _, group in methods_figures(scores, ["sfr", HOSTILE]) for plot in group}
-    assert set(plots) >= {"paths", "errors", "growths", "cost-localisation", "cost-mapping", "map-ranges"}
+    assert set(plots) >= {"paths", "errors", "growth", "cost-localisation", "cost-mapping", "map-ranges"}
     assert [trace["name"] for trace in plots["paths"].data] == ["truth", "sfr", plain(HOSTILE)]
     latency = plots["cost-localisation"].data[1]
     assert (latency["name"].endswith("(latency)"), latency["x"]) == (True, [50.0])

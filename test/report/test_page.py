@@ -103,8 +103,7 @@ def test_nothing_is_loaded_from_elsewhere(page: str) -> None:
 def test_all_figures_are_there_with_units_on_their_axes(page: str) -> None:
     plots = {plot["name"]: plot for plot in specs_of(page)}
     assert list(plots) == [
-        "top-view", "height", "accumulated", "position", "growth", "directions", "angles", "localisation-histogram",
-        "localisation-timeline", "mapping-timeline", "image-0", "image-1", "over-range", "cloud",
+        "top-view", "height", "accumulated", "position", "growth", "directions", "angles", "localisation-timeline", "mapping-timeline", "image-0", "image-1", "over-range", "cloud",
     ]  # fmt: skip
     for plot in plots.values():
         layout = plot["layout"]
@@ -112,7 +111,7 @@ def test_all_figures_are_there_with_units_on_their_axes(page: str) -> None:
         titles = {key: item["title"]["text"] for key, item in axes.items() if re.fullmatch(r"[xyz]axis\d?", key)}
         assert len(titles) >= 2, plot["name"]
         for title in titles.values():
-            assert re.search(r", (m|mm|deg|s|px|MiB)$", title) or title == "number of calls", (plot["name"], title)
+            assert re.search(r", (m|mm|deg|s|px|MiB)$", title), (plot["name"], title)
 
 
 def test_figures_show_the_values_of_the_score(page: str) -> None:
