@@ -14,39 +14,18 @@ class ReliefConfig:
 
     relief_m: float = param(0.10, unit="m", doc="Standard deviation of the rolling relief.", low=0.0, high=50.0)
     relief_length_m: float = param(7.0, unit="m", doc="Longest wavelength of the rolling relief.", low=0.5, high=1000.0)
-    hurst: float = param(
-        0.85, doc="Roughness exponent of the relief: lower is rougher at small scale.", low=0.3, high=1.2
-    )
-    hills_m: float = param(
-        1.2, unit="m", doc="Standard deviation of the hills that make the horizon.", low=0.0, high=1000.0
-    )
+    hurst: float = param(0.85, doc="Roughness exponent: lower is rougher at small scale.", low=0.3, high=1.2)
+    hills_m: float = param(1.2, unit="m", doc="Standard deviation of the hills of the horizon.", low=0.0, high=1000.0)
     hills_length_m: float = param(90.0, unit="m", doc="Wavelength of the hills.", low=10.0, high=10_000.0)
-    slope_deg: float = param(
-        0.0, unit="deg", doc="Slope of the whole terrain, rising to the east.", low=-35.0, high=35.0
-    )
-    ripple_height_m: float = param(
-        0.012, unit="m", doc="Crest height of wind ripples where there is sand.", low=0.0, high=5.0
-    )
+    slope_deg: float = param(0.0, unit="deg", doc="Slope of the terrain, rising to the east.", low=-35.0, high=35.0)
+    ripple_height_m: float = param(0.012, unit="m", doc="Height of ripples where there is sand.", low=0.0, high=5.0)
     ripple_length_m: float = param(0.55, unit="m", doc="Wavelength of wind ripples.", low=0.05, high=100.0)
-    ripple_azimuth_deg: float = param(
-        35.0, unit="deg", doc="Direction across the ripples, from east to north.", low=-360.0, high=360.0
-    )
-    crater_density: float = param(
-        0.004, unit="1/m^2", doc="Craters of more than 1 m across per area.", low=0.0, high=0.1
-    )
+    ripple_azimuth_deg: float = param(35.0, unit="deg", doc="Direction across them in DS.", low=-360.0, high=360.0)
+    crater_density: float = param(0.004, unit="1/m^2", doc="Craters of more than 1 m per area.", low=0.0, high=0.1)
     rim_radius_m: float = param(0.0, unit="m", doc="Radius of one large crater; 0 for none.", low=0.0, high=10_000.0)
-    rim_x_m: float = param(
-        0.0, unit="m", doc="East coordinate of the large crater's centre in DS.", low=-10_000.0, high=10_000.0
-    )
-    rim_y_m: float = param(
-        0.0, unit="m", doc="North coordinate of the large crater's centre in DS.", low=-10_000.0, high=10_000.0
-    )
-    coarseness: float = param(
-        1.0,
-        doc="Edge of the ground's triangles over that of full detail: more is a quicker preview.",
-        low=1.0,
-        high=64.0,
-    )
+    rim_x_m: float = param(0.0, unit="m", doc="Its centre in DS, east.", low=-10_000.0, high=10_000.0)
+    rim_y_m: float = param(0.0, unit="m", doc="Its centre in DS, north.", low=-10_000.0, high=10_000.0)
+    coarseness: float = param(1.0, doc="Edge of triangles over that of full detail, for previews.", low=1.0, high=64.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,19 +45,13 @@ class GroundConfig:
 class RockConfig:
     """Rocks: number, size, depth."""
 
-    cover: float = param(
-        0.05, doc="Share of the ground covered by rocks (k of Golombek and Rapp 1997).", low=0.0, high=0.4
-    )
-    smallest_m: float = param(
-        0.03, unit="m", doc="Smallest diameter of a solid rock, near the rover.", low=0.01, high=10.0
-    )
+    cover: float = param(0.05, doc="Share of ground under rocks (k of Golombek and Rapp 1997).", low=0.0, high=0.4)
+    smallest_m: float = param(0.03, unit="m", doc="Smallest solid rock near the rover, diameter.", low=0.01, high=10.0)
     largest_m: float = param(1.5, unit="m", doc="Largest diameter.", low=0.05, high=50.0)
     buried: float = param(0.35, doc="Mean share of the height that is under ground.", low=0.0, high=0.9)
     angular: float = param(0.5, doc="0 for rounded, 1 for angular rocks.", low=0.0, high=1.0)
     albedo: float = param(0.19, doc="Mean reflectance of rocks.", low=0.01, high=1.0)
-    clear_m: float = param(
-        0.12, unit="m", doc="Rocks larger than this are kept off the rover's path.", low=0.0, high=50.0
-    )
+    clear_m: float = param(0.12, unit="m", doc="Larger rocks are kept off the rover's path.", low=0.0, high=50.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,19 +59,11 @@ class LightConfig:
     """Sun, sky and air."""
 
     sun_elevation_deg: float = param(38.0, unit="deg", doc="Height of the sun.", low=1.0, high=90.0)
-    sun_azimuth_deg: float = param(
-        120.0, unit="deg", doc="Direction of the sun in DS, from east (x) to north (y).", low=-360.0, high=360.0
-    )
-    sun_radius_deg: float = param(
-        0.18, unit="deg", doc="Angular radius of the sun's disc, for soft shadows.", low=0.0, high=10.0
-    )
+    sun_azimuth_deg: float = param(120.0, unit="deg", doc="Direction of the sun in DS.", low=-360.0, high=360.0)
+    sun_radius_deg: float = param(0.18, unit="deg", doc="Angular radius, for soft shadows.", low=0.0, high=10.0)
     sky: float = param(0.35, doc="Light of the sky on level ground, the overhead sun being 1.", low=0.0, high=2.0)
-    sky_grey: float = param(
-        0.62, doc="Brightness of the sky above the horizon as a share of the full range.", low=0.0, high=1.5
-    )
-    haze_m: float = param(
-        600.0, unit="m", doc="Distance at which haze has taken 63 % of the contrast.", low=1.0, high=1e6
-    )
+    sky_grey: float = param(0.62, doc="Sky above the horizon, share of the full range.", low=0.0, high=1.5)
+    haze_m: float = param(600.0, unit="m", doc="Distance at which haze takes 63 % of the contrast.", low=1.0, high=1e6)
     rover_shadow: bool = param(False, doc="Whether the rover casts a shadow.")
 
 
@@ -110,28 +75,12 @@ class CamerasConfig:
     height: int = param(512, unit="px", doc="Rows.", low=16, high=8192)
     focal_px: float = param(402.0, unit="px", doc="Focal length.", low=5.0, high=100000.0)
     baseline_m: float = param(0.12, unit="m", doc="Distance between the optical centres.", low=0.001, high=100.0)
-    x_m: float = param(
-        0.52, unit="m", doc="Position of the stereo rig: forward in RB, or from the mast head.", low=-100.0, high=100.0
-    )
-    y_m: float = param(
-        0.015,
-        unit="m",
-        doc="Position of the stereo rig: to the left in RB, or from the mast head.",
-        low=-100.0,
-        high=100.0,
-    )
-    z_m: float = param(
-        0.63, unit="m", doc="Position of the stereo rig: up in RB, or from the mast head.", low=-100.0, high=100.0
-    )
-    roll_deg: float = param(
-        0.4, unit="deg", doc="Rotation of the stereo rig about x, applied first.", low=-360.0, high=360.0
-    )
-    pitch_deg: float = param(
-        19.0, unit="deg", doc="Rotation of the stereo rig about y; positive looks down.", low=-360.0, high=360.0
-    )
-    yaw_deg: float = param(
-        1.0, unit="deg", doc="Rotation of the stereo rig about z, applied last.", low=-360.0, high=360.0
-    )
+    x_m: float = param(0.52, unit="m", doc="Forward, from RB or the mast head.", low=-100.0, high=100.0)
+    y_m: float = param(0.015, unit="m", doc="To the left, likewise.", low=-100.0, high=100.0)
+    z_m: float = param(0.63, unit="m", doc="Up, likewise.", low=-100.0, high=100.0)
+    roll_deg: float = param(0.4, unit="deg", doc="Rotation about x, applied first.", low=-360.0, high=360.0)
+    pitch_deg: float = param(19.0, unit="deg", doc="Rotation about y; positive looks down.", low=-360.0, high=360.0)
+    yaw_deg: float = param(1.0, unit="deg", doc="Rotation about z, applied last.", low=-360.0, high=360.0)
 
 
 def _redefault(name: str, default: float) -> Any:  # noqa: ANN401 - fields have any type
@@ -166,24 +115,16 @@ class DriveConfig:
     )
     start_x_m: float = param(0.0, unit="m", doc="East coordinate of the start in DS.", low=-10_000.0, high=10_000.0)
     start_y_m: float = param(0.0, unit="m", doc="North coordinate of the start in DS.", low=-10_000.0, high=10_000.0)
-    start_heading_deg: float = param(
-        30.0, unit="deg", doc="Heading of the start, from east to north.", low=-360.0, high=360.0
-    )
-    speed_m_s: float = param(
-        0.15, unit="m/s", doc="Speed over ground along straight lines and arcs.", low=0.001, high=100.0
-    )
+    start_heading_deg: float = param(30.0, unit="deg", doc="Heading of the start in DS.", low=-360.0, high=360.0)
+    speed_m_s: float = param(0.15, unit="m/s", doc="Speed along straight lines and arcs.", low=0.001, high=100.0)
     turn_rate_deg_s: float = param(4.0, unit="deg/s", doc="Rate of point turns.", low=0.01, high=360.0)
     period_s: float = param(0.5, unit="s", doc="Time between two pairs.", low=0.001, high=3600.0)
     pairs: int = param(0, doc="Largest number of pairs; 0 for the whole path.", low=0, high=1_000_000)
     slip: float = param(0.08, doc="Mean wheel slip, varying along the path.", low=0.0, high=0.9)
     sway_m: float = param(0.01, unit="m", doc="Standard deviation of sideways drift.", low=0.0, high=10.0)
     sway_deg: float = param(0.8, unit="deg", doc="Standard deviation of heading errors.", low=0.0, high=45.0)
-    vibration_deg: float = param(
-        0.08, unit="deg", doc="Standard deviation of the vibration in roll, pitch and yaw.", low=0.0, high=10.0
-    )
-    vibration_m: float = param(
-        0.0006, unit="m", doc="Standard deviation of the vibration in height.", low=0.0, high=1.0
-    )
+    vibration_deg: float = param(0.08, unit="deg", doc="Standard deviation in roll, pitch and yaw.", low=0.0, high=10.0)
+    vibration_m: float = param(0.0006, unit="m", doc="Standard deviation in height.", low=0.0, high=1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,29 +147,14 @@ class SensorConfig:
     """From light to grey levels."""
 
     samples: int = param(4, doc="Rays per pixel, each at its own time of the exposure.", low=1, high=64)
-    target_grey: float = param(
-        0.48, doc="Grey of level mean ground in the sun, as a share of the full range.", low=0.01, high=1.0
-    )
-    blur_px: float = param(
-        0.45, unit="px", doc="Standard deviation of the point spread; 0 for none.", low=0.0, high=5.0
-    )
+    target_grey: float = param(0.48, doc="Level mean ground in the sun, share of the full range.", low=0.01, high=1.0)
+    blur_px: float = param(0.45, unit="px", doc="Standard deviation of the point spread.", low=0.0, high=5.0)
     exposure_s: float = param(0.0, unit="s", doc="Exposure time for motion blur; 0 for none.", low=0.0, high=10.0)
-    vignetting: float = param(
-        0.0, doc="Strength of the fall-off: 1 is the cosine to the fourth power.", low=0.0, high=2.0
-    )
-    full_well: float = param(
-        12000.0, doc="Electrons at the full range, for photon noise; 0 for none.", low=0.0, high=1e9
-    )
+    full_well: float = param(12000.0, doc="Electrons at the full range, for photon noise; 0: none.", low=0.0, high=1e9)
     read_noise_grey: float = param(0.6, doc="Standard deviation of read noise, 8-bit grey levels.", low=0.0, high=50.0)
-    gain_step: float = param(
-        0.0, doc="Standard deviation of the change of exposure from pair to pair (log).", low=0.0, high=1.0
-    )
+    gain_step: float = param(0.0, doc="Standard deviation of the exposure from pair to pair (log).", low=0.0, high=1.0)
     gain_mismatch: float = param(0.0, doc="Standard deviation of right against left exposure (log).", low=0.0, high=1.0)
-    hot_pixels: float = param(0.0, doc="Share of pixels that are stuck bright.", low=0.0, high=0.1)
     adc_bits: int = param(8, doc="Bits of the converter; images are stored with 8.", low=4, high=16)
-    distortion: tuple[float, ...] = param(
-        (0.0, 0.0, 0.0, 0.0), doc="Lens distortion k1 k2 p1 p2; raw images are rectified.", low=-10.0, high=10.0
-    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,10 +36,7 @@ _SPACING_M = 0.02
 def mast_head_in_rb(pan_rad: float, tilt_rad: float) -> Transform:
     """Return `T_rb_head`: the mast head, origin where the tilt axis meets the pan axis' x-z plane [3.2.6].
 
-    Args:
-        pan_rad: About z of RB, positive to the left; carries the tilt axis.
-        tilt_rad: About the tilt axis (y of RB at pan 0); positive turns the view down, as a right-handed turn about
-            +y does.
+    Pan is about z of RB, positive to the left, and carries the tilt axis; tilt about y of RB at pan 0, positive down.
     """
     pan: FloatArray = matrix_from_rotvec([0.0, 0.0, pan_rad])
     tilt: FloatArray = matrix_from_rotvec([0.0, tilt_rad, 0.0])
@@ -52,16 +49,8 @@ def settle_on_terrain(
     """Return position and attitude of RB with all wheels on the ground.
 
     Each wheel touches where its rim first meets the ground; a rocker-bogie suspension averages the wheels, so the
-    body is parallel to the least-squares plane through the six wheel centres.
-
-    Args:
-        terrain: The ground.
-        x: `(N,)` metres, DS, of the RB origin.
-        y: `(N,)` metres, DS.
-        heading: `(N,)` radians, from east to north.
-
-    Returns:
-        Origins of RB `(N, 3)`, metres, DS, and rotations `(N, 3, 3)` that take components in RB to DS.
+    body is parallel to the least-squares plane through the six wheel centres. Places of the origin `(N,)` in DS, m,
+    headings from east to north; returns origins `(N, 3)` and rotations `(N, 3, 3)`, RB to DS.
     """
     c, s = np.cos(heading), np.sin(heading)
     wx = x[:, None] + c[:, None] * WHEELS_RB_M[:, 0] - s[:, None] * WHEELS_RB_M[:, 1]
@@ -166,10 +155,7 @@ class Drive:
 
 
 def make_drive(seed: int, config: DriveConfig, terrain: Terrain) -> Drive:
-    """Return the drive of a configuration over a ground.
-
-    Raises ConfigError if there is no segment, one is not understood, or the path leaves the ground.
-    """
+    """Return the drive of a configuration; ConfigError if there is no segment, or a wrong one."""
     if not config.segments:
         raise ConfigError("drive.segments is empty: give at least one, as 'stop 1', or set drive.enabled=false")
     rng = np.random.default_rng([seed, 5])
@@ -286,19 +272,12 @@ class Plan:
 
     @classmethod
     def make(cls, config: SimulationConfig) -> Plan:
-        """Return the plan of a configuration.
-
-        Raises ConfigError if pans and tilts do not match, nothing is enabled, or the path or the distortion is wrong.
-        """
-        if len(config.panorama.pan_deg) != len(config.panorama.tilt_deg):
-            raise ConfigError(
-                f"panorama has {len(config.panorama.pan_deg)} pans and {len(config.panorama.tilt_deg)} tilts: "
-                "give as many of both"
-            )
+        """Return the plan of a configuration; ConfigError if there is nothing to make, or the path is wrong."""
+        pans, tilts = len(config.panorama.pan_deg), len(config.panorama.tilt_deg)
+        if pans != tilts:
+            raise ConfigError(f"panorama has {pans} pans and {tilts} tilts: give as many of both")
         if not (config.drive.enabled or config.panorama.enabled):
             raise ConfigError("neither drive nor panorama is enabled: enable at least one")
-        if len(config.sensor.distortion) != 4:
-            raise ConfigError(f"sensor.distortion has {len(config.sensor.distortion)} numbers: k1 k2 p1 p2 are needed")
         terrain = Terrain.make(config.seed, config.terrain, config.ground)
         drive = make_drive(config.seed, config.drive, terrain)
         start = drive.pose(0.0)

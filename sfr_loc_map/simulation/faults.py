@@ -82,27 +82,11 @@ KINDS = {
 }
 CAMERAS = ("both", "left", "right")
 RIG_KINDS = (FaultKind.FOCAL, FaultKind.BASELINE)  #: Kinds that change the rig alone: they affect all pairs.
-IMAGE_KINDS = (
-    FaultKind.BLACK,
-    FaultKind.START,
-    FaultKind.FADE,
-    FaultKind.BLURRED,
-    FaultKind.EXPOSURE,
-    FaultKind.NOISY,
-    FaultKind.SATURATION,
-    FaultKind.BLINDED,
-)
+IMAGE_KINDS = tuple(map(FaultKind, ["black", "start", "fade", "blurred", "exposure", "noisy", "saturation", "blinded"]))
 """Kinds that change single images."""
 ROTATION_AXES = {FaultKind.ROLL: 2, FaultKind.PITCH: 0, FaultKind.YAW: 1, FaultKind.DRIFT: 1}
 """Axis of the optical frame about which the right camera is rotated."""
-SHARES_OF_IMAGE = (
-    FaultKind.TORN,
-    FaultKind.SATURATION,
-    FaultKind.BODY,
-    FaultKind.OBJECT,
-    FaultKind.DIRT,
-    FaultKind.SHADOW,
-)
+SHARES_OF_IMAGE = tuple(map(FaultKind, ["torn", "saturation", "body", "object", "dirt", "shadow"]))
 """Kinds whose amount is a share of the image."""
 
 
@@ -119,11 +103,7 @@ class Fault:
 
 
 def parse_fault(text: str) -> Fault:
-    """Return the fault of a text `KIND[:name=value,...]`, as `blurred:share=0.2,amount=3,camera=left`.
-
-    Raises:
-        ConfigError: For an unknown kind or name, or a value out of range.
-    """
+    """Return the fault of a text `KIND[:name=value,...]`, as `blurred:share=0.2`; ConfigError if it is none."""
     name, _, rest = text.partition(":")
     try:
         kind = FaultKind(name)
@@ -138,9 +118,8 @@ def parse_fault(text: str) -> Fault:
         try:
             values[name] = types[name](value)
         except (KeyError, ValueError) as error:
-            raise ConfigError(
-                f"fault '{text}': '{item}' must be NAME=VALUE with a name of {', '.join(types)}"
-            ) from error
+            known = ", ".join(types)
+            raise ConfigError(f"fault '{text}': '{item}' must be NAME=VALUE with a name of {known}") from error
     fault = Fault(**values)  # type: ignore[arg-type]
     if not (0 <= fault.share <= 1 and fault.burst >= 1 and fault.start >= 0 and np.isfinite(fault.amount)):
         raise ConfigError(f"fault '{text}': share must lie in 0 .. 1, burst be >= 1, start >= 0 and amount finite")

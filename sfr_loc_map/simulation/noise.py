@@ -49,29 +49,20 @@ def unit(value: np.uint32) -> float:
 
 @jit_inline
 def _quintic(t: float) -> float:
-    """Return the blend `t^3 (6 t^2 - 15 t + 10)`; its first two derivatives are zero at 0 and 1 (Perlin 2002)."""
+    # its first two derivatives are zero at 0 and 1 (Perlin 2002)
     return t * t * t * (t * (t * 6.0 - 15.0) + 10.0)
 
 
 @jit_inline
 def _quintic_slope(t: float) -> float:
-    """Return the derivative of `_quintic`."""
     return 30.0 * t * t * (t - 1.0) * (t - 1.0)
 
 
 @jit_inline
 def value2(x: float, y: float, seed: np.uint32) -> tuple[float, float, float]:
-    """Return smooth noise in [-1, 1] with its gradient.
+    """Return smooth noise in [-1, 1] at a place in cells, with its derivatives by x and y.
 
     Value noise: the corner values of a cell are blended by a quintic, so that the gradient is smooth too.
-
-    Args:
-        x: In cells.
-        y: In cells.
-        seed: Picks one of the fields.
-
-    Returns:
-        Value and its derivatives by x and y.
     """
     xf, yf = np.floor(x), np.floor(y)
     i, j = np.int32(xf), np.int32(yf)  # 32 bits and no branch, so that loops become vector code
@@ -94,12 +85,8 @@ def gradient2(x: float, y: float, seed: np.uint32) -> tuple[float, float, float]
     bx, by = _direction(hash2(i + 1, j, seed))
     cx, cy = _direction(hash2(i, j + 1, seed))
     dx, dy = _direction(hash2(i + 1, j + 1, seed))
-    na, nb_, nc, nd = (
-        ax * a + ay * b,
-        bx * (a - 1.0) + by * b,
-        cx * a + cy * (b - 1.0),
-        dx * (a - 1.0) + dy * (b - 1.0),
-    )
+    na, nb_ = ax * a + ay * b, bx * (a - 1.0) + by * b
+    nc, nd = cx * a + cy * (b - 1.0), dx * (a - 1.0) + dy * (b - 1.0)
     u, v = _quintic(a), _quintic(b)
     du, dv = _quintic_slope(a), _quintic_slope(b)
     k1, k2, k3 = nb_ - na, nc - na, na - nb_ - nc + nd
@@ -132,7 +119,6 @@ def value3(x: float, y: float, z: float, seed: np.uint32) -> tuple[float, float,
 
 @jit_inline
 def _signed(value: np.uint32) -> float:
-    """Return a hash as a number in [-1, 1)."""
     return np.int32(value ^ _TOP_BIT) * (2.0 * _TO_UNIT)
 
 

@@ -43,20 +43,12 @@ class Perturber:
     """Applies faults to a sequence of a known length; the same seed affects the same pairs in the same way."""
 
     def __init__(self, faults: Sequence[Fault], seed: int, count: int, rig: StereoRig) -> None:
-        """Choose the affected pairs.
-
-        Args:
-            faults: Applied in this order.
-            seed: Seed of the choice and of noise.
-            count: Number of pairs.
-            rig: True rig.
-        """
+        """Choose the affected pairs of `count`; faults are applied in their order, and the rig is the true one."""
         self._faults, self._seed, self._true_rig, self._count = tuple(faults), seed, rig, count
         self._bursts = [burst_starts(fault, np.random.default_rng([seed, k]), count) for k, fault in enumerate(faults)]
-        gone = [
-            bursts >= 0 for fault, bursts in zip(faults, self._bursts, strict=True) if fault.kind is FaultKind.DROPPED
-        ]
-        self.kept: Mask = ~np.any(gone, axis=0) if gone else np.ones(count, bool)
+        self.kept: Mask = np.ones(count, bool)
+        for fault, bursts in zip(faults, self._bursts, strict=True):
+            self.kept &= (bursts < 0) | (fault.kind is not FaultKind.DROPPED)
 
     @property
     def rig(self) -> StereoRig:
@@ -128,9 +120,8 @@ class Perturber:
             left = left if fault.camera == "right" else degraded(left, fault.kind, fault.amount, moment)
             right = right if fault.camera == "left" else degraded(right, fault.kind, fault.amount, moment)
         elif fault.kind is FaultKind.FROZEN and previous is not None:
-            left, right = (
-                with_noise(old.astype(np.float32), fault.amount, rng) for old in (previous.left, previous.right)
-            )
+            left = with_noise(previous.left.astype(np.float32), fault.amount, rng)
+            right = with_noise(previous.right.astype(np.float32), fault.amount, rng)
         elif fault.kind is FaultKind.TORN and previous is not None:
             rows = round((1.0 - fault.amount) * len(left))
             left = np.vstack((left[:rows], previous.left[rows:]))
@@ -218,11 +209,8 @@ def _with_body(pair: StereoPair, amount: float, moment: Moment, rig: StereoRig, 
     texture = _texture(rig.height, rig.width + int(disparity) + 2, pair.left, fixed)
     cover = np.zeros((rig.height, rig.width), np.float32)
     cover[rig.height - round(amount * rig.height) :] = 1.0
-    seen = (texture[:, : rig.width], _moved(texture, -disparity)[:, : rig.width])
-    left, right = (
-        _covered(image, view, cover, moment) for image, view in zip((pair.left, pair.right), seen, strict=True)
-    )
-    return left, right
+    left = _covered(pair.left, texture[:, : rig.width], cover, moment)
+    return left, _covered(pair.right, _moved(texture, -disparity)[:, : rig.width], cover, moment)
 
 
 def _with_object(pair: StereoPair, amount: float, moment: Moment, rig: StereoRig, fixed: np.random.Generator) -> Views:
@@ -263,12 +251,8 @@ def _with_shadow(pair: StereoPair, amount: float, moment: Moment, rig: StereoRig
     shade = np.zeros((rig.height, rig.width), np.float32)
     shade[rig.height - min(height, rig.height) :, first : first + width] = 1.0
     shade = cv2.GaussianBlur(shade, (0, 0), 0.01 * rig.width).astype(np.float32)
-    right_shade = _moved(shade, -rig.fx / SHADOW_DEPTH)
-    left, right = (
-        _darkened(image, mask, SHADOW_BRIGHTNESS, moment.rng)
-        for image, mask in zip((pair.left, pair.right), (shade, right_shade), strict=True)
-    )
-    return left, right
+    left = _darkened(pair.left, shade, SHADOW_BRIGHTNESS, moment.rng)
+    return left, _darkened(pair.right, _moved(shade, -rig.fx / SHADOW_DEPTH), SHADOW_BRIGHTNESS, moment.rng)
 
 
 Views = tuple[GreyImage, GreyImage]  #: Left and right image.

@@ -60,11 +60,9 @@ def pixel_rays(camera: Camera, u: FloatArray, v: FloatArray) -> FloatArray:
 
 
 def sample_offsets(samples: int) -> FloatArray:
-    """Return the offsets of samples within a pixel and within the exposure.
+    """Return the offsets of samples in a pixel and in the exposure `(S, 3)`: column, row, time, in [-0.5, 0.5), mean 0.
 
-    Returns:
-        `(S, 3)`: column and row offset and time, all in [-0.5, 0.5), with mean zero: the additive sequence of the
-        plastic number in two dimensions, so that a few samples cover the pixel evenly.
+    The additive sequence of the plastic number in two dimensions: a few samples cover the pixel evenly.
     """
     k = np.arange(samples)
     root = 1.32471795724474602596

@@ -87,10 +87,8 @@ def rock_mesh(seed: int, config: RockConfig, rocks: Rocks) -> Mesh:
             which = np.flatnonzero((levels == level) & (shapes == shape))
             if len(which):
                 parts.append(_instances(library[shape], rocks, which, rotations, axes, sunk))
-    empty = Mesh(
-        np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32), np.zeros(0, np.int32)
-    )
-    return Mesh.join(parts) if parts else empty
+    none = np.zeros((0, 3), np.float32)
+    return Mesh.join(parts) if parts else Mesh(none, none, none.astype(np.int32), np.zeros(0, np.int32))
 
 
 def _scatter_rocks(

@@ -99,11 +99,7 @@ def ground_texture(
 
 @jit
 def plates(x: float, y: float, footprint: float, seed: np.uint32) -> tuple[float, float, float]:
-    """Return the darkness of cracks between plates of bare rock and the tilt of the plate: a warped Voronoi pattern.
-
-    Returns:
-        Darkness 0 to 1, slopes by x and y.
-    """
+    """Return the darkness 0 to 1 of cracks between plates of bare rock, and slopes: a warped Voronoi pattern."""
     cell = 0.42
     wx = x / cell + 0.35 * value2(x * 2.1, y * 2.1, seed ^ _PLATE)[0]
     wy = y / cell + 0.35 * value2(x * 2.1 + 7.0, y * 2.1, seed ^ _PLATE)[0]

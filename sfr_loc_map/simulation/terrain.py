@@ -27,11 +27,6 @@ class MaterialShares(NamedTuple):
     gravel: float  #: Share with dense pebbles.
     bedrock: float  #: Share of bare rock.
 
-    @classmethod
-    def of(cls, ground: GroundConfig) -> MaterialShares:
-        """Return the shares of a configuration."""
-        return cls(float(ground.gravel), float(ground.bedrock))
-
 
 class TerrainParameters(NamedTuple):
     """The shape of the ground as kernels take it; lengths in metres."""
@@ -70,7 +65,7 @@ class TerrainParameters(NamedTuple):
             rim_radius=float(terrain.rim_radius_m),
             rim_x=float(terrain.rim_x_m),
             rim_y=float(terrain.rim_y_m),
-            shares=MaterialShares.of(ground),
+            shares=MaterialShares(float(ground.gravel), float(ground.bedrock)),
             seed=sub_seed(seed, 1),
         )
 
@@ -88,13 +83,7 @@ class Terrain:
         return cls(TerrainParameters.of(seed, terrain, ground), float(terrain.coarseness))
 
     def height(self, x: FloatArray, y: FloatArray, spacing: FloatArray) -> FloatArray:
-        """Return heights `(N,)` in DS, metres.
-
-        Args:
-            x: `(N,)` metres, DS.
-            y: `(N,)` metres, DS.
-            spacing: `(N,)` metres between the samples there; waves too short for it are left out.
-        """
+        """Return heights `(N,)` in DS, metres; waves too short for the spacing of the samples are left out."""
         out = np.empty(len(x))
         _heights(x, y, spacing, self.parameters, out)
         return out
@@ -242,12 +231,7 @@ class Mesh(NamedTuple):
 
 
 def ground_mesh(terrain: Terrain, path: FloatArray) -> Mesh:
-    """Return the ground around a path.
-
-    Args:
-        terrain: The ground.
-        path: `(P, 2)` metres, DS, positions of the rover.
-    """
+    """Return the ground around positions of the rover `(P, 2)`, metres, DS."""
     corner = np.floor(0.5 * (path.min(axis=0) + path.max(axis=0))) - 0.5 * ROOT_M
     leaves = _leaves(terrain, corner, path)
     return _tiles(terrain, corner, leaves, path)

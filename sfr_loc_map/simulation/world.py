@@ -27,7 +27,7 @@ from sfr_loc_map.simulation.renderer import (
     trace_shadow_rays,
 )
 from sfr_loc_map.simulation.rocks import place_rocks, rock_mesh
-from sfr_loc_map.simulation.sensor import TASK_SEEDS, Sensor
+from sfr_loc_map.simulation.sensor import TASK_SEEDS, sensor_image
 from sfr_loc_map.simulation.shading import shade, shading_parameters
 from sfr_loc_map.simulation.terrain import Mesh, ground_mesh
 
@@ -35,12 +35,9 @@ from sfr_loc_map.simulation.terrain import Mesh, ground_mesh
 class MaskBit(IntFlag):
     """Bits of a mask of a mapping image."""
 
-    SKY = 1
-    """No surface."""
-    SHADOW = 2
-    """No sun."""
-    OCCLUDED = 4
-    """Not visible to the right camera."""
+    SKY = 1  #: No surface.
+    SHADOW = 2  #: No sun.
+    OCCLUDED = 4  #: Not visible to the right camera.
 
 
 class World:
@@ -58,15 +55,14 @@ class World:
         self._sun = np.array([level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation)])
         self._shading = shading_parameters(config, self._sun, plan.terrain)
         self._rover = Tracer(rover_mesh()) if config.light.rover_shadow else None
-        self._sensors = {task: Sensor(config.seed, task, config.sensor, plan.rig(task)) for task in Task}
 
     def image(self, task: Task, frame: int, camera: int) -> GreyImage:
         """Return the rectified image `(H, W)` of a camera (0 left, 1 right)."""
-        bright = self.brightness(task, frame, camera)
-        return self._sensors[task].image(bright, frame, camera)
+        config = self.plan.config
+        return sensor_image(self.brightness(task, frame, camera), config.seed, config.sensor, task, frame, camera)
 
     def brightness(self, task: Task, frame: int, camera: int) -> FloatImage:
-        """Return the raw brightness `(H, W)` before the sensor, as a share of the full range."""
+        """Return the brightness `(H, W)` before the sensor, as a share of the full range."""
         rig, sensor = self.plan.rig(task), self.plan.config.sensor
         total = np.zeros(rig.height * rig.width, np.float32)
         for k, (du, dv, moment) in enumerate(sample_offsets(sensor.samples)):
@@ -75,16 +71,15 @@ class World:
             occluder = self._occluder(task, frame, delay)
             for start in range(0, len(total), BAND_RAYS):
                 pixels = np.arange(start, min(start + BAND_RAYS, len(total)))
-                u, v = self._sensors[task].raw_to_rectified(pixels % rig.width + du, pixels // rig.width + dv)
+                u, v = pixels % rig.width + du, pixels // rig.width + dv
                 key = sub_seed(self.plan.config.seed, 20, TASK_SEEDS[task], frame, camera, k, start)
                 total[pixels] += self._band(view, u, v, key, occluder)
         return (total / np.float32(sensor.samples)).reshape(rig.height, rig.width)
 
     def truth(self, frame: int) -> tuple[PointImage, NDArray[np.uint8]]:
-        """Return the ground truth of the left mapping camera at the pixel centres.
+        """Return the truth at the pixel centres of the left mapping camera.
 
-        Returns:
-            Points `(H, W, 3)`, metres, LM, NaN for the sky; mask `(H, W)` of `MaskBit`.
+        Points `(H, W, 3)`, metres, LM, NaN for the sky; mask `(H, W)` of `MaskBit`.
         """
         rig = self.plan.rig(Task.MAPPING)
         T_ds_sb = self.plan.rig_pose(Task.MAPPING, frame)

@@ -7,6 +7,8 @@ import math
 import numpy as np
 import pytest
 
+pytest.importorskip("embreex")
+
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
@@ -50,7 +52,6 @@ def downward(count: int = 200) -> FloatArray:
 
 @pytest.fixture(scope="module")
 def sloped() -> tuple[Tracer, FloatArray]:
-    pytest.importorskip("embreex")
     mesh, normal = slope(0.35)
     return Tracer(mesh), normal
 
@@ -69,7 +70,6 @@ def test_first_hits_lie_on_an_analytic_slope(sloped: tuple[Tracer, FloatArray]) 
 
 def test_occlusion_is_that_of_a_plate_before_a_wall() -> None:
     """A plate at 1 m hides of a wall at 2 m what lies on the lines from the right camera through it."""
-    pytest.importorskip("embreex")
     right, down = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, -1.0])
     wall = square(np.array([2.0, 0.0, 0.0]), 8.0 * right, -8.0 * down, GROUND)
     plate = square(np.array([1.0, 0.0, 0.0]), 0.1 * right, -4.0 * down, 3)
@@ -92,33 +92,17 @@ def test_occlusion_is_that_of_a_plate_before_a_wall() -> None:
     assert not mask[clear].any()
 
 
-pytest.importorskip("embreex")
-
-
-def floor_with_wall() -> Mesh:
-    """A level floor of 20 m and a wall of 1 m height at x = 0."""
-    floor = [(-10, -10, 0), (10, -10, 0), (10, 10, 0), (-10, 10, 0)]
-    wall = [(0, -10, 0), (0, 10, 0), (0, 10, 1), (0, -10, 1)]
-    vertices = np.array(floor + wall, np.float32)
-    normals = np.array([(0, 0, 1)] * 4 + [(1, 0, 0)] * 4, np.float32)
-    triangles = np.array([(0, 1, 2), (0, 2, 3), (4, 5, 6), (4, 6, 7)], np.int32)
-    return Mesh(vertices, normals, triangles, np.full(4, -1, np.int32))
-
-
-def lit_along_x(elevation_deg: float) -> tuple[np.ndarray, np.ndarray]:
-    tracer = Tracer(floor_with_wall())
-    x = np.linspace(-8.0, -0.02, 1597)
-    rays = np.column_stack((x, np.full(len(x), 0.3), np.full(len(x), -5.0)))
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    hits = trace_primary_rays(tracer, np.array([0.0, 0.0, 5.0]), rays)
-    angle = math.radians(elevation_deg)
-    suns = sun_rays(np.array([math.cos(angle), 0.0, math.sin(angle)]), 0.0, len(x), np.uint32(1))
-    return hits.points[:, 0], trace_shadow_rays(tracer, hits, suns)
-
-
 @pytest.mark.parametrize("elevation", [20.0, 45.0, 70.0])
 def test_shadow_of_a_wall_has_the_length_of_its_height_over_the_tangent(elevation: float) -> None:
-    x, lit = lit_along_x(elevation)
-    floor = x < -0.05
-    shadow = -x[floor & (lit == 0)].min()
-    assert shadow == pytest.approx(1.0 / math.tan(math.radians(elevation)), abs=0.02)
+    """On a level floor, beside a wall of 1 m height at x = 0 that lies towards the sun."""
+    east, north, up = np.eye(3)
+    floor = square(np.zeros(3), 10.0 * east, 10.0 * north, GROUND)
+    tracer = Tracer(Mesh.join([floor, square(0.5 * up, 10.0 * north, 0.5 * up, GROUND)]))
+    rays = np.column_stack((np.linspace(-8.0, -0.02, 1597), np.full(1597, 0.3), np.full(1597, -5.0)))
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    hits = trace_primary_rays(tracer, 5.0 * up, rays)
+    angle = math.radians(elevation)
+    suns = sun_rays(math.cos(angle) * east + math.sin(angle) * up, 0.0, 1597, np.uint32(1))
+    x, lit = hits.points[:, 0], trace_shadow_rays(tracer, hits, suns)
+    shadow = -x[(x < -0.05) & (lit == 0)].min()
+    assert shadow == pytest.approx(1.0 / math.tan(angle), abs=0.02)

@@ -58,8 +58,7 @@ def test_brightness_does_not_depend_on_the_rest_of_the_batch(scene: tuple[np.nda
     assert together[objects == GROUND].std() > 0.02
     order = np.random.default_rng(1).permutation(len(points))
     assert np.array_equal(brightness(points[order], objects[order], camera), together[order])
-    some = slice(RUN - 3, RUN + 40)
-    for n in range(some.start, some.stop):
+    for n in range(RUN - 3, RUN + 40):
         assert brightness(points[n : n + 1], objects[n : n + 1], camera)[0] == together[n]
 
 

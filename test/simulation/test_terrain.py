@@ -35,22 +35,16 @@ def test_ground_has_no_cracks(terrain: Terrain) -> None:
     rim = np.abs(ends[..., :2] - ends[..., :2].mean(axis=(0, 1))).max(axis=(1, 2)) > 500
     middle, length = ends.mean(axis=1)[~rim], np.abs(ends[:, 0] - ends[:, 1])[~rim, :2].max(axis=1)
     assert len(middle) > CELLS  # tiles of different size meet
-    lines: dict[tuple[int, float], list[tuple[float, float, float, float]]] = {}
-    for a, b in ends[~rim]:
-        axis = 0 if a[0] == b[0] else 1
-        low, high = sorted((tuple(a), tuple(b)), key=lambda p: p[1 - axis])
-        lines.setdefault((axis, low[axis]), []).append((low[1 - axis], high[1 - axis], low[2], high[2]))
     assert length.max() > length.min()
-    for segments in lines.values():
-        array = np.array(segments)
-        size = array[:, 1] - array[:, 0]
-        fine, coarse = array[size < size.max() * 0.75], array[size >= size.max() * 0.75]
-        for x0, x1, z0, z1 in fine[:50]:
-            over = coarse[(coarse[:, 0] <= x0) & (coarse[:, 1] >= x1)]
-            if len(over):
-                c0, c1, h0, h1 = over[0]
-                on = np.interp([x0, x1], [c0, c1], [h0, h1])
-                assert np.allclose(on, (z0, z1), atol=2e-5)
+    finest = length == length.min()
+    for (a, b), x in zip(ends[~rim][finest][:200], middle[finest][:200], strict=True):
+        axis = 0 if a[0] == b[0] else 1  # the edges of coarser tiles on the same line that cover it
+        others = ends[~rim][length > length.min()]
+        beside = (others[:, :, axis] == a[axis]).all(axis=1)
+        low, high = others[..., 1 - axis].min(axis=1), others[..., 1 - axis].max(axis=1)
+        for c, d in others[beside & (low <= x[1 - axis]) & (x[1 - axis] <= high)]:
+            share = (np.array([a, b])[:, 1 - axis] - c[1 - axis]) / (d[1 - axis] - c[1 - axis])
+            assert np.allclose(c[2] + share * (d[2] - c[2]), (a[2], b[2]), atol=2e-5)
 
 
 def flat(**changes: float) -> Terrain:
