@@ -79,7 +79,7 @@ setup(
         "rosbags>=0.11.9,<0.12",  # Apache-2.0; from 0.11.9 on it checks the CRC of mcap chunks
         "scipy>=1.11,<2",  # BSD-3
         "simplejpeg>=1.7,<2",  # MIT; refuses broken JPEG data that OpenCV decodes without a word
-        "typer>=0.12,<1",  # MIT
+        "typer>=0.19,<1",  # MIT
     ],
     extras_require={
         "sim": ["embreex>=4.4,<5"],  # MIT; bundles Embree, Apache-2.0

@@ -1,4 +1,4 @@
-"""The application `sfr` that the subcommands join: the form of its help, options in groups, the last line.
+"""The application `sfr` that the subcommands join: options in groups, the last line.
 
 The last line of a command says what is useful next. It goes to standard error behind all other lines, as the hints of
 git do. There is none after bad input or an interruption, none where JSON goes to standard output (a program reads it),
@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Annotated, Any, get_args, get_type_hints
 
 import typer
-from typer.core import TyperArgument, TyperCommand, TyperGroup
+from typer.core import TyperGroup
 
 from sfr_loc_map import __version__
 from sfr_loc_map.errors import ExitCode
@@ -43,35 +43,16 @@ def last_line(code: int) -> str:
     return f"next: {lines[0]}" if lines and wanted else ""
 
 
-def _without_types(params: list[Any]) -> list[Any]:
-    """Show no Python type beside an argument or a switch, which have names of their own."""
-    for param in params:
-        if isinstance(param, TyperArgument) or getattr(param, "is_flag", False):
-            param.display_type_rich = lambda ctx: None
-    return params
-
-
-class _Command(TyperCommand):
-    def get_params(self, ctx: Any) -> list[Any]:  # noqa: ANN401 - click's own, or the copy within typer, by its version
-        """Return the parameters."""
-        return _without_types(super().get_params(ctx))
-
-
 class _Group(TyperGroup):
-    def get_params(self, ctx: Any) -> list[Any]:  # noqa: ANN401 - as above
-        """Return the parameters."""
-        return _without_types(super().get_params(ctx))
-
-    def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401 - as above
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401 - click's, or the copy within typer
         """Return a subcommand and its arguments; `sfr monitor` is `sfr run monitor`."""
         return super().resolve_command(ctx, ["run", *args] if ctx.parent is None and args[0] == "monitor" else args)
 
 
 class App(typer.Typer):
-    """A group of commands with help of that form."""
+    """A group of commands, whose parameters may be dataclasses of options."""
 
     def __init__(self, **settings: Any) -> None:  # noqa: ANN401 - those of typer
-        """Make a group that shows its help where no subcommand is given."""
         super().__init__(cls=_Group, pretty_exceptions_enable=False, **settings)
 
     def command(
@@ -82,7 +63,7 @@ class App(typer.Typer):
         **settings: Any,  # noqa: ANN401 - those of typer
     ) -> Callable[[Any], Any]:
         """Return the decorator of a subcommand; `hint` is its last line where it proposes nothing better."""
-        add = super().command(name, cls=_Command, **settings)
+        add = super().command(name, **settings)
 
         def register(function: Callable[..., Any]) -> Callable[..., Any]:
             add(_with_groups(function, hint))

@@ -17,13 +17,10 @@ from sfr_loc_map.cli.options import (
     OverwriteOption,
     RemapOption,
     SourceArgument,
-    complete_faults,
-    complete_methods,
     open_drive,
     open_panorama,
-    words,
 )
-from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, progress_bar, say, show, write_text
+from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, progress_bar, say, show
 from sfr_loc_map.cli.verdict import check_conditions
 from sfr_loc_map.config import read_config
 from sfr_loc_map.errors import FailedVerdictError, InputError
@@ -38,11 +35,7 @@ class ComparedOptions:
 
     method: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="NAME|package.module:Class|lib:FILE.so",
-            autocompletion=complete_methods,
-            help="One more method to compare; repeatable.",
-        ),
+        typer.Option(metavar="NAME|package.module:Class|lib:FILE.so", help="One more method to compare; repeatable."),
     ] = None
     peer_python: Annotated[
         Path | None, typer.Option(metavar="PYTHON", help="Interpreter that has the optional reference methods.")
@@ -132,9 +125,7 @@ def map_(
 
 
 @app.command(
-    epilog=examples(
-        "sfr bench faults data/ --fault torn+noisy --json faults.json", "sfr bench faults data/ --markdown faults.md"
-    ),
+    epilog=examples("sfr bench faults data/ --fault torn+noisy --json faults.json"),
     hint="sfr perturb SRC DST --fault KIND:amount=A    # one fault alone, kept",
 )
 def faults(
@@ -144,25 +135,15 @@ def faults(
         typer.Option(
             "--fault",
             metavar="KIND[:...]",
-            autocompletion=complete_faults,
             help="As for sfr perturb, several joined by +; repeatable. By default common faults.",
         ),
     ] = None,
     condition: Annotated[
-        str,
-        typer.Option(
-            "--condition",
-            metavar="distance=M|time=S|frames=N",
-            autocompletion=words("distance=", "time=", "frames="),
-            help="End of a sub-trajectory.",
-        ),
+        str, typer.Option(metavar="distance=M|time=S|frames=N", help="End of a sub-trajectory.")
     ] = "distance=5",
     spacing: SpacingOption = 10,
     seed: Annotated[int, typer.Option(min=0, metavar="N", help="Seed that selects the affected pairs.")] = 0,
     json_path: JsonOption = None,
-    markdown_path: Annotated[
-        Path | None, typer.Option("--markdown", metavar="F.md", help="The tables as Markdown.")
-    ] = None,
     overwrite: OverwriteOption = False,
     lenient: LenientOption = False,
     config: ConfigOption = None,
@@ -173,7 +154,7 @@ def faults(
     from sfr_loc_map.metrics.config import TrajectoryScoreConfig
     from sfr_loc_map.suite.fault_benchmark import FAULTS, benchmark_faults, silent_faults
 
-    check_outputs(json_path, markdown_path, overwrite=overwrite, inputs=[source])
+    check_outputs(json_path, overwrite=overwrite, inputs=[source])
     wanted = tuple(fault or FAULTS)
     localiser, drive = read_config(LocalisationConfig, config, "localisation"), open_drive(source, remap)
     if drive.ground_truth is None:
@@ -183,21 +164,17 @@ def faults(
     with progress_bar("faults") as bar:
         shown = bar.add_task("localising", total=len(wanted) + 1)
         result = benchmark_faults(drive, wanted, localiser, scoring, seed, lambda: bar.advance(shown))
-    _present({"source": str(source)} | result, json_path, markdown_path)
+    _present({"source": str(source)} | result, json_path)
     if silent := silent_faults(result):
         raise FailedVerdictError(f"wrong and called tracking, beyond 5 times the stated 3 sigma: {', '.join(silent)}")
 
 
-def _present(result: dict[str, Any], json_path: str | None, markdown_path: Path | None = None) -> None:
-    """Print tables, reference methods left out and failures; write JSON and Markdown; `--json -` prints JSON alone."""
+def _present(result: dict[str, Any], json_path: str | None) -> None:
+    """Print tables, reference methods left out and failures; write JSON; `--json -` prints JSON alone."""
     from sfr_loc_map.metrics.score_json import json_line
     from sfr_loc_map.report.benchmark_tables import benchmark_tables
-    from sfr_loc_map.report.tables import to_markdown
 
-    tables = benchmark_tables(result)
-    if markdown_path is not None:
-        write_text(to_markdown(tables), markdown_path)
-    show(json_line(result), json_path, tables)
+    show(json_line(result), json_path, benchmark_tables(result))
     if json_path == STANDARD_OUTPUT:
         return
     for name, reason in result["missing"].items():

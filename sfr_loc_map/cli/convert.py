@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -13,27 +12,10 @@ from sfr_loc_map.cli.options import OverwriteOption, RemapOption, SourceArgument
 from sfr_loc_map.cli.output import check_outputs, check_suffix, output_folder, progress_bar, say, warn
 from sfr_loc_map.errors import ConfigError, InputError, naming
 
-if TYPE_CHECKING:
-    pass
-
 CLOUDS = (".ply", ".pcd", ".npz")
 """Endings of files of points; the same as `io.cloud_file.SUFFIXES`, which takes long to import."""
 MODELS = (".tif", ".tiff", ".png", ".html")
 ARCHIVE = ".dem.npz"  #: Endings of files of an elevation model; an archive of points ends in .npz, too.
-
-
-class Compression(StrEnum):
-    """How chunks of a bag are compressed."""
-
-    NONE = "none"
-    ZSTD = "zstd"
-
-
-class To(StrEnum):
-    """Layouts of other data sets."""
-
-    KITTI = "kitti"
-    EUROC = "euroc"
 
 
 @app.command(
@@ -57,13 +39,14 @@ def convert(
         ),
     ],
     to: Annotated[
-        To | None, typer.Option("--to", help="Write the drive in the layout of KITTI odometry or EuRoC (ASL).")
+        Literal["kitti", "euroc"] | None,
+        typer.Option("--to", help="Write the drive in the layout of KITTI odometry or EuRoC (ASL)."),
     ] = None,
     remap: RemapOption = None,
     jpeg_quality: Annotated[
         int | None, typer.Option(min=1, max=100, metavar="Q", help="JPEG images (bags only).")
     ] = None,
-    compression: Annotated[Compression, typer.Option(help="Of a bag's chunks (mcap only).")] = Compression.NONE,
+    compression: Annotated[Literal["none", "zstd"], typer.Option(help="Of a bag's chunks (mcap only).")] = "none",
     truth_grid: Annotated[
         float | None, typer.Option(metavar="M", help="Round true points to this power of two (bags only).")
     ] = None,
@@ -80,8 +63,8 @@ def convert(
     from sfr_loc_map.pipeline.convert import ConvertOptions, Layout, holds_trajectory, is_trajectory
     from sfr_loc_map.pipeline.convert import convert as run
 
-    layout = None if to is None else Layout(to.value)
-    options = ConvertOptions(jpeg_quality, compression is Compression.ZSTD, truth_grid, layout)
+    layout = None if to is None else Layout(to)
+    options = ConvertOptions(jpeg_quality, compression == "zstd", truth_grid, layout)
     is_cloud = source.suffix in CLOUDS and not source.is_dir()
     if is_cloud:
         if options != ConvertOptions() or remap:

@@ -13,7 +13,6 @@ import typer
 
 from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.options import ConditionOption, JudgeOptions, LimitsOption, NamespaceOption, require_ros
-from sfr_loc_map.cli.output import TolerantFile
 from sfr_loc_map.errors import ConfigError, InterruptedRunError, MissingExtraError
 
 if TYPE_CHECKING:
@@ -37,10 +36,7 @@ def require_live() -> None:
 def live_beside(wanted: bool, port: int, namespace: str = "", *, isolated: bool = False) -> Iterator[LivePage | None]:
     """Show what the `with` block runs on a page, if it is wanted; yield the page, None where none is wanted.
 
-    The page starts first of all: the imports of a run take longer than those of the page. It must be in the domain of a
-    run that chooses one of its own (`isolated`).
-
-    Raises MissingExtraError if a page is wanted and the web server or ROS cannot be imported.
+    The page must be in the domain of a run that chooses one of its own (`isolated`).
     """
     if not wanted:
         yield None
@@ -136,7 +132,6 @@ def live(
             return
         from sfr_loc_map.live.terminal import Terminal
 
-        TolerantFile.reader_needed = True
         try:
             Terminal(state, title).show()
         except KeyboardInterrupt:

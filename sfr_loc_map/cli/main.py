@@ -10,37 +10,22 @@ import importlib
 import logging
 import os
 import sys
+from contextlib import suppress
 
 import typer
 
 from sfr_loc_map.cli.app import app, last_line
-from sfr_loc_map.cli.output import tolerate_breaks
 from sfr_loc_map.errors import ExitCode, SfrError
 from sfr_loc_map.inputs import one_line, printable
 
-START, RUN, JUDGE, DATA, MANY = "To begin", "Run", "Judge", "Data", "Many runs and methods"
 PANELS = {
-    "init": START,
-    "doctor": START,
-    "replay": RUN,
-    "localise": RUN,
-    "map": RUN,
-    "run": RUN,
-    "live": RUN,
-    "record": RUN,
-    "score": JUDGE,
-    "report": JUDGE,
-    "compare": JUDGE,
-    "plot": JUDGE,
-    "convert": DATA,
-    "simulate": DATA,
-    "perturb": DATA,
-    "methods": MANY,
-    "bench": MANY,
-    "suite": MANY,
-    "history": MANY,
+    "To begin": ("init", "doctor"),
+    "Run": ("replay", "localise", "map", "run", "live", "record"),
+    "Judge": ("score", "report", "compare", "plot"),
+    "Data": ("convert", "simulate", "perturb"),
+    "Many runs and methods": ("methods", "bench", "suite", "history"),
 }
-"""Subcommands in the order of the help, that of a user's day, and what they stand under."""
+"""Subcommands in the order of the help, that of a user's day, below their titles."""
 MODULES = ("start", "doctor", "replay", "localise", "map_cloud", "run", "live", "score", "pages", "convert", "simulate")
 GROUPS = ("bench", "suite")
 
@@ -50,13 +35,13 @@ for _name in MODULES:
     importlib.import_module(f"sfr_loc_map.cli.{_name}")
 for _name in GROUPS:
     app.add_typer(importlib.import_module(f"sfr_loc_map.cli.{_name}").app, name=_name)
-_names = list(PANELS)
+_panel_of = {name: panel for panel, names in PANELS.items() for name in names}
 for _command in app.registered_commands:
     _command.name = _command.name or str(getattr(_command.callback, "__name__", ""))
-    _command.rich_help_panel = PANELS[_command.name]
+    _command.rich_help_panel = _panel_of[_command.name]
 for _group in app.registered_groups:
-    _group.rich_help_panel = PANELS[str(_group.name)]
-app.registered_commands.sort(key=lambda item: _names.index(str(item.name)))
+    _group.rich_help_panel = _panel_of[str(_group.name)]
+app.registered_commands.sort(key=lambda item: list(_panel_of).index(str(item.name)))
 
 
 class _LineFormatter(logging.Formatter):
@@ -68,10 +53,10 @@ class _LineFormatter(logging.Formatter):
 
 def main() -> int:
     """Run the command line; return the exit code."""
-    tolerate_breaks()
     code = _run()
     if line := last_line(code):
-        print(printable(line), file=sys.stderr)
+        with suppress(OSError):  # nobody reads it
+            print(printable(line), file=sys.stderr)
     return code
 
 
@@ -80,8 +65,8 @@ def _run() -> int:
         logging.lastResort.setFormatter(_LineFormatter())
     try:
         code = app(standalone_mode=False, prog_name="sfr")
-    except SystemExit:  # whoever read the output has closed it
-        return 0
+    except SystemExit:  # whoever read the output (`| head`) has left before its end
+        return ExitCode.INTERRUPTED
     except (KeyboardInterrupt, typer.Abort):
         code = ExitCode.INTERRUPTED
     except Exception as error:
@@ -96,14 +81,11 @@ def _run() -> int:
 
 
 def _line(error: Exception) -> str:
-    """Return what to say of an error."""
     if isinstance(error, UsageError):
         context: typer.Context | None = getattr(error, "ctx", None)
         command = context.command_path if context is not None else "sfr"
         message: str = error.format_message()  # type: ignore[attr-defined]
         return f"{message.rstrip('.')}: see '{command} --help'"
-    if isinstance(error, FileNotFoundError) and error.filename is None:  # of os.getcwd
-        return "the current directory is not there any more: change to another one"
     if isinstance(error, (SfrError, OSError)):
         return str(error)
     return f"{type(error).__name__}: {error}: this is a fault of the program, run 'sfr --debug ...' and report it"

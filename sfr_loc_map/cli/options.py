@@ -1,12 +1,12 @@
-"""Options that several subcommands share, alone or in groups, and the values that the shell completes."""
+"""Options that several subcommands share, alone or in groups."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -25,35 +25,10 @@ OURS = "sfr"  #: Name of the suite's own localiser and mapper, which run in the 
 _NAMESPACE = re.compile(r"/?([A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*)?/?")
 
 
-def words(*choices: str) -> Callable[[str], list[str]]:
-    """Return what completes one of some words."""
-    return lambda incomplete: [word for word in choices if word.startswith(incomplete)]
-
-
-def complete_methods(incomplete: str) -> list[str]:
-    """Complete the name of a method under test."""
-    from sfr_loc_map.methods.registry import BUILT_IN
-
-    return words(*sorted({name for task in BUILT_IN.values() for name in task}))(incomplete)
-
-
-def complete_faults(incomplete: str) -> list[str]:
-    """Complete the kind of an injected fault."""
-    from sfr_loc_map.simulation.faults import KINDS
-
-    return words(*KINDS)(incomplete)
-
-
 def checked_namespace(text: str) -> str:
     """Return a namespace of ROS, the value of an option; raise ConfigError if it is none."""
     if not _NAMESPACE.fullmatch(text):
         raise ConfigError(f"--namespace '{text}' is none of ROS: give names of letters, digits and _ joined by /")
-    return text
-
-
-def _checked_start(text: str) -> str:
-    if text not in ("identity", "truth"):
-        raise ConfigError(f"'--start {text}': must be identity or truth")
     return text
 
 
@@ -73,21 +48,14 @@ ConditionOption = Annotated[
     typer.Option(
         "--condition",
         metavar="distance=M|time=S|frames=N",
-        autocompletion=words("distance=", "time=", "frames="),
         show_default="distance=5",
         help="End of a sub-trajectory; repeatable.",
     ),
 ]
 StartOption = Annotated[
-    str,
-    typer.Option(
-        "--start",
-        metavar="identity|truth",
-        callback=_checked_start,
-        help="First pose: the identity, or the true one.",
-        autocompletion=words("identity", "truth"),
-    ),
+    Literal["identity", "truth"], typer.Option("--start", help="First pose: the identity, or the true one.")
 ]
+Align = Literal["none", "origin", "se3", "sim3"]
 JsonOption = Annotated[
     str | None, typer.Option("--json", metavar="F", help="Write all figures as JSON; - for standard output.")
 ]
@@ -113,7 +81,6 @@ class MethodOptions:
         str,
         typer.Option(
             metavar="NAME|package.module:Class|lib:FILE.so",
-            autocompletion=complete_methods,
             help="Method under test (sfr methods); --config is then the file with its configuration.",
         ),
     ] = OURS
@@ -145,8 +112,7 @@ class MethodOptions:
         from sfr_loc_map.methods.registry import EXTERNAL, find_method
 
         if self.method == EXTERNAL:
-            text = "a node of another program is scored by sfr replay SRC --external TASK"
-            raise ConfigError(f"'--method external': {text}")
+            raise ConfigError("'--method external': a node is scored by sfr replay SRC --external TASK")
         try:
             text = "" if self.config is None else read_text(self.config)
         except (OSError, ValueError) as error:
@@ -247,8 +213,6 @@ def parse_remaps(remaps: list[str] | None) -> dict[str, str]:
     for item in remaps or []:
         found, _, expected = item.partition(":=")
         if not found or not expected:
-            raise ConfigError(
-                f"'--remap {item}': must have the form FOUND:=EXPECTED, as /cam0/image:=loc/left/image_rect"
-            )
+            raise ConfigError(f"'--remap {item}': must have the form FOUND:=EXPECTED")
         parsed[found] = expected
     return parsed

@@ -1,4 +1,4 @@
-"""What subcommands write: one rule for all outputs; JSON, texts, tables, progress; streams that may break.
+"""What subcommands write: one rule for all outputs; JSON, texts, tables, progress.
 
 An output that is there already is refused unless `--overwrite` is given, before the work for it is done. Only a regular
 file, or a folder that holds nothing but a data set or a bag, is ever replaced.
@@ -6,12 +6,9 @@ file, or a folder that holds nothing but a data set or a bag, is ever replaced.
 
 from __future__ import annotations
 
-import io
-import os
 import shutil
-import sys
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,16 +22,13 @@ from sfr_loc_map.errors import OutputError
 from sfr_loc_map.inputs import one_line, printable
 
 if TYPE_CHECKING:
-    from _typeshed import ReadableBuffer
-
     from sfr_loc_map.report.tables import Table
 
 STANDARD_OUTPUT = "-"
-STDERR = 2
 HTML_SUFFIXES = (".html", ".htm")
-DATA_SET_FILES = ("rig.json", "pairs.csv", "groundtruth.csv", "simulation.yaml", "metadata.yaml")
-DATA_SET_FOLDERS = ("left", "right", "truth", "masks", "loc", "nav")
-DATA_SET_SUFFIXES = (".mcap", ".db3")  #: What is in the folders that the suite writes as a whole.
+DATA_SET_NAMES = {"rig.json", "pairs.csv", "groundtruth.csv", "simulation.yaml", "metadata.yaml"}
+DATA_SET_NAMES |= {"left", "right", "truth", "masks", "loc", "nav"}  #: What is in the folders that we write as a whole.
+BAG_SUFFIXES = (".mcap", ".db3")
 
 
 def check_suffix(path: Path | None, suffixes: tuple[str, ...]) -> None:
@@ -44,11 +38,7 @@ def check_suffix(path: Path | None, suffixes: tuple[str, ...]) -> None:
 
 
 def check_outputs(*outputs: Path | str | None, overwrite: bool, inputs: Sequence[Path] = ()) -> None:
-    """Check the files that a command writes before the work for them is done; None and `-` are left out.
-
-    Raises OutputError if two outputs, or an output and an input, are one file, one of them exists and `overwrite` is
-    not given, or one cannot be written.
-    """
+    """Raise OutputError, before the work is done, if a file cannot be written; None and `-` are left out."""
     from sfr_loc_map.io.atomic import check_output
 
     taken = {path.resolve(): "an input of this command" for path in inputs}
@@ -72,8 +62,6 @@ def output_folder(path: Path, *, overwrite: bool, inputs: Sequence[Path] = ()) -
     """Make room for a folder (or a bag) that the block writes as a whole.
 
     With `overwrite` what is there is moved aside, and moved back where the block leaves nothing in its place.
-
-    Raises OutputError if something else is there, an input lies within it, or `overwrite` is not given.
     """
     place = path.resolve()
     if any(place in (item.resolve(), *item.resolve().parents) for item in inputs):
@@ -84,9 +72,7 @@ def output_folder(path: Path, *, overwrite: bool, inputs: Sequence[Path] = ()) -
     what = "a folder that is not empty" if path.is_dir() else "a file"
     if not overwrite:
         raise OutputError(f"cannot write '{path}': {what} is there; remove it, choose another name or give --overwrite")
-    if path.is_dir() and not all(
-        item.name in (*DATA_SET_FILES, *DATA_SET_FOLDERS) or item.suffix in DATA_SET_SUFFIXES for item in path.iterdir()
-    ):
+    if path.is_dir() and not all(item.name in DATA_SET_NAMES or item.suffix in BAG_SUFFIXES for item in path.iterdir()):
         raise OutputError(f"cannot write '{path}': {what} is there, no data set or bag alone; remove it yourself")
     aside = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".before", dir=path.parent))
     path.rename(aside / path.name)
@@ -118,7 +104,7 @@ def show(json_text: str, place: str | None, tables: Iterable[Table]) -> None:
     """Write the JSON where `--json` says and print the tables; the JSON alone where it goes to standard output."""
     if place == STANDARD_OUTPUT:
         propose("")
-        sys.stdout.write(json_text)
+        typer.echo(json_text, nl=False)
         return
     if place is not None:
         write_text(json_text, Path(place))
@@ -137,77 +123,8 @@ def say(text: str, *, err: bool = False) -> None:
     typer.echo(printable(text), err=err)
 
 
-def each_tenth(doing: str, unit: str) -> Callable[[int, int], None]:
-    """Return what takes how many of how many are done and prints a line each 10 %, where no progress bar is drawn."""
-    tenth = 0
-
-    def report(done: int, total: int) -> None:
-        nonlocal tenth
-        before, tenth = tenth, max(tenth, 10 * done // max(total, 1))
-        if tenth > before and not Console(stderr=True).is_terminal:
-            say(f"{doing}: {10 * tenth} % ({done} of {total} {unit})", err=True)
-
-    return report
-
-
 def progress_bar(unit: str) -> Progress:
     """Return a progress bar on standard error; nothing is drawn where that is not a terminal."""
     console = Console(stderr=True)
     columns = (BarColumn(), MofNCompleteColumn(), TextColumn(unit), TimeElapsedColumn(), TimeRemainingColumn())
     return Progress(TextColumn("{task.description}"), *columns, console=console, disable=not console.is_terminal)
-
-
-class TolerantFile(io.FileIO):
-    """A standard stream that drops what nobody takes.
-
-    A reader that leaves (`| head`) or a log on a full disk must neither lose the outputs of a command nor change its
-    exit code. Standard output on a full disk is an error all the same, since it is an output.
-
-    Attributes:
-        broken: Whether it drops.
-        reader_needed: Whether a command ends when its reader leaves, as one without another output.
-    """
-
-    broken = False
-    reader_needed = False
-
-    def write(self, data: ReadableBuffer, /) -> int:
-        """Write, or drop where the reader has left.
-
-        Raises:
-            BrokenPipeError: If the reader has left and is needed.
-            OutputError: Once, if standard output cannot be written for another reason.
-        """
-        count = memoryview(data).nbytes
-        if not count or self.broken:  # typer tries a stream with nothing, and takes no notice of an error
-            return count
-        try:
-            return super().write(data)
-        except OSError as error:
-            is_pipe = isinstance(error, BrokenPipeError)
-            if is_pipe and self.reader_needed:
-                raise
-            self.broken = True
-            if self.fileno() != STDERR and not is_pipe:
-                reason = f"cannot write standard output: {error.strerror}; check the space where it goes"
-                raise OutputError(reason) from error
-        return count
-
-
-def tolerate_breaks() -> None:
-    """Make standard output and standard error such streams; what stands in their place (a test's) stays."""
-    for name in ("stdout", "stderr"):
-        stream = getattr(sys, name)
-        if stream is None:  # closed; the descriptor is taken, so that no output gets it and the words of a library
-            setattr(sys, name, open(os.open(os.devnull, os.O_WRONLY), "w", encoding="utf-8"))  # noqa: SIM115
-        elif stream is getattr(sys, f"__{name}__") and isinstance(stream, io.TextIOWrapper):
-            stream.flush()
-            raw = TolerantFile(stream.fileno(), "w", closefd=False)
-            file = io.TextIOWrapper(
-                raw if isinstance(stream.buffer, io.RawIOBase) else io.BufferedWriter(raw),
-                encoding=stream.encoding,
-                errors=stream.errors,
-                line_buffering=stream.line_buffering,
-                write_through=stream.write_through,
-            )
-            setattr(sys, name, file)

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import json
-import sys
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.options import OutputOptions, OverwriteOption, words
+from sfr_loc_map.cli.options import Align, OutputOptions, OverwriteOption
 from sfr_loc_map.cli.output import HTML_SUFFIXES, check_outputs, check_suffix, say, show, write_text
 from sfr_loc_map.errors import ConfigError
 
@@ -19,17 +17,8 @@ if TYPE_CHECKING:
     from sfr_loc_map.metrics.score import Score
 
 
-class Format(StrEnum):
-    """What a report is written as."""
-
-    HTML = "html"
-    MARKDOWN = "md"
-    CSV = "csv"
-    PDF_READY = "pdf-ready"
-
-
-FORMATS = {".html": Format.HTML, ".htm": Format.HTML, ".md": Format.MARKDOWN, ".csv": Format.CSV}
-"""By the ending of the file."""
+Format = Literal["html", "md", "csv", "pdf-ready"]
+FORMATS: dict[str, Format] = {".html": "html", ".htm": "html", ".md": "md", ".csv": "csv"}  #: By the ending.
 
 
 @app.command(
@@ -47,15 +36,11 @@ def report(
     output: Annotated[
         Path | None,
         typer.Option(
-            "-o", "--output", metavar="F", help="File; by default report.html beside the score, or standard output."
+            "-o", "--output", metavar="F", help="By default report.html beside the score, or standard output."
         ),
     ] = None,
     form: Annotated[
-        Format | None,
-        typer.Option(
-            "--format",
-            help="Page with figures, tables as Markdown or CSV, or a page of tables to print; by the ending.",
-        ),
+        Format | None, typer.Option("--format", help="pdf-ready: a page of tables to print. Default: by the ending.")
     ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
@@ -66,23 +51,23 @@ def report(
 
     if form is None and output is not None and output.suffix not in FORMATS:
         raise ConfigError(f"'-o {output}': the ending must be one of {', '.join(FORMATS)}, or give --format")
-    chosen = form or (Format.HTML if output is None else FORMATS[output.suffix])
-    if output is None and chosen is Format.HTML:
+    chosen = form or ("html" if output is None else FORMATS[output.suffix])
+    if output is None and chosen == "html":
         output = score.with_name("report.html")
     loaded = load_score(score)
     check_outputs(output, overwrite=overwrite, inputs=(score,))
-    if chosen is Format.MARKDOWN:
+    if chosen == "md":
         text = score_markdown(loaded)
-    elif chosen is Format.CSV:
+    elif chosen == "csv":
         text = to_csv(score_tables(loaded))
     else:
-        text = render_page(loaded, figures=chosen is Format.HTML)
+        text = render_page(loaded, figures=chosen == "html")
     if output is None:
-        sys.stdout.write(text)
+        typer.echo(text, nl=False)
         return
     write_text(text, output)
     say(f"report: {output}")
-    if chosen in (Format.HTML, Format.PDF_READY):
+    if chosen in ("html", "pdf-ready"):
         propose(f"open {output} in a browser")
 
 
@@ -111,24 +96,19 @@ def compare(
     result = compare_scores(loaded, names)
     tables = [*methods_tables(loaded, names), *comparison_tables(result)]
     if output.html is not None:
-        text, figures = (
-            f"{len(names)} scores of the same data; the reference is {names[0]}.",
-            methods_figures(loaded, names),
-        )
-        write_text(render_overview("Comparison of scores", None, text, tables, figures), output.html)
+        text = f"{len(names)} scores of the same data; the reference is {names[0]}."
+        page = render_overview("Comparison of scores", None, text, tables, methods_figures(loaded, names))
+        write_text(page, output.html)
         propose(f"open {output.html} in a browser")
     shown = [table for table in tables if table.name != "provenance"]  # too wide for a terminal; the page has it
     show(json.dumps(result.to_dict(), allow_nan=False) + "\n", output.json_path, shown)
 
 
 def _names(paths: list[Path], scores: list[Score]) -> list[str]:
-    """Return the methods' names where they tell the scores apart, otherwise the shortest names of the files."""
+    """Return the methods' names where they tell the scores apart, otherwise names or paths of the files."""
     methods = [score.method.name.rpartition("/")[2] for score in scores if score.method is not None]
-    if len(set(methods)) == len(paths):
-        return methods
-    for parts in range(1, max(len(path.parts) for path in paths) + 1):
-        names = ["/".join(path.parts[-parts:]) for path in paths]
-        if len(set(names)) == len(names):
+    for names in (methods, [path.name for path in paths], [str(path) for path in paths]):
+        if len(set(names)) == len(paths):
             return names
     return [f"{number}: {path}" for number, path in enumerate(paths, 1)]
 
@@ -150,14 +130,7 @@ def plot(
     truth: Annotated[
         Path | None, typer.Option(metavar="TRUTH", help="True trajectory: also the distance of each to it.")
     ] = None,
-    align: Annotated[
-        str,
-        typer.Option(
-            metavar="none|origin|se3|sim3",
-            help="Alignment of each with the truth.",
-            autocompletion=words("none", "origin", "se3", "sim3"),
-        ),
-    ] = "none",
+    align: Annotated[Align, typer.Option(help="Alignment of each with the truth.")] = "none",
     max_difference: Annotated[
         float, typer.Option(metavar="S", help="Longest difference of the stamps of estimate and truth.")
     ] = 0.01,

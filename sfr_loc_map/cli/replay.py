@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -23,7 +23,6 @@ from sfr_loc_map.cli.options import (
     StartOption,
     parse_remaps,
     require_ros,
-    words,
 )
 from sfr_loc_map.cli.output import check_outputs, make_folder, progress_bar, say, warn
 from sfr_loc_map.cli.score import present
@@ -39,7 +38,6 @@ if TYPE_CHECKING:
     from sfr_loc_map.pipeline.replay import ExternalRun, ReplayFiles, ReplayResult
     from sfr_loc_map.pipeline.scoring import Correction
 
-METHODS = ("sfr", "external")
 HELP = """Play a source to the three nodes over topics, record what they answer, score it.
 
 Keys, where standard input is a terminal: space pauses and resumes, s or the right arrow plays one pair, the left
@@ -76,20 +74,10 @@ class NodeUnderTest:
     """A node of anyone in place of ours."""
 
     external: Annotated[
-        str | None,
-        typer.Option(
-            metavar="localisation|mapping",
-            help="A node of anyone in place of ours is under test.",
-            autocompletion=words("localisation", "mapping"),
-        ),
+        Literal["localisation", "mapping"] | None, typer.Option(help="A node of anyone in place of ours is under test.")
     ] = None
     method: Annotated[
-        str,
-        typer.Option(
-            metavar="sfr|external",
-            autocompletion=words(*METHODS),
-            help="external: --external of the only task that SRC has.",
-        ),
+        Literal["sfr", "external"], typer.Option(help="external: --external of the only task that SRC has.")
     ] = "sfr"
     command: Annotated[
         str, typer.Option(metavar="CMD", help="Starts the external node, and is ended with the replay.")
@@ -114,28 +102,18 @@ class NodeUnderTest:
         """Return the options of an external node, None where ours run; raise ConfigError if one is not valid."""
         from sfr_loc_map.nodes.replay.options import RESULT_TOPICS, ExternalOptions
 
-        tasks = [task.value for task in Task]
-        if self.method not in METHODS:
-            nodes = " or ".join(METHODS)
-            raise ConfigError(f"'--method {self.method}': nodes are {nodes}; sfr localise takes all methods")
-        if self.external is not None and self.external not in tasks:
-            raise ConfigError(f"'--external {self.external}': must be {' or '.join(tasks)}")
-        name = self.external
-        if name is None and self.method == "external":
-            parts = zip(tasks, (source.loc, source.nav), strict=True)
-            present_tasks = [task for task, part in parts if part is not None]
-            if len(present_tasks) != 1:
-                raise ConfigError(f"'--method external': which task? give --external {' or '.join(tasks)}")
-            name = present_tasks[0]
-        if name is None:
+        if self.external is not None:
+            task = Task(self.external)
+        elif self.method == "external":
+            if source.loc is not None and source.nav is not None:
+                raise ConfigError("'--method external': which task? give --external localisation or mapping")
+            task = Task.LOCALISATION if source.nav is None else Task.MAPPING
+        else:
             needless = [f"--{option}" for option in ("command", "watch", "answers", "frames") if getattr(self, option)]
             needless += ["--convention or --apply-diagnosis"] if correction.is_wanted else []
             if needless:
-                raise ConfigError(
-                    f"'{needless[0]}' is for external nodes: give --external {' or '.join(tasks)} as well"
-                )
+                raise ConfigError(f"'{needless[0]}' is for external nodes: give --external TASK as well")
             return None
-        task = Task(name)
         if task is Task.MAPPING and correction.apply_diagnosis:
             raise ConfigError("'--apply-diagnosis' is for poses: leave it out with --external mapping")
         return ExternalOptions(
@@ -247,12 +225,7 @@ def _room_for(files: ReplayFiles, *, overwrite: bool) -> Iterator[None]:
 
 
 def _play(source: Source, options: ReplayOptions, correction: Correction) -> tuple[ReplayResult, str]:
-    """Replay with progress bars; return what came out, and what was finished if the user ended it.
-
-    Raises:
-        KeyboardInterrupt: If nothing was finished.
-        NodeError: If our mapper gave no cloud.
-    """
+    """Replay with progress bars; return what came out, and what was finished if the user ended it."""
     from sfr_loc_map.nodes.replay.replay import AGAIN
     from sfr_loc_map.nodes.replay.replay import replay as run
 

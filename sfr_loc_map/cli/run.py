@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.live import LiveOption, LivePortOption, live_beside
-from sfr_loc_map.cli.options import NamespaceOption, OverwriteOption, require_ros, words
+from sfr_loc_map.cli.options import NamespaceOption, OverwriteOption, require_ros
 from sfr_loc_map.cli.output import output_folder, say
 from sfr_loc_map.errors import InputError
 
@@ -30,7 +30,6 @@ def run(
         list[str] | None,
         typer.Argument(
             metavar="[all|localisation|mapping|monitor]... [--ros-args ...]",
-            autocompletion=words("all", "localisation", "mapping", "monitor"),
             help="Nodes, all by default; what follows --ros-args goes to each of them (a parameter of one: "
             "-p localisation_node:NAME:=VALUE).",
         ),
@@ -46,13 +45,7 @@ def run(
         list[str] | None, typer.Option("-r", metavar="FROM:=TO", help="Remapping as of ROS; repeatable.")
     ] = None,
     log_level: Annotated[
-        str,
-        typer.Option(
-            "--log-level",
-            metavar="debug|info|warn|error",
-            autocompletion=words("debug", "info", "warn", "error"),
-            help="Least severe messages shown.",
-        ),
+        Literal["debug", "info", "warn", "error"], typer.Option(help="Least severe messages shown.")
     ] = "info",
     respawn: Annotated[
         bool, typer.Option("--respawn", help="Restart a node that crashes; by default the others are ended.")

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.options import ConventionOptions, JudgeOptions, OutputOptions, words
+from sfr_loc_map.cli.options import Align, ConventionOptions, JudgeOptions, OutputOptions
 from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_suffix, say, show, warn
 from sfr_loc_map.cli.verdict import conclude
 from sfr_loc_map.errors import ConfigError
@@ -36,14 +36,7 @@ def score(
     conversion: ConventionOptions,
     output: OutputOptions,
     spacing: Annotated[int, typer.Option(metavar="FRAMES", help="Frames from one start to the next.")] = 10,
-    rebase: Annotated[
-        str,
-        typer.Option(
-            metavar="pose|position",
-            help="Taken from the estimate at a start.",
-            autocompletion=words("pose", "position"),
-        ),
-    ] = "pose",
+    rebase: Annotated[Literal["pose", "position"], typer.Option(help="Taken from the estimate at a start.")] = "pose",
     stats: Annotated[
         list[Path] | None, typer.Option(metavar="S.csv", help="Calls (time, memory, state, covariance); repeatable.")
     ] = None,
@@ -55,12 +48,7 @@ def score(
         typer.Option(metavar="S.csv", help="Calls on the target: processing_time_s, state, peak_rss_bytes."),
     ] = None,
     associate: Annotated[
-        str,
-        typer.Option(
-            metavar="auto|match|interpolate",
-            help="How an estimate finds its truth.",
-            autocompletion=words("auto", "match", "interpolate"),
-        ),
+        Literal["auto", "match", "interpolate"], typer.Option(help="How an estimate finds its truth.")
     ] = "auto",
     max_gap: Annotated[float, typer.Option(metavar="S", help="Longest gap of the truth that is interpolated.")] = 1.0,
     scored_range: Annotated[
@@ -72,12 +60,7 @@ def score(
         typer.Option("--fused/--not-fused", help="Whether the cloud is fused, for a file that does not say so."),
     ] = None,
     align: Annotated[
-        str | None,
-        typer.Option(
-            metavar="none|origin|se3|sim3",
-            help="Also APE (ATE) and RPE after this alignment; the other figures stay unaligned.",
-            autocompletion=words("none", "origin", "se3", "sim3"),
-        ),
+        Align | None, typer.Option(help="Also APE (ATE) and RPE after this alignment; other figures stay unaligned.")
     ] = None,
     max_difference: Annotated[
         float | None, typer.Option(metavar="S", help="Of stamps paired for APE and RPE.", show_default="0.01")

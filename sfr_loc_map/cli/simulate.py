@@ -10,8 +10,8 @@ import typer
 import yaml
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.options import OverwriteOption, SourceArgument, complete_faults
-from sfr_loc_map.cli.output import each_tenth, output_folder, progress_bar, say
+from sfr_loc_map.cli.options import OverwriteOption, SourceArgument
+from sfr_loc_map.cli.output import output_folder, progress_bar, say
 from sfr_loc_map.errors import ConfigError, InterruptedRunError, naming
 from sfr_loc_map.inputs import parse_yaml
 
@@ -60,21 +60,11 @@ def simulate(
     out = paths[-1]
     room = nullcontext() if can_continue(config, out) else output_folder(out, overwrite=overwrite, inputs=paths[:-1])
     with room, progress_bar("images") as bar:
-        task, report = bar.add_task("rendering", total=None), each_tenth("rendering", "images")
-        state = (0, 0)
-
-        def progress(done: int, total: int) -> None:
-            nonlocal state
-            state = done, total
-            bar.update(task, completed=done, total=total)
-            report(done, total)
-
+        task = bar.add_task("rendering", total=None)
         try:
-            count = run(config, out, workers, progress)
+            count = run(config, out, workers, lambda done, total: bar.update(task, completed=done, total=total))
         except KeyboardInterrupt:
-            raise InterruptedRunError(
-                f"interrupted: {state[0]} of {state[1]} images are rendered; the same command continues"
-            ) from None
+            raise InterruptedRunError("interrupted: the images so far stay; the same command continues") from None
     say(f"{count} pairs: {out}", err=True)
     propose("sfr", "replay", out, "--start", "truth", "--out", f"{out}_result", why="through the nodes, scored")
 
@@ -112,9 +102,7 @@ def perturb(
     destination: Annotated[
         Path, typer.Argument(metavar="DST", help="*.mcap, *.db3 or *.bag: a ROS 2 bag; else a data set folder.")
     ],
-    fault: Annotated[
-        list[str] | None, typer.Option("--fault", metavar="KIND[:...]", help=FAULT_HELP, autocompletion=complete_faults)
-    ] = None,
+    fault: Annotated[list[str] | None, typer.Option("--fault", metavar="KIND[:...]", help=FAULT_HELP)] = None,
     seed: Annotated[int, typer.Option(min=0, metavar="N", help="Seed that selects the affected pairs.")] = 0,
     overwrite: OverwriteOption = False,
 ) -> None:

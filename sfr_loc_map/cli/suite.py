@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import time
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
@@ -30,7 +29,6 @@ app = App(help="Suites of runs: many sources, configurations and faults, resumed
 app.callback(invoke_without_command=True)(help_without_command)
 
 FolderArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a suite, as made by sfr suite run.")]
-LINE_EVERY_S = 20.0
 
 
 @app.command(
@@ -103,11 +101,9 @@ def run(
 
 
 def _run_jobs(jobs: Sequence[Job], store: Store, settings: SuiteSettings, places: int, scheduler: str | None) -> None:
-    """Run jobs and keep what comes of each; show a bar on a terminal, a line now and then elsewhere."""
+    """Run jobs and keep what comes of each; show a bar on a terminal, a line each elsewhere."""
     from sfr_loc_map.suite.cluster import connected, run_jobs
 
-    begin = last = time.monotonic()
-    failed = 0
     with (
         progress_bar("tasks") as bar,
         connected(settings, workers=places, scheduler=scheduler) as client,
@@ -118,12 +114,9 @@ def _run_jobs(jobs: Sequence[Job], store: Store, settings: SuiteSettings, places
             store.save(job, outcome)
             bar.advance(shown)
             if outcome.cause is not None:
-                failed += 1
                 say(f"failed: {job.label}: {outcome.cause}", err=True)
-            now = time.monotonic()
-            if bar.disable and (now - last > LINE_EVERY_S or done == len(jobs)):
-                last, left_s = now, (now - begin) / done * (len(jobs) - done)
-                say(f"{done} of {len(jobs)} tasks, {failed} failed, about {left_s:.0f} s left", err=True)
+            if bar.disable:
+                say(f"{done} of {len(jobs)} tasks", err=True)
 
 
 @app.command(

@@ -20,15 +20,6 @@ def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> No
 
     Figures of an estimate and a truth that contradict each other by convention judge nothing, whatever the limits;
     otherwise a limit that was missed counts before one that could not be judged.
-
-    Args:
-        score: The score.
-        asked: Conditions that the user named.
-        lenient: Whether what could not be judged is a warning only.
-
-    Raises:
-        FailedVerdictError: If a limit was missed.
-        NotJudgedError: If something that was asked for could not be judged.
     """
     from sfr_loc_map.metrics.limits import reasons_not_judged
 
@@ -42,12 +33,7 @@ def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> No
 
 
 def check_conditions(truth: Trajectory | None, conditions: Sequence[str], *, lenient: bool) -> None:
-    """Check before the work is done that a drive meets conditions.
-
-    Raises:
-        MetricsError: If a condition is not valid.
-        NotJudgedError: If the drive never meets one, and `lenient` is not given.
-    """
+    """Check before the work is done that a drive meets conditions."""
     from sfr_loc_map.metrics.config import Condition
     from sfr_loc_map.metrics.limits import conditions_beyond
 
