@@ -81,12 +81,6 @@ def truncated_bag(path: Path) -> Path:
     return file.parent
 
 
-def empty_file_in_bag(path: Path) -> Path:
-    file = storage_of(good_bag(path.with_suffix(".mcap")))
-    file.write_bytes(b"")
-    return file.parent
-
-
 def flipped_bytes(path: Path) -> Path:
     file = storage_of(good_bag(path.with_suffix(".mcap")))
     data = bytearray(file.read_bytes())
@@ -120,14 +114,6 @@ def unequal_sizes(path: Path) -> Path:
     return path
 
 
-def unequal_sizes_in_bag(path: Path) -> Path:
-    def edit(topic: str, number: int, message: Any) -> Any:
-        narrow = topic.endswith("right/image_rect") and number == 1
-        return replace(message, width=80, step=80, data=message.data[: 80 * message.height]) if narrow else message
-
-    return rewritten_bag(path, edit)
-
-
 def not_rectified(path: Path) -> Path:
     distorted = np.array([-0.3, 0.1, 0.0, 0.0, 0.0])
     return rewritten_bag(path, lambda t, n, m: replace(m, d=distorted) if t.endswith("left/camera_info") else m)
@@ -143,39 +129,12 @@ def nan_in_poses(path: Path) -> Path:
     return path
 
 
-def nan_in_pose_of_pair(path: Path) -> Path:
-    def edit(topic: str, number: int, message: Any) -> Any:
-        if topic == "/nav/pose" and number == 1:
-            message.pose.position.x = float("nan")
-        return message
-
-    return rewritten_bag(path, edit)
-
-
-def nan_in_truth_of_bag(path: Path) -> Path:
-    def edit(topic: str, number: int, message: Any) -> Any:
-        if topic == "/ground_truth/odometry" and number == 1:
-            message.pose.pose.orientation.w = float("nan")
-        return message
-
-    return rewritten_bag(path, edit)
-
-
 def backwards(path: Path) -> Path:
     good_folder(path)
     for task in ("loc", "nav"):
         head, first, second, *rest = (path / task / "pairs.csv").read_text().splitlines()
         (path / task / "pairs.csv").write_text("\n".join([head, second, first, *rest]) + "\n")
     return path
-
-
-def backwards_in_bag(path: Path) -> Path:
-    def edit(topic: str, number: int, message: Any) -> Any:
-        if "image_rect" in topic and number == 1:
-            message.header.stamp.sec -= 10
-        return message
-
-    return rewritten_bag(path, edit)
 
 
 def no_place_on_the_rover(path: Path) -> Path:
@@ -195,7 +154,3 @@ def broken_rig(path: Path) -> Path:
 
 def four_pairs(path: Path) -> Path:
     return write_folder(path, 0, 4)
-
-
-def four_pairs_in_bag(path: Path) -> Path:
-    return write_bag(path.with_suffix(".mcap"), 0, 4)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import subprocess
 import sys
@@ -27,27 +26,16 @@ SOURCES: dict[str, tuple[Made, str] | tuple[Made, str, tuple[str, ...]]] = {
     "empty folder": (broken.empty_folder, "of no format .*found nothing; give"),
     "empty bag": (broken.empty_bag, "holds no message: record it again"),
     "truncated bag": (broken.truncated_bag, "broken or cut off: record or copy it again"),
-    "bag of an empty file": (broken.empty_file_in_bag, "broken or cut off: record or copy it again"),
-    "flipped bytes": (broken.flipped_bytes, "broken or cut off: record or copy it again"),
     "flipped image": (broken.flipped_image, r"000001.png.*; \w+"),
     "no camera_info": (broken.no_camera_info, "no topic 'loc/right/camera_info'.*; record it"),
     "silent camera_info": (broken.silent_camera_info, "no message on '/loc/left/camera_info'"),
     "unequal sizes": (broken.unequal_sizes, "000001.png.* is 150 x 120: .*160 x 120; both .* need"),
-    "unequal sizes in bag": (broken.unequal_sizes_in_bag, "is 80 x 120: .*160 x 120; both .* need"),
     "not rectified": (broken.not_rectified, "non-rectified .*distortion.*rectif"),
     "nan in poses": (broken.nan_in_poses, "(groundtruth|pairs).csv' line 3.*not .*finite.*; correct"),
-    "nan in pose of pair": (broken.nan_in_pose_of_pair, "'/nav/pose', stamp .*not finite; correct"),
-    "nan in truth of bag": (
-        broken.nan_in_truth_of_bag,
-        r"'/ground_truth/odometry'.*pose 1 \(stamp \d+\) is none: .*; correct",
-        ("localise", "to bag"),
-    ),
     "backwards": (broken.backwards, "pairs.csv'.*must be in order"),
-    "backwards in bag": (broken.backwards_in_bag, "image_rect'.*must be in order"),
     "broken rig": (broken.broken_rig, "rig.json.*truncated"),
     "no place on the rover": (broken.no_place_on_the_rover, "T_rb_locsb.*: add it", ("localise",)),
     "four pairs": (broken.four_pairs, "1 to 3 stereo pairs, .* has 4: split it", ("map",)),
-    "four pairs in bag": (broken.four_pairs_in_bag, "1 to 3 stereo pairs, .* has 4: split it", ("map",)),
     "no drive": (broken.four_pairs, "no drive .*: give a source that has one", ("localise",)),
 }
 CASES = [(name, command) for name, (_, _, *only) in SOURCES.items() for command in (only[0] if only else COMMANDS)]
@@ -97,10 +85,7 @@ def test_bad_source_of_a_replay(sfr: Sfr, made_once: MadeOnce, out: Path, source
     ("command", "content", "words"),
     [
         ("localise", "max_feature: 100\n", "unknown key 'max_feature' .did you mean 'max_features'?"),
-        ("localise", "localisation:\n  nope: 1\n", "unknown key 'nope'"),
         ("localise", "/**:\n  ros__parameters:\n    localisation.max_feature: 1\n", "unknown key 'max_feature'"),
-        ("localise", "max_features: 1\n", "'max_features' is 1: must lie in"),
-        ("localise", "max_features: many\n", "a value of type int is needed"),
         ("localise", "[1, 2", "not valid YAML"),
         ("map", "nope: 1\n", "unknown key 'nope'"),
     ],
@@ -116,24 +101,16 @@ def test_bad_configuration(
 
 
 TUM = "1.0 0 0 0 0 0 0 1\n2.0 1 0 0 0 0 0 1\n"
-CSV = "stamp_ns,rbOriginPos_m_Ds_x,rbOriginPos_m_Ds_y,rbOriginPos_m_Ds_z," + ",".join(
-    f"att_q_DsToRb_{i}" for i in (1, 2, 3, 4)
-)
 
 
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
         ("e.txt", TUM + "3.0 two 0 0 0 0 0 1\n", "line 3: 'two' is not a finite number; correct"),
-        ("e.txt", "time x y z\n", "line 1: 4 columns found where 8 .* needed; correct"),
-        ("e.txt", TUM + "now 2 0 0 0 0 0 1\n", "line 3: stamp 'now' is not a number of seconds"),
-        ("e.tum", TUM + "3.0 nan 0 0 0 0 0 1\n", "line 3: 'nan' is not a finite number; correct"),
         ("e.tum", TUM + "3.0 0 0 0 0 0 0 0\n", "line 3: the quaternion .* is not a rotation.*; correct"),
         ("e.txt", "", "has no pose: at least one line"),
         ("e.csv", TUM, "line 1 is .*: the header .* is needed"),
-        ("e.csv", CSV + "\n1.5,0,0,0,0,0,0,1\n", "line 2: stamp '1.5' is not whole nanoseconds"),
         ("e.ply", "ply\nformat", "cannot be read.*; write it again"),
-        ("e.pcd", "", r"cloud .*e.pcd.*(has no field|cannot be read)"),
         ("e.npz", "PK", "cannot be read"),
     ],
 )
@@ -146,21 +123,6 @@ def test_bad_estimate(sfr: Sfr, tmp_path: Path, out: Path, name: str, content: s
     check(sfr("score", path, truth, "--json", out / "s.json", "--html", out / "s.html"), path, words, out)
 
 
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        ("minimum_cout: 3\n", "minimum_cout.*minimum_count"),
-        ("trajectory:\n  - condition: distance=5\n    position_m: 1\n", "position_m"),
-        ("- 1\n", "holds a list"),
-    ],
-)
-def test_bad_limits(sfr: Sfr, tmp_path: Path, out: Path, content: str, words: str) -> None:
-    path, limits = tmp_path / "e.txt", tmp_path / "limits.yaml"
-    path.write_text(TUM)
-    limits.write_text(content)
-    check(sfr("score", path, path, "--limits", limits, "--json", out / "s.json"), limits, words, out)
-
-
 def test_missing_files_of_a_score(sfr: Sfr, tmp_path: Path, out: Path) -> None:
     path = tmp_path / "e.txt"
     path.write_text(TUM)
@@ -168,7 +130,6 @@ def test_missing_files_of_a_score(sfr: Sfr, tmp_path: Path, out: Path) -> None:
     check(sfr("score", nope, path), nope, "No such file.*; give", out)
     check(sfr("score", path, nope), nope, "there is no|No such file", out)
     check(sfr("score", path, path, "--limits", nope), nope, "No such file.*; give", out)
-    check(sfr("score", path, path, "--stats", nope), nope, "No such file", out)
     check(sfr("report", nope, "-o", out / "r.html"), nope, "No such file.*; give", out)
 
 
@@ -177,10 +138,7 @@ def test_missing_files_of_a_score(sfr: Sfr, tmp_path: Path, out: Path) -> None:
     ("output", "words"),
     [
         ("{tmp}/nowhere/o.{end}", "there is no folder .*; make it first"),
-        ("{tmp}/file/o.{end}", "there is no folder"),
-        ("{tmp}/source", "must end in"),
         ("{tmp}/out/o.xyz", "must end in"),
-        ("{tmp}/out/o", "must end in"),
         ("/proc/sfr_o.{end}", "cannot write .*; check"),
     ],
 )
@@ -232,27 +190,21 @@ def test_output_that_is_there_already_stays(
     [
         (("localise",), "Missing argument 'SRC': see 'sfr localise --help'"),
         (("localise", "{source}"), "Missing option .*: see 'sfr localise --help'"),
-        (("localise", "{source}", "-o", "{out}/t.csv", "--start", "here"), "'--start here': must be identity or truth"),
+        (("localise", "{source}", "-o", "{out}/t.csv", "--start", "here"), "Invalid value for '--start'.*'here'"),
         (("localise", "{source}", "-o", "{out}/t.csv", "--remap", "a=b"), "'--remap a=b': must have the form"),
         (("map", "{source}", "-o", "{out}/c.ply", "--fusion"), "No such option.*--fusion.*: see 'sfr map --help'"),
         (("fly",), "No such command 'fly': see 'sfr --help'"),
-        (("score", "{tum}", "{tum}", "--target", "gr740"), "'--target' and '--target-timing' belong together"),
         (("score", "{tum}", "{tum}", "--spacing", "ten"), "Invalid value for '--spacing'.*: see"),
-        (("score", "{tum}", "{tum}", "--spacing", "0"), "spacing' is 0: must lie in"),
-        (("score", "{tum}", "{tum}", "--rebase", "none"), "rebase' is 'none': must be one of pose, position"),
+        (("score", "{tum}", "{tum}", "--rebase", "none"), "Invalid value for '--rebase'.*'none'"),
         (("score", "{tum}", "{tum}", "--condition", "distance=far"), "distance=far"),
-        (("score", "{tum}", "{tum}", "--condition", "miles=5"), "miles=5"),
         (("convert", "{source}", "{out}/f", "--jpeg-quality", "90"), "JPEG.*for bags"),
-        (("convert", "{source}", "{out}/b.mcap", "--jpeg-quality", "101"), "Invalid value for '--jpeg-quality'"),
         (("perturb", "{source}", "{out}/f"), "no --fault given: name at least one of"),
         (("perturb", "{source}", "{out}/f", "--fault", "rain"), "'rain' is unknown"),
-        (("perturb", "{source}", "{out}/f", "--fault", "noisy:share=2"), "share must lie in 0 .. 1"),
         (("perturb", "{source}", "{out}/f", "--fault", "dropped:share=1,start=0"), "the faults leave no pair"),
         (("score", "{out}/c.ply", "{tum}", "--align", "se3"), "leave it out for a cloud"),
         (("map", "{source}", "-o", "{out}/c.ply", "--dem", "-1"), "'--dem -1.0': the side of a cell"),
         (("plot", "{tum}", "-o", "{out}/p.svg"), "png"),
         (("simulate", "{out}/f", "--set", "seed"), "'--set seed': must have the form KEY=VALUE"),
-        (("simulate", "a", "b", "c"), "3 paths given"),
     ],
 )
 def test_bad_usage(
@@ -268,24 +220,6 @@ def test_a_namespace_that_is_none_of_ros(sfr: Sfr, command: tuple[str, ...]) -> 
     result = sfr(*command, "--namespace", "rover 1")
     assert (result.code, result.err.count("\n")) == (2, 1)
     assert "--namespace 'rover 1' is none of ROS: give names of" in result.err
-
-
-def test_a_log_folder_of_ros_that_cannot_be_made(tmp_path: Path) -> None:
-    pytest.importorskip("rclpy")
-    (tmp_path / "file").touch()
-    code = "import sys; from sfr_loc_map.cli.main import main; sys.argv[1:] = ['doctor', '--graph']; sys.exit(main())"
-    environment = os.environ | {"ROS_LOG_DIR": str(tmp_path / "file" / "log")}
-    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 2
-    assert "ROS does not start with these arguments and settings: failed to initialize logging" in done.stderr
-    assert "fault of the program" not in done.stderr
-
-
-def test_start_at_a_truth_that_is_not_there(sfr: Sfr, tmp_path: Path, out: Path) -> None:
-    source = broken.good_folder(tmp_path / "source")
-    (source / "loc/groundtruth.csv").unlink()
-    result = sfr("localise", source, "-o", out / "t.csv", "--start", "truth")
-    check(result, source, "'--start truth' needs ground truth, .* has none: leave it out", out)
 
 
 def test_a_fault_of_the_program_is_one_line_too(

@@ -1,4 +1,4 @@
-"""What helps in the first hour: files to begin with, the next step, completion of values."""
+"""What helps in the first hour: files to begin with and the next step."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from cli_result import Sfr
 
-from sfr_loc_map.config import flatten, parameters, read_config
+from sfr_loc_map.config import parameters, read_config
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.limits import NAMES, load_limits
@@ -105,11 +105,3 @@ def test_a_missed_limit_has_its_next_step_behind_the_error(hints: Sfr, tmp_path:
     json_path = tmp_path / "score.json"
     result = hints("score", moved, trajectory, "--limits", limits, "--lenient", "--json", json_path)
     assert f"next: sfr report {json_path} " in result.err.splitlines()[-1]
-
-
-def test_changed_values_alone_are_told() -> None:
-    from sfr_loc_map.config import changed
-
-    assert changed(LocalisationConfig()) == {}
-    other = LocalisationConfig(window_keyframes=3)
-    assert changed(other, "localisation.") == {"localisation.window_keyframes": flatten(other)["window_keyframes"]}

@@ -10,27 +10,20 @@ import broken_sources as broken
 import pytest
 from cli_result import Sfr
 
-from sfr_loc_map.cli.output import output_folder
-from sfr_loc_map.errors import OutputError
-
 MadeOnce = Callable[[Callable[[Path], Path]], Path]
 TUM = "".join(f"{t}.0 {0.5 * t} 0 0 0 0 0 1\n" for t in range(30))
 TWICE = {
     "localise": ("localise", "{source}", "-o", "{out}/z.csv", "--stats", "{out}/../out/z.csv"),
-    "video": ("localise", "{source}", "-o", "{out}/z.csv", "--stats", "{out}/z.avi", "--video", "{out}/z.avi"),
     "map": ("map", "{source}", "-o", "{out}/z.ply", "--stats", "{out}/z.ply"),
     "map beside": ("map", "{source}", "-o", "{out}/z.ply", "--colour", "--stats", "{out}/z.colour.ply"),
     "score": ("score", "{tum}", "{tum}", "--json", "{out}/z.html", "--html", "{out}/z.html"),
     "compare": ("compare", "{tum}", "{tum}", "--json", "{out}/z.html", "--html", "{out}/z.html"),
-    "bench": ("bench", "faults", "{source}", "--json", "{out}/z", "--markdown", "{out}/z"),
     "input": ("score", "{tum}", "{tum}", "--json", "{tum}", "--overwrite"),
 }
 EXISTS = {
     "localise": ("localise", "{source}", "-o", "{file}.csv"),
-    "stats": ("localise", "{source}", "-o", "{out}/t.csv", "--stats", "{file}.csv"),
     "map": ("map", "{source}", "-o", "{file}.ply"),
     "score": ("score", "{tum}", "{tum}", "--json", "{file}.json"),
-    "page": ("score", "{tum}", "{tum}", "--html", "{file}.html"),
     "compare": ("compare", "{tum}", "{tum}", "--json", "{file}.json"),
     "doctor": ("doctor", "{source}", "--json", "{file}.json"),
     "trajectory": ("convert", "{source}", "{file}.csv"),
@@ -121,16 +114,3 @@ def test_a_folder_that_holds_something_else_stays(sfr: Sfr, made_once: MadeOnce,
         within = sfr("convert", place / "loc", destination, "--overwrite")
         assert within.code == 2
         assert "an input of this command is in it" in within.err
-
-
-def test_what_was_to_be_replaced_is_back_where_the_command_fails(tmp_path: Path) -> None:
-    place = broken.good_folder(tmp_path / "data")
-
-    def fail() -> None:
-        assert not place.exists()
-        raise OutputError("disk full")
-
-    with pytest.raises(OutputError), output_folder(place, overwrite=True):
-        fail()
-    assert (place / "loc" / "pairs.csv").exists()
-    assert [path.name for path in tmp_path.iterdir()] == ["data"]

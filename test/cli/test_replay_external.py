@@ -92,11 +92,8 @@ def test_a_faulty_node_of_the_optical_frame_is_scored_and_each_fault_named(sfr: 
 @pytest.mark.parametrize(
     ("words", "problem"),
     [
-        (["--external", "monitor"], "must be localisation or mapping"),
-        (["--method", "opencv"], "sfr localise takes all methods"),
         (["--command", "true"], "is for external nodes"),
         (["--convention", "frame=left"], "is for external nodes"),
-        (["--external", "mapping", "--apply-diagnosis"], "is for poses"),
         (["--external", "mapping"], "the source has no pairs for it"),
         (["--external", "localisation", "--command", "no-such-program-here"], "cannot start 'no-such-program-here'"),
     ],

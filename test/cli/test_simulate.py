@@ -46,10 +46,7 @@ def test_scenario_to_data_set_to_score(sfr: Sfr, tmp_path: Path, tiny: Path) -> 
     out = tmp_path / "data"
     made = sfr("simulate", tiny, out, "--workers", "1", "--seed", "8", "--set", "drive.pairs=2")
     assert (made.code, made.out) == (0, "")
-    *tenths, last = made.err.splitlines()
-    assert last == f"3 pairs: {out}"
-    assert tenths[0] == "rendering: 10 % (1 of 7 images)"
-    assert tenths[-1] == "rendering: 100 % (7 of 7 images)"
+    assert made.err == f"3 pairs: {out}\n"
     settings = yaml.safe_load((out / "simulation.yaml").read_text())
     assert (settings["seed"], settings["drive.pairs"], settings["loc.width"]) == (8, 2, 48)
     source = open_source(out, {})
@@ -76,12 +73,8 @@ def test_settings_of_a_run_make_the_same_run(sfr: Sfr, tmp_path: Path, tiny: Pat
     [
         ("terain.relief_m=0.2", "unknown key 'terain.relief_m'"),
         ("drive.segments=[fly 3]", "fly 3"),
-        ("drive.segments=[straight]", "straight"),
-        ("drive.segments=[]", "segments"),
         ("panorama.pan_deg=[1, 2]", "2 pans and 1 tilts"),
         ("rocks.cover=.nan", "cover"),
-        ("loc.width=1", "must lie in"),
-        ("sensor.distortion=[0.1]", "distortion"),
     ],
 )
 def test_wrong_setting_is_one_line(sfr: Sfr, tmp_path: Path, tiny: Path, setting: str, words: str) -> None:
