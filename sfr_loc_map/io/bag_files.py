@@ -11,8 +11,6 @@ STORAGE_SUFFIXES = (".mcap", ".db3")
 ROS1_MAGIC = b"#ROSBAG"
 ROS1_SUFFIXES = (".bag", ".active")  #: Endings of files: finished ones, and those of a recorder that was killed.
 MCAP_MAGIC = b"\x89MCAP0\r\n"
-SQLITE_MAGIC = b"SQLite format 3\x00"
-SQLITE_HEADER_BYTES = 100
 
 
 def is_bag(path: Path) -> bool:
@@ -44,26 +42,11 @@ def reader_paths(path: Path) -> list[Path]:
     for file in files:
         with refusing(f"bag '{file}' cannot be read", "give a .mcap, .db3 or .bag file"):
             check_regular(file)
-        if file.suffix == ".db3":
-            check_database(file)
     if not path.is_dir() or (path / "metadata.yaml").exists():
         return [path]
     if not files:
         raise InputError(f"folder '{path}' is not a bag: neither metadata.yaml nor a .mcap or .db3 file is in it")
     return files
-
-
-def check_database(path: Path) -> None:
-    """Compare the size of an SQLite file with its header (SQLite's file format, 1.3); some libraries do not."""
-    with path.open("rb") as stream:
-        header = stream.read(SQLITE_HEADER_BYTES)
-    if len(header) < SQLITE_HEADER_BYTES or not header.startswith(SQLITE_MAGIC) or header[24:28] != header[92:96]:
-        return  # not such a file, or the number of pages in it is not kept
-    page = int.from_bytes(header[16:18], "big")
-    wanted = int.from_bytes(header[28:32], "big") * (65536 if page == 1 else page)
-    size = path.stat().st_size
-    if size < wanted:
-        raise InputError(f"'{path}' is cut off: {size} of {wanted} bytes are there; copy or record it again")
 
 
 def is_unfinished(path: Path) -> bool:

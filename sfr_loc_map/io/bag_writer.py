@@ -78,15 +78,9 @@ class BagWriter:
         zstd: bool = False,
         truth_grid_m: float | None = None,
     ) -> None:
-        """Prepare a bag in a folder that must not exist.
+        """Prepare a bag in a folder that must not exist; exact unless a JPEG quality, 1 to 100, or a grid is given.
 
-        Args:
-            path: The folder.
-            storage: What the bag library calls it.
-            jpeg_quality: Images as JPEG of this quality, 1 to 100; None: raw, exact.
-            zstd: Whether chunks are compressed (mcap only).
-            truth_grid_m: True points of mapping pairs are rounded to multiples of this power of two, metres, so that
-                they compress well; None: exact.
+        True points of mapping pairs are rounded to multiples of the grid, a power of two, so that they compress well.
         """
         if zstd and storage != "mcap":
             raise OutputError("only mcap bags can be compressed by chunks: name the output *.mcap or leave zstd out")

@@ -60,10 +60,7 @@ class FolderNavSequence(ImageFiles):
 
 
 def open_folder(path: Path) -> Source:
-    """Open a data set folder: of either task, or of both as `loc/` and `nav/`.
-
-    Raises InputError if a file is missing or broken, or a value in it is; names it.
-    """
+    """Open a data set folder: of either task, or of both as `loc/` and `nav/`."""
     loc: ImageFileSequence | None = None
     nav: FolderNavSequence | None = None
     left_out, is_whole = 0, (path / "pairs.csv").exists() or (path / "rig.json").exists()

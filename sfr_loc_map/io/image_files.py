@@ -33,10 +33,7 @@ class ImagePair:
 
 
 def whole_pairs(entries: Sequence[ImagePair], name: str) -> tuple[list[ImagePair], int]:
-    """Return the pairs both images of which are there, and how many are not; warn of those in one line.
-
-    Raises InputError if none is whole, or the stamps do not grow.
-    """
+    """Return the pairs both images of which are there, and how many are not; warn of those in one line."""
     for earlier, later in pairwise(entries):
         if later.stamp_ns <= earlier.stamp_ns:
             raise InputError(

@@ -36,8 +36,6 @@ def open_source(path: Path, remap: Remap = None) -> Source:
 
     Nothing is held open: each pass over the pairs opens and closes its files itself. `remap` has new names of topics by
     the names in a bag.
-
-    Raises InputError if there is nothing, nothing that is known, or it is broken.
     """
     path = Path(path)
     if not path.exists():

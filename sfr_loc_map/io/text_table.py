@@ -35,20 +35,14 @@ _DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,4})?")
 
 
 def parse_stamp_ns(text: str) -> int:
-    """Return whole nanoseconds; spaces around them are allowed.
-
-    Raises ValueError if it is not a whole number of 64 bits.
-    """
+    """Return whole nanoseconds; spaces around them are allowed."""
     if _WHOLE.fullmatch(text.strip(" \t")) and -STAMP_LIMIT <= int(text) < STAMP_LIMIT:
         return int(text)
     raise ValueError(f"stamp '{text[:40]}' is not whole nanoseconds of 64 bits")
 
 
 def parse_seconds(text: str) -> int:
-    """Return the nanoseconds of decimal seconds, exactly; beyond nine decimals to the nearest (half to even).
-
-    Raises ValueError if it is not a finite decimal number, or does not fit 64 bit.
-    """
+    """Return the nanoseconds of decimal seconds, exactly; beyond nine decimals to the nearest (half to even)."""
     word = text.strip(" \t")
     whole, _, fraction = word.partition(".")
     if 0 < len(whole) <= 10 and len(fraction) <= 9 and (whole + fraction).isdecimal() and word.isascii():

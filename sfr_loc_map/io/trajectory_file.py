@@ -104,8 +104,6 @@ def read_trajectory_file(path: Path) -> LoadedTrajectory:
 
     The first bytes tell the format, and where they do not the name. Stamps come as they are: out of order or twice, if
     so written.
-
-    Raises InputError if it cannot be read, or a line is no pose; names the line.
     """
     path = Path(path)
     name, data = f"'{path}'", read_data(path, "give a csv, TUM, KITTI or EuRoC file")
@@ -201,8 +199,6 @@ def save_trajectory(path: Path, trajectory: Trajectory, kind: TrajectoryFormat |
 
     Numbers are written in the shortest form that reads back to the same bits. Without a `kind` the name tells it (.txt
     and .tum, .kitti, .euroc.csv, otherwise csv).
-
-    Raises OutputError if it cannot be written.
     """
     path = Path(path)
     kind = kind or format_of_name(path) or TrajectoryFormat.CSV

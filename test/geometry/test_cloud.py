@@ -1,14 +1,10 @@
 """Clouds: round trips through records, choice, joining, checks."""
 
-from dataclasses import replace
-
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 
 clouds = hnp.arrays(PointCloud.dtype(), st.integers(0, 6)).map(PointCloud.from_structured)
@@ -35,16 +31,3 @@ def test_joined_and_taken_apart(a: PointCloud, b: PointCloud) -> None:
     of_a = np.arange(len(both)) < len(a)
     assert same(both.select(of_a), a)
     assert same(both.select(np.flatnonzero(~of_a)), b)
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "words"),
-    [
-        ("xyz", np.zeros((2, 4), np.float32), "field 'xyz'"),
-        ("sigma", np.zeros(3, np.float32), "field 'sigma'"),
-        ("u", np.zeros(2, np.int64), "field 'u'"),
-    ],
-)
-def test_wrong_types_and_shapes(name: str, value: np.ndarray, words: str) -> None:
-    with pytest.raises(GeometryError, match=words):
-        replace(PointCloud.from_structured(np.zeros(2, PointCloud.dtype())), **{name: value})

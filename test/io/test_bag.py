@@ -13,7 +13,7 @@ import pytest
 from made_worlds import START_NS, World, assert_is_world, assert_same_pairs, make_world, write_bag
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
-from sfr_loc_map.errors import InputError, OutputError
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io import bag_messages as messages
 from sfr_loc_map.io.bag import TYPESTORE, Bag
@@ -64,19 +64,6 @@ def test_round_trip_is_exact_as_folder_as_file_and_without_metadata(
     assert_is_world(open_source(storage_of(bag)), world)
     (bag / "metadata.yaml").unlink()
     assert_is_world(open_source(bag), world)
-
-
-def test_what_is_smaller_is_close(tmp_path: Path, world: World) -> None:
-    smooth = np.add.outer(np.arange(16) * 4, np.arange(24) * 6).astype(np.uint8)
-    world = replace(world, pairs=tuple(replace(p, left=smooth, right=smooth) for p in world.pairs))
-    source = open_source(write_bag(tmp_path / "x.mcap", world, jpeg_quality=95, truth_grid_m=2.0**-10))
-    for pair in source.loc.pairs():
-        assert np.abs(pair.left.astype(int) - smooth).max() <= 4
-    truth = next(source.nav.pairs()).truth
-    np.testing.assert_allclose(truth, world.navs[0].truth, atol=2.0**-11 * 1.001, rtol=0)
-    assert not np.mod(truth[1:], 2.0**-10).any()
-    with pytest.raises(OutputError, match="power of two"):
-        write_bag(tmp_path / "y.mcap", world, loc=False, truth_grid_m=0.001)
 
 
 def test_topics_of_others_by_remap_and_namespace(tmp_path: Path, world: World) -> None:

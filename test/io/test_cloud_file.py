@@ -86,24 +86,6 @@ def test_pcd_of_others(tmp_path: Path) -> None:
     np.testing.assert_array_equal(load_cloud(path).xyz, numbers)
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"u": [1.5]}, "field u must hold whole numbers"),
-        ({"y": [1.0, 2.0]}, "differ in length"),
-        ({"z": ["1.0"]}, "real numbers are needed"),
-        ({"z": [1e308]}, "coordinate of 1e.308 m"),
-        ({"fused": [1.0]}, "true or false"),
-        ({"pair_stamps_ns": [1.5]}, "whole nanoseconds"),
-    ],
-)
-def test_arrays_that_are_no_cloud_are_refused(tmp_path: Path, changes: dict, words: str) -> None:
-    columns = {"x": [1.0], "y": [1.0], "z": [1.0], "u": [1], "v": [2], "pair": [0]}
-    np.savez(tmp_path / "c.npz", **columns | changes)
-    with pytest.raises(InputError, match=words):
-        load_cloud(tmp_path / "c.npz")
-
-
 PCD = "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 1\nHEIGHT 1\nPOINTS 1\nDATA ascii\n1 2 3\n"
 PROPERTIES = "property float x\nproperty float y\nproperty float z\nend_header\n1 2 3\n"
 PLY = f"ply\nformat ascii 1.0\ncomment sfr pair_stamps_ns 5\nelement vertex 1\n{PROPERTIES}"
