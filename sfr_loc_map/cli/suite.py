@@ -47,7 +47,6 @@ def run(
         str | None, typer.Option(metavar="ADDR", help="Running Dask scheduler, as tcp://host:8786.")
     ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be done.")] = False,
-    only: Annotated[str, typer.Option(metavar="KEY", help="Run this one task again, done or not.")] = "",
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Try again what failed before.")] = False,
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,
@@ -65,18 +64,14 @@ def run(
     settings, store = specification.settings, Store(out)
     with store.locked():
         planned, refusals = make_plan(specification, store.facts_of, store.cache)
-        store.plan(planned, suite)
+        store.plan(planned)
         for refusal in refusals:
             say(f"sfr: warning: left out: {refusal.reason}", err=True)
-        jobs = [job for job in planned if job.key.startswith(only)]
-        if only and not jobs:
-            raise ConfigError(f"'--only {only}': no task has this key; see the plan.json of '{out}'")
-        if not only:
-            jobs = [
-                job for job in jobs if not store.is_done(job.key) and (retry_failed or not store.has_failed(job.key))
-            ]
+        jobs = [
+            job for job in planned if not store.is_done(job.key) and (retry_failed or not store.has_failed(job.key))
+        ]
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-        places = 1 if settings.timing else min(workers or max(1, cores // settings.threads), max(1, len(jobs)))
+        places = min(workers or max(1, cores // settings.threads), max(1, len(jobs)))
         if dry_run:
             for job in jobs:
                 say(f"{job.key}  {job.label}")
@@ -206,8 +201,6 @@ def _present(summary: Summary, store: Store, json_path: str | None, *, lenient: 
     say(f"report: {store.folder / 'report.html'}", err=True)
     for failure in summary.failures:
         say(one_line(f"failed: {failure.label}: {failure.cause}: {failure.message}"), err=True)
-        if failure.again:
-            say(f"  again: {failure.again}", err=True)
     verdicts = [(group, item) for group in summary.groups for item in group.verdicts]
     if missed := sum(item.state is VerdictState.FAIL for _, item in verdicts):
         raise FailedVerdictError(f"{missed} of {len(verdicts)} limits over all drives missed")

@@ -121,10 +121,9 @@ def run_jobs(client: Client, jobs: Sequence[Job], timeout_s: float, cache: Path)
     waiting, running = deque(jobs), as_completed(loop=client.loop, raise_errors=False)
     handed_out: dict[Future[JobOutcome], Job] = {}
     tries: Counter[str] = Counter()
-    alone = any(job.alone for job in jobs)
     try:
         while waiting or handed_out:
-            while waiting and len(handed_out) < (1 if alone else _places(client)):
+            while waiting and len(handed_out) < _places(client):
                 job = waiting.popleft()
                 key = (f"sfr-{job.kind}", job.key, time.time_ns())
                 arguments = (job, timeout_s, str(cache.absolute()))

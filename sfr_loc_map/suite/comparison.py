@@ -25,7 +25,6 @@ from sfr_loc_map.metrics.limits import value_at
 from sfr_loc_map.metrics.score import Interval, Score
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.metrics.statistics import holm
-from sfr_loc_map.suite.job import REFERENCE
 from sfr_loc_map.suite.summary import ScoredJob, Summary, drawn_weights
 
 SIGNIFICANCE = 0.05
@@ -43,7 +42,6 @@ class FigureKind(StrEnum):
     """What a figure is about."""
 
     ACCURACY = "accuracy"
-    TIME = "time"
     MEMORY = "memory"
 
 
@@ -224,10 +222,7 @@ def _outcome(item: FigureComparison, p: float | None, level: float) -> Outcome:
 
 
 def figures_of(score: Score) -> dict[FigureName, float]:
-    """Return the figures of a score that are defined and positive.
-
-    Times count only where no other job ran beside; they are multiples of a fixed work measured in the same run.
-    """
+    """Return the figures of a score that are defined and positive; times depend on what else the host did."""
     found: dict[FigureName, float | None] = {}
     for part in () if score.trajectory is None else score.trajectory.conditions:
         for error, unit in (("position", "m"), ("attitude", "deg"), ("heading", "deg")):
@@ -237,12 +232,8 @@ def figures_of(score: Score) -> dict[FigureName, float]:
     found[FigureName(FigureKind.ACCURACY, "map point error, m")] = point_error
     coverage = value_at(score, "map.coverage")
     found[FigureName(FigureKind.ACCURACY, "map not covered, share")] = None if coverage is None else 1.0 - coverage
-    reference_s = (value_at(score, "provenance.host") or {}).get(REFERENCE)
     for kind in (CallKind.LOCALISATION, CallKind.MAPPING):
         found[FigureName(FigureKind.MEMORY, f"{kind} peak, bytes")] = value_at(score, f"memory.{kind}.peak_bytes")
-        median_s = value_at(score, f"timing.{kind}.p50")
-        share = None if median_s is None or reference_s is None else median_s / float(reference_s)
-        found[FigureName(FigureKind.TIME, f"{kind} p50, of the reference")] = share
     return {name: value for name, value in found.items() if value is not None and value > 0.0}
 
 

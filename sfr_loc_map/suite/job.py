@@ -13,7 +13,6 @@ from sfr_loc_map.metrics.score_json import to_plain
 
 KEY_LENGTH = 32  #: Hexadecimal digits of a key: two of 10^9 results agree by chance with a probability of 10^-21.
 SHORT_KEY = 12  #: Digits of a key that name a job to people.
-REFERENCE = "reference_s"  #: Name of the time of a fixed work among the facts of the host in a score.
 NO_CONFIGURATION = "-"  #: Of jobs that take no parameters.
 
 
@@ -61,7 +60,6 @@ class Job:
     start: str  #: First pose: `identity` or `truth`.
     scoring: TrajectoryScoreConfig  #: How it is scored.
     repeat: int  #: Number of the repetition, from 0.
-    alone: bool  #: Whether no other job of the suite runs beside it, so that its times count.
     threads: int  #: Threads that it may use.
     code: str  #: Fingerprint of the code.
     #: Limits of the verdicts, as in a limits file; they do not change the run.
@@ -71,7 +69,7 @@ class Job:
     def key(self) -> str:
         """Name of the result: a hash of all that the result depends on; names and places of files are not among it."""
         faults = [self.faults, self.fault_seed if self.faults else 0]
-        how = [self.parameters, self.start, self.scoring, self.repeat, self.alone, self.threads]
+        how = [self.parameters, self.start, self.scoring, self.repeat, self.threads]
         return digest([self.kind, [self.source.kind, self.source.sha256], *faults, *how, self.code])
 
     @property

@@ -5,13 +5,11 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numba
-import numpy as np
 import yaml
 
 from sfr_loc_map.child_process import child_environment
@@ -35,7 +33,7 @@ from sfr_loc_map.pipeline.convert import convert, faulty
 from sfr_loc_map.pipeline.offline import localise, localise_with, map_pairs, map_pairs_with, start_pose, trajectory_of
 from sfr_loc_map.pipeline.scoring import Run, ScoredCloud, ScoreInputs, load_run, score_files, score_run
 from sfr_loc_map.simulation.faults import Fault, parse_fault
-from sfr_loc_map.suite.job import REFERENCE, Job, JobKind
+from sfr_loc_map.suite.job import Job, JobKind
 from sfr_loc_map.suite.sources import local_path
 from sfr_loc_map.suite.specification import METHOD_KEYS, chosen_method
 
@@ -147,29 +145,6 @@ def _provenance(job: Job, provenance: Provenance | None, scratch: Path) -> Prove
         "suite.start": job.start,
         "suite.code": job.code,
     }
-    host = {
-        **known.host,
-        "timing": "alone on its host" if job.alone else "beside other tasks",
-        "threads": str(job.threads),
-    }
-    if job.alone:
-        host[REFERENCE] = repr(reference_seconds())
+    host = {**known.host, "threads": str(job.threads)}
     inputs = {role: replace(item, path=item.path.removeprefix(f"{scratch}/")) for role, item in known.inputs.items()}
     return replace(known, inputs=inputs, configuration={**known.configuration, **job.parameters, **about}, host=host)
-
-
-def reference_seconds() -> float:
-    """Return the median time of a fixed work, seconds; times of other days are compared as multiples of it."""
-    rng = np.random.default_rng(1)
-    image = rng.integers(0, 255, (480, 640), np.uint8)
-    matrix, vector = rng.normal(size=(160, 160)) + 160.0 * np.eye(160), rng.normal(size=160)
-    columns, rows = np.meshgrid(np.arange(640.0, dtype=np.float32), np.arange(480.0, dtype=np.float32))
-    times = []
-    for _ in range(9):
-        begin = time.perf_counter()
-        blurred = cv2.GaussianBlur(image, (9, 9), 2.0)
-        cv2.remap(blurred, columns, rows, cv2.INTER_LINEAR)
-        for _ in range(20):
-            np.linalg.solve(matrix, vector)
-        times.append(time.perf_counter() - begin)
-    return float(np.median(times))

@@ -114,7 +114,6 @@ def _jobs(specification: SuiteSpecification, source: JobSource, possible: tuple[
                 start=settings.start,
                 scoring=specification.scoring,
                 repeat=repeat,
-                alone=settings.timing,
                 threads=settings.threads,
                 code=code_fingerprint(),
                 limits=specification.limits,

@@ -41,7 +41,6 @@ class SuiteSettings:
     start: str = param("truth", doc="First pose of a drive.", choices=("identity", "truth"))
     repeats: int = param(1, doc="Runs of each task.", low=1, high=1000)
     seed: int = param(0, doc="Seed of which pairs a fault affects.", low=0, high=2**31 - 1)
-    timing: bool = param(False, doc="Run one task at a time, so that its times count.")
     threads: int = param(1, doc="Threads of a task.", low=1, high=256)
     memory_mb: int = param(
         4000, unit="MB", doc="Resident memory at which the process of a task is ended.", low=500, high=10**6
@@ -64,7 +63,7 @@ class SuiteSpecification:
 
 
 def load_specification(path: Path) -> SuiteSpecification:
-    """Read a suite's file; raises ConfigError if it cannot be read, or a key or value is not valid."""
+    """Read a suite's file."""
     content = load_yaml(path)
     lists = {name: content.pop(name, None) or [] for name in LISTS}
     configurations, limits = content.pop("configurations", None), _limits(content.pop("limits", None), path)

@@ -2,7 +2,7 @@
 
 DIR/results/KEY.json        score of a job (sfr-score/1)
 DIR/failures/KEY.json       why a job failed
-DIR/plan.json               file of the suite, what its sources hold, its jobs in their order
+DIR/plan.json               what the sources of the suite's file hold, its jobs in their order
 DIR/cache/                  simulated and fetched sources, may be deleted
 """
 
@@ -10,10 +10,9 @@ from __future__ import annotations
 
 import fcntl
 import json
-import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -22,7 +21,7 @@ from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import RecordError, from_dict, from_plain, json_line, to_plain
 from sfr_loc_map.suite.cluster import FailureCause, JobOutcome
-from sfr_loc_map.suite.job import SHORT_KEY, Job
+from sfr_loc_map.suite.job import Job
 from sfr_loc_map.suite.plan import SourceFacts, inspect_source
 
 PLAN = "plan.json"
@@ -38,7 +37,6 @@ class JobFailure:
     source: str  #: Place of its source.
     cause: FailureCause
     message: str
-    again: str = ""  #: Command that runs it again, alone.
 
 
 class Store:
@@ -56,7 +54,7 @@ class Store:
                 path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise OutputError(f"cannot make the folder '{folder}': {error.strerror}; check the rights") from error
-        self._plan: dict[str, Any] = {"suite": "", "sources": {}, "jobs": []}
+        self._plan: dict[str, Any] = {"sources": {}, "jobs": []}
         if plan.exists():
             self._plan |= _read(plan)
 
@@ -85,9 +83,9 @@ class Store:
         self._plan["sources"][str(path.absolute())] = {"stamp": stamp, "facts": to_plain(facts)}
         return facts
 
-    def plan(self, jobs: Sequence[Job], suite: Path) -> None:
+    def plan(self, jobs: Sequence[Job]) -> None:
         """Take the jobs of a suite's file as it is now."""
-        self._plan |= {"suite": str(suite.absolute()), "jobs": to_plain(jobs)}
+        self._plan["jobs"] = to_plain(jobs)
         with atomic_path(self.folder / PLAN) as temporary:
             temporary.write_text(json_line(self._plan), encoding="utf-8")
 
@@ -106,10 +104,8 @@ class Store:
 
     def failure(self, key: str) -> JobFailure:
         """Return why a job failed."""
-        out, only = str(self.folder.absolute()), key[:SHORT_KEY]
-        command = ("sfr", "suite", "run", self._plan["suite"], "--out", out, "--only", only)
         path = self.failures / f"{key}.json"
-        return replace(_record(JobFailure, _read(path), path), again=shlex.join(command))
+        return _record(JobFailure, _read(path), path)
 
     def save(self, job: Job, outcome: JobOutcome) -> None:
         """Keep what came of a job, whole or not at all."""

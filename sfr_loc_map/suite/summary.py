@@ -75,18 +75,10 @@ class PooledCondition:
     heading_deg: IntervalStatistic  #: The mean is taken without its sign.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GroupVerdict:
-    """The verdict on one limit over all drives of a group."""
+class GroupVerdict(Verdict):
+    """The verdict on one limit over all drives of a group; its count is of sub-trajectories, or of drives."""
 
-    metric: str  #: Name of the figure as in the limits file.
-    condition: Condition | None  #: Condition of the sub-trajectories, None outside the trajectory.
-    limit: float  #: Bound, in the unit of the name.
-    value: float | None  #: The figure, None where it is undefined.
-    ci95: Interval | None  #: Its 95 % interval over drives, None where it has none.
-    count: int  #: Sub-trajectories, or drives that have the figure.
     over: str  #: `pooled` values of all drives, or the `worst drive` (figures that cannot be pooled).
-    state: VerdictState  #: The verdict.
     missed_by: int  #: Drives that miss the limit on their own.
 
 
@@ -221,8 +213,9 @@ def _verdicts(
             value=value,
             ci95=interval,
             count=count,
-            over=over,
             state=state,
+            certain=None if interval is None or not enough else not interval[0] <= limit.limit < interval[1],
+            over=over,
             missed_by=sum(not _meets(value, limit) for value in values),
         )
 
@@ -278,10 +271,9 @@ def pooled_statistic(drives: Sequence[tuple[int, Sequence[Statistic]]]) -> Inter
 def _pooled(
     count: FloatArray, means: FloatArray, squares: FloatArray, weights: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return norm of the mean and norm of the sigma `(R,)` of all values, each drive counted as often as its weight.
+    """Return norms of mean and sigma `(R,)` of all values, each drive counted as often as its weight `(R, D)`.
 
-    Of each drive there are its count `(D,)`, means `(D, d)`, sums of squared deviations from them `(D, d)`, and weights
-    `(R, D)`.
+    Of each drive there are its count `(D,)`, means `(D, d)` and sums of squared deviations from them `(D, d)`.
     """
     total = weights @ count
     mean = (weights @ (count[:, None] * means)) / total[:, None]

@@ -49,7 +49,7 @@ VERDICTS: Columns = (
     ("of", WORDS, "over"),
     ("n", NONE, "count"),
     ("drives that miss it", NONE, "missed_by"),
-    ("verdict", VERDICT, "state"),
+    ("verdict", VERDICT, "verdict"),
 )
 POOLED: Columns = (
     ("runs", HEAD, "runs"),

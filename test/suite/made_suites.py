@@ -25,7 +25,6 @@ JOB = Job(
     start="truth",
     scoring=TrajectoryScoreConfig(),
     repeat=0,
-    alone=False,
     threads=1,
     code="c",
 )

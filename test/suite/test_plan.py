@@ -77,7 +77,7 @@ def test_the_key_follows_from_what_the_result_depends_on(tmp_path: Path) -> None
     limits = {"trajectory": [{"condition": "distance=5", "position_mean_m": 0.1}]}
     assert plan_of(tmp_path, sources=["drive1"], limits=limits)[0][0].key == job.key
     assert plan_of(tmp_path, sources=["drive1"], memory_mb=900, timeout_s=5.0)[0][0].key == job.key
-    changes = {"spacing": 3, "timing": True, "start": "identity", "conditions": ["time=3"], "threads": 2}
+    changes = {"spacing": 3, "start": "identity", "conditions": ["time=3"], "threads": 2}
     for name, value in changes.items():
         assert plan_of(tmp_path, sources=["drive1"], **{name: value})[0][0].key != job.key, name
     assert replace(job, code="other").key != job.key

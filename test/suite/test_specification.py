@@ -23,7 +23,6 @@ GOOD = {
     "tasks": ["localise"],
     "conditions": ["distance=5", "time=60"],
     "limits": {"trajectory": [{"condition": "frames=10", "position_mean_m": 0.1}]},
-    "timing": True,
     "memory_mb": 500,
 }
 
@@ -50,7 +49,7 @@ def test_every_key_means_something(tmp_path: Path) -> None:
     assert made.configurations == {"default": {}, "few": {"localisation.max_features": 400}, "mine": mine}
     assert made.tasks == (JobKind.LOCALISE,)
     assert made.scoring.conditions == ("distance=5.0", "time=60.0", "frames=10.0")
-    assert (made.settings.timing, made.settings.memory_mb, made.settings.repeats) == (True, 500, 1)
+    assert (made.settings.memory_mb, made.settings.repeats) == (500, 1)
 
 
 @pytest.mark.parametrize(
