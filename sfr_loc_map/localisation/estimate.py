@@ -33,32 +33,24 @@ class TrackingState(StrEnum):
 
     INITIALISING = "initialising"
     TRACKING = "tracking"
-    DEGRADED = "degraded"
-    """A pose with an honest, larger covariance, for a reason."""
+    DEGRADED = "degraded"  #: A pose with an honest, larger covariance, for a reason.
     LOST = "lost"
 
 
 class StateReason(StrEnum):
     """Why a pose is degraded or lost."""
 
+    #: The images of a stretch before this pair showed nothing, or nothing that was known.
     UNSEEN_MOTION = "unseen_motion"
-    """The images of a stretch before this pair showed nothing, or nothing that was known."""
-    REPEATED_IMAGES = "repeated_images"
-    """One or both images are those of the pair before."""
-    UNTEXTURED_IMAGES = "untextured_images"
-    """An image shows nothing: black, white, blinded."""
-    TORN_IMAGES = "torn_images"
-    """Parts of the images are of different moments."""
+    REPEATED_IMAGES = "repeated_images"  #: One or both images are those of the pair before.
+    UNTEXTURED_IMAGES = "untextured_images"  #: An image shows nothing: black, white, blinded.
+    TORN_IMAGES = "torn_images"  #: Parts of the images are of different moments.
+    #: The two images are not a stereo pair of the rig: equal, swapped, or of different moments.
     NO_STEREO = "no_stereo"
-    """The two images are not a stereo pair of the rig: equal, swapped, or of different moments."""
-    FEW_LANDMARKS = "few_landmarks"
-    """Too few landmarks were found again, or they do not agree on a pose."""
-    MOVING_REGIONS = "moving_regions"
-    """Large parts of the images do not move with the ground."""
-    CALIBRATION_DRIFT = "calibration_drift"
-    """The right camera moves against the left one."""
-    IMPLAUSIBLE_MOTION = "implausible_motion"
-    """The pose that was found is not finite, or no rover moves like that."""
+    FEW_LANDMARKS = "few_landmarks"  #: Too few landmarks were found again, or they do not agree on a pose.
+    MOVING_REGIONS = "moving_regions"  #: Large parts of the images do not move with the ground.
+    CALIBRATION_DRIFT = "calibration_drift"  #: The right camera moves against the left one.
+    IMPLAUSIBLE_MOTION = "implausible_motion"  #: The pose that was found is not finite, or no rover moves like that.
 
 
 @dataclass(frozen=True, slots=True)

@@ -48,16 +48,7 @@ class KeyframeBackend:
     """
 
     def __init__(self, rig: StereoRig, config: LocalisationConfig, tracker: Tracker) -> None:
-        """Start without a window.
-
-        Args:
-            rig: Rectified rig.
-            config: Parameters.
-            tracker: Knows the variance of matched positions.
-
-        Raises:
-            ConfigError: If a mask cannot be read or has another size than the rig.
-        """
+        """Start without a window; raises ConfigError if a mask cannot be read or has another size than the rig."""
         self._rig, self._camera, self._config, self._tracker = rig, rig.camera, config, tracker
         self._left_mask, self._right_mask = (load_mask(path, rig) for path in (config.left_mask, config.right_mask))
         pixels = rig.width * rig.height
@@ -96,10 +87,7 @@ class KeyframeBackend:
         """Begin a window with its first keyframe; the window before stays where there are too few landmarks.
 
         The window takes its first pose as exact: a window that may move as a whole would do so with each adjustment, as
-        it is linearised again.
-
-        Returns:
-            Number of landmarks found; the window has begun if they are at least `min_tracked`.
+        it is linearised again. Returns the number of landmarks found; it has begun if they are at least `min_tracked`.
         """
         self.calibration.interrupt()
         before = self.window, self.landmarks

@@ -63,16 +63,10 @@ class Localiser:
         config: LocalisationConfig = LocalisationConfig(),  # noqa: B008 - frozen
         start: StartPose | Transform = Transform.identity(),  # noqa: B008 - frozen, nobody writes to it
     ) -> None:
-        """Start at a given pose.
+        """Start at a pose of RB in DS; one without a stamp holds at the first pair.
 
-        Args:
-            rig: Rectified rig with its extrinsics.
-            config: Parameters.
-            start: Pose of RB in DS; one without a stamp holds at the first pair.
-
-        Raises:
-            GeometryError: If the extrinsics of the rig are unknown.
-            ConfigError: If a mask cannot be read or has another size than the rig.
+        Raises GeometryError if the extrinsics of the rig are unknown, ConfigError if a mask cannot be read or has
+        another size than the rig.
         """
         self._rig, self._config, self._camera = rig, config, rig.camera
         self._tracker = Tracker(config, rig.camera)
@@ -109,18 +103,29 @@ class Localiser:
 
     @staticmethod
     def warm_up() -> None:
-        """Load or compile all kernels, so that no call pays for it; they are the same for all rigs."""
-        _warm_up()
+        """Load or compile all kernels, so that no call pays for it; they are the same for all rigs.
+
+        A small rig is driven: small steps until a keyframe leaves the window, a leap that flow recovers, black images.
+        """
+        width, height = 320, 240
+        rig = StereoRig(width, height, 300.0, 300.0, 160.0, 120.0, 0.1, Transform.identity())
+        texture = np.random.default_rng(0).integers(0, 255, (height, width + 200), np.uint8)
+        localiser = Localiser(rig, LocalisationConfig(window_keyframes=2, max_features=100, min_tracked=8))
+        for stamp_ns, shift in enumerate((0, 4, 30, 60, 90, 150)):
+            left, right = (np.ascontiguousarray(texture[:, s : s + width]) for s in (shift, shift + 10))
+            localiser.process(StereoPair(stamp_ns, left, right))
+        localiser.process(StereoPair(6, np.zeros_like(left), np.zeros_like(left)))
+        # what the small rig has no use for: a body at rest in the image, landmarks of large images
+        image, at = np.zeros((SIDE, SIDE), np.float32), np.zeros((1, 2))
+        stays(image, np.zeros((1, SIDE * SIDE), np.float32), at)
+        refine_slopes(image, np.zeros((1, 3, SIDE * SIDE), np.float32), at, at)
+        localiser.reset(Transform.identity())  # waits for the last keyframe
 
     def process(self, pair: StereoPair, motion: Transform | None = None) -> PoseEstimate:
         """Return the pose at one pair; pairs come in the order of their stamps.
 
-        Args:
-            pair: Images of the rig's size.
-            motion: One more initial guess, as by wheel odometry: motion of RB since the last pair, `T_before_now`.
-
-        Raises:
-            LocalisationError: If the pair does not have the rig's size.
+        A motion of RB since the last pair, `T_before_now`, as by wheel odometry, is one more initial guess. Raises
+        LocalisationError if the pair does not have the rig's size.
         """
         rig, track, backend, relocaliser = self._rig, self._track, self._backend, self._relocaliser
         stamp_ns = pair.stamp_ns
@@ -334,21 +339,3 @@ def _few_landmarks(frame: StereoFrame) -> StateReason:
     """Return why a pair gives too few landmarks."""
     textured = is_textured(frame.left) and is_textured(frame.right)
     return StateReason.FEW_LANDMARKS if textured else StateReason.UNTEXTURED_IMAGES
-
-
-def _warm_up() -> None:
-    """Drive a small rig: small steps until a keyframe leaves the window, a leap that flow recovers, black images."""
-    width, height = 320, 240
-    rig = StereoRig(width, height, 300.0, 300.0, 160.0, 120.0, 0.1, Transform.identity())
-    texture = np.random.default_rng(0).integers(0, 255, (height, width + 200), np.uint8)
-    config = LocalisationConfig(window_keyframes=2, max_features=100, min_tracked=8)
-    localiser = Localiser(rig, config, Transform.identity())
-    for stamp_ns, shift in enumerate((0, 4, 30, 60, 90, 150)):
-        left, right = (np.ascontiguousarray(texture[:, s : s + width]) for s in (shift, shift + 10))
-        localiser.process(StereoPair(stamp_ns, left, right))
-    localiser.process(StereoPair(6, np.zeros_like(left), np.zeros_like(left)))
-    # what the small rig has no use for: a body at rest in the image, landmarks of large images
-    image, at = np.zeros((SIDE, SIDE), np.float32), np.zeros((1, 2))
-    stays(image, np.zeros((1, SIDE * SIDE), np.float32), at)
-    refine_slopes(image, np.zeros((1, 3, SIDE * SIDE), np.float32), at, at)
-    localiser.reset(Transform.identity())  # waits for the last keyframe

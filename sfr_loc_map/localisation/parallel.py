@@ -70,9 +70,8 @@ def both(function: Callable[..., R], left: tuple[Any, ...], right: tuple[Any, ..
 def in_halves(function: Callable[..., Rows], *points: Any) -> Rows:  # noqa: ANN401 - any arrays
     """Return `function(*points)`, rows for each point, from two calls with half of the points each.
 
-    Args:
-        function: It lets go of the interpreter's lock; a point's row depends on that point alone.
-        points: Arrays with a row for each point, or named tuples of such arrays.
+    The function lets go of the interpreter's lock, and a point's row depends on that point alone; points are arrays
+    with a row for each, or named tuples of such arrays.
     """
     count = len(points[0][0]) if isinstance(points[0], tuple) else len(points[0])
     if count < FEWEST:

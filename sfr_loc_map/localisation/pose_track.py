@@ -158,7 +158,7 @@ class PoseTrack:
         late: bool = False,
         doubt: tuple[float, float] | None = None,
     ) -> StepEstimate | None:
-        """Take a pose that was tracked, unless no rover moves like that since the last one.
+        """Take a pose that was tracked; return the step to it, None if no rover moves like that since the last one.
 
         Args:
             stamp_ns: Stamp of the pair.
@@ -170,9 +170,6 @@ class PoseTrack:
             follows: Whether the pair before was tracked, too.
             late: Whether the pair may not show all of the motion.
             doubt: Metres and radians by which the motion may be another one, always the same way.
-
-        Returns:
-            The step to it from the pose given out before; None if it was not taken.
         """
         now, last = Transform(*result.pose), self.T_world_left
         seconds = abs(stamp_ns - (self.known_ns or 0)) / NS_PER_S
@@ -255,7 +252,7 @@ class PoseTrack:
         """
         position, angle = self.T_world_left.translation, COMMON_PX / self._fx
         to_world = self.T_world_left.rotation @ self._T_rb_left.rotation.T
-        unseen = self._of_left(self._unseen_of_rb(stamp_ns), to_world)
+        unseen = self._of_left(self._unseen_in(self.unseen_s(stamp_ns)), to_world)
         known = self.covariance_of_left(depth_m, None) + unseen
         step = self._step_to_kept(stamp_ns)
         self._start = Known(position, known + covariance_of_doubt((angle * depth_m, angle)))
@@ -315,10 +312,6 @@ class PoseTrack:
         """Return how long before a stamp, seconds, the pose was known last."""
         return 0.0 if self.known_ns is None else abs(stamp_ns - self.known_ns) / NS_PER_S
 
-    def _unseen_of_rb(self, stamp_ns: int) -> FloatArray:
-        """Return the covariance `(6, 6)` of the motion since the pose was known last, in RB there."""
-        return self._unseen_in(self.unseen_s(stamp_ns))
-
     def _unseen_in(self, seconds: float) -> FloatArray:
         """Return the covariance `(6, 6)` of a motion that nothing showed for so long, in RB where it began.
 
@@ -332,14 +325,14 @@ class PoseTrack:
 
     def _allow_unseen(self, stamp_ns: int) -> FloatArray:
         """Allow for the motion up to a stamp, which no image may show, until the next pose; return it of RB."""
-        of_rb = self._unseen_of_rb(stamp_ns)
+        of_rb = self._unseen_in(self.unseen_s(stamp_ns))
         self._unseen = self._of_left(of_rb, self.T_world_left.rotation @ self._T_rb_left.rotation.T)
         return of_rb
 
     def _step_to_kept(self, stamp_ns: int) -> StepEstimate:
         """Return the step to a pose that stays; all that was not seen since the pose was known is in it once."""
         seconds = 0.0 if self._given_out is None else (stamp_ns - self._given_out[0]) / NS_PER_S
-        before, self._unseen_to_given = self._unseen_to_given, self._unseen_of_rb(stamp_ns)
+        before, self._unseen_to_given = self._unseen_to_given, self._unseen_in(self.unseen_s(stamp_ns))
         self._given_out = stamp_ns, self.T_world_left
         more = self._unseen_to_given - before + FIRST_VARIANCE * np.eye(6)
         return StepEstimate(seconds, np.zeros(6), more, np.zeros(6))
@@ -372,10 +365,9 @@ class PoseTrack:
             self.known_ns = stamp_ns
 
     def bind(self, pose: StartPose, stamp_ns: int) -> bool:
-        """Give a pending pose its place, after the pair of a stamp.
+        """Give a pending pose its place, after the pair of a stamp; tell whether nothing was seen since its own stamp.
 
-        Returns:
-            Whether the pose is of a stamp since which nothing was seen: what was seen before is to be forgotten.
+        What was seen before is to be forgotten then.
         """
         given = pose.stamp_ns
         at_ns = stamp_ns if given is None or given > stamp_ns + MAX_AHEAD_NS else given

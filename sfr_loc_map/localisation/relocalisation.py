@@ -70,10 +70,9 @@ class Relocaliser:
         return pnp_from_optical_flow(self.last.image, *places, frame.image, self._camera, self._config.min_tracked)
 
     def relocalise(self, frame: StereoFrame, landmarks: Landmarks, offset: RightOffset) -> TrackingResult | None:
-        """Track the landmarks from poses by optical flow, then by descriptors.
+        """Track the landmarks from poses by optical flow, then by descriptors; None where neither gives a pose.
 
-        Returns:
-            The first result that is trusted, otherwise the last one; None where no pose was found at all.
+        The first result that is trusted counts, otherwise the last one.
         """
         if self.last is None or self.best is None:
             return None

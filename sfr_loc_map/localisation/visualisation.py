@@ -32,13 +32,7 @@ def draw_tracks(left: GreyImage, result: TrackingResult | None, estimate: PoseEs
     residual) to yellow (largest residual of an inlier); an outlier is violet. A grey cross is a landmark that was not
     found, at its observation in the keyframe. The frame and the caption show the state and the figures of the call.
 
-    Args:
-        left: `(H, W)` uint8.
-        result: Tracking result of the pair, None where no landmark was tracked.
-        estimate: Estimate of the pair.
-
-    Returns:
-        `(H + 18, W, 3)` uint8, blue, green, red.
+    The drawing is `(H + 18, W, 3)` uint8, blue, green, red; without a result no landmark was tracked.
     """
     height, width = left.shape
     canvas = np.zeros((height + STRIP, width, 3), np.uint8)

@@ -270,17 +270,11 @@ def linearise(problem: BundleProblem) -> tuple[FloatArray, FloatArray, LandmarkB
 
     The unknowns are the poses (position and rotation about the world's axes) and, last, by how many pixels all
     positions in right images lie too far right: a calibration error that no single landmark shows, but all of them
-    together do where depths differ, as their depths by motion must agree with those by stereo.
-
-    Args:
-        problem: K keyframes and N landmarks.
-
-    Returns:
-        Reduced normal matrix `(6 K + 1, 6 K + 1)`, its right-hand side `(6 K + 1,)`, and the blocks of the landmarks.
+    together do where depths differ, as their depths by motion must agree with those by stereo. Returns the reduced
+    normal matrix `(6 K + 1, 6 K + 1)`, its right-hand side `(6 K + 1,)`, and the blocks of the landmarks.
     """
     count, size = len(problem.host), 6 * len(problem.keyframes.rotations) + 1
     blocks = LandmarkBlocks(np.empty((count, 3, 3)), np.empty((count, 3)), np.empty((count, 3, size)))
-
     seen = np.cumsum(np.count_nonzero(np.isfinite(problem.observations[:, :, 0]), axis=1))
     middle = int(np.searchsorted(seen, seen[-1] // 2)) if count else 0  # old landmarks have been seen more often
     first, second = both(

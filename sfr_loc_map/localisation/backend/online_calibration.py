@@ -51,7 +51,7 @@ class OnlineCalibration:
     def __init__(self, camera: StereoCamera, window_keyframes: int) -> None:
         """Start without an error; as many consecutive windows as one has keyframes share observations, count as one."""
         self.offset, self.target_u, self.constant_u, self.drift_u = RightOffset(), 0.0, 0.0, 0.0
-        self.sigma_u = float(np.sqrt(FIRST_SIGMA_PX**2))
+        self.sigma_u = FIRST_SIGMA_PX
         self.followed_px, self.drifts = 0.0, False
         self._shifts: deque[float] = deque(maxlen=MAX_PAIRS)
         self._still_pairs = AFTERMATH_PAIRS
@@ -67,10 +67,8 @@ class OnlineCalibration:
         """Take the shift of the right image of a pair against the landmarks, as of `right_shift`.
 
         A line through the shifts of the last pairs gives the present one and its standard error: a steady drift is no
-        noise, and a shift of one pair alone (vibration, cameras out of step) is no drift.
-
-        Returns:
-            Drift by which `offset.u` was corrected at once, pixels; 0 where there is none.
+        noise, and a shift of one pair alone (vibration, cameras out of step) is no drift. Returns the drift by which
+        `offset.u` was corrected at once, pixels; 0 where there is none.
         """
         if not np.isfinite(variance):
             return 0.0

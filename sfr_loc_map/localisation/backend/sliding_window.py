@@ -74,13 +74,9 @@ class SlidingWindow:
         )
 
     def add_keyframe(self, pose: Pose, rows: NDArray[np.intp], uv: FloatArray, variance: FloatArray) -> None:
-        """Append a keyframe with its observations; the oldest leaves a full window.
+        """Append a keyframe that observes landmarks `(M,)` at `(M, 4)`, u, v left, u, v right, of variance `(M, 2, 3)`.
 
-        Args:
-            pose: Left camera.
-            rows: `(M,)` landmarks it observes.
-            uv: `(M, 4)` where, u, v left, u, v right.
-            variance: `(M, 2, 3)` of these.
+        The oldest leaves a full window.
         """
         problem, prior = self.problem, self._prior
         new_uv, new_variance = np.full((len(self.active), 1, 4), np.nan), np.ones((len(self.active), 1, 2, 3))

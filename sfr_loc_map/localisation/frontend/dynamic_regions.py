@@ -56,16 +56,11 @@ def _correlation(image: FloatImage, template: Patch, power: np.float32, u: int, 
 
 @jit_fast
 def fixed_correlation(image: FloatImage, patches: Patch, uv: FloatArray) -> FloatArray:
-    """Compare patches with an image at the pixels where they were cut and `BESIDE_PX` beside, in four directions.
+    """Compare patches `(N, S * S)` with an image at the pixels `(N, 2)` where they were cut and `BESIDE_PX` beside.
 
-    Args:
-        image: `(H, W)` float32.
-        patches: `(N, S * S)` float32.
-        uv: `(N, 2)` whole pixels of their centres.
-
-    Returns:
-        `(N, 2)` normalised cross-correlation there, and the best one beside; -1 where the patch leaves the image or one
-        of both has no texture, and beside where it does not fit where it was cut: most do not, and nothing follows.
+    Returns the normalised cross-correlation there `(N, 2)`, and the best one beside in four directions; -1 where the
+    patch leaves the image or one of both has no texture, and beside where it does not fit where it was cut: most do
+    not, and nothing follows.
     """
     values, template = np.empty(patches.shape[1], np.float32), np.empty(patches.shape[1], np.float32)
     out = np.full((len(uv), 2), -1.0)

@@ -19,8 +19,6 @@ from sfr_loc_map.jit import jit, jit_fast
 from sfr_loc_map.localisation.parallel import both
 
 BLOCK = 7  #: Side of the neighbourhood over which the gradients of a corner are summed, pixels.
-
-
 MAX_MASK_BYTES = 64_000_000
 _PNG_HEAD = re.compile(rb"\x89PNG\r\n\x1a\n.{4}IHDR(.{4})(.{4})", re.DOTALL)
 """Signature, and the header that comes first: width and height (ISO/IEC 15948, 11.2.2)."""
@@ -63,17 +61,9 @@ def find_corners(
 
 
 def load_mask(path: str, rig: StereoRig) -> NDArray[np.uint8] | None:
-    """Read a mask image; corners keep a patch's width away from where it is 0.
+    """Read a mask image `(H, W)` of a rig, None for an empty path; corners stay a patch's width from where it is 0.
 
-    Args:
-        path: Image file, empty for no mask.
-        rig: Rig whose size it must have.
-
-    Returns:
-        `(H, W)` uint8, or None.
-
-    Raises:
-        ConfigError: If it cannot be read or has another size.
+    Raises ConfigError if it cannot be read or has another size.
     """
     if not path:
         return None

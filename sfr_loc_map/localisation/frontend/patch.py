@@ -200,15 +200,9 @@ def half_width(size: int) -> int:
 
 @jit_fast
 def cut_patches(image: FloatImage, uv: FloatArray, half: int) -> Patch:
-    """Cut patches with their gradients.
+    """Cut patches `(N, 3, S * S)`: grey levels and their derivatives along x and y, grey levels per pixel.
 
-    Args:
-        image: `(H, W)` float32.
-        uv: `(N, 2)` centres, pixels, at least half + 2 from the border.
-        half: Half width.
-
-    Returns:
-        `(N, 3, S * S)` float32: grey levels and their derivatives along x and y, grey levels per pixel.
+    Their centres `(N, 2)`, pixels, are at least half + 2 from the border.
     """
     side = 2 * half + 1
     out = np.empty((len(uv), 3, side * side), np.float32)

@@ -219,16 +219,10 @@ def align_patches(
     camera: StereoCamera,
     iterations: int,
 ) -> PoseAlignment:
-    """Align all patches with one level of the left image.
+    """Align N patches of the hosts at one level of the left image, by at most so many Gauss-Newton iterations.
 
-    Args:
-        level: Level of the pyramid.
-        templates: N patches of the hosts at this level.
-        homographies: `(N, 3, 3)` from host pixels to those that the start gives: the shapes of the patches.
-        planes: Their planes, in pixels of full size.
-        start: Left camera.
-        camera: Camera at full size.
-        iterations: Most Gauss-Newton iterations.
+    The homographies `(N, 3, 3)` from host pixels to those that the start gives are the shapes of the patches. Their
+    planes and the camera are in pixels of full size.
     """
     rho = planes.inverse_depth
     depth = 0.0

@@ -266,14 +266,8 @@ def solve_pose(
 
     Each landmark's residual (u, v left, u, v right) is weighted by the inverse of `R + J P J^T`: the tracking noise and
     the landmark's own uncertainty, which is the same as estimating the landmark too (marginalisation). Robust by
-    Geman-McClure weights whose scale comes down to the residuals' own (graduated).
-
-    Args:
-        start: Left camera.
-        landmarks: N landmarks.
-        observations: Of the same landmarks.
-        camera: Camera of all pairs.
-        iterations: Most Gauss-Newton iterations.
+    Geman-McClure weights whose scale comes down to the residuals' own (graduated). The start is of the left camera;
+    observations are those of the N landmarks; there are at most so many Gauss-Newton iterations.
     """
     in_arrays = intrinsics(camera)
     count = len(landmarks.inverse_depth)
@@ -307,8 +301,6 @@ def solve_pose(
 UNKNOWNS = 7  #: Position and rotation of the left camera, shift of the right image.
 ROBUST_CHI2 = 4.0
 """Squared residual per degree of freedom at which the weight of a landmark has fallen to a quarter (Geman-McClure)."""
-
-
 ENOUGH = 300  #: About as many landmarks are used: the error that a whole image has is larger than that of their mean.
 
 
@@ -385,13 +377,8 @@ def right_shift(
     """Estimate the shift from a solved pair: one Gauss-Newton step of pose and shift together.
 
     The landmarks' depths come from pairs before. If the right camera has turned since, all right positions are shifted
-    alike and the left ones are not: no motion explains that.
-
-    Args:
-        pose: Left camera as solved for without a shift.
-        landmarks: N landmarks.
-        observations: Of the same landmarks; those observed in both images count.
-        camera: Camera of all pairs.
+    alike and the left ones are not: no motion explains that. The pose of the left camera was solved for without a
+    shift; of the N landmarks those observed in both images count.
     """
     arrays, projection = intrinsics(camera), new_projection()
     equations = _Equations(np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS))

@@ -34,15 +34,10 @@ from sfr_loc_map.localisation.parallel import in_halves
 def nearest(
     points: FloatArray, support: FloatArray, begin: NDArray[np.intp], count: int
 ) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Return the distances and the numbers, `(N, count)` each, of the nearest of some points, nearest first.
+    """Return the distances and the numbers, `(N, count)` each, of the support points nearest to others, nearest first.
 
-    It walks from each point's place to both sides, until what lies there is too far along u alone.
-
-    Args:
-        points: `(N, 2)`.
-        support: `(M, 2)`, M at least `count`, in the order of u; among these is searched.
-        begin: `(N,)` places of the points among them.
-        count: How many.
+    It walks from each point's place to both sides, until what lies there is too far along u alone. Points `(N, 2)`
+    begin at their places `(N,)` in the support `(M, 2)`, which is in the order of u and has at least `count`.
     """
     index, distance = np.empty((len(points), count), np.intp), np.empty((len(points), count))
     for n in range(len(points)):

@@ -98,12 +98,8 @@ class Tracker:
     ) -> TrackingResult:
         """Return the landmarks found near their projections from a pose, and the pose that follows.
 
-        Args:
-            frame: The pair.
-            landmarks: Active landmarks.
-            start: Pose that is right to about two pixels.
-            offset: Rotation error of the right camera.
-            known: Tracking of some of the landmarks, which are not sought again, and perhaps of others.
+        The start is right to about two pixels, the offset is the rotation error of the right camera. What is known is
+        the tracking of some of the landmarks, which are not sought again, and perhaps of others.
         """
         if known is None:
             sought = landmarks
