@@ -12,7 +12,7 @@ import csv
 import heapq
 import io
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from operator import itemgetter
 from pathlib import Path, PurePosixPath
@@ -75,14 +75,15 @@ class Recording:
     def frames(self) -> Iterator[Frame]:
         """Yield the images in their order, read from the disk as they are asked for."""
         loc, nav = (None, None) if self.source is None else (self.source.loc, self.source.nav)
-        drive = (frame for pair in (loc.pairs() if loc else ()) for frame in self._images("loc", pair))
-        panorama = (frame for item in (nav.pairs() if nav else ()) for frame in self._images("nav", item.pair))
-        return heapq.merge(drive, panorama, key=itemgetter(0))
 
-    def _images(self, rig: str, pair: StereoPair) -> Iterator[Frame]:
-        at_s = _place(pair.stamp_ns, self.begin_ns[rig == "nav"])
-        for side, image in zip(SIDES, (pair.left, pair.right), strict=True):
-            yield at_s, f"{rig}/{side}", pair.stamp_ns, image
+        def images(rig: str, pairs: Iterable[StereoPair], begin_ns: int) -> Iterator[Frame]:
+            for pair in pairs:
+                for side, image in zip(SIDES, (pair.left, pair.right), strict=True):
+                    yield _place(pair.stamp_ns, begin_ns), f"{rig}/{side}", pair.stamp_ns, image
+
+        drive = images("loc", loc.pairs() if loc else (), self.begin_ns[0])
+        panorama = images("nav", (item.pair for item in (nav.pairs() if nav else ())), self.begin_ns[1])
+        return heapq.merge(drive, panorama, key=itemgetter(0))
 
 
 def open_recording(path: Path, truth: Path | None = None) -> Recording:
@@ -156,7 +157,8 @@ def _recording(
 ) -> Recording:
     """Return the recording with its time line; InputError if nothing is in it, or a figure of a call is none."""
     drive = [int(stamp) for track in (estimates and estimates.trajectory, truth) if track for stamp in track.stamps_ns]
-    panorama = [] if cloud is None else list(_pair_stamps(cloud))
+    cloud_ns = () if cloud is None else cloud.pair_stamps_ns or (0,)
+    panorama = list(cloud_ns)
     calls = [call_of(status.values) if status.kind is updates.StatusKind.CALL else None for status in said]
     for status, call in zip(said, calls, strict=True):
         if call is not None:
@@ -181,14 +183,14 @@ def _recording(
         moments += _poses(updates.Track.ESTIMATE, estimates, begin_ns[0])
     truths: list[PairTruth] = []
     if cloud is not None:
-        stamps_ns, true_points = _pair_stamps(cloud), CloudTruth()
-        wanted = (item for item in (nav.pairs() if nav is not None else ()) if item.pair.stamp_ns in stamps_ns)
+        true_points = CloudTruth()
+        wanted = (item for item in (nav.pairs() if nav is not None else ()) if item.pair.stamp_ns in cloud_ns)
         for item in wanted:  # in the order of their stamps, as those of the cloud
             if nav is not None and (known := PairTruth.of(item, nav.rig)) is not None:
                 truths.append(known)
                 true_points.add_points(item.pair.stamp_ns, known.points)
-        media = cloud_samples(stamps_ns[-1], cloud.xyz, cloud.sigma, 0.0, true_points.errors(cloud))
-        moments += ((_place(stamps_ns[-1], begin_ns[1]), sample) for sample in media if sample is not None)
+        media = cloud_samples(cloud_ns[-1], cloud.xyz, cloud.sigma, 0.0, true_points.errors(cloud))
+        moments += ((_place(cloud_ns[-1], begin_ns[1]), sample) for sample in media if sample is not None)
     moments.sort(key=itemgetter(0))
     return Recording(path.name or str(path), moments, source, cloud, truths, report, begin_ns, end_s)
 
@@ -196,10 +198,6 @@ def _recording(
 def _place(stamp_ns: int, begin_ns: int) -> float:
     """Return the place of a stamp on the time line, seconds."""
     return max(stamp_ns - begin_ns, 0) / NS_PER_S
-
-
-def _pair_stamps(cloud: PointCloud) -> tuple[int, ...]:
-    return cloud.pair_stamps_ns or (0,)
 
 
 def _poses(track: updates.Track, poses: Estimates, begin_ns: int) -> Iterator[Moment]:
@@ -304,11 +302,8 @@ class Player:
             update = moments[self._next][1]
             self._next += 1
             self._take_in(update)
-            if isinstance(update, updates.CloudSample | updates.ElevationSample):
-                update = replace(update, published_s=time.time())
-            elif isinstance(update, updates.PoseSample | updates.Status):
-                update = replace(update, received_s=time.time())
-            self._state.put(update)
+            name = "received_s" if hasattr(update, "received_s") else "published_s"
+            self._state.put(replace(update, **{name: time.time()}))  # type: ignore[arg-type]
         self._at_s = at_s
 
     def report(self) -> None:
@@ -347,7 +342,9 @@ class Player:
                     score.add_call(call.record)
             case updates.CloudSample():
                 cloud, truths = self._recording.cloud, self._recording.truths
-                is_known = cloud is not None and cloud.fused is not None and len(truths) == len(_pair_stamps(cloud))
+                is_known = (
+                    cloud is not None and cloud.fused is not None and len(truths) == len(cloud.pair_stamps_ns or (0,))
+                )
                 if cloud is not None and is_known and self._map_score is None:  # it takes seconds: once is enough
                     self._map_score = score_map(cloud, truths, self._settings[0].map)
                 score.map_score = self._map_score

@@ -27,16 +27,8 @@ MAX_REPORT_CHARACTERS = 8_000_000
 TOPIC_STALE_S = 1.7
 STALE_AFTER_S, STALE_PERIODS = 1.6, 1.6
 """A node reports its health each second; one that has not for so long, or for so many of its own periods, is stale."""
-MIN_PERIOD_S = 1e-6  #: Shortest period that a rate is told of: messages that are all of one moment have none.
 LEVELS = ("ok", "warning", "error", "stale")
-CALL_TIMES = (
-    "processing_time_s",
-    "conversion_s",
-    "latency_transport_s",
-    "latency_receive_to_publish_s",
-    "latency_stamp_to_publish_s",
-)
-"""Times of a call that are drawn, each apart."""
+CALL_TIMES = ("processing_time_s", "latency_transport_s", "latency_receive_to_publish_s")  #: Drawn, each apart.
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +47,7 @@ class TopicView:
         """Return it as JSON values."""
         stamp = None if self.stamp_ns is None else str(self.stamp_ns)
         age_s = round(max(now_s - self.received_s, 0.0), 3)
-        rate_hz = round(1.0 / self.period_s, 2) if self.period_s > MIN_PERIOD_S else None
+        rate_hz = round(1.0 / self.period_s, 2) if self.period_s > 1e-6 else None  # none of what is all of one moment
         return {"stamp_ns": stamp, "age_s": age_s, "rate_hz": rate_hz, "stale": self.is_stale(now_s), "lost": lost}
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import signal
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from typing import Any
 
@@ -22,14 +22,12 @@ from sfr_loc_map.inputs import one_line, printable
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import LOCALISATION, REPORT, Action, Command
 from sfr_loc_map.pipeline.controls import SEEK_STEP_S, Keyboard
-from sfr_loc_map.report.tables import ABSENT, METRE, MIB, MILLISECOND, OPEN, VERDICTS, Row, number
+from sfr_loc_map.report.tables import ABSENT, METRE, MIB, MILLISECOND, OPEN, VERDICTS, number, to_rich
 
 PERIOD_S, LINE_PERIOD_S, KEY_PERIOD_S = 0.5, 1.0, 0.05
 """Time between two drawings of the screen, two lines, two looks at the keys."""
 LEVELS = {"ok": ("✔", "green"), "warning": ("!", "yellow"), "error": ("✖", "bold red"), "stale": ("?", "bold yellow")}
 WAITING = "no figures yet: waiting for metrics/report of the monitor"
-WORDS: dict[str, Any] = {"min_width": 8}
-NUMBER: dict[str, Any] = {"justify": "right", "max_width": 10}
 
 
 class Terminal:
@@ -103,9 +101,12 @@ def one_line_of(state: LiveState, now_s: float) -> str:
         live, report = state.live_to_plain(now_s), state.report
         parts = [_clock(now_s), *(f"STALE: {words}" for words in _stale(live))]
         parts.append(WAITING if report is None else f"{report.overall.state}: {report.overall.text.rstrip('.')}")
-        for row in _rows(state, "headline"):
+        headline = next((table for table in report.tables if table.name == "headline"), None) if report else None
+        for row in headline.rows if headline else ():
             mean, sigma, bound, interval, count = (cell.text for cell in row[2:7])
-            parts.append(f"{_with_unit(row)} mean {mean} sigma {sigma} mean + 3 sigma {bound} ({interval}, n {count})")
+            parts.append(
+                f"{row[0].text}, {row[1].text} mean {mean} sigma {sigma} mean + 3 sigma {bound} ({interval}, n {count})"
+            )
     parts += _now(live)
     for node in live["nodes"]:
         parts.append(" ".join((node["name"], node["level"], *_costs(node, live))))
@@ -113,7 +114,6 @@ def one_line_of(state: LiveState, now_s: float) -> str:
 
 
 def _parts(state: LiveState, live: dict[str, Any], now_s: float, title: str) -> Iterator[RenderableType]:
-    columns: dict[str, dict[str, Any]]
     head = Grid.grid(Column(ratio=1, no_wrap=True), Column(justify="right", no_wrap=True), expand=True)
     stale = ", ".join(_stale(live))
     right = Text.assemble((f" STALE: {stale} ", "reverse bold yellow"), " ") if stale else Text()
@@ -125,39 +125,25 @@ def _parts(state: LiveState, live: dict[str, Any], now_s: float, title: str) -> 
         overall = state.report.overall
         style = VERDICTS.get(overall.state, OPEN).colour
         yield Text.assemble((f" {overall.icon} {overall.state} ", f"reverse {style}"), f" {overall.text}")
-    if figures := _rows(state, "headline"):
-        columns = {"figure": WORDS, "mean": NUMBER, "sigma": NUMBER, "mean +\n3 sigma": NUMBER}
-        columns |= {"95 % interval": NUMBER | {"max_width": 18}, "n": NUMBER}
-        yield _table(columns, ([_with_unit(row), *(cell.text for cell in row[2:7])] for row in figures))
+    yield from _tables(state, "headline")
     yield from map(Text, _now(live))
     if live["nodes"]:
-        columns = {"node": {}, "health": {}, "state": {}, "call": NUMBER, "memory": NUMBER, "dropped": NUMBER}
-        yield _table(columns | {"heard": NUMBER}, (_node_words(node, live) for node in live["nodes"]))
-    if verdicts := _rows(state, "verdicts"):
-        columns = {"verdict": WORDS, "figure": WORDS, "limit": NUMBER | {"max_width": 14}, "value": NUMBER, "n": NUMBER}
-        yield _table(columns, map(_verdict_words, verdicts))
+        names = ("node", "health", "state", "call", "memory", "dropped", "heard")
+        nodes = Grid(*names, box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
+        for node in live["nodes"]:
+            nodes.add_row(*_node_words(node, live))
+        yield nodes
+    yield from _tables(state, "verdicts")
     yield from map(Text, _notes(state, live))
 
 
-def _table(columns: dict[str, dict[str, Any]], rows: Iterable[list[Text | str]]) -> Grid:
-    grid = Grid(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
-    for title, options in columns.items():
-        grid.add_column(title, **options)
-    for row in rows:
-        grid.add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in row))
-    return grid
-
-
-def _rows(state: LiveState, name: str) -> tuple[Row, ...]:
-    tables = () if state.report is None else state.report.tables
-    return next((table.rows for table in tables if table.name == name), ())
-
-
-def _verdict_words(row: Row) -> list[Text | str]:
-    verdict, head, unit, limit, value, _, count, _ = row
-    style = VERDICTS.get(verdict.text, OPEN).colour
-    words = head.text, f"{limit.text} {unit.text}", value.text, count.text
-    return [Text(f"{verdict.icon} {verdict.text}", style), *words]
+def _tables(state: LiveState, name: str) -> Iterator[Grid]:
+    for table in () if state.report is None else state.report.tables:
+        if table.name == name:
+            grid = to_rich(table)
+            grid.title = grid.caption = grid.box = None
+            grid.padding = (0, 1, 0, 0)
+            yield grid
 
 
 def _node_words(node: dict[str, Any], live: dict[str, Any]) -> list[Text | str]:
@@ -219,10 +205,6 @@ def _drops(node: dict[str, Any]) -> dict[str, int]:
     """Return how much a node has dropped, by cause."""
     dropped = [(name, text) for name, text in node["values"].items() if name.startswith("dropped_")]
     return {name.removeprefix("dropped_").replace("_", " "): int(text) for name, text in dropped if text.isdecimal()}
-
-
-def _with_unit(row: Row) -> str:
-    return f"{row[0].text}, {row[1].text}" if row[1].text else row[0].text
 
 
 def _clock(now_s: float) -> str:

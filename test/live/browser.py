@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import base64
 import itertools
 import json
 import shutil
@@ -31,11 +30,11 @@ class Browser:
         events: All that the page has told: requests, messages of its console, errors.
     """
 
-    def __init__(self, width: int = 1360, height: int = 1000, *, mobile: bool = False) -> None:
+    def __init__(self, width: int = 1360, height: int = 1000) -> None:
         if not CHROMIUM.is_file():
             pytest.skip(f"no {CHROMIUM}: install chromium to open the page")
         self.events: list[dict[str, Any]] = []
-        self._size, self._mobile = (width, height), mobile
+        self._size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
         self._profile = Path(tempfile.mkdtemp(prefix="sfr-live-browser-"))
         self._ids = itertools.count(1)
         self._answers: dict[int, asyncio.Future[dict[str, Any]]] = {}
@@ -56,7 +55,7 @@ class Browser:
         self._reader = asyncio.create_task(self._read())
         for domain in ("Page", "Runtime", "Network", "Log"):
             await self.call(f"{domain}.enable")
-        await self.set_size(*self._size, mobile=self._mobile)
+        await self.call("Emulation.setDeviceMetricsOverride", **self._size)
         return self
 
     async def __aexit__(self, *_: object) -> None:
@@ -82,14 +81,6 @@ class Browser:
         assert "error" not in answer, answer
         return dict(answer["result"])
 
-    async def set_size(self, width: int, height: int, *, mobile: bool = False) -> None:
-        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": mobile}
-        await self.call("Emulation.setDeviceMetricsOverride", **size)
-
-    async def set_scheme(self, scheme: str) -> None:
-        features = [{"name": "prefers-color-scheme", "value": scheme}]
-        await self.call("Emulation.setEmulatedMedia", features=features)
-
     async def open(self, url: str) -> None:
         await self.call("Page.navigate", url=url)
 
@@ -99,10 +90,7 @@ class Browser:
         return found["result"].get("value")
 
     async def wait_for(self, expression: str, timeout_s: float = 30.0) -> None:
-        end, guarded = (
-            time.monotonic() + timeout_s,
-            f"try {{ return Boolean({expression}); }} catch {{ return false; }}",
-        )
+        end, guarded = time.monotonic() + timeout_s, f"try {{ return !!({expression}); }} catch {{ return false; }}"
         while not await self.value(f"(() => {{ {guarded} }})()"):
             assert time.monotonic() < end, f"never: {expression}; {self.complaints()}"
             await asyncio.sleep(0.05)
@@ -121,11 +109,3 @@ class Browser:
         """Return the addresses that the page has asked for."""
         sent = [event["params"] for event in self.events if event["method"] == "Network.requestWillBeSent"]
         return {params["request"]["url"] for params in sent}
-
-    async def screenshot(self, path: Path, *, scale: float = 1.0) -> None:
-        """Write what is on the screen as WebP."""
-        metrics = await self.call("Page.getLayoutMetrics")
-        size = metrics["cssVisualViewport"]
-        clip = {"x": 0, "y": 0, "width": size["clientWidth"], "height": size["clientHeight"], "scale": scale}
-        answer = await self.call("Page.captureScreenshot", format="webp", quality=55, clip=clip)
-        path.write_bytes(base64.b64decode(answer["data"]))

@@ -1,8 +1,6 @@
 """What a real browser shows of a replay of the sample, and how late: `make live-screen`.
 
-python test/live/on_screen.py [RATE] [FOLDER]
-    RATE is a multiple of the recorded speed (5: 10 Hz); with FOLDER it writes live-light.webp, live-dark.webp and
-    live-phone.webp there
+python test/live/on_screen.py [RATE], a multiple of the recorded speed (5: 10 Hz)
 """
 
 from __future__ import annotations
@@ -27,7 +25,6 @@ trajectory: [{condition: distance=2, position_mean_plus_3sigma_m: 0.02, heading_
 map: {point_error_p95_m: 0.6}
 timing: {localisation_p95_s: 0.5}
 """
-SCREENS = (("light", 1360, "light"), ("dark", 1360, "dark"), ("phone", 400, "light"))
 
 
 async def address(log: Path) -> str:
@@ -38,7 +35,7 @@ async def address(log: Path) -> str:
     raise TimeoutError(log.read_text(errors="replace"))
 
 
-async def show_replay(place: Path, rate: str, folder: Path | None) -> None:
+async def show_replay(place: Path, rate: str) -> None:
     (place / "limits.yaml").write_text(LIMITS)
     scored = ("distance=2", "--limits", str(place / "limits.yaml"), "--out", str(place / "out"), "--rate", rate)
     begin, log = time.monotonic(), place / "log"
@@ -56,28 +53,13 @@ async def show_replay(place: Path, rate: str, folder: Path | None) -> None:
                 low, high = np.quantile([seconds for seconds, _ in kept] or [np.nan], (0.5, 0.95)) * 1e3
                 print(f"image published to {name} on the screen: p50 {low:.1f} ms, p95 {high:.1f} ms ({len(kept)})")
             print(f"complaints: {browser.complaints()}")
-            for kind, width, scheme in SCREENS if folder is not None else ():
-                await screenshot(browser, folder / f"live-{kind}.webp", width, scheme)
     finally:
         replay.terminate()
         if replay.wait(120) not in (0, 1):
             print(log.read_text()[-2000:])
 
 
-async def screenshot(browser: Browser, path: Path, width: int, scheme: str) -> None:
-    """Write the whole page, reduced."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    mobile = width < 760
-    await browser.set_scheme(scheme)
-    await browser.set_size(width, 900, mobile=mobile)
-    await asyncio.sleep(1.0)
-    height = await browser.value("document.body.scrollHeight")
-    await browser.set_size(width, min(height, 5200), mobile=mobile)
-    await asyncio.sleep(1.5)
-    await browser.screenshot(path, scale=1.0 if mobile else 0.75)
-
-
 if __name__ == "__main__":
     _, *words = sys.argv
     with tempfile.TemporaryDirectory() as name:
-        asyncio.run(show_replay(Path(name), words[0] if words else "5", Path(words[1]) if words[1:] else None))
+        asyncio.run(show_replay(Path(name), words[0] if words else "5"))

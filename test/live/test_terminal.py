@@ -32,10 +32,9 @@ def recorded() -> list[Any]:
     return list(updates(COUNT, BEGIN_S))
 
 
-def drawn(records: list[Any], now_s: float, *, width: int = 80, height: int = 50, colours: Any = None) -> str:
+def drawn(records: list[Any], now_s: float) -> str:
     state, text = LiveState(), io.StringIO()
-    size = {"width": width, "height": height}
-    console = Console(file=text, **size, highlight=False, force_terminal=True, color_system=colours)
+    console = Console(file=text, width=80, height=50, highlight=False, force_terminal=True, color_system=None)
     for record in records:
         state.put(record)
     console.print(Terminal(state, "rover1", console).drawing(now_s), end="")
@@ -43,7 +42,6 @@ def drawn(records: list[Any], now_s: float, *, width: int = 80, height: int = 50
 
 
 def test_every_figure_is_shown_as_the_tables_have_it(recorded: list[Any]) -> None:
-    """At 80 columns no line is longer and no figure broken; columns that find no room in fewer are left out whole."""
     text = drawn(recorded, END_S + 0.1)
     assert max(map(len, text.splitlines())) <= 80
     state = LiveState()
@@ -56,32 +54,11 @@ def test_every_figure_is_shown_as_the_tables_have_it(recorded: list[Any]) -> Non
         assert all(part in words for cell in row[2:7] for part in cell.text.split()), row
         assert all(cell.text in one for cell in row[2:7])
     for row in tables["verdicts"].rows:
-        assert f"{row[0].icon} {row[0].text}" in words
-        assert row[4].text in words
+        assert all(part in words for cell in (row[0], row[4]) for part in cell.text.split())
     for expected in ("pose 200: tracking", "under way: 5 m", "35.1 ms", "3 in transport", "2 of loc/left/image_rect"):
         assert expected in words, words
     assert state.report.overall.text in words
     assert "\n" not in one
-    for width in (50, 65, 71, 79):
-        lines = drawn(recorded, END_S + 0.1, width=width).splitlines()
-        begin, end = (next(n for n, text in enumerate(lines) if text.startswith(word)) for word in ("figure", "pose "))
-        found = [word for text in lines[begin:end] for word in text.split()]
-        numbers = {word for word in found if word[0].isdigit() and not word.endswith("…")}
-        assert len(numbers) > 8
-        assert numbers <= set(text.split()), width
-
-
-def test_without_colour_there_is_no_colour_and_with_it_the_words_are_the_same(
-    recorded: list[Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    colourful = drawn(recorded, END_S, colours="standard")
-    monkeypatch.setenv("NO_COLOR", "1")
-    plain = drawn(recorded, END_S, colours="standard")
-    colours = re.compile(r"\x1b\[([0-9]+;)*(3[0-7]|4[0-7]|9[0-7])(;[0-9]+)*m")
-    assert colours.search(colourful)
-    assert not colours.search(plain)
-    codes = re.compile(r"\x1b\[[0-9;]*m")
-    assert codes.sub("", colourful) == codes.sub("", plain)
 
 
 def test_what_is_stale_lost_or_hostile_is_said_in_words(recorded: list[Any]) -> None:
@@ -102,7 +79,7 @@ def test_what_is_stale_lost_or_hostile_is_said_in_words(recorded: list[Any]) -> 
 
 
 def on_terminal(end: Any) -> tuple[str, int]:
-    """Return what the program writes on a terminal of its own that shrinks, and its exit code."""
+    """Return what the program writes on a terminal of its own, and its exit code."""
     pid, terminal = pty.fork()
     if pid == 0:
         for name in ("COLUMNS", "LINES"):  # which processes of pytest-xdist have
@@ -117,18 +94,11 @@ def on_terminal(end: Any) -> tuple[str, int]:
     text = b""
     while b"q ends" not in text:
         text += os.read(terminal, 4000)
-    fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 10, 50, 0, 0))
-    while len(frames := text.decode(errors="replace").split("\x1b[H")) < 4 or widest(frames[-2]) > 50:
-        text += os.read(terminal, 4000)  # until a whole frame has the new size
     end(pid, terminal)
     with suppress(OSError):  # once the program has ended
         while True:
             text += os.read(terminal, 4000)
     return text.decode(), os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
-
-
-def widest(screen: str) -> int:
-    return max(len(re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", words)) for words in screen.splitlines())
 
 
 @pytest.mark.parametrize(
