@@ -89,11 +89,10 @@ class MethodProcess:
         camera = {name: getattr(rig, name) for name in CAMERA}
         try:
             hello = self._exchange(camera | poses | about | dict(setup) | dict(method.setup), limits.start_timeout_s)
-        except MethodFailureError as failure:
-            self.kill()
-            raise MethodError(f"method {method.name} {failure}") from failure
-        except BaseException:
-            self.kill()
+        except BaseException as error:
+            self.close()
+            if isinstance(error, MethodFailureError):
+                raise MethodError(f"method {method.name} {error}") from error
             raise
         self.version, self.fuses, self.idle_bytes = str(hello["version"]), bool(hello["fuses"]), hello["idle_bytes"]
 
@@ -134,7 +133,7 @@ class MethodProcess:
                     pages = Path(f"/proc/{self._process.pid}/statm").read_text("ascii").split()[1]
                     self._check_limits(int(pages) * os.sysconf("SC_PAGE_SIZE"))
                 if time.monotonic() > end:
-                    self.kill()
+                    self.close()
                     raise MethodFailureError(FindingKind.HANGING, f"has not answered for {timeout_s:g} s", ended=True)
                 continue
             data = os.read(place, 65536)
@@ -147,7 +146,7 @@ class MethodProcess:
     def _check_limits(self, resident: int) -> None:
         limit = self._limits.memory_mb
         if resident > limit * MB:
-            self.kill()
+            self.close()
             text = f"has {resident // MB} MB resident, the limit is {limit} MB"
             raise MethodFailureError(FindingKind.OUT_OF_MEMORY, text, ended=True)
 
@@ -156,34 +155,18 @@ class MethodProcess:
             code = self._process.wait(EXIT_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             code = 0
-        lines = self._log.read_text("utf-8", "replace").split("\n")
-        last = next((line.strip() for line in reversed(lines) if line.strip()), "its log is empty")[:300]
-        self.kill()
-        if code >= 0:
-            how = f"with {code}"
-        else:
-            how = "by " + next((item.name for item in signal.Signals if item == -code), f"signal {-code}")
+        lines = [line.strip() for line in self._log.read_text("utf-8", "replace").splitlines() if line.strip()]
+        last = (lines or ["its log is empty"])[-1][:300]
+        self.close()
+        name = next((item.name for item in signal.Signals if item == -code), f"signal {-code}")
+        how = f"with {code}" if code >= 0 else f"by {name}"
         raise MethodFailureError(FindingKind.CRASHED, f"has ended {how}: {last}", ended=True)
 
-    def kill(self) -> None:
+    def close(self) -> None:
         """End the process and all that it has started, now."""
         with suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
-        self._release()
-
-    def close(self) -> None:
-        """End the process."""
-        assert self._process.stdin is not None
-        if self._process.poll() is None:
-            self._process.stdin.close()
-            try:
-                self._process.wait(EXIT_TIMEOUT_S)
-            except subprocess.TimeoutExpired:
-                self.kill()
-        self._release()
-
-    def _release(self) -> None:
         for stream in (self._process.stdin, self._process.stdout):
             if stream is not None:
                 stream.close()

@@ -16,13 +16,9 @@ from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState, lost_covariance
-from sfr_loc_map.mapping.config import CalibrationUncertainty
-from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.suite.fault_benchmark import Honesty, stated_errors
 
-SCORING = TrajectoryScoreConfig(conditions=("frames=2",), spacing=1)
 SIGMA_M = 0.01
-NONE = CalibrationUncertainty(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def at(x: float) -> Transform:
