@@ -36,7 +36,6 @@ from sfr_loc_map.report.score_tables import UNTOLD, convention_text, map_error
 from sfr_loc_map.report.tables import (
     ABSENT,
     DEGREE,
-    METRE,
     MIB,
     MILLIMETRE,
     MILLISECOND,
@@ -99,9 +98,9 @@ def _cell(value: float | int | None, unit: Unit = NONE, *, signed: bool = False)
 
 
 def methods_tables(scores: Sequence[Score], names: Sequence[str]) -> list[Table]:
-    """Return the tables of several methods side by side: a row each, maps as differences, what each was made of."""
+    """Return the tables of several methods side by side: a row each, and what each was made of."""
     named = list(zip(names, scores, strict=True))
-    return [_methods(named), *_map_differences(named), _provenance(named)]
+    return [_methods(named), _provenance(named)]
 
 
 def _methods(named: Named) -> Table:
@@ -162,39 +161,6 @@ def _times(score: Score, name: str) -> Cell:
 def _of_kinds(score: Score, part: str, name: str, unit: Unit) -> Cell:
     values = (value_at(score, f"{part}.{kind}.{name}") for kind in KINDS)
     return Cell(" / ".join(number(value, unit=unit) for value in values if value is not None) or ABSENT)
-
-
-def _map_differences(named: Named) -> list[Table]:
-    maps = [(name, score.map.errors.by_range) for name, score in named if score.map and score.map.errors]
-    if len(maps) < 2:
-        return []
-    (first_name, first), *others = maps
-    mine = {(item.from_m, item.to_m): item for item in first}
-    rows: list[Row] = []
-    for name, by_range in others:
-        for item in by_range:
-            if (same := mine.get((item.from_m, item.to_m))) is not None:
-                a, b = same.point_error_m, item.point_error_m
-                row = (
-                    Cell.head(name),
-                    Cell(f"{item.from_m:g} to {item.to_m:g} {METRE.symbol}"),
-                    _cell(a.p50, MILLIMETRE),
-                    *_beside(b.p50, a.p50, MILLIMETRE),
-                    *_beside(b.p95, a.p95, MILLIMETRE),
-                    *_beside(item.coverage, same.coverage, NONE),
-                )
-                rows.append(row)
-    titles = (f"p50 of {first_name}", "p50", "difference", "p95", "difference")
-    in_mm = (Column(title, MILLIMETRE) for title in titles)
-    words = (Column("map", words=True), Column("range", words=True))
-    note = f"Point error and coverage by true range; differences: less {first_name}. Not paired by pixel: no interval."
-    columns = (*words, *in_mm, Column("coverage"), Column("difference"))
-    return [Table("map-differences", "Maps as differences", columns, tuple(rows), note)]
-
-
-def _beside(value: float | None, first: float | None, unit: Unit) -> Row:
-    less = None if value is None or first is None else value - first
-    return _cell(value, unit), _cell(less, unit, signed=True)
 
 
 def _provenance(named: Named) -> Table:

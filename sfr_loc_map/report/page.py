@@ -6,11 +6,11 @@ import base64
 import gzip
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sfr_loc_map import __version__
 from sfr_loc_map.config import flatten
@@ -60,16 +60,12 @@ def render_page(score: Score, *, figures: bool = True) -> str:
     """Return the page as HTML; without figures it holds tables only and no script, ready for print."""
     sections, tables = score_figures(score) if figures else [], [*score_tables(score), glossary()]
     provenance, name = dict(_flat(to_plain(score.provenance) or {}, "")), data_set_name(score)
-    # each thing to look at leads to a place that this page has
-    places = {f"table-{table.name}" for table in tables}
-    places |= {f"figure-{plot.name}" for _, group in sections for plot in group}
-    first = [item if item.place in places else replace(item, place="overall") for item in look_first(score)]
     return _rendered(
         tables,
         sections,
         title=f"{name}: {TITLE[0].lower()}{TITLE[1:]}" if name else TITLE,
         facts=run_facts(score),
-        look_first=first,
+        look_first=look_first(score),
         version=provenance.get("version", UNKNOWN),
         time=provenance.get("time", "time unknown"),
         overall=overall_of(score),
@@ -221,13 +217,11 @@ def _paths(score: Score, roles: Sequence[str]) -> list[str]:
 # ---- what to look at first: what is wrong, else what is nearest to being wrong, each with the reason
 
 
-@dataclass(frozen=True, slots=True)
-class LookFirst:
-    """One thing to look at: what it is in a phrase, why in a sentence, the anchor of what shows it."""
+class LookFirst(NamedTuple):
+    """One thing to look at: what it is in a phrase, why in a sentence."""
 
     what: str
     why: str
-    place: str
 
 
 def look_first(score: Score) -> tuple[LookFirst, ...]:
@@ -238,9 +232,9 @@ def look_first(score: Score) -> tuple[LookFirst, ...]:
 def _worth_a_look(score: Score) -> Iterator[LookFirst]:
     if score.contradiction is not None:
         why = f"Estimate and truth contradict each other, so that no figure of them judges: {score.contradiction}"
-        yield LookFirst("the convention of the poses", why, "table-headline")
+        yield LookFirst("the convention of the poses", why)
     for finding in score.findings:
-        yield LookFirst(str(finding.kind), f"The method under test did something wrong: {finding}.", "table-method")
+        yield LookFirst(str(finding.kind), f"The method under test did something wrong: {finding}.")
     for item in sorted(score.failed, key=_use_of_limit, reverse=True):
         yield _of_limit(item, f"It misses its limit: {_beside_limit(item)}")
     part = score.trajectory
@@ -248,30 +242,26 @@ def _worth_a_look(score: Score) -> Iterator[LookFirst]:
         if count and part is not None:
             share = number(100.0 * count / max(part.matched, 1))
             why = f"{count} of {part.matched} frames ({share} %) are {word}, and count in every figure like the others."
-            has_calls = value_at(score, "details.calls.localisation") is not None
-            yield LookFirst(f"{word} frames", why, f"figure-{'localisation-timeline' if has_calls else 'accumulated'}")
+            yield LookFirst(f"{word} frames", why)
     for item in score.verdicts:
         if item.state is VerdictState.NOT_ENOUGH_DATA:
             count_text = "" if item.count is None else f" ({item.count} values)"
             yield _of_limit(item, f"There is not enough data to judge it by its limit{count_text}.")
     for condition in () if part is None else part.conditions:
-        pose = value_at(condition, "nees.pose")
-        if pose is not None and pose.mean is not None and pose.interval95 and pose.mean > pose.interval95[1]:
-            times = number(pose.mean / pose.expected)
-            why = f"Over {condition.condition} the squared error is {times} times what the covariance of the odometry "
-            yield LookFirst("the covariance is too small", f"{why}says.", "table-consistency")
+        if condition.nees is not None and condition.nees.pose.consistent is False:
+            why = f"Over {condition.condition} the normalised squared error is {number(condition.nees.pose.mean)} in place of 6."
+            yield LookFirst("the covariance of the odometry", why)
     met = [item for item in score.verdicts if item.state is VerdictState.PASS]
     if met:
         item = max(met, key=_use_of_limit)
-        why = f"Of the limits that are met it is the nearest to being missed: {_beside_limit(item)}"
-        yield _of_limit(item, why)
+        yield _of_limit(item, f"Of the limits that are met it is the nearest to being missed: {_beside_limit(item)}")
     for first in parts_of(score)[:1]:
         sizes = error_sizes(first.rows)
         worst = max(range(len(sizes)), key=sizes.__getitem__)
         unit = fitting(METRE, sizes[worst])
         why = f"Over {first.score.condition} the largest position error is {number(sizes[worst], unit=unit)} "
         why += f"{unit.symbol}, at frames {first.rows.start_frame[worst]} to {first.rows.end_frame[worst]}."
-        yield LookFirst("the worst sub-trajectory", why, "figure-position")
+        yield LookFirst("the worst sub-trajectory", why)
 
 
 def _use_of_limit(item: Verdict) -> float:
@@ -291,10 +281,4 @@ def _beside_limit(item: Verdict) -> str:
 
 def _of_limit(item: Verdict, why: str) -> LookFirst:
     over = f" over {item.condition}" if item.condition is not None else ""
-    parts = {
-        "position": "figure-position",
-        "attitude": "figure-angles",
-        "heading": "figure-angles",
-        "point": "table-map",
-    }
-    return LookFirst(limit_name(item.metric) + over, why, parts.get(item.metric.partition("_")[0], "table-verdicts"))
+    return LookFirst(limit_name(item.metric) + over, why)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S, printable
 from sfr_loc_map.io.atomic import atomic_path
@@ -48,21 +48,20 @@ def curves_of(
     if len(given) < len(trajectories) + (truth is not None) or not given:
         raise MetricsError("a trajectory without poses cannot be drawn: leave it out")
     begin_ns = min(int(poses.stamps_ns.min()) for poses in given)
-
-    def curve(
-        name: str, colour: str, stamps_ns: IntArray, positions: FloatArray, error_m: FloatArray | None = None
-    ) -> Curve:
-        every = slice(None, None, max(1, -(-len(stamps_ns) // MOST_POINTS)))
-        seconds = ((stamps_ns[every] - begin_ns) / NS_PER_S).astype(np.float64)
-        return Curve(name, colour, seconds, positions[every], None if error_m is None else error_m[every])
-
-    curves = [] if truth is None else [curve("truth", "truth", truth.stamps_ns, truth.positions)]
+    drawn: list[tuple[str, str, Trajectory, FloatArray | None]] = []
+    if truth is not None:
+        drawn.append(("truth", "truth", truth, None))
     for (name, poses), colour in zip(trajectories.items(), cycle(COLOURS), strict=False):
-        if truth is None:
-            curves.append(curve(name, colour, poses.stamps_ns, poses.positions))
-        else:
-            paired = aligned_poses(poses, truth, config)
-            curves.append(curve(name, colour, paired.estimate.stamps_ns, paired.estimate.positions, paired.errors_m()))
+        paired = None if truth is None else aligned_poses(poses, truth, config)
+        drawn.append(
+            (name, colour, poses, None) if paired is None else (name, colour, paired.estimate, paired.errors_m())
+        )
+    curves = []
+    for name, colour, poses, error_m in drawn:
+        every = slice(None, None, max(1, -(-len(poses) // MOST_POINTS)))
+        seconds = ((poses.stamps_ns[every] - begin_ns) / NS_PER_S).astype(np.float64)
+        error_m = None if error_m is None else error_m[every]
+        curves.append(Curve(name, colour, seconds, poses.positions[every], error_m))
     return curves
 
 

@@ -43,7 +43,7 @@ from sfr_loc_map.report.plots import (
     segments,
     span,
 )
-from sfr_loc_map.report.score_tables import HOST, STATISTIC
+from sfr_loc_map.report.score_tables import DIRECTIONS, HOST, STATISTIC
 from sfr_loc_map.report.tables import MIB
 
 SYMBOLS = ("circle", "diamond", "square", "triangle-up", "cross")
@@ -54,13 +54,13 @@ TRACE_BACK = (
 )
 """What a mark says when pointed at; `customdata` is a row of `_traces_to`."""
 STATES = {
-    "initialising": ("@two", "diamond"),
-    "tracking": ("@one", "circle"),
-    "degraded": ("@three", "triangle-up"),
-    "lost": ("@bad", "x"),
-    "mapped": ("@one", "circle"),
-    "fused": ("@three", "square"),
-    "other": ("@four", "square"),
+    **{"initialising": ("@two", "diamond"), "tracking": ("@one", "circle"), "degraded": ("@three", "triangle-up")},
+    **{
+        "lost": ("@bad", "x"),
+        "mapped": ("@one", "circle"),
+        "fused": ("@three", "square"),
+        "other": ("@four", "square"),
+    },
 }
 """What a call said: its colour and mark."""
 LOG_TICKS_MM = (0.1, 0.3, 1, 3, 10, 30, 100, 300, 1000, 3000, 10000)
@@ -108,26 +108,16 @@ def _error_figures(score: Score) -> list[Plot]:
         return []
     first, rows, means = parts[0], parts[0].rows, parts[0].score.components
     over = f"Over {first.score.condition}"
-    by_direction = _panels(
-        first,
-        Panel("x (east)", rows.x_m, means.x_m),
-        Panel("y (north)", rows.y_m, means.y_m),
-        Panel("z (up)", rows.z_m, means.z_m),
-        Panel("along", rows.along_m, means.along_m),
-        Panel("across", rows.cross_m, means.cross_m),
-    )
-    angles = _panels(
-        first,
-        Panel("heading", rows.heading_deg, first.score.heading_deg),
-        Panel("attitude", rows.attitude_deg, first.score.attitude_deg, floor=0.0),
-        scale=(1.0, "deg"),
-    )
+    panels = (Panel(title, getattr(rows, name), getattr(means, name)) for name, title in DIRECTIONS.items())
+    heading = Panel("heading", rows.heading_deg, first.score.heading_deg)
+    attitude = Panel("attitude", rows.attitude_deg, first.score.attitude_deg, floor=0.0)
+    by_direction, angles = _panels(first, *panels), _panels(first, heading, attitude, scale=(1.0, "deg"))
     directions = f"{over}, by the axes of DS, along and across the path; mean and 3 sigma of each direction."
     of_angles = f"{over}. Heading has a sign; attitude is the angle of the shortest rotation."
     return [
         _position(parts),
         *growth([("mean + 3 sigma", score)]),
-        Plot("directions", "Position error by direction", directions, *by_direction, height=760, width="full"),
+        Plot("directions", "Position error by direction", directions, *by_direction, height=860, width="full"),
         Plot("angles", "Heading and attitude error", of_angles, *angles, height=480, width="full"),
     ]
 

@@ -52,6 +52,10 @@ SUMMARY = (
 HOST = "host"  #: First word of the name of a clock of this machine.
 UNTOLD = "not told"
 STATISTIC = {"mean": "mean", "sigma": "sigma", "mean_plus_3sigma": "mean + 3 sigma"}
+DIRECTIONS = {
+    **{"x_m": "x (east)", "y_m": "y (north)", "z_m": "z (up)"},
+    **{"along_m": "along the path", "cross_m": "to the left of it", "vertical_m": "vertical"},
+}
 TERMS: Mapping[str, str] = {
     "sub-trajectory": "the part of the drive from a start to where the condition is met, so many m, s or frames later",
     "re-based": "the estimate is placed on the true pose at each start: its error at the end is what was added since",
@@ -271,10 +275,10 @@ def _growth_table(score: Score) -> Table | None:
 
 
 def _component_table(score: Score) -> Table:
-    titles = ("x (east)", "y (north)", "z (up)", "along the path", "across the path, to the left", "vertical")
     rows: list[Row] = []
     for key, part in keyed_conditions(score):
-        for (name, value), title in zip(vars(part.components).items(), titles, strict=True):
+        for name, title in DIRECTIONS.items():
+            value: Statistic = getattr(part.components, name)
             unit = fitting(METRE, value.mean, value.sigma, value.mean_plus_3sigma)
             head = Cell.head(f"{title}, over {part.condition}")
             rows.append((head, Cell(unit.symbol), *_figures(value, STATISTIC, f"{key}.components.{name}", unit)))
@@ -313,32 +317,12 @@ def _association_table(score: Score) -> Table | None:
     part = score.trajectory
     if part is None:
         return None
-    tolerance, gap = (number(value) for value in (part.association.tolerance_s, part.association.max_gap_s))
-    of_counts = {
-        "estimate_poses": "estimates",
-        "truth_poses": "true poses",
-        "exact": "truth of the very stamp",
-        "near": f"truth within {tolerance} s",
-        "interpolated": f"truth interpolated, in gaps up to {gap} s",
-        "estimate_duplicates": "estimates with a duplicate stamp",
-        "truth_duplicates": "true poses with a duplicate stamp",
-        "estimate_unordered": "estimates out of order (sorted)",
-        "truth_unordered": "true poses out of order (sorted)",
-        "late": "estimates too late to be scored",
-    }
-    of_part = {
-        "matched": "frames: estimates with a truth",
-        "lost": "of them marked lost (scored with the last pose)",
-        "degraded": "of them degraded (a pose in doubt)",
-        "path_length_m": "true path length, m",
-        "duration_s": "duration, s",
-    }
-    facts = [(title, getattr(part, name), name) for name, title in of_part.items()]
-    facts += [("frames from one start to the next (spacing)", part.first.spacing_frames, "spacing_frames")]
-    counts = part.association.counts
-    facts += [(title, getattr(counts, name), f"association.{name}") for name, title in of_counts.items()]
-    rows = tuple((Cell.head(title), Cell.number(value, f"trajectory.{place}")) for title, value, place in facts)
-    return Table("frames", "What was scored", _headed("frames", "number"), rows)
+    names = ("matched", "lost", "degraded", "path_length_m", "duration_s")
+    facts = [(name, name, getattr(part, name)) for name in names]
+    facts += [("frames from one start to the next", "spacing_frames", part.first.spacing_frames)]
+    facts += [(name, f"association.{name}", value) for name, value in vars(part.association.counts).items()]
+    rows = ((Cell.head(name.replace("_", " ")), Cell.number(value, f"trajectory.{key}")) for name, key, value in facts)
+    return Table("frames", "What was scored", _headed("of frames and poses", "number"), tuple(rows))
 
 
 # ---- map
@@ -415,8 +399,7 @@ def _stage_table(score: Score) -> Table | None:
             key = f"timing.{kind}_s.stages.{stage}"
             rows.append((Cell.head(f"{kind}: {stage}"), *_figures(times, names, key, unit), _count(times, key)))
     note = (
-        "Over the calls that had the stage. Keyframe: work of a thread of its own after its call; the next call waits "
-        "for what is left of it (wait)."
+        "Over the calls that had the stage. Keyframe: in a thread of its own; the next call waits for the rest (wait)."
     )
     columns = (Column("stage", words=True), *_columns(names, unit), Column("n"))
     return Table("stages", "Time of stages", columns, tuple(rows), note)
@@ -464,17 +447,8 @@ def _external_table(score: Score) -> Table | None:
     node = score.external
     if node is None:
         return None
-    answers = {
-        "pairs": "pairs published",
-        "answered": "answered",
-        "missing": "missing",
-        "late": "late answers",
-        "doubled": "doubled answers",
-        "other_stamp": "answers of another stamp",
-        "other_frame": "answers from another frame, left out",
-        "not_usable": "answers that are not usable, left out",
-    }
-    shown = [(title, getattr(node.answers, name), f"answers.{name}", NONE) for name, title in answers.items()]
+    counts = vars(node.answers).items()
+    shown = [(name.replace("_", " "), value, f"answers.{name}", NONE) for name, value in counts]
     if node.latency_s is not None:
         for name in ("p50", "p95", "max"):
             shown.append((f"latency {name}", getattr(node.latency_s, name), f"latency_s.{name}", MILLISECOND))
@@ -485,10 +459,8 @@ def _external_table(score: Score) -> Table | None:
         (Cell.head(title), Cell(unit.symbol or ABSENT), Cell.number(value, f"external.{key}", unit, NOT_ENOUGH))
         for title, value, key, unit in shown
     )
-    note = (
-        f"On {node.topic}, frames {node.frames or UNTOLD}. Latency: from publishing the last image of a pair to the "
-        "receipt of its answer, with transport and waiting; it is no time per call."
-    )
+    note = f"On {node.topic}, frames {node.frames or UNTOLD}. Latency: from the last image of a pair to the receipt of "
+    note += "its answer, with transport and waiting; it is no time per call."
     note += f" Processes: {node.process.method}." if node.process is not None else ""
     note += f" It {node.ended}." if node.ended else ""
     return Table("external", f"External node: {node.task}", _headed("external node", "unit", "value"), rows, note)

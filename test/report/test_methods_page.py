@@ -45,22 +45,6 @@ def test_each_method_has_a_row_and_a_latency_is_no_time_per_call(scores: list[Sc
     assert cells["position over 5 m"][0].startswith(f"{1e3 * (first.first.position_m.mean_plus_3sigma or 0):.4g}")
 
 
-def test_maps_stand_as_differences_from_the_first(scores: list[Score]) -> None:
-    part = scores[1].map
-    assert part is not None
-    assert part.errors is not None
-    worse = [
-        replace(item, point_error_m=replace(item.point_error_m, p50=2.0 * (item.point_error_m.p50 or 0.0)))
-        for item in part.errors.by_range
-    ]
-    other = replace(scores[1], map=replace(part, errors=replace(part.errors, by_range=tuple(worse))))
-    (table,) = [item for item in methods_tables([scores[0], other], ["a", "b"]) if item.name == "map-differences"]
-    known = [row for row in table.rows if row[2].text not in ("-", "0")]
-    assert known
-    for row in known:
-        assert row[4].value == pytest.approx(row[2].value), "twice the first is the first more"
-
-
 def test_figures_hold_all_methods_and_no_sign_that_plotly_reads(scores: list[Score]) -> None:
     plots = {plot.name: plot for _, group in methods_figures(scores, ["sfr", HOSTILE]) for plot in group}
     assert set(plots) >= {"paths", "errors", "growth", "cost-localisation", "cost-mapping", "map-ranges"}
