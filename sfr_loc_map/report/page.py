@@ -249,7 +249,8 @@ def _worth_a_look(score: Score) -> Iterator[LookFirst]:
             yield _of_limit(item, f"There is not enough data to judge it by its limit{count_text}.")
     for condition in () if part is None else part.conditions:
         if condition.nees is not None and condition.nees.pose.consistent is False:
-            why = f"Over {condition.condition} the normalised squared error is {number(condition.nees.pose.mean)} in place of 6."
+            mean = number(condition.nees.pose.mean)
+            why = f"Over {condition.condition} the normalised squared error (NEES) is {mean} in place of 6."
             yield LookFirst("the covariance of the odometry", why)
     met = [item for item in score.verdicts if item.state is VerdictState.PASS]
     if met:
