@@ -15,6 +15,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, Mask
 
 MAX_IMAGE_PIXELS = 8192 * 8192  #: Largest image: a header may claim any size, and every allocation follows from it.
 MAX_IMAGE_SIDE = 32_768
+IMAGE_SIZE = f"{{}} is {{}} x {{}}: whole numbers of pixels > 0, up to {MAX_IMAGE_PIXELS} in all, are needed"
 FOCAL_SHARE = (0.01, 100.0)
 """Focal length over the longer side of the image: fields of view from 178 to 0.6 degrees."""
 MAX_CENTRE_SHARE = 10.0
@@ -33,15 +34,14 @@ def check_image_size(width: float, height: float, name: str = "image") -> None:
     """Check the size of an image, before anything is allocated for it."""
     sides_ok = all(1 <= n <= MAX_IMAGE_SIDE and n == int(n) for n in (width, height))
     if not (sides_ok and width * height <= MAX_IMAGE_PIXELS):
-        raise GeometryError(
-            f"{name} is {width} x {height}: whole numbers of pixels > 0, up to {MAX_IMAGE_PIXELS} in all, are needed"
-        )
+        raise GeometryError(IMAGE_SIZE.format(name, width, height))
 
 
 def check_camera(size: tuple[float, float], focal: tuple[float, float], centre: tuple[float, float]) -> None:
     """Check size (width, height), focal lengths (along rows, columns) and principal point of a camera, all pixels."""
-    check_image_size(*size)
     side = max(size)
+    if not all(1 <= n <= MAX_IMAGE_SIDE and n == int(n) for n in size) or size[0] * size[1] > MAX_IMAGE_PIXELS:
+        raise GeometryError(IMAGE_SIZE.format("image", *size))
     low, high = (share * side for share in FOCAL_SHARE)
     if not all(low <= f <= high for f in focal):
         raise GeometryError(
@@ -89,11 +89,6 @@ def plausible_quats(quats_xyzw: FloatArray) -> Mask:
         squares = np.einsum("...i,...i->...", quats_xyzw, quats_xyzw)
     low, high = QUATERNION_SQUARES
     return np.asarray((low <= squares) & (squares <= high))
-
-
-def is_finite_covariance(covariance: FloatArray) -> bool:
-    """Tell whether a covariance `(6, 6)` is finite and has no negative variance."""
-    return bool(np.isfinite(covariance).all() and (np.diag(covariance) >= 0.0).all())
 
 
 def is_plausible_covariance(covariance: FloatArray) -> bool:

@@ -14,7 +14,6 @@ import numpy as np
 
 from sfr_loc_map.config import build, changed, param, parameters
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_from_matrix, quat_multiply, quat_normalised, quat_rotate
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -132,7 +131,7 @@ def converted(trajectory: Trajectory, convention: PoseConvention, T_rb_child: Tr
         positions = -quat_rotate(quats, positions)
     if convention.of_another_frame:
         quats = quat_multiply(quat_normalised(quats), quat_from_matrix(T_rb_child.rotation.T))
-        positions = positions - quat_rotate(quats, np.broadcast_to(T_rb_child.translation, positions.shape))
+        positions = positions - quat_rotate(quats, T_rb_child.translation)
     return Trajectory(stamps, positions, quats)
 
 
@@ -140,9 +139,3 @@ def aligned(trajectory: Trajectory, T_ds_world: Transform) -> Trajectory:
     """Return poses in DS of poses in another world frame."""
     quats = quat_multiply(T_ds_world.quat_xyzw, trajectory.quats_xyzw)
     return Trajectory(trajectory.stamps_ns, T_ds_world.apply(trajectory.positions), quats)
-
-
-def lever_arms(trajectory: Trajectory, T_rb_child: Transform) -> FloatArray:
-    """Return for poses of RB where RB is seen from the frame the estimate was of: `(N, 3)`, metres, world axes."""
-    child = np.broadcast_to(T_rb_child.translation, trajectory.positions.shape)
-    return -quat_rotate(quat_normalised(trajectory.quats_xyzw), child)

@@ -19,9 +19,10 @@ import numpy as np
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.pose_convention import FIRST_POSE, MIRROR, PoseConvention, aligned, converted, lever_arms
+from sfr_loc_map.geometry.pose_convention import FIRST_POSE, MIRROR, PoseConvention, aligned, converted
 from sfr_loc_map.geometry.pose_convention import OPTICAL_IN_BODY as OPTICAL_IN_RB
 from sfr_loc_map.geometry.quaternion_kernels import slerp, unit_quats
+from sfr_loc_map.geometry.rotation import quat_normalised, quat_rotate
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform, propagation
@@ -243,7 +244,8 @@ def converted_estimates(
     covariance = None if convention.inverse or convention.mirrored else estimates.covariance
     if covariance is not None and (convention.metres_per_unit != 1.0 or convention.of_another_frame):
         unit = np.diag([convention.metres_per_unit] * 3 + [1.0] * 3)
-        carry = np.array([propagation(arm) @ unit for arm in lever_arms(poses, T_rb_child)]).reshape(-1, 6, 6)
+        arms = -quat_rotate(quat_normalised(poses.quats_xyzw), T_rb_child.translation)
+        carry = np.array([propagation(arm) @ unit for arm in arms]).reshape(-1, 6, 6)
         covariance = _carried(covariance, carry)
     plain = convention == PoseConvention(world=convention.world, time_offset_ns=convention.time_offset_ns)
     result = replace(estimates, trajectory=poses, covariance=covariance, steps=estimates.steps if plain else None)

@@ -22,7 +22,7 @@ import msgspec
 import numpy as np
 
 from sfr_loc_map.errors import InputError, LocalisationError, OutputError, SfrError
-from sfr_loc_map.geometry.plausibility import is_finite_covariance, is_plausible_covariance
+from sfr_loc_map.geometry.plausibility import is_plausible_covariance
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import read_bytes
@@ -140,7 +140,7 @@ class LocalisationSession:
 
     def accept(self, estimate: PoseEstimate) -> None:
         """Take an estimate of the localiser: the next one may have to start there."""
-        if not is_finite_covariance(estimate.covariance):
+        if not (np.isfinite(estimate.covariance).all() and (np.diag(estimate.covariance) >= 0.0).all()):
             self.continue_at_last_pose()
             raise LocalisationError(
                 f"the covariance of the pose of stamp {estimate.stamp_ns} is none: it is not published, and "
