@@ -13,13 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 from sfr_loc_map.geometry.arrays import FloatArray32, PointImage
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.plausibility import check_image_size
-from sfr_loc_map.io.image_codec import JPEG_MAGIC, claimed_size, decode_grey, encode_jpeg, points_image
+from sfr_loc_map.io.image_codec import decode_grey, points_image
 from sfr_loc_map.live.updates import ELEVATION, POINTS, CloudSample, ElevationSample, ImageSample
 from sfr_loc_map.mapping.config import MAX_PAIRS
 
 IMAGE_WIDTH = 640  #: Widest image that is shown, pixels.
 JPEG_QUALITY = 75
-MAX_JPEG_BYTES = 100_000  #: Largest file that is shown as it is: a page has 2 MB/s for 14 images and the clouds.
 MAX_POINTS = 40_000  #: Most points of a cloud that are shown.
 CELL_M = 0.1
 MAX_SIDE = 512  #: Cells along each axis of a grid that is made of a cloud; beyond them they are larger.
@@ -36,19 +35,12 @@ def image_sample(topic: str, stamp_ns: int, image: NDArray[np.uint8], published_
     if width > IMAGE_WIDTH:
         size = (IMAGE_WIDTH, max(round(height * IMAGE_WIDTH / width), 1))
         shown = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
-    shown = np.ascontiguousarray(shown)
-    if shown.ndim == 2:
-        jpeg = encode_jpeg(shown, JPEG_QUALITY)
-    else:
-        jpeg = bytes(cv2.imencode(".jpg", shown, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1])
+    jpeg = bytes(cv2.imencode(".jpg", np.ascontiguousarray(shown), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1])
     return ImageSample(topic, stamp_ns, jpeg, (shown.shape[1], shown.shape[0]), (width, height), published_s)
 
 
 def file_sample(topic: str, stamp_ns: int, data: bytes, published_s: float) -> ImageSample:
-    """Return an image file reduced for the screen, a small JPEG file as it is; InputError if it is no image."""
-    size = claimed_size(data) if data.startswith(JPEG_MAGIC) else None
-    if size is not None and size[0] <= IMAGE_WIDTH and len(data) <= MAX_JPEG_BYTES:
-        return ImageSample(topic, stamp_ns, data, size, size, published_s)
+    """Return an image file reduced for the screen; InputError if it is no image."""
     return image_sample(topic, stamp_ns, decode_grey(data), published_s)
 
 

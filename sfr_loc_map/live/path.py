@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections import deque
-from dataclasses import dataclass, fields, replace
+from dataclasses import astuple, dataclass, fields, replace
 from operator import itemgetter
 from typing import Any
 
@@ -47,19 +47,9 @@ class PathRow:
     distance_m: float  # along the true path, along the estimated one without truth
 
     def to_plain(self) -> list[Any]:
-        """Return it as a list of JSON values in the order of `ROW_FIELDS`; stamps have too many digits for a script."""
-        covariance = self.covariance_xy_m2
+        """Return JSON values in the order of `ROW_FIELDS`; stamps have too many digits for a script."""
         return [
-            self.n,
-            str(self.stamp_ns),
-            round(self.received_s, 4),
-            self.published_s,
-            _rounded(self.position_m),
-            None if covariance is None else [float(f"{value:.4g}") for value in covariance],
-            int(self.lost),
-            _rounded(self.truth_m),
-            _rounded(self.error_m, 6),
-            round(self.distance_m, 4),
+            str(value) if name == "stamp_ns" else value for name, value in zip(ROW_FIELDS, astuple(self), strict=True)
         ]
 
 
@@ -184,7 +174,3 @@ class LivePath:
 def _point(values: FloatArray) -> Point:
     x, y, z = values.tolist()
     return x, y, z
-
-
-def _rounded(values: Point | None, digits: int = 5) -> list[float] | None:
-    return None if values is None else [round(value, digits) for value in values]

@@ -68,7 +68,6 @@ class Recording:
     source: Source | None  # of the images
     cloud: PointCloud | None
     truths: Sequence[PairTruth]  # of the pairs of the cloud
-    report: str  # a score that was made before, for where it cannot be made again
     begin_ns: tuple[int, int]  # first stamps of the drive and of the mapping pairs
     end_s: float
 
@@ -93,7 +92,7 @@ def open_recording(path: Path, truth: Path | None = None) -> Recording:
     there is nothing to play, or it is broken.
     """
     files = ReplayFiles(path)
-    if path.is_dir() and any(file.is_file() for file in (files.estimate, files.cloud, files.report)):
+    if path.is_dir() and any(file.is_file() for file in (files.estimate, files.cloud)):
         return _replayed(files, truth)
     bag = Bag(path) if is_bag(path) else None
     is_run = bag is not None and bag.find("localisation/odometry", ODOMETRY) is not None
@@ -112,21 +111,17 @@ def open_recording(path: Path, truth: Path | None = None) -> Recording:
 
 
 def _replayed(files: ReplayFiles, truth: Path | None) -> Recording:
-    """Return a finished replay; where its source is gone the figures are those of its report."""
-    report = ""
+    """Return a finished replay, with the truth and the images of its source where that is known."""
     if files.report.is_file():
         with refusing(f"cannot read the report '{files.report}'", "replay again"):
-            report = read_text(files.report, MAX_REPORT_CHARACTERS)
-            truth = truth or _source_of(from_dict(parse_json(report), str(files.report)))
+            report = parse_json(read_text(files.report, MAX_REPORT_CHARACTERS))
+            truth = truth or _source_of(from_dict(report, str(files.report)))
     source = None if truth is None else open_source(truth)
     stats = [load_call_stats(files.stats)] if files.stats.is_file() else []
     estimates = load_estimates(files.estimate, stats) if files.estimate.is_file() else None
     cloud = load_cloud(files.cloud).cloud if files.cloud.is_file() else None
     said = list(_calls(files.stats)) if stats else []
-    true_poses = _truth_of(source)
-    if true_poses is not None or (source is not None and source.nav is not None):
-        report = ""
-    return _recording(files.folder, estimates, true_poses, said, source, cloud, report)
+    return _recording(files.folder, estimates, _truth_of(source), said, source, cloud)
 
 
 def _source_of(score: Score) -> Path | None:
@@ -153,7 +148,6 @@ def _recording(
     said: Sequence[updates.Status],
     source: Source | None,
     cloud: PointCloud | None = None,
-    report: str = "",
 ) -> Recording:
     """Return the recording with its time line; InputError if nothing is in it, or a figure of a call is none."""
     drive = [int(stamp) for track in (estimates and estimates.trajectory, truth) if track for stamp in track.stamps_ns]
@@ -167,7 +161,7 @@ def _recording(
     if source is not None:
         drive += getattr(source.loc, "stamps_ns", ())  # files and bags know their stamps without their images
         panorama += getattr(nav, "stamps_ns", ())
-    if not drive and not panorama and not report:
+    if not drive and not panorama:
         raise InputError(f"'{path}' holds nothing to play: give a bag, the folder of sfr replay --out, or a data set")
     begin_ns = min(drive, default=0), min(panorama, default=0)
     end_s = max(_place(max(drive, default=0), begin_ns[0]), _place(max(panorama, default=0), begin_ns[1]))
@@ -192,7 +186,7 @@ def _recording(
         media = cloud_samples(cloud_ns[-1], cloud.xyz, cloud.sigma, 0.0, true_points.errors(cloud))
         moments += ((_place(cloud_ns[-1], begin_ns[1]), sample) for sample in media if sample is not None)
     moments.sort(key=itemgetter(0))
-    return Recording(path.name or str(path), moments, source, cloud, truths, report, begin_ns, end_s)
+    return Recording(path.name or str(path), moments, source, cloud, truths, begin_ns, end_s)
 
 
 def _place(stamp_ns: int, begin_ns: int) -> float:
@@ -314,9 +308,7 @@ class Player:
             self._state.put(
                 updates.Status(node, updates.StatusKind.HEALTH, 0, message, {"lifecycle": "recorded"}, now_s)
             )
-        if self._recording.report:
-            self._state.put(updates.Report(self._recording.report, now_s))
-        elif self._next:
+        if self._next:
             self._state.put(updates.Report(to_json(self._score.result(details=False)), now_s))
         end_s = time.monotonic()
         self._report_due_s = end_s + max(REPORT_PERIOD_S, 10.0 * (end_s - begin_s))

@@ -5,25 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from live_run import cloud, image
 
-from sfr_loc_map.errors import InputError
-from sfr_loc_map.io.image_codec import encode_png
-from sfr_loc_map.live.media import MAX_CELLS, file_sample, outlines, thinned
+from sfr_loc_map.live.media import MAX_CELLS, outlines, thinned
 from sfr_loc_map.live.updates import ElevationSample
-
-
-def test_images_and_clouds_are_small_enough_for_a_screen() -> None:
-    big = image("loc/left", 1, 0.0)
-    points, grid = cloud(1, 0.0, 100_000)
-    assert len(big.jpeg) < 40_000
-    assert file_sample("loc/left", 1, big.jpeg, 0.0).jpeg is big.jpeg, "what is small enough is not decoded"
-    with pytest.raises(InputError):
-        file_sample("loc/left", 1, b"no image", 0.0)
-    png = file_sample("loc/left", 1, encode_png(np.zeros((900, 1200), np.uint8)), 0.0)
-    assert (png.size, png.full_size, png.jpeg[:2]) == ((640, 480), (1200, 900), b"\xff\xd8")
-    assert len(points.points) == 40_000
-    assert grid.layers.nbytes < 1_500_000
 
 
 def test_thinned_grids_keep_the_worst_hazard_and_means_of_heights() -> None:

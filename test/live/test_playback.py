@@ -88,16 +88,6 @@ def played(path: Path) -> LiveState:
     return state
 
 
-def test_where_truth_is_gone_the_figures_are_those_of_the_report(out: Path, tmp_path: Path) -> None:
-    for name in ("estimate.csv", "stats.csv"):
-        (tmp_path / name).write_bytes((out / name).read_bytes())
-    (tmp_path / "report.json").write_text('{"schema": "sfr-score/1", "verdicts": [], "warnings": ["as it was"]}')
-    state = played(tmp_path)
-    assert state.report is not None
-    assert state.report.score.warnings == ("as it was",)
-    assert len(state.path.rows) == COUNT
-
-
 def write_run(path: Path) -> Path:
     """A recording of a live run, without images: poses, truth, calls and health."""
     said = "diagnostic_msgs/msg/DiagnosticArray"

@@ -49,7 +49,7 @@ export class Store {
     for (const row of message.rows) {
       this.rows.push({
         n: row[place.n], stamp: row[place.stamp_ns], received: row[place.received_s], published: row[place.published_s],
-        at: row[place.position_m], covariance: row[place.covariance_xy_m2], lost: row[place.lost] === 1,
+        at: row[place.position_m], covariance: row[place.covariance_xy_m2], lost: row[place.lost],
         truth: row[place.truth_m], error: row[place.error_m], distance: row[place.distance_m],
       });
     }
