@@ -28,7 +28,7 @@ from sfr_loc_map.io import registry, sequence
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud, save_cloud
 from sfr_loc_map.io.sequence import drive_of, panorama_of
-from sfr_loc_map.io.trajectory_file import TrajectoryFormat, read_times, read_trajectory_file, save_trajectory
+from sfr_loc_map.io.trajectory_file import read_trajectory_file, save_trajectory
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose
 from sfr_loc_map.mapping.config import MappingConfig
@@ -118,49 +118,12 @@ class Trajectory(_Shown, trajectory_base.Trajectory):
 
     @classmethod
     def load(cls, path: PathLike) -> Self:
-        """Read a trajectory file; the format is detected: csv of the suite, TUM, KITTI, EuRoC."""
+        """Read a file; the format is detected: csv of the suite, TUM, KITTI, EuRoC."""
         return cls.of(read_trajectory_file(Path(path)).trajectory)
 
-    @classmethod
-    def from_csv(cls, path: PathLike) -> Self:
-        """Read a csv of the suite, as `sfr localise` writes it."""
-        return cls._of_file(path, TrajectoryFormat.CSV)
-
-    @classmethod
-    def from_tum(cls, path: PathLike) -> Self:
-        """Read a TUM file: `t x y z qx qy qz qw`, t in seconds."""
-        return cls._of_file(path, TrajectoryFormat.TUM)
-
-    @classmethod
-    def from_kitti(cls, path: PathLike, times: PathLike | None = None) -> Self:
-        """Read KITTI poses: twelve numbers a line, of the left camera; here with x forward, y left, z up.
-
-        `times` has the seconds of each pose, one a line; without it `NAME.times.txt` or `times.txt` beside the poses,
-        otherwise the numbers of the lines, 1 s apart.
-        """
-        found = cls._of_file(path, TrajectoryFormat.KITTI)
-        return found if times is None else replace(found, stamps_ns=read_times(Path(times), len(found)))
-
-    @classmethod
-    def from_euroc(cls, path: PathLike) -> Self:
-        """Read a EuRoC csv: nanoseconds, position, quaternion scalar first."""
-        return cls._of_file(path, TrajectoryFormat.EUROC)
-
-    def to_csv(self, path: PathLike) -> None:
-        """Write a csv of the suite."""
-        save_trajectory(Path(path), self, TrajectoryFormat.CSV)
-
-    def to_tum(self, path: PathLike) -> None:
-        """Write a TUM file."""
-        save_trajectory(Path(path), self, TrajectoryFormat.TUM)
-
-    def to_kitti(self, path: PathLike) -> None:
-        """Write KITTI poses, and their stamps beside them as `NAME.times.txt`."""
-        save_trajectory(Path(path), self, TrajectoryFormat.KITTI)
-
-    def to_euroc(self, path: PathLike) -> None:
-        """Write a EuRoC csv."""
-        save_trajectory(Path(path), self, TrajectoryFormat.EUROC)
+    def save(self, path: PathLike) -> None:
+        """Write a file, whose name says the format: *.csv, *.txt or *.tum, *.kitti, *.euroc.csv."""
+        save_trajectory(Path(path), self)
 
     def to_evo(self, path: PathLike, truth: trajectory_base.Trajectory, align: str = "se3") -> None:
         """Write the APE of the positions as a result of evo (zip), for `evo_res`; `align` as in `sfr.score`."""
@@ -193,33 +156,13 @@ class Trajectory(_Shown, trajectory_base.Trajectory):
         for index, stamp_ns in enumerate(self.stamps_ns.tolist()):
             yield stamp_ns, self.pose(index)
 
-    @property
-    def length_m(self) -> float:
-        """Length of the path, m."""
-        return float(np.linalg.norm(np.diff(self.positions, axis=0), axis=1).sum())
-
-    @property
-    def duration_s(self) -> float:
-        """Time from the earliest to the latest pose, s."""
-        return float(np.ptp(self.stamps_ns)) / NS_PER_S if len(self) else 0.0
-
-    @property
-    def states(self) -> dict[str, int]:
-        """Number of poses by the state of the call; empty for poses from elsewhere."""
-        return dict(Counter(record.state for record in self.records))
-
-    @classmethod
-    def _of_file(cls, path: PathLike, kind: TrajectoryFormat) -> Self:
-        loaded = read_trajectory_file(Path(path))
-        if loaded.format is not kind:
-            raise InputError(f"{loaded.text}: this is not {kind}; Trajectory.load() reads every format")
-        return cls.of(loaded.trajectory)
-
     def _facts(self) -> dict[str, str]:
-        facts = {"poses": f"{len(self)} poses", "duration": f"{self.duration_s:.1f} s"}
-        facts["path"] = f"{self.length_m:.2f} m"
+        duration_s = float(np.ptp(self.stamps_ns)) / NS_PER_S if len(self) else 0.0
+        length_m = float(np.linalg.norm(np.diff(self.positions, axis=0), axis=1).sum())
+        facts = {"poses": f"{len(self)} poses", "duration": f"{duration_s:.1f} s", "path": f"{length_m:.2f} m"}
         if self.records:
-            facts["states"] = ", ".join(f"{count} {state}" for state, count in self.states.items())
+            states = Counter(record.state for record in self.records)
+            facts["states"] = ", ".join(f"{count} {state}" for state, count in states.items())
         return facts
 
 
@@ -315,20 +258,14 @@ class Score(score_base.Score):
         """Verdict over all limits: `pass`, `fail`, `not enough data`; `no verdict` without limits."""
         return overall_of(self).state
 
-    @property
-    def verdict_text(self) -> str:
-        """The same in a sentence."""
-        return overall_of(self).text
-
     def to_json(self) -> str:
         """Return the JSON (`sfr-score/1`), the same as of `sfr score --json`."""
         return to_json(self)
 
     def save(self, path: PathLike) -> None:
         """Write the JSON."""
-        text = self.to_json()
         with atomic_path(Path(path)) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+            temporary.write_text(self.to_json(), encoding="utf-8")
 
     def report(self, path: PathLike) -> None:
         """Write the report page, the same as of `sfr score --html`."""
@@ -338,13 +275,8 @@ class Score(score_base.Score):
         """Return all tables as Markdown."""
         return score_markdown(self)
 
-    @property
-    def plots(self) -> tuple[str, ...]:
-        """Names of the figures that `plot` can draw."""
-        return tuple(plot.name for _, plots in score_figures(self) for plot in plots)
-
     def plot(self, name: str | None = None) -> Figure:
-        """Return a figure of the report, one of `plots` or the first, as a plotly figure, which a notebook shows."""
+        """Return a figure of the report, by default the first, as a plotly figure, which a notebook shows."""
         plots = {plot.name: plot for _, plots in score_figures(self) for plot in plots}
         if not plots or (name is not None and name not in plots):
             raise ConfigError(f"this score has no figure '{name or 'at all'}': it has {', '.join(plots) or 'none'}")

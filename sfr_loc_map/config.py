@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
+import msgspec
 import yaml
 
 from sfr_loc_map.errors import ConfigError
@@ -31,16 +32,9 @@ def param(
     choices: tuple[str, ...] = (),
     live: bool = False,
 ) -> Any:  # noqa: ANN401 - stands for the field's value, as dataclasses.field does
-    """Declare one parameter as a dataclass field.
+    """Declare one parameter, of the type of its default, as a dataclass field; `live`: it may change in a running node.
 
-    Args:
-        default: Default value; its type is the parameter's type.
-        doc: One sentence that says what it does.
-        unit: Unit, empty where it has none.
-        low: Smallest value allowed; every number has a range, so that no value leads to a figure that is not finite.
-        high: Largest value allowed.
-        choices: Allowed words of a text parameter.
-        live: Whether it may change while a node runs.
+    Every number has a range, so that no value leads to a figure that is not finite.
     """
     metadata = {"doc": doc, "unit": unit, "low": low, "high": high, "choices": choices, "live": live}
     if isinstance(default, (list, dict)):
@@ -129,15 +123,9 @@ def _yaml(value: Any) -> str:  # noqa: ANN401 - any parameter type
 
 
 def build(config_type: type[C], values: Mapping[str, Any], *, origin: str = "configuration") -> C:
-    """Make a configuration from dotted names; what is not named keeps its default.
+    """Make a configuration from dotted or nested names; what is not named keeps its default.
 
-    Args:
-        config_type: A frozen dataclass whose fields come from `param` or are such dataclasses.
-        values: Values by dotted name (nested mappings are flattened).
-        origin: What the values come from, for messages.
-
-    Raises:
-        ConfigError: For an unknown name, a wrong type, or a value out of range; all of them in one line.
+    Raises ConfigError for unknown names, wrong types and values out of range; all of them in one line.
     """
     flat = _flatten_mapping(values)
     known = {info.name: info for info in parameters(config_type)}
@@ -146,7 +134,7 @@ def build(config_type: type[C], values: Mapping[str, Any], *, origin: str = "con
     for name, value in flat.items():
         if name in known:
             try:
-                checked[name] = check_value(known[name], value)
+                checked[name] = _checked(known[name], value)
             except ConfigError as error:
                 problems.append(str(error))
     if problems:
@@ -154,12 +142,15 @@ def build(config_type: type[C], values: Mapping[str, Any], *, origin: str = "con
     return _construct(config_type, checked, "")
 
 
-def check_value(info: ParamInfo, value: Any) -> Any:  # noqa: ANN401 - any parameter type
-    """Return `value` in the parameter's type; raises ConfigError if the type is wrong or the value is out of range."""
-    value = _as_type(info, value)
-    for number in value if isinstance(value, tuple) else (value,):
-        if not _in_range(info, number):
-            raise ConfigError(f"'{info.name}' is {number}: must lie in {info.low} .. {info.high} {info.unit}".rstrip())
+def _checked(info: ParamInfo, value: Any) -> Any:  # noqa: ANN401 - any parameter type
+    try:
+        value = msgspec.convert(value, info.type)
+    except msgspec.ValidationError as error:
+        kind = type(info.default).__name__
+        raise ConfigError(f"'{info.name}' is {value!r:.40}: a value of type {kind} is needed") from error
+    for item in value if isinstance(value, tuple) else (value,):
+        if info.low is not None and info.high is not None and not info.low <= item <= info.high:
+            raise ConfigError(f"'{info.name}' is {item}: must lie in {info.low} .. {info.high} {info.unit}".rstrip())
     if info.choices and value not in info.choices:
         raise ConfigError(f"'{info.name}' is '{value}': must be one of {', '.join(info.choices)}")
     return value
@@ -185,39 +176,6 @@ def _has_numbers(default: object) -> bool:
     """Tell whether a default is a number or holds some; an empty tuple stands for one of numbers."""
     values = default if isinstance(default, tuple) else (default,)
     return not values or any(isinstance(value, (int, float)) and not isinstance(value, bool) for value in values)
-
-
-def _in_range(info: ParamInfo, number: Any) -> bool:  # noqa: ANN401 - any parameter type
-    if isinstance(number, (bool, str)):
-        return True
-    return (info.low is None or number >= info.low) and (info.high is None or number <= info.high)
-
-
-def _as_type(info: ParamInfo, value: Any) -> Any:  # noqa: ANN401 - any parameter type
-    kind = type(info.default)
-    if kind is tuple and isinstance(value, (list, tuple)):
-        element = type(info.default[0]) if info.default else float
-        if all(_is_a(element, item) for item in value):
-            return tuple(_converted(info, element, item) for item in value)
-    elif _is_a(kind, value):
-        return _converted(info, kind, value)
-    raise ConfigError(f"'{info.name}' is {value!r}: a value of type {kind.__name__} is needed")
-
-
-def _converted(info: ParamInfo, kind: type, value: Any) -> Any:  # noqa: ANN401 - any parameter type
-    if value != value:
-        raise ConfigError(f"'{info.name}' is not a number")
-    try:
-        return kind(value)
-    except OverflowError as error:
-        raise ConfigError(f"'{info.name}' is too large: at most {info.high} {info.unit}".rstrip()) from error
-
-
-def _is_a(kind: type, value: Any) -> bool:  # noqa: ANN401 - any parameter type
-    """Tell whether a value is of a type: a whole number is a float, a bool is not a number."""
-    if isinstance(value, bool) or kind is bool:
-        return isinstance(value, bool) and kind is bool
-    return isinstance(value, (int, float) if kind is float else kind)
 
 
 def suggestion(name: str, known: Collection[str]) -> str:
@@ -250,43 +208,22 @@ def _construct(config_type: type[C], values: Mapping[str, Any], prefix: str) -> 
 
 
 def read_config(config_type: type[C], path: Path | None, section: str) -> C:
-    """Read the parameters of one part from a YAML file.
+    """Read the parameters of one part, `localisation` or `mapping`, from a YAML file; None: the defaults.
 
     The file is either a ROS parameter file (`/**: ros__parameters:` or `NODE: ros__parameters:`), of which the keys of
     this part are taken, or a plain mapping of parameter names, optionally below the part's name.
-
-    Args:
-        config_type: Configuration class.
-        path: File, or None for the defaults.
-        section: Name of the part: `localisation` or `mapping`.
-
-    Raises:
-        ConfigError: If the file or a value in it is not valid.
     """
     if path is None:
         return config_type()
-    content = load_yaml(path)
-    blocks = {
-        key: block["ros__parameters"]
-        for key, block in content.items()
-        if isinstance(block, dict) and isinstance(block.get("ros__parameters"), dict)
-    }
+    flat = _flatten_mapping(load_yaml(path))
+
+    def below(prefix: str) -> dict[str, Any]:
+        return {name.removeprefix(prefix): value for name, value in flat.items() if name.startswith(prefix)}
+
     values: dict[str, Any] = {}
-    for key in ("/**", f"{section}_node", f"/{section}_node", f"/**/{section}_node"):
-        values.update(_section(blocks.get(key, {}), section))
-    if not blocks:
-        other = {"localisation", "mapping"} - {section}
-        values = (
-            content[section]
-            if isinstance(content.get(section), dict)
-            else {name: value for name, value in content.items() if name not in other}
-        )
+    for node in ("/**", f"{section}_node", f"/{section}_node", f"/**/{section}_node"):
+        values |= below(f"{node}.ros__parameters.{section}.")
+    if not any(".ros__parameters." in name for name in flat):
+        other = "mapping." if section == "localisation" else "localisation."
+        values = below(f"{section}.") or {name: value for name, value in flat.items() if not name.startswith(other)}
     return build(config_type, values, origin=str(path))
-
-
-def _section(block: dict[str, Any], section: str) -> dict[str, Any]:
-    """Return the parameters of a part, written below its name or with dotted names."""
-    prefix = f"{section}."
-    dotted = {name.removeprefix(prefix): value for name, value in block.items() if name.startswith(prefix)}
-    nested = block.get(section)
-    return {**(nested if isinstance(nested, dict) else {}), **dotted}

@@ -92,10 +92,7 @@ def special_kind(mode: int) -> str:
 
 
 def check_regular(path: Path) -> None:
-    """Check that a path is a regular file, or a link to one.
-
-    Raises OSError if it is missing or something else, or its name is that of no file.
-    """
+    """Raise OSError if a path is missing, or neither a regular file nor a link to one."""
     read_bytes(path, None)
 
 
@@ -130,12 +127,7 @@ def read_bytes(path: Path, limit: int | None, *, table: bool = False) -> bytes:
 
 
 def read_text(path: Path, limit: int = MAX_TEXT_BYTES) -> str:
-    """Return the text of a regular file in UTF-8, with or without a byte order mark.
-
-    Raises:
-        OSError: As `read_bytes`.
-        UnicodeDecodeError: If it is no UTF-8.
-    """
+    """Return the text of a regular file in UTF-8, with or without a byte order mark."""
     return read_bytes(path, limit).decode("utf-8-sig")
 
 
@@ -150,10 +142,7 @@ def expansion_limit(compressed: int) -> int:
 
 
 def check_expansion(compressed: int, size: int, what: str) -> None:
-    """Check a size that is claimed for something compressed, before memory is taken for it.
-
-    Raises ValueError if it is larger than `expansion_limit`.
-    """
+    """Raise ValueError, before memory is taken, if something compressed claims more than `expansion_limit`."""
     if size > expansion_limit(compressed):
         raise ValueError(
             f"{what} of {compressed} bytes claims to hold {size}: up to {expansion_limit(compressed)} are read"
@@ -161,12 +150,7 @@ def check_expansion(compressed: int, size: int, what: str) -> None:
 
 
 def hash_path(path: Path) -> str:
-    """Return the SHA-256 of a file, or of a folder's files: their relative names and hashes, in the order of names.
-
-    Hidden files are left out of a folder's hash.
-
-    Raises InputError if the path is missing or cannot be read.
-    """
+    """Return the SHA-256 of a file, or of the names and hashes of a folder's files that are not hidden."""
     path = Path(path)
     try:
         if path.is_file():
@@ -193,15 +177,10 @@ def hash_arrays(arrays: Iterable[NDArray[np.generic]]) -> str:
 
 
 def parse_json(text: str | bytes, parse_constant: Callable[[str], Any] | None = None) -> Any:  # noqa: ANN401 - any JSON
-    """Return the value of a JSON text.
+    """Return the value of a JSON text; `parse_constant` is called with NaN and Infinity, which are not JSON.
 
-    Args:
-        text: The text.
-        parse_constant: Called with NaN, Infinity and -Infinity, which are not JSON; None: numbers that are not finite.
-
-    Raises:
-        ValueError: If it is no JSON, nested too deeply, or holds an integer of more than 20 digits or half of a
-            surrogate pair, which no encoding takes.
+    Raises ValueError if it is no JSON, nested too deeply, or holds an integer of more than 20 digits or half of a
+    surrogate pair, which no encoding takes.
     """
     text = text.decode("utf-8") if isinstance(text, bytes) else text
     try:
@@ -228,9 +207,7 @@ def _integer(text: str) -> int:
 def parse_yaml(text: str) -> Any:  # noqa: ANN401 - any YAML
     """Return the value of a YAML text of plain types.
 
-    Raises:
-        yaml.YAMLError: If it is no YAML, nested too deeply, or its aliases stand for too many values.
-        ValueError: If a value is none of its kind (a date without such a day, an integer of 5000 digits).
+    Raises YAMLError or ValueError if it is no YAML, nested too deeply, or its aliases stand for too many values.
     """
     loader = _BoundedLoader(text)
     try:
@@ -251,7 +228,6 @@ class _BoundedLoader(yaml.SafeLoader):
     depth = 0
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        """Count the depth."""
         self.depth += 1
         if self.depth > MAX_DEPTH:
             raise yaml.YAMLError("it is nested too deeply")
@@ -260,7 +236,6 @@ class _BoundedLoader(yaml.SafeLoader):
         return node
 
     def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
-        """Refuse what has no place in 64 bits."""
         if len(node.value) > 4 * MAX_DIGITS:
             raise yaml.YAMLError(f"an integer of {len(node.value)} digits")
         return int(super().construct_yaml_int(node))
@@ -270,11 +245,7 @@ _BoundedLoader.add_constructor("tag:yaml.org,2002:int", _BoundedLoader.construct
 
 
 def _expanded(node: yaml.Node, sizes: dict[int, int], depth: int) -> int:
-    """Return how many values a node stands for once its aliases are written out.
-
-    Raises:
-        yaml.YAMLError: If they are too many, or a node holds itself.
-    """
+    """Return how many values a node stands for once its aliases are written out; YAMLError if they are too many."""
     if isinstance(node, yaml.ScalarNode):
         return 1
     if depth > MAX_DEPTH:

@@ -44,7 +44,7 @@ def test_a_drive_scored_in_memory_has_the_figures_of_the_command(
     folder: Path, estimate: suite.Trajectory, tmp_path: Path, sfr: Sfr
 ) -> None:
     poses, stats, limits = (tmp_path / name for name in ("estimate.csv", "stats.csv", "limits.yaml"))
-    estimate.to_csv(poses)
+    estimate.save(poses)
     estimate.to_stats(stats)
     limits.write_text(json.dumps(LIMITS))
     conditions = ["frames=2", "distance=0.04"]
@@ -77,7 +77,7 @@ def test_two_trajectories_are_scored(estimate: suite.Trajectory, folder: Path, t
     assert scored.verdict == "no verdict"
     moved = suite.score(replace(truth, positions=truth.positions + 1.0), truth, ["frames=2"], spacing=1).trajectory
     assert moved.first.position_m.mean_plus_3sigma == pytest.approx(0.0, abs=1e-12)
-    estimate.to_kitti(tmp_path / "poses.kitti")
+    estimate.save(tmp_path / "poses.kitti")
     (tmp_path / "poses.times.txt").unlink()  # poses without stamps get those of poses in memory
     for pair in ((tmp_path / "poses.kitti", estimate), (estimate, tmp_path / "poses.kitti"), (estimate, truth)):
         found = suite.score(*pair, "frames=2").trajectory  # one condition may be a text
