@@ -1,19 +1,19 @@
 """Time and memory of the calls of a processing API [4.2.1, 4.2.2, 4.3.1, 4.3.2]: measured one by one, and scored.
 
 Memory: before a call the kernel's high-water mark of the process' resident memory is set back to what is resident
-now (`5` written to `/proc/self/clear_refs`), after it the mark is read (`VmHWM` in `/proc/self/status`). So the peak is
-the kernel's own, and nothing between two samples can be missed. It is of the whole process, all threads together. It
-resolves pages (4 KiB) up to the kernel's per-thread counters, some hundred KiB. Memory "above the idle process" is the
-peak less what was resident when the meter was made or told so (`mark_idle`).
+now (`5` written to `/proc/self/clear_refs`), after it the mark is read (`VmHWM` in `/proc/self/status`): the kernel's
+own peak, of all threads together, exact to some hundred KiB. Memory "above the idle process" is the peak less what was
+resident when the meter was made or told so (`mark_idle`).
 """
 
 from __future__ import annotations
 
 import os
+import re
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -42,6 +42,7 @@ METHOD = "kernel high-water mark of resident memory (VmHWM), set back before eac
 METHOD_UNAVAILABLE = "not measured: this system has no resettable high-water mark (/proc/self/clear_refs)"
 KINDS: dict[str, CallKind] = {MappingState.MAPPED: CallKind.MAPPING, MappingState.FUSED: CallKind.FUSION}
 """Kind of call by its state; all other states are those of the localiser."""
+UNMEASURED = PeakMemory(peak_bytes=None, above_idle_bytes=None)
 HISTOGRAM_BINS = 40
 SERIES_ROWS = 2000  #: Calls of each kind that are kept for figures.
 
@@ -137,7 +138,7 @@ def parts_of(calls: Sequence[ScoredCalls]) -> tuple[TimingScore | None, MemorySc
     known: tuple[dict[str, Any], ...] = ({}, {}, {})
     for scored in calls:
         for part, values in zip(scored, known, strict=True):
-            told = {} if part is None else {item.name: getattr(part, item.name) for item in fields(part)}
+            told = {} if part is None else vars(part)
             values.update({name: value for name, value in told.items() if value is not None})
     timing, memory = TimingScore(**known[0]), MemoryScore(**known[1])
     drawn = None if all(item.details is None for item in calls) else CallDetails(**known[2])
@@ -164,7 +165,7 @@ def score_calls(calls: Calls, clock: str = HOST_CLOCK, *, details: bool = True) 
         peaks[kind.value] = PeakMemory(peak_bytes=peak, above_idle_bytes=above_idle)
         if details:
             drawn[kind.value] = _figures(calls, rows)
-    method = METHOD if any(map(_measured, peaks.values())) else METHOD_UNAVAILABLE
+    method = METHOD if any(each != UNMEASURED for each in peaks.values()) else METHOD_UNAVAILABLE
     memory = MemoryScore(**peaks, method=method)
     return ScoredCalls(TimingScore(**timing), memory, CallDetails(**drawn) if details else None)
 
@@ -213,19 +214,14 @@ def _figures(calls: Calls, mine: NDArray[np.intp]) -> CallFigures:
 def score_target(calls: Calls, name: str) -> TargetScore:
     """Return the score of calls that were measured elsewhere, under that target's name."""
     timing, memory, _ = score_calls(calls, clock=name, details=False)
-    measured = any(_measured(peaks) for kind in CallKind if (peaks := memory.of(kind)) is not None)
-    memory = replace(memory, method=f"as measured on {name}") if measured else MemoryScore()
+    memory = replace(memory, method=f"as measured on {name}") if memory.method == METHOD else MemoryScore()
     return TargetScore(name=name, timing=timing, memory=memory)
-
-
-def _measured(peaks: PeakMemory) -> bool:
-    return peaks.peak_bytes is not None or peaks.above_idle_bytes is not None
 
 
 def stage_of(figure: str) -> str | None:
     """Return the name of the stage whose time a figure of a call is (`stage_NAME_s`), None if it is none."""
-    is_stage = figure.startswith("stage_") and figure.endswith("_s")
-    return figure.removeprefix("stage_").removesuffix("_s") or None if is_stage else None
+    found = re.fullmatch(r"stage_(.+)_s", figure)
+    return None if found is None else found[1]
 
 
 def with_external(scored: ScoredCalls, node: ExternalScore) -> ScoredCalls:
@@ -236,9 +232,7 @@ def with_external(scored: ScoredCalls, node: ExternalScore) -> ScoredCalls:
     told = memory.of(kind)
     if node.process is not None and (told is None or told.peak_bytes is None):
         others = [peaks for other in CallKind if other is not kind and (peaks := memory.of(other)) is not None]
-        method = f"{kind}: {node.process.method}"
-        if any(item.peak_bytes is not None for item in others):
-            method += f"; others: {memory.method}"
+        beside = f"; others: {memory.method}" if any(item.peak_bytes is not None for item in others) else ""
         peaks = PeakMemory(peak_bytes=node.process.peak_rss_bytes, above_idle_bytes=None)
-        memory = replace(memory, **{kind.value: peaks}, method=method)
+        memory = replace(memory, **{kind.value: peaks}, method=f"{kind}: {node.process.method}{beside}")
     return scored._replace(timing=timing, memory=memory)

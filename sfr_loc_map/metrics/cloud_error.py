@@ -48,9 +48,8 @@ class PairTruth:
     def __post_init__(self) -> None:
         """Check the size; MetricsError if the truth is not of the rig's size."""
         if self.points.shape != (self.rig.height, self.rig.width, 3):
-            raise MetricsError(
-                f"truth of a mapping pair is {self.points.shape}: ({self.rig.height}, {self.rig.width}, 3) is needed"
-            )
+            needed = (self.rig.height, self.rig.width, 3)
+            raise MetricsError(f"truth of a mapping pair is {self.points.shape}: {needed} is needed")
 
     @classmethod
     def of(cls, pair: PosedStereoPair, rig: StereoRig) -> PairTruth | None:
@@ -72,10 +71,8 @@ def truths_of(pairs: Sequence[PosedStereoPair], rig: StereoRig) -> list[PairTrut
     truths = [PairTruth.of(pair, rig) for pair in pairs]
     without = [str(pair.pair.stamp_ns) for pair, truth in zip(pairs, truths, strict=True) if truth is None]
     if without or not truths:
-        raise MetricsError(
-            f"a map score needs the truth of every pair: none for {', '.join(without) or 'any (no pair at all)'}; "
-            "give a source with truth"
-        )
+        none = ", ".join(without) or "any (no pair at all)"
+        raise MetricsError(f"a map score needs the truth of every pair: none for {none}; give a source with truth")
     return [truth for truth in truths if truth is not None]
 
 
@@ -170,11 +167,7 @@ class ScoredMap(NamedTuple):
 
 
 def score_map(cloud: PointCloud, truths: Sequence[PairTruth], config: MapScoreConfig) -> ScoredMap:
-    """Return the score of a cloud in LM whose points' pixels are known, by the truth of the pairs 0, 1, ... of it.
-
-    MetricsError if a point names a pair or pixel that is not there or is not finite, or the cloud does not say whether
-    it is fused.
-    """
+    """Return the score of a cloud in LM whose points' pixels are known; MetricsError if it is not of this source."""
     if cloud.fused is None:
         raise MetricsError("the cloud does not say whether it is fused: set `fused`, coverage depends on it")
     errors = point_errors(cloud, truths)
@@ -216,10 +209,7 @@ def score_map(cloud: PointCloud, truths: Sequence[PairTruth], config: MapScoreCo
 
 
 def score_nearest(xyz: NDArray[np.floating], truths: Sequence[PairTruth], config: MapScoreConfig) -> ScoredMap:
-    """Return the score of points whose pixels are not known: distance to the nearest true point, under its own name.
-
-    It reads low, because the nearest true point is seldom the one that was seen.
-    """
+    """Return the score of points whose pixels are not known: by the nearest true point, seldom the one seen."""
     from scipy.spatial import cKDTree  # slow to import, and seldom needed by a node
 
     true = [truth.points[np.isfinite(truth.points).all(axis=2)] for truth in truths]

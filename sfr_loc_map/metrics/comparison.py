@@ -76,8 +76,7 @@ class Comparison(Record):
 
     def to_dict(self) -> dict[str, object]:
         """Return it as JSON values."""
-        keys = ("names", "methods", "pairs", "side_by_side")
-        return {"schema": SCHEMA, **{key: to_plain(getattr(self, key)) for key in keys}}
+        return {"schema": SCHEMA, **{key: to_plain(value) for key, value in vars(self).items()}}
 
 
 SIDE_BY_SIDE = {
@@ -174,27 +173,20 @@ def _difference(a: FloatArray, b: FloatArray, overlap: float) -> dict[str, Any]:
 
 
 def check_same_data(first: Score, other: Score, names: tuple[str, str]) -> None:
-    """Check that two scores were made with the same truth, by its hash and by stamps; MetricsError if not."""
-    both = first, other
-    problem = ""
+    """Check that two scores were made with the same truth, by its hash; MetricsError if not."""
     for role in ("truth", "map_truth"):
-        mine, theirs = (None if score.provenance is None else score.provenance.inputs.get(role) for score in both)
-        if mine is not None and theirs is not None:
-            # the values, or the files of scores that do not have the hash of the values
-            known = mine.data_sha256 is not None and theirs.data_sha256 is not None
-            if (mine.data_sha256 != theirs.data_sha256) if known else (mine.sha256 != theirs.sha256):
-                what = role.replace("_", " ")
-                problem = f"the {what} of '{names[0]}' is '{mine.path}', that of '{names[1]}' '{theirs.path}'"
-    spans = [
-        {part.condition: set(zip(part.start_stamp_ns, part.end_stamp_ns, strict=True)) for part in of_score}
-        for of_score in map(sub_trajectories_of, both)
-    ]
-    common = [(spans[0][condition], spans[1][condition]) for condition in spans[0] if condition in spans[1]]
-    common = [(mine, theirs) for mine, theirs in common if mine and theirs]
-    if common and not any(mine & theirs for mine, theirs in common):
-        problem = problem or f"'{names[0]}' and '{names[1]}' have no sub-trajectory of the same stamps"
-    if problem:
-        raise MetricsError(f"different data: {problem}; compare scores of the same data")
+        inputs = ({} if score.provenance is None else score.provenance.inputs for score in (first, other))
+        mine, theirs = (item.get(role) for item in inputs)
+        if mine is None or theirs is None:
+            continue
+        # the values, or the files of scores that do not have the hash of the values
+        known = mine.data_sha256 is not None and theirs.data_sha256 is not None
+        if (mine.data_sha256 != theirs.data_sha256) if known else (mine.sha256 != theirs.sha256):
+            what = role.replace("_", " ")
+            raise MetricsError(
+                f"different data: the {what} of '{names[0]}' is '{mine.path}', that of '{names[1]}' '{theirs.path}'; "
+                "compare scores of the same data"
+            )
 
 
 def sub_trajectories_of(score: Score) -> tuple[SubTrajectoryRows, ...]:

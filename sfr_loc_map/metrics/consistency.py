@@ -7,9 +7,8 @@ both sums taken to the origin of DS, C of `F S F^T` and G of `F g`,
 
     Q(i, j) = F(p_j) (C_j - C_i + (G_j - G_i) (G_j - G_i)^T) F(p_j)^T
 
-The sums take one addition a pose, whatever is compared later. Where the steps are not known, Q is what the published
-covariance grew by, `P_end - F P_start F^T`; it is not usable where the covariance shrank, as when a calibration was
-learnt. Only sub-trajectories that share no frame are taken, so that they are independent.
+Where the steps are not known, Q is what the published covariance grew by, `P_end - F P_start F^T`; not usable where it
+shrank, as when a calibration was learnt. Only sub-trajectories that share no frame are taken: they are independent.
 """
 
 from __future__ import annotations
@@ -49,10 +48,7 @@ def sums_of_steps(estimates: Estimates, steps: FloatArray, wanted: IntArray) -> 
 def nees_score(
     frames: Frames, covariances: FloatArray, sums: Mapping[int, FloatArray], starts: IntArray, ends: IntArray
 ) -> NeesScore | None:
-    """Return the mean NEES of sub-trajectories from frames (going up) to frames, None where no covariance is known.
-
-    Covariances `(E, 21)` are of all estimates, NaN where not known; see `sums_of_steps`, empty where no step is known.
-    """
+    """Return the mean NEES of sub-trajectories from frames (going up) to frames, None where no covariance is known."""
     totals = np.zeros(len(PARTS))
     count = from_steps = not_usable = free_from = 0
     for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
@@ -104,10 +100,7 @@ def relative_error(frames: Frames, start: int, end: int) -> FloatArray:
 
 
 def relative_covariance(start: FloatArray, end: FloatArray, position: FloatArray) -> FloatArray | None:
-    """Return the covariance `(6, 6)` of a pose at a position given another one, None where a step is not known.
-
-    Start and end are the sums `(43,)` at the earlier and the later one.
-    """
+    """Return the covariance `(6, 6)` of a pose at a position, from the sums at both; None where a step is unknown."""
     between = end - start
     if between[42] > 0.0:
         return None

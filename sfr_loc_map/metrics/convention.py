@@ -1,8 +1,7 @@
 """Which single convention mismatch would explain that an estimate and the truth disagree? And its correction.
 
 Each is undone in turn and the disagreement measured again. One is named only if undoing it leaves a half or less of the
-disagreement (a third, if numbers are fitted to undo it); a pair that agrees is never far from the best it can be,
-whatever is undone, and nothing is named.
+disagreement (a third, if numbers are fitted to undo it).
 
 The disagreement is that whatever the placing of the world frame: the mean over sub-trajectories of the position error
 as a share of the path and the attitude error in radians, root of the sum of squares, re-based by the whole pose.

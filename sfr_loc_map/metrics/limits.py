@@ -147,11 +147,7 @@ def _check_keys(block: Mapping[str, Any], known: Collection[str], origin: str) -
 
 
 def verdicts(limits: Limits, score: Score) -> tuple[Verdict, ...]:
-    """Return the verdict on each limit: pass, fail, or not enough data.
-
-    A figure passes at its limit; a mean of a signed figure (heading) is taken without its sign. `certain` tells
-    whether the 95 % interval lies on one side of the limit, None where there is no interval.
-    """
+    """Return the verdict on each limit; a figure passes at its limit, a signed mean is taken without its sign."""
     judged = []
     for limit in limits.limits:
         figure = figure_of(limit, score)
@@ -192,10 +188,7 @@ def value_at(record: object, place: str) -> Any:  # noqa: ANN401 - of whatever t
 
 
 def reasons_not_judged(score: Score, asked: Collection[Condition] = ()) -> tuple[str, ...]:
-    """Return why something could not be judged, one phrase for each reason; empty if all was judged.
-
-    Conditions that the user asked for, in options or limits, count; those of the default settings only without any.
-    """
+    """Return why something could not be judged, a phrase each; conditions of the settings count if none is asked."""
     if score.contradiction is not None:
         return (score.contradiction,)
     drive, errors = score.trajectory, None if score.map is None else score.map.errors

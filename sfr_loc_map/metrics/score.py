@@ -192,9 +192,6 @@ class TrajectoryScore(Record):
         return next((item for item in self.conditions if item.condition == condition), None)
 
 
-# ---- ape and rpe: errors as other tools give them, beside the figures of the specification
-
-
 class ErrorStatistics(Record):
     """What is said of single errors e_i that are never negative."""
 
@@ -234,9 +231,6 @@ class AlignedErrors(Record):
 
     ape: AlignedError  #: Absolute pose error (APE; of positions ATE): estimate against truth after the alignment.
     rpe: AlignedError  #: Relative pose error (RPE): motion of the estimate against that of the truth.
-
-
-# ---- map
 
 
 class DisparityStatistic(Record):
@@ -584,9 +578,6 @@ class Details(Record):
     calls: CallDetails | None = None  #: Times and memory.
     trajectory: TrajectoryDetails | None = None  #: Trajectory.
     map: MapDetails | None = None  #: Map.
-
-
-# ---- the whole
 
 
 class Verdict(Record):

@@ -1,10 +1,9 @@
 """Records as JSON and back: one schema for files, for topics and for the report, which is made from it alone.
 
-The type of a field is the only declaration. A field is written under its own name or the one given by `Key`; a field
-annotated with `Inline` is written into the object of its owner. A field whose default is None or empty is left out
-while it has that value, every other field is always written, None as null. A field with any default may be absent:
-files of versions that did not have it are read. Numbers that are not finite are undefined: null. A class with methods
-`to_plain` and `from_plain` writes and reads itself; `object` stands for any JSON. msgspec checks the values.
+The type of a field is the only declaration. A field whose default is None or empty is left out while it has that value,
+every other is always written, None as null. A field with any default may be absent: files of versions that did not have
+it are read. Numbers that are not finite are undefined: null. A class with methods `to_plain` and `from_plain` writes
+and reads itself; `object` stands for any JSON. msgspec checks the values.
 """
 
 from __future__ import annotations

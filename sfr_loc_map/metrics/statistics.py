@@ -1,20 +1,19 @@
 """Figures of series of values, and the 95 % interval of mean + 3 sigma from sub-trajectories that overlap.
 
-Sub-trajectories that share frames share errors: n of them, each overlapping `overlap` starts, are worth about
-m = n / overlap independent ones. So blocks of at least `overlap` consecutive sub-trajectories are drawn (circular block
-bootstrap, Politis and Romano 1992), which keeps the dependence within a block. What blocks cannot show is corrected by
-what is known of overlapping sums, whose correlation falls off in a straight line over the overlap:
+Sub-trajectories that share frames share errors: n of them, each overlapping L starts, are worth about m = n / L. So
+blocks of at least L consecutive ones are drawn (circular block bootstrap, Politis and Romano 1992). What blocks cannot
+show is corrected by what is known of overlapping sums, whose correlation falls off in a straight line over L:
 
 - A block of length l shows a variance that is too small by the factor r = sum (1 - |h|/l)(1 - |h|/L) / sum (1 - |h|/L)
-  over |h| < L, L the overlap; m blocks, by (m - 1) / m.
+  over |h| < L; m blocks, by (m - 1) / m.
 - The sample variance is itself too small, by (1 - 1/m) / (1 - 1/n), and the norm of a mean vector too large, by the
   scatter of the mean. The interval is laid around the figure without these two.
 - The scatter of the resampled figures is scaled by Student's t on a logarithmic scale, since the figure is positive.
   Its degrees of freedom, (m - 1) times the root of the number of directions that the errors have, at least 1.5, and a
   widening by a tenth (unsigned errors: a quarter, for they are skewed) are set by experiment.
 
-How often the interval holds the true value is measured by test/metrics/interval_coverage.py, see docs/metrics.md.
-SciPy's special functions are imported when the first figure needs them: nodes must start quickly.
+test/metrics/interval_coverage.py measures how often the interval holds the true value. SciPy's special functions are
+imported when the first figure needs them: nodes must start quickly.
 """
 
 from __future__ import annotations
@@ -43,10 +42,7 @@ MIN_INDEPENDENT = 2.0  #: With fewer independent sub-trajectories there is no in
 
 @jit
 def moments(values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return means and sums of squared differences from them, of each column of `(N, K)`.
-
-    Welford's recurrence (1962), in the order of the values: exact to rounding however large the mean is.
-    """
+    """Return means and sums of squared differences from them, of each column of `(N, K)` (Welford 1962)."""
     mean, squares = np.zeros(values.shape[1]), np.zeros(values.shape[1])
     for i in range(len(values)):
         for k in range(len(mean)):
@@ -57,11 +53,7 @@ def moments(values: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def statistic(count: int, mean: FloatArray, squares: FloatArray) -> Statistic:
-    """Return the statistic of the columns of a vector from their `moments` [4.2.3]; None where undefined.
-
-    Of several columns the norm of the mean vector and the norm of the sigmas [4.1.3]; of one the mean with its sign,
-    which is left out in mean + 3 sigma.
-    """
+    """Return the statistic of a vector from the `moments` of its columns [4.1.3, 4.2.3]; of one with its sign."""
     if not count:
         return Statistic(mean=None, sigma=None, mean_plus_3sigma=None)
     middle, sigma = float(mean[0]), float(np.sqrt(squares[0] / max(count - 1, 1)))
@@ -195,8 +187,7 @@ def resampled(
 ) -> tuple[FloatArray, FloatArray, float]:
     """Return mean vectors `(B, d)` and figures `(B,)` of resampled series, and the share of the variance they show.
 
-    Rows `(N, 1 + 2 d)` of a series are the count, sums and sums of squares of the offsets from the mean of `size`
-    values. Series of one length are drawn in the same blocks.
+    Rows `(N, 1 + 2 d)` are count, sums and sums of squares of offsets of `size` values, drawn alike for one length.
     """
     block = min(max(1, int(np.ceil(overlap / size))), len(centred))
     twice = np.concatenate((centred, centred[:block]))
