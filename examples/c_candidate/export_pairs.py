@@ -18,6 +18,6 @@ if drive is None:
 rig = drive.rig
 setup = {name: getattr(rig, name) for name in ("width", "height", "fx", "fy", "cx", "cy", "baseline_m")}
 with target.open("wb") as stream:
-    stream.write(bytes(rig_struct(setup | {"T_rb_left": rig.T_rb_left.matrix.ravel().tolist()})))
+    stream.write(rig_struct(setup | {"T_rb_left": rig.T_rb_left.matrix.ravel()}).tobytes())
     for pair in drive.pairs():
         stream.write(np.int64(pair.stamp_ns).tobytes() + pair.left.tobytes() + pair.right.tobytes())

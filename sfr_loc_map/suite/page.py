@@ -64,8 +64,7 @@ def render_summary(summary: Summary) -> str:
     # no text of a user is in the figures: runs stand as their number in the table `groups`
     numbers = {(group.task, group.configuration, group.faults): n for n, group in enumerate(summary.groups, 1)}
     driven = sorted(((numbers[drive.runs], drive) for drive in summary.drives), key=lambda item: item[0])
-    plots = [*_error_plots(summary, driven), *_fault_plots(driven)]
-    sections = [("Errors", plots)] if plots else []
+    sections = [("Errors", plots)] if (plots := _error_plots(summary, driven)) else []
     return render_overview("Suite of runs", summary.verdict, text, suite_tables(summary), sections)
 
 
@@ -83,26 +82,6 @@ def _error_plots(summary: Summary, driven: Sequence[tuple[int, ScoredJob]]) -> l
     layout = {"xaxis": axis(RUNS, dtick=1), "yaxis": axis(f"position, mean + 3 sigma, {unit}", type="log")}
     caption = "Each drive, and the sub-trajectories of all drives pooled; first condition."
     return [Plot("suite-errors", "Position error by runs", caption, traces, layout, width="full")]
-
-
-def _fault_plots(driven: Sequence[tuple[int, ScoredJob]]) -> list[Plot]:
-    """Return how each fault changes the error of the same drives, run without faults."""
-
-    def identity(drive: ScoredJob) -> tuple[str, str, int]:
-        return drive.job.configuration, drive.job.source.name, drive.job.repeat
-
-    clean = {identity(drive): drive.figure for _, drive in driven if not drive.job.faults}
-    points = [
-        (number, drive.figure / reference)
-        for number, drive in driven
-        if drive.job.faults and drive.figure and (reference := clean.get(identity(drive)))
-    ]
-    if not points:
-        return []
-    trace = marks("one drive", _columns(points), "@three", size=6)
-    layout = {"xaxis": axis(RUNS, dtick=1), "yaxis": axis("error over that without faults", type="log")}
-    caption = "Mean + 3 sigma of the position with the fault, over that of the same drive without it."
-    return [Plot("suite-faults", "Faults against error", caption, [trace], layout, width="full")]
 
 
 def render_history(history: History) -> str:

@@ -102,10 +102,10 @@ class Summary:
 
     tasks: int  #: Jobs of the suite.
     waiting: int  #: Jobs that were not run yet.
-    groups: tuple[Group, ...]  #: Drives that were run alike.
+    groups: tuple[Group, ...]
     drives: tuple[ScoredJob, ...]  #: Every result.
     failures: tuple[JobFailure, ...]
-    refusals: tuple[Refusal, ...]  #: Sources that cannot be read.
+    refusals: tuple[Refusal, ...]
     code: str  #: Fingerprint of the code.
 
     @property
