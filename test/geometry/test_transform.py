@@ -59,19 +59,6 @@ def test_quaternion_given_is_written_again_and_none_is_made_up() -> None:
     assert product.file_quat_xyzw.tolist() == product.quat_xyzw.tolist()
 
 
-@pytest.mark.parametrize(
-    ("rotation", "translation", "words"),
-    [
-        (np.eye(4), np.zeros(3), r"\(4, 4\)"),
-        (np.eye(3), np.array([0, np.inf, 0]), "not finite"),
-        (np.eye(3), np.array([0, 0, -1e308]), "up to 1e\\+09 m are possible"),
-    ],
-)
-def test_what_is_no_transform_is_refused(rotation: np.ndarray, translation: np.ndarray, words: str) -> None:
-    with pytest.raises(GeometryError, match=words):
-        Transform(rotation, translation)
-
-
 @pytest.mark.parametrize("scale", [-1.0, 1.1, np.nan, 1e300])
 def test_what_is_no_rotation_is_refused_and_one_of_a_few_digits_is_taken(scale: float) -> None:
     rotation = matrix_from_rotvec([0.3, -2.0, 0.5])

@@ -56,15 +56,6 @@ def test_what_was_flushed_is_read_by_any_reader_while_the_recording_goes_on(path
         assert reader.message_count == bag.count == 12
 
 
-def test_an_error_leaves_what_was_flushed(path: Path) -> None:
-    bag, topic = started(path)
-    bag.write(topic, 1, raw(1))
-    bag.flush()
-    bag.write(topic, 2, raw(2))
-    bag.__exit__(RuntimeError, RuntimeError(), None)
-    assert read(path) == [raw(1)]
-
-
 @pytest.fixture
 def file_limit() -> Iterator[None]:
     before, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)

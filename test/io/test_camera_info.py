@@ -20,12 +20,6 @@ focal = st.floats(10, 5000)
 RIG = StereoRig(24, 16, 20.1, 20.3, 11.7, 7.9, 0.12)
 
 
-@given(focal, st.integers(1, 10**6))
-def test_baselines_in_micrometres_are_exact(fx: float, micrometres: int) -> None:
-    baseline = micrometres / 1e6
-    assert baseline_from_projection(fx, -(fx * baseline)) == baseline
-
-
 @given(focal, focal, st.floats(0.001, 10))
 def test_rigs_of_files_come_through_messages_unchanged(fx: float, fy: float, baseline: float) -> None:
     rig = StereoRig(80, 60, fx, fy, 33.3, 22.2, baseline_from_projection(fx, -(fx * baseline)))

@@ -96,9 +96,7 @@ KITTI = "1 0 0 0 0 1 0 0 0 0 1"
         ("t.txt", f"{GOOD}\n9999999999.0 1 2 3 0 0 0 1\n", "line 2: stamp"),
         ("t.txt", "1700000000000000000 1 2 3 0 0 0 1\n", "line 1: stamp .* nanoseconds"),
         ("t.txt", f"{GOOD}\n2.0 1e308 2 3 0 0 0 1\n", "line 2: the position is absurd"),
-        ("t.txt", f"{'9' * 5000} 1 2 3 0 0 0 1\n", "line 1: stamp"),
         ("t.txt", "9" * 100_000, "a line of more than 64000 bytes"),
-        ("t.txt", "\x00\udcff\udcfe binary", "line 1: "),
         ("t.kitti", f"{KITTI} 0\n{KITTI}\n", "line 2: 11 columns found where 12"),
         ("t.kitti", f"9{KITTI[1:]} 0", "line 1: this is no rotation"),
         ("t.euroc.csv", f"{EUROC_HEADER}\n1,0,0,0,1,0,0,0\n5,0,0,0,1,0\n", "line 3: 6 columns found where 8"),
@@ -133,15 +131,6 @@ def test_stamps_of_kitti_poses(tmp_path: Path) -> None:
     times.write_text("0.0\n")
     with pytest.raises(InputError, match="1 times for 5 poses"):
         read_trajectory_file(poses)
-
-
-def test_euroc_files_of_the_data_set(tmp_path: Path) -> None:
-    text = "#timestamp, p_RS_R_x [m], p_RS_R_y [m], ...\n1403636580838555648, 1.5,2,3, 0.5,-0.5,0.5,-0.5" + ",0.25" * 9
-    (tmp_path / "data.csv").write_text(text + "\n")
-    found = read_trajectory_file(tmp_path / "data.csv")
-    assert found.format is TrajectoryFormat.EUROC
-    assert found.trajectory.stamps_ns.tolist() == [1403636580838555648]
-    assert found.trajectory.quats_xyzw.tolist() == [[-0.5, 0.5, -0.5, 0.5]]
 
 
 def test_poses_without_stamps_are_scored_pose_by_pose(tmp_path: Path, sfr: Sfr) -> None:
