@@ -127,7 +127,7 @@ def build(config_type: type[C], values: Mapping[str, Any], *, origin: str = "con
 
     Raises ConfigError for unknown names, wrong types and values out of range; all of them in one line.
     """
-    flat = _flatten_mapping(values)
+    flat = flatten_mapping(values)
     known = {info.name: info for info in parameters(config_type)}
     problems = [f"unknown key '{name}'{suggestion(name, known)}" for name in flat if name not in known]
     checked: dict[str, Any] = {}
@@ -184,11 +184,12 @@ def suggestion(name: str, known: Collection[str]) -> str:
     return f" (did you mean '{close[0]}'?)" if close else f" (known: {', '.join(sorted(known)[:8])}, ...)"
 
 
-def _flatten_mapping(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+def flatten_mapping(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return nested names with dots."""
     flat: dict[str, Any] = {}
     for name, value in values.items():
         if isinstance(value, Mapping):
-            flat.update(_flatten_mapping(value, f"{prefix}{name}."))
+            flat.update(flatten_mapping(value, f"{prefix}{name}."))
         else:
             flat[f"{prefix}{name}"] = value
     return flat
@@ -215,7 +216,7 @@ def read_config(config_type: type[C], path: Path | None, section: str) -> C:
     """
     if path is None:
         return config_type()
-    flat = _flatten_mapping(load_yaml(path))
+    flat = flatten_mapping(load_yaml(path))
 
     def below(prefix: str) -> dict[str, Any]:
         return {name.removeprefix(prefix): value for name, value in flat.items() if name.startswith(prefix)}

@@ -41,13 +41,6 @@ def test_the_costmap_takes_the_hazard_in_the_frame_of_the_map() -> None:
     assert costmap["robot_base_frame"] == frames["/**/localisation_node"]["ros__parameters"]["rb_frame"]
 
 
-def test_the_filter_fuses_the_velocity_of_the_odometry() -> None:
-    ekf = read("robot_localization_ekf.yaml")["ekf_filter_node"]["ros__parameters"]
-    assert topics()[ekf["odom0"]] == "nav_msgs/Odometry"
-    assert ekf["odom0_config"] == [False] * 6 + [True] * 6 + [False] * 3
-    assert (ekf["odom_frame"], ekf["base_link_frame"], ekf["world_frame"]) == ("odom", "base_link", "odom")
-
-
 @pytest.mark.parametrize("path", sorted(EXAMPLES.iterdir()), ids=lambda path: path.name)
 def test_examples_are_installed_and_described(path: Path) -> None:
     assert f'glob("config/examples/*{path.suffix}")' in (ROOT / "setup.py").read_text(encoding="utf-8")

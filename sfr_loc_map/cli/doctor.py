@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -123,15 +123,10 @@ def _examine(seen: Observation, json_path: str | None, source: Path | None) -> N
 
 def _gives_extrinsics(config: Path | None) -> bool:
     """Tell whether a parameter file has the pose of a stereo rig on the rover."""
-    from sfr_loc_map.config import load_yaml
+    from sfr_loc_map.config import flatten_mapping, load_yaml
 
-    def has_rotation(block: Any) -> bool:  # noqa: ANN401 - anything that YAML holds
-        return isinstance(block, dict) and any(
-            (str(name).endswith("quat_xyzw") and isinstance(value, list) and any(value)) or has_rotation(value)
-            for name, value in block.items()
-        )
-
-    return config is not None and has_rotation(load_yaml(config))
+    values = {} if config is None else flatten_mapping(load_yaml(config))
+    return any(name.endswith("quat_xyzw") and isinstance(value, list) and any(value) for name, value in values.items())
 
 
 def _diagnose(estimate: Path, truth: Path, json_path: str | None, *, lenient: bool) -> None:

@@ -45,14 +45,14 @@ def simulate(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Render a drive or a panorama with exact truth; a stopped run continues when called again."""
-    from sfr_loc_map.config import build, load_yaml
+    from sfr_loc_map.config import build, flatten_mapping, load_yaml
     from sfr_loc_map.pipeline.simulate import can_continue
     from sfr_loc_map.pipeline.simulate import simulate as run
     from sfr_loc_map.simulation.config import SimulationConfig
 
     if len(paths) > 2:
         raise ConfigError(f"{len(paths)} paths given: a configuration (optional) and an output are needed")
-    values = _flat(load_yaml(paths[0])) if len(paths) == 2 else {}
+    values = flatten_mapping(load_yaml(paths[0])) if len(paths) == 2 else {}
     values.update(parse_settings(settings))
     if seed is not None:
         values["seed"] = seed
@@ -81,14 +81,6 @@ def parse_settings(settings: list[str] | None) -> dict[str, Any]:
         except (yaml.YAMLError, ValueError) as error:
             raise ConfigError(f"'--set {item}': the value is not valid YAML") from error
     return values
-
-
-def _flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return nested names with dots, so that single settings replace those of the file."""
-    flat: dict[str, Any] = {}
-    for name, value in values.items():
-        flat.update(_flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value})
-    return flat
 
 
 @app.command(

@@ -83,12 +83,10 @@ def _configuration_text() -> str:
 
 def _limits_text() -> str:
     """Return a limits file: those of the trajectory in force, all others behind a '#', to be taken in."""
-    from sfr_loc_map.metrics.limits import COVERAGE_MIN, NAMES, LimitPart
+    from sfr_loc_map.metrics.limits import NAMES, LimitPart
 
     active = {
-        "position_mean_plus_3sigma_m": "0.1  # 2 % of the distance",
-        "attitude_mean_plus_3sigma_deg": "1.0",
-        "heading_mean_plus_3sigma_deg": "1.0",
+        f"{name}_mean_plus_3sigma_{unit}" for name, unit in (("position", "m"), ("attitude", "deg"), ("heading", "deg"))
     }
     meanings = {
         LimitPart.MAP: "Of a map; a score without one then says: not enough data",
@@ -96,11 +94,6 @@ def _limits_text() -> str:
         LimitPart.MEMORY: "Resident memory of the process during a call, on this host",
         LimitPart.TARGET: "Calls that were measured on the target (--target, --target-timing)",
     }
-    examples_by_unit = {COVERAGE_MIN: "0.8", "_m": "0.5", "_deg": "1.0", "_s": "1.0", "_bytes": "2000000000"}
-
-    def example(name: str) -> str:
-        return f"{name}: {next(value for ending, value in examples_by_unit.items() if name.endswith(ending))}"
-
     lines = [
         "# Limits: PLACEHOLDERS, replace them by those of your own document. Upper bounds, except coverage_min; the",
         "# name of a figure ends in its unit. A line that begins with '#' is not in force. Taken by",
@@ -116,7 +109,12 @@ def _limits_text() -> str:
         "  - condition: distance=5",
     ]
     for name in NAMES[LimitPart.TRAJECTORY]:
-        lines.append(f"    {name}: {active[name]}" if name in active else f"    # {example(name)}")
+        lines.append(f"    {'' if name in active else '# '}{name}: {0.1 if name.endswith('_m') else 1.0}")
     for part, meaning in meanings.items():
-        lines += ["", f"# {meaning}.", f"# {part}:", *(f"#   {example(name)}" for name in NAMES[part])]
+        lines += [
+            "",
+            f"# {meaning}.",
+            f"# {part}:",
+            *(f"#   {name}: {1.0e9 if name.endswith('_bytes') else 0.5}" for name in NAMES[part]),
+        ]
     return "\n".join(lines) + "\n"

@@ -81,15 +81,6 @@ def truncated_bag(path: Path) -> Path:
     return file.parent
 
 
-def flipped_bytes(path: Path) -> Path:
-    file = storage_of(good_bag(path.with_suffix(".mcap")))
-    data = bytearray(file.read_bytes())
-    for place in range(len(data) // 3, len(data) // 3 + 16):
-        data[place] ^= 0x55
-    file.write_bytes(data)
-    return file.parent
-
-
 def flipped_image(path: Path) -> Path:
     for task in ("loc", "nav"):
         file = good_folder(path) / task / "left/000001.png" if task == "loc" else path / task / "left/000001.png"

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import broken_sources as broken
-import numpy as np
 import pytest
 from cli_result import Result, Sfr
 
@@ -167,25 +164,6 @@ def test_output_that_cannot_be_written_is_refused_before_the_work(
 
 
 @pytest.mark.parametrize(
-    ("name", "words"),
-    [("full", "a folder that is not empty .*; remove it"), ("full.mcap", "not empty"), ("file", "a file is there")],
-)
-def test_output_that_is_there_already_stays(
-    sfr: Sfr, made_once: MadeOnce, tmp_path: Path, out: Path, name: str, words: str
-) -> None:
-    source = made_once(broken.good_folder)
-    path = tmp_path / name
-    if name == "file":
-        path.write_text("precious")
-    else:
-        path.mkdir()
-        (path / "notes.txt").write_text("precious")
-    for arguments in (("convert", source, path), ("perturb", source, path, "--fault", "noisy")):
-        check(sfr(*arguments), path, words, out)
-    assert (path if name == "file" else path / "notes.txt").read_text() == "precious"
-
-
-@pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (("localise",), "Missing argument 'SRC': see 'sfr localise --help'"),
@@ -246,33 +224,3 @@ def test_a_remapping_to_a_name_that_nothing_reads_leaves_nothing_out_in_silence(
     check(result, bag, "no topic is read as 'loc/left/image_rct'.* did you mean loc/left/image_rect", out)
     result = sfr(command, *arguments[command], "--remap", "/loc/lft/image_rect:=/loc/left/image_rect")
     check(result, bag, "no topic 'loc/lft/image_rect' .* did you mean loc/left/image_rect", out)
-
-
-@pytest.mark.parametrize(
-    ("make", "arguments"),
-    [
-        (broken.flipped_bytes, ("map", "{source}", "-o", "{out}/c.ply")),
-        (broken.unequal_sizes, ("convert", "{source}", "{out}/b.db3")),
-    ],
-)
-def test_the_program_itself(made_once: MadeOnce, out: Path, make: Made, arguments: tuple[str, ...]) -> None:
-    """As a process: nothing that libraries write, or that comes at the end, gets around the one line."""
-    source = made_once(make)
-    code = "import sys; from sfr_loc_map.cli.main import main; sys.exit(main())"
-    words = [word.format(source=source, out=out) for word in arguments]
-    done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True)
-    check(Result(done.returncode, done.stdout, done.stderr), source, "[:;]", out)
-
-
-@pytest.mark.slow
-def test_what_is_good_passes(sfr: Sfr, tmp_path: Path, out: Path) -> None:
-    """The sources that the cases above corrupt are good without it."""
-    for source in (broken.good_folder(tmp_path / "f"), broken.rewritten_bag(tmp_path / "b", lambda t, n, m: m)):
-        for command in COMMANDS.values():
-            name, *rest = (word.format(out=out / source.name) for word in command)
-            (out / source.name).mkdir(exist_ok=True)
-            result = sfr(name, source, *rest)
-            assert result.code == 0, result
-    assert np.genfromtxt(out / "f" / "t.csv", delimiter=",", skip_header=1).shape == (3, 8)
-    for name in ("t.csv", "s.csv", "m.csv", "c.ply"):
-        assert (out / "b" / name).stat().st_size > 0

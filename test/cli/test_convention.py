@@ -11,7 +11,6 @@ from cli_result import Sfr
 from made_scene import write_folder
 from scipy.spatial.transform import Rotation
 
-from sfr_loc_map.geometry.rotation import quat_conjugate
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.registry import open_source
@@ -91,19 +90,6 @@ def test_a_diagnosis_is_applied_only_where_asked_for_and_the_score_says_so(
     assert sfr("score", tmp_path / "m.csv", source, *options, tmp_path / "n.json", "--apply-diagnosis").code == 0
     assert "convention" not in json.loads((tmp_path / "n.json").read_text())
     assert figures(tmp_path / "n.json") == figures(tmp_path / "m.json")
-
-
-def test_a_declaration_and_a_diagnosis_are_applied_one_after_the_other(
-    sfr: Sfr, tmp_path: Path, source: Path, estimate: Trajectory
-) -> None:
-    wrong = Trajectory(estimate.stamps_ns - 40, 1e3 * estimate.positions, quat_conjugate(estimate.quats_xyzw))
-    save_trajectory(tmp_path / "wrong.csv", wrong)
-    declared = ["--convention", "quaternion=conjugated", "--convention", "time_offset_ns=40", "--apply-diagnosis"]
-    result = sfr("score", tmp_path / "wrong.csv", source, "--condition", "frames=4", *declared, "--json", "-")
-    score = json.loads(result.out)
-    assert score["convention"]["declared"] == ["quaternion=conjugated", "time_offset_ns=40"]
-    assert score["convention"]["diagnosed"] == "metres_per_unit=0.001"
-    assert score["trajectory"]["association"]["exact"] == 14
 
 
 def test_a_convention_that_cannot_be_is_one_line(sfr: Sfr, tmp_path: Path, source: Path, estimate: Trajectory) -> None:

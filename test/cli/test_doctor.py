@@ -178,51 +178,6 @@ def test_a_source_of_files_is_examined_as_a_bag_is(tmp_path: Path, sfr: Sfr, nam
     assert result.code == int(any(stops for _, stops in expected))
 
 
-def test_usage(tmp_path: Path, sfr: Sfr) -> None:
-    for words in ([], ["--graph", "x"], ["nowhere.mcap"]):
-        result = sfr("doctor", *words)
-        assert result.code == 2
-        assert len(result.err.strip().splitlines()) == 1
-
-
-def test_what_only_a_host_or_a_graph_can_have_wrong() -> None:
-    good = {
-        f"loc/{side}/{kind}": ObservedTopic("x", ())
-        for side in ("left", "right")
-        for kind in ("image_rect", "camera_info")
-    }
-    nodes = (ObservedNode("/localisation_node", "loc", extrinsics_given=True), ObservedNode("/monitor_node", ""))
-    seen = Observation("graph", live=True, topics=good, nodes=nodes)
-    for size, causes in (
-        (64 << 20, {"shared_memory"}),
-        (192 << 20, {"shared_memory"}),
-        (256 << 20, set()),
-        (None, set()),
-    ):
-        found = {f.cause for f in examine(replace(seen, memory=HostMemory(size, 64 << 20)))} - {
-            "silent",
-            "truth",
-            "wrong_type",
-        }
-        assert found == causes
-    strict = ObservedTopic("/loc/left/image_rect", (IMAGE,), (Reliability.BEST_EFFORT,), requests={})
-    for requested, causes in ((Reliability.RELIABLE, ["qos"]), (Reliability.BEST_EFFORT, [])):
-        topic = replace(strict, requests={"/localisation_node": requested})
-        findings = [f for f in examine(replace(seen, topics=good | {"loc/left/image_rect": topic})) if f.cause == "qos"]
-        assert [f.cause for f in findings] == causes
-        assert all("qos_overrides./loc/left/image_rect.subscription.reliability" in f.fix for f in findings)
-    asleep = replace(seen, nodes=(replace(nodes[0], state="inactive"),))
-    (finding,) = [f for f in examine(asleep) if f.cause == "inactive"]
-    assert finding.fix == "ros2 lifecycle set /localisation_node activate"
-    two = replace(
-        seen,
-        topics={},
-        nodes=(),
-        ambiguous={"loc/left/image_rect": ("/a/loc/left/image_rect", "/b/loc/left/image_rect")},
-    )
-    assert [f.cause for f in examine(two)] == ["ambiguous"]
-
-
 def test_a_task_without_pairs_meanwhile_is_no_fault() -> None:
     """The mapping task has pairs only where a map is made; the cameras of the drive never rest."""
     silent = {f"{task}/{side}/image_rect": ObservedTopic("x", (IMAGE,)) for task in TASKS for side in SIDES}
@@ -244,21 +199,6 @@ def test_a_task_without_pairs_meanwhile_is_no_fault() -> None:
 def test_raw_images_are_judged_where_they_are_what_is_taken(tmp_path: Path, sfr: Sfr) -> None:
     raw = broken.renamed_bag(tmp_path / "raw.mcap", "image_rect", "image_raw")
     assert sfr("doctor", raw).code == 0
-    topics = {f"loc/{side}/image_{kind}": ObservedTopic("x", (IMAGE,)) for side in SIDES for kind in ("rect", "raw")}
-    seen = Observation("graph", live=True, topics=topics)
-    assert seen.image_name("loc") == "image_rect"
-    node = ObservedNode("/localisation_node", "loc", rectifies=True, extrinsics_given=True)
-    assert replace(seen, nodes=(node,)).image_name("loc") == "image_raw"
-    (finding, *_) = examine(Observation("graph", live=True, nodes=(node,), others={"/x": (IMAGE,)}))
-    assert "image_raw" in finding.where + finding.text
-    wrong = Observation(
-        "graph",
-        live=True,
-        prefix="/",
-        nodes=(replace(node, rectifies=False),),
-        others={"/loc/left/image_raw": (IMAGE,)},
-    )
-    assert any("input.rectify" in finding.fix for finding in examine(wrong))
 
 
 def test_images_lost_on_their_way_are_the_transport_and_not_the_stamps() -> None:

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli_result import Sfr
-from made_scene import write_folder
 
 from sfr_loc_map.errors import ExitCode
 from sfr_loc_map.geometry.rotation import quat_conjugate
@@ -64,20 +63,6 @@ def test_a_condition_that_the_drive_never_meets_is_not_judged(
     lenient = sfr("score", *files, "--condition", condition, "--lenient")
     assert lenient.code == 0
     assert f"sfr: warning: not judged: {reason}" in lenient.err
-
-
-@pytest.mark.parametrize("command", ["localise", "faults"])
-def test_a_benchmark_says_before_its_work_that_nothing_can_be_judged(
-    sfr: Sfr, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
-) -> None:
-    source, out = write_folder(tmp_path / "source", 12, 0), tmp_path / "b.json"
-    conditions = ("distance=50", "time=1.2", "frames=12")
-    for condition in conditions:
-        result = sfr("bench", command, source, "--condition", condition, "--json", out)
-        assert result.code == ExitCode.NOT_JUDGED
-        assert f"condition {condition}: the drive " in result.err
-    assert "the drive has 12 frames" in result.err
-    assert not out.exists()
 
 
 @pytest.mark.parametrize(
@@ -154,23 +139,6 @@ def test_the_doctor_tells_agreement_from_nothing_to_compare(sfr: Sfr, tmp_path: 
     result = sfr("doctor", few, files[1])
     assert result.code == ExitCode.NOT_JUDGED
     assert "have fewer than 8 stamps in common" in result.err
-
-
-def test_scores_of_different_data_are_not_compared(sfr: Sfr, tmp_path: Path, files: tuple[Path, Path]) -> None:
-    """Also where the stamps are alike, as those of two simulated drives."""
-    other = tmp_path / "other.csv"
-    whole = drive()
-    save_trajectory(other, Trajectory(whole.stamps_ns, 1.5 * whole.positions, whole.quats_xyzw))
-    copy, bag = tmp_path / "copy.tum", tmp_path / "truth.mcap"
-    assert sfr("convert", files[1], bag).code == 0
-    assert sfr("convert", files[1], copy).code == 0
-    for name, truth in (("a", files[1]), ("b", other), ("copy", copy), ("bag", bag)):
-        assert sfr("score", files[0], truth, "--json", tmp_path / f"{name}.json", "--lenient").code == 0
-    result = sfr("compare", tmp_path / "a.json", tmp_path / "b.json")
-    assert (result.code, result.out) == (2, "")
-    assert "different data: the truth of 'a.json'" in result.err
-    for same in ("copy", "bag"):
-        assert sfr("compare", tmp_path / "a.json", tmp_path / f"{same}.json").code == 0
 
 
 def test_the_table_is_in_the_help_and_in_the_docs(sfr: Sfr) -> None:

@@ -52,17 +52,3 @@ def _same_heights(tif: Path, archive: Path) -> None:
     with rasterio.open(tif) as file:
         np.testing.assert_array_equal(file.read(1)[::-1], np.load(archive)["height_m"])
         assert file.res[0] == pytest.approx(float(np.load(archive)["cell_m"]))
-
-
-def test_poses_that_disagree_are_told(sfr: Sfr, tmp_path: Path) -> None:
-    source = good_folder(tmp_path / "data")
-    table = source / "nav" / "pairs.csv"
-    table = table if table.exists() else source / "pairs.csv"
-    head, first, second = table.read_text().splitlines()[:3]
-    fields, names = second.split(","), head.split(",")
-    place = names.index("navsbOriginPos_m_Lm_z")
-    fields[place] = str(float(fields[place]) + 0.15)
-    table.write_text("\n".join((head, first, ",".join(fields))) + "\n")
-    result = sfr("map", source, "-o", tmp_path / "c.ply")
-    assert result.code == 0
-    assert "sfr: warning: pairs 0 and 1 disagree where they overlap" in result.err

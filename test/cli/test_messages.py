@@ -43,23 +43,3 @@ def test_a_warning_of_the_library_is_one_printable_line(
     assert line.startswith("sfr: warning: bag '")
     assert not CONTROL.search(line)
     assert len(line) < 700
-
-
-SCORES = {
-    "no JSON": "{",
-    "depth": "[" * 100_000,
-    "an escape sequence": '{"schema": "\\u001b[31m", "verdicts": []}',
-    "a verdict of another form": '{"schema": "sfr-score/1", "verdicts": [{"metric": 5}]}',
-    "series of two lengths": '{"schema": "sfr-score/1", "verdicts": [], "details": {"map": {"cloud": {"x_m": [1.0], '
-    '"y_m": [], "z_m": [], "error_m": [], "range_m": []}, "error_images": [], "triangulation": {"focal_px": 1.0, '
-    '"baseline_m": 1.0}}}}',
-}
-
-
-@pytest.mark.parametrize("text", SCORES.values(), ids=SCORES)
-def test_a_malformed_score_is_one_line_to_report_and_compare(text: str, tmp_path: Path, sfr: Sfr) -> None:
-    file = tmp_path / "score.json"
-    file.write_text(text)
-    for command in (("report", file, "-o", tmp_path / "x.md"), ("report", file), ("compare", file, file)):
-        check_line(sfr(*command))
-    assert list(tmp_path.iterdir()) == [file]

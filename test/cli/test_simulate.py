@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -58,16 +57,6 @@ def test_scenario_to_data_set_to_score(sfr: Sfr, tmp_path: Path, tiny: Path) -> 
     assert sfr("score", truth, out, "--condition", "frames=1", "--spacing", "1").code == 0
 
 
-@pytest.mark.slow
-def test_settings_of_a_run_make_the_same_run(sfr: Sfr, tmp_path: Path, tiny: Path) -> None:
-    pytest.importorskip("embreex")
-    first, second = tmp_path / "first", tmp_path / "second"
-    assert sfr("simulate", tiny, first, "--workers", "1", "--set", "panorama.enabled=false").code == 0
-    assert sfr("simulate", first / "simulation.yaml", second, "--workers", "1").code == 0
-    for file in ("simulation.yaml", "pairs.csv", "groundtruth.csv", "rig.json", "left/000002.png"):
-        assert (first / file).read_bytes() == (second / file).read_bytes()
-
-
 @pytest.mark.parametrize(
     ("setting", "words"),
     [
@@ -81,20 +70,6 @@ def test_wrong_setting_is_one_line(sfr: Sfr, tmp_path: Path, tiny: Path, setting
     pytest.importorskip("embreex")
     refused(sfr("simulate", tiny, tmp_path / "data", "--set", setting), words)
     assert not (tmp_path / "data").exists()
-
-
-def test_without_the_ray_tracer_only_simulate_refuses(
-    sfr: Sfr, tmp_path: Path, tiny: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Faults, and all else that does not render, work without the extra."""
-    for name in [name for name in sys.modules if name.partition(".")[0] == "embreex"]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, "embreex", None)
-    refused(sfr("simulate", tiny, tmp_path / "data"), "embreex", "pip install 'sfr_loc_map[sim]'")
-    assert not (tmp_path / "data").exists()
-    source = good_folder(tmp_path / "source")
-    assert sfr("perturb", source, tmp_path / "bad", "--fault", "noisy").code == 0
-    assert sfr("localise", source, "-o", tmp_path / "t.csv").code == 0
 
 
 def test_perturb_writes_what_it_says(sfr: Sfr, tmp_path: Path) -> None:

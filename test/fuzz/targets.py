@@ -141,12 +141,11 @@ def _trajectory(name: str) -> tuple[Command, ...]:
 
 def plan_simulation(path: Path) -> None:
     """Read a scenario as `sfr simulate` does, up to where images are rendered."""
-    from sfr_loc_map.cli.simulate import _flat
     from sfr_loc_map.config import build, load_yaml
     from sfr_loc_map.simulation.config import SimulationConfig
     from sfr_loc_map.simulation.drive import Plan
 
-    Plan.make(build(SimulationConfig, _flat(load_yaml(path)), origin=str(path)))
+    Plan.make(build(SimulationConfig, load_yaml(path), origin=str(path)))
 
 
 T = m.TEXT + m.BYTES
