@@ -91,7 +91,7 @@ class GroundMotionFinder:
         if not first.trusted:
             return self._without_fixed(frame, first, guesses)
         unexplained = unexplained_by(first, frame, self._camera)
-        exposure = self.tears.judge(unexplained)
+        exposure = Exposure.WHOLE if self.tears.stale is None else self.tears.judge(unexplained)
         if exposure is Exposure.TORN:  # what disagrees is of another moment, and is needed to tell the next tear
             return GroundMotion(first, exposure=exposure)
         rest = unexplained.rows & ~unexplained.fixed
