@@ -107,16 +107,10 @@ class Mapper:
         fuse_views([view, view], self._rig)
 
     def process(self, pair: StereoPair, T_lm_navsb: Transform, index: int) -> PairMap:
-        """Return the points that one pair sees.
+        """Return the points that one pair sees; its index within its set is 0, 1 or 2.
 
-        Args:
-            pair: Rectified images of the rig's size.
-            T_lm_navsb: Takes points in NAVSB to LM.
-            index: Number of the pair within its set: 0, 1 or 2.
-
-        Raises:
-            MappingError: If the size is not the rig's, the index is not 0 to 2, an image is textureless, or the two do
-                not match (swapped, not rectified, not of the same moment).
+        Raises MappingError if the size is not the rig's, the index is not 0 to 2, an image is textureless, or the two
+        do not match (swapped, not rectified, not of the same moment).
         """
         if not 0 <= index < MAX_PAIRS:
             raise MappingError(f"pair index is {index}: a map has up to {MAX_PAIRS} pairs, 0 to {MAX_PAIRS - 1}")
@@ -167,11 +161,7 @@ class Mapper:
         return PairMap(pair.stamp_ns, stated, random_sigma, view, clipped, calibration, self.statistics, warnings)
 
     def fuse(self, maps: Sequence[PairMap]) -> FusedMap:
-        """Return one cloud of up to three pairs; its points' `pair` is the place of their map in the order given.
-
-        Raises:
-            MappingError: For no pair, or more than three.
-        """
+        """Return one cloud of up to three pairs; its points' `pair` is the place of their map in the order given."""
         if not 1 <= len(maps) <= MAX_PAIRS:
             raise MappingError(f"a map is fused from 1 to {MAX_PAIRS} pairs: got {len(maps)}")
         views: Sequence[PairView] = [item.view.numbered(number) for number, item in enumerate(maps)]

@@ -27,19 +27,10 @@ _PNG_HEAD = re.compile(rb"\x89PNG\r\n\x1a\n.{4}IHDR(.{4})(.{4})", re.DOTALL)
 def find_corners(
     image: FloatImage, occupied: FloatArray, wanted: int, border: int, mask: NDArray[np.uint8] | None = None
 ) -> FloatArray:
-    """Return new corners, one for each cell that has no landmark yet.
+    """Return new corners `(N, 2)`, whole pixels, the strongest first: one for each wanted cell without a landmark yet.
 
-    The strength is the smaller eigenvalue of the gradient matrix (Shi and Tomasi 1994).
-
-    Args:
-        image: `(H, W)` float32.
-        occupied: `(M, 2)` pixels that have landmarks.
-        wanted: Number of cells.
-        border: Pixels along the edges that are left out.
-        mask: `(H, W)` uint8, 0 where no corner is taken; None for everywhere.
-
-    Returns:
-        `(N, 2)` float64, whole pixels, the strongest first.
+    The strength is the smaller eigenvalue of the gradient matrix (Shi and Tomasi 1994). Landmarks occupy pixels
+    `(M, 2)`; no corner is taken within a border, pixels, or where the mask `(H, W)` is 0.
     """
     strength, middle = np.zeros_like(image), len(image) // 2
     both(_fill_strength, (image, strength, 0, middle), (image, strength, middle, len(image)))

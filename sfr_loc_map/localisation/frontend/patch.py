@@ -72,13 +72,8 @@ class LocalWarp(NamedTuple):
 def plane_homographies(target: Pose, planes: LocalPlanes, camera: StereoCamera, offset_x: float) -> FloatArray:
     """Return the homographies `(N, 3, 3)` of local planes, from host pixels to pixels of one image.
 
-    `x' ~ K (R K^-1 (u, v, 1) + t rho(u, v))` with the inverse depth `rho` linear in the host pixel.
-
-    Args:
-        target: Left camera of the target pair.
-        planes: N planes.
-        camera: Camera of all pairs.
-        offset_x: Position of the target camera along x of the left one: 0 or the baseline, metres.
+    `x' ~ K (R K^-1 (u, v, 1) + t rho(u, v))` with the inverse depth `rho` linear in the host pixel. The target is the
+    left camera; the offset is the position of the image's camera along its x: 0 or the baseline, metres.
     """
     fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
     rotation, position, uv, slopes = target.rotation, target.position, planes.uv, planes.slopes

@@ -150,15 +150,7 @@ def _estimate_shift(
 def track_patches(
     image: FloatImage, templates: Templates, host_uv: FloatArray, homographies: FloatArray, limits: TrackingLimits
 ) -> PatchTracks:
-    """Find warped patches in an image.
-
-    Args:
-        image: `(H, W)` float32, the target.
-        templates: N patches.
-        host_uv: `(N, 2)` host pixels of the patch centres.
-        homographies: `(N, 3, 3)` from host to target pixels.
-        limits: What a track has to keep.
-    """
+    """Find patches in an image, from their host pixels `(N, 2)` and homographies `(N, 3, 3)` from host to target."""
     values, moments = templates.values, templates.moments
     count, size = len(values), values.shape[2]
     tracks = PatchTracks(

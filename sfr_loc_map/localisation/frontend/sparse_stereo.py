@@ -306,11 +306,8 @@ def _fit(image: FloatImage, start: _Plane, power: float, work: _Workspace) -> _P
 def refine_slopes(image: FloatImage, patches: Patch, right: FloatArray, slope: FloatArray) -> FloatArray:
     """Return the slopes `(N, 2)` of the planes of single patches; those of their neighbours where a patch gives none.
 
-    Args:
-        image: `(H, W)` float32, right.
-        patches: `(N, 3, S * S)` left patches of `cut_patches`.
-        right: `(N, 2)` their centres in the right image, pixels; NaN where not known.
-        slope: `(N, 2)` change of the disparity per pixel along u and v, by the neighbours.
+    The patches `(N, 3, S * S)` are cut out of the left image; their centres in the right one `(N, 2)` are NaN where not
+    known. A slope is the change of the disparity per pixel along u and v.
     """
     refined, size = slope.copy(), patches.shape[2]
     work = _Workspace(
@@ -367,20 +364,17 @@ def match_corners(
     *,
     own_slopes: bool = False,
 ) -> StereoMatches:
-    """Match corners of the left image in the right one.
+    """Match corners of the left image, `(N, 2)` whole pixels, in the right one; return those that were matched.
 
     Args:
         left: Left pyramid.
         right: Right pyramid.
-        uv: `(N, 2)` whole pixels.
+        uv: The corners.
         known: `(M, 3)` u, v, disparity of landmarks around, which help to find the local planes.
         max_disparity: Maximum disparity, pixels.
         offset_v: Vertical disparity of the pair, pixels, positive where the right image is lower.
         right_mask: `(H, W)`, 0 where the right image is masked: what matches there is left out; None for nowhere.
         own_slopes: Whether patches tell their slopes, not their neighbours alone: where these are far.
-
-    Returns:
-        The corners that were matched, fewer than were given.
     """
     # disparities on a small level, pixels of full size
     (image, scale), target = left[SEARCH_LEVEL], right[SEARCH_LEVEL].image

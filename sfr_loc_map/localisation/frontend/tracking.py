@@ -151,11 +151,8 @@ class Tracker:
     def position_variance(self, covariance: FloatArray, residual: FloatArray) -> FloatArray:
         """Return the variances `(N, 3)` uu, uv, vv of tracked positions, px^2: half the patch's, half the image's.
 
-        A residual below the median may be so by chance and counts as the median.
-
-        Args:
-            covariance: `(N, 3)` uu, uv, vv for a noise of one grey level, px^2.
-            residual: `(N,)` RMS, grey levels; NaN where not found.
+        The covariance `(N, 3)` is that for a noise of one grey level, the residual `(N,)` RMS, grey levels, NaN where
+        not found. One below the median may be so by chance and counts as the median.
         """
         found = np.sort(residual[~np.isnan(residual)])  # as quick as `np.median` is not
         typical = 0.5 * (found[(len(found) - 1) // 2] + found[len(found) // 2]) if len(found) else 1.0

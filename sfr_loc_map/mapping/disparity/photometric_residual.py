@@ -206,13 +206,9 @@ def overall_noise(residual: FloatImage) -> float:
 def noise_variance(grey: FloatImage, order: IntArray, residual: FloatImage, offset: FloatImage) -> FloatImage:
     """Return the variance of a residual in each cell `(H/2, W/2)`: the best straight line over the grey level.
 
-    A camera's noise has a constant part and one that grows with the light (photon noise).
-
-    Args:
-        grey: `(H/2, W/2)`, mean grey level of the left image in each cell.
-        order: That sorts every second one of every fourth row by grey level: all residuals of a pair share it.
-        residual: `(H, W)`, grey levels, NaN where unknown.
-        offset: `(H/2, W/2)`, brightness offset of the residual.
+    A camera's noise has a constant part and one that grows with the light (photon noise). The grey level is the mean of
+    the left image in each cell; the order sorts every second one of every fourth row by it: all residuals of a pair
+    share it. The residual `(H, W)` is NaN where unknown, and has a brightness offset `(H/2, W/2)`.
     """
     deviation = np.abs(residual[::8, ::4] - offset[::4, ::2]).ravel()
     order = order[np.isfinite(deviation)[order]]

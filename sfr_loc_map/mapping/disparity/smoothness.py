@@ -92,14 +92,9 @@ def _fill_differences(
 
 @jit_rows_inline
 def fill_smoothness(field: FloatImage, top: int, weights: SmoothnessWeights, first: int, out: FloatImage) -> None:
-    """Fill some rows of `A' W A field`, the gradient of the smoothness term.
+    """Fill rows `(m, w)` of `A' W A field` from the grid's row `first` on: the gradient of the smoothness term.
 
-    Args:
-        field: `(n, w)`, rows of the grid from `top` on: those to fill and two more on either side, where there are.
-        top: Row of the grid.
-        weights: Of the grid.
-        first: Row of the grid, the first to fill.
-        out: `(m, w)`, filled.
+    The field `(n, w)` begins at the row `top`: the rows to fill and two more on either side, where there are.
     """
     rows, cols = weights.mixed.shape
     size = (len(out) + 2, cols + 2)

@@ -153,10 +153,8 @@ def find_segments(steps: NDArray[np.int32], largest: np.int32) -> tuple[NDArray[
     """Return the number of each pixel's segment `(H, W)`, -1 for none, and the pixels of each segment `(S,)`.
 
     By union-find over the rows; the first pixel of each segment is its root, and segments are in the order of these.
-
-    Args:
-        steps: `(H, W)` disparity in whole steps, negative for none.
-        largest: Difference of neighbours, above, below or beside, that belong to one segment.
+    Disparities are in whole steps, negative for none; neighbours above, below or beside that differ by at most
+    `largest` belong to one segment.
     """
     rows, cols = steps.shape
     parent = np.empty(rows * cols, np.int32)

@@ -92,12 +92,7 @@ def _gauss_newton_step(
 ) -> FloatArray | None:
     """Return one step `(6,)`: rotation vector and translation in the left optical frame; None for too few points.
 
-    Args:
-        points: Of the fixed views.
-        images: Of the moved view.
-        pose: Of its left camera now.
-        given: The same before registration: the mean of the prior.
-        rig: Rig of all.
+    Points are those of the fixed views, images and pose of the moved one, whose pose as given is the mean of the prior.
     """
 
     def residuals(parameters: FloatArray) -> FloatArray:

@@ -40,15 +40,10 @@ class CellGrid:
     def over(
         cls, xyz: NDArray[np.float32], cell_m: float, within: tuple[float, float, float] | None = None
     ) -> CellGrid:
-        """Return the smallest grid that has a cell for each point.
+        """Return the smallest grid that has a cell for each point `(N, 3)` in LM.
 
-        Args:
-            xyz: `(N, 3)`, metres, LM.
-            cell_m: Side of a cell.
-            within: x, y and half the side of a square outside of which points do not count; None for all points.
-
-        Raises:
-            MappingError: If the cell is not positive, no point counts, or there would be too many cells.
+        Points outside of a square, x, y and half its side, do not count. Raises MappingError if the cell is not
+        positive, no point counts, or there would be too many cells.
         """
         if not cell_m > 0.0:
             raise MappingError(f"cells of {cell_m} m: the side must be more than 0")
@@ -183,12 +178,7 @@ def point_covariances(cloud: PointCloud, T_lm_left: Sequence[Transform], focal_p
     """Return the covariance of each point in LM `(N, 3, 3)`, square metres.
 
     Along the ray it is the point's variance. Across, a point represents its whole pixel: a uniform distribution over a
-    square of side `Z / f`, whose variance is `(Z / f)^2 / 12`.
-
-    Args:
-        cloud: Points in LM.
-        T_lm_left: Pose of the left camera of each pair, in the order of the points' `pair`.
-        focal_px: Focal length, pixels.
+    square of side `Z / f`, whose variance is `(Z / f)^2 / 12`. Poses are in the order of the points' `pair`.
     """
     axes = np.stack([pose.rotation[:, 2] for pose in T_lm_left])[cloud.pair]
     ray = cloud.xyz - np.stack([pose.translation for pose in T_lm_left])[cloud.pair]

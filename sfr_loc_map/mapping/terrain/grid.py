@@ -45,7 +45,7 @@ class TerrainGrid:
     slope_rad: NDArray[np.float32]
     #: `(R, C)` float32, root of the mean squared difference of these heights from the plane.
     roughness_m: NDArray[np.float32]
-    #: `(R, C)` float32, largest difference of heights above that plane around the cell (.
+    #: `(R, C)` float32, largest difference of heights above that plane around the cell.
     step_m: NDArray[np.float32]
     #: `(R, C)` int8, 100 where a criterion reaches its limit, 0 to 99 the largest share of a limit in percent, -1
     #: where not known.
@@ -58,17 +58,11 @@ def elevation_grid(
     T_lm_left: Sequence[Transform] | None = None,
     random_sigma: NDArray[np.float32] | None = None,
 ) -> TerrainGrid:
-    """Return the terrain of a cloud, with z of LM upwards.
+    """Return the terrain of a cloud in LM, with z upwards; raises MappingError for no points or too many cells.
 
-    Args:
-        cloud: Points in LM.
-        config: Size of the cells, the rover's footprint, what it can bear.
-        T_lm_left: Pose of the left camera of each pair, in the order of the points' `pair`; None where they are not
-            known: then all points count, whatever their range, and the sigma of heights is overstated.
-        random_sigma: `(N,)`, metres, the part of sigma that differs from point to point; None for all of it.
-
-    Raises:
-        MappingError: If no point counts or there would be too many cells.
+    Poses of the left cameras are in the order of the points' `pair`; without them all points count, whatever their
+    range, and the sigma of heights is overstated. The random part of sigma `(N,)`, metres, differs from point to point;
+    None is all of it.
     """
     within: tuple[float, float, float] | None = None
     if T_lm_left:
