@@ -49,7 +49,6 @@ from sfr_loc_map.pipeline.scoring import (
     load_map_truth,
     load_run,
     said_fused,
-    save_evo_result,
     score_run,
 )
 from sfr_loc_map.report.page import load_score, overall_of, write_page
@@ -124,11 +123,6 @@ class Trajectory(_Shown, trajectory_base.Trajectory):
     def save(self, path: PathLike) -> None:
         """Write a file, whose name says the format: *.csv, *.txt or *.tum, *.kitti, *.euroc.csv."""
         save_trajectory(Path(path), self)
-
-    def to_evo(self, path: PathLike, truth: trajectory_base.Trajectory, align: str = "se3") -> None:
-        """Write the APE of the positions as a result of evo (zip), for `evo_res`; `align` as in `sfr.score`."""
-        config = build(AlignedErrorConfig, {"align": align}, origin="align")
-        save_evo_result(Path(path), self, truth, config, {"est_name": "estimate", "ref_name": "truth"})
 
     def to_stats(self, path: PathLike) -> None:
         """Write one row a call (time, memory, state, covariance) as `sfr localise --stats` does."""

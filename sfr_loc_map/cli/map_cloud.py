@@ -20,7 +20,7 @@ from sfr_loc_map.errors import ConfigError, naming
     epilog=examples(
         "sfr map data/ -o cloud.ply --stats stats.csv",
         "sfr map panorama.mcap -o cloud.npz --no-fuse",
-        "sfr map data/ -o cloud.ply --dem 0.05 --colour --covariance",
+        "sfr map data/ -o cloud.ply --dem 0.05 --covariance",
         "sfr map data/ -o cloud.ply --dem site.tif --dem site.html",
         "sfr map data/ -o other.ply --stats other.stats.csv --method sgbm",
     ),
@@ -38,7 +38,6 @@ def map_cloud(
             "(C.dem.npz, C.dem.png), or a file *.tif (GeoTIFF), *.npz, *.png, *.html; may be given several times.",
         ),
     ] = None,
-    colour: Annotated[bool, typer.Option("--colour", help="Also C.colour.ply: points coloured by height.")] = False,
     covariance: Annotated[
         bool, typer.Option("--covariance", help="Also C.covariance.npz: 3 x 3 of each point, in the cloud's order.")
     ] = False,
@@ -62,7 +61,7 @@ def map_cloud(
     check_suffix(output, SUFFIXES)
     parameters = read_config(MappingConfig, under_test.config if under_test.is_ours else None, "mapping")
     parameters = replace(parameters, refine_poses=parameters.refine_poses or refine_poses)
-    outputs = MapOutputs(output, fuse, *dem_outputs(dem or (), output, parameters.terrain), colour, covariance)
+    outputs = MapOutputs(output, fuse, *dem_outputs(dem or (), output, parameters.terrain), covariance)
     check_outputs(output, stats, *outputs.more, overwrite=overwrite, inputs=(source,))
     limits = under_test.limits
     theirs = None if under_test.is_ours else under_test.find(Task.MAPPING)

@@ -10,7 +10,7 @@ import typer
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import Align, ConventionOptions, JudgeOptions, OutputOptions
-from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_suffix, say, show, warn
+from sfr_loc_map.cli.output import STANDARD_OUTPUT, say, show, warn
 from sfr_loc_map.cli.verdict import conclude
 from sfr_loc_map.errors import ConfigError
 
@@ -69,13 +69,10 @@ def score(
         str | None,
         typer.Option(metavar="frames=N|distance=M", help="Length of a relative error.", show_default="frames=1"),
     ] = None,
-    evo: Annotated[
-        Path | None, typer.Option(metavar="F.zip", help="Write the APE as a result of evo, for evo_res; needs --align.")
-    ] = None,
 ) -> None:
     """Score an estimate against the truth: exit 1 if a limit is missed, 3 if something could not be judged."""
     from sfr_loc_map.metrics.config import aligned_error_config, score_config
-    from sfr_loc_map.pipeline.scoring import ScoreInputs, converted_run, load_run, save_evo_result, score_run
+    from sfr_loc_map.pipeline.scoring import ScoreInputs, converted_run, load_run, score_run
 
     limits, asked = judge.read()
     settings: dict[str, object] = {
@@ -93,11 +90,8 @@ def score(
     has_poses = inputs.estimate is not None
     if align is not None and not has_poses:
         raise ConfigError("'--align' is for trajectories: leave it out for a cloud")
-    if align is None and evo is not None:
-        raise ConfigError("'--evo' writes an APE, which --align none|origin|se3|sim3 asks for")
     aligned = aligned_error_config(align, {"max_difference_s": max_difference, "rpe_delta": rpe_delta})
-    check_suffix(evo, (".zip",))
-    output.check(evo, inputs=(estimate, truth, *inputs.stats))
+    output.check(inputs=(estimate, truth, *inputs.stats))
     correction = conversion.read(has_poses=has_poses)
     loaded = load_run(inputs, fused)
     for note in loaded.notes:
@@ -105,9 +99,6 @@ def score(
     run = converted_run(loaded, config, correction)
     result = score_run(run, config, limits, aligned)
     present(result, output.json_path, output.html)
-    if evo is not None and run.drive is not None and aligned is not None:
-        names = {"est_name": str(run.inputs.estimate), "ref_name": str(run.inputs.truth)}
-        save_evo_result(evo, run.drive.estimates.trajectory, run.drive.truth, aligned, names)
     if output.json_path == STANDARD_OUTPUT:
         pass  # a program reads it
     elif result.contradiction is not None:

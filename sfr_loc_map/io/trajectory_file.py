@@ -14,17 +14,12 @@ has poses of the left camera in its first frame: x right, y down, z forward; her
 
 from __future__ import annotations
 
-import io
-import json
-import zipfile
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
@@ -236,23 +231,3 @@ def trajectory_text(trajectory: Trajectory, kind: TrajectoryFormat = TrajectoryF
 def csv_row(stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> str:
     """Return one line of the csv, without its end: the pose of RB in DS, orientation given as in ROS messages."""
     return ",".join([str(stamp_ns), *map(repr, (*position.tolist(), *quat_conjugate(quat_xyzw).tolist()))])
-
-
-def evo_result_bytes(
-    info: Mapping[str, str], stats: Mapping[str, float], arrays: Mapping[str, NDArray[Any]], poses: Mapping[str, str]
-) -> bytes:
-    """Return a result as evo reads it (`evo_res`).
-
-    `info` has title, label, `ref_name` and `est_name`; arrays are named as `error_array`, texts of poses `NAME.tum`.
-    """
-    stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("info.json", json.dumps(dict(info)))
-        archive.writestr("stats.json", json.dumps(dict(stats)))
-        for name, array in arrays.items():
-            buffer = io.BytesIO()
-            np.save(buffer, array, allow_pickle=False)
-            archive.writestr(f"{name}.npy", buffer.getvalue())
-        for name, text in poses.items():
-            archive.writestr(name, text)
-    return stream.getvalue()

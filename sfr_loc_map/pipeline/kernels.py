@@ -24,7 +24,6 @@ from numba.core import event
 from sfr_loc_map.child_process import child_environment, end_with_parent
 
 COMPILE = "numba:compile"  # event: a kernel is compiled; none for one that is loaded from the cache
-PERIOD_S = 5.0
 POLL_S = 0.1
 SIGNAL_S = 1.0  # how long after a signal has ended the compiling process this one may still learn of it
 Say = Callable[[str], None]
@@ -102,40 +101,32 @@ class _NotCompiledError(Exception):
 
 
 class _Listener(event.Listener):
-    """Calls a function before each compilation, which an exception of it ends, and another one after it."""
+    """Calls a function before each compilation, which an exception of it ends."""
 
-    def __init__(self, before: Callable[[], None], after: Callable[[], None] = lambda: None) -> None:
-        self._before, self._after = before, after
+    def __init__(self, before: Callable[[], None]) -> None:
+        self._before = before
 
     def on_start(self, event: event.Event) -> None:
         self._before()
 
     def on_end(self, event: event.Event) -> None:
-        self._after()
+        pass
 
 
 @contextmanager
-def announce_compilation(say: Say, clock: Callable[[], float] = time.monotonic) -> Iterator[None]:
-    """Say that kernels are compiled within the `with` block, every 5 s how many, and how long it took; else nothing."""
-    count, begin, last = 0, 0.0, 0.0
+def announce_compilation(say: Say) -> Iterator[None]:
+    """Say that kernels are compiled within the `with` block, and how long it took; where none is, nothing."""
+    begin: list[float] = []
 
     def before() -> None:
-        nonlocal begin, last
         if not begin:
-            begin = last = clock()
             say("compiles its kernels, once after an installation: this takes about a minute")
+        begin.append(time.monotonic())
 
-    def after() -> None:
-        nonlocal count, last
-        count += 1
-        if clock() - last > PERIOD_S:
-            last = clock()
-            say(f"{count} kernels compiled, {last - begin:.0f} s")
-
-    with event.install_listener(COMPILE, _Listener(before, after)):
+    with event.install_listener(COMPILE, _Listener(before)):
         yield
-    if count:
-        say(f"{count} kernels compiled in {clock() - begin:.0f} s; later starts load them")
+    if begin:
+        say(f"{len(begin)} kernels compiled in {time.monotonic() - begin[0]:.0f} s; later starts load them")
 
 
 @contextmanager

@@ -2,7 +2,7 @@
 
 The rows that came are kept and scored by the very functions that score files, so that a live score has the bits of the
 score of a recording. A true pose takes 64 bytes, an estimate with its covariance 240, what the localiser says of its
-step 240 (docs/metrics.md, "While a run goes on").
+step 240, a call 230 (docs/metrics.md, "While a run goes on").
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ from sfr_loc_map.pipeline.call_stats import CallRecord
 from sfr_loc_map.pipeline.reception import jumped_back
 
 T = TypeVar("T")
-MAX_CALLS = 100_000  #: Calls that times and memory are summarised over, the last ones.
-MAX_STATES, MAX_STAGES = 100, 16
-"""States that are told apart, and stages whose times are kept: their names come from the network."""
+MAX_STAGES = 16  #: Stages whose times are kept: their names come from the network.
 MAX_KEPT = 2 * MAX_PAIRS  #: True points, poses, sets of pairs and clouds that are kept until the others come.
 POSE = [("stamp_ns", np.int64), ("position", np.float64, 3), ("quat", np.float64, 4)]
 ESTIMATE = [*POSE, ("covariance", np.float64, COVARIANCE_SIZE), ("lost", np.bool_)]
 STEP = [("stamp_ns", np.int64), ("step", np.float64, STEP_SIZE), ("degraded", np.bool_), ("known", np.bool_)]
+CALL = [("stamp_ns", np.int64), ("seconds", np.float64), ("state", "U16"), ("peak", np.float64)]
+CALL += [("above_idle", np.float64), ("stages", np.float64, MAX_STAGES)]
 UNKNOWN_COVARIANCE, UNKNOWN_STEP = np.full(COVARIANCE_SIZE, np.nan), np.full(STEP_SIZE, np.nan)
 
 
@@ -76,51 +76,28 @@ class _Rows:
         return self._array[: self._count]
 
 
-class CallRing:
-    """The last calls, in arrays allocated at the start: memory does not grow over a long run."""
+class _CallRows:
+    """The calls of a run."""
 
-    def __init__(self, capacity: int) -> None:
-        # seconds, peak, above idle; filled, so that the memory is resident from now on
-        self._figures = np.full((3, capacity), np.nan)
-        self._stamps_ns, self._states = np.full(capacity, -1, np.int64), np.full(capacity, -1, np.int16)
-        self._names: list[str] = []
-        self._stages: dict[str, FloatArray] = {}
-        self._added = 0
+    def __init__(self) -> None:
+        self._rows, self._stages = _Rows(CALL), dict[str, int]()
 
     def __len__(self) -> int:
-        return min(self._added, len(self._states))
+        return len(self._rows)
 
     def add(self, record: CallRecord) -> None:
-        """Add a call; the oldest is dropped if the ring is full."""
-        if record.state not in self._names and len(self._names) < MAX_STATES:
-            self._names.append(record.state)
-        state = self._names.index(record.state) if record.state in self._names else MAX_STATES - 1
-        row = self._added % len(self._states)
-        self._stamps_ns[row], self._states[row] = record.stamp_ns, state
+        stages = np.full(MAX_STAGES, np.nan)
+        for figure, seconds in record.statistics.items():
+            if (name := stage_of(figure)) and (name in self._stages or len(self._stages) < MAX_STAGES):
+                stages[self._stages.setdefault(name, len(self._stages))] = seconds
         peaks = (np.nan if value is None else value for value in (record.peak_rss_bytes, record.above_idle_bytes))
-        self._figures[:, row] = (record.processing_time_s, *peaks)
-        for seconds in self._stages.values():
-            seconds[row] = np.nan
-        for figure, value in record.statistics.items():
-            if name := stage_of(figure):
-                if name not in self._stages and len(self._stages) < MAX_STAGES:
-                    self._stages[name] = np.full(len(self._states), np.nan)
-                if name in self._stages:
-                    self._stages[name][row] = value
-        self._added += 1
-
-    def clear(self) -> None:
-        """Forget all calls."""
-        self._added = 0
-        self._stages.clear()
+        self._rows.add(record.stamp_ns, record.processing_time_s, record.state, *peaks, stages)
 
     def calls(self) -> Calls:
-        """Return them in the order in which they were added."""
-        order = np.arange(self._added - len(self), self._added) % len(self._states)
-        seconds, peak, above = self._figures[:, order]
-        names = np.array(self._names, object)
-        stages = {name: kept[order] for name, kept in self._stages.items()}
-        return Calls(self._stamps_ns[order], seconds, names[self._states[order]].tolist(), peak, above, stages)
+        rows = self._rows.all()
+        stages = {name: rows["stages"][:, column] for name, column in self._stages.items()}
+        figures = (rows["stamp_ns"], rows["seconds"], rows["state"].tolist(), rows["peak"], rows["above_idle"])
+        return Calls(*figures, stages)
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,14 +135,10 @@ class PairSets:
 
 
 class MapInputs:
-    """Clouds, and the truth of the pairs that they are made of, by stamp, until a score can be made of them.
-
-    Attributes:
-        rig: Rig of the navigation cameras, None until it is known.
-    """
+    """Clouds, and the truth of the pairs that they are made of, by stamp, until a score can be made of them."""
 
     def __init__(self) -> None:
-        self.rig: StereoRig | None = None
+        self.rig: StereoRig | None = None  # of the navigation cameras
         self._pair_sets = PairSets()
         self._points: OrderedDict[int, PointImage] = OrderedDict()
         self._poses: OrderedDict[int, Transform] = OrderedDict()
@@ -208,29 +181,18 @@ def _keep(kept: OrderedDict[int, T], stamp_ns: int, value: T) -> None:
 
 
 class MonitorScore:
-    """Collects poses, truth, clouds and calls, and scores them.
-
-    Attributes:
-        map_inputs: What the map scores to come are made of.
-        map_score: Of the last map that could be scored, None before.
-    """
+    """Collects poses, truth, clouds and calls, and scores them; `map_score` is of the last map that could be scored."""
 
     def __init__(self, config: ScoreConfig, limits: Limits | None) -> None:
-        """Start a run.
-
-        Args:
-            config: Settings of the score.
-            limits: Limits to judge by.
-        """
+        """Start a run, judged by limits if there are any."""
         self.map_inputs = MapInputs()
         self._config, self._limits = config, limits
-        self._calls = CallRing(MAX_CALLS)
         self.restart()
 
     def restart(self) -> None:
         """Forget everything but the inputs of maps to come."""
         self._estimates, self._truth, self._steps = _Rows(ESTIMATE), _Rows(POSE), _Rows(STEP)
-        self._calls.clear()
+        self._calls = _CallRows()
         self.map_score: ScoredMap | None = None
         self._latest_ns: dict[str, int] = {}
 
@@ -243,14 +205,7 @@ class MonitorScore:
     def add_estimate(
         self, stamp_ns: int, position: Sequence[float], quat_xyzw: Sequence[float], covariance: FloatArray | None
     ) -> None:
-        """Add an estimated pose of RB in DS.
-
-        Args:
-            stamp_ns: Its stamp.
-            position: `(3,)`, metres.
-            quat_xyzw: `(4,)`, as in ROS messages.
-            covariance: `(6, 6)` in ROS order, None where not known.
-        """
+        """Add an estimated pose of RB in DS, orientation and covariance `(6, 6)` in ROS order."""
         _check(stamp_ns, position, quat_xyzw)
         lost = covariance is not None and bool((np.diagonal(covariance) >= LOST_VARIANCE).all())
         triangle = UNKNOWN_COVARIANCE if covariance is None else covariance[UPPER]
@@ -278,12 +233,7 @@ class MonitorScore:
         return scored
 
     def result(self, provenance: Provenance | None = None, *, details: bool = True) -> Score:
-        """Return the score so far.
-
-        Args:
-            provenance: What it is made of.
-            details: Whether what figures are drawn from is wanted.
-        """
+        """Return the score so far; with details, what figures are drawn from."""
         parts: dict[str, Any] = {}
         drawn: dict[str, Any] = {}
         if self.map_score is not None:
@@ -341,11 +291,7 @@ def warm_up(config: ScoreConfig) -> None:
 
 
 class ReportFile:
-    """The file of a report that is saved again and again: the last report, and that of a run before.
-
-    Nothing but reports is ever renamed or replaced, and the report of a run before is there until one of this run takes
-    its place.
-    """
+    """The file of a report that is saved again and again, and that of a run before; only reports are replaced."""
 
     def __init__(self, path: str) -> None:
         """Touch nothing yet; with an empty path reports cannot be saved."""
@@ -358,10 +304,14 @@ class ReportFile:
         check_output(self._path)
         path = output_target(self._path)
         for file in (path, _before(path)):
-            if problem := _is_no_report(file):
-                raise OutputError(
-                    f"save_file '{self._path}': '{file}' {problem}; only reports are replaced: choose another name"
-                )
+            try:
+                content = parse_json(read_text(file, MAX_JSON_BYTES))
+            except FileNotFoundError:
+                continue
+            except (OSError, ValueError):
+                content = None
+            if not isinstance(content, dict) or content.get("schema") != SCHEMA:
+                raise OutputError(f"save_file '{self._path}': '{file}' is not a report: choose another name")
 
     def keep_previous(self) -> None:
         """Rename the report of a run before to `*.before.json`: it may be all that is left of it."""
@@ -386,16 +336,3 @@ class ReportFile:
 
 def _before(path: Path) -> Path:
     return path.with_name(f"{path.stem}.before{path.suffix}")
-
-
-def _is_no_report(file: Path) -> str:
-    """Return why a file is not a report, in words; empty if it is one or is not there."""
-    try:
-        content = parse_json(read_text(file, MAX_JSON_BYTES))
-    except FileNotFoundError:
-        return ""
-    except OSError as error:
-        return f"cannot be read: {error.strerror}"
-    except ValueError:
-        return "is not a report"
-    return "" if isinstance(content, dict) and content.get("schema") == SCHEMA else "is not a report"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,20 +18,12 @@ from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.geometry.pose_convention import PoseConvention
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S, hash_arrays, hash_path
-from sfr_loc_map.io.atomic import atomic_path
+from sfr_loc_map.inputs import hash_arrays, hash_path
 from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.cloud_file import SUFFIXES as CLOUD_SUFFIXES
 from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud
-from sfr_loc_map.io.trajectory_file import (
-    ANNOUNCED,
-    LoadedTrajectory,
-    TrajectoryFormat,
-    evo_result_bytes,
-    read_trajectory_file,
-    trajectory_text,
-)
-from sfr_loc_map.metrics.aligned_error import aligned_errors, aligned_poses
+from sfr_loc_map.io.trajectory_file import ANNOUNCED, LoadedTrajectory, read_trajectory_file
+from sfr_loc_map.metrics.aligned_error import aligned_errors
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.calls import ScoredCalls, parts_of, score_calls, score_target, with_external
 from sfr_loc_map.metrics.cloud_error import PairTruth, score_map, score_nearest, truths_of
@@ -428,34 +420,3 @@ def diagnose_files(estimate: Path, truth: Path, config: ScoreConfig) -> Diagnosi
     """Return which single convention mismatch explains how the trajectories of two files disagree."""
     drive = load_drive(estimate, truth)
     return diagnose(drive.estimates.trajectory, drive.truth, config.trajectory.association, drive.rig)
-
-
-def save_evo_result(
-    path: Path, estimate: Trajectory, truth: Trajectory, config: AlignedErrorConfig, names: Mapping[str, str]
-) -> None:
-    """Write the APE of the positions as a result of evo (zip): statistics, single errors, aligned estimate and truth.
-
-    Args:
-        path: The zip file, for `evo_res`.
-        estimate: Estimated poses.
-        truth: True poses.
-        config: Alignment and association.
-        names: Names of both, `est_name` and `ref_name`.
-    """
-    poses = aligned_poses(estimate, truth, config)
-    errors = poses.errors_m()
-    ape = aligned_errors(estimate, truth, config).ape
-    stats = {item.name: getattr(ape.translation, item.name) for item in fields(ape.translation)}
-    stamps_ns = poses.estimate.stamps_ns
-    seconds = stamps_ns / NS_PER_S
-    info = {"title": ape.description, "label": "APE (m)", **names}
-    arrays = {"error_array": errors, "timestamps": seconds, "seconds_from_start": seconds - seconds[0]}
-    texts = {
-        f"{names[key]}.tum": trajectory_text(
-            Trajectory(stamps_ns, each.positions, each.quats_xyzw), TrajectoryFormat.TUM
-        )
-        for key, each in (("est_name", poses.estimate), ("ref_name", poses.truth))
-    }
-    data = evo_result_bytes(info, stats | {"sse": float(np.square(errors).sum())}, arrays, texts)
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(data)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import io
 import json
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -52,19 +50,3 @@ def test_the_figures_stand_beside_those_of_the_specification(files: tuple[Path, 
     scored = sfr_loc_map.score(*files, align="none")
     assert json.loads(scored.to_json())["ape"] == unaligned["ape"]
     assert sfr_loc_map.Score.of(scored).aligned == scored.aligned
-
-
-def test_a_result_of_evo_is_written(files: tuple[Path, Path], tmp_path: Path, sfr: Sfr) -> None:
-    path = tmp_path / "ape.zip"
-    done = sfr("score", *files, "--align", "origin", "--lenient", "--evo", path, "--json", "-")
-    assert done.code == 0, done.err
-    with zipfile.ZipFile(path) as archive:
-        stats = json.loads(archive.read("stats.json"))
-        errors = np.load(io.BytesIO(archive.read("error_array.npy")))
-    assert stats["rmse"] == json.loads(done.out)["ape"]["rmse"]
-    assert np.sqrt(np.mean(errors**2)) == pytest.approx(stats["rmse"], abs=1e-15)
-    assert "--align" in sfr("score", *files, "--evo", tmp_path / "b.zip").err
-    file_interface = pytest.importorskip("evo.tools.file_interface", reason="evo is not installed")
-    read = file_interface.load_res_file(str(path), load_trajectories=True)
-    assert read.stats["rmse"] == stats["rmse"]
-    assert len(read.trajectories) == 2

@@ -17,12 +17,12 @@ def test_products_lie_beside_the_cloud(sfr: Sfr, tmp_path: Path) -> None:
     source = good_folder(tmp_path / "data")
     cloud = tmp_path / "c.ply"
     more = [word for name in ("x.tif", "x.html") for word in ("--dem", tmp_path / name)]
-    result = sfr("map", source, "-o", cloud, "--dem", "0.1", *more, "--colour", "--covariance")
+    result = sfr("map", source, "-o", cloud, "--dem", "0.1", *more, "--covariance")
     assert (result.code, result.out) == (0, "")
     points = len(load_cloud(cloud).xyz)
     assert np.load(tmp_path / "c.covariance.npz")["covariance_m2"].shape == (points, 3, 3)
     assert int(np.load(tmp_path / "c.dem.npz")["count"].sum()) == points
-    for name in ("c.dem.png", "c.colour.ply", "x.tif", "x.html"):
+    for name in ("c.dem.png", "x.tif", "x.html"):
         assert (tmp_path / name).stat().st_size > 0
         assert str(tmp_path / name) in result.err
     _same_heights(tmp_path / "x.tif", tmp_path / "c.dem.npz")

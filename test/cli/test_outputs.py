@@ -15,7 +15,7 @@ TUM = "".join(f"{t}.0 {0.5 * t} 0 0 0 0 0 1\n" for t in range(30))
 TWICE = {
     "localise": ("localise", "{source}", "-o", "{out}/z.csv", "--stats", "{out}/../out/z.csv"),
     "map": ("map", "{source}", "-o", "{out}/z.ply", "--stats", "{out}/z.ply"),
-    "map beside": ("map", "{source}", "-o", "{out}/z.ply", "--colour", "--stats", "{out}/z.colour.ply"),
+    "map beside": ("map", "{source}", "-o", "{out}/z.ply", "--covariance", "--stats", "{out}/z.covariance.npz"),
     "score": ("score", "{tum}", "{tum}", "--json", "{out}/z.html", "--html", "{out}/z.html"),
     "compare": ("compare", "{tum}", "{tum}", "--json", "{out}/z.html", "--html", "{out}/z.html"),
     "input": ("score", "{tum}", "{tum}", "--json", "{tum}", "--overwrite"),

@@ -10,12 +10,12 @@ import pytest
 
 from sfr_loc_map.errors import ConfigError, MissingExtraError
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud
+from sfr_loc_map.io.cloud_file import LoadedCloud
 from sfr_loc_map.mapping.config import TerrainConfig
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel
 from sfr_loc_map.mapping.terrain.grid import elevation_grid
 from sfr_loc_map.pipeline import map_files
-from sfr_loc_map.pipeline.map_files import COLOURED_TYPE, VOID, save_coloured_ply, shaded_heights
+from sfr_loc_map.pipeline.map_files import VOID, shaded_heights
 
 rasterio = pytest.importorskip("rasterio", reason="extra dem")
 
@@ -61,8 +61,8 @@ def test_heights_are_dark_in_holes_and_brighter_uphill() -> None:
     height[10:20, 10:20] = np.nan
     known = np.isfinite(height)
     model = ElevationModel(height, np.full_like(height, 0.01), known.astype(np.int32), (-1.0, 2.0), 0.1)
-    image, origin_m, _ = shaded_heights(model)
-    assert origin_m == pytest.approx((-1.0, 2.0), abs=0.11)
+    image = shaded_heights(model)
+    assert image.shape == (30, 40, 3)
     assert (image[15, 15] == VOID).all()
     assert image[2, -3].sum() > image[2, 3].sum()
 
@@ -96,15 +96,3 @@ def test_values_of_the_option(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rasterio", None)
     with pytest.raises(MissingExtraError, match=r"GeoTIFF needs rasterio .*: pip install 'sfr_loc_map\[dem\]'"):
         map_files.dem_outputs(("x.tif",), cloud, terrain)
-
-
-def test_coloured_ply_has_the_points_and_colours(tmp_path: Path) -> None:
-    xyz = np.array([[0, 0, 0], [1, 0, 1], [2, 0, 2], [3, 1, 3]], np.float32)
-    ones, pixel, path = np.ones(4, np.float32), np.zeros(4, np.uint16), tmp_path / "c.ply"
-    save_coloured_ply(path, PointCloud(xyz, 0.1 * ones, 100 * ones, pixel, pixel, np.zeros(4, np.uint8)))
-    np.testing.assert_array_equal(load_cloud(path).xyz, xyz)
-    data = path.read_bytes()
-    assert b"property uchar red" in data
-    body = np.frombuffer(data[data.index(b"end_header\n") + 11 :], COLOURED_TYPE)
-    assert body["red"][3] > body["red"][1]  # the map of colours ends in yellow
-    assert body["blue"][3] < body["blue"][1]

@@ -23,49 +23,20 @@ from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.score import Details, Score
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.pipeline.call_stats import CallRecord
-from sfr_loc_map.pipeline.monitor_score import (
-    MAX_STAGES,
-    CallRing,
-    MapInputs,
-    MonitorScore,
-    PairSet,
-    PairSets,
-    ReportFile,
-)
-
-
-def record(number: int, state: str = "tracking", peak: int | None = None) -> CallRecord:
-    return CallRecord(number, 0.1 * number, state, peak, None if peak is None else peak // 2)
-
-
-@pytest.mark.parametrize("given", [0, 1, 4, 5, 6, 13])
-def test_the_last_calls_come_back_in_their_order(given: int) -> None:
-    ring = CallRing(5)
-    for number in range(given):
-        ring.add(record(number, "lost" if number % 3 == 0 else "tracking", peak=number if number % 2 else None))
-    kept = list(range(max(given - 5, 0), given))
-    calls = ring.calls()
-    assert len(ring) == len(kept)
-    assert calls.stamps_ns.tolist() == kept
-    assert calls.seconds.tolist() == [0.1 * number for number in kept]
-    assert calls.states == ["lost" if number % 3 == 0 else "tracking" for number in kept]
-    assert np.array_equal(calls.peak_bytes, [number if number % 2 else np.nan for number in kept], equal_nan=True)
-    assert np.array_equal(calls.above_idle_bytes, [n // 2 if n % 2 else np.nan for n in kept], equal_nan=True)
-    ring.clear()
-    assert len(ring) == len(ring.calls().states) == 0
+from sfr_loc_map.pipeline.monitor_score import MAX_STAGES, MapInputs, MonitorScore, PairSet, PairSets, ReportFile
 
 
 def test_stages_come_back_with_their_calls_and_have_an_end() -> None:
-    ring = CallRing(4)
+    monitor = MonitorScore(ScoreConfig(), None)
     for number in range(6):
         figures = {"stage_align_s": 0.5 * number, "features": 7.0} if number % 2 else {}
-        ring.add(CallRecord(number, 1.0, "tracking", None, None, figures))
-    stages = ring.calls().stage_s
-    assert stages.keys() == {"align"}
-    assert np.array_equal(stages["align"], [np.nan, 1.5, np.nan, 2.5], equal_nan=True)
+        monitor.add_call(CallRecord(number, 0.1 * number, "lost" if number % 3 else "x" * 99, 7, None, figures))
+    timing = monitor.result().timing.localisation
+    assert (timing.count, timing.max) == (6, 0.5)
+    assert (timing.stages["align"].count, timing.stages["align"].mean) == (3, 1.5)
     for number in range(50):
-        ring.add(CallRecord(number, 1.0, "tracking", None, None, {f"stage_{number}_s": 1.0}))
-    assert len(ring.calls().stage_s) == MAX_STAGES
+        monitor.add_call(CallRecord(number, 1.0, "tracking", None, None, {f"stage_{number}_s": 1.0}))
+    assert len(monitor.result().timing.localisation.stages) == MAX_STAGES
 
 
 CONFIG = TrajectoryScoreConfig(conditions=("distance=0.5",), spacing=3)
@@ -281,7 +252,7 @@ def test_what_is_no_report_is_refused_and_stays(tmp_path: Path, kind: str, name:
     make(tmp_path / name)
     before = listing(tmp_path)
     file = ReportFile(str(tmp_path / "score.json"))
-    words = words if name == "score.json" else r"score.before.json' (is|cannot be read).*only reports are replaced"
+    words = words if name == "score.json" else r"score.before.json' is not a report"
     for action in (file.check, file.keep_previous):
         with pytest.raises(OutputError, match=words):
             action()
