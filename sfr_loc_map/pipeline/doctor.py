@@ -104,16 +104,14 @@ def examine(seen: Observation) -> list[Finding]:
 
 def _source(seen: Observation) -> Findings:
     if seen.broken:
-        fix = "correct or copy the file again" if seen.files else "record or copy it again; what is whole can be read"
-        yield Finding(Cause.BROKEN, seen.subject, seen.broken, fix)
+        yield Finding(Cause.BROKEN, seen.subject, seen.broken, "correct, record or copy it again")
     if seen.left_out:
         text = f"{seen.left_out} pairs are listed whose images are not there: they are left out"
         fix = "restore the files, or take the pairs out of the list"
         yield Finding(Cause.MISSING_IMAGES, seen.subject, text, fix, False)
     if seen.unfinished:
         text = "its recording was not finished: it has no end record"
-        fix = "nothing needs to be done here; for other readers rewrite it: sfr convert"
-        yield Finding(Cause.UNFINISHED, seen.subject, text, fix, False)
+        yield Finding(Cause.UNFINISHED, seen.subject, text, "for other readers rewrite it: sfr convert", False)
 
 
 def _names(seen: Observation) -> Findings:
@@ -136,10 +134,8 @@ def _topic(seen: Observation, name: str, topic: ObservedTopic | None) -> Finding
         hint = "or name it by --remap FOUND:=EXPECTED"
         if where.endswith(RECTIFIED) and where.removesuffix(RECTIFIED) + RAW in seen.others:
             hint = f"or set input.rectify of the node: {RAW} is there"
-        if seen.live:
-            yield Finding(Cause.NO_PUBLISHER, where, "it has no publisher", f"start its publisher, {hint}")
-        else:
-            yield Finding(Cause.NO_TOPIC, where, "it is not in the bag", f"record it, {hint}")
+        cause, text = (Cause.NO_PUBLISHER, "has no publisher") if seen.live else (Cause.NO_TOPIC, "is not in the bag")
+        yield Finding(cause, where, f"it {text}", f"publish or record it, {hint}")
         return
     if wrong := [kind for kind in topic.types if kind not in allowed_types(name)]:
         text = f"its type is {', '.join(wrong)}: {' or '.join(allowed_types(name))} is needed"
@@ -149,16 +145,10 @@ def _topic(seen: Observation, name: str, topic: ObservedTopic | None) -> Finding
     strict = [node for node, requested in topic.requests.items() if requested is Reliability.RELIABLE]
     if strict and Reliability.BEST_EFFORT in topic.offers:
         text = f"its publisher offers best_effort, {', '.join(strict)} requests reliable: nothing is received"
-        fix = (
-            f"set qos_overrides.{topic.found}.subscription.reliability of the node to best_effort (or "
-            "input.reliability), or the publisher's to reliable"
-        )
+        fix = f"set qos_overrides.{topic.found}.subscription.reliability of the node to best_effort"
         yield Finding(Cause.QOS, topic.found, text, fix)
     if not topic.messages and not seen.is_idle(name.partition("/")[0]):
-        text, fix = "it has no message", "record it again"
-        if seen.live:
-            text, fix = "no message was received", "check its publisher"
-        yield Finding(Cause.SILENT, topic.found, text, fix)
+        yield Finding(Cause.SILENT, topic.found, "it has no message", "check its publisher, or record it again")
 
 
 def _camera_topics(seen: Observation, task: str) -> Findings:
@@ -168,7 +158,7 @@ def _camera_topics(seen: Observation, task: str) -> Findings:
         yield from _topic(seen, name, seen.topics.get(name))
     node = seen.node(task)
     if seen.is_idle(task) and not (node is not None and node.has_worked):
-        fix = "watch until a pair comes (--seconds)" if seen.live else "record it again, if there should be pairs"
+        fix = "watch longer (--seconds), or record it again, if there should be pairs"
         yield Finding(Cause.SILENT, seen.both_images(task), "no pair came meanwhile", fix, False)
 
 
@@ -275,16 +265,11 @@ def _extrinsics(seen: Observation) -> Findings:
     given = seen.extrinsics_given or seen.extrinsics_in_tf or (node is not None and node.extrinsics_given)
     if "loc" not in seen.tasks or given or (node is not None and not node.state):  # who does not answer may have it
         return
-    text = "neither a parameter nor /tf_static has it"
-    if seen.files:
-        text = "rig.json does not have it, and no parameter"
-    elif seen.extrinsics_in_tf is None:
-        text = "/tf_static cannot be read without tf2_msgs, and no parameter has it"
-    elif any(name.strip("/").endswith("tf_static") for name in seen.others):
-        text = "/tf_static does not connect rb and locsb, and no parameter has it"
-    fix = "set T_rb_locsb.translation_m and quat_xyzw of localisation_node"
-    if not seen.live:
-        fix += f" (--config), or add {'it to rig.json' if seen.files else 'rb to locsb to /tf_static'}"
+    place = "rig.json" if seen.files else "/tf_static, rb to locsb"
+    text = f"neither a parameter nor {place} has it"
+    if seen.extrinsics_in_tf is None:
+        text = "no parameter has it, and /tf_static cannot be read without tf2_msgs"
+    fix = f"set T_rb_locsb.translation_m and quat_xyzw of localisation_node (--config), or add it to {place}"
     yield Finding(Cause.FRAMES, "extrinsics of the localisation rig (T_rb_locsb)", text, fix)
 
 
@@ -339,11 +324,8 @@ def _nodes(seen: Observation) -> Findings:
             fix = "set use_sim_time to false, or publish /clock (ros2 bag play --clock)"
             yield Finding(Cause.CLOCK, node.name, text, fix)
         if not node.state:
-            text, fix = (
-                "the node does not answer: its parameters are not known",
-                "look again when the host is less busy",
-            )
-            yield Finding(Cause.SILENT, node.name, text, fix, False)
+            text = "the node does not answer: its parameters are not known"
+            yield Finding(Cause.SILENT, node.name, text, "look again when the host is less busy", False)
         elif node.state != "active":
             transition = "activate" if node.state == "inactive" else "configure"
             fix = f"ros2 lifecycle set {node.name} {transition}"
@@ -368,10 +350,7 @@ def _shared_memory(seen: Observation) -> Findings:
     memory = seen.memory
     needed = processes * (memory.segment_bytes + QUEUES_BYTES) if memory.segment_bytes else 0
     if memory.size_bytes is not None and memory.size_bytes < needed:
-        text = (
-            f"it has {memory.size_bytes / 1e6:.0f} MB, {processes} processes reserve {needed / 1e6:.0f} MB: "
-            "images go by UDP and are dropped"
-        )
+        text = f"it has {memory.size_bytes / 1e6:.0f} MB, {processes} processes reserve {needed / 1e6:.0f} MB"
         fix = f"docker run --shm-size={-(-needed * 2 // 2**20)}m, or --ipc=host; mount -o remount,size=..."
         yield Finding(Cause.SHARED_MEMORY, "/dev/shm", text, fix, seen.live)
 

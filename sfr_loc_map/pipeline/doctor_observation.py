@@ -12,14 +12,22 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import IntArray
-from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
-from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import SIDES
-from sfr_loc_map.io import bag_messages
-from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE, Bag, Topic, read_extrinsics
+from sfr_loc_map.io.bag import (
+    CAMERA_INFO,
+    COMPRESSED,
+    IMAGE,
+    ODOMETRY,
+    POINTS,
+    POSE,
+    TYPESTORE,
+    Bag,
+    Topic,
+    read_extrinsics,
+)
 from sfr_loc_map.io.bag_sequence import RAW, RECTIFIED
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.pipeline.message_stream import messages_of
 
 TASKS = ("loc", "nav")
 TASK_OF_NODE = {"localisation_node": "loc", "mapping_node": "nav"}
@@ -225,7 +233,10 @@ def observe_source(path: Path, *, extrinsics_given: bool, progress: Callable[[],
         subject = f"{source.format} source '{path}'"
         in_file = source.loc is not None and source.loc.rig.T_rb_sb is not None
         left_out = source.left_out
-        _read_source(source, messages, progress)
+        for message in messages_of(source, {}):
+            messages.note(message.topic, message.stamp_ns, TYPESTORE.deserialize_cdr, message.raw, message.msgtype)
+            if message.topic.endswith("left/image_rect"):
+                progress()
     except InputError as error:
         broken = str(error)
     return Observation(
@@ -237,31 +248,3 @@ def observe_source(path: Path, *, extrinsics_given: bool, progress: Callable[[],
         broken=broken,
         left_out=left_out,
     )
-
-
-def _read_source(source: Source, messages: _Messages, progress: Callable[[], None]) -> None:
-    def note_rig(task: str, rig: StereoRig) -> None:
-        for side in SIDES:
-            messages.note(f"{task}/{side}/camera_info", 0, bag_messages.camera_info, 0, rig, task, side)
-
-    def note_pair(task: str, pair: StereoPair) -> None:
-        for side in SIDES:
-            values = (pair.stamp_ns, getattr(pair, side), task, side)
-            messages.note(f"{task}/{side}/image_rect", pair.stamp_ns, bag_messages.image, *values)
-        progress()
-
-    if (loc := source.loc) is not None:
-        note_rig("loc", loc.rig)
-        truth = loc.ground_truth or Trajectory.empty()
-        for pose in zip(truth.stamps_ns.tolist(), truth.positions, truth.quats_xyzw, strict=True):
-            messages.note("ground_truth/odometry", pose[0], bag_messages.odometry, *pose)
-        for pair in loc.pairs():
-            note_pair("loc", pair)
-    if (nav := source.nav) is not None:
-        note_rig("nav", nav.rig)
-        for posed in nav.pairs():
-            stamp_ns = posed.pair.stamp_ns
-            messages.note("nav/pose", stamp_ns, bag_messages.pose, stamp_ns, posed.T_lm_navsb)
-            if posed.truth is not None:
-                messages.note("ground_truth/points", stamp_ns, lambda: None)  # its stamps alone are judged
-            note_pair("nav", posed.pair)

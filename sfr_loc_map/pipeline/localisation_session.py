@@ -33,6 +33,7 @@ from sfr_loc_map.localisation.localiser import Localiser
 
 SCHEMA = "sfr-resume/1"
 MAX_BYTES = 100_000
+REPLACED = "the run starts at its first pose, and the file is replaced"
 LocaliserFactory = Callable[[StereoRig, LocalisationConfig, StartPose], Localiser]
 
 
@@ -191,9 +192,9 @@ class PoseFile:
             return
         except OSError as error:
             raise OutputError(f"resume_file '{self._path}': {error.strerror}; choose another name") from error
-        heads = (f'{{"schema": "{SCHEMA}"'.encode(), b'{"stamp_ns": ')  # the second of version 0.1
+        head = f'{{"schema": "{SCHEMA}"'.encode()
         # a file that lost its end or its content with the power is ours as well
-        if data.strip(b"\0") and not any(data.startswith(head) or head.startswith(data) for head in heads):
+        if data.strip(b"\0") and not (data.startswith(head) or head.startswith(data)):
             raise OutputError(f"resume_file '{self._path}' holds no kept pose; remove it or choose another name")
 
     def load(self, stamp_ns: int, rig: StereoRig) -> StartPose | None:
@@ -207,15 +208,9 @@ class PoseFile:
         except FileNotFoundError:
             return None
         except (OSError, ValueError, RecursionError, SfrError) as error:
-            raise InputError(
-                f"resume_file '{self._path}' cannot be read: {error}; the run starts at its first pose, and the file "
-                f"is replaced"
-            ) from error
+            raise InputError(f"resume_file '{self._path}' cannot be read: {error}; {REPLACED}") from error
         if kept.rig != rig.fingerprint:
-            raise InputError(
-                f"resume_file '{self._path}' is of another rig or calibration: the run starts at its first pose, and "
-                f"the file is replaced"
-            )
+            raise InputError(f"resume_file '{self._path}' is of another rig or calibration; {REPLACED}")
         age_s = (stamp_ns - kept.stamp_ns) * 1e-9
         return StartPose(pose, covariance, kept.stamp_ns) if 0.0 < age_s <= self._max_age_s else None
 

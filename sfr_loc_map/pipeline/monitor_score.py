@@ -48,7 +48,7 @@ MAX_KEPT = 2 * MAX_PAIRS  #: True points, poses, sets of pairs and clouds that a
 POSE = [("stamp_ns", np.int64), ("position", np.float64, 3), ("quat", np.float64, 4)]
 ESTIMATE = [*POSE, ("covariance", np.float64, COVARIANCE_SIZE), ("lost", np.bool_)]
 STEP = [("stamp_ns", np.int64), ("step", np.float64, STEP_SIZE), ("degraded", np.bool_), ("known", np.bool_)]
-CALL = [("stamp_ns", np.int64), ("seconds", np.float64), ("state", "U16"), ("peak", np.float64)]
+CALL: list[Any] = [("stamp_ns", np.int64), ("seconds", np.float64), ("state", "U16"), ("peak", np.float64)]
 CALL += [("above_idle", np.float64), ("stages", np.float64, MAX_STAGES)]
 UNKNOWN_COVARIANCE, UNKNOWN_STEP = np.full(COVARIANCE_SIZE, np.nan), np.full(STEP_SIZE, np.nan)
 

@@ -6,7 +6,7 @@ The calls of `process` are those that the nodes make.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -25,7 +25,7 @@ from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.sequence import LocSequence, NavSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, StateReason, TrackingState
+from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, TrackingState
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import STRIP, draw_tracks
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
@@ -45,24 +45,6 @@ CODECS = {".avi": "MJPG", ".mp4": "mp4v"}
 """Coding of a film by the ending of the file's name; both are part of OpenCV's wheels."""
 FRAMES_PER_SECOND = 10.0
 MANY = 0.05  #: Share of pairs without a good pose from which there is a warning.
-SEE_SOURCE = "sfr doctor {source}"
-SEE_TRACKS = "sfr localise {source} -o again.csv --video tracks.avi"
-SEE_CALLS = "sfr localise {source} -o again.csv --stats stats.csv"
-CAUSES: Mapping[str, tuple[str, str]] = {
-    StateReason.UNSEEN_MOTION: ("the images before showed nothing that was known", SEE_TRACKS),
-    StateReason.REPEATED_IMAGES: ("images are those of the pair before", SEE_SOURCE),
-    StateReason.UNTEXTURED_IMAGES: ("images show nothing: black, white or blinded", SEE_TRACKS),
-    StateReason.TORN_IMAGES: ("parts of images are of different moments", SEE_TRACKS),
-    StateReason.NO_STEREO: (
-        "left and right are not a stereo pair of the rig: equal, swapped, or of different moments",
-        SEE_SOURCE,
-    ),
-    StateReason.FEW_LANDMARKS: ("too few landmarks were found again", SEE_TRACKS),
-    StateReason.MOVING_REGIONS: ("large parts of the images do not move with the ground", SEE_TRACKS),
-    StateReason.CALIBRATION_DRIFT: ("the right camera moves against the left one", SEE_CALLS),
-    StateReason.IMPLAUSIBLE_MOTION: ("no rover moves like what was found", SEE_CALLS),
-}
-"""In words, and the command that shows more, by reason of the state."""
 Progress = Callable[[int], None]
 FrameObserver = Callable[[StereoPair, PoseEstimate, Localiser], None]
 """Looks at a pair, its estimate and the localiser after the call; its time is not the call's."""
@@ -146,24 +128,12 @@ def track_video(path: Path, rig: StereoRig) -> Iterator[FrameObserver]:
         writer = cv2.VideoWriter(str(temporary), code, FRAMES_PER_SECOND, (rig.width, rig.height + STRIP))
         if not writer.isOpened():
             raise OutputError(f"cannot write '{path}': this OpenCV has no coder {CODECS[path.suffix]}")
-        frames = 0
-
-        def watch(pair: StereoPair, estimate: PoseEstimate, localiser: Localiser) -> None:
-            nonlocal frames
-            writer.write(draw_tracks(pair.left, localiser.last_result, estimate))
-            frames += 1
-
         try:
-            yield watch
+            yield lambda pair, estimate, localiser: writer.write(
+                draw_tracks(pair.left, localiser.last_result, estimate)
+            )
         finally:
             writer.release()
-        reader = cv2.VideoCapture(str(temporary))  # the coder does not say when the disk is full
-        found = int(reader.get(cv2.CAP_PROP_FRAME_COUNT)) if frames and reader.isOpened() else 0
-        reader.release()
-        if found < frames:
-            raise OutputError(
-                f"cannot write '{path}': the film has {found} of {frames} images; check the space and the rights"
-            )
 
 
 def states_text(records: Sequence[CallRecord]) -> str:
@@ -174,15 +144,14 @@ def states_text(records: Sequence[CallRecord]) -> str:
 
 
 def tracking_warning(records: Sequence[CallRecord], source: object) -> str | None:
-    """Return a warning with cause and next command if many pairs are lost or degraded, None otherwise."""
+    """Return a warning with the most frequent reason if many pairs are lost or degraded, None otherwise."""
     bad = [record for record in records if record.state in (TrackingState.LOST, TrackingState.DEGRADED)]
     if not bad or len(bad) < MANY * len(records):
         return None
     reason, count = Counter(record.reason for record in bad).most_common(1)[0]
-    cause, command = CAUSES.get(reason, ("the reason is not known", SEE_CALLS))
     return (
-        f"{states_text(records)} of {len(records)} pairs; {count} of them because {cause} ({reason or 'no reason'}): "
-        f"look with {command.format(source=source)}"
+        f"{states_text(records)} of {len(records)} pairs, {count} of them for '{reason or 'no reason'}': look with "
+        f"sfr doctor {source}, or sfr localise {source} -o again.csv --video tracks.avi"
     )
 
 

@@ -37,13 +37,9 @@ def jumped_back(latest_ns: int, stamp_ns: int) -> bool:
 class StampPairing(Generic[T]):
     """Pairs the items of two streams by their stamps, with a bounded memory.
 
-    Each stream comes in the order of its stamps, as one publisher's messages do, until a new run begins at an earlier
-    stamp. So an item is dropped, and counted, when the other stream has come to a later stamp of the same run: its
-    partner was lost, or there never was one.
-
-    Attributes:
-        unpaired: Items dropped because their partner never came.
-        overflowed: Items dropped because the queue of their side was full.
+    Each stream comes in the order of its stamps, until a new run begins at an earlier one. So an item is dropped, and
+    counted as `unpaired`, when the other stream has come to a later stamp of the same run; `overflowed` counts those
+    whose queue was full.
     """
 
     def __init__(self, tolerance_ns: int, depth: int) -> None:
@@ -72,7 +68,6 @@ class StampPairing(Generic[T]):
         self._latest_ns, self._runs = [None, None], [0, 0]
 
     def _partner_of(self, side: int, stamp_ns: int, item: T) -> T | None:
-        """Return the partner that waits, otherwise let the item wait."""
         latest = self._latest_ns[side]
         self._runs[side] += latest is not None and stamp_ns < latest
         self._latest_ns[side] = stamp_ns
@@ -95,7 +90,6 @@ class StampPairing(Generic[T]):
         return partner
 
     def _drop_hopeless(self) -> None:
-        """Drop what the other stream has gone past."""
         for side, queue in enumerate(self._waiting):
             latest, run = self._latest_ns[1 - side], self._runs[1 - side]
             if latest is None:
@@ -234,6 +228,5 @@ class ThinnedPath(Generic[T]):
 
 
 def _distance(before: Transform, now: Transform) -> float:
-    """Return how far apart two poses are, metres; the angle is that of the trace, `1 + 2 cos`."""
     cosine = 0.5 * (float(np.vdot(before.rotation, now.rotation)) - 1.0)
     return math.dist(before.translation, now.translation) + math.acos(max(-1.0, min(1.0, cosine))) / TURN_PER_METRE

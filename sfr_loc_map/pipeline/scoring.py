@@ -167,14 +167,7 @@ def corrected(
 def score_run(
     run: Run, config: ScoreConfig, limits: Limits | None = None, aligned: AlignedErrorConfig | None = None
 ) -> Score:
-    """Return the score of a run.
-
-    Args:
-        run: What there is of it.
-        config: Settings; conditions that only the limits name are scored as well.
-        limits: Limits to judge by.
-        aligned: Settings of APE and RPE; None: without them.
-    """
+    """Return the score of a run, also for conditions that only the limits name; with settings, APE and RPE as well."""
     if limits is not None:
         present = [Condition.parse(text) for text in config.trajectory.conditions]
         missing = tuple(item.setting for item in limits.conditions if item not in present)
@@ -260,14 +253,8 @@ def load_run(
 ) -> Run:
     """Read files of a run; poses without stamps get those of the other ones, pose by pose.
 
-    Lost flags and covariances of an estimate come from its bag or from the statistics of the calls that gave it.
-
-    Args:
-        inputs: The files.
-        fused: Whether the cloud is fused, for files that do not say so.
-        estimate: Estimated poses that are in memory, in place of a file.
-        truth: True poses that are in memory, in place of a file.
-        calls: Calls that are in memory, after those of the files.
+    Lost flags and covariances of an estimate come from its bag or from the statistics of the calls that gave it. Poses
+    and calls may be in memory; `fused` is for cloud files that do not say so.
     """
     stats = [*(load_call_stats(path) for path in inputs.stats), *calls]
     target = None if inputs.target is None else load_call_stats(inputs.target, needed="processing_time_s")
@@ -370,12 +357,7 @@ def camera_rig(truth: Path) -> StereoRig | None:
 
 
 def load_map_truth(path: Path, stamps_ns: Sequence[int] | None = None) -> list[PairTruth]:
-    """Read the truth of the mapping pairs of a source.
-
-    Args:
-        path: The source.
-        stamps_ns: Pairs that are wanted, in their order; None for all.
-    """
+    """Read the truth of the mapping pairs of a source, all or those of some stamps in their order."""
     nav = _open_source(path).nav
     if nav is None:
         raise InputError(f"'{path}' has no mapping pairs: a cloud is scored against a source with nav pairs and truth")

@@ -9,11 +9,8 @@ from __future__ import annotations
 
 import io
 import multiprocessing
-import os
 import shutil
 import signal
-import threading
-import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -23,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 import yaml
 
+from sfr_loc_map.child_process import end_with_parent
 from sfr_loc_map.config import build, flatten, load_yaml
 from sfr_loc_map.errors import ConfigError, OutputError
 from sfr_loc_map.geometry.rotation import quat_conjugate
@@ -41,7 +39,6 @@ from sfr_loc_map.simulation.world import World
 
 SETTINGS = "simulation.yaml"
 PARTS_SUFFIX = ".parts"
-ORPHAN_CHECK_S = 1.0
 
 
 class RenderJob(NamedTuple):
@@ -146,14 +143,14 @@ def _claim(config: SimulationConfig, out: Path) -> None:
 def _render(plan: Plan, out: Path, jobs: list[RenderJob], workers: int, progress: Callable[[int], None]) -> None:
     text = settings_text(plan.config)
     if workers <= 1:
-        _prepare(text, out, None)
+        _prepare(text, out, is_worker=False)
         for done, job in enumerate(jobs, start=1):
             _run(job)
             progress(done)
         return
     context = multiprocessing.get_context("spawn")
     others = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(min(workers, len(jobs)), context, _prepare, (text, out, os.getpid()))
+    pool = ProcessPoolExecutor(min(workers, len(jobs)), context, _prepare, (text, out))
     try:
         for done, future in enumerate(as_completed([pool.submit(_run, job) for job in jobs]), start=1):
             future.result()
@@ -173,18 +170,12 @@ def _render(plan: Plan, out: Path, jobs: list[RenderJob], workers: int, progress
 _worker: tuple[World, dict[Task, Path]] | None = None
 
 
-def _prepare(text: str, out: Path, parent: int | None) -> None:
-    """Build the scene in a worker process, which ends when its parent was killed."""
+def _prepare(text: str, out: Path, *, is_worker: bool = True) -> None:
+    """Build the scene, in a worker process that ends when its parent was killed."""
     global _worker
-
-    def exit_with_parent() -> None:
-        while os.getppid() == parent:
-            time.sleep(ORPHAN_CHECK_S)
-        os._exit(1)
-
-    if parent is not None:
+    if is_worker:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-        threading.Thread(target=exit_with_parent, daemon=True).start()
+        end_with_parent(signal.SIGKILL)
     plan = Plan.make(build(SimulationConfig, yaml.safe_load(text)))
     _worker = World(plan), task_folders(plan, out)
 
