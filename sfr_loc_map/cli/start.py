@@ -56,10 +56,7 @@ def methods(
         return
     check_outputs(json_path, overwrite=overwrite)
     found = listed_methods()
-    rows = tuple(
-        (Cell.head(item.task), Cell(item.name), Cell(item.version or "-"), Cell(item.kind), Cell(item.about))
-        for item in found
-    )
+    rows = tuple(tuple(Cell(text or "-") for text in item.values()) for item in found)
     columns = tuple(Column(title, words=True) for title in ("task", "method", "version", "kind", ""))
     show(json_line({"methods": found}), json_path, [Table("methods", "Methods", columns, rows)])
 

@@ -144,28 +144,21 @@ def find_peer(peer: Method, python: Path | None, vocabulary: Path | None = None)
     return replace(peer, python=python, setup=setup), ""
 
 
-@dataclass(frozen=True, slots=True)
-class ListedMethod:
-    """A row of `sfr methods`."""
-
-    task: Task
-    name: str
-    version: str | None  # None where that is not known without starting it
-    kind: MethodKind
-    about: str
-
-
-def listed_methods() -> list[ListedMethod]:
-    """Return the methods that have a name."""
+def listed_methods() -> list[dict[str, str | None]]:
+    """Return the methods that have a name; the version of a peer is not known without starting it."""
     import cv2
 
     versions = {OURS: __version__, "opencv": cv2.__version__, "sgbm": cv2.__version__}
-    every = [(task, method) for task in Task for method in (*BUILT_IN[task].values(), *PEERS[task].values())]
     return [
-        ListedMethod(
-            task, method.name, versions.get(method.name), method.kind, method.about or f"sfr bench: {method.install}"
-        )
-        for task, method in every
+        {
+            "task": task,
+            "name": method.name,
+            "version": versions.get(method.name),
+            "kind": method.kind,
+            "about": method.about or f"sfr bench: {method.install}",
+        }
+        for task in Task
+        for method in (*BUILT_IN[task].values(), *PEERS[task].values())
     ]
 
 

@@ -58,7 +58,7 @@ class PythonLocaliser(PythonClass):
     """A localiser: its result is a `PoseEstimate`, a `Transform`, a matrix `(4, 4)`, or None where it is lost."""
 
     def __init__(self, setup: Mapping[str, Any]) -> None:
-        """Tell it the first pose, where it takes one; without `reset` its poses are relative to that."""
+        """Tell it the first pose; without `reset` its poses are relative to that."""
         super().__init__(setup)
         start = _transform(setup["start"])
         resets = callable(getattr(self.method, "reset", None))
