@@ -65,6 +65,7 @@ class FoxgloveView:
     def __exit__(self, *_: object) -> None:
         self._stopped.set()
         self._thread.join(5.0)
+        self._state.looks.pop(self, None)
         if self._server is not None:
             self._server.stop()
         for channel in self._channels.values():

@@ -72,14 +72,9 @@ def test_every_channel_is_read_with_a_fitting_schema_and_figures_are_those_of_st
     channels, messages, state, _ = shown
     assert set(channels) == set(messages) == set(TOPICS)
     names = {topic: channel["schemaName"].removeprefix("foxglove.") for topic, channel in channels.items()}
-    expected = {
-        "/mapping/grid": "Grid",
-        "/mapping/points": "PointCloud",
-        "/path/estimate": "PosesInFrame",
-        "/path/truth": "PosesInFrame",
-        **dict.fromkeys(IMAGES, "CompressedImage"),
-    }
-    assert expected.items() <= names.items()
+    kinds = ("Grid", "PointCloud", "PosesInFrame", "PosesInFrame", *["CompressedImage"] * 4)
+    topics = ("/mapping/grid", "/mapping/points", "/path/estimate", "/path/truth", *IMAGES)
+    assert dict(zip(topics, kinds, strict=True)).items() <= names.items()
     figures = messages["/figures"]
     assert without_ages(figures) == without_ages(state)
     assert figures["trajectory"]["position_m"]["mean_plus_3sigma"] > 0.0
