@@ -9,7 +9,6 @@ import numpy as np
 from sfr_loc_map.io.geotiff import Band
 from sfr_loc_map.report.page import render_overview
 from sfr_loc_map.report.plots import Plot, axis, colour_bar, heat
-from sfr_loc_map.report.tables import ABSENT, Cell, Column, Table
 
 MAX_SIDE = 400  #: Most cells of a figure along a side; of larger grids every so many cells are shown.
 CAPTIONS = {
@@ -31,7 +30,7 @@ def dem_page(bands: Sequence[Band], origin_m: tuple[float, float], cell_m: float
     if step > 1:
         text += f"; the figures show every {step}th cell along x and y"
     plots = [_figure(band, origin_m, cell_m, step) for band in bands]
-    return render_overview("Elevation model", None, text, [_table(bands)], [("Layers", plots)], heading="grid in LM")
+    return render_overview("Elevation model", None, text, [], [("Layers", plots)], heading="grid in LM")
 
 
 def _figure(band: Band, origin_m: tuple[float, float], cell_m: float, step: int) -> Plot:
@@ -50,15 +49,3 @@ def _figure(band: Band, origin_m: tuple[float, float], cell_m: float, step: int)
     width = "full" if band.name == "height" else "half"
     caption = f"{CAPTIONS.get(band.name, '')} Colours end at the 1st and the 99th percentile."
     return Plot(f"dem-{band.name}", band.name.capitalize(), caption, [layer], layout, height=440, width=width)
-
-
-def _table(bands: Sequence[Band]) -> Table:
-    shares = {"least": 0.0, "median": 0.5, "largest": 1.0}
-    rows = []
-    for band in bands:
-        known = band.values[np.isfinite(band.values)]
-        values = np.quantile(known, list(shares.values())).tolist() if known.size else []
-        texts = [f"{value:.4g}" for value in values] or [ABSENT] * len(shares)
-        rows.append((Cell.head(band.name), Cell(band.unit), Cell(str(known.size)), *map(Cell, texts)))
-    head = (Column("layer", words=True), Column("unit", words=True), Column("known"), *map(Column, shares))
-    return Table("counts", "Layers", head, tuple(rows))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -76,15 +76,6 @@ class Part(NamedTuple):
     travelled_m: list[float]
 
 
-class Panel(NamedTuple):
-    """One of several panels below each other: errors with their mean and the band of 3 sigma, cut at a floor."""
-
-    title: str
-    values: Column
-    statistic: Statistic
-    floor: float = -math.inf
-
-
 def score_figures(score: Score) -> list[tuple[str, list[Plot]]]:
     """Return the figures by heading, as far as the score has their data."""
     groups = (
@@ -108,10 +99,10 @@ def _error_figures(score: Score) -> list[Plot]:
         return []
     first, rows, means = parts[0], parts[0].rows, parts[0].score.components
     over = f"Over {first.score.condition}"
-    panels = (Panel(title, getattr(rows, name), getattr(means, name)) for name, title in DIRECTIONS.items())
-    heading = Panel("heading", rows.heading_deg, first.score.heading_deg)
-    attitude = Panel("attitude", rows.attitude_deg, first.score.attitude_deg, floor=0.0)
-    by_direction, angles = _panels(first, *panels), _panels(first, heading, attitude, scale=(1.0, "deg"))
+    panels = {title: (getattr(rows, name), getattr(means, name)) for name, title in DIRECTIONS.items()}
+    attitude = rows.attitude_deg, first.score.attitude_deg
+    of_angle = {"heading": (rows.heading_deg, first.score.heading_deg), "attitude": attitude}
+    by_direction, angles = _panels(first, panels), _panels(first, of_angle, scale=(1.0, "deg"))
     directions = f"{over}, by the axes of DS, along and across the path; mean and 3 sigma of each direction."
     of_angles = f"{over}. Heading has a sign; attitude is the angle of the shortest rotation."
     return [
@@ -287,24 +278,26 @@ def growth(named: Sequence[tuple[str, Score]]) -> list[Plot]:
     return [Plot("growth", "Position error against path length", "Re-based at each start.", data, layout)]
 
 
-def _panels(part: Part, *panels: Panel, scale: tuple[float, str] | None = None) -> tuple[list[Trace], dict[str, Any]]:
-    factor, unit = scale or error_scale(largest(*(panel.values for panel in panels)))
+def _panels(
+    part: Part, panels: Mapping[str, tuple[Column, Statistic]], scale: tuple[float, str] | None = None
+) -> tuple[list[Trace], dict[str, Any]]:
+    factor, unit = scale or error_scale(largest(*(values for values, _ in panels.values())))
     data: list[Trace] = []
     layout: dict[str, Any] = {"grid": {"rows": len(panels), "columns": 1, "pattern": "coupled", "ygap": 0.14}}
     ends = [part.travelled_m[0], part.travelled_m[-1]]
-    for k, panel in enumerate(panels):
+    for k, (title, (values, statistic)) in enumerate(panels.items()):
         suffix = str(k + 1) if k else ""
         place: dict[str, Any] = {"yaxis": f"y{suffix}", "xaxis": "x", "showlegend": k == 0}
-        mean, sigma = panel.statistic.mean, panel.statistic.sigma
+        mean, sigma = statistic.mean, statistic.sigma
         of_mean = {**place, "legendgroup": "m"}
         if mean is not None and sigma is not None:
             low, high = ((mean + sign * 3 * sigma) * factor for sign in (-1, 1))
-            data.append(band("mean ± 3 sigma", ends, max(low, panel.floor), high, "@one-soft", **of_mean))
+            data.append(band("mean ± 3 sigma", ends, low, high, "@one-soft", **of_mean))
         if mean is not None:
             data.append(line("mean", (ends, scaled([mean] * 2, factor)), "@truth", dash="dash", **of_mean))
-        errors = scaled(panel.values, factor)
+        errors = scaled(values, factor)
         data.append(_marked(part, "sub-trajectory", errors, unit, symbol=SYMBOLS[0], **place, legendgroup="s"))
-        layout[f"yaxis{suffix}"] = axis(f"{panel.title}, {unit}", zeroline=True)
+        layout[f"yaxis{suffix}"] = axis(f"{title}, {unit}", zeroline=True)
     layout["xaxis"] = axis(AT_THE_END)
     return data, layout
 

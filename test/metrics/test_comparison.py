@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from random_drives import drive, rows, score_of
+from random_drives import drive, score_of
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.metrics.calls import HOST_CLOCK, call_score
@@ -47,15 +47,6 @@ def test_estimates_that_differ_by_chance_are_not_called_different() -> None:
         both = [(truth[0], truth[1] + np.cumsum(rng.normal(0, 0.01, (500, 3)), axis=0), truth[2]) for _ in range(2)]
         told += outcome(compare_scores([score_of(each, truth) for each in both], ["a", "b"])) != "no difference shown"
     assert told <= 6
-
-
-def test_only_common_sub_trajectories_are_compared() -> None:
-    truth, estimate = drive(4, 800)
-    result = compare_scores([score_of(estimate, truth), score_of(rows(estimate, slice(0, 500)), truth)], ["a", "b"])
-    pair = result.pairs[0]
-    assert 0 < pair.count < 50
-    assert pair.left_out[0] > 0
-    assert pair.left_out[1] == 0
 
 
 def whole_run(coverage: float, mapping_p95: float | None = None) -> Score:

@@ -6,7 +6,6 @@ from interval_coverage import coverage
 from scipy import stats
 
 from sfr_loc_map.metrics.statistics import (
-    MAX_BLOCKS,
     block_sums,
     chi2_quantile,
     column,
@@ -50,14 +49,6 @@ def test_quantiles_are_those_of_printed_tables_and_of_the_library() -> None:
         for freedom in (1.0, 2.5, 300.0, 1e6):
             assert chi2_quantile(share, freedom) == stats.chi2.ppf(share, freedom)
             assert student_quantile(share, freedom) == stats.t.ppf(share, freedom)
-
-
-def test_sums_of_stretches_stay_few() -> None:
-    values = np.random.default_rng(1).normal(0, 1, (5000, 2))
-    rows, size = block_sums(values)
-    assert len(rows) <= MAX_BLOCKS
-    assert (rows[:-1, 0] == size).all()
-    assert rows.sum(axis=0) == pytest.approx([5000, *values.sum(axis=0), *np.square(values).sum(axis=0)])
 
 
 def test_intervals_of_independent_values() -> None:
