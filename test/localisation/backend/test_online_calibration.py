@@ -52,24 +52,6 @@ def test_a_turn_of_the_right_camera_is_learnt_from_rows_and_moves_columns_as_it_
     np.testing.assert_allclose(calibration.offset.at(moved, CAMERA), moved - places, atol=0.06)
 
 
-def follow(true_px: np.ndarray, noise_px: float, seed: int = 0) -> tuple[np.ndarray, OnlineCalibration]:
-    """Return the corrections so far after each pair, of landmarks that are never replaced."""
-    drift, random = OnlineCalibration(CAMERA, 7), np.random.default_rng(seed)
-    corrected = [0.0]
-    for px in true_px:
-        corrected.append(corrected[-1] + drift.learn_shift(px - corrected[-1] + random.normal(0, noise_px), 1e-4))
-    return np.array(corrected[1:]), drift
-
-
-@pytest.mark.parametrize(("rate", "noise"), [(-0.02, 0.004), (0.005, 0.004), (0.02, 0.02)])
-def test_steady_drift_is_followed_to_some_hundredths_of_a_pixel(rate: float, noise: float) -> None:
-    true = rate * np.arange(120)
-    corrected, drift = follow(true, noise)
-    assert drift.drifts
-    assert np.abs(corrected - true)[20:].max() < 0.03 + 5 * noise
-    assert abs((corrected - true)[20:].mean()) < 0.02 + noise
-
-
 def test_right_camera_that_turns_is_followed_and_reported() -> None:
     """Its yaw changes by a degree: without following it the attitude is off by more than ten times its 3 sigma."""
     fault = parse_fault("drift:amount=2.5")

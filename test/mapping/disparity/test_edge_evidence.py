@@ -1,4 +1,4 @@
-"""Figures of pixels beside a jump, on two planes of random dots, against plain numpy; the network and its training."""
+"""Figures of pixels beside a jump, on two planes of random dots: the network doubts what is wrong."""
 
 import numpy as np
 from disparity_world import two_planes

@@ -1,4 +1,4 @@
-"""The data term: exact interpolation, the gradient of the residual's square, the robust weights, the noise."""
+"""The data term: the gradient of the residual's square, the noise."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,6 @@ from sfr_loc_map.mapping.disparity.photometric_residual import (
     normal_equations,
     overall_noise,
     photometric_residual,
-    shift_rows,
     slopes,
 )
 
@@ -24,21 +23,6 @@ INNER = np.s_[2:-2, 6:-3]
 def smooth(u: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Return grey levels of long waves."""
     return 120.0 + 40.0 * np.sin(u / 6.0 + 0.3 * np.sin(v / 9.0)) + 20.0 * np.cos(u / 9.0 - v / 8.0)
-
-
-def quadratic(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    return 50.0 + 2.0 * u + 0.05 * u * u - 0.7 * v + 0.04 * v * v
-
-
-@pytest.mark.parametrize("shift", [0.0, 3.0, 2.25, 4.7, -1.3])
-def test_interpolation_is_exact_for_quadratics(shift: float) -> None:
-    zero, image = np.zeros((ROWS, COLS), F), quadratic(U, V).astype(F)
-    if shift >= 0.0:
-        warped = photometric_residual(zero, image, np.full((ROWS, COLS), shift, F))
-        np.testing.assert_allclose(warped[:, 6:-3], quadratic(U - shift, V)[:, 6:-3], rtol=1e-5)
-        assert np.isnan(warped[:, : int(np.ceil(shift))]).all()
-    shifted = shift_rows(image, np.full((ROWS, COLS), shift, F))
-    np.testing.assert_allclose(shifted[6:-6], quadratic(U, V + shift)[6:-6], rtol=1e-5)
 
 
 def energy(left: np.ndarray, right: np.ndarray, disparity: np.ndarray) -> np.ndarray:

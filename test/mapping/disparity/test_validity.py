@@ -9,14 +9,7 @@ from disparity_world import make_world, slope
 
 from sfr_loc_map.mapping.disparity.filters import local_variance
 from sfr_loc_map.mapping.disparity.uncertainty import NOISE_INFORMATION, disparity_sigma
-from sfr_loc_map.mapping.disparity.validity import (
-    MAX_CHANGE_PX,
-    MAX_SLOPE,
-    MIN_PIXELS,
-    locally_valid,
-    occlusion_mask,
-    valid_mask,
-)
+from sfr_loc_map.mapping.disparity.validity import MAX_CHANGE_PX, MIN_PIXELS, occlusion_mask, valid_mask
 from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity, refine
 
 F = np.float32
@@ -72,17 +65,6 @@ def test_a_region_is_invalid_for_each_cause_alone(scene: Scene, cause: str) -> N
     assert mask[110:130, 160:180].mean() < 0.2
     mask[80:164, 130:210] = True
     assert mask[INNER].mean() > 0.99
-
-
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize(("slope", "kept"), [(0.95, False), (0.5 * MAX_SLOPE, True)])
-def test_ramps_between_surfaces_are_invalid(scene: Scene, sign: float, slope: float, kept: bool) -> None:
-    """Six columns that rise or fall by a pixel each lie on one ray of a camera; half as steep ground stays."""
-    ramp = np.clip(np.arange(scene.left.shape[1]) - 200.0, 0.0, 6.0) * sign * slope
-    disparity, initial = (scene.refined.disparity_px + ramp).astype(F), (scene.initial + ramp).astype(F)
-    refined = replace(scene.refined, disparity_px=disparity)
-    contrast = np.full_like(initial, F(1e9))
-    assert locally_valid(refined, initial, contrast)[50:150, 202:205].any() == kept
 
 
 def test_the_background_left_of_a_block_is_occluded() -> None:
