@@ -1,7 +1,4 @@
-"""Array types of all packages: the name says what an array holds; its shape and unit stand where it is used.
-
-Medians to the last digit numpy's and many times as fast: its own looks for three numbers at once, the slow way.
-"""
+"""Array types of all packages: the name says what an array holds; its shape and unit stand where it is used."""
 
 from __future__ import annotations
 
@@ -21,7 +18,7 @@ FloatArray32 = NDArray[np.float32]  #: Values of float32, where the half of the 
 
 
 def median(values: NDArray[np.floating[Any]]) -> float:
-    """Return the median of numbers of any shape, none of them NaN; NaN without any."""
+    """Return the median of numbers, none of them NaN; NaN without any. Equal to numpy's and many times as fast."""
     count = values.size
     if count == 0:
         return float("nan")

@@ -42,8 +42,8 @@ class PointCloud:
             array, kind = getattr(self, name), FIELD_TYPES.get(name, np.float32)
             shape = (count, 3) if name == "xyz" else (count,)
             if array.shape != shape or array.dtype != kind:
-                wanted = f"{kind.__name__} {shape}"
-                raise GeometryError(f"cloud field '{name}' is {array.dtype} {array.shape}: {wanted} is needed")
+                found = f"{array.dtype} {array.shape}"
+                raise GeometryError(f"cloud field '{name}' is {found}: {kind.__name__} {shape} is needed")
 
     def __len__(self) -> int:
         return len(self.xyz)

@@ -69,15 +69,14 @@ class StereoRig:
     @property
     def fingerprint(self) -> str:
         """What tells this rig from others in files: a hash of all its values."""
-        numbers = [self.width, self.height, self.fx, self.fy, self.cx, self.cy, self.baseline_m]
+        numbers = [self.width, self.height, *self.camera]
         if self.T_rb_sb is not None:
             numbers += [*self.T_rb_sb.translation.tolist(), *self.T_rb_sb.rotation.reshape(-1).tolist()]
         return hashlib.sha256(",".join(float(n).hex() for n in numbers).encode()).hexdigest()[:16]
 
     def same_cameras(self, other: StereoRig) -> bool:
         """Tell whether both rigs have the same images, camera matrix and baseline (extrinsics aside)."""
-        names = ("width", "height", "fx", "fy", "cx", "cy", "baseline_m")
-        return all(getattr(self, name) == getattr(other, name) for name in names)
+        return (self.width, self.height, self.camera) == (other.width, other.height, other.camera)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

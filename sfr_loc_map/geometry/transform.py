@@ -35,9 +35,8 @@ class Transform:
     def __post_init__(self) -> None:
         """Check shapes and values; GeometryError if a number is not finite or the translation absurdly long."""
         if self.rotation.shape != (3, 3) or self.translation.shape != (3,):
-            raise GeometryError(
-                f"a transform needs (3, 3) and (3,): got {self.rotation.shape}, {self.translation.shape}"
-            )
+            shapes = f"{self.rotation.shape}, {self.translation.shape}"
+            raise GeometryError(f"a transform needs (3, 3) and (3,): got {shapes}")
         position = self.translation.tolist()  # loops over a few numbers are faster than arrays of them
         numbers = (*position, *self.rotation.reshape(-1).tolist())
         if not all(map(isfinite, numbers)):
@@ -73,10 +72,7 @@ class Transform:
 
     @classmethod
     def from_origin_and_attitude(cls, origin: ArrayLike, att_q: ArrayLike) -> Transform:
-        """Return `T_a_b` from the names of the source document: `bOriginPos_m_A` and `att_q_AToB` [3.1.2].
-
-        `att_q_AToB` turns components in A into components in B: it is the conjugate of the ROS orientation of b in a.
-        """
+        """Return `T_a_b` from `bOriginPos_m_A` and `att_q_AToB` [3.1.2], the conjugate of the ROS orientation."""
         return cls.from_quat(origin, quat_conjugate(att_q))
 
     @property
