@@ -134,10 +134,7 @@ def _convert_cloud(source: Path, destination: Path, cell_m: float | None, *, ove
             raise ConfigError(f"'--cell' is of an elevation model: '{destination}' will be a cloud")
         cloud = load_cloud(source).cloud
         if cloud is None:
-            raise InputError(
-                f"cloud '{source}' does not say the pixel and pair of each point (u, v, pair): clouds of other "
-                "programs can be scored and become elevation models, they are not written again"
-            )
+            raise InputError(f"cloud '{source}' does not say the pixel and pair of each point (u, v, pair): it stays")
         save_cloud(destination, cloud)
         say(f"{len(cloud)} points: {destination}", err=True)
         propose("sfr", "score", destination, "SRC", why="against the truth of the mapping pairs")
@@ -150,7 +147,4 @@ def _convert_cloud(source: Path, destination: Path, cell_m: float | None, *, ove
     save_dem(destination, grid)
     rows, columns = grid.hazard.shape
     say(f"{columns} x {rows} cells of {grid.elevation.cell_m:g} m: {destination}", err=True)
-    if destination.suffix in geotiff.SUFFIXES:
-        propose("gdalinfo", destination, why="its bands; QGIS opens it")
-    else:
-        propose("sfr", "convert", source, destination.with_suffix(".html"), why="all layers as a page")
+    propose("sfr", "convert", source, destination.with_suffix(".html"), why="all layers as a page")

@@ -85,7 +85,7 @@ def output_folder(path: Path, *, overwrite: bool, inputs: Sequence[Path] = ()) -
 
 
 def make_folder(path: Path, option: str) -> None:
-    """Make the folder that an option or argument names, if it is not there; raise OutputError if it cannot be made."""
+    """Make the folder that an option or argument names, if it is not there."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:

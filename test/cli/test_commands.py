@@ -145,16 +145,6 @@ def test_from_source_to_score_and_report(sfr: Sfr, tmp_path: Path) -> None:
     assert "|" in table.out
 
 
-def test_many_lost_pairs_are_warned_of_with_cause_and_next_command(sfr: Sfr, tmp_path: Path) -> None:
-    source, dark = good_folder(tmp_path / "data"), tmp_path / "dark"
-    assert sfr("perturb", source, dark, "--fault", "black:share=1,start=1").code == 0
-    result = sfr("localise", dark, "-o", tmp_path / "t.csv")
-    assert result.code == 0
-    warning = result.err.splitlines()[-1]
-    assert warning.startswith("sfr: warning: 2 lost of 3 pairs; 2 of them because ")
-    assert f": look with sfr localise {dark} " in warning
-
-
 def test_ctrl_c_keeps_the_pairs_that_were_localised(sfr: Sfr, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     source, out, stats = good_folder(tmp_path / "data"), tmp_path / "t.csv", tmp_path / "s.csv"
     images = ImageFileSequence.pairs
