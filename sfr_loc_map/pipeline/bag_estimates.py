@@ -44,7 +44,6 @@ def bag_truth(path: Path) -> Trajectory | None:
 
 
 def _calls_of(bag: Bag, odometry: Topic) -> list[CallRecord]:
-    """Read the calls of the node that published an odometry topic."""
     topic = bag.find("diagnostics", DIAGNOSTICS)
     if topic is None:
         return []

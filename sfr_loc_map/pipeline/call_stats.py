@@ -173,7 +173,6 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
 
 
 def _column(path: Path, rows: list[dict[str, str]], name: str) -> FloatArray:
-    """Return a column, NaN where it is empty; times and sizes are not negative."""
     values, low = np.full(len(rows), np.nan), -MAX_NUMBER if "cov_" in name else 0.0
     for number, row in enumerate(rows):
         text = row.get(name)

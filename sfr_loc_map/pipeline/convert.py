@@ -123,7 +123,6 @@ def _writer(path: Path, source: Source, options: ConvertOptions) -> AbstractCont
 
 
 def _streams(source: Source, writer: SourceWriter) -> list[Iterator[Event]]:
-    """Write the rigs; return what is to be written then, each stream in the order of its stamps."""
     streams: list[Iterator[Event]] = []
     if (loc := source.loc) is not None:
         writer.write_loc_rig(loc.rig)

@@ -356,7 +356,6 @@ def _shared_memory(seen: Observation) -> Findings:
 
 
 def _paired(first: IntArray, second: IntArray, tolerance_ns: int) -> tuple[float, int]:
-    """Return the share of the first stamps that have a second one, and the typical distance to the nearest (ns)."""
     second = np.sort(second)
     at = np.searchsorted(second, first)
     below, above = second[np.maximum(at - 1, 0)], second[np.minimum(at, len(second) - 1)]

@@ -153,7 +153,6 @@ def _signals_deferred() -> Iterator[Callable[[], bool]]:
 
 
 def _compile_beside(part: str, say: Say, is_wanted: Callable[[], bool]) -> None:
-    """Compile in a process that ends with this one; pass on what it says."""
     command = [sys.executable, "-P", "-m", "sfr_loc_map.pipeline.kernels", part]
     pipes: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE}
     with subprocess.Popen(command, env=child_environment(), text=True, **pipes) as child:

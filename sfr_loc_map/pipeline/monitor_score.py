@@ -253,7 +253,6 @@ class MonitorScore:
         return score if self._limits is None else replace(score, verdicts=verdicts(self._limits, score))
 
     def _given_estimates(self) -> Estimates:
-        """Return the estimates with what the calls of their stamps said; of several calls the last counts."""
         rows, said = self._estimates.all(), self._steps.all()
         trajectory = Trajectory(rows["stamp_ns"], rows["position"], rows["quat"])
         covariance = None if np.isnan(rows["covariance"]).all() else rows["covariance"]

@@ -192,7 +192,6 @@ def score_replay(
 
 
 def _scored_cloud(source: Source, result: ReplayResult) -> ScoredCloud | None:
-    """Return the cloud with the truth of its pairs, None where one of both is not there."""
     xyz = result.points if result.cloud is None else result.cloud.xyz
     if source.nav is None or xyz is None:
         return None

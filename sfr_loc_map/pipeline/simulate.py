@@ -126,7 +126,6 @@ def _simulate_folder(plan: Plan, out: Path, workers: int, progress: Callable[[in
 
 
 def _claim(config: SimulationConfig, out: Path) -> None:
-    """Take an absent or empty folder, or one of the same settings."""
     if (out / SETTINGS).exists():
         if not _is_of(config, out):
             raise OutputError(f"'{out}' holds a simulation with other settings: remove it or choose another name")
@@ -171,7 +170,6 @@ _worker: tuple[World, dict[Task, Path]] | None = None
 
 
 def _prepare(text: str, out: Path, *, is_worker: bool = True) -> None:
-    """Build the scene, in a worker process that ends when its parent was killed."""
     global _worker
     if is_worker:
         signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -63,13 +62,3 @@ def test_what_waits_is_bounded() -> None:
     for stamp in range(MAX_POSES + 1):
         matching.pose(stamp)
     assert (matching.pair(0), matching.pair(1)) == ([], [(1, 1.0)])
-
-
-@pytest.mark.parametrize(("clear", "kept"), [("clear_pairs", True), ("clear", False)])
-def test_forgotten_pairs_are_not_counted_and_poses_may_stay(clear: str, kept: bool) -> None:
-    matching = Matching()
-    matching.pair(1)
-    matching.pose(2)
-    getattr(matching, clear)()
-    assert (matching.pose(1), matching.pair(2)) == ([], [(2, 2.0)] if kept else [])
-    assert matching.dropped == 0

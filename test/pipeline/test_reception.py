@@ -11,24 +11,10 @@ from hypothesis import strategies as st
 
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import JUMP_BACK_NS
-from sfr_loc_map.pipeline.reception import (
-    LossWatch,
-    MessageTimes,
-    StampPairing,
-    ThinnedPath,
-    TransportGaps,
-    jumped_back,
-    latencies,
-)
+from sfr_loc_map.pipeline.reception import LossWatch, MessageTimes, StampPairing, ThinnedPath, TransportGaps, latencies
 
 S, MS = 1_000_000_000, 1_000_000
 NOW = 1_800_000_000 * S
-
-
-def test_a_second_back_is_a_new_run() -> None:
-    back_ns = (-JUMP_BACK_NS, 0, JUMP_BACK_NS - 1, JUMP_BACK_NS)
-    assert [jumped_back(5 * JUMP_BACK_NS, 5 * JUMP_BACK_NS - item) for item in back_ns] == [False, False, False, True]
 
 
 def paired(
