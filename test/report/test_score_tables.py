@@ -96,14 +96,3 @@ def test_host_times_and_those_of_a_target_stand_apart_under_their_names() -> Non
         assert table(each, "time").note in note
     assert "GR740" not in score_markdown(score)
     assert "Clock" not in score_markdown(replace(score, timing=None))
-
-
-def test_consistency_in_words() -> None:
-    part = whole_score().map
-    assert part is not None
-    assert part.errors is not None
-    assert part.errors.sigma_nees is not None
-    for mean, words in ((0.5, "calibration better than stated"), (1.0, "consistent"), (2.0, "too small a sigma")):
-        nees = replace(part.errors.sigma_nees, mean=mean, interval95=(0.9, 1.1))
-        changed = replace(whole_score(), map=replace(part, errors=replace(part.errors, sigma_nees=nees)))
-        assert table(changed, "consistency").rows[-1][-1].text == words
