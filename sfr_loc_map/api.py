@@ -334,14 +334,10 @@ def localise(
     config: Parameters | LocalisationConfig | None = None,
     method: str = OURS,
 ) -> Trajectory | Iterator[PoseEstimate]:
-    """Estimate the trajectory of a drive; the same call as `sfr localise`.
+    """Estimate the trajectory of a drive; the same call as `sfr localise`, whose options have the same names.
 
-    Args:
-        source: What `sfr.open` takes or gives.
-        start: First pose: `identity`, `truth` (the true one) or a pose of RB in DS.
-        live: Whether to return an iterator that gives each `PoseEstimate` as soon as it is there.
-        config: Parameters of the localiser; of another method the file with its configuration.
-        method: Method under test, as `sfr methods` lists them.
+    `start` is `identity`, `truth` or a pose of RB in DS. With `live` it returns an iterator that gives each
+    `PoseEstimate` as soon as it is there. `config`: parameters, or of another method the file of its configuration.
     """
     opened = open(source)
     drive = drive_of(opened)
@@ -375,14 +371,9 @@ def map(
     config: Parameters | MappingConfig | None = None,
     method: str = OURS,
 ) -> PointCloud:
-    """Map up to three stereo pairs; the same call as `sfr map`.
+    """Map up to three stereo pairs; the same call as `sfr map`, whose options have the same names.
 
-    Args:
-        source: What `sfr.open` takes or gives.
-        fuse: Whether to fuse the pairs to one surface, or keep the points of every pair.
-        refine_poses: Whether to correct the poses of later pairs by registration of the overlaps.
-        config: Parameters of the mapper; of another method the file with its configuration.
-        method: Method under test, as `sfr methods` lists them.
+    `config` are parameters of the mapper, or of another method the file with its configuration.
     """
     opened = open(source)
     panorama = panorama_of(opened)

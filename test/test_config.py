@@ -90,13 +90,6 @@ def test_wrong_values_are_one_line_with_the_origin(values: dict[str, Any], words
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("default", [1, 1.0, (1.0, 2.0), ()])
-@pytest.mark.parametrize("bounds", [{}, {"low": 0}, {"low": 0, "high": float("inf")}, {"low": 9, "high": 1}])
-def test_a_number_without_a_finite_range_cannot_be_declared(default: object, bounds: dict[str, float]) -> None:
-    with pytest.raises(TypeError, match="a number needs a finite range"):
-        param(default, doc="A number.", **bounds)
-
-
 @pytest.mark.parametrize("config_type", [LocalisationConfig, MappingConfig, ScoreConfig, SimulationConfig])
 def test_every_number_of_the_suite_refuses_infinity(config_type: type) -> None:
     for info in parameters(config_type):

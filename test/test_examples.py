@@ -31,16 +31,6 @@ def test_rviz_shows_topics_that_are_published_with_their_durability() -> None:
         assert (item["Topic"]["Durability Policy"] == "Transient Local") == (name != "localisation/odometry")
 
 
-def test_the_costmap_takes_the_hazard_in_the_frame_of_the_map() -> None:
-    costmap = read("nav2_costmap.yaml")["global_costmap"]["global_costmap"]["ros__parameters"]
-    (layer,) = costmap["plugins"]
-    assert topics()[costmap[layer]["map_topic"]] == "nav_msgs/OccupancyGrid"
-    assert costmap[layer]["map_subscribe_transient_local"] is True
-    frames = yaml.safe_load((ROOT / "config" / "rep105.yaml").read_text(encoding="utf-8"))
-    assert costmap["global_frame"] == frames["/**/mapping_node"]["ros__parameters"]["lm_frame"]
-    assert costmap["robot_base_frame"] == frames["/**/localisation_node"]["ros__parameters"]["rb_frame"]
-
-
 @pytest.mark.parametrize("path", sorted(EXAMPLES.iterdir()), ids=lambda path: path.name)
 def test_examples_are_installed_and_described(path: Path) -> None:
     assert f'glob("config/examples/*{path.suffix}")' in (ROOT / "setup.py").read_text(encoding="utf-8")

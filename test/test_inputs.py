@@ -29,12 +29,6 @@ def test_what_others_stumble_over_is_refused(text: str, words: str) -> None:
         parse_json(text)
 
 
-def test_what_is_within_the_bounds_is_read() -> None:
-    assert parse_json("[" * MAX_DEPTH + "]" * MAX_DEPTH)
-    assert parse_json('{"\\ud83d\\ude00": 18446744073709551615}') == {"\U0001f600": 2**64 - 1}
-    assert parse_json(b'[1e5, "\xc3\xa4", -5]') == [1e5, "\u00e4", -5]
-
-
 @pytest.mark.parametrize(
     ("text", "shown"),
     [
