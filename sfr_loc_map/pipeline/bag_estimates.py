@@ -1,4 +1,4 @@
-"""Estimated and true poses of a bag, with what the recorded localisation node said of its calls on /diagnostics.
+"""Estimated poses of a bag, with what the recorded localisation node said of its calls on /diagnostics.
 
 A module of its own: the library of the bags is loaded for a bag only.
 """
@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.bag import GROUND_TRUTH, ODOMETRY, TF, Bag, Topic, read_odometry, read_trajectory
+from sfr_loc_map.io.bag import ODOMETRY, TF, Bag, Topic, read_odometry
 from sfr_loc_map.metrics.association import UPPER, Estimates, lost_by_covariance
 from sfr_loc_map.pipeline.call_stats import CallRecord, call_of, stats_of
 
@@ -36,11 +35,6 @@ def bag_estimates(path: Path) -> Estimates:
     calls = _calls_of(bag, topic)
     said = stats_of(calls).estimates(trajectory) if calls else Estimates.of(trajectory)
     return replace(said, lost=lost_by_covariance(covariance), covariance=known)
-
-
-def bag_truth(path: Path) -> Trajectory | None:
-    """Read true poses of a bag, None where it has none."""
-    return read_trajectory(Bag(path), GROUND_TRUTH)
 
 
 def _calls_of(bag: Bag, odometry: Topic) -> list[CallRecord]:

@@ -334,9 +334,9 @@ def load_truth(path: Path) -> Trajectory:
     if path.is_file() and not is_bag(path):
         return read_trajectory_file(path).trajectory
     if is_bag(path):
-        from sfr_loc_map.pipeline.bag_estimates import bag_truth
+        from sfr_loc_map.io.bag import GROUND_TRUTH, Bag, read_trajectory
 
-        truth = bag_truth(path)
+        truth = read_trajectory(Bag(path), GROUND_TRUTH)
     else:
         loc = _open_source(path).loc
         truth = None if loc is None else loc.ground_truth
