@@ -16,12 +16,11 @@ UV := $(shell command -v uv 2>/dev/null)
 INSTALL := $(if $(UV),$(UV) pip install --quiet --compile-bytecode --python $(BIN)/python,$(BIN)/pip install --quiet --disable-pip-version-check)
 TINY := --set terrain.coarseness=16 --set rocks.cover=0.01 --set rocks.smallest_m=0.2 --set drive.pairs=2 --set 'drive.segments=[straight 1]' \
 	--set loc.width=48 --set loc.height=40 --set loc.focal_px=40 --set nav.width=48 --set nav.height=40 --set nav.focal_px=40
-KILTED := $(VENV)-kilted
 PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
 CAMPAIGN := PYTHONPATH=test/scenes:test/nodes $(BIN)/python test/campaign
 SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
 
-.PHONY: help demo sample test test-fast faults soak rate example-candidate fuzz random-faults disparity-accuracy live-screen monitor-soak test-kilted lint types config format check docs figures traceability docs-test clean
+.PHONY: help demo sample test test-fast faults soak example-candidate fuzz random-faults disparity-accuracy live-screen lint types config format check docs figures traceability docs-test clean
 
 help:  ## Show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -44,14 +43,11 @@ test: $(COMPILED)  ## Run all tests
 test-fast: $(COMPILED)  ## Run the tests that need neither running nodes nor seconds each, for daily work
 	$(BIN)/python -m pytest $(PARALLEL) -m "not ros and not slow"
 
-faults: $(STAMP)  ## Inject one fault after the other into the nodes (FAULTS=); the table goes to out/faults.md
+faults: $(STAMP)  ## Inject one fault after the other into the nodes (FAULTS=); what was observed goes to out/faults.json
 	$(CAMPAIGN) faults $(FAULTS)
 
 soak: $(STAMP)  ## Localise and map as fast as the nodes answer, and judge the growth of their memory (MINUTES=60)
 	$(CAMPAIGN) soak $(or $(MINUTES),60)
-
-rate: $(STAMP)  ## Send large images through localisation: what transport adds (MINUTES=10 RATE=10 SIZE=1024)
-	$(CAMPAIGN) rate $(or $(MINUTES),10) $(or $(RATE),10) $(or $(SIZE),1024)
 
 example-candidate: $(STAMP)  ## Compile the example candidate in C and run it on the sample
 	mkdir -p out/candidate
@@ -70,12 +66,6 @@ disparity-accuracy: $(COMPILED)  ## Disparities of ours and of OpenCV against th
 
 live-screen: $(COMPILED)  ## What Chromium shows of a replay, and how late
 	PYTHONPATH=. $(BIN)/python test/live/on_screen.py 5
-
-monitor-soak: $(COMPILED)  ## Eight simulated hours of the monitor at 50 Hz, faster than real time; HOURS=N for others
-	$(CAMPAIGN) monitor $(HOURS)
-
-test-kilted: $(KILTED)/.installed  ## The tests of the nodes with ROS 2 Kilted, in an environment of its own
-	env -u LD_LIBRARY_PATH -u _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONPATH=. $(KILTED)/bin/python -m pytest test/nodes $(PARALLEL)
 
 lint: $(DEV_STAMP)  ## Check style
 	$(BIN)/ruff check .
@@ -131,12 +121,6 @@ $(VENV)/.kernels-mapping: $(CORE)
 	$(BIN)/python -P -m sfr_loc_map.pipeline.kernels mapping terrain
 	@touch $@
 
-$(KILTED)/.installed: setup.py
-	$(PYTHON) -m venv $(KILTED)
-	rm -rf build
-	$(KILTED)/bin/pip install --quiet --disable-pip-version-check ".[test]" "ros-kilted-rclpy[fastrtps]>=9.1,<9.2" "ros-kilted-common-interfaces>=5.5,<5.6"
-	@touch $@
-
 $(DOCS_STAMP): $(STAMP)
 	$(BIN)/pip install --quiet --disable-pip-version-check ".[ros,docs]"
 	@touch $@
@@ -151,4 +135,4 @@ $(COMPILED): $(DEV_STAMP)
 	@touch $@
 
 clean:  ## Remove what was made here
-	rm -rf $(VENV) $(KILTED) out build install log *.egg-info
+	rm -rf $(VENV) out build install log *.egg-info

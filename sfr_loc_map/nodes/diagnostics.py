@@ -44,11 +44,14 @@ MAX_MOMENTS = 10_000  #: Arrivals or calls within the window that a rate is take
 MAX_REASONS = 4  #: Reasons that a message names.
 MB = 1_000_000
 OFFSETS = {
-    "vertical_offset_px": "vertical disparity of more than {:g} px: check the calibration",
-    "roll_offset_px": "vertical disparity grows by more than {:g} px over the focal length: check the calibration",
-    "disparity_offset_px": "disparity bias of more than {:g} px: check the calibration",
+    "vertical_offset_px": (0.3, "vertical disparity of more than {:g} px: check the calibration"),
+    "roll_offset_px": (
+        0.5,
+        "vertical disparity grows by more than {:g} px over the focal length: check the calibration",
+    ),
+    "disparity_offset_px": (0.3, "disparity bias of more than {:g} px: check the calibration"),
 }
-"""Statistics of the localiser that are monitored, and their warnings; limits are `..._offset_warn_px`."""
+"""Statistics of the localiser that are monitored (right camera pitched, rolled, yawed): their limit and warning."""
 _ONE_AT_A_TIME = Lock()  #: Time and memory of a call are those of the whole process: nodes that share one take turns.
 
 
@@ -141,23 +144,6 @@ class HealthConfig:
     )
     stale_after_s: float = param(
         5.0, unit="s", doc="An active node that received no input for so long is stale.", low=0.1, high=3600.0
-    )
-    vertical_offset_warn_px: float = param(
-        0.3,
-        unit="px",
-        doc="Vertical disparity (right camera pitched) above which the calibration is warned of.",
-        low=0.0,
-        high=100.0,
-    )
-    roll_offset_warn_px: float = param(
-        0.5,
-        unit="px",
-        doc="The same for its growth over a distance of the focal length (camera rolled).",
-        low=0.0,
-        high=100.0,
-    )
-    disparity_offset_warn_px: float = param(
-        0.3, unit="px", doc="The same for the bias of the disparity (camera yawed).", low=0.0, high=100.0
     )
     memory_warn_mb: int = param(
         4000, unit="MB", doc="Resident memory of the process above which a warning is given.", low=1, high=10_000_000
@@ -284,9 +270,9 @@ class Health:
             found.append(self._last_call)
         found += [(Level.WARN, name) for name, at in self._drops.items() if now - at <= config.window_s]
         for name, offset in self._offsets.items():
-            limit = float(getattr(config, name.replace("_px", "_warn_px")))
+            limit, text = OFFSETS[name]
             if abs(offset) > limit:
-                found.append((Level.WARN, OFFSETS[name].format(limit)))
+                found.append((Level.WARN, text.format(limit)))
         return found
 
     def _remember(self, moments: deque[float], now: float) -> None:

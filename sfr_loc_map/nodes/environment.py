@@ -16,27 +16,13 @@ from sfr_loc_map.errors import NodeError
 
 PROFILE = Path(__file__).with_name("profiles") / "fastdds_shm.xml"
 """Fast DDS profile with a shared-memory segment that holds large images and clouds."""
-OLD_PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
+PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
+EXPORT_LINE = f"export {PROFILE_VARIABLE}={PROFILE}"  #: What a camera driver's shell needs.
 DOMAINS = 101  #: Domains 1 to 101 have ports below the ephemeral range.
 PROBED_PARTICIPANTS = 10  #: The first of a domain may have ended while others run.
 HELD_PORT = 249  #: From the first port of a domain: that of participant 119, which no program reaches.
 KEPT = 16  #: Most domains that one process holds.
 _held: deque[socket.socket] = deque()
-
-
-def profile_variable(environment: MutableMapping[str, str] = os.environ) -> str:
-    """Return the name of the variable that tells the Fast DDS of this ROS which profile to load.
-
-    Fast DDS 2 (Jazzy) reads the old name only; Fast DDS 3 (Kilted), whose package is named fastdds, reads a new one and
-    warns wherever the old one is set.
-    """
-    prefixes = [*environment.get("AMENT_PREFIX_PATH", "").split(os.pathsep), sys.prefix]
-    is_new = any(prefix and Path(prefix, "share", "fastdds").is_dir() for prefix in prefixes)
-    return "FASTDDS_DEFAULT_PROFILES_FILE" if is_new else OLD_PROFILE_VARIABLE
-
-
-PROFILE_VARIABLE = profile_variable()
-EXPORT_LINE = f"export {PROFILE_VARIABLE}={PROFILE}"  #: What a camera driver's shell needs.
 
 
 def prepare(environment: MutableMapping[str, str] = os.environ) -> None:
@@ -46,7 +32,7 @@ def prepare(environment: MutableMapping[str, str] = os.environ) -> None:
     set the path of their package index.
     """
     if not environment.get(PROFILE_VARIABLE):
-        environment[PROFILE_VARIABLE] = environment.get(OLD_PROFILE_VARIABLE) or str(PROFILE)
+        environment[PROFILE_VARIABLE] = str(PROFILE)
     environment.setdefault("AMENT_PREFIX_PATH", sys.prefix)
 
 

@@ -33,7 +33,7 @@ from sfr_loc_map.nodes.messages.fields import header_msg
 from sfr_loc_map.nodes.messages.image import disparity_msg
 from sfr_loc_map.nodes.messages.point_cloud import cloud_msg
 from sfr_loc_map.nodes.messages.pose import transform_from_pose
-from sfr_loc_map.nodes.messages.terrain import elevation_msg, grid_map_msg, grid_map_type, hazard_msg
+from sfr_loc_map.nodes.messages.terrain import elevation_msg, hazard_msg
 from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig
 from sfr_loc_map.nodes.runner import run
 from sfr_loc_map.nodes.stereo_input import ReceivedPair
@@ -237,9 +237,6 @@ class MapPublisher:
         self._cloud = endpoints.add_publisher(PointCloud2, "mapping/points", 1, latched=True)
         self._elevation = endpoints.add_publisher(PointCloud2, "mapping/elevation", 1, latched=True)
         self._hazard = endpoints.add_publisher(OccupancyGrid, "mapping/hazard", 1, latched=True)
-        self._grid_map_type = grid_map_type()
-        if self._grid_map_type is not None:
-            self._grid_map = endpoints.add_publisher(self._grid_map_type, "mapping/grid_map", 1, latched=True)
 
     def publish_cloud(self, fused: FusedMap, stamp_ns: int) -> None:
         """Publish the points."""
@@ -254,8 +251,6 @@ class MapPublisher:
             return
         self._elevation.publish(elevation_msg(grid, stamp_ns, self._lm_frame))
         self._hazard.publish(hazard_msg(grid, stamp_ns, self._lm_frame))
-        if self._grid_map_type is not None:
-            self._grid_map.publish(grid_map_msg(self._grid_map_type, grid, stamp_ns, self._lm_frame))
 
 
 def main() -> int:

@@ -86,8 +86,7 @@ class MonitorNodeConfig(NodeConfig):
     input_reliability: str = param(
         "best_effort",
         doc="Reliability requested from the publishers of ground_truth/odometry, nav/pose and camera_info; best_effort "
-        "matches both kinds. Results and clouds are requested reliably. One subscription alone: "
-        "qos_overrides.TOPIC.subscription.reliability.",
+        "matches both kinds. Results and clouds are requested reliably.",
         choices=RELIABILITIES,
     )
     input_depth: int = param(1000, unit="messages", doc="Depth of the queues of poses and calls.", low=1, high=100000)

@@ -45,7 +45,7 @@ class StereoInputConfig:
     reliability: str = param(
         "best_effort",
         doc="Reliability requested from the publishers of images, camera_info and nav/pose; best_effort matches both "
-        "kinds. One subscription alone: qos_overrides.TOPIC.subscription.reliability.",
+        "kinds.",
         choices=RELIABILITIES,
     )
     queue_depth: int = param(

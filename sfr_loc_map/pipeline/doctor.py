@@ -145,7 +145,7 @@ def _topic(seen: Observation, name: str, topic: ObservedTopic | None) -> Finding
     strict = [node for node, requested in topic.requests.items() if requested is Reliability.RELIABLE]
     if strict and Reliability.BEST_EFFORT in topic.offers:
         text = f"its publisher offers best_effort, {', '.join(strict)} requests reliable: nothing is received"
-        fix = f"set qos_overrides.{topic.found}.subscription.reliability of the node to best_effort"
+        fix = "set input.reliability of the node to best_effort, or the publisher's reliability to reliable"
         yield Finding(Cause.QOS, topic.found, text, fix)
     if not topic.messages and not seen.is_idle(name.partition("/")[0]):
         yield Finding(Cause.SILENT, topic.found, "it has no message", "check its publisher, or record it again")

@@ -28,7 +28,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import NodeError
-from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io import bag_messages
@@ -71,9 +71,7 @@ class Health:
 class Harness:
     """Node processes, the publishers of a rover, and what the nodes have published; a context manager."""
 
-    def __init__(
-        self, folder: Path, nodes: Sequence[str] = NODES, patience_s: float = 30.0, size: int = made_scene.WIDTH
-    ) -> None:
+    def __init__(self, folder: Path, nodes: Sequence[str] = NODES, patience_s: float = 30.0) -> None:
         """Start the nodes; join the graph."""
         folder.mkdir(parents=True, exist_ok=True)
         self.folder, self.patience_s = folder, patience_s
@@ -90,7 +88,7 @@ class Harness:
         self.clouds: set[int] = set()
         self.report: dict[str, Any] = {}
         self.sent: list[int] = []
-        self.rig = made_scene.LOC_RIG if size == made_scene.WIDTH else square_rig(size)
+        self.rig = made_scene.LOC_RIG
         self._index = self._last_stamp = 0
         self._publishers: dict[str, Any] = {}
         self._images = cache(lambda step: made_scene.stereo_pair(0, self._pose(step) @ made_scene.T_RB_LOCSB, self.rig))
@@ -333,9 +331,3 @@ class Harness:
                 del kept[key]
         self.clouds.clear()
         del self.sent[:-10]
-
-
-def square_rig(size: int) -> StereoRig:
-    """Return a localisation rig of square images."""
-    focal, centre = 0.94 * size, 0.5 * (size - 1)
-    return StereoRig(size, size, focal, focal, centre, centre, 0.12, made_scene.T_RB_LOCSB)

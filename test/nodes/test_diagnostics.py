@@ -28,8 +28,8 @@ STEP = np.random.default_rng(0).normal(size=27) / 3.0
 
 
 class Node:
-    def __init__(self, **settings: float) -> None:
-        self.health = Health(HealthConfig(**settings))
+    def __init__(self) -> None:
+        self.health = Health(HealthConfig())
 
     def judge(self) -> HealthStatus:
         return self.health.judge(NodeActivity("active", {}, 0, True))
@@ -54,13 +54,13 @@ def test_many_problems_are_counted_not_listed_and_are_one_change() -> None:
 
 @pytest.mark.parametrize("name", ["vertical_offset_px", "roll_offset_px", "disparity_offset_px"])
 def test_a_calibration_that_is_off_is_warned_of_beyond_its_limit(name: str) -> None:
-    node = Node(**{name.replace("_px", "_warn_px"): 0.2})
-    node.call(**{name: -0.19})
+    node = Node()
+    node.call(**{name: -0.29})
     assert node.judge().level is Level.OK
-    node.call(**{name: -0.21})
+    node.call(**{name: -0.51})
     node.call()  # a call without the figure (lost) does not take it back
     verdict = node.judge()
-    assert (verdict.level, verdict.values[name]) == (Level.WARN, -0.21)
+    assert (verdict.level, verdict.values[name]) == (Level.WARN, -0.51)
     assert "check the calibration" in verdict.message
 
 

@@ -1,6 +1,5 @@
 import socket
 from collections import deque
-from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
@@ -16,14 +15,6 @@ def test_profile_is_set_where_missing_or_empty_and_the_users_own_stays() -> None
     mine = {environment.PROFILE_VARIABLE: "/mine.xml", "AMENT_PREFIX_PATH": "/ros"}
     environment.prepare(mine)
     assert mine == {environment.PROFILE_VARIABLE: "/mine.xml", "AMENT_PREFIX_PATH": "/ros"}
-
-
-def test_the_variable_is_the_one_that_this_fast_dds_reads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(environment.sys, "prefix", str(tmp_path))
-    prefixes = {"AMENT_PREFIX_PATH": f"/nowhere:{tmp_path / 'ros'}"}
-    assert environment.profile_variable(prefixes) == "FASTRTPS_DEFAULT_PROFILES_FILE"
-    (tmp_path / "ros" / "share" / "fastdds").mkdir(parents=True)
-    assert environment.profile_variable(prefixes) == "FASTDDS_DEFAULT_PROFILES_FILE"
 
 
 def test_profile_has_a_segment_that_holds_clouds_and_keeps_the_network() -> None:

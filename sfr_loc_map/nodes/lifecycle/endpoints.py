@@ -1,13 +1,8 @@
-"""Publishers, subscriptions, timers and services of a managed node, created and destroyed with its states.
-
-Each subscription may be set on its own by the parameters that ROS has for it: `qos_overrides.TOPIC.subscription.POLICY`
-with the policies reliability, durability, history and depth (docs.ros.org, "Quality of Service settings").
-"""
+"""Publishers, subscriptions, timers and services of a managed node, created and destroyed with its states."""
 
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
-from copy import copy
 from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -15,23 +10,11 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.lifecycle import LifecycleNode
-from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy, qos_policy_name_from_kind
-from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_policy_name_from_kind
 from std_srvs.srv import Trigger
-
-from sfr_loc_map.errors import ConfigError
 
 Answer = tuple[bool, str]  #: Success and message of a std_srvs/Trigger.
 RELIABILITIES = ("reliable", "best_effort")
-POLICY_WORDS: dict[QoSPolicyKind, tuple[str, ...]] = {
-    QoSPolicyKind.RELIABILITY: RELIABILITIES,
-    QoSPolicyKind.DURABILITY: ("volatile", "transient_local"),
-    QoSPolicyKind.HISTORY: ("keep_last", "keep_all"),
-    QoSPolicyKind.DEPTH: (),
-}
-"""Policies that a parameter may set, and their words; the depth is a number."""
-MAX_DEPTH = 100_000
-OVERRIDES = "qos_overrides."  #: Beginning of the names of these parameters.
 WAITING_REQUESTS = 1000
 """Requests of a service that wait behind the jobs of the worker; the 10 of ROS are gone within a long call."""
 
@@ -86,50 +69,22 @@ class Endpoints:
         return publisher
 
     def add_subscription(self, kind: type[Any], topic: str, callback: Callable[..., None], qos: QoSProfile) -> None:
-        """Subscribe until the node is deactivated; parameters of the node may override the quality of service."""
+        """Subscribe until the node is deactivated."""
         full_name = self._node.resolve_topic_name(topic)
 
         def incompatible(event: Any) -> None:  # noqa: ANN401 - rclpy's
             policy = qos_policy_name_from_kind(event.last_policy_kind)
             self._warn(
                 f"a publisher of {full_name} offers less {policy} than this node requests, nothing is received from "
-                f"it: set the parameter {OVERRIDES}{full_name}.subscription.{policy.lower()} to what it offers "
-                f"(best_effort and volatile match all), or change the publisher"
+                f"it: set the parameter input.reliability (of the monitor input_reliability) to best_effort, or change "
+                f"the publisher"
             )
 
         subscription = self._node.create_subscription(
-            kind,
-            topic,
-            callback,
-            copy(qos),  # which the overrides are written into
-            event_callbacks=SubscriptionEventCallbacks(incompatible_qos=incompatible),
-            qos_overriding_options=QoSOverridingOptions(self._overridden(full_name)),
+            kind, topic, callback, qos, event_callbacks=SubscriptionEventCallbacks(incompatible_qos=incompatible)
         )
         self._at_deactivate.append(lambda: self._node.destroy_subscription(subscription))
         self._subscribed.append(subscription.topic_name)
-
-    def _overridden(self, topic: str) -> list[QoSPolicyKind]:
-        """Return those policies of a subscription that the node has parameters for.
-
-        Others stay undeclared: a parameter, once declared, would keep the default of this activation.
-        """
-        given = []
-        for policy, words in POLICY_WORDS.items():
-            parameter = self._node._parameter_overrides.get(_parameter_name(topic, policy))
-            if parameter is None:
-                continue
-            given.append(policy)
-            is_depth = not words and type(parameter.value) is int and 1 <= parameter.value <= MAX_DEPTH
-            if parameter.value not in words and not is_depth:
-                wanted = f"one of {', '.join(words)}" if words else f"a whole number of 1 .. {MAX_DEPTH}"
-                raise ConfigError(f"'{parameter.name}' is {parameter.value!r}: must be {wanted}")
-        return given
-
-    def unused_overrides(self) -> list[str]:
-        """Return the parameters of quality of service that belong to no subscription."""
-        known = {_parameter_name(topic, policy) for topic in self._subscribed for policy in POLICY_WORDS}
-        names = self._node._parameter_overrides
-        return sorted(name for name in names if name.startswith(OVERRIDES) and name not in known)
 
     def add_timer(self, period_s: float, callback: Callable[[], None]) -> None:
         """Call back periodically, by a clock that does not jump, until the node is deactivated."""
@@ -172,7 +127,3 @@ class Endpoints:
         """Return all names in one line."""
         published = ", ".join([*always_published, *self._published])
         return f"listens to {', '.join(self._subscribed)}; publishes {published}; offers {', '.join(self._served)}"
-
-
-def _parameter_name(topic: str, policy: QoSPolicyKind) -> str:
-    return f"{OVERRIDES}{topic}.subscription.{policy.name.lower()}"

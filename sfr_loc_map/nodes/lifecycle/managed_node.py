@@ -46,7 +46,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         endpoints: Creates publishers, subscriptions and timers.
     """
 
-    _worker: Worker | None = None  # from Kilted on the context destroys its nodes, also those whose making failed
+    _worker: Worker | None = None
 
     def __init__(
         self,
@@ -249,8 +249,6 @@ class ManagedNode(LifecycleNode, Generic[C]):
     def _activate(self) -> None:
         self.status.health.reset()
         self.subscribe()
-        for name in self.endpoints.unused_overrides():
-            self.get_logger().warning(f"parameter {name} is of no subscription of this node: ignored")
         jump = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-JUMP_BACK_NS), on_clock_change=False)
         handle = self.get_clock().create_jump_callback(jump, post_callback=lambda _: self.clock_jumped_back())
         self.endpoints.at_deactivate(handle.unregister)

@@ -19,11 +19,11 @@ from rclpy.parameter import Parameter
 from sfr_loc_map.config import ParamInfo, build, flatten, param, parameters
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.nodes.diagnostics import HealthConfig, State
-from sfr_loc_map.nodes.lifecycle.endpoints import OVERRIDES, RELIABILITIES
+from sfr_loc_map.nodes.lifecycle.endpoints import RELIABILITIES
 from sfr_loc_map.nodes.lifecycle.worker import Overload
 
 C = TypeVar("C")
-BUILT_IN = ("use_sim_time", "start_type_description_service", OVERRIDES)
+BUILT_IN = ("use_sim_time", "start_type_description_service", "qos_overrides./clock", "qos_overrides./parameter_events")
 """Parameters that ROS itself declares on a node."""
 FIXED = "autostart"  #: Is read once, when the node starts.
 

@@ -1,19 +1,10 @@
-"""Grids as messages; GridMap has no wheels: a stand-in has the fields of grid_map_msgs for ROS 2."""
-
-import sys
-from types import ModuleType, SimpleNamespace
-from typing import Any
+"""Grids as messages."""
 
 import numpy as np
-import pytest
-from geometry_msgs.msg import Pose
 from scenes import sent
 
-from sfr_loc_map.mapping.config import TerrainConfig
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel
 from sfr_loc_map.mapping.terrain.grid import TerrainGrid
-from sfr_loc_map.nodes import mapping_node
-from sfr_loc_map.nodes.mapping_node import MapPublisher
 from sfr_loc_map.nodes.messages.terrain import (
     ELEVATION_FIELDS,
     elevation_from_msg,
@@ -52,54 +43,3 @@ def test_grids_come_out_as_they_went_in() -> None:
     assert (info.height, info.width, info.resolution) == (3, 4, CELL_M)
     assert (info.origin.position.x, info.origin.position.y) == (-0.5, 1.25)
     assert np.array_equal(hazard_from_msg(message), HAZARD, equal_nan=True)
-
-
-def grid_map(header: Any) -> SimpleNamespace:
-    return SimpleNamespace(header=header, info=SimpleNamespace(pose=Pose()))
-
-
-def published(monkeypatch: pytest.MonkeyPatch) -> dict[str, list[Any]]:
-    """Return what a map publishes, by topic."""
-    topics: dict[str, list[Any]] = {}
-
-    def add_publisher(_kind: Any, topic: str, _depth: int, *, latched: bool) -> SimpleNamespace:
-        assert latched
-        return SimpleNamespace(publish=topics.setdefault(topic, []).append)
-
-    monkeypatch.setattr(mapping_node, "elevation_grid", lambda *_: GRID)
-    publisher = MapPublisher(SimpleNamespace(add_publisher=add_publisher), "lm", pytest.fail)
-    publisher.publish_terrain(SimpleNamespace(cloud=None, T_lm_left=None, random_sigma=None), 5, TerrainConfig())
-    return topics
-
-
-def at(message: Any, layer: str, x: float, y: float) -> float:
-    """Return a layer's value at a place, by the rules of grid_map: indices fall from the largest x and y."""
-    info = message.info
-    row = int((info.pose.position.x + info.length_x / 2 - x) / info.resolution)
-    column = int((info.pose.position.y + info.length_y / 2 - y) / info.resolution)
-    values = sent(message.data[message.layers.index(layer)])
-    outer, inner = values.layout.dim
-    assert (outer.label, inner.label) == ("column_index", "row_index")  # Eigen's order, column by column
-    assert (outer.size, outer.stride, inner.size, inner.stride) == (3, 12, 4, 4)
-    return float(values.data[column * inner.stride + row])
-
-
-def test_where_its_package_is_installed_a_grid_map_has_each_cell_in_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
-    module = ModuleType("grid_map_msgs.msg")
-    monkeypatch.setitem(sys.modules, "grid_map_msgs", ModuleType("grid_map_msgs"))
-    monkeypatch.setitem(sys.modules, "grid_map_msgs.msg", module)
-    module.GridMap = grid_map
-    topics = published(monkeypatch)
-    assert len(topics["mapping/elevation"]) == len(topics["mapping/hazard"]) == 1
-    (message,) = topics["mapping/grid_map"]
-    assert (message.header.frame_id, message.header.stamp.nanosec, message.basic_layers) == ("lm", 5, ["elevation"])
-    assert (message.info.length_x, message.info.length_y) == (1.0, 0.75)
-    assert len(message.layers) == len(message.data) == 7
-    for name, values in zip(message.layers, (*LAYERS, GRID.elevation.count, HAZARD), strict=True):
-        found = [[at(message, name, -0.375 + CELL_M * c, 1.375 + CELL_M * r) for c in range(4)] for r in range(3)]
-        np.testing.assert_array_equal(found, values.astype(np.float32))
-
-
-def test_without_its_package_there_is_no_such_topic(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "grid_map_msgs.msg", None)
-    assert set(published(monkeypatch)) == {"mapping/points", "mapping/elevation", "mapping/hazard"}
