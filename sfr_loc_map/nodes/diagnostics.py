@@ -291,12 +291,7 @@ class Health:
 
 
 class StatusReporter:
-    """Reports health, calls and problems of one node. All methods may be called in any thread.
-
-    Attributes:
-        health: The health.
-        publisher: Of /diagnostics; it is there in every state.
-    """
+    """Reports health, calls and problems of one node. All methods may be called in any thread."""
 
     def __init__(self, node: Node, task: str, config: HealthConfig, activity: Callable[[], NodeActivity]) -> None:
         """Publish the health of a node with a task periodically; `activity` returns what it does at the moment."""

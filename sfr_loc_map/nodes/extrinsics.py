@@ -63,11 +63,7 @@ def add_static_transforms(message: Any, tree: FrameTree) -> None:  # noqa: ANN40
 
 
 class Extrinsics:
-    """The extrinsics, from the parameters or else from /tf_static once it joins the frames.
-
-    Attributes:
-        T_rb_sb: Takes points in the stereo rig to RB; None where not known yet.
-    """
+    """The extrinsics, from the parameters or else from /tf_static once it joins the frames."""
 
     def __init__(self, config: ExtrinsicsConfig, rb_frame: str, sb_frame: str) -> None:
         """Take the parameters, and the names of the frames in /tf_static."""

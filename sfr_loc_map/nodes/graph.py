@@ -62,12 +62,6 @@ PARAMETERS = ("use_sim_time", "input.stamp_tolerance_s", "input.rectify", "T_rb_
 def observe_graph(seconds: float, namespace: str, remap: Mapping[str, str], *, extrinsics_given: bool) -> Observation:
     """Observe the graph for some time.
 
-    Args:
-        seconds: How long messages are collected, after discovery and the first messages.
-        namespace: Of the rover; empty: that of the suite's nodes, if they run in one, else none.
-        remap: New names by the names in the graph.
-        extrinsics_given: Whether a parameter file has the extrinsics of the stereo rig.
-
     Raises:
         NodeError: If nodes of the suite run in several namespaces and none is given.
     """

@@ -30,11 +30,7 @@ ARGUMENTS = {
 
 
 def common_arguments(files: dict[str, str]) -> list[Any]:
-    """Return the launch arguments and environment variables of a launch file.
-
-    Args:
-        files: Name of the argument that gives the parameter file, by task.
-    """
+    """Return the launch arguments and environment variables of a launch file."""
     config = Path(get_package_share_directory(PACKAGE)) / "config"
     declared = dict(ARGUMENTS)
     for task, name in files.items():

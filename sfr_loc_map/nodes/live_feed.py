@@ -13,7 +13,6 @@ import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from functools import partial
 from pathlib import PurePosixPath
 from threading import Event, Lock, Thread
@@ -39,30 +38,8 @@ from sfr_loc_map.errors import InputError, NodeError, SfrError
 from sfr_loc_map.geometry.arrays import FloatArray32
 from sfr_loc_map.inputs import NS_PER_S, SIDES
 from sfr_loc_map.io.image_codec import image_from_message, stamp_of
-from sfr_loc_map.live import media
+from sfr_loc_map.live import media, updates
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.live.updates import (
-    ELEVATION,
-    HAZARD,
-    LOCALISATION,
-    POINTS,
-    REPORT,
-    TRACKS,
-    TRUE_POINTS,
-    TRUTH,
-    Action,
-    Command,
-    ElevationSample,
-    GraphView,
-    PoseSample,
-    Report,
-    Sampled,
-    Status,
-    StatusKind,
-    Track,
-    TrackSample,
-    View,
-)
 from sfr_loc_map.nodes import environment
 from sfr_loc_map.nodes.diagnostics import TOPIC, level_of, values_of
 from sfr_loc_map.nodes.messages.point_cloud import cloud_from_msg
@@ -73,7 +50,7 @@ from sfr_loc_map.nodes.processes import page_node_name
 from sfr_loc_map.pipeline.reception import TransportGaps
 
 SUITE_NODES = ("localisation_node", "mapping_node", "monitor_node")
-KINDS = frozenset(kind.value for kind in StatusKind)
+KINDS = frozenset(kind.value for kind in updates.StatusKind)
 DEPTH = 200
 GRAPH_PERIOD_S = 0.5
 SPIN_S = 0.1
@@ -82,14 +59,20 @@ TRACKED = "loc/left"  #: The image that tracks are drawn on; of its stamps that 
 MAX_SHOWN = 64  #: Images of which tracks are waited for: ten seconds.
 MAX_MAPS = 8  #: Clouds, elevation and hazard grids that wait; more are left out.
 MASK_HOLD_NS = NS_PER_S // 2  #: A mask that much older than the tracks is shown with them.
-ENOUGH_POINTS = 100_000  #: Points of a cloud that are read where the mapper publishes its grid.
 IMAGE_KINDS = ((Image, "image_rect"), (CompressedImage, "image_rect/compressed"), (Image, "image_raw"))
 NO_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
 """The nodes themselves tell of peers that do not fit; each event would cost the executor time at every message."""
 LAYERS = ("height", *ELEVATION_FIELDS[3:])  #: Layers of an elevation message, after x and y.
 FOUND_S, ANSWER_S, POLL_S = 2.0, 10.0, 0.02
-TRANSITIONS = {Action.ACTIVATE: Transition.TRANSITION_ACTIVATE, Action.DEACTIVATE: Transition.TRANSITION_DEACTIVATE}
-SERVICES = {Action.RESET: SUITE_NODES, Action.FINISH: ("mapping_node",), Action.SAVE: ("monitor_node",)}
+TRANSITIONS = {
+    updates.Action.ACTIVATE: Transition.TRANSITION_ACTIVATE,
+    updates.Action.DEACTIVATE: Transition.TRANSITION_DEACTIVATE,
+}
+SERVICES = {
+    updates.Action.RESET: SUITE_NODES,
+    updates.Action.FINISH: ("mapping_node",),
+    updates.Action.SAVE: ("monitor_node",),
+}
 """Nodes that offer each service."""
 
 
@@ -112,10 +95,12 @@ class RosFeed:
         state.operator = RosOperator(self._node)
         best_effort = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        for track, topic in ((Track.ESTIMATE, LOCALISATION), (Track.TRUTH, TRUTH)):
+        for track, topic in ((updates.Track.ESTIMATE, updates.LOCALISATION), (updates.Track.TRUTH, updates.TRUTH)):
             self._receive(Odometry, topic, partial(self._on_odometry, track), best_effort)
         self._receive(DiagnosticArray, TOPIC, self._on_diagnostics, best_effort)
-        self._receive(String, REPORT, lambda message, now_s: state.put(Report(message.data, now_s)), latched)
+        self._receive(
+            String, updates.REPORT, lambda message, now_s: state.put(updates.Report(message.data, now_s)), latched
+        )
         self._node.create_timer(GRAPH_PERIOD_S, self._look_around)
         self._running = True
         self._thread = Thread(target=self._spin, name="sfr-live-ros", daemon=True)
@@ -154,10 +139,10 @@ class RosFeed:
         listener: Any = received  # rclpy's types do not know of the information beside a message
         self._node.create_subscription(kind, topic, listener, qos, event_callbacks=NO_EVENTS)
 
-    def _on_odometry(self, track: Track, message: Odometry, now_s: float) -> None:
+    def _on_odometry(self, track: updates.Track, message: Odometry, now_s: float) -> None:
         stamp_ns, position, quat = odometry_row(message)
-        covariance = covariance_of(message) if track is Track.ESTIMATE else None
-        self._state.put(PoseSample(track, stamp_ns, position, quat, now_s, covariance))
+        covariance = covariance_of(message) if track is updates.Track.ESTIMATE else None
+        self._state.put(updates.PoseSample(track, stamp_ns, position, quat, now_s, covariance))
 
     def _on_diagnostics(self, message: DiagnosticArray, now_s: float) -> None:
         for status in message.status:
@@ -166,7 +151,7 @@ class RosFeed:
             if str(name.parent).strip("/") != self._space or kind not in KINDS or name.name not in SUITE_NODES:
                 continue
             level, values = int(level_of(status)), values_of(status)
-            self._state.put(Status(name.name, StatusKind(kind), level, status.message, values, now_s))
+            self._state.put(updates.Status(name.name, updates.StatusKind(kind), level, status.message, values, now_s))
 
     def _look_around(self) -> None:
         """Find out which nodes are there, and receive images and clouds as the pages want."""
@@ -174,45 +159,43 @@ class RosFeed:
         names = self._node.get_node_names_and_namespaces()
         nodes = frozenset(name for name, space in names if space.strip("/") == self._space) & frozenset(SUITE_NODES)
         lost = {topic: gaps.lost for topic, gaps in (self._gaps | self._media.gaps).items()}
-        self._state.put(GraphView(nodes, time.time(), lost))
+        self._state.put(updates.GraphView(nodes, time.time(), lost))
 
 
 class MediaFeed:
-    """Subscribes to images, tracks and maps while they are wanted. Used by the thread of the feed alone.
-
-    Attributes:
-        gaps: Messages of the wanted topics that did not arrive.
-    """
+    """Subscribes to images, tracks and maps while they are wanted. Used by the thread of the feed alone."""
 
     def __init__(self, node: Node, state: LiveState) -> None:
         """Subscribe to the true points, which are published once and are what clouds are compared with."""
         self.gaps: dict[str, TransportGaps] = {}
         self._node, self._state = node, state
-        self._subscriptions: dict[View, list[Any]] = {}
+        self._subscriptions: dict[updates.View, list[Any]] = {}
         self._due: dict[str, tuple[float, int]] = {}
         self._shown: deque[int] = deque(maxlen=MAX_SHOWN)
         self._masks: dict[str, tuple[int, tuple[FloatArray32, ...]]] = {}
-        self._map = MapFeed(state, lambda: bool(node.count_publishers(ELEVATION)))
+        self._map = MapFeed(state, lambda: bool(node.count_publishers(updates.ELEVATION)))
         self._worker, self._maps_waiting = ThreadPoolExecutor(1, "sfr-live-maps"), 0
         self._best_effort = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
         truth = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._raw(PointCloud2, TRUE_POINTS, partial(self._on_map, PointCloud2, self._map.add_true_points), truth)
+        self._raw(
+            PointCloud2, updates.TRUE_POINTS, partial(self._on_map, PointCloud2, self._map.add_true_points), truth
+        )
 
     def close(self) -> None:
         """End the worker."""
         self._worker.shutdown(cancel_futures=True)
 
-    def follow(self, wanted: frozenset[View]) -> None:
+    def follow(self, wanted: frozenset[updates.View]) -> None:
         """Subscribe to what is wanted and to nothing else; of images to those topics that somebody publishes."""
-        for view in View:
+        for view in updates.View:
             if view in wanted and view not in self._subscriptions:
                 self._subscriptions[view] = self._subscribe(view)
             elif view not in wanted:
                 for subscription in self._subscriptions.pop(view, ()):
                     self._node.destroy_subscription(subscription)
-        if View.IMAGES not in wanted:
+        if updates.View.IMAGES not in wanted:
             return
-        subscriptions = self._subscriptions[View.IMAGES]
+        subscriptions = self._subscriptions[updates.View.IMAGES]
         known = {subscription.topic_name for subscription in subscriptions}
         for name in (f"{rig}/{side}" for rig in ("loc", "nav") for side in SIDES):
             for kind, end in IMAGE_KINDS:
@@ -221,22 +204,22 @@ class MediaFeed:
                     received = partial(self._on_image, name, kind)
                     subscriptions.append(self._raw(kind, topic, received, self._best_effort))
 
-    def _subscribe(self, view: View) -> list[Any]:
-        if view is View.TRACKS:
+    def _subscribe(self, view: updates.View) -> list[Any]:
+        if view is updates.View.TRACKS:
             masks = [
                 self._raw(Image, f"localisation/{side}_mask", partial(self._on_mask, side), self._best_effort)
                 for side in SIDES
             ]
-            return [*masks, self._raw(PointCloud2, TRACKS, self._on_tracks, self._best_effort)]
-        if view is not View.CLOUDS:
+            return [*masks, self._raw(PointCloud2, updates.TRACKS, self._on_tracks, self._best_effort)]
+        if view is not updates.View.CLOUDS:
             return []
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         return [
             self._raw(kind, topic, partial(self._on_map, kind, add), latched)
             for topic, kind, add in (
-                (POINTS, PointCloud2, self._map.add_cloud),
-                (ELEVATION, PointCloud2, self._map.add_elevation),
-                (HAZARD, OccupancyGrid, self._map.add_hazard),
+                (updates.POINTS, PointCloud2, self._map.add_cloud),
+                (updates.ELEVATION, PointCloud2, self._map.add_elevation),
+                (updates.HAZARD, OccupancyGrid, self._map.add_hazard),
             )
         ]
 
@@ -256,7 +239,7 @@ class MediaFeed:
 
     def _on_image(self, name: str, kind: type[Any], raw: bytes, published_s: float) -> None:
         stamp_ns, rig = _stamp_ns(raw), name.partition("/")[0]
-        self._state.put(Sampled(name, stamp_ns, published_s))
+        self._state.put(updates.Sampled(name, stamp_ns, published_s))
         due_s, chosen_ns = self._due.get(rig, (0.0, -1))
         now = time.monotonic()
         if now >= due_s:
@@ -281,7 +264,7 @@ class MediaFeed:
             return
         found = tracks_from_msg(deserialize_message(raw, PointCloud2))
         masks = {side: rings for side, (at_ns, rings) in self._masks.items() if 0 <= stamp_ns - at_ns <= MASK_HOLD_NS}
-        self._state.put(TrackSample(TRACKS, stamp_ns, found, masks, published_s))
+        self._state.put(updates.TrackSample(updates.TRACKS, stamp_ns, found, masks, published_s))
 
     def _on_map(self, kind: type[Any], add: Callable[[Any, float], None], raw: bytes, published_s: float) -> None:
         """Take a map in, beside the thread that receives: figures do not wait for it."""
@@ -317,7 +300,7 @@ class MapFeed:
         self._state, self._truth = state, media.CloudTruth()
         self._points: tuple[int, FloatArray32, FloatArray32] | None = None
         self._hazard: tuple[int, FloatArray32] | None = None
-        self._grid: ElevationSample | None = None
+        self._grid: updates.ElevationSample | None = None
 
     def add_true_points(self, message: PointCloud2, published_s: float) -> None:
         """Take the true points of a pair in."""
@@ -325,13 +308,11 @@ class MapFeed:
 
     def add_cloud(self, message: PointCloud2, published_s: float) -> None:
         """Take a cloud in."""
-        has_grid, count, stamp_ns = self._has_grid(), int(message.width) * int(message.height), stamp_of(message)
-        every = max(count // ENOUGH_POINTS, 1) if has_grid else 1
-        cloud = cloud_from_msg(message, every)
+        stamp_ns, cloud = stamp_of(message), cloud_from_msg(message)
         error = self._truth.errors(cloud)
         shown = cloud.xyz, cloud.sigma, published_s, error
-        sample, grid = media.cloud_samples(stamp_ns, *shown, with_grid=not has_grid)
-        self._state.put(sample if every == 1 else replace(sample, total=count))
+        sample, grid = media.cloud_samples(stamp_ns, *shown, with_grid=not self._has_grid())
+        self._state.put(sample)
         self._points = None if error is None else (stamp_ns, np.asarray(cloud.xyz[:, :2], np.float32), error)
         if grid is not None:
             self._state.put(grid)
@@ -350,7 +331,7 @@ class MapFeed:
         origin = float(corner[0]), float(corner[1])
         if not (0.0 < cell_m < math.inf and all(map(math.isfinite, origin))):
             raise InputError(f"elevation with cells of {cell_m:g} m: x must grow along the columns, y along the rows")
-        grid = ElevationSample(ELEVATION, stamp_ns, origin, cell_m, LAYERS, cells[..., 2:], published_s)
+        grid = updates.ElevationSample(updates.ELEVATION, stamp_ns, origin, cell_m, LAYERS, cells[..., 2:], published_s)
         if self._points is not None and self._points[0] == stamp_ns:
             _, xy, error = self._points
             means = media.means_of(media.cells_of(xy, origin, cell_m, (rows, columns)), error, rows * columns)
@@ -380,7 +361,7 @@ class RosOperator:
     `run` may be called in any thread but that of the executor.
     """
 
-    actions = frozenset({*TRANSITIONS, *SERVICES, Action.BOOKMARK})
+    actions = frozenset({*TRANSITIONS, *SERVICES, updates.Action.BOOKMARK})
 
     def __init__(self, node: Node) -> None:
         """Advertise the bookmarks, so that a recording under way finds them; another thread spins the node."""
@@ -389,10 +370,10 @@ class RosOperator:
         events = PublisherEventCallbacks(use_default_callbacks=False)
         self._bookmarks = node.create_publisher(String, "bookmark", QoSProfile(depth=100), event_callbacks=events)
 
-    def run(self, command: Command) -> str:
+    def run(self, command: updates.Command) -> str:
         """Carry a command out."""
         node, action = command.node, command.action
-        if action is Action.BOOKMARK:
+        if action is updates.Action.BOOKMARK:
             self._bookmarks.publish(String(data=command.text or "bookmark"))
             return "bookmark published"
         if action in TRANSITIONS and node in SUITE_NODES:

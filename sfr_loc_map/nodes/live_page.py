@@ -1,17 +1,12 @@
-"""The page of a running graph as the program of a process.
-
-The page is there first: the imports of ROS and the entry into the graph go on while it is served.
-"""
+"""The page of a running graph as the program of a process."""
 
 from __future__ import annotations
 
 import argparse
 import asyncio
-import gc
 import os
 import sys
 from collections.abc import Sequence
-from contextlib import ExitStack
 
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import SfrError
@@ -25,33 +20,13 @@ NICENESS = 5  #: What only looks on gives way to what it looks at: a third of th
 
 def serve_graph(config: LiveConfig, namespace: str, *, open_browser: bool = False) -> None:
     """Serve the page of a running graph until SIGINT or SIGTERM, at a lower priority than its nodes."""
-    os.nice(NICENESS)
-    asyncio.run(_serve(config, namespace, open_browser=open_browser))
-
-
-async def _serve(config: LiveConfig, namespace: str, *, open_browser: bool) -> None:
-    """Serve at once and join the graph meanwhile; end with the server, or if the graph cannot be joined."""
-    state = LiveState()
-    with ExitStack() as stack:
-        server = LiveServer(config, state, namespace or "live")
-        serving = asyncio.create_task(serve_until_signal(server, open_browser=open_browser))
-        joining = asyncio.create_task(asyncio.to_thread(_join, stack, state, namespace))
-        await asyncio.wait({serving, joining}, return_when=asyncio.FIRST_COMPLETED)
-        try:
-            if joining.done():
-                joining.result()
-            await serving
-        finally:
-            serving.cancel()
-            await asyncio.wait({serving, joining})
-
-
-def _join(stack: ExitStack, state: LiveState, namespace: str) -> None:
     from sfr_loc_map.nodes.live_feed import RosFeed
 
-    stack.enter_context(RosFeed(state, namespace))
-    gc.collect()
-    gc.freeze()  # what is imported stays: cycles of pages that have gone are then found soon
+    os.nice(NICENESS)
+    state = LiveState()
+    with RosFeed(state, namespace):
+        server = LiveServer(config, state, namespace or "live")
+        asyncio.run(serve_until_signal(server, open_browser=open_browser))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -23,10 +23,6 @@ from sfr_loc_map.nodes.start import SIGNALS
 def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
     """Run one node until SIGINT or SIGTERM, which end it with exit code 0, also when more of them come.
 
-    Args:
-        factory: Makes the node after ROS has started.
-        arguments: Command line; that of the process by default.
-
     Returns:
         0, or 2 where the node cannot start or cannot go on (one line on standard error says why).
     """

@@ -17,11 +17,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def start(module: str) -> int:
-    """Import a module of this package and run its `main`; return its exit code.
-
-    Args:
-        module: Name below `sfr_loc_map`, such as `nodes.localisation_node`; the program has its last part as name.
-    """
+    """Import a module of this package and run its `main`; return its exit code."""
     sys.argv[0] = module.rpartition(".")[2]
     before = {number: signal.signal(number, _leave) for number in SIGNALS}
     gc.disable()

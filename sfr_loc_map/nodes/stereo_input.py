@@ -92,13 +92,7 @@ class ReceivedPair:
 
 
 class StereoInput:
-    """Receives the images of one rig and hands over its pairs, in the executor's thread.
-
-    Attributes:
-        rig: The rig, None until camera_info of both cameras was received.
-        dropped: Pairs that did not become a result, by cause.
-        unprocessed: Pairs that were handed over but could not be processed; counted by the node.
-    """
+    """Receives the images of one rig and hands over its pairs, in the executor's thread."""
 
     def __init__(
         self,
@@ -109,16 +103,7 @@ class StereoInput:
         on_jump_back: Callable[[], None],
         report: Callable[[str], None],
     ) -> None:
-        """Start empty.
-
-        Args:
-            name: First part of the topics, `loc` or `nav`.
-            config: How.
-            on_pair: Called with each pair, in the order of the stamps.
-            on_rig: Called with the rig before the first pair, and when it changes.
-            on_jump_back: Called before the first pair of a new run, when stamps have jumped back.
-            report: Called with what is wrong with the input.
-        """
+        """Start empty."""
         self.rig: StereoRig | None = None
         self.dropped = {"rejected": 0, "stale": 0, "without_camera_info": 0}
         self.unprocessed = 0

@@ -30,9 +30,6 @@ class Endpoints:
 
     Publishers belong to the configured node, subscriptions and timers to the active one. A service, once created,
     stays: an answer may be under way.
-
-    Attributes:
-        reliability: Offered by all publishers; one of `RELIABILITIES`.
     """
 
     def __init__(self, node: LifecycleNode, reliability: str, warn: Callable[[str], None]) -> None:

@@ -39,11 +39,6 @@ class ManagedNode(LifecycleNode, Generic[C]):
 
     A subclass says in `setup`, `subscribe`, `teardown`, `clock_jumped_back` and `apply_config` what it does in each
     step; these are called in the executor's thread. Jobs given to `worker` are done in its thread, in order.
-
-    Attributes:
-        task: What it does, in one word: `localisation`, `mapping` or `monitor`.
-        status: Reports problems, calls and health.
-        endpoints: Creates publishers, subscriptions and timers.
     """
 
     _worker: Worker | None = None
@@ -56,16 +51,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         live: tuple[str, ...],
         **options: Any,  # noqa: ANN401
     ) -> None:
-        """Declare the parameters.
-
-        Args:
-            name: Name of the node.
-            task: One word.
-            config_type: Its parameters.
-            live: Beginnings of names of parameters that may change while the node is active; the others may as long as
-                it is unconfigured.
-            options: Of `rclpy.node.Node` (namespace, parameter_overrides, ...).
-        """
+        """Declare the parameters."""
         try:
             super().__init__(name, **options)
         except InvalidParameterTypeException as error:  # of a parameter that ROS itself declares
@@ -135,13 +121,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         return self._settings.to_json()
 
     def add_service(self, name: str, work: Callable[[], str], first: Callable[[], object] = lambda: None) -> None:
-        """Offer a Trigger service of the active node, answered by the worker after the jobs that wait there.
-
-        Args:
-            name: Name of the service.
-            work: Returns the answer; an `SfrError` is answered as a failure.
-            first: Done at once, in the executor's thread.
-        """
+        """Offer a Trigger service of the active node, answered by the worker after the jobs that wait there."""
 
         async def answer() -> Answer:
             if self.state != State.ACTIVE:

@@ -46,11 +46,7 @@ class NodeConfig:
 
 
 class Parameters(Generic[C]):
-    """The parameters of a node as one configuration, which live changes replace as a whole.
-
-    Attributes:
-        config: The active configuration.
-    """
+    """The parameters of a node as one configuration, which live changes replace as a whole."""
 
     def __init__(
         self,
@@ -62,16 +58,7 @@ class Parameters(Generic[C]):
         check: Callable[[C], None] = lambda config: None,
         changed: Callable[[C], None] = lambda config: None,
     ) -> None:
-        """Declare the parameters with the values from parameter files and command line.
-
-        Args:
-            node: A node that has declared none of them yet.
-            config_type: A frozen dataclass with fields by `sfr_loc_map.config.param`.
-            live: Beginnings of names that may change while the node runs, beside those whose fields say so.
-            state: Returns the state of the managed node.
-            check: Raises an `SfrError` where values that are each valid do not fit together.
-            changed: Called after each live change.
-        """
+        """Declare the parameters with the values from parameter files and command line."""
         self._type, self._state, self._check, self._changed = config_type, state, check, changed
         self._origin = f"parameters of {node.get_fully_qualified_name()}"
         self._infos = {info.name: info for info in parameters(config_type)}

@@ -25,21 +25,10 @@ class Worker:
 
     Two kinds of jobs wait in one queue. Droppable ones (stereo pairs) are bounded in number and size. The others (a new
     rig, a new pose, a reset) are never dropped and keep their position among them.
-
-    Attributes:
-        dropped: Jobs dropped since the start because the queue was full.
-        waiting: Droppable jobs that wait.
     """
 
     def __init__(self, name: str, overload: Overload, capacity: int, on_fault: Callable[[Exception], None]) -> None:
-        """Start the thread.
-
-        Args:
-            name: Name of the thread.
-            overload: Which droppable jobs are kept.
-            capacity: Most droppable jobs that wait (`EVERY_PAIR`).
-            on_fault: Called, in the thread, with an exception that a job did not catch; the next job is done anyway.
-        """
+        """Start the thread."""
         self.dropped = self.waiting = 0
         self._capacity = 1 if overload is Overload.NEWEST_FIRST else capacity
         self._on_fault = on_fault

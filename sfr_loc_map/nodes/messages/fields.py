@@ -68,10 +68,6 @@ def points_msg(records: NDArray[np.void], header: Header) -> PointCloud2:
 def points_of(message: PointCloud2, wanted: Mapping[str, Sequence[type[np.generic]]]) -> NDArray[np.void]:
     """Return a view of the points `(H, W)` of a message with the wanted fields, of whatever layout.
 
-    Args:
-        message: The message.
-        wanted: Types that each field may have, by its name.
-
     Raises:
         InputError: If a field is missing, of another type or beyond the point, or the data is too short.
     """

@@ -57,15 +57,7 @@ def image_msg(image: NDArray[np.uint8], header: Header) -> Image:
 def disparity_msg(
     disparity_px: NDArray[np.float32], rig: StereoRig, searched_px: tuple[float, float], header: Header
 ) -> DisparityImage:
-    """Return a disparity image.
-
-    Args:
-        disparity_px: `(H, W)` float32, pixels, NaN where none; sent as a value below the smallest searched, as
-            the definition of the message requires.
-        rig: Its rig.
-        searched_px: Smallest and largest disparity searched.
-        header: Header of the message.
-    """
+    """Return a disparity image."""
     height, width = disparity_px.shape
     low = min(searched_px[0], float(np.nanmin(disparity_px, initial=np.inf)))
     filled = np.where(np.isnan(disparity_px), np.float32(low - 1.0), disparity_px).astype("<f4")

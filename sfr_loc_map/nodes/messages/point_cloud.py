@@ -17,13 +17,13 @@ def cloud_msg(cloud: PointCloud, stamp_ns: int, frame_id: str) -> PointCloud2:
     return message
 
 
-def cloud_from_msg(message: PointCloud2, every: int = 1) -> PointCloud:
-    """Return the cloud of a message with at least the fields of `mapping/points`, of it one point of so many.
+def cloud_from_msg(message: PointCloud2) -> PointCloud:
+    """Return the cloud of a message with at least the fields of `mapping/points`.
 
     Raises InputError if a field is missing or of another type, or the data is too short.
     """
     points = points_of(message, {name: (kind,) for name, kind in FIELD_TYPES.items()})
-    return PointCloud.from_structured(points.reshape(-1)[::every])
+    return PointCloud.from_structured(points.reshape(-1))
 
 
 def xyz_from_msg(message: PointCloud2) -> FloatArray:

@@ -102,10 +102,6 @@ class ResultCollector:
     def finish(self, pairs_per_map: int, *, has_map_truth: bool) -> ReplayResults:
         """Wait for the results that are still missing: pairs, cloud, the monitor's report.
 
-        Args:
-            pairs_per_map: Pairs after which the mapper publishes a cloud by itself.
-            has_map_truth: Whether the true points were published, so that the report scores the map.
-
         Returns:
             The last run that was played to its end, without one the last that has a result.
         """

@@ -41,12 +41,7 @@ WORLD, BODY, MAP = "ds", "rb", "lm"
 
 
 class ExternalNode:
-    """A node of anyone in place of one of ours.
-
-    Attributes:
-        options: What is known of it.
-        version: As it tells on /diagnostics; None where it does not.
-    """
+    """A node of anyone in place of one of ours."""
 
     kind: type[Any]
 

@@ -31,12 +31,6 @@ def replay(
 ) -> ReplayResults:
     """Replay a source through the nodes as processes of their own.
 
-    Args:
-        source: An opened source.
-        options: Options of the replay.
-        progress: Called with `loc` or `nav` for each stereo pair published.
-        say: Called with what is being done.
-
     Returns:
         What the nodes have published in the last run that was played to its end, without one in the last that has a
         result. The first SIGINT or SIGTERM while it plays ends it as the operator's key does.
@@ -113,12 +107,7 @@ def _play(
 
 
 def check_source(source: Source, offset_s: float = 0.0) -> float:
-    """Check what would fail late; return the position of the last pair, seconds.
-
-    Args:
-        source: An opened source.
-        offset_s: Where it shall start.
-    """
+    """Check what would fail late; return the position of the last pair, seconds."""
     if source.loc is not None and source.loc.rig.T_rb_sb is None:
         raise InputError(
             f"'{source.path}' does not say where the stereo rig is on the rover (T_rb_locsb): add it to rig.json, or "
