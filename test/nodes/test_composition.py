@@ -1,16 +1,19 @@
 """A node of one's own, within another program's process."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from geometry_msgs.msg import PointStamped
 from made_scene import LOC_RIG
-from our_localisation import OurLocalisation
 from peers import Capture, LocalNode, Manager
 from scenes import MOUNT, params, send_infos
 
 from sfr_loc_map.config import param
 from sfr_loc_map.nodes.localisation_node import LocalisationNodeConfig
+
+PAGE = Path(__file__).parents[2] / "docs" / "nodes.md"
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,16 +21,13 @@ class OurConfig(LocalisationNodeConfig):
     far_m: float = param(3.0, unit="m", doc="What is far.", low=0.0, high=100.0)
 
 
-class WithParameter(OurLocalisation):
-    config_type = OurConfig
-
-
 def test_a_package_of_ones_own_extends_the_node_without_copying(ros: None, capfd: Capture) -> None:
     """The example of the page on the nodes, with a parameter of its own."""
-    page = (Path(__file__).parents[2] / "docs" / "nodes.md").read_text(encoding="utf-8")
-    example = Path(__file__).with_name("our_localisation.py").read_text(encoding="utf-8")
-    assert f"```python\n{example}```" in page
-    with Manager() as peer, LocalNode(peer, capfd, WithParameter, *MOUNT, *params("far_m:=7.0")) as node:
+    (code,) = re.findall(r"```python\n(.*?class OurLocalisation.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    example: dict[str, Any] = {"__name__": "our_localisation"}
+    exec(code, example)
+    kind = type("WithParameter", (example["OurLocalisation"],), {"config_type": OurConfig})
+    with Manager() as peer, LocalNode(peer, capfd, kind, *MOUNT, *params("far_m:=7.0")) as node:
         assert node.node.config.far_m == 7.0
         positions = peer.listen(PointStamped, "our/position")
         assert peer.call("localisation_node/where").message == "nowhere yet"

@@ -38,20 +38,6 @@ class Node:
         self.health.note_call(Level.OK, "tracking", {}, statistics)
 
 
-def test_many_problems_are_counted_not_listed_and_are_one_change() -> None:
-    node = Node()
-    node.call()
-    well = node.judge()
-    node.health.note_problem(Level.ERROR, "pair 0 is broken")
-    ill = node.judge()
-    for number in range(1, 10):
-        node.health.note_problem(Level.ERROR, f"pair {number} is broken")
-    verdict = node.judge()
-    assert verdict.kind == ill.kind != well.kind
-    listed = "; ".join(f"pair {number} is broken" for number in (9, 8, 7, 6))
-    assert verdict.message == f"{listed}; and 6 more"
-
-
 @pytest.mark.parametrize("name", ["vertical_offset_px", "roll_offset_px", "disparity_offset_px"])
 def test_a_calibration_that_is_off_is_warned_of_beyond_its_limit(name: str) -> None:
     node = Node()

@@ -6,7 +6,7 @@ import rclpy
 import yaml
 from rclpy.parameter import Parameter
 
-from sfr_loc_map.config import build, flatten, param
+from sfr_loc_map.config import flatten, param
 from sfr_loc_map.nodes.lifecycle.parameters import Parameters
 from sfr_loc_map.nodes.parameter_files import FILES, parameter_file
 
@@ -63,11 +63,3 @@ def test_parameter_files_hold_all_fields_at_their_defaults(name: str) -> None:
 
     values = {n: tuple(v) if isinstance(v, list) else v for n, v in flat(content).items()}
     assert values == flatten(config_type())
-
-
-def test_the_file_for_rep_105_names_parameters_that_there_are() -> None:
-    content = yaml.safe_load((CONFIG / "rep105.yaml").read_text(encoding="utf-8"))
-    types = {f"/**/{node_name}": config_type for node_name, config_type in FILES.values()}
-    configs = {name: build(types[name], block["ros__parameters"]) for name, block in content.items()}
-    localisation, mapping = configs["/**/localisation_node"], configs["/**/mapping_node"]
-    assert (localisation.ds_frame, localisation.rb_frame, mapping.lm_frame) == ("odom", "base_link", "map")
