@@ -5,10 +5,12 @@ package.xml.
 """
 
 import re
+import subprocess
 from glob import glob
 from pathlib import Path
 
 from setuptools import find_packages, setup
+from setuptools.command.build_py import build_py
 
 PACKAGE = "sfr_loc_map"
 ROOT = Path(__file__).resolve().parent  # `colcon build --symlink-install` runs a link to this file in another folder
@@ -24,8 +26,26 @@ PLOT = ["matplotlib>=3.8,<4"]
 DEM = ["rasterio>=1.3,<2"]
 SUITE = ["distributed>=2025.1,<2027", "pyarrow>=17,<27", "fsspec[http]>=2025.2,<2027"]
 
+
+class BuildWithCommit(build_py):
+    """Puts the commit that is built into the package, for the provenance of reports; nothing where there is none."""
+
+    def run(self) -> None:
+        """Build, then write `commit.txt`."""
+        super().run()
+        describe = ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+        try:
+            said = subprocess.run(describe, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+        except (OSError, subprocess.CalledProcessError):
+            return
+        place = Path(self.build_lib) / PACKAGE / "commit.txt"
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_text(said, encoding="utf-8")
+
+
 setup(
     name=PACKAGE,
+    cmdclass={"build_py": BuildWithCommit},
     version=VERSION,
     description="ROS 2 nodes for stereo visual odometry and terrain mapping, with the metrics that evaluate them.",
     long_description=(ROOT / "README.md").read_text(encoding="utf-8"),

@@ -26,8 +26,9 @@
 extern "C" {
 #endif
 
-/* Version of this interface. A library that states another one is refused by name and number. */
-#define SFR_CANDIDATE_ABI 1
+/* Version of this interface. Version 2 added sfr_candidate_map_pairs; a library of version 1 is still taken, any other
+ * one is refused by name and number. */
+#define SFR_CANDIDATE_ABI 2
 
 #if defined(_WIN32)
 #define SFR_CANDIDATE_API __declspec(dllexport)
@@ -75,7 +76,16 @@ typedef struct sfr_pair {
     const uint8_t *left, *right;
 } sfr_pair;
 
-/* One point of the map. */
+/* One point of a map of several pairs. */
+typedef struct sfr_map_point {
+    float x, y, z; /* metres, in LM */
+    float sigma;   /* metres, one standard deviation along the ray */
+    uint16_t u, v; /* column and row of the left pixel, of the pair that weighs most in the point */
+    uint16_t pair; /* number of that pair within its set */
+    uint16_t reserved;
+} sfr_map_point;
+
+/* One point of a map of one pair. */
 typedef struct sfr_point {
     float x, y, z; /* metres, in LM */
     float sigma;   /* metres, one standard deviation along the ray */
@@ -112,9 +122,18 @@ SFR_CANDIDATE_API int32_t sfr_candidate_process(sfr_candidate *candidate, int64_
                                                 const uint8_t *right, sfr_pose *pose, double *covariance,
                                                 int32_t *status);
 
-/* ---- Part 3: mappers ------------------------------------------------------------------------------------------ */
+/* ---- Part 3: mappers: one of the two; the first is the call that the specification judges ------------------------ */
 
-/* Write the points that one pair sees.
+/* Write the cloud of a set of one to three pairs: time and memory of this call are the mapper's.
+ * T_lm_navsb: 12 doubles for each pair, takes points in NAVSB to LM.
+ * points: room for `capacity` points, which is pair_count * width * height.
+ * count: number of points written.
+ * fused: 1 on entry; set it to 0 if surfaces that several pairs see are in the cloud once for each. */
+SFR_CANDIDATE_API int32_t sfr_candidate_map_pairs(sfr_candidate *candidate, const sfr_pair *pairs, size_t pair_count,
+                                                  const double *T_lm_navsb, sfr_map_point *points, size_t capacity,
+                                                  size_t *count, int32_t *fused);
+
+/* Write the points that one pair sees; called for each pair of a set where sfr_candidate_map_pairs is missing.
  * T_lm_navsb: 12 doubles, takes points in NAVSB to LM.
  * points: room for `capacity` points, which is width * height.
  * count: number of points written. */

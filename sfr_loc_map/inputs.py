@@ -274,3 +274,8 @@ def one_line(text: str) -> str:
         return line
     left_out = len(line) - MAX_MESSAGE
     return f"{line[: MAX_MESSAGE - _TAIL]} ... ({left_out} characters left out) ... {line[-_TAIL:]}"
+
+
+_COMMIT_FILE = Path(__file__).with_name("commit.txt")  # setup.py writes it
+COMMIT = _COMMIT_FILE.read_text(encoding="utf-8").strip() if _COMMIT_FILE.is_file() else None
+"""Commit that the package was built from, `-dirty` if changed since; None where it is not known."""

@@ -325,31 +325,41 @@ int32_t sfr_candidate_process(sfr_candidate *self, int64_t stamp_ns, const uint8
 
 /* ---- Mapper ------------------------------------------------------------------------------------------------------ */
 
-int32_t sfr_candidate_map(sfr_candidate *self, const sfr_pair *pair, const double *T_lm_navsb, sfr_point *points,
-                          size_t capacity, size_t *count)
+/* Write the points that one pair sees from `written` on; return how many there are then. */
+static size_t map_pair(const sfr_candidate *self, const sfr_pair *pair, const double *T_lm_navsb, sfr_map_point *points,
+                       size_t capacity, size_t written)
 {
     const sfr_rig *rig = &self->rig;
     int width = rig->width, height = rig->height;
     double T_lm_left[12], scale = rig->fx * rig->baseline_m;
     compose(T_lm_navsb, rig->T_navsb_left, T_lm_left);
-    *count = 0;
     for (int y = BLOCK; y < height - BLOCK; y++) {
         double before = -1.0;
         for (int x = BLOCK; x < width - BLOCK; x++) {
             double d = disparity_at(pair->left, pair->right, width, x, y, self->max_disparity);
             int steady = d > 0.5 && before > 0.0 && fabs(d - before) < 1.0;
             before = d;
-            if (!steady || *count >= capacity)
+            if (!steady || written >= capacity)
                 continue;
             double z = scale / d, seen[3] = {(x - rig->cx) / rig->fx * z, (y - rig->cy) / rig->fy * z, z}, made[3];
             double ray = sqrt(seen[0] * seen[0] + seen[1] * seen[1] + z * z) / z;
             apply(T_lm_left, seen, made);
-            sfr_point *point = &points[(*count)++];
+            sfr_map_point *point = &points[written++];
             point->x = (float)made[0], point->y = (float)made[1], point->z = (float)made[2];
             point->sigma = (float)(0.5 * ray * z * z / scale); /* half a pixel of disparity */
-            point->u = (uint16_t)x, point->v = (uint16_t)y;
+            point->u = (uint16_t)x, point->v = (uint16_t)y, point->pair = (uint16_t)pair->index;
+            point->reserved = 0;
         }
     }
+    return written;
+}
+
+int32_t sfr_candidate_map_pairs(sfr_candidate *self, const sfr_pair *pairs, size_t pair_count, const double *T_lm_navsb,
+                                sfr_map_point *points, size_t capacity, size_t *count, int32_t *fused)
+{
+    *count = 0, *fused = 0; /* the points of every pair stand */
+    for (size_t i = 0; i < pair_count; i++)
+        *count = map_pair(self, &pairs[i], T_lm_navsb + 12 * i, points, capacity, *count);
     return SFR_OK;
 }
 

@@ -15,7 +15,8 @@ from sfr_loc_map.errors import ConfigError, InputError, naming
 CLOUDS = (".ply", ".pcd", ".npz")
 """Endings of files of points; the same as `io.cloud_file.SUFFIXES`, which takes long to import."""
 MODELS = (".tif", ".tiff", ".png", ".html")
-ARCHIVE = ".dem.npz"  #: Endings of files of an elevation model; an archive of points ends in .npz, too.
+ARCHIVE = ".dem.npz"  #: Of an elevation model; an archive of points ends in .npz, too.
+PAIRS = ".sfrp"
 
 
 @app.command(
@@ -33,9 +34,9 @@ def convert(
         Path,
         typer.Argument(
             metavar="DST",
-            help="*.mcap, *.db3, *.bag: a ROS 2 bag; *.csv, *.txt, *.tum, *.kitti, *.euroc.csv: the true trajectory; "
-            "else a folder. Of a cloud: *.ply, *.pcd, *.npz, or its elevation model: *.tif, *.dem.npz, "
-            "*.png, *.html.",
+            help="*.mcap, *.db3, *.bag: a ROS 2 bag; *.sfrp: pairs for a target board; *.csv, *.txt, *.tum, *.kitti, "
+            "*.euroc.csv: the true trajectory; else a folder. Of a cloud: *.ply, *.pcd, *.npz, or its elevation model: "
+            "*.tif, *.dem.npz, *.png, *.html.",
         ),
     ],
     to: Annotated[
@@ -78,6 +79,11 @@ def convert(
             raise ConfigError(f"'--to {layout}' writes images: '{source}' is a trajectory alone")
         _convert_trajectory(source, destination, remap, overwrite=overwrite)
         return
+    if destination.suffix == PAIRS and layout is None:
+        if options != ConvertOptions():
+            raise ConfigError(f"'{destination}' will be pairs for a target, which are exact: leave out options of bags")
+        _convert_pairs(source, destination, remap, overwrite=overwrite)
+        return
     room = output_folder(destination, overwrite=overwrite, inputs=(source,))
     opened = open_source(source, parse_remaps(remap))
     if layout is not None and opened.loc is not None and opened.nav is not None:
@@ -88,6 +94,25 @@ def convert(
         count = run(opened, destination, options, lambda done: bar.update(task, completed=done))
     say(f"{count} pairs: {destination}", err=True)
     propose("sfr", "doctor", destination, why="is it complete")
+
+
+def _convert_pairs(source: Path, destination: Path, remap: list[str] | None, *, overwrite: bool) -> None:
+    """Write the pairs of a source for a target board."""
+    from sfr_loc_map.io.pairs_file import write_pairs
+    from sfr_loc_map.io.registry import open_source
+    from sfr_loc_map.pipeline.offline import start_pose
+
+    check_outputs(destination, overwrite=overwrite, inputs=(source,))
+    opened = open_source(source, parse_remaps(remap))
+    start = None
+    if opened.loc is not None and opened.loc.ground_truth is not None:
+        start = start_pose(opened.loc, "truth").T_ds_rb
+    parts = [part for part in (opened.loc, opened.nav) if part is not None]
+    with naming(source), progress_bar("pairs") as bar:
+        task = bar.add_task("converting", total=sum(map(len, parts)))
+        count = write_pairs(destination, opened, start, lambda done: bar.update(task, completed=done))
+    say(f"{count} pairs: {destination}", err=True)
+    propose("./harness", destination, "results", why="on the target (docs/howto/target.md), then sfr score results SRC")
 
 
 def _convert_trajectory(source: Path, destination: Path, remap: list[str] | None, *, overwrite: bool) -> None:

@@ -30,8 +30,8 @@ FORMATS: dict[str, Format] = {".html": "html", ".htm": "html", ".md": "md", ".cs
     hint="sfr compare A.json B.json    # which of two runs is better",
 )
 def report(
-    score: Annotated[
-        Path, typer.Argument(metavar="SCORE.json", help="Score, as sfr score --json or sfr replay write.")
+    scores: Annotated[
+        list[Path], typer.Argument(metavar="SCORE.json", help="Score, as sfr score --json or sfr replay write.")
     ],
     output: Annotated[
         Path | None,
@@ -42,13 +42,34 @@ def report(
     form: Annotated[
         Format | None, typer.Option("--format", help="pdf-ready: a page of tables to print. Default: by the ending.")
     ] = None,
+    test_report: Annotated[
+        Path | None, typer.Option(metavar="T.html", help="Write the test report of one score or several, to be signed.")
+    ] = None,
+    title: Annotated[str, typer.Option(metavar="TEXT", help="Title of the test report.")] = "",
+    junit: Annotated[Path | None, typer.Option(metavar="F.xml", help="Write the verdicts as JUnit XML.")] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Make the report page, or tables, of a score."""
+    """Make the report page, or tables, of a score; or the test report of several."""
     from sfr_loc_map.report.page import load_score, render_page
     from sfr_loc_map.report.score_tables import score_markdown, score_tables
     from sfr_loc_map.report.tables import to_csv
+    from sfr_loc_map.report.test_report import junit as junit_of
+    from sfr_loc_map.report.test_report import write_test_report
 
+    if test_report is not None or junit is not None:
+        check_suffix(test_report, HTML_SUFFIXES)
+        check_outputs(test_report, junit, overwrite=overwrite, inputs=scores)
+        all_scores = [load_score(path) for path in scores]
+        if junit is not None:
+            write_text(junit_of(all_scores), junit)
+        if test_report is not None:
+            write_test_report(all_scores, test_report, title)
+            say(f"test report: {test_report}")
+            propose(f"open {test_report} in a browser, print it for the signatures")
+        return
+    if len(scores) != 1:
+        raise ConfigError(f"'{scores[1]}': a page is of one score; --test-report takes several, sfr compare compares")
+    score = scores[0]
     if form is None and output is not None and output.suffix not in FORMATS:
         raise ConfigError(f"'-o {output}': the ending must be one of {', '.join(FORMATS)}, or give --format")
     chosen = form or ("html" if output is None else FORMATS[output.suffix])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -10,12 +12,15 @@ import typer
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import Align, ConventionOptions, JudgeOptions, OutputOptions
-from sfr_loc_map.cli.output import STANDARD_OUTPUT, say, show, warn
+from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_suffix, say, show, warn, write_text
 from sfr_loc_map.cli.verdict import conclude
 from sfr_loc_map.errors import ConfigError
 
 if TYPE_CHECKING:
     from sfr_loc_map.metrics.score import Score
+
+
+POINTS_SUFFIXES = (".parquet", ".csv")
 
 
 @app.command(
@@ -36,7 +41,17 @@ def score(
     conversion: ConventionOptions,
     output: OutputOptions,
     spacing: Annotated[int, typer.Option(metavar="FRAMES", help="Frames from one start to the next.")] = 10,
-    rebase: Annotated[Literal["pose", "position"], typer.Option(help="Taken from the estimate at a start.")] = "pose",
+    rebase: Annotated[
+        Literal["pose", "displacement", "position"],
+        typer.Option(help="Reading of the document: how error from before a start is kept out."),
+    ] = "pose",
+    partial: Annotated[
+        bool, typer.Option("--partial", help="Judge an estimate of a part of the drive, and say so.")
+    ] = False,
+    frames: Annotated[
+        Literal["truth", "images"],
+        typer.Option(help="What frames are: true poses; or estimates, with the truth interpolated."),
+    ] = "truth",
     stats: Annotated[
         list[Path] | None, typer.Option(metavar="S.csv", help="Calls (time, memory, state, covariance); repeatable.")
     ] = None,
@@ -46,6 +61,13 @@ def score(
     target_timing: Annotated[
         Path | None,
         typer.Option(metavar="S.csv", help="Calls on the target: processing_time_s, state, peak_rss_bytes."),
+    ] = None,
+    target_run: Annotated[
+        str | None, typer.Option(metavar="TEXT", help="Which run --target-timing is of, where not the estimate's.")
+    ] = None,
+    junit: Annotated[Path | None, typer.Option(metavar="F.xml", help="Write the verdicts as JUnit XML.")] = None,
+    points: Annotated[
+        Path | None, typer.Option(metavar="F.parquet|F.csv", help="Write the error of every map point.")
     ] = None,
     associate: Annotated[
         Literal["auto", "match", "interpolate"], typer.Option(help="How an estimate finds its truth.")
@@ -72,13 +94,15 @@ def score(
 ) -> None:
     """Score an estimate against the truth: exit 1 if a limit is missed, 3 if something could not be judged."""
     from sfr_loc_map.metrics.config import aligned_error_config, score_config
-    from sfr_loc_map.pipeline.scoring import ScoreInputs, converted_run, load_run, score_run
+    from sfr_loc_map.pipeline.scoring import ScoreInputs, converted_run, load_run, save_point_errors, score_run
+    from sfr_loc_map.report.test_report import junit as junit_of
 
     limits, asked = judge.read()
     settings: dict[str, object] = {
         "trajectory.spacing": spacing,
         "trajectory.rebase": rebase,
-        "trajectory.association.truth": associate,
+        "trajectory.partial": partial,
+        "trajectory.association.truth": "interpolate" if frames == "images" else associate,
         "trajectory.association.max_gap_s": max_gap,
         "map.scored_from_m": scored_range[0],
         "map.scored_to_m": scored_range[1],
@@ -86,12 +110,17 @@ def score(
     config = score_config(judge.condition, settings)
     if (target is None) != (target_timing is None):
         raise ConfigError("'--target' and '--target-timing' belong together: give the name and the file")
-    inputs = replace(ScoreInputs.of(estimate, truth, stats or ()), target=target_timing, target_name=target or "")
+    inputs = ScoreInputs.of(estimate, truth, stats or ())
+    if target_timing is not None:
+        inputs = replace(inputs, target=target_timing, target_about=None, target_name=target or "")
+    command = shlex.join(["sfr", *sys.argv[1:]])
+    inputs = replace(inputs, target_run=target_run, limits=judge.limits, command=command)
     has_poses = inputs.estimate is not None
     if align is not None and not has_poses:
         raise ConfigError("'--align' is for trajectories: leave it out for a cloud")
     aligned = aligned_error_config(align, {"max_difference_s": max_difference, "rpe_delta": rpe_delta})
-    output.check(inputs=(estimate, truth, *inputs.stats))
+    check_suffix(points, POINTS_SUFFIXES)
+    output.check(junit, points, inputs=(estimate, truth, *inputs.stats))
     correction = conversion.read(has_poses=has_poses)
     loaded = load_run(inputs, fused)
     for note in loaded.notes:
@@ -99,8 +128,16 @@ def score(
     run = converted_run(loaded, config, correction)
     result = score_run(run, config, limits, aligned)
     present(result, output.json_path, output.html)
+    if junit is not None:
+        write_text(junit_of([result]), junit)
+    if points is not None:
+        if run.cloud is None or run.cloud.loaded.cloud is None:
+            raise ConfigError("'--points' writes errors of map points: give a cloud that says pixel and pair of each")
+        save_point_errors(points, run.cloud.loaded.cloud, run.cloud.truths)
     if output.json_path == STANDARD_OUTPUT:
         pass  # a program reads it
+    elif result.incomplete is not None:
+        propose("sfr score ... --partial", why="judges the part that is there")
     elif result.contradiction is not None:
         propose("sfr", "doctor", estimate, truth, why="which convention mismatch it is, and what corrects it")
     elif output.html is not None:
@@ -125,6 +162,8 @@ def present(score: Score, json_path: str | None, html: Path | None) -> None:
         raise ConfigError("nothing was scored: give an estimate and its truth")
     show(to_json(score), json_path, tables)
     if json_path != STANDARD_OUTPUT:
+        if score.incomplete is not None:
+            say(f"incomplete: {score.incomplete}")
         if score.verdicts:
             overall = overall_of(score)
             say(f"verdict: {overall.state}. {overall.text}")

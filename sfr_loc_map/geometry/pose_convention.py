@@ -14,6 +14,7 @@ import numpy as np
 
 from sfr_loc_map.config import build, changed, param, parameters
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_from_matrix, quat_multiply, quat_normalised, quat_rotate
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -48,8 +49,9 @@ class PoseConvention:
     )
     quaternion: str = param(
         "xyzw",
-        doc="Quaternions: as in ROS, written scalar first, or conjugated (turning DS into RB).",
-        choices=("xyzw", "wxyz", "conjugated"),
+        doc="Quaternions: as in ROS, scalar first, conjugated (turning DS into RB), both, or scalar first in the "
+        "columns att_q_DsToRb of a csv.",
+        choices=("xyzw", "wxyz", "conjugated", "conjugated_wxyz", "wxyz_ds_to_rb"),
     )
     inverse: bool = param(False, doc="Poses are inverted: of the world in the rover's frame.")
     mirrored: bool = param(False, doc="Left and right are mirrored: y points right.")
@@ -118,10 +120,7 @@ def converted(trajectory: Trajectory, convention: PoseConvention, T_rb_child: Tr
     stamps, positions, quats = trajectory.stamps_ns, trajectory.positions, trajectory.quats_xyzw
     if convention.time_offset_ns:
         stamps = stamps + np.int64(convention.time_offset_ns)
-    if convention.quaternion == "wxyz":
-        quats = quats[:, [1, 2, 3, 0]]
-    elif convention.quaternion == "conjugated":
-        quats = quat_conjugate(quats)
+    quats = quats_of(quats, convention.quaternion)
     if convention.metres_per_unit != 1.0:
         positions = positions * convention.metres_per_unit
     if convention.mirrored:
@@ -133,6 +132,15 @@ def converted(trajectory: Trajectory, convention: PoseConvention, T_rb_child: Tr
         quats = quat_multiply(quat_normalised(quats), quat_from_matrix(T_rb_child.rotation.T))
         positions = positions - quat_rotate(quats, T_rb_child.translation)
     return Trajectory(stamps, positions, quats)
+
+
+def quats_of(quats: FloatArray, written: str) -> FloatArray:
+    """Return quaternions `(N, 4)` as in ROS, of RB in DS, by how they are written."""
+    if written == "wxyz_ds_to_rb":  # what was read as DsToRb has been conjugated as if it were scalar last
+        quats = quat_conjugate(quats)
+    if "wxyz" in written:
+        quats = quats[:, [1, 2, 3, 0]]
+    return quats if written in ("xyzw", "wxyz") else quat_conjugate(quats)
 
 
 def aligned(trajectory: Trajectory, T_ds_world: Transform) -> Trajectory:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -14,6 +14,10 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 
 class LocSequence(Protocol):
     """Stereo pairs for localisation, read as a stream, in the order of their stamps."""
+
+    @property
+    def stamps_ns(self) -> Sequence[int]:
+        """Stamps of the pairs; no image is read for them."""
 
     @property
     def rig(self) -> StereoRig:

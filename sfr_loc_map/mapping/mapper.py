@@ -13,7 +13,7 @@ from sfr_loc_map import __version__
 from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.arrays import FloatImage
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.checks import check_images, check_matches, matched_share
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
@@ -105,6 +105,13 @@ class Mapper:
         total_sigma(cloud, [self._rig.T_sb_left], self._rig, CalibrationSigma(0.0, 0.0, 0.0, 0.0, 0.0))
         view = PairView(cloud, initial, self._rig.T_sb_left, refined.noise)
         fuse_views([view, view], self._rig)
+
+    def map(self, pairs: Sequence[PosedStereoPair]) -> FusedMap:
+        """Return one cloud of one to three pairs: the mapping call of the specification [1.3].
+
+        MappingError as of `process` and `fuse`, which are its stages.
+        """
+        return self.fuse([self.process(item.pair, item.T_lm_navsb, index) for index, item in enumerate(pairs)])
 
     def process(self, pair: StereoPair, T_lm_navsb: Transform, index: int) -> PairMap:
         """Return the points that one pair sees; its index within its set is 0, 1 or 2.

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.metrics.config import CallKind, MappingState
 from sfr_loc_map.metrics.score import (
@@ -40,7 +41,11 @@ HOST_CLOCK = "host monotonic"
 NODE_CLOCK = "as the node reports (/diagnostics)"
 METHOD = "kernel high-water mark of resident memory (VmHWM), set back before each call"
 METHOD_UNAVAILABLE = "not measured: this system has no resettable high-water mark (/proc/self/clear_refs)"
-KINDS: dict[str, CallKind] = {MappingState.MAPPED: CallKind.MAPPING, MappingState.FUSED: CallKind.FUSION}
+KINDS: dict[str, CallKind] = {
+    MappingState.MAPPED: CallKind.MAPPING,
+    MappingState.FUSED: CallKind.FUSION,
+    MappingState.MAPPED_SET: CallKind.MAPPING_CALL,
+}
 """Kind of call by its state; all other states are those of the localiser."""
 UNMEASURED = PeakMemory(peak_bytes=None, above_idle_bytes=None)
 HISTOGRAM_BINS = 40
@@ -123,6 +128,8 @@ class Calls:
     above_idle_bytes: FloatArray  #: `(N,)` float64, the same above the idle process.
     #: `(N,)` float64 by name, time of each stage, NaN where a call had none of that name.
     stage_s: Mapping[str, FloatArray] = field(default_factory=dict)
+    heap_bytes: FloatArray | None = None  #: `(N,)` largest sum of blocks, NaN where not measured; None: nowhere.
+    stack_bytes: FloatArray | None = None  #: `(N,)` deepest stack, likewise.
 
 
 class ScoredCalls(NamedTuple):
@@ -158,11 +165,19 @@ def score_calls(calls: Calls, clock: str = HOST_CLOCK, *, details: bool = True) 
             times = {name: stage_time(values[rows]) for name, values in sorted(calls.stage_s.items())}
             stages = {name: figures for name, figures in times.items() if figures is not None}
             timing[kind.value] = call_score(seconds, clock, stages)
-        peak, above_idle = (
-            int(known.max()) if len(known := values[rows][np.isfinite(values[rows])]) else None
-            for values in (calls.peak_bytes, calls.above_idle_bytes)
+        peaks[kind.value] = PeakMemory(
+            **{
+                f"{name}_bytes": int(known.max())
+                if values is not None and len(known := values[rows][np.isfinite(values[rows])])
+                else None
+                for name, values in (
+                    ("peak", calls.peak_bytes),
+                    ("above_idle", calls.above_idle_bytes),
+                    ("heap_peak", calls.heap_bytes),
+                    ("stack_peak", calls.stack_bytes),
+                )
+            }
         )
-        peaks[kind.value] = PeakMemory(peak_bytes=peak, above_idle_bytes=above_idle)
         if details:
             drawn[kind.value] = _figures(calls, rows)
     method = METHOD if any(each != UNMEASURED for each in peaks.values()) else METHOD_UNAVAILABLE
@@ -211,11 +226,30 @@ def _figures(calls: Calls, mine: NDArray[np.intp]) -> CallFigures:
     return CallFigures(histogram=histogram, series=series)
 
 
-def score_target(calls: Calls, name: str) -> TargetScore:
-    """Return the score of calls that were measured elsewhere, under that target's name."""
+def score_target(
+    calls: Calls,
+    name: str,
+    estimate_ns: IntArray | None = None,
+    *,
+    has_stamps: bool = False,
+    other_run: str | None = None,
+) -> TargetScore:
+    """Return the score of calls that were measured elsewhere, under that target's name.
+
+    Calls with stamps belong to estimates of the same stamps; MetricsError if they are of another run that is not named.
+    """
+    matched = None
+    if has_stamps and estimate_ns is not None and len(estimate_ns):
+        localised = [stamp for stamp, state in zip(calls.stamps_ns, calls.states, strict=True) if state not in KINDS]
+        matched = float(np.isin(estimate_ns, localised).mean())
+        if localised and not np.isin(localised, estimate_ns).all() and other_run is None:
+            raise MetricsError(
+                f"the times of {name} are of another run: {np.count_nonzero(~np.isin(localised, estimate_ns))} of "
+                f"{len(localised)} stamps are not the estimate's; name that run by --target-run"
+            )
     timing, memory, _ = score_calls(calls, clock=name, details=False)
     memory = replace(memory, method=f"as measured on {name}") if memory.method == METHOD else MemoryScore()
-    return TargetScore(name=name, timing=timing, memory=memory)
+    return TargetScore(name=name, timing=timing, memory=memory, matched_share=matched, other_run=other_run)
 
 
 def stage_of(figure: str) -> str | None:

@@ -18,6 +18,7 @@ from sfr_loc_map.metrics.config import CloudKind, MapScoreConfig
 from sfr_loc_map.metrics.score import (
     DisparityStatistic,
     ErrorImage,
+    MapCompleteness,
     MapDetails,
     MapScore,
     PairScore,
@@ -188,8 +189,15 @@ def score_map(cloud: PointCloud, truths: Sequence[PairTruth], config: MapScoreCo
         statistic = sample_statistic(errors.error_m[numbers == number])
         share = _coverage([image], [distance], *scored)
         by_pair.append(PairScore(pair=number, coverage=share, point_error_m=statistic))
+    sky, empty = len(cloud) - len(errors.index), len(set(range(len(truths))) - set(cloud.pair.tolist()))
+    whole = MapCompleteness(
+        pairs=len(truths),
+        pairs_without_cloud=empty,
+        points_without_truth=sky,
+        points_without_truth_share=sky / len(cloud) if len(cloud) else None,
+    )
     by_pixels = PointErrorScore(
-        points_without_truth=len(cloud) - len(errors.index),
+        points_without_truth=sky,
         point_error_m=sample_statistic(errors.error_m),
         disparity_error_px=_disparity(errors.disparity_px),
         sigma_nees=_consistency(cloud, errors),
@@ -199,6 +207,7 @@ def score_map(cloud: PointCloud, truths: Sequence[PairTruth], config: MapScoreCo
     score = MapScore(
         pairs=len(truths),
         points=len(cloud),
+        completeness=whole,
         cloud=CloudKind.FUSED if cloud.fused else CloudKind.SINGLE_PAIRS,
         coverage=_coverage(covered, ranges, *scored),
         coverage_range_m=scored,
@@ -222,6 +231,7 @@ def score_nearest(xyz: NDArray[np.floating], truths: Sequence[PairTruth], config
     score = MapScore(
         pairs=len(truths),
         points=len(xyz),
+        completeness=MapCompleteness(pairs=len(truths)),
         coverage=_coverage(covered, ranges, *scored),
         coverage_range_m=scored,
         nearest_only=True,

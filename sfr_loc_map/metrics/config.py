@@ -21,25 +21,28 @@ class AssociationMode(StrEnum):
 
 
 class Rebase(StrEnum):
-    """What is taken from the estimate at the start of a sub-trajectory: its whole pose, or its position only."""
+    """How error from before the start of a sub-trajectory is kept out; see `metrics.trajectory_error`."""
 
-    POSE = "pose"
-    POSITION = "position"
+    POSE = "pose"  #: The whole pose of the estimate at the start is taken away.
+    DISPLACEMENT = "displacement"  #: The document to the letter: differences of displacement and of change of attitude.
+    POSITION = "position"  #: Only its position is taken away.
 
 
 class CallKind(StrEnum):
-    """What a call of a processing API did: one pair localised, one pair mapped, or the pairs of a set fused."""
+    """What a call of a processing API did: a pair localised, a cloud made of a set of pairs, and the stages of that."""
 
     LOCALISATION = "localisation"
+    MAPPING_CALL = "mapping_call"
     MAPPING = "mapping"
     FUSION = "fusion"
 
 
 class MappingState(StrEnum):
-    """The result of a call of the mapper: one pair mapped, or the pairs of a set fused."""
+    """The result of a call of the mapper: a set of pairs made one cloud; of its stages, a pair mapped, or all fused."""
 
     MAPPED = "mapped"
     FUSED = "fused"
+    MAPPED_SET = "mapped_set"
 
 
 class CloudKind(StrEnum):
@@ -55,72 +58,105 @@ class VerdictState(StrEnum):
     PASS = "pass"
     FAIL = "fail"
     NOT_ENOUGH_DATA = "not enough data"
+    INCOMPLETE = "incomplete"  #: The estimate covers a part of the drive only.
 
 
 class ConditionKind(StrEnum):
     """What is measured from the start of a sub-trajectory; the value is the word in settings."""
 
-    DISTANCE = "distance"
+    DISTANCE = "distance"  #: Length of the path.
     TIME = "time"
     FRAMES = "frames"
+    DISPLACEMENT = "displacement"  #: Distance from the start in a straight line.
+    TURN = "turn"  #: Angle between the attitude at the start and the present one.
 
     @property
     def unit(self) -> str:
         """Unit of its value."""
-        return {"distance": "m", "time": "s", "frames": "frames"}[self]
+        return _UNITS[self]
 
     @property
     def key(self) -> str:
         """Its key in the JSON of the score."""
-        return "frames" if self is ConditionKind.FRAMES else f"{self}_{self.unit}"
+        return self if self is ConditionKind.FRAMES else f"{self}_{_UNITS[self]}"
+
+
+_UNITS = {"distance": "m", "time": "s", "frames": "frames", "displacement": "m", "turn": "deg"}
 
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """What ends a sub-trajectory: so many metres, seconds or frames, above 0, at most `MAX_VALUE`."""
+    """What ends a sub-trajectory: so many metres, seconds, frames or degrees, above 0, at most `MAX_VALUE`.
+
+    With others it ends at the first frame at which all hold.
+    """
 
     kind: ConditionKind
     value: float
+    others: tuple[Condition, ...] = ()  #: Conditions that hold at the same time, each alone.
+
+    @property
+    def parts(self) -> tuple[Condition, ...]:
+        """Each of the conditions that hold at once, alone."""
+        return (Condition(self.kind, self.value), *self.others)
 
     @classmethod
     def parse(cls, text: str) -> Condition:
-        """Return the condition of a text such as `distance=5`, `time=60`, `frames=100`; MetricsError if none."""
-        name, _, number = text.partition("=")
-        try:
-            kind, value = ConditionKind(name), float(number)
-        except ValueError:
-            kind, value = ConditionKind.DISTANCE, 0.0
-        if not 0 < value <= MAX_VALUE or (kind is ConditionKind.FRAMES and value % 1.0):
-            raise MetricsError(
-                f"'{text}' is not a condition: give distance=METRES, time=SECONDS or frames=NUMBER, > 0, "
-                f"at most {MAX_VALUE:g}"
-            )
-        return cls(kind, value)
+        """Return the condition of a text such as `distance=5`, `time=60`, `frames=100` or `distance=5,time=10`.
+
+        MetricsError if it is none.
+        """
+        parts = []
+        for word in text.split(","):
+            name, _, number = word.partition("=")
+            try:
+                kind, value = ConditionKind(name.strip()), float(number)
+            except ValueError:
+                kind, value = ConditionKind.DISTANCE, 0.0
+            if not 0 < value <= (180.0 if kind is ConditionKind.TURN else MAX_VALUE) or (
+                kind is ConditionKind.FRAMES and value % 1.0
+            ):
+                raise MetricsError(
+                    f"'{text}' is not a condition: give distance=METRES, time=SECONDS, frames=NUMBER, "
+                    f"displacement=METRES or turn=DEGREES (up to 180), > 0, or several at once with commas between"
+                )
+            parts.append(cls(kind, value))
+        if len({part.kind for part in parts}) < len(parts):
+            raise MetricsError(f"'{text}' has a condition twice: give each once")
+        return cls(parts[0].kind, parts[0].value, tuple(parts[1:]))
 
     @classmethod
     def from_plain(cls, value: object) -> Condition:
-        """Return the condition of its JSON: `{"distance_m": 5.0}`; ValueError if it is none."""
-        for kind in ConditionKind:
-            if isinstance(value, Mapping) and list(value) == [kind.key] and type(value[kind.key]) in (int, float):
-                try:
-                    return cls.parse(f"{kind}={value[kind.key]!r}")
-                except MetricsError as error:
-                    raise ValueError(str(error)) from error
-        raise ValueError('a condition such as {"distance_m": 5.0} is needed')
+        """Return the condition of its JSON: `{"distance_m": 5.0}`.
+
+        ValueError if it is none.
+        """
+        kinds = {kind.key: kind for kind in ConditionKind}
+        if not isinstance(value, Mapping) or not value or not value.keys() <= kinds.keys():
+            raise ValueError('a condition such as {"distance_m": 5.0} is needed')
+        if any(isinstance(number, bool) or not isinstance(number, (int, float)) for number in value.values()):
+            raise ValueError('a condition such as {"distance_m": 5.0} is needed')
+        try:
+            return cls.parse(",".join(f"{kinds[key]}={number!r}" for key, number in value.items()))
+        except MetricsError as error:
+            raise ValueError(str(error)) from error
 
     def to_plain(self) -> dict[str, float | int]:
         """Return it as in the JSON of the score: `{"distance_m": 5.0}`."""
-        return {self.kind.key: int(self.value) if self.kind is ConditionKind.FRAMES else self.value}
+        return {
+            part.kind.key: int(part.value) if part.kind is ConditionKind.FRAMES else part.value for part in self.parts
+        }
 
     @property
     def label(self) -> str:
-        """The one spelling for people: `5 m`, `60 s`, `100 frames`."""
-        return f"{self.value:g} {self.kind.unit}"
+        """The one spelling for people: `5 m`, `60 s`, `100 frames`, `5 m and 10 s`."""
+        straight = {ConditionKind.DISPLACEMENT: " straight", ConditionKind.TURN: " turned"}
+        return " and ".join(f"{part.value:g} {part.kind.unit}{straight.get(part.kind, '')}" for part in self.parts)
 
     @property
     def setting(self) -> str:
         """The spelling in settings, from which `parse` makes the same condition: `distance=5.0`."""
-        return f"{self.kind}={self.value!r}"
+        return ",".join(f"{part.kind}={part.value!r}" for part in self.parts)
 
     def __str__(self) -> str:
         return self.label
@@ -152,9 +188,11 @@ class TrajectoryScoreConfig:
     )
     rebase: str = param(
         "pose",
-        doc="What is taken from the estimate at the start: its whole pose, or its position only.",
-        choices=("pose", "position"),
+        doc="How error from before the start is kept out: its whole pose is taken away, displacements and changes are "
+        "compared (the document to the letter), or its position alone is taken away.",
+        choices=("pose", "displacement", "position"),
     )
+    partial: bool = param(False, doc="Judge an estimate of a part of the drive as if it were the whole, and say so.")
     association: AssociationConfig = field(default_factory=AssociationConfig)
 
 

@@ -29,7 +29,7 @@ from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, associate, unique_rows
 from sfr_loc_map.metrics.config import AssociationConfig
 from sfr_loc_map.metrics.score import Key, Record
-from sfr_loc_map.metrics.trajectory_error import ATTITUDE, PoseRows, sub_trajectory_errors
+from sfr_loc_map.metrics.trajectory_error import ATTITUDE, WHOLE_POSE, PoseRows, sub_trajectory_errors
 
 GAIN, GAIN_FITTED = 2.0, 3.0
 """Undoing a mismatch must make the disagreement this many times smaller; the second where numbers were fitted."""
@@ -105,7 +105,7 @@ def disagreement(truth: Poses, estimate: Poses) -> float:
     ends = starts + span
     no_length = np.zeros((len(truth[0]), 2))
     poses = PoseRows(*truth, np.ascontiguousarray(estimate[0]), np.ascontiguousarray(estimate[1]), no_length)
-    errors = sub_trajectory_errors(poses, starts, ends, True)
+    errors = sub_trajectory_errors(poses, starts, ends, WHOLE_POSE)
     x, y, z = np.diff(truth[0], axis=0).T
     until = np.append(0.0, np.cumsum(np.sqrt(x * x + y * y + z * z)))
     lengths = until[ends] - until[starts]
@@ -119,10 +119,16 @@ def _each_undone(truth: Poses, estimate: Poses, rig: StereoRig | None) -> Iterat
 
     (p, quats), q = estimate, Rotation.from_quat(estimate[1])
     optical, upright = Rotation.from_matrix(OPTICAL_IN_RB), Rotation.identity()
-    mirrored, wxyz = (
-        Rotation.from_quat(quats * np.array([-1.0, 1.0, -1.0, 1.0])),
-        Rotation.from_quat(quats[:, [1, 2, 3, 0]]),
+    mirrored = Rotation.from_quat(quats * np.array([-1.0, 1.0, -1.0, 1.0]))
+    wxyz, wxyz_ds_to_rb = (
+        Rotation.from_quat((quats * sign)[:, [1, 2, 3, 0]]) for sign in (1.0, np.array([-1.0, -1.0, -1.0, 1.0]))
     )
+    scalar_first = "its quaternions are scalar first{}: write them scalar last"
+    first = {
+        "wxyz": scalar_first.format(""),
+        "wxyz_ds_to_rb": scalar_first.format(" in the columns att_q_DsToRb"),
+        "conjugated_wxyz": scalar_first.format(" and conjugated"),
+    }
     inverted = -q.inv().apply(p), q.inv()
     conjugated = "its attitudes are conjugated (orientation of RB in DS in place of DsToRb): conjugate them"
     optical_text = "its attitudes are those of the optical axes (x right, y down, z forward): rotate them to RB"
@@ -131,7 +137,10 @@ def _each_undone(truth: Poses, estimate: Poses, rig: StereoRig | None) -> Iterat
     sides = "left and right are mirrored (y points right): negate y, and x and z of the quaternions"
     for name, setting, sentence, undone in (
         ("conjugated quaternion", "quaternion=conjugated", conjugated, (p, q.inv())),
-        ("scalar first", "quaternion=wxyz", "its quaternions are scalar first: write them scalar last", (p, wxyz)),
+        *(
+            ("scalar first", f"quaternion={written}", text, (p, undone))
+            for (written, text), undone in zip(first.items(), (wxyz, wxyz_ds_to_rb.inv(), wxyz.inv()), strict=True)
+        ),
         ("inverted poses", "inverse=true", "its poses are inverted (DS in RB): invert them", inverted),
         ("optical axes", "frame=rb_optical", optical_text, (p, q * optical.inv())),
         ("millimetres", "metres_per_unit=0.001", "its positions are in millimetres: write metres", (p * 1e-3, q)),

@@ -6,7 +6,7 @@ Every key names figure and unit; limits are upper bounds, except `coverage_min`.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -17,13 +17,14 @@ from sfr_loc_map.config import load_yaml, suggestion
 from sfr_loc_map.errors import ConfigError, MetricsError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.metrics.config import CallKind, Condition, ConditionKind, VerdictState
+from sfr_loc_map.metrics.config import CallKind, Condition, ConditionKind, Rebase, VerdictState
 from sfr_loc_map.metrics.score import Interval, Score, TrajectoryScore, Verdict
 
 
 class LimitPart(StrEnum):
     """Part of the score that limits are on; the parts of a limits file."""
 
+    COMPLETENESS = "completeness"
     TRAJECTORY = "trajectory"
     MAP = "map"
     TIMING = "timing"
@@ -45,6 +46,10 @@ STATISTICS = ("mean", "sigma", "mean_plus_3sigma")
 
 # Limits of a suite are judged by suite/summary.py: those of trajectories by pooled figures, others by the worst drive.
 _PLACES: dict[LimitPart, dict[str, str]] = {
+    LimitPart.COMPLETENESS: {
+        **{f"{name}_max_share": f"trajectory.completeness.{name}_share" for name in ("missing", "lost", "degraded")},
+        "points_without_truth_max_share": "map.completeness.points_without_truth_share",
+    },
     LimitPart.TRAJECTORY: {
         f"{error}_{statistic}_{unit}": f"{error}_{unit}.{statistic}"
         for error, unit in (("position", "m"), ("attitude", "deg"), ("heading", "deg"))
@@ -61,11 +66,13 @@ _PLACES: dict[LimitPart, dict[str, str]] = {
     },
     LimitPart.MEMORY: {
         f"{kind}_{peak}_bytes": f"{kind}.{peak}_bytes"
-        for kind in (CallKind.LOCALISATION, CallKind.MAPPING)
-        for peak in ("peak", "above_idle")
+        for kind in (CallKind.LOCALISATION, CallKind.MAPPING, CallKind.MAPPING_CALL)
+        for peak in ("peak", "above_idle", "heap_peak", "stack_peak")
     },
 }
 """Where each figure that a limit names stands: of a condition, or of the part of the score."""
+REQUIREMENT = {"id": str, "text": str, "certain": bool}  #: What a requirement says of itself.
+SHARES = _PLACES[LimitPart.COMPLETENESS]  #: They may stand in the parts `trajectory` and `map` too.
 NAMES: Mapping[LimitPart, Collection[str]] = {
     **_PLACES,
     LimitPart.TARGET: [*_PLACES[LimitPart.TIMING], *_PLACES[LimitPart.MEMORY]],
@@ -81,6 +88,9 @@ class Limit:
     key: str
     limit: float
     condition: Condition | None = None
+    id: str | None = None  #: Number of the requirement.
+    text: str | None = None  #: Its text.
+    certain: bool = False  #: Whether a pass needs the whole 95 % interval to lie within the limit.
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +104,11 @@ class Limits:
     def conditions(self) -> list[Condition]:
         """Conditions that are limited, each once."""
         return list(dict.fromkeys(item.condition for item in self.limits if item.condition is not None))
+
+    @property
+    def allow_missing(self) -> bool:
+        """Whether a limit says which share of the drive may be missing."""
+        return any(item.key == "missing_max_share" for item in self.limits)
 
 
 def load_limits(path: Path) -> Limits:
@@ -123,21 +138,41 @@ def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
         limits += _limits_of(LimitPart.TRAJECTORY, rest, place, condition)
     for part in LimitPart:
         if part is not LimitPart.TRAJECTORY:
-            limits += _limits_of(part, content.get(part, {}), f"{origin}: '{part}'", None)
+            blocks = content.get(part, {})
+            for block in blocks if isinstance(blocks, list) else [blocks]:
+                limits += _limits_of(part, block, f"{origin}: '{part}'", None)
     if not limits:
         raise ConfigError(f"{origin}: no limit in it: give at least one under {', '.join(LimitPart)}")
     return Limits(tuple(limits), minimum)
 
 
 def _limits_of(part: LimitPart, block: object, origin: str, condition: Condition | None) -> list[Limit]:
+    """Return the limits of a block; `id`, `text` and `certain` are of all of it, or of one limit `{limit: ...}`."""
     if not isinstance(block, Mapping):
         raise ConfigError(f"{origin}: a mapping of names to limits is needed, found {type(block).__name__}")
-    _check_keys(block, NAMES[part], origin)
+    of_task = {LimitPart.TRAJECTORY: ("missing", "lost", "degraded"), LimitPart.MAP: ("points",)}.get(part, ())
+    shares = [key for key in SHARES if key.startswith(of_task)] if of_task else []
+    _check_keys(block, (*NAMES[part], *shares, *REQUIREMENT), origin)
+    of_all = {key: block[key] for key in REQUIREMENT if key in block}
+    made = []
     for key, value in block.items():
-        number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        if not number or not 0 <= value < float("inf"):
-            raise ConfigError(f"{origin}: '{key}' is {value!r}: a number >= 0 is needed, in the unit of its name")
-    return [Limit(part, key, float(value), condition) for key, value in block.items()]
+        if key in REQUIREMENT:
+            continue
+        entry = dict(value) if isinstance(value, Mapping) else {"limit": value}
+        _check_keys(entry, ("limit", *REQUIREMENT), f"{origin}: '{key}'")
+        entry = {**of_all, **entry}
+        bound = entry.pop("limit", None)
+        number = isinstance(bound, (int, float)) and not isinstance(bound, bool)
+        if not number or not 0 <= bound < float("inf"):
+            raise ConfigError(f"{origin}: '{key}' is {bound!r}: a number >= 0 is needed, in the unit of its name")
+        for name, kind in REQUIREMENT.items():
+            if name == "id" and isinstance(entry.get(name), int):
+                entry[name] = str(entry[name])
+            if name in entry and not isinstance(entry[name], kind):
+                raise ConfigError(f"{origin}: '{name}' of '{key}' is {entry[name]!r}: {kind.__name__} is needed")
+        where, over = (LimitPart.COMPLETENESS, None) if key in shares else (part, condition)
+        made.append(Limit(where, key, float(bound), over, **entry))
+    return made
 
 
 def _check_keys(block: Mapping[str, Any], known: Collection[str], origin: str) -> None:
@@ -147,20 +182,59 @@ def _check_keys(block: Mapping[str, Any], known: Collection[str], origin: str) -
 
 
 def verdicts(limits: Limits, score: Score) -> tuple[Verdict, ...]:
-    """Return the verdict on each limit; a figure passes at its limit, a signed mean is taken without its sign."""
+    """Return the verdict on each limit: pass, fail, or not enough data; first of all that the estimate is incomplete.
+
+    A figure passes at its limit; a mean of a signed figure (heading) is taken without its sign. `certain` tells
+    whether the 95 % interval lies on one side of the limit, None where there is no interval.
+    """
     judged = []
+    if score.incomplete is not None and score.trajectory is not None and score.trajectory.completeness is not None:
+        share = score.trajectory.completeness.judged_share
+        known: dict[str, Any] = {"ci95": None, "count": None, "certain": None, "state": VerdictState.INCOMPLETE}
+        judged.append(Verdict(metric="judged_share_min", limit=1.0, value=share, margin=share - 1.0, **known))
     for limit in limits.limits:
         figure = figure_of(limit, score)
-        value, count, interval = figure.value, figure.count, figure.interval
-        state, certain = VerdictState.NOT_ENOUGH_DATA, None
-        if value is not None and (count is None or count >= limits.minimum_count):
-            met = value >= limit.limit if limit.key == COVERAGE_MIN else abs(value) <= limit.limit
-            state = VerdictState.PASS if met else VerdictState.FAIL
-            certain = None if interval is None else not interval[0] <= limit.limit < interval[1]
-        metric = f"target {limit.key}" if limit.part is LimitPart.TARGET else limit.key
-        said: dict[str, Any] = {"state": state, "certain": certain, "condition": limit.condition}
-        judged.append(Verdict(metric=metric, limit=limit.limit, value=value, ci95=interval, count=count, **said))
+        state, certain = _state(limit, figure, limits.minimum_count)
+        margin = None if figure.value is None else limit.limit - abs(figure.value)
+        verdict = Verdict(
+            metric=f"target {limit.key}" if limit.part is LimitPart.TARGET else limit.key,
+            id=limit.id,
+            text=limit.text,
+            limit=limit.limit,
+            value=figure.value,
+            ci95=figure.interval,
+            margin=-margin if margin is not None and limit.key == COVERAGE_MIN else margin,
+            condition=limit.condition,
+            count=figure.count,
+            state=state,
+            certain=certain,
+            needs_certainty=limit.certain,
+            by_reading=_by_reading(limit, score, limits.minimum_count),
+        )
+        judged.append(verdict)
     return tuple(judged)
+
+
+def _state(limit: Limit, figure: Figure, minimum_count: int) -> tuple[VerdictState, bool | None]:
+    """Return the verdict on a figure, and whether its interval lies on one side of the limit."""
+    if figure.value is None or (figure.count is not None and figure.count < minimum_count):
+        return VerdictState.NOT_ENOUGH_DATA, None
+    interval = figure.interval
+    certain = None if interval is None else not interval[0] <= limit.limit < interval[1]
+    if not (figure.value >= limit.limit if limit.key == COVERAGE_MIN else abs(figure.value) <= limit.limit):
+        return VerdictState.FAIL, certain
+    return VerdictState.NOT_ENOUGH_DATA if limit.certain and not certain else VerdictState.PASS, certain
+
+
+def _by_reading(limit: Limit, score: Score, minimum_count: int) -> dict[str, VerdictState]:
+    """Return whether the figure of each reading of the document meets a limit; the intervals are of one reading."""
+    drive = score.trajectory
+    owner = None if drive is None or limit.condition is None else drive.of(limit.condition)
+    if owner is None or owner.readings is None:
+        return {}
+    found = {name: value_at(owner.readings, f"{name}.{_PLACES[limit.part][limit.key]}") for name in Rebase}
+    loose = replace(limit, certain=False)
+    return {str(name): _state(loose, Figure(value, owner.count), minimum_count)[0] for name, value in found.items()}
 
 
 def figure_of(limit: Limit, score: Score) -> Figure:
@@ -169,6 +243,8 @@ def figure_of(limit: Limit, score: Score) -> Figure:
     if of_target:
         part = LimitPart.TIMING if limit.key in _PLACES[LimitPart.TIMING] else LimitPart.MEMORY
     owner: object = getattr(score.target if of_target else score, part, None)
+    if part is LimitPart.COMPLETENESS:
+        owner = score
     if isinstance(owner, TrajectoryScore) and limit.condition is not None:
         owner = owner.of(limit.condition)
     *way, last = _PLACES[part][limit.key].split(".")
@@ -191,19 +267,22 @@ def reasons_not_judged(score: Score, asked: Collection[Condition] = ()) -> tuple
     """Return why something could not be judged, a phrase each; conditions of the settings count if none is asked."""
     if score.contradiction is not None:
         return (score.contradiction,)
+    whole = () if score.incomplete is None else (f"incomplete: {score.incomplete}",)
     drive, errors = score.trajectory, None if score.map is None else score.map.errors
     unmet: dict[Condition | None, str] = {}
     if drive is not None:
         never = (part.condition for part in drive.conditions if not part.count)
         extent = drive.matched, drive.path_length_m, drive.duration_s or 0.0
         unmet = {item: _reason(item, *extent) for item in never if not asked or item in asked}
-    reasons = [*unmet.values()]
+    reasons = [*whole, *unmet.values()]
     if errors is not None and not errors.point_error_m.count:
         reasons.append("map: no point of the cloud has a true point")
     for item in score.verdicts:
         if item.state is VerdictState.NOT_ENOUGH_DATA and item.condition not in unmet:
             over = "" if item.condition is None else f" over {item.condition.label}"
-            reasons.append(f"limit {item.metric}{over}: " + (f"only {item.count} values" if item.count else "no data"))
+            few = f"only {item.count} values" if item.count else "no data"
+            few = few if item.value is None or item.certain is None else "its interval spans the limit, as it may not"
+            reasons.append(f"limit {item.metric}{over}: {few}")
     return tuple(reasons)
 
 
@@ -212,7 +291,9 @@ def conditions_beyond(truth: Trajectory, conditions: Collection[Condition]) -> t
     length_m = float(np.linalg.norm(np.diff(truth.positions, axis=0), axis=1).sum())
     duration_s = float(truth.stamps_ns[-1] - truth.stamps_ns[0]) / NS_PER_S if len(truth) else 0.0
     longest = dict(zip(ConditionKind, (length_m, duration_s, len(truth) - 1.0), strict=True))
-    beyond = (item for item in conditions if item.value > longest[item.kind])
+    beyond = (
+        item for item in conditions if any(part.value > longest.get(part.kind, part.value) for part in item.parts)
+    )
     return tuple(_reason(item, len(truth), length_m, duration_s) for item in beyond)
 
 

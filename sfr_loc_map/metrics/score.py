@@ -112,14 +112,31 @@ class ErrorComponents(Record):
     vertical_m: Statistic  #: Along z of DS.
 
 
+class ReadingScore(Record):
+    """The errors of one condition by one reading of the document."""
+
+    position_m: Statistic  #: As in `ConditionScore`.
+    attitude_deg: Statistic  #: As in `ConditionScore`.
+    heading_deg: Statistic  #: As in `ConditionScore`.
+
+
+class Readings(Record):
+    """The errors of one condition by each reading of the document; see `rebase`."""
+
+    pose: ReadingScore  #: The whole pose at N is taken away.
+    displacement: ReadingScore  #: Displacements in DS, and changes since N, are compared: the document to the letter.
+    position: ReadingScore  #: The position at N alone is taken away.
+
+
 class ConditionScore(Record):
     """The errors over the sub-trajectories of one condition [4.1.1, 4.1.2, 4.2.3]."""
 
     count: int  #: Number of sub-trajectories n.
     condition: Condition  #: What ends a sub-trajectory [4.1.1].
     spacing_frames: int  #: Frames from one start to the next.
-    #: What is taken from the estimate at N: `T_gt(N) inv(T_est(N)) T_est(N+x)` is compared with `T_gt(N+x)` (pose), or
-    #: only the position offset at N is taken away (position) [4.1.2].
+    #: How error from before N is kept out [4.1.2]: `T_gt(N) inv(T_est(N)) T_est(N+x)` is compared with `T_gt(N+x)`
+    #: (pose); displacements in DS, and changes of attitude and heading since N, are compared (displacement); or only
+    #: the position offset at N is taken away (position).
     rebase: Rebase
     position_m: IntervalStatistic  #: Estimate less truth in DS: norms of mean vector and of sigmas [4.2.3.1].
     attitude_deg: IntervalStatistic  #: `2 atan2(|v|, |w|)` of the rotation (v, w) between both [4.2.3.2].
@@ -127,6 +144,7 @@ class ConditionScore(Record):
     overlap: float  #: Starts within one sub-trajectory on average; n / overlap of them are independent.
     nees: NeesScore | None  #: Consistency of the covariance, None where none was published.
     components: ErrorComponents  #: Position error by directions.
+    readings: Readings | None = None  #: The same errors by each reading; None in scores of versions before 0.2.
 
 
 class DistanceScore(Record):
@@ -167,6 +185,26 @@ class AssociationScore(Record):
     max_gap_s: float  #: Longest gap of the truth that is interpolated.
 
 
+class Completeness(Record):
+    """What of the drive the estimate covers; see `metrics.completeness`."""
+
+    truth_poses: int  #: True poses given.
+    images: int | None = None  #: Images of the drive; None where they are not known.
+    matched: int  #: Frames: poses of the truth that have an estimate.
+    missing: int  #: Images without an estimate; where images are not known, true poses in gaps between estimates.
+    lost: int  #: Frames at which the localiser was lost.
+    degraded: int  #: Frames at which it gave a pose that it has a reason to doubt.
+    unmatched_estimates: int  #: Estimates without a truth.
+    doubled_stamps: int  #: Estimates left out because a later one has the same stamp.
+    judged_share: float  #: Of the images those with an estimate; else of the truth's path what lies outside of gaps.
+    missing_share: float  #: The rest.
+    lost_share: float | None  #: Lost frames over frames.
+    degraded_share: float | None  #: Degraded frames over frames.
+    longest_gap_m: float  #: Longest path without an estimate.
+    longest_gap_s: float  #: Longest time without an estimate.
+    incomplete: str | None = None  #: Why the estimate is none of the whole drive; None where it is.
+
+
 class TrajectoryScore(Record):
     """The errors of a trajectory."""
 
@@ -179,6 +217,7 @@ class TrajectoryScore(Record):
     duration_s: float | None  #: From the first to the last frame.
     discarded_starts: Annotated[int, Key("starts_given_up")] = 0  #: None since every pose is kept.
     association: AssociationScore  #: How estimates found their truth.
+    completeness: Completeness | None = None  #: What of the drive is covered; None in scores before 0.2.
     several: Annotated[tuple[ConditionScore, ...], Key("conditions")] = ()  #: All, where there are more than one.
     by_distance: tuple[DistanceScore, ...]  #: Error against distance.
 
@@ -282,11 +321,21 @@ class PointErrorScore(Record):
     by_pair: tuple[PairScore, ...]  #: By pair.
 
 
+class MapCompleteness(Record):
+    """What of the map's pairs the cloud holds, and what of the cloud can be judged."""
+
+    pairs: int  #: Mapping pairs of the truth.
+    pairs_without_cloud: int | None = None  #: Those of which no point is in the cloud; None where pixels are not known.
+    points_without_truth: int | None = None  #: Points whose pixel has no truth (sky); None where they are not known.
+    points_without_truth_share: float | None = None  #: The same over all points.
+
+
 class MapScore(Record):
     """The errors and the coverage of a cloud."""
 
     pairs: int  #: Mapping pairs of the truth.
     points: int  #: Points of the cloud.
+    completeness: MapCompleteness | None = None  #: What is in it, and can be judged; None in scores before 0.2.
     cloud: CloudKind | None = None  #: Whether it is fused; None where the points' pixels are not known.
     #: Single pairs: of the left pixels whose truth lies in the scored range the share that has a point. Fused: the
     #: share of those true points with a point nearer than two pixel footprints, `2 Z / f`.
@@ -326,6 +375,8 @@ class TimingScore(ByKind):
     """The times of calls by kind [4.2.1]."""
 
     localisation: Annotated[CallScore | None, Key("localisation_s")] = None  #: Pairs localised.
+    #: Sets of pairs mapped to one cloud each: the call that the document judges [4.3.1]; what follows are its stages.
+    mapping_call: Annotated[CallScore | None, Key("mapping_call_s")] = None
     mapping: Annotated[CallScore | None, Key("mapping_s")] = None  #: Pairs mapped.
     fusion: Annotated[CallScore | None, Key("fusion_s")] = None  #: Sets fused.
 
@@ -341,21 +392,42 @@ class PeakMemory(Record):
 
     peak_bytes: int | None  #: Largest high-water mark of resident memory of all calls.
     above_idle_bytes: int | None  #: The same above the idle process.
+    heap_peak_bytes: int | None = None  #: Largest sum of its blocks, where a target counts them.
+    stack_peak_bytes: int | None = None  #: Deepest stack, where a target measures it.
 
 
 class MemoryScore(ByKind):
     """The memory of calls by kind [4.2.2]."""
 
     localisation: Annotated[PeakMemory | None, Inline("localisation_")] = None  #: Pairs localised.
+    mapping_call: Annotated[PeakMemory | None, Inline("mapping_call_")] = None  #: Sets mapped to one cloud each.
     mapping: Annotated[PeakMemory | None, Inline("mapping_")] = None  #: Pairs mapped.
     fusion: Annotated[PeakMemory | None, Inline("fusion_")] = None  #: Sets fused.
     method: str | None = None  #: How it was measured; None if nothing was.
+
+
+class TargetRecord(Record):
+    """What a target says of itself (`target.json` of the harness); what it does not say is None."""
+
+    candidate: str | None = None  #: Version of the item under test.
+    board: str | None = None  #: Board.
+    os: str | None = None  #: Operating system.
+    clock: str | None = None  #: Clock of the times.
+    clock_resolution_s: float | None = None  #: Its resolution.
+    compiler: str | None = None  #: Compiler.
+    flags: str | None = None  #: Its flags.
+    byte_order: str | None = None  #: `big-endian` or `little-endian`.
+    pointer_bits: int | None = None  #: Size of an address.
+    stack_painted_bytes: int | None = None  #: Stack that was watched.
 
 
 class TargetScore(Record):
     """Calls that were measured elsewhere, apart from those of this host [4.3.1, 4.3.2]."""
 
     name: str  #: Name of the target.
+    about: TargetRecord | None = None  #: What the board says of itself; None where it was not a run of the harness.
+    matched_share: float | None = None  #: Of the estimates those with a call; None where the calls have no stamps.
+    other_run: str | None = None  #: Which run the calls are of, where it is not the estimate's.
     timing: TimingScore  #: Times.
     memory: MemoryScore  #: Memory, without kinds and method where it was not measured.
 
@@ -489,6 +561,7 @@ class CallDetails(ByKind):
     """The figures of calls by kind."""
 
     localisation: CallFigures | None = None  #: Pairs localised.
+    mapping_call: CallFigures | None = None  #: Sets mapped.
     mapping: CallFigures | None = None  #: Pairs mapped.
     fusion: CallFigures | None = None  #: Sets fused.
 
@@ -584,13 +657,19 @@ class Verdict(Record):
     """The verdict on one limit."""
 
     metric: str  #: Name of the figure as in the limits file, after `target ` for one of the target.
+    id: str | None = None  #: Number of the requirement, as the limits file gives it.
+    text: str | None = None  #: Its text, likewise.
     limit: float  #: Upper bound, of `coverage_min` the lower one, in the unit of the name.
     value: float | None  #: The figure, None where it is undefined.
     ci95: Interval | None  #: Its 95 % interval, None where it has none.
+    margin: float | None = None  #: From the figure to the limit in the same unit, negative where it is missed.
     condition: Condition | None = None  #: Condition of the sub-trajectories, None outside the trajectory.
     count: int | None  #: Number of values the figure is made of, None where it is not made of many.
-    state: Annotated[VerdictState, Key("verdict")]  #: Pass if `|value| <= limit`, of `coverage_min` if `>=`.
+    #: Pass if `|value| <= limit` (`coverage_min`: `>=`); where certainty is needed, if the whole interval is within.
+    state: Annotated[VerdictState, Key("verdict")]
     certain: bool | None  #: Whether the interval lies on one side of the limit, None where there is no interval.
+    needs_certainty: bool = False  #: Whether the limits file asks for it.
+    by_reading: Mapping[str, VerdictState] = field(default_factory=dict)  #: By each reading of the document.
 
 
 class InputFile(Record):
@@ -605,6 +684,8 @@ class Provenance(Record):
     """What the score was made of."""
 
     version: str  #: Of this suite.
+    commit: str | None = None  #: Commit that it was installed from, None where that is not known.
+    command: str | None = None  #: Command that makes the figures again, None where none was given.
     inputs: Mapping[str, InputFile] = field(default_factory=dict)  #: Files by role.
     configuration: Mapping[str, object] = field(default_factory=dict)  #: Settings in force.
     host: Mapping[str, str] = field(default_factory=dict)  #: Machine, system and Python.
@@ -627,6 +708,7 @@ class Score(Record):
     verdicts: tuple[Verdict, ...]  #: One for each limit, in the order of the limits.
     warnings: tuple[str, ...] = ()  #: One line for each.
     contradiction: str | None = None  #: Convention mismatch of estimate and truth: no figure of them judges anything.
+    incomplete: str | None = None  #: Why the estimate is none of the whole drive, unless a part was asked for.
     provenance: Provenance | None = None  #: What it was made of.
     details: Details | None = None  #: What figures are drawn from.
 

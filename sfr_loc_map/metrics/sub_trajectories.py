@@ -2,7 +2,8 @@
 
 Starts are every `spacing` frames from the first. A sub-trajectory ends at the first frame at which its condition holds:
 the truth's path length summed over the frames (>= with a tolerance of 1e-9 m), elapsed time (>=, on nanoseconds) or
-number of frames. A start whose condition is never met gives none.
+number of frames; of several conditions that have to hold at once the first frame at which all do. A start whose
+condition is never met gives none.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from sfr_loc_map.metrics.config import ConditionKind
 DISTANCE_TOLERANCE_M = 1e-9  #: A path this much shorter than the distance is long enough.
 DISTANCE, TIME, FRAMES = range(3)  #: Kinds of conditions in compiled code.
 KINDS = {ConditionKind.DISTANCE: DISTANCE, ConditionKind.TIME: TIME, ConditionKind.FRAMES: FRAMES}
+"""What only grows along a drive, so that it holds from its end on."""
 
 
 class Progress(NamedTuple):
@@ -75,5 +77,27 @@ def find_ends(starts: IntArray, progress: Progress, kind: int, threshold: float)
             row += 1
         if row >= count:
             break
+        ends[i] = row
+    return ends
+
+
+@jit
+def find_apart(
+    starts: IntArray, ends: IntArray, positions: FloatArray, quats: FloatArray, metres: float, turn_rad: float
+) -> IntArray:
+    """Return for each start the first frame from its end on that is so far away, and turned by so much."""
+    half_turn_cosine = np.cos(0.5 * turn_rad) + 1e-12  # of a turn of exactly so much
+    count = len(positions)
+    for i in range(len(starts)):
+        start, row = starts[i], ends[i]
+        while row < count:
+            x, y = positions[row, 0] - positions[start, 0], positions[row, 1] - positions[start, 1]
+            z = positions[row, 2] - positions[start, 2]
+            dot = 0.0
+            for k in range(4):
+                dot += quats[row, k] * quats[start, k]
+            if np.sqrt(x * x + y * y + z * z) >= metres - DISTANCE_TOLERANCE_M and abs(dot) <= half_turn_cosine:
+                break
+            row += 1
         ends[i] = row
     return ends

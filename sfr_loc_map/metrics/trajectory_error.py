@@ -1,7 +1,9 @@
 """Errors of a sub-trajectory [4.1.2, 4.2.3].
 
 The estimate is re-based at the start N: `T_gt(N) inv(T_est(N)) T_est(N+x)` is compared with `T_gt(N+x)`, so that error
-from before N does not count. With `position` re-basing only the position offset at N is taken away.
+from before N does not count. With `position` re-basing only the position offset at N is taken away. `displacement`
+is the document to the letter: displacements from N to N+x in DS, not rotated [4.2.3.1], and the difference of the
+changes of attitude and heading since N [4.1.1, 4.1.2].
 """
 
 from __future__ import annotations
@@ -13,7 +15,10 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.quaternion_kernels import Quat, conjugate, product, rotated, row_difference, row_quat
 from sfr_loc_map.jit import jit
+from sfr_loc_map.metrics.config import Rebase
 
+WHOLE_POSE, ONLY_POSITION, DISPLACEMENT = range(3)  #: Readings in compiled code.
+READINGS = {Rebase.POSE: WHOLE_POSE, Rebase.POSITION: ONLY_POSITION, Rebase.DISPLACEMENT: DISPLACEMENT}
 MIN_DIRECTION_M = 1e-6  #: A horizontal displacement shorter than this has no direction: the rover's heading is taken.
 
 
@@ -48,11 +53,11 @@ def wrapped_deg(angle: float) -> float:
 
 
 @jit
-def sub_trajectory_errors(poses: PoseRows, starts: IntArray, ends: IntArray, whole_pose: bool) -> FloatArray:
+def sub_trajectory_errors(poses: PoseRows, starts: IntArray, ends: IntArray, reading: int) -> FloatArray:
     """Return the errors `(M, 9)` of sub-trajectories from rows to rows `(M,)` of the poses; `COLUMNS` names them.
 
-    Row by row, so that the bits of a row do not depend on how many are computed at once. `whole_pose` re-bases the
-    whole pose, otherwise the position only.
+    Row by row, so that the bits of a row do not depend on how many are computed at once. `reading` is one of
+    `READINGS`.
     """
     out = np.empty((len(starts), 9))
     for m in range(len(starts)):
@@ -60,12 +65,16 @@ def sub_trajectory_errors(poses: PoseRows, starts: IntArray, ends: IntArray, who
         true_move = row_difference(poses.gt_pos, j, poses.gt_pos, i)
         move = row_difference(poses.est_pos, j, poses.est_pos, i)
         attitude = row_quat(poses.est_quat, j)
-        if whole_pose:
+        if reading == WHOLE_POSE:
             correction = product(row_quat(poses.gt_quat, i), conjugate(row_quat(poses.est_quat, i)))
             move = rotated(correction, move)
             attitude = product(correction, attitude)
         error = (move[0] - true_move[0], move[1] - true_move[1], move[2] - true_move[2])
         turn = product(conjugate(row_quat(poses.gt_quat, j)), attitude)
+        if reading == DISPLACEMENT:
+            true_change = product(conjugate(row_quat(poses.gt_quat, i)), row_quat(poses.gt_quat, j))
+            change = product(conjugate(row_quat(poses.est_quat, i)), attitude)
+            turn = product(conjugate(true_change), change)
         sine = np.sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
         true_heading = heading_rad(row_quat(poses.gt_quat, j))
         horizontal = np.sqrt(true_move[0] * true_move[0] + true_move[1] * true_move[1])
@@ -76,7 +85,10 @@ def sub_trajectory_errors(poses: PoseRows, starts: IntArray, ends: IntArray, who
         path = (poses.lengths[j, 0] - poses.lengths[i, 0]) + (poses.lengths[j, 1] - poses.lengths[i, 1])
         out[m, X], out[m, Y], out[m, Z] = error[0], error[1], error[2]
         out[m, ATTITUDE] = np.degrees(2.0 * np.arctan2(sine, abs(turn[3])))
-        out[m, HEADING] = wrapped_deg(np.degrees(heading_rad(attitude) - true_heading))
+        heading = heading_rad(attitude) - true_heading
+        if reading == DISPLACEMENT:
+            heading -= heading_rad(row_quat(poses.est_quat, i)) - heading_rad(row_quat(poses.gt_quat, i))
+        out[m, HEADING] = wrapped_deg(np.degrees(heading))
         out[m, ALONG] = error[0] * east + error[1] * north
         out[m, CROSS] = error[1] * east - error[0] * north
         out[m, VERTICAL] = error[2]

@@ -11,10 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics.association import Estimates, associate
+from sfr_loc_map.metrics.completeness import completeness
 from sfr_loc_map.metrics.config import Condition, ConditionKind, Rebase, TrajectoryScoreConfig
 from sfr_loc_map.metrics.consistency import nees_score, sums_of_steps
 from sfr_loc_map.metrics.score import (
@@ -24,16 +25,19 @@ from sfr_loc_map.metrics.score import (
     ErrorComponents,
     IntervalStatistic,
     PathRows,
+    Readings,
+    ReadingScore,
     SubTrajectoryRows,
     TrajectoryDetails,
     TrajectoryScore,
 )
 from sfr_loc_map.metrics.statistics import block_sums, column, interval95, moments, statistic
-from sfr_loc_map.metrics.sub_trajectories import DISTANCE, KINDS, Progress, find_ends, path_lengths
-from sfr_loc_map.metrics.trajectory_error import COLUMNS, HEADING, PoseRows, sub_trajectory_errors
+from sfr_loc_map.metrics.sub_trajectories import DISTANCE, KINDS, Progress, find_apart, find_ends, path_lengths
+from sfr_loc_map.metrics.trajectory_error import COLUMNS, HEADING, READINGS, PoseRows, sub_trajectory_errors
 
 FIGURES = {"position_m": slice(0, 3), "attitude_deg": slice(3, 4), "heading_deg": slice(4, 5)}
 """Figures of the score and the columns of the errors that they are made of."""
+APART = (ConditionKind.DISPLACEMENT, ConditionKind.TURN)  #: What may shrink again along a drive.
 PATH_ROWS, DETAIL_ROWS = 2000, 1000  #: Frames, and sub-trajectories of each condition, that are kept for figures.
 POSITION_VARIANCES = [0, 6, 11]
 """Columns of the upper triangle of a 6 x 6 covariance that hold the variances of x, y and z."""
@@ -57,10 +61,13 @@ def score_trajectory(
     truth: Trajectory,
     config: TrajectoryScoreConfig,
     *,
+    image_stamps_ns: IntArray | None = None,
     details: bool = True,
     under_way: bool = False,
 ) -> ScoredTrajectory:
     """Return the score of a trajectory; poses of RB in DS, in any order.
+
+    Images, where their stamps are known, are what an estimate has to cover.
 
     MetricsError if a condition is not valid, or no estimate has a truth (which is no error while a run is under way).
     """
@@ -68,7 +75,7 @@ def score_trajectory(
     if not conditions:
         raise MetricsError("no condition of a sub-trajectory given: give at least one, such as distance=5")
     frames, counts, mode = associate(estimates.trajectory, truth, config.association)
-    stamps_ns, count, whole_pose = frames.stamps_ns, len(frames.stamps_ns), config.rebase == Rebase.POSE
+    stamps_ns, count, reading = frames.stamps_ns, len(frames.stamps_ns), READINGS[Rebase(config.rebase)]
     if not count and not under_way:
         spans = [
             f"{len(each)} poses"
@@ -85,19 +92,26 @@ def score_trajectory(
     poses = PoseRows(frames.gt_pos, frames.gt_quat, frames.est_pos, frames.est_quat, lengths)
     progress, pairs = Progress(stamps_ns, lengths), []
     for condition in conditions:
-        of_time = condition.kind is ConditionKind.TIME
-        threshold = float(round(condition.value * NS_PER_S)) if of_time else condition.value
         starts = np.arange(0, count, config.spacing)
-        ends = find_ends(starts, progress, KINDS[condition.kind], threshold)
+        ends, apart = np.minimum(starts + 1, count), dict.fromkeys(APART, 0.0)
+        for part in (condition, *condition.others):  # what only grows along a drive, then what does not
+            if part.kind in apart:
+                apart[part.kind] = part.value
+                continue
+            threshold = float(round(part.value * NS_PER_S)) if part.kind is ConditionKind.TIME else part.value
+            ends = np.maximum(ends, find_ends(starts, progress, KINDS[part.kind], threshold))
+        if any(apart.values()):
+            metres, turn_deg = apart.values()
+            ends = find_apart(starts, ends, frames.gt_pos, frames.gt_quat, metres, np.radians(turn_deg))
         pairs.append((starts[ends < count], ends[ends < count]))
     sums: dict[int, FloatArray] = {}
     if estimates.steps is not None and estimates.covariance is not None:
         compared = np.unique(np.concatenate([np.concatenate(span) for span in pairs]))
         sums = sums_of_steps(estimates, estimates.steps, frames.est_rows[compared])
 
-    scores, rows = [], []
+    tolerance_s, scores, rows = config.association.tolerance_s, [], []
     for condition, (starts, ends) in zip(conditions, pairs, strict=True):
-        errors = sub_trajectory_errors(poses, starts, ends, whole_pose)
+        errors = sub_trajectory_errors(poses, starts, ends, reading)
         mean, squares = moments(errors)
         stretches = block_sums(errors[:, : HEADING + 1])
         overlap = int(np.sum(-(-(ends - starts) // config.spacing))) / max(len(errors), 1)
@@ -109,6 +123,13 @@ def score_trajectory(
             plain = statistic(len(errors), mean[which], squares[which])
             interval = interval95(stretches, which, overlap, unsigned=name == "attitude_deg")
             figures[name] = IntervalStatistic(**vars(plain), mean_plus_3sigma_ci95=interval)
+        readings = {}
+        for rebase, other in READINGS.items():
+            by_reading = errors if other == reading else sub_trajectory_errors(poses, starts, ends, other)
+            mean_of, squares_of = moments(by_reading)
+            readings[str(rebase)] = ReadingScore(
+                **{name: statistic(len(errors), mean_of[which], squares_of[which]) for name, which in FIGURES.items()}
+            )
         columns = {item.name: [COLUMNS.index(item.name)] for item in fields(ErrorComponents)}
         components = {name: statistic(len(errors), mean[at], squares[at]) for name, at in columns.items()}
         score = ConditionScore(
@@ -119,6 +140,7 @@ def score_trajectory(
             overlap=overlap,
             nees=nees,
             components=ErrorComponents(**components),
+            readings=Readings(**readings),
             **figures,
         )
         scores.append(score)
@@ -144,7 +166,7 @@ def score_trajectory(
         short = (ends < count) & (ends - starts <= DISTANCES_MAX_STARTS * spacing)
         if not (number := int(np.count_nonzero(short))):
             continue
-        mean, squares = moments(sub_trajectory_errors(poses, starts[short], ends[short], whole_pose))
+        mean, squares = moments(sub_trajectory_errors(poses, starts[short], ends[short], reading))
         figures = {name: statistic(number, mean[which], squares[which]) for name, which in FIGURES.items()}
         by_distance.append(DistanceScore(distance_m=metres, count=number, **figures))
 
@@ -157,7 +179,10 @@ def score_trajectory(
         path_length_m=float(lengths[-1, 0] + lengths[-1, 1]) if count else 0.0,
         duration_s=int(stamps_ns[-1] - stamps_ns[0]) / NS_PER_S if count else None,
         association=AssociationScore(
-            counts=counts, mode=mode, tolerance_s=config.association.tolerance_s, max_gap_s=config.association.max_gap_s
+            counts=counts, mode=mode, tolerance_s=tolerance_s, max_gap_s=config.association.max_gap_s
+        ),
+        completeness=completeness(
+            estimates.trajectory, truth, counts, count, conditions, image_stamps_ns, round(tolerance_s * NS_PER_S)
         ),
         several=tuple(scores) if len(scores) > 1 else (),
         by_distance=tuple(by_distance),

@@ -62,6 +62,7 @@ class CallStats:
     steps: FloatArray | None  # `(N, 27)` steps between the poses, likewise
     method: MethodRecord | None = None  # None if nobody says which was called
     findings: tuple[FindingRecord, ...] = ()  # what the method did wrong, one for each kind
+    has_stamps: bool = True  # whether the calls name their pairs; otherwise they are numbered
 
     @property
     def localised(self) -> dict[int, int]:
@@ -109,6 +110,16 @@ def stats_of(records: Sequence[CallRecord], method: MethodRecord | None = None) 
     return CallStats(calls, rows(covariances, len(COVARIANCE_NAMES)), rows(steps, STEP_SIZE), method, findings)
 
 
+def call_of_stages(stages: Sequence[CallRecord], seconds: float | None = None) -> CallRecord:
+    """Return the mapping call that its stages make up; without its own time it is the sum of theirs."""
+    peak, above_idle = (
+        max((value for value in values if value is not None), default=None)
+        for values in zip(*((item.peak_rss_bytes, item.above_idle_bytes) for item in stages), strict=True)
+    )
+    total = sum(item.processing_time_s for item in stages) if seconds is None else seconds
+    return CallRecord(stages[-1].stamp_ns, total, MappingState.MAPPED_SET.value, peak, above_idle)
+
+
 def save_stats(path: Path, records: Sequence[CallRecord], method: MethodRecord | None = None) -> None:
     """Write one row a call; with a method every row names it and what it did wrong in the call."""
     named = () if method is None else (method.name, method.version or "", method.kind.value, method.sha256 or "")
@@ -154,8 +165,10 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
             raise InputError(
                 f"statistics '{path}' line {number}: state is '{state}', must be one of {', '.join(STATES)} or empty"
             )
-    costs = ("processing_time_s", "peak_rss_bytes", "above_idle_bytes")
-    seconds, peak, above_idle = (_column(path, rows, name) for name in costs)
+    costs = ("processing_time_s", "peak_rss_bytes", "above_idle_bytes", "heap_peak_bytes", "stack_peak_bytes")
+    seconds, *memory = (_column(path, rows, name) for name in costs)
+    # a system that cannot tell its memory may write 0: that is not known, and no memory of 0
+    peak, above_idle, heap, stack = (np.where(values > 0.0, values, np.nan) for values in memory)
     stages = {stage: _column(path, rows, name) for name in rows[0] if (stage := stage_of(name or ""))}
     covariance, steps = (
         np.column_stack([_column(path, rows, name) for name in names]) if rows[0].keys() >= set(names) else None
@@ -169,7 +182,8 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
             raise InputError(f"statistics '{path}': method_kind is '{given}', must be one of {known}")
         method = MethodRecord(name=name, version=version, kind=MethodKind(kind), sha256=sha256)
     findings = findings_of([row.get("finding") or "" for row in rows], stamps_ns.tolist())
-    return CallStats(Calls(stamps_ns, seconds, states, peak, above_idle, stages), covariance, steps, method, findings)
+    calls = Calls(stamps_ns, seconds, states, peak, above_idle, stages, heap, stack)
+    return CallStats(calls, covariance, steps, method, findings, has_stamps="stamp_ns" in rows[0])
 
 
 def _column(path: Path, rows: list[dict[str, str]], name: str) -> FloatArray:

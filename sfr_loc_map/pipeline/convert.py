@@ -175,6 +175,11 @@ class FaultyLoc(_Faulty[LocSequence]):
     """A drive with injected faults; a `LocSequence` with the ground truth of the drive without."""
 
     @property
+    def stamps_ns(self) -> Sequence[int]:
+        """Stamps of the pairs that the faults leave."""
+        return [int(stamp) for stamp in np.asarray(self._inner.stamps_ns)[self._perturber.kept]]
+
+    @property
     def ground_truth(self) -> Trajectory | None:
         """Ground truth of the drive."""
         return self._inner.ground_truth

@@ -36,7 +36,7 @@ from sfr_loc_map.methods.registry import Method, MethodLimits
 from sfr_loc_map.metrics.calls import CallMeter, CallUsage
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.score import MethodRecord
-from sfr_loc_map.pipeline.call_stats import CallRecord
+from sfr_loc_map.pipeline.call_stats import CallRecord, call_of_stages
 from sfr_loc_map.pipeline.kernels import load_kernels
 
 MAX_START_GAP_NS = NS_PER_S  #: Longest gap of the truth in which a drive can start.
@@ -192,15 +192,18 @@ def map_pairs(sequence: NavSequence, config: MappingConfig, progress: Progress =
     meter = CallMeter()
     maps: list[PairMap] = []
     records: list[CallRecord] = []
-    for index, item in enumerate(sequence.pairs()):
+    pairs = list(sequence.pairs())  # reading is no part of the call
+    with meter.measure() as whole:
+        for index, item in enumerate(pairs):
+            with meter.measure() as usage:
+                done = mapper.process(item.pair, item.T_lm_navsb, index)
+            maps.append(done)
+            records.append(CallRecord(item.pair.stamp_ns, *_cost(usage, MappingState.MAPPED), done.statistics))
+            progress(index + 1)
         with meter.measure() as usage:
-            done = mapper.process(item.pair, item.T_lm_navsb, index)
-        maps.append(done)
-        records.append(CallRecord(item.pair.stamp_ns, *_cost(usage, MappingState.MAPPED), done.statistics))
-        progress(index + 1)
-    with meter.measure() as usage:
-        fused = mapper.fuse(maps)
-    records.append(CallRecord(maps[-1].stamp_ns, *_cost(usage, MappingState.FUSED), fused.statistics))
+            fused = mapper.fuse(maps)
+        records.append(CallRecord(maps[-1].stamp_ns, *_cost(usage, MappingState.FUSED), fused.statistics))
+    records.append(call_of_stages(records, whole.processing_time_s))
     return MapRun(maps, fused, records)
 
 
@@ -224,6 +227,7 @@ def map_pairs_with(
         if fusion is not None:
             cost = _cost(fusion.usage, MappingState.FUSED)
             records.append(CallRecord(stamp_ns, *cost, fused.statistics, finding=fusion.finding))
+        records.append(call_of_stages(records))
         return MapRun(maps, fused, records), mapper.record
 
 

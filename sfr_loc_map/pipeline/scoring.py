@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import platform
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import numpy as np
 
 from sfr_loc_map import __version__
 from sfr_loc_map.config import flatten
-from sfr_loc_map.errors import ConfigError, InputError, SfrError
+from sfr_loc_map.errors import ConfigError, InputError, MissingExtraError, SfrError
+from sfr_loc_map.geometry.arrays import IntArray
+from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.pose_convention import PoseConvention
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import hash_arrays, hash_path
+from sfr_loc_map.inputs import COMMIT, hash_arrays, hash_path, read_text
+from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.cloud_file import SUFFIXES as CLOUD_SUFFIXES
 from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud
@@ -26,8 +32,8 @@ from sfr_loc_map.io.trajectory_file import ANNOUNCED, LoadedTrajectory, read_tra
 from sfr_loc_map.metrics.aligned_error import aligned_errors
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.calls import ScoredCalls, parts_of, score_calls, score_target, with_external
-from sfr_loc_map.metrics.cloud_error import PairTruth, score_map, score_nearest, truths_of
-from sfr_loc_map.metrics.config import AlignedErrorConfig, Condition, ScoreConfig
+from sfr_loc_map.metrics.cloud_error import PairTruth, point_errors, score_map, score_nearest, truths_of
+from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationMode, Condition, ScoreConfig
 from sfr_loc_map.metrics.convention import Diagnosis, converted_estimates, diagnose
 from sfr_loc_map.metrics.limits import Limits, verdicts
 from sfr_loc_map.metrics.score import (
@@ -41,15 +47,21 @@ from sfr_loc_map.metrics.score import (
     MethodRecord,
     Provenance,
     Score,
+    TargetRecord,
+    TargetScore,
     TimingScore,
 )
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.pipeline.call_stats import CallStats, load_call_stats
 
 if TYPE_CHECKING:
-    from sfr_loc_map.io.sequence import Source
+    from sfr_loc_map.io.sequence import LocSequence, Source
 
 _log = logging.getLogger(__name__)
+TARGET_FILE, TARGET_RESULTS = "target.json", ("estimate.csv", "cloud_0.ply")
+"""In a folder of results of a target: what it says of itself, and what it may have estimated."""
+TARGET_SCHEMA = "sfr-target/1"
+FEW_TRUE_POSES = 0.5  #: Below so many true poses an image it is said that frames count true poses.
 IN_MEMORY = "(in memory)"  #: Path of an input that is no file.
 NO_TRUTH = "'{}' has no true poses (groundtruth.csv, ground_truth/odometry): give a source with truth"
 
@@ -65,10 +77,18 @@ class ScoreInputs:
     stats: tuple[Path, ...] = ()  #: CSV files with the calls of localiser and mapper.
     target: Path | None = None  #: CSV file with calls that were measured on a target.
     target_name: str = ""  #: Name of the target.
+    target_run: str | None = None  #: Which run its calls are of, where it is not that of the estimate.
+    target_about: Path | None = None  #: What the target says of itself (`target.json`).
+    limits: Path | None = None  #: File of the limits, for provenance.
+    command: str | None = None  #: Command that scores them, for provenance.
 
     @classmethod
     def of(cls, estimate: Path, truth: Path, stats: Sequence[Path] = ()) -> ScoreInputs:
-        """Return the inputs of one estimate, a cloud by its ending or a trajectory, and its truth."""
+        """Return the inputs of one estimate and its truth: a trajectory, a cloud, or a folder of a target's results."""
+        if (about := estimate / TARGET_FILE).is_file():
+            poses, cloud = (path if (path := estimate / name).is_file() else None for name in TARGET_RESULTS)
+            calls, truths = estimate / "stats.csv", (truth if poses else None, truth if cloud else None)
+            return cls(poses, truths[0], cloud, truths[1], tuple(stats), target=calls, target_about=about)
         if estimate.suffix in CLOUD_SUFFIXES:
             return cls(cloud=estimate, map_truth=truth, stats=tuple(stats))
         return cls(estimate=estimate, truth=truth, stats=tuple(stats))
@@ -81,6 +101,7 @@ class ScoredDrive:
     estimates: Estimates  #: Estimated poses.
     truth: Trajectory  #: True poses.
     rig: StereoRig | None = None  #: Rig of the localisation cameras, None where it is not known.
+    image_stamps_ns: IntArray | None = None  #: Stamps of its images, None where they are not known.
     notes: tuple[str, ...] = ()  #: What the format of each file was found to be, one line each.
 
     def converted(self, convention: PoseConvention) -> ScoredDrive:
@@ -117,6 +138,7 @@ class Run:
     inputs: ScoreInputs  #: Files that it was read from, for provenance.
     stats: Sequence[CallStats] = ()  #: Calls on this host.
     target: CallStats | None = None  #: Calls on the target of `inputs`.
+    about: TargetRecord | None = None  #: What the target says of itself.
     drive: ScoredDrive | None = None  #: Trajectory.
     cloud: ScoredCloud | None = None  #: Map.
     method: MethodRecord | None = None  #: Whose run it is; None: as the statistics say.
@@ -176,7 +198,7 @@ def score_run(
     drive, cloud, convention, inputs = run.drive, run.cloud, run.convention, run.inputs
     parts: dict[str, Any] = {}
     drawn: dict[str, Any] = {}  # what figures are drawn from
-    contradiction, warnings = None, []
+    contradiction, incomplete, warnings = None, None, []
     data = {}  # hashes of what the inputs mean: a folder and the bag it was converted to have the same truth
     if convention is not None and convention.diagnosed is not None:
         fitted = "; numbers of it were fitted to the truth, which flatters the figures" if convention.fitted else ""
@@ -188,7 +210,16 @@ def score_run(
             remedy = f"--convention {found.setting} or --apply-diagnosis corrects it; " if found.setting else ""
             contradiction = f"{found.sentence} ({remedy}sfr doctor EST TRUTH tells more)"
             warnings += [contradiction]
-        parts["trajectory"], drawn["trajectory"] = score_trajectory(drive.estimates, drive.truth, config.trajectory)
+        parts["trajectory"], drawn["trajectory"] = score_trajectory(
+            drive.estimates, drive.truth, config.trajectory, image_stamps_ns=drive.image_stamps_ns
+        )
+        whole, mode = parts["trajectory"].completeness, parts["trajectory"].association.mode
+        if whole.images and mode is AssociationMode.MATCH and whole.truth_poses < FEW_TRUE_POSES * whole.images:
+            few = f"the truth has {whole.truth_poses} poses for {whole.images} images: frames and spacing count true "
+            warnings += [f"{few}poses; --frames images interpolates the truth to every image"]
+        incomplete = whole.incomplete
+        if incomplete and (config.trajectory.partial or (limits is not None and limits.allow_missing)):
+            warnings, incomplete = [*warnings, f"a part of the drive is judged: {incomplete}"], None
         if aligned is not None:
             parts["aligned"] = aligned_errors(estimate, drive.truth, aligned)
     if cloud is not None:
@@ -206,7 +237,8 @@ def score_run(
         parts["timing"], parts["memory"], drawn["calls"] = parts_of(calls)
 
     files = {}
-    named = {name: getattr(inputs, name) for name in ("estimate", "truth", "cloud", "map_truth", "target")}
+    roles = ("estimate", "truth", "cloud", "map_truth", "target", "target_about", "limits")
+    named = {name: getattr(inputs, name) for name in roles}
     for name, path in (named | {f"stats_{number}": path for number, path in enumerate(inputs.stats)}).items():
         if path is None:
             continue
@@ -223,12 +255,15 @@ def score_run(
         findings=(*run.findings, *(finding for item in run.stats for finding in item.findings)),
         external=run.external,
         convention=convention,
-        target=None if run.target is None else score_target(run.target.calls, inputs.target_name),
+        target=None if run.target is None else _scored_target(run, run.target),
         verdicts=(),
         warnings=tuple(warnings),
         contradiction=contradiction,
+        incomplete=incomplete,
         provenance=Provenance(
             version=__version__,
+            commit=COMMIT,
+            command=inputs.command,
             inputs=files,
             configuration=flatten(config),
             host={"machine": platform.machine(), "system": platform.system(), "python": platform.python_version()},
@@ -238,6 +273,16 @@ def score_run(
         **parts,
     )
     return score if limits is None else replace(score, verdicts=verdicts(limits, score))
+
+
+def _scored_target(run: Run, calls: CallStats) -> TargetScore:
+    """Return the score of the calls on a target."""
+    name, about = run.inputs.target_name or "target", run.about
+    if about is not None:
+        name = about.board or "a board that is not named"
+    stamps = None if run.drive is None else run.drive.estimates.trajectory.stamps_ns
+    other = run.inputs.target_run
+    return replace(score_target(calls.calls, name, stamps, has_stamps=calls.has_stamps, other_run=other), about=about)
 
 
 # ---- from files to a run
@@ -259,18 +304,22 @@ def load_run(
     stats = [*(load_call_stats(path) for path in inputs.stats), *calls]
     target = None if inputs.target is None else load_call_stats(inputs.target, needed="processing_time_s")
     run = Run(inputs, stats, target)
+    if inputs.target_about is not None:
+        about = load_target(inputs.target_about)
+        method = MethodRecord(name="candidate", version=about.candidate, kind=MethodKind.LIBRARY)
+        run = replace(run, about=about, method=method)
     if inputs.cloud is not None and inputs.map_truth is not None:
         loaded = said_fused(load_cloud(inputs.cloud), fused, f"cloud '{inputs.cloud}'")
         stamps_ns = None if loaded.cloud is None else loaded.cloud.pair_stamps_ns
         run = replace(run, cloud=ScoredCloud(loaded, load_map_truth(inputs.map_truth, stamps_ns)))
 
-    in_memory, place, rig = Path(IN_MEMORY), inputs.truth, None
+    in_memory, place, loc = Path(IN_MEMORY), inputs.truth, None
     if place is None and truth is not None:
         true = LoadedTrajectory(in_memory, truth)
     elif place is None:
         return run
     elif is_bag(place):
-        true, rig = LoadedTrajectory(place, load_truth(place)), camera_rig(place)
+        true, loc = LoadedTrajectory(place, load_truth(place)), cameras_of(place)
     elif place.is_file():
         true = read_trajectory_file(place)
     else:
@@ -279,7 +328,7 @@ def load_run(
         loc = open_source(place).loc
         if loc is None or loc.ground_truth is None:
             raise InputError(NO_TRUTH.format(place))
-        true, rig = LoadedTrajectory(place, loc.ground_truth), loc.rig
+        true = LoadedTrajectory(place, loc.ground_truth)
     if inputs.estimate is not None and is_bag(inputs.estimate):
         estimates = load_estimates(inputs.estimate)
         found = LoadedTrajectory(inputs.estimate, estimates.trajectory)
@@ -294,12 +343,28 @@ def load_run(
             found = found.with_stamps_of(true)
         said = np.zeros(len(found.trajectory.stamps_ns), np.bool_)
         estimates = Estimates(found.trajectory, said, said, None)
-        if stats:
-            estimates = estimates_of(found.trajectory, stats)
+        if known := [*stats, *([] if target is None or not target.has_stamps else [target])]:
+            estimates = estimates_of(found.trajectory, known)
     if true.by_index:
         true = true.with_stamps_of(found)
     notes = tuple(item.text for item in (found, true) if item.format in ANNOUNCED)
-    return replace(run, drive=ScoredDrive(estimates, true.trajectory, rig, notes))
+    rig, images = None, None
+    if loc is not None:
+        rig = loc.rig
+        with suppress(InputError):  # it has no whole pair
+            images = np.asarray(loc.stamps_ns, np.int64)
+    return replace(run, drive=ScoredDrive(estimates, true.trajectory, rig, images, notes))
+
+
+def load_target(path: Path) -> TargetRecord:
+    """Read what a target says of itself; InputError if it is not as the harness writes it."""
+    try:
+        content = json.loads(read_text(path))
+        if content.pop("schema", None) != TARGET_SCHEMA:
+            raise ValueError(f"no schema {TARGET_SCHEMA}")
+        return msgspec.convert(content, TargetRecord)
+    except (OSError, ValueError, AttributeError, msgspec.ValidationError) as error:
+        raise InputError(f"target '{path}' cannot be read: {error}; give what the harness wrote") from error
 
 
 def load_drive(estimate: Path, truth: Path) -> ScoredDrive:
@@ -345,14 +410,19 @@ def load_truth(path: Path) -> Trajectory:
     return truth
 
 
-def camera_rig(truth: Path) -> StereoRig | None:
-    """Return the rig of the localisation cameras of a source, None where it has none."""
+def cameras_of(truth: Path) -> LocSequence | None:
+    """Return the localisation pairs of a source, None where it has none."""
     if truth.is_file() and not is_bag(truth):
         return None
     try:
-        loc = _open_source(truth).loc
+        return _open_source(truth).loc
     except SfrError:  # true poses alone, without cameras: whoever needs the images reports what is wrong with them
         return None
+
+
+def camera_rig(truth: Path) -> StereoRig | None:
+    """Return the rig of the localisation cameras of a source, None where it has none."""
+    loc = cameras_of(truth)
     return None if loc is None else loc.rig
 
 
@@ -402,3 +472,29 @@ def diagnose_files(estimate: Path, truth: Path, config: ScoreConfig) -> Diagnosi
     """Return which single convention mismatch explains how the trajectories of two files disagree."""
     drive = load_drive(estimate, truth)
     return diagnose(drive.estimates.trajectory, drive.truth, config.trajectory.association, drive.rig)
+
+
+def save_point_errors(path: Path, cloud: PointCloud, truths: Sequence[PairTruth]) -> None:
+    """Write one row for each point that has a truth: pair, u, v, range_m, error_m, sigma_m; parquet or csv."""
+    errors = point_errors(cloud, truths)
+    rows = errors.index
+    columns = {
+        **{name: getattr(cloud, name)[rows] for name in ("pair", "u", "v")},
+        "range_m": errors.range_m,
+        "error_m": errors.error_m,
+        "sigma_m": cloud.sigma[rows].astype(np.float64),
+    }
+    with atomic_path(path) as temporary:
+        if path.suffix == ".csv":
+            table = np.column_stack(list(columns.values()))
+            shapes = ["%d", "%d", "%d", "%.9g", "%.9g", "%.9g"]
+            np.savetxt(temporary, table, shapes, ",", header=",".join(columns), comments="")
+            return
+        try:
+            import pyarrow
+            import pyarrow.parquet
+        except ImportError as error:
+            raise MissingExtraError(
+                f"'{path}' needs pyarrow: pip install 'sfr_loc_map[suite]', or name a .csv"
+            ) from error
+        pyarrow.parquet.write_table(pyarrow.table(columns), temporary)

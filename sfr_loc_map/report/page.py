@@ -104,11 +104,8 @@ def _rendered(tables: Sequence[Table], sections: Sections, **values: Any) -> str
     specs = json.dumps([asdict(plot) for plot in plots], allow_nan=False, separators=(",", ":"))
     for sign in "<>&\u2028\u2029":  # JSON that cannot end the script element it stands in
         specs = specs.replace(sign, f"\\u{ord(sign):04x}")
-    from jinja2 import Environment, PackageLoader  # what only asks for the verdict starts without it
-
-    loader = PackageLoader("sfr_loc_map", "report/templates")
-    environment = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    return environment.get_template("page.html.j2").render(
+    return from_template(
+        "page.html.j2",
         first=_html(table for table in tables if table.name in FIRST_TABLES),
         tables=_html(table for table in tables if table.name not in FIRST_TABLES),
         sections=sections,
@@ -116,6 +113,15 @@ def _rendered(tables: Sequence[Table], sections: Sections, **values: Any) -> str
         specs=_marked_up(specs),
         **values,
     )
+
+
+def from_template(name: str, **values: Any) -> str:  # noqa: ANN401 - of the template
+    """Return a page of a template, every text escaped."""
+    from jinja2 import Environment, PackageLoader  # what only asks for the verdict starts without it
+
+    loader = PackageLoader("sfr_loc_map", "report/templates")
+    environment = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    return environment.get_template(name).render(**values)
 
 
 def _html(tables: Iterable[Table]) -> Markup:
@@ -160,13 +166,18 @@ def overall_of(score: Score) -> Overall:
     """Return the verdict over all limits; no figure judges where estimate and truth contradict each other."""
     if score.contradiction is not None:
         return _overall(None, f"Not judged: {score.contradiction}", NO_VERDICT_ICON)
-    states = [item.state for item in score.verdicts]
+    states = [item.state for item in score.verdicts if item.state is not VerdictState.INCOMPLETE]
+    part = "" if score.incomplete is None else f"Incomplete: {score.incomplete}. "
+    if not states and part:
+        return _overall(VerdictState.INCOMPLETE, part.strip(), OPEN.icon)
     if not states:
         return _overall(None, "No limits were given: there is no verdict.", NO_VERDICT_ICON)
     passed, failed = states.count(VerdictState.PASS), states.count(VerdictState.FAIL)
     rest = len(states) - passed - failed
-    text = f"{passed} of {len(states)} limits met, {failed} missed, {rest} without enough data."
+    text = f"{part}{passed} of {len(states)} limits met, {failed} missed, {rest} without enough data."
     state = VerdictState.FAIL if failed else VerdictState.NOT_ENOUGH_DATA if rest else VerdictState.PASS
+    if part and not failed:
+        state = VerdictState.INCOMPLETE
     return _overall(state, text, OPEN.icon)
 
 
@@ -233,6 +244,8 @@ def _worth_a_look(score: Score) -> Iterator[LookFirst]:
     if score.contradiction is not None:
         why = f"Estimate and truth contradict each other, so that no figure of them judges: {score.contradiction}"
         yield LookFirst("the convention of the poses", why)
+    if score.incomplete is not None:
+        yield LookFirst("what is missing of the drive", f"A part is never a pass of the whole: {score.incomplete}.")
     for finding in score.findings:
         yield LookFirst(str(finding.kind), f"The method under test did something wrong: {finding}.")
     for item in sorted(score.failed, key=_use_of_limit, reverse=True):

@@ -7,7 +7,16 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sfr_loc_map.metrics.sub_trajectories import path_lengths
-from sfr_loc_map.metrics.trajectory_error import ALONG, CROSS, PoseRows, heading_rad, sub_trajectory_errors, wrapped_deg
+from sfr_loc_map.metrics.trajectory_error import (
+    ALONG,
+    CROSS,
+    ONLY_POSITION,
+    WHOLE_POSE,
+    PoseRows,
+    heading_rad,
+    sub_trajectory_errors,
+    wrapped_deg,
+)
 
 
 def test_a_million_steps_lose_nothing() -> None:
@@ -32,9 +41,9 @@ def test_errors_do_not_depend_on_the_world_frame_of_the_estimate() -> None:
         est_pos=world.apply(moved) + np.array([3.0, -2.0, 1.0]), est_quat=(world * estimate).as_quat()
     )
     starts, ends = np.arange(0, 30), np.arange(30, 60)
-    whole = [sub_trajectory_errors(each, starts, ends, True) for each in (rows, other)]
+    whole = [sub_trajectory_errors(each, starts, ends, WHOLE_POSE) for each in (rows, other)]
     assert whole[0] == pytest.approx(whole[1], abs=1e-10)
-    only_position = [sub_trajectory_errors(each, starts, ends, False) for each in (rows, other)]
+    only_position = [sub_trajectory_errors(each, starts, ends, ONLY_POSITION) for each in (rows, other)]
     assert np.abs(only_position[0] - only_position[1]).max() > 1.0
 
 
@@ -42,7 +51,7 @@ def test_without_a_horizontal_displacement_the_heading_is_the_direction() -> Non
     yaw = np.array([0.0, 0.0, math.sin(0.4), math.cos(0.4)])
     still, up = np.zeros((2, 3)), np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 5.0]])
     rows = PoseRows(still, np.tile(yaw, (2, 1)), up, np.tile(yaw, (2, 1)), np.zeros((2, 2)))
-    got = sub_trajectory_errors(rows, np.array([0]), np.array([1]), True)[0]
+    got = sub_trajectory_errors(rows, np.array([0]), np.array([1]), WHOLE_POSE)[0]
     assert got[ALONG] == pytest.approx(math.cos(0.8) + 2.0 * math.sin(0.8))
     assert got[CROSS] == pytest.approx(2.0 * math.cos(0.8) - math.sin(0.8))
 

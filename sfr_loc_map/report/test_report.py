@@ -1,0 +1,252 @@
+"""The test report: what a reviewer signs, made from scores alone; in the order of a verification report.
+
+The order is that of the verification report of ECSS-E-ST-10-02C: item, documents, procedure, data, results,
+deviations, anomalies, open points, signatures.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from sfr_loc_map.inputs import printable
+from sfr_loc_map.io.atomic import atomic_path
+from sfr_loc_map.metrics.config import Rebase, VerdictState
+from sfr_loc_map.metrics.score import Score, Verdict
+from sfr_loc_map.report.page import from_template, overall_of
+from sfr_loc_map.report.score_tables import limit_name, limit_unit
+from sfr_loc_map.report.tables import PERCENT, SHARE, UNKNOWN, VERDICTS, fitting, number
+
+DOCUMENT = "Clarification of performance metrics for SFR Breadboarding"
+CLAUSES = {
+    "4.1.1": "Sub-trajectories: frames, conditions, starts every 10 frames",
+    "4.1.2": "Error before the start of a sub-trajectory does not count",
+    "4.1.3": "Standard deviation with Bessel's correction",
+    "4.2.1": "Time of a localisation call, wall clock on the target",
+    "4.2.2": "RAM of a localisation call, by a method that the supplier proposes",
+    "4.2.3.1": "3D position error",
+    "4.2.3.2": "Attitude error",
+    "4.2.3.3": "Heading error",
+    "4.3.1": "Time of a mapping call",
+    "4.3.2": "RAM of a mapping call",
+    "4.3.4": "Error of each point of the cloud",
+}
+CLAUSE_OF = {
+    "position": "4.2.3.1",
+    "attitude": "4.2.3.2",
+    "heading": "4.2.3.3",
+    "point_error": "4.3.4",
+    "coverage": "4.3.4",
+    "points_without": "4.3.4",
+    "pairs_without": "4.3.4",
+}
+READINGS = {
+    Rebase.POSE: "The whole pose of the estimate at the start is taken away, then poses are compared (default).",
+    Rebase.DISPLACEMENT: "Displacements in DS and changes of attitude and heading since the start are compared: the "
+    "document to the letter.",
+    Rebase.POSITION: "The position at the start alone is taken away, as other tools do: earlier attitude error counts.",
+}
+
+
+def clause_of(metric: str) -> str:
+    """Return the clause that defines a limited figure."""
+    name = metric.removeprefix("target ")
+    for start, clause in CLAUSE_OF.items():
+        if name.startswith(start):
+            return clause
+    if name.endswith("_share"):
+        return "4.1.1"
+    task = "4.2" if name.startswith("localisation") else "4.3"
+    return f"{task}.{2 if name.endswith('_bytes') else 1}"
+
+
+def write_test_report(scores: Sequence[Score], path: Path, title: str = "") -> None:
+    """Write the report; an existing file is replaced. OutputError if it cannot be written."""
+    text = render_test_report(scores, title)
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
+
+
+def render_test_report(scores: Sequence[Score], title: str = "") -> str:
+    """Return the report as HTML, without script; it prints on A4."""
+    results = [row for index, score in enumerate(scores) for row in _results(score, index)]
+    states = [row["verdict"] for row in results]
+    overalls = [overall_of(score) for score in scores]
+    worst = next((item for item in overalls if item.state not in ("pass", "no verdict")), overalls[0])
+    clauses = sorted({row["clause"] for row in results} | {"4.1.1", "4.1.2", "4.1.3"})
+    return from_template(
+        "test_report.html.j2",
+        title=title or "Test report",
+        document=DOCUMENT,
+        overall=worst,
+        counts={word: states.count(word) for word in dict.fromkeys(states)},
+        items=[_item(score) for score in scores],
+        clauses=[(clause, CLAUSES[clause]) for clause in clauses],
+        commands=[score.provenance.command or UNKNOWN if score.provenance else UNKNOWN for score in scores],
+        inputs=[row for index, score in enumerate(scores) for row in _inputs(score, index)],
+        results=results,
+        readings=READINGS,
+        drives=[_drive(score) for score in scores if score.trajectory is not None],
+        deviations=[text for score in scores for text in _deviations(score)],
+        anomalies=[text for score in scores for text in _anomalies(score)],
+        open_points=[text for score in scores for text in _open_points(score)],
+    )
+
+
+def _item(score: Score) -> dict[str, str]:
+    """Return the item under test: what it is, on what it ran, by which clock."""
+    made, method, target = score.provenance, score.method, score.target
+    facts = {"Item": UNKNOWN, "Version": UNKNOWN}
+    if method is not None:
+        facts = {"Item": f"{method.name} ({method.kind})", "Version": method.version or UNKNOWN}
+        facts["Hash"] = method.sha256 or UNKNOWN
+    if target is not None:
+        facts["Board"] = target.name
+        about = target.about
+        for label, name in (("OS", "os"), ("Clock", "clock"), ("Compiler", "compiler"), ("Build flags", "flags")):
+            facts[label] = UNKNOWN if about is None else str(getattr(about, name) or UNKNOWN)
+        resolution = None if about is None else about.clock_resolution_s
+        facts["Clock resolution"] = UNKNOWN if resolution is None else f"{resolution:g} s"
+    clocks = [] if score.timing is None else sorted({calls.clock for _, calls in score.timing.kinds()})
+    if clocks:
+        facts["Clock of the host"] = ", ".join(clocks)
+    if score.memory is not None:
+        facts["Memory"] = score.memory.method or UNKNOWN
+    if made is not None:
+        facts["Judged by"] = f"sfr_loc_map {made.version}, commit {made.commit or UNKNOWN}"
+        facts["Host"] = ", ".join(f"{name} {value}" for name, value in made.host.items()) or UNKNOWN
+        facts["Time"] = made.time or UNKNOWN
+    return {name: printable(text) for name, text in facts.items()}
+
+
+def _inputs(score: Score, index: int) -> Iterator[tuple[int, str, str, str]]:
+    for role, file in ({} if score.provenance is None else score.provenance.inputs).items():
+        yield index + 1, role, printable(file.path), file.sha256
+
+
+def _results(score: Score, index: int) -> Iterator[dict[str, Any]]:
+    for place, item in enumerate(score.verdicts):
+        unit = limit_unit(item.metric)
+        unit = PERCENT if unit is SHARE else fitting(unit, item.limit, item.value)
+        shown = {name: number(getattr(item, name), unit=unit) for name in ("limit", "value", "margin")}
+        ci95 = "-" if item.ci95 is None else " to ".join(number(bound, unit=unit) for bound in item.ci95)
+        yield {
+            **shown,
+            "id": item.id or f"{index + 1}.{place + 1}",
+            "text": printable(item.text or ""),
+            "name": limit_name(item.metric) + ("" if item.condition is None else f" over {item.condition.label}"),
+            "unit": unit.symbol,
+            "ci95": ci95,
+            "count": UNKNOWN if item.count is None else str(item.count),
+            "verdict": str(item.state),
+            "certain": {True: "yes", False: "no", None: "-"}[item.certain],
+            "css": VERDICTS[item.state].css if item.state in VERDICTS else "open",
+            "clause": clause_of(item.metric),
+            "command": index + 1,
+            "exact": item.value,
+            "key": f"verdicts.{place}.value",
+        }
+
+
+def _drive(score: Score) -> dict[str, Any]:
+    """Return the three readings of the first condition side by side, and what they would change."""
+    assert score.trajectory is not None
+    first = score.trajectory.first
+    rows = []
+    for rebase in Rebase:
+        reading = getattr(first.readings, rebase) if first.readings is not None else None
+        figures = [] if reading is None else [reading.position_m, reading.attitude_deg, reading.heading_deg]
+        rows.append((rebase, [number(figure.mean_plus_3sigma) for figure in figures] or [UNKNOWN] * 3))
+    differ = [item for item in score.verdicts if len(set(item.by_reading.values())) > 1]
+    return {
+        "condition": first.condition.label,
+        "used": first.rebase,
+        "rows": rows,
+        "differ": [_name(i) for i in differ],
+    }
+
+
+def _deviations(score: Score) -> Iterator[str]:
+    drive = score.trajectory
+    if drive is not None and (whole := drive.completeness) is not None:
+        if whole.incomplete:
+            yield f"The drive is not covered: {whole.incomplete}."
+        for count, what in ((whole.lost, "lost"), (whole.degraded, "degraded")):
+            if count:
+                yield f"{count} of {whole.matched} frames are {what}; they are judged like the others."
+        if whole.unmatched_estimates:
+            yield f"{whole.unmatched_estimates} estimates have no truth and are not judged."
+        if whole.doubled_stamps:
+            yield f"{whole.doubled_stamps} estimates were left out because a later one has the same stamp."
+    cloud = None if score.map is None else score.map.completeness
+    if cloud is not None:
+        if cloud.pairs_without_cloud:
+            yield f"{cloud.pairs_without_cloud} of {cloud.pairs} mapping pairs have no point in the cloud."
+        if cloud.points_without_truth:
+            yield f"{cloud.points_without_truth} points lie where the truth has no surface, and are not judged."
+    for item in score.verdicts:
+        if len(set(item.by_reading.values())) > 1:
+            said = ", ".join(f"{reading}: {state}" for reading, state in item.by_reading.items())
+            yield f"{_name(item)} depends on the reading of the document ({said})."
+    if score.convention is not None:
+        yield f"The poses were converted before: {', '.join(score.convention.declared) or 'as diagnosed'}."
+
+
+def _anomalies(score: Score) -> Iterator[str]:
+    if score.contradiction is not None:
+        yield score.contradiction
+    yield from map(str, score.findings)
+    yield from (text for text in score.warnings if text != score.contradiction)
+
+
+def _open_points(score: Score) -> Iterator[str]:
+    for item in score.verdicts:
+        if item.state is VerdictState.NOT_ENOUGH_DATA:
+            yield f"{_name(item)}: not enough data ({'no value' if not item.count else f'{item.count} values'})."
+        elif item.certain is False:
+            yield f"{_name(item)}: the 95 % interval spans the limit; more data may change the verdict."
+    if score.provenance is None or score.provenance.commit is None:
+        yield "The commit of sfr_loc_map is not known: it was not installed from a repository."
+    if score.method is None:
+        yield "The item under test is not named in the inputs."
+
+
+def _name(item: Verdict) -> str:
+    over = "" if item.condition is None else f" over {item.condition.label}"
+    return (f"{item.id}: " if item.id else "") + limit_name(item.metric) + over
+
+
+# ---- the same for a pipeline
+
+
+JUNIT = {
+    VerdictState.FAIL: ("failure", "failures"),
+    VerdictState.NOT_ENOUGH_DATA: ("skipped", "skipped"),
+    VerdictState.INCOMPLETE: ("error", "errors"),
+}
+"""By what is no pass: the element of a test case, and the attribute of a suite that counts them."""
+
+
+def junit(scores: Sequence[Score]) -> str:
+    """Return the verdicts as JUnit XML, a test case for each limit."""
+    root = ET.Element("testsuites", name="sfr_loc_map")
+    for index, score in enumerate(scores):
+        states = [item.state for item in score.verdicts]
+        suite = ET.SubElement(root, "testsuite", name=f"score {index + 1}", tests=str(len(states)))
+        for state, (_, counted) in JUNIT.items():
+            suite.set(counted, str(states.count(state)))
+        if score.provenance is not None and score.provenance.time:
+            suite.set("timestamp", score.provenance.time[:19])
+        for item in score.verdicts:
+            case = ET.SubElement(suite, "testcase", classname=f"sfr.{clause_of(item.metric)}", name=_name(item))
+            if item.state in JUNIT:
+                said = f"{item.state}: {item.metric} {item.value} against {item.limit}"
+                ET.SubElement(case, JUNIT[item.state][0], message=said)
+            properties = ET.SubElement(case, "properties")
+            for name in ("id", "text", "limit", "value", "margin", "certain"):
+                if (value := getattr(item, name)) is not None:
+                    ET.SubElement(properties, "property", name=name, value=printable(str(value)))
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"

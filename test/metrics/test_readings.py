@@ -1,0 +1,115 @@
+"""The three readings of the document against an oracle of matrices, which shares no code with the package."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.metrics.association import Estimates
+from sfr_loc_map.metrics.config import Condition, Rebase, TrajectoryScoreConfig
+from sfr_loc_map.metrics.trajectory_score import score_trajectory
+
+SECOND = 1_000_000_000
+
+
+def drive(seed: int, count: int = 60) -> tuple[Trajectory, Trajectory]:
+    """A true drive with turns and slopes, and an estimate that drifts in position and attitude."""
+    rng = np.random.default_rng(seed)
+    heading = np.cumsum(rng.normal(0.0, 0.08, count))
+    tilt = np.cumsum(rng.normal(0.0, 0.01, (count, 2)), axis=0)
+    turned = Rotation.from_euler("ZYX", np.column_stack([heading, tilt]))
+    step = turned.apply(np.column_stack([rng.uniform(0.05, 0.3, count), np.zeros((count, 2))]))
+    true = np.cumsum(step, axis=0)
+    drift = Rotation.from_rotvec(np.cumsum(rng.normal(0.0, 0.01, (count, 3)), axis=0))
+    estimated = drift * turned
+    moved = np.cumsum(drift.apply(step) * rng.uniform(0.95, 1.05), axis=0) + rng.normal(0.0, 5.0, 3)
+    stamps = np.arange(count, dtype=np.int64) * SECOND // 2
+    return Trajectory(stamps, moved, estimated.as_quat()), Trajectory(stamps, true, turned.as_quat())
+
+
+def ends_of(truth: Trajectory, condition: str, start: int) -> int | None:
+    """The first frame at which all parts of a condition hold, tried one by one."""
+    for end in range(start + 1, len(truth.stamps_ns)):
+        path = np.linalg.norm(np.diff(truth.positions[start : end + 1], axis=0), axis=1).sum()
+        straight = np.linalg.norm(truth.positions[end] - truth.positions[start])
+        turn = Rotation.from_quat(truth.quats_xyzw[start]).inv() * Rotation.from_quat(truth.quats_xyzw[end])
+        done = {
+            "distance": path,
+            "time": (truth.stamps_ns[end] - truth.stamps_ns[start]) / SECOND,
+            "frames": end - start,
+            "displacement": straight,
+            "turn": np.degrees(turn.magnitude()),
+        }
+        wanted = (word.split("=") for word in condition.split(","))
+        if all(done[name] >= float(value) - 1e-9 for name, value in wanted):
+            return end
+    return None
+
+
+def oracle(estimate: Trajectory, truth: Trajectory, condition: str, spacing: int, reading: str) -> dict[str, float]:
+    errors, angles, headings = [], [], []
+    for i in range(0, len(truth.stamps_ns), spacing):
+        j = ends_of(truth, condition, i)
+        if j is None:
+            continue
+        A, B, C, D = (
+            Rotation.from_quat(poses.quats_xyzw[k]).as_matrix() for poses in (truth, estimate) for k in (i, j)
+        )
+        move, true_move = estimate.positions[j] - estimate.positions[i], truth.positions[j] - truth.positions[i]
+        of = lambda R: np.degrees(np.arctan2(R[1, 0], R[0, 0]))  # noqa: E731
+        if reading == "pose":
+            errors.append(A @ C.T @ move - true_move)
+            difference, turned = B.T @ (A @ C.T @ D), of(A @ C.T @ D) - of(B)
+        elif reading == "position":
+            errors.append(move - true_move)
+            difference, turned = B.T @ D, of(D) - of(B)
+        else:
+            errors.append(move - true_move)
+            difference = (A.T @ B).T @ (C.T @ D)
+            turned = (of(D) - of(C)) - (of(B) - of(A))
+        angles.append(np.degrees(Rotation.from_matrix(difference).magnitude()))
+        headings.append((turned + 180.0) % 360.0 - 180.0)
+    error = np.array(errors)
+    position = np.linalg.norm(error.mean(axis=0)) + 3.0 * np.linalg.norm(error.std(axis=0, ddof=1))
+    attitude = np.mean(angles) + 3.0 * np.std(angles, ddof=1)
+    return {
+        "count": len(errors),
+        "position_m": position,
+        "attitude_deg": attitude,
+        "heading_deg": abs(np.mean(headings)) + 3.0 * np.std(headings, ddof=1),
+    }
+
+
+@pytest.mark.clause("4.1.1", "4.1.2", "4.2.3.1", "4.2.3.2", "4.2.3.3")
+@settings(max_examples=25)
+@given(
+    st.integers(0, 10**6),
+    st.sampled_from(
+        ["distance=2", "frames=7", "distance=1,time=4", "displacement=1.5", "turn=8", "time=3,turn=5,frames=4"]
+    ),
+    st.sampled_from([1, 5]),
+)
+def test_each_reading_is_that_of_the_oracle(seed: int, condition: str, spacing: int) -> None:
+    estimate, truth = drive(seed)
+    for used in Rebase:
+        config = TrajectoryScoreConfig(conditions=(condition,), spacing=spacing, rebase=used)
+        first = score_trajectory(Estimates.of(estimate), truth, config).score.first
+        assert first.rebase is used
+        for reading in Rebase:
+            expected = oracle(estimate, truth, condition, spacing, reading)
+            assert first.count == expected.pop("count")
+            for name, value in expected.items():
+                assert getattr(getattr(first.readings, reading), name).mean_plus_3sigma == pytest.approx(
+                    value, abs=1e-9
+                )
+                if reading is used:
+                    assert getattr(first, name).mean_plus_3sigma == pytest.approx(value, abs=1e-9)
+
+
+def test_several_conditions_read_back() -> None:
+    condition = Condition.parse("distance=5,time=10")
+    assert condition.to_plain() == {"distance_m": 5.0, "time_s": 10.0}
+    assert Condition.from_plain(condition.to_plain()) == Condition.parse(condition.setting) == condition
+    assert condition.label == "5 m and 10 s"
