@@ -65,12 +65,20 @@ class Diagnosis(Record):
 
 
 def diagnose(
-    estimate: Trajectory, truth: Trajectory, config: AssociationConfig, rig: StereoRig | None = None
+    estimate: Trajectory,
+    truth: Trajectory,
+    config: AssociationConfig,
+    rig: StereoRig | None = None,
+    *,
+    every: bool = True,
 ) -> Diagnosis:
-    """Find the single convention mismatch that explains how estimate and truth (poses of RB in DS) disagree."""
+    """Find the single convention mismatch that explains how estimate and truth (poses of RB in DS) disagree.
+
+    Where they agree every hypothesis is tried all the same, unless `every` is false: a score needs none then.
+    """
     both = estimate, truth
-    every = max(1, len(estimate.stamps_ns) // MAX_POSES), 1
-    rows = [unique_rows(each.stamps_ns)[::step] for each, step in zip(both, every, strict=True)]
+    steps = max(1, len(estimate.stamps_ns) // MAX_POSES), 1
+    rows = [unique_rows(each.stamps_ns)[::step] for each, step in zip(both, steps, strict=True)]
     estimate, truth = (
         Trajectory(each.stamps_ns[mine], each.positions[mine], each.quats_xyzw[mine])
         for each, mine in zip(both, rows, strict=True)
@@ -81,6 +89,8 @@ def diagnose(
     if len(frames.stamps_ns) >= MIN_POSES:
         true, found = (frames.gt_pos, frames.gt_quat), (frames.est_pos, frames.est_quat)
         before = disagreement(true, found)
+        if before < AGREES and not every:
+            return Diagnosis(disagreement=before, hypotheses=(), found=None)
         for mismatch, setting, sentence, fitted, undone in _each_undone(true, found, rig):
             text, left = f"{LOOKS_WRONG} {sentence}", disagreement(true, undone)
             hypotheses.append(

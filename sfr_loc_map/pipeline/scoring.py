@@ -206,7 +206,8 @@ def score_run(
     if drive is not None:
         data["truth"] = hash_arrays((drive.truth.stamps_ns, drive.truth.positions))
         estimate = drive.estimates.trajectory
-        if (found := diagnose(estimate, drive.truth, config.trajectory.association, drive.rig).found) is not None:
+        association = config.trajectory.association
+        if (found := diagnose(estimate, drive.truth, association, drive.rig, every=False).found) is not None:
             remedy = f"--convention {found.setting} or --apply-diagnosis corrects it; " if found.setting else ""
             contradiction = f"{found.sentence} ({remedy}sfr doctor EST TRUTH tells more)"
             warnings += [contradiction]

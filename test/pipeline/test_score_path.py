@@ -35,7 +35,7 @@ def test_the_score_of_a_csv_against_a_data_set_folder_is_a_short_read(tmp_path: 
         for stamp, position, quat in zip(stamps.tolist(), positions, quats, strict=True):
             writer.write_loc_pair(StereoPair(stamp, image, image))
             writer.write_truth(stamp, position, quat)
-    drifting = positions + np.cumsum(rng.normal(0, 0.003, (count, 3)), axis=0)
+    drifting = positions + np.cumsum(rng.normal(0, 0.0001, (count, 3)), axis=0)
     save_trajectory(tmp_path / "estimate.csv", Trajectory(stamps, drifting, quats))
     inputs = ScoreInputs.of(tmp_path / "estimate.csv", tmp_path / "drive")
     score_files(inputs, ScoreConfig())  # imports what is imported late
