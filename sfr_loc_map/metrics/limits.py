@@ -60,9 +60,12 @@ _PLACES: dict[LimitPart, dict[str, str]] = {
         COVERAGE_MIN: "coverage",
     },
     LimitPart.TIMING: {
-        f"{kind}_{statistic}_s": f"{kind}.{statistic}"
-        for kind in CallKind
-        for statistic in ("mean", "mean_plus_3sigma", "p50", "p95", "p99", "max")
+        "mapping_call_s": "mapping_call.max",
+        **{
+            f"{kind}_{statistic}_s": f"{kind}.{statistic}"
+            for kind in CallKind
+            for statistic in ("mean", "mean_plus_3sigma", "p50", "p95", "p99", "max")
+        },
     },
     LimitPart.MEMORY: {
         f"{kind}_{peak}_bytes": f"{kind}.{peak}_bytes"
@@ -250,6 +253,8 @@ def figure_of(limit: Limit, score: Score) -> Figure:
     *way, last = _PLACES[part][limit.key].split(".")
     statistic = value_at(owner, ".".join(way)) if way else owner
     count = getattr(statistic, "count", getattr(owner, "count", None))
+    if limit.key in ("mapping_call_s", "mapping_call_max_s"):
+        count = None  # one call makes a map: its time is the figure
     return Figure(getattr(statistic, last, None), count, getattr(statistic, f"{last}_ci95", None))
 
 
