@@ -23,7 +23,7 @@ from sfr_loc_map.nodes.lifecycle.endpoints import RELIABILITIES
 from sfr_loc_map.nodes.lifecycle.worker import Overload
 
 C = TypeVar("C")
-BUILT_IN = ("use_sim_time", "start_type_description_service", "qos_overrides./clock", "qos_overrides./parameter_events")
+BUILT_IN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 """Parameters that ROS itself declares on a node."""
 FIXED = "autostart"  #: Is read once, when the node starts.
 
