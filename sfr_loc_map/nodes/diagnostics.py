@@ -31,7 +31,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.inputs import one_line
 from sfr_loc_map.metrics.calls import CallMeter, CallUsage
-from sfr_loc_map.nodes.messages.fields import header_msg
+from sfr_loc_map.nodes.messages import header_msg
 from sfr_loc_map.pipeline.call_stats import STATISTIC, TaskRecord, call_of
 
 Value = str | bool | int | float

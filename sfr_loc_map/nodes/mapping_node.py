@@ -29,11 +29,14 @@ from sfr_loc_map.metrics.calls import CallUsage
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.nodes.diagnostics import Call, Level
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints, profile
-from sfr_loc_map.nodes.messages.fields import header_msg
-from sfr_loc_map.nodes.messages.image import disparity_msg
-from sfr_loc_map.nodes.messages.point_cloud import cloud_msg
-from sfr_loc_map.nodes.messages.pose import transform_from_pose
-from sfr_loc_map.nodes.messages.terrain import elevation_msg, hazard_msg
+from sfr_loc_map.nodes.messages import (
+    cloud_msg,
+    disparity_msg,
+    elevation_msg,
+    hazard_msg,
+    header_msg,
+    transform_from_pose,
+)
 from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig
 from sfr_loc_map.nodes.runner import run
 from sfr_loc_map.nodes.stereo_input import ReceivedPair

@@ -38,9 +38,7 @@ from sfr_loc_map.nodes.lifecycle.endpoints import RELIABILITIES, Endpoints, prof
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.worker import Overload
-from sfr_loc_map.nodes.messages.fields import header_msg
-from sfr_loc_map.nodes.messages.point_cloud import cloud_from_msg
-from sfr_loc_map.nodes.messages.pose import covariance_of, odometry_row, transform_from_pose
+from sfr_loc_map.nodes.messages import cloud_from_msg, covariance_of, header_msg, odometry_row, transform_from_pose
 from sfr_loc_map.nodes.runner import run
 from sfr_loc_map.pipeline.kernels import load_kernels
 from sfr_loc_map.pipeline.monitor_score import MonitorScore, ReportFile

@@ -22,7 +22,7 @@ from sfr_loc_map.errors import NodeError
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag_writer import BagRecorder
 from sfr_loc_map.nodes import environment
-from sfr_loc_map.nodes.messages.message_types import definition_of, message_type
+from sfr_loc_map.nodes.message_types import definition_of, message_type
 from sfr_loc_map.pipeline.reception import TransportGaps
 
 CAMERAS = tuple(f"{task}/{side}" for task in ("loc", "nav") for side in SIDES)

@@ -21,7 +21,7 @@ from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig
 from sfr_loc_map.nodes.diagnostics import StatusReporter
 from sfr_loc_map.nodes.environment import EXPORT_LINE
 from sfr_loc_map.nodes.lifecycle.endpoints import RELIABILITIES, Endpoints, profile
-from sfr_loc_map.nodes.messages.image import check_image, grey_from_image
+from sfr_loc_map.nodes.messages import check_image, grey_from_image
 from sfr_loc_map.pipeline.reception import LossWatch, MessageTimes, StampPairing, TransportGaps, jumped_back
 
 ReceivedImage = tuple[Any, MessageTimes]  #: sensor_msgs/Image or CompressedImage, and when it was sent and received.

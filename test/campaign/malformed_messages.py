@@ -19,7 +19,7 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.nodes.diagnostics import Level, status_msg
-from sfr_loc_map.nodes.messages.fields import header_msg
+from sfr_loc_map.nodes.messages import header_msg
 
 NAN, HUGE = math.nan, 2**32 - 1
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"

@@ -16,7 +16,7 @@ from node_harness import LOCALISATION, MAPPING, MONITOR, NODES, Harness
 
 from sfr_loc_map.errors import NodeError, SfrError
 from sfr_loc_map.nodes.diagnostics import Level
-from sfr_loc_map.nodes.messages.pose import covariance_of, odometry_row
+from sfr_loc_map.nodes.messages import covariance_of, odometry_row
 
 RATE_HZ, BURST_HZ = 10.0, 100.0
 RESTART_LIMIT_S = 3.0

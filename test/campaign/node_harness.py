@@ -35,7 +35,7 @@ from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.nodes.diagnostics import TOPIC, Level, level_of, values_of
 from sfr_loc_map.nodes.environment import start_ros
-from sfr_loc_map.nodes.messages.pose import pose_msg
+from sfr_loc_map.nodes.messages import pose_msg
 from sfr_loc_map.nodes.processes import ChildProcess, end_processes, node_process
 from sfr_loc_map.nodes.replay.options import RELIABLE_INPUT
 

@@ -34,9 +34,7 @@ from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks
 from sfr_loc_map.nodes.diagnostics import Level, values_of
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
-from sfr_loc_map.nodes.messages.fields import header_msg, time_msg
-from sfr_loc_map.nodes.messages.pose import covariance_of, odometry_row, pose_msg
-from sfr_loc_map.nodes.messages.tracks import tracks_from_msg
+from sfr_loc_map.nodes.messages import covariance_of, header_msg, odometry_row, pose_msg, time_msg, tracks_from_msg
 from sfr_loc_map.nodes.monitor_node import MonitorNode
 from sfr_loc_map.nodes.motion_prior import OdometryBuffer
 

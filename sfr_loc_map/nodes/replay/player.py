@@ -20,9 +20,8 @@ from rclpy.qos import QoSProfile
 from std_srvs.srv import SetBool, Trigger
 
 from sfr_loc_map.localisation.estimate import StartPose
-from sfr_loc_map.nodes.messages.fields import header_msg
-from sfr_loc_map.nodes.messages.message_types import message_type
-from sfr_loc_map.nodes.messages.pose import pose_msg
+from sfr_loc_map.nodes.message_types import message_type
+from sfr_loc_map.nodes.messages import header_msg, pose_msg
 from sfr_loc_map.nodes.replay.collector import ResultCollector
 from sfr_loc_map.nodes.replay.graph_node import ANSWER_TIMEOUT_S, SPIN_S, ReplayNode
 from sfr_loc_map.pipeline.controls import Controls, Keyboard

@@ -22,7 +22,7 @@ from std_srvs.srv import Trigger
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.nodes.diagnostics import Level, values_of
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
-from sfr_loc_map.nodes.messages.pose import covariance_of
+from sfr_loc_map.nodes.messages import covariance_of
 from sfr_loc_map.nodes.monitor_node import MonitorNode
 from sfr_loc_map.nodes.stereo_input import ReceivedPair
 
@@ -228,6 +228,6 @@ def test_a_subscription_may_be_set_on_its_own(ros: None) -> None:
         assert info.qos_profile.reliability == wanted
     node.destroy_node()
     node = monitor("besteffort")
-    with pytest.raises(ConfigError, match="qos_overrides./localisation/odometry.subscription.*besteffort"):
+    with pytest.raises(ConfigError, match=r"qos_overrides./localisation/odometry.*besteffort"):
         node.start()
     node.destroy_node()
