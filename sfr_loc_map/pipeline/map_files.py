@@ -26,7 +26,6 @@ from sfr_loc_map.pipeline.kernels import load_kernels
 from sfr_loc_map.pipeline.offline import MapRun
 
 SUFFIXES = (".npz", *geotiff.SUFFIXES, ".png", ".html")  # of files of an elevation model
-BESIDE = ("dem.npz", "dem.png")  # endings of the files beside the cloud that a cell's side alone asks for
 HEIGHT_QUANTILES = (0.01, 0.99)
 """Heights between these fill the range of colours; what is beyond takes the colour at the end."""
 LIGHT = np.array([-1.0, 1.0, 1.5])
@@ -42,19 +41,14 @@ class MapOutputs:
 
     cloud: Path  # all others lie beside it, or have names of their own
     fuse: bool  # whether it is the fused cloud, or holds the points of every pair
-    dem: tuple[Path, ...]  # files of an elevation model
+    dem: Sequence[Path]  # files of an elevation model
     terrain: TerrainConfig  # size of its cells, and what its other layers need
     covariance: bool  # of each point
 
     @property
-    def covariances(self) -> Path:
-        """Place of the covariances."""
-        return self.cloud.with_suffix(".covariance.npz")
-
-    @property
     def more(self) -> list[Path]:
-        """Files besides the cloud."""
-        return [*self.dem, *([self.covariances] * self.covariance)]
+        """Files besides the cloud; the last one is that of the covariances, if it is wanted."""
+        return [*self.dem, *([self.cloud.with_suffix(".covariance.npz")] * self.covariance)]
 
 
 def save_map(run: MapRun, focal_px: float, outputs: MapOutputs) -> PointCloud:
@@ -71,7 +65,7 @@ def save_map(run: MapRun, focal_px: float, outputs: MapOutputs) -> PointCloud:
         for path in outputs.dem:
             save_dem(path, grid)
     if outputs.covariance:
-        with atomic_path(outputs.covariances) as temporary:
+        with atomic_path(outputs.more[-1]) as temporary:
             covariances = point_covariances(cloud, T_lm_left, focal_px)
             np.savez_compressed(temporary, covariance_m2=covariances, random_sigma_m=random_sigma)
     return cloud
@@ -80,30 +74,14 @@ def save_map(run: MapRun, focal_px: float, outputs: MapOutputs) -> PointCloud:
 # ---- elevation models
 
 
-def dem_outputs(words: Sequence[str], cloud: Path, terrain: TerrainConfig) -> tuple[tuple[Path, ...], TerrainConfig]:
-    """Return the files that the values of `--dem` ask for, and the parameters of their grid.
-
-    Each value is a file, or the side of a cell in metres: that of the grid, whose files then lie beside the cloud.
-    """
-    files: list[Path] = []
-    sides = []
-    for word in words:
-        if Path(word).suffix in SUFFIXES:
-            files.append(Path(word))
-            continue
-        try:
-            sides.append(float(word))
-        except ValueError as error:
+def check_dems(files: Sequence[Path]) -> None:
+    """Raise ConfigError or MissingExtraError where elevation models of these names cannot be written."""
+    for file in files:
+        if file.suffix not in SUFFIXES:
             names = ", ".join(f"*{suffix}" for suffix in SUFFIXES)
-            raise ConfigError(f"'--dem {word}': give the side of a cell in metres, or a file {names}") from error
-        if not sides[-1] > 0.0:
-            raise ConfigError(f"'--dem {sides[-1]}': the side of a cell must be more than 0")
-        files += [cloud.with_suffix(f".{ending}") for ending in BESIDE]
-    if len(sides) > 1:
-        raise ConfigError(f"'--dem' has {len(sides)} sides of a cell: give one, and the names of files")
+            raise ConfigError(f"'--dem {file}': give a file {names}")
     if any(file.suffix in geotiff.SUFFIXES for file in files):
         geotiff.load_rasterio()
-    return tuple(files), with_cell(terrain, sides[0]) if sides else terrain
 
 
 def with_cell(terrain: TerrainConfig, cell_m: float) -> TerrainConfig:

@@ -180,7 +180,7 @@ def test_output_that_cannot_be_written_is_refused_before_the_work(
         (("perturb", "{source}", "{out}/f", "--fault", "rain"), "'rain' is unknown"),
         (("perturb", "{source}", "{out}/f", "--fault", "dropped:share=1,start=0"), "the faults leave no pair"),
         (("score", "{out}/c.ply", "{tum}", "--align", "se3"), "leave it out for a cloud"),
-        (("map", "{source}", "-o", "{out}/c.ply", "--dem", "-1"), "'--dem -1.0': the side of a cell"),
+        (("map", "{source}", "-o", "{out}/c.ply", "--dem", "x.jpg"), r"'--dem x.jpg': give a file \*.npz"),
         (("plot", "{tum}", "-o", "{out}/p.svg"), "png"),
         (("simulate", "{out}/f", "--set", "seed"), "'--set seed': must have the form KEY=VALUE"),
     ],

@@ -16,8 +16,8 @@ rasterio = pytest.importorskip("rasterio", reason="extra dem")
 def test_products_lie_beside_the_cloud(sfr: Sfr, tmp_path: Path) -> None:
     source = good_folder(tmp_path / "data")
     cloud = tmp_path / "c.ply"
-    more = [word for name in ("x.tif", "x.html") for word in ("--dem", tmp_path / name)]
-    result = sfr("map", source, "-o", cloud, "--dem", "0.1", *more, "--covariance")
+    more = [word for name in ("x.tif", "x.html", "c.dem.npz", "c.dem.png") for word in ("--dem", tmp_path / name)]
+    result = sfr("map", source, "-o", cloud, *more, "--covariance")
     assert (result.code, result.out) == (0, "")
     points = len(load_cloud(cloud).xyz)
     assert np.load(tmp_path / "c.covariance.npz")["covariance_m2"].shape == (points, 3, 3)

@@ -1,4 +1,4 @@
-"""Kernels are loaded before they are needed, or compiled beside; signals wait meanwhile; a first run changes no bit."""
+"""Kernels are loaded before they are needed, or compiled beside; signals wait meanwhile."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from first_run import RUNS, kept_digest
 from numba import njit
 
 from sfr_loc_map.child_process import child_environment
@@ -21,7 +20,6 @@ from sfr_loc_map.io.trajectory_file import save_trajectory
 from sfr_loc_map.pipeline import kernels
 from sfr_loc_map.pipeline.kernels import load_kernels
 
-SCENES = Path(__file__).parents[1] / "scenes"
 Part = Callable[[Callable[[], object]], None]
 
 
@@ -94,20 +92,6 @@ def test_nobody_waits_for_kernels_that_are_wanted_no_more(part: Part) -> None:
     with pytest.raises(KeyboardInterrupt):
         load_kernels("tiny", lines.append, lambda: False)
     assert (lines, kernel.signatures) == ([], [])
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(400)
-@pytest.mark.parametrize("name", RUNS)
-def test_a_run_that_compiles_gives_the_bits_of_one_that_loads(name: str, tmp_path: Path) -> None:
-    script, cache = str(SCENES / "first_run.py"), {}
-    first = kept_digest(name)  # of `make test`, which compiles; compiled here where the code has changed since
-    if first is None:
-        cache["NUMBA_CACHE_DIR"] = str(tmp_path)
-        first = run_python(script, name, **cache)
-        assert any(tmp_path.rglob("*.nbi"))
-    assert len(first) == 64
-    assert run_python(script, name, **cache) == first
 
 
 NOTHING_LEFT = """

@@ -129,17 +129,6 @@ def test_each_transition_from_each_phase(tmp_path: Path, event: str, before: Pha
     assert session.phase is RUNNING
 
 
-def test_a_pair_before_rig_or_extrinsics_is_refused_and_changes_nothing(tmp_path: Path) -> None:
-    session = new_session(tmp_path)
-    with pytest.raises(InputError, match=r"T_rb_locsb\.translation_m"):
-        session.localiser_at(S, EXTRINSICS)
-    assert not session.set_rig(RIG)
-    with pytest.raises(InputError, match=r"T_rb_locsb\.translation_m"):
-        session.localiser_at(S, None)
-    assert session.phase is NEW
-    assert (session.set_rig(RIG), session.set_rig(OTHER_RIG)) == (False, True)
-
-
 @pytest.mark.parametrize("variance", [None, np.nan, np.inf, -1.0])
 def test_a_lost_pose_or_one_without_covariance_is_neither_kept_nor_started_from(
     tmp_path: Path, variance: float | None
@@ -184,18 +173,6 @@ def test_a_kept_pose_of_another_rig_is_told_and_not_resumed_from(
     session.set_rig(rig)
     assert start_of(session, 2 * S, extrinsics)[0] == 0.0
     assert "of another rig or calibration" in warnings[0]
-
-
-def test_a_kept_pose_that_cannot_be_read_or_written_is_a_warning_and_the_one_before_stays(tmp_path: Path) -> None:
-    (tmp_path / "pose.json").write_text("{", encoding="utf-8")
-    (tmp_path / ".pose.json.part").mkdir()
-    warnings: list[str] = []
-    session = new_session(tmp_path, warnings)
-    session.set_rig(RIG)
-    session.localiser_at(S, EXTRINSICS)
-    session.accept(estimate(S, LAST))
-    assert ["cannot be read" in warnings[0], "cannot write" in warnings[1]] == [True, True]
-    assert (tmp_path / "pose.json").read_text() == "{"
 
 
 def test_a_pose_comes_back_to_the_last_digit_while_it_is_young(tmp_path: Path) -> None:
