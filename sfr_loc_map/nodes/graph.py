@@ -60,11 +60,7 @@ PARAMETERS = ("use_sim_time", "input.stamp_tolerance_s", "input.rectify", "T_rb_
 
 
 def observe_graph(seconds: float, namespace: str, remap: Mapping[str, str], *, extrinsics_given: bool) -> Observation:
-    """Observe the graph for some time.
-
-    Raises:
-        NodeError: If nodes of the suite run in several namespaces and none is given.
-    """
+    """Observe the graph for some time."""
     environment.prepare()
     environment.start_ros()
     try:

@@ -32,7 +32,7 @@ from sfr_loc_map.metrics.config import ScoreConfig, VerdictState
 from sfr_loc_map.metrics.limits import load_limits
 from sfr_loc_map.metrics.score import Provenance, Score
 from sfr_loc_map.metrics.score_json import to_dict, to_json
-from sfr_loc_map.nodes.diagnostics import TOPIC, Level, Value, array_msg, status_msg, task_record
+from sfr_loc_map.nodes.diagnostics import TOPIC, Level, Value, status_msg, task_record
 from sfr_loc_map.nodes.environment import configure_malloc
 from sfr_loc_map.nodes.lifecycle.endpoints import RELIABILITIES, Endpoints, profile
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
@@ -308,7 +308,7 @@ class ScorePublisher:
             value = content.get(part, {}).get(figure, {}).get(statistic)
             if value is not None:
                 publisher.publish(Float64(data=float(value)))
-        self._metrics.publish(array_msg(header_msg(stamp_ns, ""), *score_statuses(content)))
+        self._metrics.publish(DiagnosticArray(header=header_msg(stamp_ns, ""), status=score_statuses(content)))
 
 
 def score_statuses(score: Mapping[str, Any]) -> list[DiagnosticStatus]:

@@ -70,9 +70,7 @@ class TopicCount:
 def record(path: Path, options: RecordOptions, say: Callable[[str], None]) -> dict[str, TopicCount]:
     """Record topics into a bag at a new path; `say` is called with a line for each; return what was recorded.
 
-    Raises:
-        OutputError: If the bag cannot be written (any more); what was recorded before stays.
-        NodeError: If no message was received; no bag is left then.
+    Where no message was received no bag is left.
     """
     environment.prepare()
     ended = []

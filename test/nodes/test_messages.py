@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_scene import LOC_RIG, loc_pair, true_pose
 from nav_msgs.msg import Odometry
-from rosbags.typesys import Stores, get_typestore
 from scenes import disparity_of, sent
 from sensor_msgs.msg import CompressedImage, Image, PointCloud2, PointField
 
@@ -20,15 +19,13 @@ from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.io.bag import TYPESTORE
 from sfr_loc_map.io.image_codec import encode_jpeg, encode_png, stamp_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel
 from sfr_loc_map.mapping.terrain.grid import TerrainGrid
-from sfr_loc_map.nodes import environment, message_types
-from sfr_loc_map.nodes.message_types import UNKNOWN_HASH, definition_of, message_type
+from sfr_loc_map.nodes.message_types import definition_of, message_type
 from sfr_loc_map.nodes.messages import (
     ELEVATION_FIELDS,
     cloud_from_msg,
@@ -281,15 +278,4 @@ def test_types_that_are_not_installed_are_named_and_recorded_without_definition(
     for name in ("no_such_msgs/msg/Odometry", "nav_msgs/msg/NoSuch"):
         with pytest.raises(NodeError, match=name):
             message_type(name)
-        assert definition_of(name) == ("", UNKNOWN_HASH)
-
-
-def test_definitions_read_from_packages_are_those_of_the_library(monkeypatch: pytest.MonkeyPatch) -> None:
-    name, settings = "sensor_msgs/msg/PointCloud2", dict[str, str]()
-    environment.prepare(settings)
-    monkeypatch.setenv("AMENT_PREFIX_PATH", settings["AMENT_PREFIX_PATH"])
-    known = definition_of(name)
-    assert known == (TYPESTORE.generate_msgdef(name, ros_version=2)[0], TYPESTORE.hash_rihs01(name))
-    monkeypatch.setattr(message_types, "TYPESTORE", get_typestore(Stores.EMPTY))
-    monkeypatch.setattr(message_types, "get_typestore", lambda store: get_typestore(Stores.EMPTY))
-    assert definition_of(name) == known
+        assert definition_of(name) == ("", "RIHS01_unknown")

@@ -99,11 +99,7 @@ class ResultCollector:
             self._node.spin_for(POLL_S)
 
     def finish(self, pairs_per_map: int, *, has_map_truth: bool) -> ReplayResults:
-        """Wait for the results that are still missing: pairs, cloud, the monitor's report.
-
-        Returns:
-            The last run that was played to its end, without one the last that has a result.
-        """
+        """Wait for results still missing: pairs, cloud, report; return the last whole run, or else with results."""
         scored = self._to_be_scored()
         if scored is not self.results:
             self.settle()
