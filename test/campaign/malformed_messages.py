@@ -31,7 +31,7 @@ def images(task: str, pair: StereoPair, next_stamp: Callable[[], int]) -> Iterat
     height, width = pair.left.shape
     data = pair.left.tobytes()
     changes: list[dict[str, Any]] = [{"step": step} for step in (0, width - 1, 2 * width, HUGE)]
-    sizes = ((1, 1), (0, 0), (65_535, 65_535), (HUGE, HUGE), (height // 2, width))
+    sizes = ((0, 0), (HUGE, HUGE), (height // 2, width))
     changes += [{"height": h, "width": w} for h, w in sizes]
     changes += [{"height": 65_536, "width": 65_536, "step": 65_536}]
     changes += [{"data": bytes(length)} for length in (0, 1, len(data) - 1, 2 * len(data))]
