@@ -8,7 +8,6 @@ from broken_sources import good_folder
 from cli_result import Sfr
 
 from sfr_loc_map.io.cloud_file import load_cloud
-from sfr_loc_map.io.registry import open_source
 
 rasterio = pytest.importorskip("rasterio", reason="extra dem")
 
@@ -31,21 +30,6 @@ def test_products_lie_beside_the_cloud(sfr: Sfr, tmp_path: Path) -> None:
     _same_heights(tmp_path / "y.tif", tmp_path / "y.dem.npz")
     assert sfr("convert", cloud, tmp_path / "y.ply").code == 0
     np.testing.assert_allclose(load_cloud(tmp_path / "y.ply").xyz, load_cloud(cloud).xyz, atol=1e-6)
-
-
-def test_a_drive_is_exported_without_its_mapping_pairs(sfr: Sfr, tmp_path: Path) -> None:
-    source = good_folder(tmp_path / "data")
-    result = sfr("convert", source, tmp_path / "k", "--to", "kitti")
-    assert result.code == 0
-    assert "mapping pairs" in result.err
-    assert (tmp_path / "k" / "calib.txt").is_file()
-    assert open_source(tmp_path / "k").format == "kitti"
-    for words, said in (
-        (("convert", source, tmp_path / "x.mcap", "--to", "euroc"), "is the name of a bag"),
-        (("convert", source, tmp_path / "x", "--cell", "0.1"), "'--cell' is of the elevation model of a cloud"),
-    ):
-        refused = sfr(*words)
-        assert (refused.code, said in refused.err) == (2, True)
 
 
 def _same_heights(tif: Path, archive: Path) -> None:

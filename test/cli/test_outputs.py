@@ -79,17 +79,6 @@ def test_overwrite_replaces_a_file_and_standard_output_is_free(sfr: Sfr, out: Pa
     assert sfr("report", file, "--overwrite").code == 0
 
 
-@pytest.mark.parametrize("place", ["/dev/null", "link"])
-def test_what_is_no_regular_file_is_never_replaced(sfr: Sfr, out: Path, tum: Path, place: str) -> None:
-    link = out / "link"
-    link.symlink_to("/dev/null")
-    path = link if place == "link" else Path(place)
-    result = sfr("score", tum, tum, "--json", path, "--overwrite")
-    assert result.code == 2
-    assert "it is not a regular file" in result.err
-    assert link.is_symlink()
-
-
 @pytest.mark.parametrize("name", ["folder", "bag.mcap"])
 def test_overwrite_replaces_a_data_set_or_bag(sfr: Sfr, made_once: MadeOnce, out: Path, name: str) -> None:
     source, place = made_once(broken.good_folder), out / name

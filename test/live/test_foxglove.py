@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
-import re
 from pathlib import Path
 from typing import Any
 
@@ -80,20 +78,6 @@ def test_every_channel_is_read_with_a_fitting_schema_and_figures_are_those_of_st
     assert figures["trajectory"]["position_m"]["mean_plus_3sigma"] > 0.0
 
 
-def test_the_path_is_that_of_state_json(shown: Any) -> None:
-    _, messages, state, (*_, rows) = shown
-    latest = state["live"]["localisation"]
-    xyz = {
-        name: [[pose["position"][axis] for axis in "xyz"] for pose in messages[f"/path/{name}"]["poses"]]
-        for name in ("estimate", "truth")
-    }
-    assert xyz["estimate"] == [list(row.position_m) for row in rows]
-    assert xyz["truth"] == [list(row.truth_m) for row in rows]
-    assert xyz["estimate"][-1] == pytest.approx(latest["position_m"], abs=1e-5)
-    stamp = messages["/path/estimate"]["timestamp"]
-    assert str(stamp["seconds"] * 10**9 + stamp["nanos"]) == latest["stamp_ns"]
-
-
 def test_cloud_grid_and_images_hold_what_was_fed(shown: Any) -> None:
     _, messages, _, (cloud, images, *_) = shown
     message, grid = messages["/mapping/points"], messages["/mapping/grid"]
@@ -112,18 +96,3 @@ def test_cloud_grid_and_images_hold_what_was_fed(shown: Any) -> None:
     for image in images:
         assert messages[f"/{image.topic}"]["data"] == image.jpeg
         assert messages[f"/{image.topic}"]["format"] == "jpeg"
-
-
-def test_shipped_layouts_name_topics_that_there_are() -> None:
-    def panels(value: Any) -> set[str]:
-        return {value} if isinstance(value, str) else panels(value["first"]) | panels(value["second"])
-
-    interfaces = (LAYOUTS.parents[1] / "docs" / "interfaces.md").read_text()
-    for name in ("live", "bridge"):
-        text = (LAYOUTS / f"{name}.json").read_text()
-        layout, used = json.loads(text), set(re.findall(r'"(/[\w/]+)', text))
-        assert panels(layout["layout"]) == set(layout["configById"])
-        assert used
-        for topic in used - set(TOPICS if name == "live" else ()):
-            assert name == "bridge"
-            assert f"`{topic}`" in interfaces or f"`{topic.split('/')[1]}/" in interfaces, topic

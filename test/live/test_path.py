@@ -40,18 +40,6 @@ def test_estimate_is_shown_in_the_frame_of_the_truth() -> None:
     assert path.rows[-1].distance_m == pytest.approx(19 * math.hypot(0.1, 0.02))
 
 
-def test_poses_wait_for_a_truth_that_is_on_its_way_and_are_interpolated() -> None:
-    path = LivePath()
-    path.add(pose(Track.TRUTH, 0, drive(0)))
-    path.add(pose(Track.ESTIMATE, 0, drive(0)))
-    path.add(pose(Track.ESTIMATE, 2.5, drive(2.5)))
-    assert len(path.rows) == 1
-    path.add(pose(Track.TRUTH, 5, drive(5)))
-    assert path.rows[-1].error_m == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
-    path.add(pose(Track.ESTIMATE, 30, drive(30)))  # the truth has ended
-    assert path.rows[-1].truth_m is None
-
-
 def test_sub_trajectory_under_way_is_rebased_at_its_start() -> None:
     path, drift, estimates = LivePath(), turned(0.0, 0.0, 0.001), [Transform.identity()]
     path.condition, path.spacing = Condition.parse("frames=20"), 10

@@ -116,7 +116,7 @@ def test_bytes_that_are_no_request_are_refused_in_silence(capfd: pytest.CaptureF
             first, _, rest = request.partition(b"\r\n")
             reader, writer = await asyncio.open_connection("127.0.0.1", found.port)
             writer.write(first + b"\r\nHost: localhost\r\n" + rest + b"\r\n\r\n")
-            head = (await asyncio.wait_for(reader.readline(), 10)).split()
+            head = (await asyncio.wait_for(reader.readline(), 60)).split()
             writer.close()
             assert int(head[1]) == status, request[:80]
 
@@ -132,7 +132,7 @@ def test_a_page_gets_all_that_is_known_and_then_what_changes() -> None:
 
             async def take(done: Callable[[], bool]) -> None:
                 while not done():
-                    message = await asyncio.wait_for(channel.receive(), 10.0)
+                    message = await asyncio.wait_for(channel.receive(), 60)
                     if message.type is aiohttp.WSMsgType.TEXT:
                         texts.append(json.loads(message.data))
                     else:
