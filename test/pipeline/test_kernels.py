@@ -51,19 +51,6 @@ def test_what_is_not_compiled_is_compiled_beside_and_here_where_that_fails(part:
     assert (compiled, lines) == ([0, 0, 1], [])
 
 
-def test_kernels_are_loaded_without_what_only_the_compiler_needs() -> None:
-    """A kernel that calls `.all()`, or numpy's linear algebra, refers to that; a start would import it, and SciPy.
-
-    Nor is the library of the bags loaded where there is no bag.
-    """
-    unneeded = {"scipy.linalg", "numba.np.linalg", "numba.np.arraymath", "rosbags"}
-    program = (
-        "import sys\nfrom sfr_loc_map.io import registry\nfrom sfr_loc_map.pipeline import kernels, scoring\n"
-        f"for part in kernels.PARTS: kernels.load_kernels(part)\nprint(*{unneeded} & set(sys.modules))"
-    )
-    assert run_python("-c", program) == ""
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_is_an_exception_after_kernels_are_loaded_not_within(part: Part, number: signal.Signals) -> None:
     """In the callback from C that loads a kernel an exception would be discarded, and the kernel not be loaded."""
