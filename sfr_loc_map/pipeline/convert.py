@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import heapq
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
@@ -190,14 +189,6 @@ class FaultyNav(_Faulty[NavSequence]):
 
     def pairs(self) -> Iterator[PosedStereoPair]:
         """Yield the pairs with their faults."""
-        read: deque[tuple[int, PosedStereoPair]] = deque()
-
-        def images() -> Iterator[StereoPair]:
-            for item in enumerate(self._inner.pairs()):
-                read.append(item)
-                yield item[1].pair
-
-        for index, pair in self._perturber.pairs(images()):
-            while read[0][0] < index:
-                read.popleft()
-            yield replace(read[0][1], pair=pair)
+        items = list(self._inner.pairs())  # of a map, so they are few
+        for index, pair in self._perturber.pairs(item.pair for item in items):
+            yield replace(items[index], pair=pair)

@@ -120,9 +120,6 @@ def test_from_source_to_score_and_report(sfr: Sfr, tmp_path: Path) -> None:
     page = sfr("report", file)
     assert page.code == 0
     assert (tmp_path / "report.html").stat().st_size > 0
-    table = sfr("report", file, "--format", "md")
-    assert table.code == 0
-    assert "|" in table.out
 
 
 def test_ctrl_c_keeps_the_pairs_that_were_localised(sfr: Sfr, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

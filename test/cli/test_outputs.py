@@ -73,7 +73,6 @@ def test_overwrite_replaces_a_file_and_standard_output_is_free(sfr: Sfr, out: Pa
     assert file.read_text().startswith("{")
     for _ in range(2):
         assert sfr("score", tum, tum, "--json", "-").code == 0
-    assert sfr("report", file, "--format", "md").code == 0
     for code in (0, 2):
         assert sfr("report", file).code == code
     assert sfr("report", file, "--overwrite").code == 0
