@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import os
 import time
-import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -37,7 +35,6 @@ from sfr_loc_map.pipeline.doctor_observation import (
     MESSAGES_KEPT,
     TASK_OF_NODE,
     TASKS,
-    HostMemory,
     Observation,
     ObservedNode,
     ObservedTopic,
@@ -123,7 +120,7 @@ class _GraphObserver:
             nodes=nodes,
             has_clock=bool(self._node.get_publishers_info_by_topic("/clock")),
             now_ns=None if is_played else time.time_ns(),
-            memory=HostMemory(_shared_memory_bytes(), _segment_bytes(), environment.EXPORT_LINE),
+            export_line=environment.EXPORT_LINE,
         )
 
     def _full_name(self, name: str) -> str:
@@ -230,21 +227,3 @@ class _GraphObserver:
 def _reliability(info: Any) -> Reliability:  # noqa: ANN401 - rclpy's TopicEndpointInfo
     best_effort = info.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
     return Reliability.BEST_EFFORT if best_effort else Reliability.RELIABLE
-
-
-def _shared_memory_bytes() -> int | None:
-    """Return the size of the host's shared memory, None where it has no folder for it."""
-    if not Path("/dev/shm").is_dir():
-        return None
-    state = os.statvfs("/dev/shm")
-    return state.f_blocks * state.f_frsize
-
-
-def _segment_bytes() -> int:
-    """Return what each process reserves of the shared memory by the active profile, 0 where it says nothing."""
-    path = Path(os.environ.get(environment.PROFILE_VARIABLE) or environment.PROFILE)
-    try:
-        sizes = [element.text or "" for element in ET.parse(path).iter() if element.tag.endswith("segment_size")]
-    except (OSError, ET.ParseError):
-        return 0
-    return max((int(size) for size in sizes if size.strip().isdigit()), default=0)

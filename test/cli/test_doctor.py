@@ -23,7 +23,7 @@ from processes import Process, wait_until
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.bag import CAMERA_INFO, IMAGE
 from sfr_loc_map.pipeline.doctor import examine
-from sfr_loc_map.pipeline.doctor_observation import HostMemory, Observation, ObservedTopic, Reliability
+from sfr_loc_map.pipeline.doctor_observation import Observation, ObservedTopic, Reliability
 
 Edit = broken.Edit
 RIGHT_INFO = "/loc/right/camera_info"
@@ -163,8 +163,8 @@ def test_images_lost_on_their_way_are_the_transport_and_not_the_stamps() -> None
                 f"loc/{side}/image_rect": ObservedTopic("x", (IMAGE,), offers, stamps * period_ns, (image,), lost=lost),
                 f"loc/{side}/camera_info": ObservedTopic("y", (CAMERA_INFO,), offers, stamps, (info,)),
             }
-        memory = HostMemory(export_line="export A=/there/fastdds_shm.xml")
-        seen = Observation("graph", live=True, topics=topics, extrinsics_given=True, memory=memory)
+        line = "export A=/there/fastdds_shm.xml"
+        seen = Observation("graph", live=True, topics=topics, extrinsics_given=True, export_line=line)
         return [(f.cause.value, f.is_blocking, f"{f.text} {f.fix}") for f in examine(seen) if f.cause != "truth"]
 
     ((cause, blocks, text),) = found(lost=20)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import struct
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,7 +27,6 @@ from sfr_loc_map.live.updates import View
 BEGIN_S = 1_700_000_000.0  # so long ago that all is stale, whenever it is asked for
 COUNT = 120
 STAMP_NS = 5_000_000_007
-LAYOUTS = Path(__file__).parents[2] / "config" / "foxglove"
 MOMENTARY = {"time_s", "age_s", "report_age_s", "server"}
 """Ages: of the moment in which they are asked for."""
 
