@@ -78,18 +78,6 @@ def test_overwrite_replaces_a_file_and_standard_output_is_free(sfr: Sfr, out: Pa
     assert sfr("report", file, "--overwrite").code == 0
 
 
-@pytest.mark.parametrize("name", ["folder", "bag.mcap"])
-def test_overwrite_replaces_a_data_set_or_bag(sfr: Sfr, made_once: MadeOnce, out: Path, name: str) -> None:
-    source, place = made_once(broken.good_folder), out / name
-    assert sfr("convert", source, place).code == 0
-    refused = sfr("convert", source, place)
-    assert refused.code == 2
-    assert "--overwrite" in refused.err
-    assert sfr("perturb", source, place, "--fault", "noisy", "--overwrite").code == 0
-    assert sfr("convert", place, out / "again.mcap").code == 0
-    assert sorted(path.name for path in out.iterdir()) == ["again.mcap", name]
-
-
 def test_a_folder_that_holds_something_else_stays(sfr: Sfr, made_once: MadeOnce, out: Path) -> None:
     source, place = made_once(broken.good_folder), out / "mine"
     shutil.copytree(source, place)

@@ -38,18 +38,6 @@ def test_kitti_has_the_known_answer(tmp_path: Path) -> None:
     np.testing.assert_allclose(truth.pose(2).rotation, matrix_from_rotvec([0, 0, 0.5]), atol=1e-14)
 
 
-def test_kitti_colour_cameras_and_poses_folder(tmp_path: Path) -> None:
-    folder = made.write_kitti(tmp_path / "sequences" / "07", (2, 3))
-    (tmp_path / "poses").mkdir()
-    (folder / "poses.txt").rename(tmp_path / "poses" / "07.txt")
-    loc = open_source(folder).loc
-    assert loc.rig.baseline_m == 0.54
-    # Camera 2 is 0.06 m left of camera 0 (P2[3] = 42 = -700 * -0.06): the bench turns about another point.
-    turn, to_left, half = matrix_from_rotvec([0, 0, 0.5]), np.array([0, 0.06, 0]), np.array([0, 0.27, 0])
-    wanted = np.array([4.0, 1.0, 0.25]) + turn @ to_left - to_left + half - turn @ half
-    np.testing.assert_allclose(loc.ground_truth.positions[2], wanted, atol=1e-14)
-
-
 def test_euroc_has_the_known_answer(tmp_path: Path) -> None:
     """A point of the world, put where the distorted cameras see it, must come out where the rectified ones do."""
     folder = made.write_euroc(tmp_path / "V1")
