@@ -14,7 +14,7 @@ from sfr_loc_map.errors import ConfigError, InputError, naming
 
 CLOUDS = (".ply", ".pcd", ".npz")
 """Endings of files of points; the same as `io.cloud_file.SUFFIXES`, which takes long to import."""
-MODELS = (".tif", ".tiff", ".png", ".html")
+MODELS = (".tif", ".tiff", ".png")
 ARCHIVE = ".dem.npz"  #: Endings of files of an elevation model; an archive of points ends in .npz, too.
 
 
@@ -34,8 +34,7 @@ def convert(
         typer.Argument(
             metavar="DST",
             help="*.mcap, *.db3, *.bag: a ROS 2 bag; *.csv, *.txt, *.tum, *.kitti, *.euroc.csv: the true trajectory; "
-            "else a folder. Of a cloud: *.ply, *.pcd, *.npz, or its elevation model: *.tif, *.dem.npz, "
-            "*.png, *.html.",
+            "else a folder. Of a cloud: *.ply, *.pcd, *.npz, or its elevation model: *.tif, *.dem.npz, *.png.",
         ),
     ],
     to: Annotated[
@@ -147,4 +146,3 @@ def _convert_cloud(source: Path, destination: Path, cell_m: float | None, *, ove
     save_dem(destination, grid)
     rows, columns = grid.hazard.shape
     say(f"{columns} x {rows} cells of {grid.elevation.cell_m:g} m: {destination}", err=True)
-    propose("sfr", "convert", source, destination.with_suffix(".html"), why="all layers as a page")

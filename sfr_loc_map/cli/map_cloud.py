@@ -20,7 +20,7 @@ from sfr_loc_map.errors import ConfigError, naming
     epilog=examples(
         "sfr map data/ -o cloud.ply --stats stats.csv",
         "sfr map panorama.mcap -o cloud.npz --no-fuse",
-        "sfr map data/ -o cloud.ply --dem site.tif --dem site.html --covariance",
+        "sfr map data/ -o cloud.ply --dem site.tif --dem site.png --covariance",
         "sfr map data/ -o other.ply --stats other.stats.csv --method sgbm",
     ),
 )
@@ -33,7 +33,7 @@ def map_cloud(
         list[Path] | None,
         typer.Option(
             metavar="FILE",
-            help="Also an elevation model, the grid of the topics: *.tif (GeoTIFF), *.npz, *.png, *.html; repeatable.",
+            help="Also an elevation model, the grid of the topics: *.tif (GeoTIFF), *.npz, *.png; repeatable.",
         ),
     ] = None,
     covariance: Annotated[

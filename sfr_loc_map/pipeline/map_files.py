@@ -25,7 +25,7 @@ from sfr_loc_map.mapping.terrain.grid import TerrainGrid, elevation_grid
 from sfr_loc_map.pipeline.kernels import load_kernels
 from sfr_loc_map.pipeline.offline import MapRun
 
-SUFFIXES = (".npz", *geotiff.SUFFIXES, ".png", ".html")  # of files of an elevation model
+SUFFIXES = (".npz", *geotiff.SUFFIXES, ".png")  # of files of an elevation model
 HEIGHT_QUANTILES = (0.01, 0.99)
 """Heights between these fill the range of colours; what is beyond takes the colour at the end."""
 LIGHT = np.array([-1.0, 1.0, 1.5])
@@ -122,10 +122,6 @@ def save_dem(path: Path, grid: TerrainGrid) -> None:
             of_model = {name: getattr(model, name) for name in ("height_m", "sigma_m", "count", "origin_m", "cell_m")}
             others = {name: getattr(grid, name) for name in ("slope_rad", "roughness_m", "step_m", "hazard")}
             np.savez_compressed(temporary, **of_model, **others)
-        elif suffix == ".html":
-            from sfr_loc_map.report.dem_page import dem_page  # few maps have a page
-
-            temporary.write_text(dem_page(dem_bands(grid), model.origin_m, model.cell_m), encoding="utf-8")
         elif not cv2.imwrite(str(temporary), shaded_heights(model)):
             raise OutputError(f"cannot write '{path}': the image could not be encoded")
 
