@@ -27,8 +27,7 @@ from sfr_loc_map.io.bag_sequence import RAW, RECTIFIED
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.nodes import diagnostics, environment
 from sfr_loc_map.nodes.extrinsics import TF_STATIC, add_static_transforms
-from sfr_loc_map.nodes.message_types import message_type
-from sfr_loc_map.nodes.messages import tf_message_type
+from sfr_loc_map.nodes.messages import message_type, tf_message_type
 from sfr_loc_map.nodes.replay import graph_node
 from sfr_loc_map.pipeline.doctor_observation import (
     EXPECTED,

@@ -49,9 +49,8 @@ from sfr_loc_map.nodes.messages import (
     transform_of_odometry,
 )
 from sfr_loc_map.nodes.motion_prior import MotionPriorConfig, OdometryBuffer
-from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig
+from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig, ReceivedPair
 from sfr_loc_map.nodes.runner import run
-from sfr_loc_map.nodes.stereo_input import ReceivedPair
 from sfr_loc_map.pipeline.kernels import load_kernels
 from sfr_loc_map.pipeline.localisation_session import LocalisationSession, PoseFile
 from sfr_loc_map.pipeline.reception import ThinnedPath

@@ -30,7 +30,7 @@ from sensor_msgs.msg import CompressedImage, Image, PointCloud2, PointField, Reg
 from std_msgs.msg import Header
 from stereo_msgs.msg import DisparityImage
 
-from sfr_loc_map.errors import GeometryError, InputError
+from sfr_loc_map.errors import GeometryError, InputError, NodeError
 from sfr_loc_map.geometry.arrays import FloatArray, FloatArray32, GreyImage
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.geometry.plausibility import MAX_VARIANCE, check_image_size, is_plausible_covariance
@@ -358,3 +358,13 @@ def tracks_from_msg(message: PointCloud2) -> FloatArray32:
     if message.width * message.height > MAX_TRACKS:
         raise InputError(f"{message.width * message.height} tracks: at most {MAX_TRACKS} are read")
     return floats_of(message, TRACK_FIELDS).reshape(-1, len(TRACK_FIELDS))
+
+
+def message_type(msgtype: str) -> type[Any]:
+    """Return the type of a name such as `sensor_msgs/msg/Image`; raises NodeError if its package is not installed."""
+    package, _, name = msgtype.split("/")
+    try:
+        found: type[Any] = getattr(importlib.import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError) as error:
+        raise NodeError(f"messages of type {msgtype} are not known here: install or source {package}") from error
+    return found

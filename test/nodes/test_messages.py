@@ -25,7 +25,6 @@ from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel
 from sfr_loc_map.mapping.terrain.grid import TerrainGrid
-from sfr_loc_map.nodes.message_types import definition_of, message_type
 from sfr_loc_map.nodes.messages import (
     ELEVATION_FIELDS,
     cloud_from_msg,
@@ -38,6 +37,7 @@ from sfr_loc_map.nodes.messages import (
     hazard_from_msg,
     hazard_msg,
     header_msg,
+    message_type,
     odometry_msg,
     odometry_row,
     pose_msg,
@@ -45,6 +45,7 @@ from sfr_loc_map.nodes.messages import (
     transform_from_pose,
     xyz_from_msg,
 )
+from sfr_loc_map.nodes.record import definition_of
 
 STAMP_NS, SIZE = 1_700_000_000_123_456_789, (6, 4)
 GREY = np.arange(24, dtype=np.uint8).reshape(4, 6) * 10

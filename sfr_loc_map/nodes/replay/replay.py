@@ -29,8 +29,7 @@ from sfr_loc_map.localisation.estimate import StartPose
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.nodes import environment
 from sfr_loc_map.nodes.extrinsics import publish_extrinsics
-from sfr_loc_map.nodes.message_types import message_type
-from sfr_loc_map.nodes.messages import header_msg, pose_msg
+from sfr_loc_map.nodes.messages import header_msg, message_type, pose_msg
 from sfr_loc_map.nodes.processes import Supervisor, first_signal_stops, sigterm_as_interrupt, user_command
 from sfr_loc_map.nodes.replay.collector import ResultCollector
 from sfr_loc_map.nodes.replay.external import external_node

@@ -24,7 +24,7 @@ from sfr_loc_map.nodes.diagnostics import Level, values_of
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
 from sfr_loc_map.nodes.messages import covariance_of
 from sfr_loc_map.nodes.monitor_node import MonitorNode
-from sfr_loc_map.nodes.stereo_input import ReceivedPair
+from sfr_loc_map.nodes.pair_node import ReceivedPair
 
 CONFIGURE, CLEANUP = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP
 ACTIVATE, DEACTIVATE = Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_DEACTIVATE
