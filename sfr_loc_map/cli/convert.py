@@ -14,8 +14,6 @@ from sfr_loc_map.errors import ConfigError, InputError, naming
 
 CLOUDS = (".ply", ".pcd", ".npz")
 """Endings of files of points; the same as `io.cloud_file.SUFFIXES`, which takes long to import."""
-MODELS = (".tif", ".tiff", ".png")
-ARCHIVE = ".dem.npz"  #: Endings of files of an elevation model; an archive of points ends in .npz, too.
 
 
 @app.command(
@@ -24,7 +22,7 @@ ARCHIVE = ".dem.npz"  #: Endings of files of an elevation model; an archive of p
         "sfr convert recording.mcap data/ --remap /cam0/image:=loc/left/image_rect",
         "sfr convert data/ sequence/ --to kitti",
         "sfr convert data/ truth.tum",
-        "sfr convert cloud.ply site.tif --cell 0.05",
+        "sfr convert cloud.ply cloud.npz",
     )
 )
 def convert(
@@ -34,7 +32,7 @@ def convert(
         typer.Argument(
             metavar="DST",
             help="*.mcap, *.db3, *.bag: a ROS 2 bag; *.csv, *.txt, *.tum, *.kitti, *.euroc.csv: the true trajectory; "
-            "else a folder. Of a cloud: *.ply, *.pcd, *.npz, or its elevation model: *.tif, *.dem.npz, *.png.",
+            "else a folder. Of a cloud: *.ply, *.pcd, *.npz.",
         ),
     ],
     to: Annotated[
@@ -49,12 +47,9 @@ def convert(
     truth_grid: Annotated[
         float | None, typer.Option(metavar="M", help="Round true points to this power of two (bags only).")
     ] = None,
-    cell: Annotated[
-        float | None, typer.Option(metavar="M", help="Side of the cells of an elevation model, 0.1 m unless given.")
-    ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Convert a source to a bag, a folder or a layout of others; a trajectory; a cloud, also to an elevation model.
+    """Convert a source to a bag, a folder or a layout of others; a trajectory; a cloud.
 
     Sources are data set folders, ROS 1 and ROS 2 bags, sequences of KITTI and EuRoC.
     """
@@ -67,11 +62,9 @@ def convert(
     is_cloud = source.suffix in CLOUDS and not source.is_dir()
     if is_cloud:
         if options != ConvertOptions() or remap:
-            raise ConfigError(f"'{source}' is a cloud: of the options '--cell' and '--overwrite' alone are for clouds")
-        _convert_cloud(source, destination, cell, overwrite=overwrite)
+            raise ConfigError(f"'{source}' is a cloud: of the options '--overwrite' alone is for clouds")
+        _convert_cloud(source, destination, overwrite=overwrite)
         return
-    if cell is not None:
-        raise ConfigError(f"'--cell' is of the elevation model of a cloud: '{source}' is not a file of points")
     if (layout is None and is_trajectory(destination)) or holds_trajectory(source):
         if layout is not None:
             raise ConfigError(f"'--to {layout}' writes images: '{source}' is a trajectory alone")
@@ -118,31 +111,15 @@ def _convert_trajectory(source: Path, destination: Path, remap: list[str] | None
     say(f"{count} poses: {destination}", err=True)
 
 
-def _convert_cloud(source: Path, destination: Path, cell_m: float | None, *, overwrite: bool) -> None:
-    """Write a cloud in another format, or its elevation model."""
-    from sfr_loc_map.io import geotiff
+def _convert_cloud(source: Path, destination: Path, *, overwrite: bool) -> None:
+    """Write a cloud in another format."""
     from sfr_loc_map.io.cloud_file import load_cloud, save_cloud
-    from sfr_loc_map.mapping.config import TerrainConfig
-    from sfr_loc_map.pipeline.map_files import grid_of_file, save_dem, with_cell
 
-    is_model = destination.suffix in MODELS or destination.name.endswith(ARCHIVE)
-    check_suffix(destination, (*CLOUDS, ARCHIVE, *MODELS) if not is_model else (destination.suffix,))
+    check_suffix(destination, CLOUDS)
     check_outputs(destination, overwrite=overwrite, inputs=(source,))
-    if not is_model:
-        if cell_m is not None:
-            raise ConfigError(f"'--cell' is of an elevation model: '{destination}' will be a cloud")
-        cloud = load_cloud(source).cloud
-        if cloud is None:
-            raise InputError(f"cloud '{source}' does not say the pixel and pair of each point (u, v, pair): it stays")
-        save_cloud(destination, cloud)
-        say(f"{len(cloud)} points: {destination}", err=True)
-        propose("sfr", "score", destination, "SRC", why="against the truth of the mapping pairs")
-        return
-    if destination.suffix in geotiff.SUFFIXES:
-        geotiff.load_rasterio()
-    terrain = TerrainConfig() if cell_m is None else with_cell(TerrainConfig(), cell_m)
-    with naming(source):
-        grid = grid_of_file(load_cloud(source), terrain)
-    save_dem(destination, grid)
-    rows, columns = grid.hazard.shape
-    say(f"{columns} x {rows} cells of {grid.elevation.cell_m:g} m: {destination}", err=True)
+    cloud = load_cloud(source).cloud
+    if cloud is None:
+        raise InputError(f"cloud '{source}' does not say the pixel and pair of each point (u, v, pair): it stays")
+    save_cloud(destination, cloud)
+    say(f"{len(cloud)} points: {destination}", err=True)
+    propose("sfr", "score", destination, "SRC", why="against the truth of the mapping pairs")

@@ -1,4 +1,4 @@
-"""The files that `sfr map` and `sfr convert` write of a map: cloud, elevation models, covariances.
+"""The files that `sfr map` writes of a map: cloud, elevation models, covariances.
 
 One grid, that of the topics, is in all files of an elevation model.
 """
@@ -6,19 +6,18 @@ One grid, that of the topics, is in all files of an elevation model.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from sfr_loc_map.config import build, flatten
-from sfr_loc_map.errors import ConfigError, InputError, OutputError
+from sfr_loc_map.errors import ConfigError, OutputError
 from sfr_loc_map.geometry.arrays import ColourImage
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.io import geotiff
 from sfr_loc_map.io.atomic import atomic_path
-from sfr_loc_map.io.cloud_file import LoadedCloud, save_cloud
+from sfr_loc_map.io.cloud_file import save_cloud
 from sfr_loc_map.mapping.config import TerrainConfig
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel, point_covariances
 from sfr_loc_map.mapping.terrain.grid import TerrainGrid, elevation_grid
@@ -82,29 +81,6 @@ def check_dems(files: Sequence[Path]) -> None:
             raise ConfigError(f"'--dem {file}': give a file {names}")
     if any(file.suffix in geotiff.SUFFIXES for file in files):
         geotiff.load_rasterio()
-
-
-def with_cell(terrain: TerrainConfig, cell_m: float) -> TerrainConfig:
-    """Return parameters with another side of a cell."""
-    return build(TerrainConfig, {**flatten(terrain), "cell_m": cell_m}, origin="side of a cell")
-
-
-def grid_of_file(loaded: LoadedCloud, terrain: TerrainConfig) -> TerrainGrid:
-    """Return the grid of a cloud that was read.
-
-    A file does not say where the cameras were: all its points count, and the sigma of heights is overstated. Where it
-    has no sigma, all points weigh the same and heights have none.
-    """
-    cloud = loaded.cloud
-    if not len(loaded.xyz):
-        raise InputError("the cloud has no points: an elevation model needs some")
-    if cloud is not None and np.isfinite(cloud.sigma).all() and (cloud.sigma > 0).all():
-        return elevation_grid(cloud, terrain)
-    ones, zeros = np.ones(len(loaded.xyz), np.float32), np.zeros(len(loaded.xyz), np.uint16)
-    points = PointCloud(loaded.xyz.astype(np.float32), ones, ones, zeros, zeros, zeros.astype(np.uint8))
-    grid = elevation_grid(points, terrain)
-    unknown = np.full_like(grid.elevation.sigma_m, np.nan)
-    return replace(grid, elevation=replace(grid.elevation, sigma_m=unknown))
 
 
 def save_dem(path: Path, grid: TerrainGrid) -> None:

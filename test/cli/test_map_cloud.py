@@ -25,9 +25,6 @@ def test_products_lie_beside_the_cloud(sfr: Sfr, tmp_path: Path) -> None:
         assert (tmp_path / name).stat().st_size > 0
         assert str(tmp_path / name) in result.err
     _same_heights(tmp_path / "x.tif", tmp_path / "c.dem.npz")
-    for name in ("y.tif", "y.dem.npz", "y.png"):
-        assert sfr("convert", cloud, tmp_path / name, "--cell", "0.2").code == 0
-    _same_heights(tmp_path / "y.tif", tmp_path / "y.dem.npz")
     assert sfr("convert", cloud, tmp_path / "y.ply").code == 0
     np.testing.assert_allclose(load_cloud(tmp_path / "y.ply").xyz, load_cloud(cloud).xyz, atol=1e-6)
 

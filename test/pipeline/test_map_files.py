@@ -10,7 +10,6 @@ import pytest
 
 from sfr_loc_map.errors import MissingExtraError
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.io.cloud_file import LoadedCloud
 from sfr_loc_map.mapping.config import TerrainConfig
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel
 from sfr_loc_map.mapping.terrain.grid import elevation_grid
@@ -65,17 +64,6 @@ def test_heights_are_dark_in_holes_and_brighter_uphill() -> None:
     assert image.shape == (30, 40, 3)
     assert (image[15, 15] == VOID).all()
     assert image[2, -3].sum() > image[2, 3].sum()
-
-
-def test_a_cloud_without_sigma_has_heights_without_sigma() -> None:
-    cloud = made_cloud()
-    bare, whole = (
-        map_files.grid_of_file(LoadedCloud(cloud.xyz.astype(np.float64), item), TerrainConfig()).elevation
-        for item in (None, cloud)
-    )
-    assert np.isnan(bare.sigma_m).all()
-    assert np.nanmax(whole.sigma_m) > 0
-    np.testing.assert_allclose(bare.height_m, whole.height_m, atol=1e-6)
 
 
 def test_a_geotiff_without_its_extra_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
