@@ -87,10 +87,7 @@ def level_of(status: DiagnosticStatus) -> Level:
 
 
 def task_record(status: DiagnosticStatus) -> TaskRecord | None:
-    """Return the call that a status describes, None where it describes something else.
-
-    Raises InputError if it is such a status but a value is missing or no number.
-    """
+    """Return the call that a status describes, None where it describes something else."""
     try:
         return call_of(values_of(status))
     except InputError as error:

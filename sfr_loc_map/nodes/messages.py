@@ -1,8 +1,10 @@
 """Values as messages and back: stamps, poses, images, clouds, grids, tracks.
 
-Every field gets a plain Python number: message classes accept those of numpy silently and send something else. The ROS
-orientation of RB in DS takes components in RB to DS, so it is `Transform.quat_xyzw`, the conjugate of the source
-document's `att_q_DsToRb`. Nothing else knows of that.
+Every field gets a plain Python number: message classes accept those of numpy silently and send something else. What
+does not hold what it should (NaN, too few bytes, another size or type) raises an InputError.
+
+The ROS orientation of RB in DS takes components in RB to DS, so it is `Transform.quat_xyzw`, the conjugate of the
+source document's `att_q_DsToRb`. Nothing else knows of that.
 """
 
 from __future__ import annotations
@@ -96,11 +98,7 @@ def points_msg(records: NDArray[np.void], header: Header) -> PointCloud2:
 
 
 def points_of(message: PointCloud2, wanted: Mapping[str, Sequence[type[np.generic]]]) -> NDArray[np.void]:
-    """Return a view of the points `(H, W)` of a message with the wanted fields, of whatever layout.
-
-    Raises:
-        InputError: If a field is missing, of another type or beyond the point, or the data is too short.
-    """
+    """Return a view of the points `(H, W)` of a message with the wanted fields, of whatever layout."""
     what, found = f"cloud of stamp {stamp_of(message)}", {field.name: field for field in message.fields}
     order: Literal["<", ">"] = ">" if message.is_bigendian else "<"
     formats, offsets = [], []
@@ -146,11 +144,7 @@ def pose_msg(pose: Transform, quat_xyzw: FloatArray) -> Pose:
 
 
 def transform_from_pose(pose: Pose, name: str) -> Transform:
-    """Return `T_parent_child` of a pose message; `name` says what it is where it is none.
-
-    Raises InputError if a number is not finite, the position is absurd or the quaternion is not of unit length (an
-    empty message has none).
-    """
+    """Return `T_parent_child` of a pose message; `name` says what it is where it is none."""
     p, q = pose.position, pose.orientation
     try:
         return Transform.from_quat((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
@@ -159,10 +153,7 @@ def transform_from_pose(pose: Pose, name: str) -> Transform:
 
 
 def start_pose_of(message: PoseWithCovarianceStamped) -> StartPose:
-    """Return a pose from outside, which holds at its stamp; a stamp of zero is none.
-
-    Raises InputError if it is no pose, or its covariance none: not finite, absurd, not symmetric, a variance negative.
-    """
+    """Return a pose from outside, which holds at its stamp; a stamp of zero is none."""
     pose = transform_from_pose(message.pose.pose, "initialpose")
     covariance = np.array(message.pose.covariance, np.float64).reshape(6, 6)
     if not is_plausible_covariance(covariance):
@@ -195,10 +186,7 @@ def _twist_msg(step: StepEstimate | None) -> TwistWithCovariance:
 
 
 def odometry_row(message: Odometry) -> tuple[int, tuple[float, float, float], tuple[float, float, float, float]]:
-    """Return stamp (ns), position (m) and quaternion (x, y, z, w) of odometry, numbers as sent.
-
-    Raises InputError if they are not a pose.
-    """
+    """Return stamp (ns), position (m) and quaternion (x, y, z, w) of odometry, numbers as sent."""
     stamp = stamp_of(message)
     transform_from_pose(message.pose.pose, f"odometry of stamp {stamp}")
     p, q = message.pose.pose.position, message.pose.pose.orientation
@@ -228,10 +216,7 @@ def tf_message_type() -> type[Any] | None:
 
 
 def grey_from_image(message: Image | CompressedImage, size: tuple[int, int]) -> GreyImage:
-    """Return an image message (PNG or JPEG where compressed) as 8-bit grey `(H, W)`; `size` is that of camera_info.
-
-    Raises InputError if the size is another, the encoding is not supported or the data is broken.
-    """
+    """Return an image message (PNG or JPEG where compressed) as 8-bit grey `(H, W)`; `size` is that of camera_info."""
     check_image(message, size)
     return image_from_message(message) if isinstance(message, Image) else image_from_compressed_message(message)
 
@@ -282,10 +267,7 @@ def cloud_msg(cloud: PointCloud, stamp_ns: int, frame_id: str) -> PointCloud2:
 
 
 def cloud_from_msg(message: PointCloud2) -> PointCloud:
-    """Return the cloud of a message with at least the fields of `mapping/points`.
-
-    Raises InputError if a field is missing or of another type, or the data is too short.
-    """
+    """Return the cloud of a message with at least the fields of `mapping/points`."""
     points = points_of(message, {name: (kind,) for name, kind in FIELD_TYPES.items()})
     return PointCloud.from_structured(points.reshape(-1))
 
