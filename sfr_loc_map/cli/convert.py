@@ -54,7 +54,8 @@ def convert(
     Sources are data set folders, ROS 1 and ROS 2 bags, sequences of KITTI and EuRoC.
     """
     from sfr_loc_map.io.registry import open_source
-    from sfr_loc_map.pipeline.convert import ConvertOptions, Layout, holds_trajectory, is_trajectory
+    from sfr_loc_map.io.trajectory_file import FILE_SUFFIXES, format_of_name
+    from sfr_loc_map.pipeline.convert import ConvertOptions, Layout
     from sfr_loc_map.pipeline.convert import convert as run
 
     layout = None if to is None else Layout(to)
@@ -65,10 +66,11 @@ def convert(
             raise ConfigError(f"'{source}' is a cloud: of the options '--overwrite' alone is for clouds")
         _convert_cloud(source, destination, overwrite=overwrite)
         return
-    if (layout is None and is_trajectory(destination)) or holds_trajectory(source):
+    is_poses = not source.is_dir() and source.suffix in FILE_SUFFIXES
+    if is_poses or (layout is None and format_of_name(destination) is not None):
         if layout is not None:
             raise ConfigError(f"'--to {layout}' writes images: '{source}' is a trajectory alone")
-        _convert_trajectory(source, destination, remap, overwrite=overwrite)
+        _convert_trajectory(source, destination, remap, is_poses=is_poses, overwrite=overwrite)
         return
     room = output_folder(destination, overwrite=overwrite, inputs=(source,))
     opened = open_source(source, parse_remaps(remap))
@@ -82,16 +84,18 @@ def convert(
     propose("sfr", "doctor", destination, why="is it complete")
 
 
-def _convert_trajectory(source: Path, destination: Path, remap: list[str] | None, *, overwrite: bool) -> None:
+def _convert_trajectory(
+    source: Path, destination: Path, remap: list[str] | None, *, is_poses: bool, overwrite: bool
+) -> None:
     """Write a trajectory, or the true one of a source, as a file of poses or as a folder or bag."""
     from sfr_loc_map.io.registry import open_source
-    from sfr_loc_map.io.trajectory_file import ANNOUNCED, files_written, read_trajectory_file
-    from sfr_loc_map.pipeline.convert import convert_trajectory, holds_trajectory, is_trajectory
+    from sfr_loc_map.io.trajectory_file import ANNOUNCED, files_written, format_of_name, read_trajectory_file
+    from sfr_loc_map.pipeline.convert import convert_trajectory
 
-    to_file = is_trajectory(destination)
+    to_file = format_of_name(destination) is not None
     if to_file:
         check_outputs(*files_written(destination), overwrite=overwrite, inputs=(source,))
-    if holds_trajectory(source):
+    if is_poses:
         read = read_trajectory_file(source)
         poses = read.trajectory
         if read.format in ANNOUNCED:

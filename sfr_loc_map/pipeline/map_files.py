@@ -84,11 +84,7 @@ def check_dems(files: Sequence[Path]) -> None:
 
 
 def save_dem(path: Path, grid: TerrainGrid) -> None:
-    """Write a grid; the format is that of the name's ending.
-
-    An archive has the layers (rows along y, columns along x of LM), x and y of the outer corner of cell (0, 0), the
-    side of a cell.
-    """
+    """Write a grid in the format of the name's ending."""
     model, suffix = grid.elevation, path.suffix
     if suffix in geotiff.SUFFIXES:
         geotiff.save_geotiff(path, dem_bands(grid), model.origin_m, model.cell_m)
