@@ -128,8 +128,8 @@ $(DOCS_STAMP): $(STAMP)
 # All kernels compiled side by side; otherwise each test process compiles all of them.
 $(COMPILED): $(DEV_STAMP)
 	$(BIN)/python -m compileall -q sfr_loc_map
-	$(BIN)/python -P -m sfr_loc_map.pipeline.kernels localisation > /dev/null & \
-	$(BIN)/python -P -m sfr_loc_map.pipeline.kernels mapping terrain metrics > /dev/null & \
+	PYTHONPATH=. $(BIN)/python -P -m sfr_loc_map.pipeline.kernels localisation > /dev/null & \
+	PYTHONPATH=. $(BIN)/python -P -m sfr_loc_map.pipeline.kernels mapping terrain metrics > /dev/null & \
 	scratch=$$(mktemp -d) && $(BIN)/python -c "from sfr_loc_map.cli.main import main; raise SystemExit(main())" simulate $$scratch/tiny --workers 1 $(TINY) && rm -r $$scratch && wait
 	@touch $@
 
