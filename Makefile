@@ -125,12 +125,11 @@ $(DOCS_STAMP): $(STAMP)
 	$(BIN)/pip install --quiet --disable-pip-version-check ".[ros,docs]"
 	@touch $@
 
-# All kernels compiled side by side; otherwise each test process compiles all of them. What these runs gave is kept for a test.
+# All kernels compiled side by side; otherwise each test process compiles all of them.
 $(COMPILED): $(DEV_STAMP)
 	$(BIN)/python -m compileall -q sfr_loc_map
-	PYTHONPATH=. $(BIN)/python test/scenes/first_run.py localisation --keep > /dev/null & \
-	(PYTHONPATH=. $(BIN)/python test/scenes/first_run.py mapping --keep && \
-	 PYTHONPATH=. $(BIN)/python -P -m sfr_loc_map.pipeline.kernels mapping terrain metrics) > /dev/null & \
+	PYTHONPATH=. $(BIN)/python -P -m sfr_loc_map.pipeline.kernels localisation > /dev/null & \
+	PYTHONPATH=. $(BIN)/python -P -m sfr_loc_map.pipeline.kernels mapping terrain metrics > /dev/null & \
 	scratch=$$(mktemp -d) && $(BIN)/python -c "from sfr_loc_map.cli.main import main; raise SystemExit(main())" simulate $$scratch/tiny --workers 1 $(TINY) && rm -r $$scratch && wait
 	@touch $@
 

@@ -69,10 +69,3 @@ def test_the_commands_of_the_page_work(
             exec(compile(code, str(page), "exec"), names)
         else:
             run_shell(code, sfr)
-
-
-def test_every_page_has_commands_and_names_what_is_made_smaller() -> None:
-    texts = {page: page.read_text(encoding="utf-8") for page in PAGES}
-    assert all(any(full in text for text in texts.values()) for full in SMALLER)
-    for page, text in texts.items():
-        assert len(re.findall(r"^```(?:sh|python)$", text, re.MULTILINE)) == len(blocks(page)) > 0, page

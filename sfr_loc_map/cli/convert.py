@@ -14,8 +14,6 @@ from sfr_loc_map.errors import ConfigError, InputError, naming
 
 CLOUDS = (".ply", ".pcd", ".npz")
 """Endings of files of points; the same as `io.cloud_file.SUFFIXES`, which takes long to import."""
-MODELS = (".tif", ".tiff", ".png", ".html")
-ARCHIVE = ".dem.npz"  #: Of an elevation model; an archive of points ends in .npz, too.
 PAIRS = ".sfrp"
 
 
@@ -25,7 +23,7 @@ PAIRS = ".sfrp"
         "sfr convert recording.mcap data/ --remap /cam0/image:=loc/left/image_rect",
         "sfr convert data/ sequence/ --to kitti",
         "sfr convert data/ truth.tum",
-        "sfr convert cloud.ply site.tif --cell 0.05",
+        "sfr convert cloud.ply cloud.npz",
     )
 )
 def convert(
@@ -35,8 +33,7 @@ def convert(
         typer.Argument(
             metavar="DST",
             help="*.mcap, *.db3, *.bag: a ROS 2 bag; *.sfrp: pairs for a target board; *.csv, *.txt, *.tum, *.kitti, "
-            "*.euroc.csv: the true trajectory; else a folder. Of a cloud: *.ply, *.pcd, *.npz, or its elevation model: "
-            "*.tif, *.dem.npz, *.png, *.html.",
+            "*.euroc.csv: the true trajectory; else a folder. Of a cloud: *.ply, *.pcd, *.npz.",
         ),
     ],
     to: Annotated[
@@ -51,17 +48,15 @@ def convert(
     truth_grid: Annotated[
         float | None, typer.Option(metavar="M", help="Round true points to this power of two (bags only).")
     ] = None,
-    cell: Annotated[
-        float | None, typer.Option(metavar="M", help="Side of the cells of an elevation model, 0.1 m unless given.")
-    ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Convert a source to a bag, a folder or a layout of others; a trajectory; a cloud, also to an elevation model.
+    """Convert a source to a bag, a folder or a layout of others; a trajectory; a cloud.
 
     Sources are data set folders, ROS 1 and ROS 2 bags, sequences of KITTI and EuRoC.
     """
     from sfr_loc_map.io.registry import open_source
-    from sfr_loc_map.pipeline.convert import ConvertOptions, Layout, holds_trajectory, is_trajectory
+    from sfr_loc_map.io.trajectory_file import FILE_SUFFIXES, format_of_name
+    from sfr_loc_map.pipeline.convert import ConvertOptions, Layout
     from sfr_loc_map.pipeline.convert import convert as run
 
     layout = None if to is None else Layout(to)
@@ -69,15 +64,14 @@ def convert(
     is_cloud = source.suffix in CLOUDS and not source.is_dir()
     if is_cloud:
         if options != ConvertOptions() or remap:
-            raise ConfigError(f"'{source}' is a cloud: of the options '--cell' and '--overwrite' alone are for clouds")
-        _convert_cloud(source, destination, cell, overwrite=overwrite)
+            raise ConfigError(f"'{source}' is a cloud: of the options '--overwrite' alone is for clouds")
+        _convert_cloud(source, destination, overwrite=overwrite)
         return
-    if cell is not None:
-        raise ConfigError(f"'--cell' is of the elevation model of a cloud: '{source}' is not a file of points")
-    if (layout is None and is_trajectory(destination)) or holds_trajectory(source):
+    is_poses = not source.is_dir() and source.suffix in FILE_SUFFIXES
+    if is_poses or (layout is None and format_of_name(destination) is not None):
         if layout is not None:
             raise ConfigError(f"'--to {layout}' writes images: '{source}' is a trajectory alone")
-        _convert_trajectory(source, destination, remap, overwrite=overwrite)
+        _convert_trajectory(source, destination, remap, is_poses=is_poses, overwrite=overwrite)
         return
     if destination.suffix == PAIRS and layout is None:
         if options != ConvertOptions():
@@ -115,16 +109,18 @@ def _convert_pairs(source: Path, destination: Path, remap: list[str] | None, *, 
     propose("./harness", destination, "results", why="on the target (docs/howto/target.md), then sfr score results SRC")
 
 
-def _convert_trajectory(source: Path, destination: Path, remap: list[str] | None, *, overwrite: bool) -> None:
+def _convert_trajectory(
+    source: Path, destination: Path, remap: list[str] | None, *, is_poses: bool, overwrite: bool
+) -> None:
     """Write a trajectory, or the true one of a source, as a file of poses or as a folder or bag."""
     from sfr_loc_map.io.registry import open_source
-    from sfr_loc_map.io.trajectory_file import ANNOUNCED, files_written, read_trajectory_file
-    from sfr_loc_map.pipeline.convert import convert_trajectory, holds_trajectory, is_trajectory
+    from sfr_loc_map.io.trajectory_file import ANNOUNCED, files_written, format_of_name, read_trajectory_file
+    from sfr_loc_map.pipeline.convert import convert_trajectory
 
-    to_file = is_trajectory(destination)
+    to_file = format_of_name(destination) is not None
     if to_file:
         check_outputs(*files_written(destination), overwrite=overwrite, inputs=(source,))
-    if holds_trajectory(source):
+    if is_poses:
         read = read_trajectory_file(source)
         poses = read.trajectory
         if read.format in ANNOUNCED:
@@ -144,32 +140,15 @@ def _convert_trajectory(source: Path, destination: Path, remap: list[str] | None
     say(f"{count} poses: {destination}", err=True)
 
 
-def _convert_cloud(source: Path, destination: Path, cell_m: float | None, *, overwrite: bool) -> None:
-    """Write a cloud in another format, or its elevation model."""
-    from sfr_loc_map.io import geotiff
+def _convert_cloud(source: Path, destination: Path, *, overwrite: bool) -> None:
+    """Write a cloud in another format."""
     from sfr_loc_map.io.cloud_file import load_cloud, save_cloud
-    from sfr_loc_map.mapping.config import TerrainConfig
-    from sfr_loc_map.pipeline.map_files import grid_of_file, save_dem, with_cell
 
-    is_model = destination.suffix in MODELS or destination.name.endswith(ARCHIVE)
-    check_suffix(destination, (*CLOUDS, ARCHIVE, *MODELS) if not is_model else (destination.suffix,))
+    check_suffix(destination, CLOUDS)
     check_outputs(destination, overwrite=overwrite, inputs=(source,))
-    if not is_model:
-        if cell_m is not None:
-            raise ConfigError(f"'--cell' is of an elevation model: '{destination}' will be a cloud")
-        cloud = load_cloud(source).cloud
-        if cloud is None:
-            raise InputError(f"cloud '{source}' does not say the pixel and pair of each point (u, v, pair): it stays")
-        save_cloud(destination, cloud)
-        say(f"{len(cloud)} points: {destination}", err=True)
-        propose("sfr", "score", destination, "SRC", why="against the truth of the mapping pairs")
-        return
-    if destination.suffix in geotiff.SUFFIXES:
-        geotiff.load_rasterio()
-    terrain = TerrainConfig() if cell_m is None else with_cell(TerrainConfig(), cell_m)
-    with naming(source):
-        grid = grid_of_file(load_cloud(source), terrain)
-    save_dem(destination, grid)
-    rows, columns = grid.hazard.shape
-    say(f"{columns} x {rows} cells of {grid.elevation.cell_m:g} m: {destination}", err=True)
-    propose("sfr", "convert", source, destination.with_suffix(".html"), why="all layers as a page")
+    cloud = load_cloud(source).cloud
+    if cloud is None:
+        raise InputError(f"cloud '{source}' does not say the pixel and pair of each point (u, v, pair): it stays")
+    save_cloud(destination, cloud)
+    say(f"{len(cloud)} points: {destination}", err=True)
+    propose("sfr", "score", destination, "SRC", why="against the truth of the mapping pairs")

@@ -20,8 +20,7 @@ from sfr_loc_map.errors import ConfigError, naming
     epilog=examples(
         "sfr map data/ -o cloud.ply --stats stats.csv",
         "sfr map panorama.mcap -o cloud.npz --no-fuse",
-        "sfr map data/ -o cloud.ply --dem 0.05 --covariance",
-        "sfr map data/ -o cloud.ply --dem site.tif --dem site.html",
+        "sfr map data/ -o cloud.ply --dem site.tif --dem site.png --covariance",
         "sfr map data/ -o other.ply --stats other.stats.csv --method sgbm",
     ),
 )
@@ -31,11 +30,10 @@ def map_cloud(
     under_test: MethodOptions,
     fuse: Annotated[bool, typer.Option("--fuse/--no-fuse", help="One cloud, or the points of every pair.")] = True,
     dem: Annotated[
-        list[str] | None,
+        list[Path] | None,
         typer.Option(
-            metavar="CELL_M|FILE",
-            help="Also an elevation model, the grid of the topics: the side of its cells, 0.1 m unless given "
-            "(C.dem.npz, C.dem.png), or a file *.tif (GeoTIFF), *.npz, *.png, *.html; may be given several times.",
+            metavar="FILE",
+            help="Also an elevation model, the grid of the topics: *.tif (GeoTIFF), *.npz, *.png; repeatable.",
         ),
     ] = None,
     covariance: Annotated[
@@ -55,13 +53,14 @@ def map_cloud(
     from sfr_loc_map.mapping.config import MappingConfig
     from sfr_loc_map.methods.registry import record_of_ours
     from sfr_loc_map.pipeline.call_stats import save_stats
-    from sfr_loc_map.pipeline.map_files import MapOutputs, dem_outputs, save_map
+    from sfr_loc_map.pipeline.map_files import MapOutputs, check_dems, save_map
     from sfr_loc_map.pipeline.offline import map_pairs, map_pairs_with
 
     check_suffix(output, SUFFIXES)
     parameters = read_config(MappingConfig, under_test.config if under_test.is_ours else None, "mapping")
     parameters = replace(parameters, refine_poses=parameters.refine_poses or refine_poses)
-    outputs = MapOutputs(output, fuse, *dem_outputs(dem or (), output, parameters.terrain), covariance)
+    check_dems(dem or ())
+    outputs = MapOutputs(output, fuse, dem or (), parameters.terrain, covariance)
     check_outputs(output, stats, *outputs.more, overwrite=overwrite, inputs=(source,))
     limits = under_test.limits
     theirs = None if under_test.is_ours else under_test.find(Task.MAPPING)

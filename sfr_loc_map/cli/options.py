@@ -183,8 +183,8 @@ class ConventionOptions:
 def require_ros(command: str) -> None:
     """Raise MissingExtraError if ROS, which a subcommand needs, cannot be imported."""
     try:
+        from sfr_loc_map.nodes import messages  # noqa: F401
         from sfr_loc_map.nodes.lifecycle import endpoints  # noqa: F401 - does it import?
-        from sfr_loc_map.nodes.messages import pose  # noqa: F401
     except ImportError as error:
         raise MissingExtraError(
             f"sfr {command} needs ROS 2 ({error}): source a ROS 2 installation, or pip install 'sfr_loc_map[ros]'"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -17,16 +17,11 @@ if TYPE_CHECKING:
     from sfr_loc_map.metrics.score import Score
 
 
-Format = Literal["html", "md", "csv", "pdf-ready"]
-FORMATS: dict[str, Format] = {".html": "html", ".htm": "html", ".md": "md", ".csv": "csv"}  #: By the ending.
+FORMATS = (*HTML_SUFFIXES, ".md", ".csv")
 
 
 @app.command(
-    epilog=examples(
-        "sfr report out/report.json -o page.html",
-        "sfr report out/report.json -o tables.md",
-        "sfr report out/report.json --format pdf-ready -o print.html",
-    ),
+    epilog=examples("sfr report out/report.json -o page.html", "sfr report out/report.json -o tables.md"),
     hint="sfr compare A.json B.json    # which of two runs is better",
 )
 def report(
@@ -35,12 +30,7 @@ def report(
     ],
     output: Annotated[
         Path | None,
-        typer.Option(
-            "-o", "--output", metavar="F", help="By default report.html beside the score, or standard output."
-        ),
-    ] = None,
-    form: Annotated[
-        Format | None, typer.Option("--format", help="pdf-ready: a page of tables to print. Default: by the ending.")
+        typer.Option("-o", "--output", metavar="F", help="*.html, *.md or *.csv; report.html beside the score."),
     ] = None,
     test_report: Annotated[
         Path | None, typer.Option(metavar="T.html", help="Write the test report of one score or several, to be signed.")
@@ -70,25 +60,17 @@ def report(
     if len(scores) != 1:
         raise ConfigError(f"'{scores[1]}': a page is of one score; --test-report takes several, sfr compare compares")
     score = scores[0]
-    if form is None and output is not None and output.suffix not in FORMATS:
-        raise ConfigError(f"'-o {output}': the ending must be one of {', '.join(FORMATS)}, or give --format")
-    chosen = form or ("html" if output is None else FORMATS[output.suffix])
-    if output is None and chosen == "html":
-        output = score.with_name("report.html")
+    output = score.with_name("report.html") if output is None else output
+    check_suffix(output, FORMATS)
     loaded = load_score(score)
     check_outputs(output, overwrite=overwrite, inputs=(score,))
-    if chosen == "md":
+    if output.suffix == ".md":
         text = score_markdown(loaded)
-    elif chosen == "csv":
-        text = to_csv(score_tables(loaded))
     else:
-        text = render_page(loaded, figures=chosen == "html")
-    if output is None:
-        typer.echo(text, nl=False)
-        return
+        text = to_csv(score_tables(loaded)) if output.suffix == ".csv" else render_page(loaded)
     write_text(text, output)
     say(f"report: {output}")
-    if chosen in ("html", "pdf-ready"):
+    if output.suffix in HTML_SUFFIXES:
         propose(f"open {output} in a browser")
 
 

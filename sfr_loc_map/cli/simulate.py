@@ -27,15 +27,13 @@ FAULT_HELP = (
     epilog=examples(
         "sfr simulate data/",
         "sfr simulate config/simulation/sample.yaml data/ --seed 4 --workers 4",
-        "sfr simulate drive.mcap --set terrain.relief_m=0.2 --set loc.width=512",
+        "sfr simulate data/ --set terrain.relief_m=0.2 --set loc.width=512",
     )
 )
 def simulate(
     paths: Annotated[
         list[Path],
-        typer.Argument(
-            metavar="[CONFIG] OUT", help="YAML file of a scenario (optional), then the folder or bag to make."
-        ),
+        typer.Argument(metavar="[CONFIG] OUT", help="YAML file of a scenario (optional), then the folder to make."),
     ],
     seed: Annotated[int | None, typer.Option(min=0, metavar="N", help="Seed of everything random.")] = None,
     workers: Annotated[int, typer.Option(min=1, metavar="N", help="Processes.")] = 2,

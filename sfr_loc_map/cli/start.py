@@ -11,6 +11,25 @@ from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import JsonOption, OverwriteOption
 from sfr_loc_map.cli.output import check_outputs, make_folder, say, show, write_text
 
+LIMITS_HEAD = """\
+# Limits: PLACEHOLDERS, replace them by those of your own document. Upper bounds, except coverage_min; the name of a
+# figure ends in its unit. A line that begins with '#' is not in force. Taken by sfr score and sfr replay (--limits).
+# Exit code 1 if one is missed, 3 if one cannot be judged.
+
+# Fewer values than this are not enough data for a verdict. (2 or more)
+minimum_count: 2
+
+# Errors at the end of sub-trajectories: one entry for each condition.
+trajectory:
+  # distance=METRES, time=SECONDS or frames=NUMBER
+  - condition: distance=5"""
+LIMITS_MEANINGS = {
+    "map": "Of a map; a score without one then says: not enough data",
+    "timing": "Time of a call on this host, which says nothing of a flight computer",
+    "memory": "Resident memory of the process during a call, on this host",
+    "target": "Calls that were measured on the target (--target, --target-timing)",
+}
+
 
 @app.command(epilog=examples("sfr init", "sfr init my_rover/", "sfr init my_rover/ --overwrite"))
 def init(
@@ -82,36 +101,11 @@ def _limits_text() -> str:
     """Return a limits file: those of the trajectory in force, all others behind a '#', to be taken in."""
     from sfr_loc_map.metrics.limits import NAMES, LimitPart
 
-    active = {
-        f"{name}_mean_plus_3sigma_{unit}" for name, unit in (("position", "m"), ("attitude", "deg"), ("heading", "deg"))
-    }
-    meanings = {
-        LimitPart.MAP: "Of a map; a score without one then says: not enough data",
-        LimitPart.TIMING: "Time of a call on this host, which says nothing of a flight computer",
-        LimitPart.MEMORY: "Resident memory of the process during a call, on this host",
-        LimitPart.TARGET: "Calls that were measured on the target (--target, --target-timing)",
-    }
-    lines = [
-        "# Limits: PLACEHOLDERS, replace them by those of your own document. Upper bounds, except coverage_min; the",
-        "# name of a figure ends in its unit. A line that begins with '#' is not in force. Taken by",
-        "#   sfr score EST TRUTH --limits FILE, sfr replay SRC --limits FILE",
-        "# Exit code 1 if one is missed, 3 if one cannot be judged.",
-        "",
-        "# Fewer values than this are not enough data for a verdict. (2 or more)",
-        "minimum_count: 2",
-        "",
-        "# Errors at the end of sub-trajectories: one entry for each condition.",
-        "trajectory:",
-        "  # distance=METRES, time=SECONDS or frames=NUMBER",
-        "  - condition: distance=5",
-    ]
+    active = "position_mean_plus_3sigma_m", "attitude_mean_plus_3sigma_deg", "heading_mean_plus_3sigma_deg"
+    lines = [LIMITS_HEAD]
     for name in NAMES[LimitPart.TRAJECTORY]:
         lines.append(f"    {'' if name in active else '# '}{name}: {0.1 if name.endswith('_m') else 1.0}")
-    for part, meaning in meanings.items():
-        lines += [
-            "",
-            f"# {meaning}.",
-            f"# {part}:",
-            *(f"#   {name}: {1.0e9 if name.endswith('_bytes') else 0.5}" for name in NAMES[part]),
-        ]
+    for part, meaning in LIMITS_MEANINGS.items():
+        lines += ["", f"# {meaning}.", f"# {part}:"]
+        lines += [f"#   {name}: {1.0e9 if name.endswith('_bytes') else 0.5}" for name in NAMES[LimitPart(part)]]
     return "\n".join(lines) + "\n"

@@ -24,14 +24,13 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.timer import Timer
-from std_msgs.msg import Header
 
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.inputs import one_line
 from sfr_loc_map.metrics.calls import CallMeter, CallUsage
-from sfr_loc_map.nodes.messages.fields import header_msg
+from sfr_loc_map.nodes.messages import header_msg
 from sfr_loc_map.pipeline.call_stats import STATISTIC, TaskRecord, call_of
 
 Value = str | bool | int | float
@@ -44,12 +43,9 @@ MAX_MOMENTS = 10_000  #: Arrivals or calls within the window that a rate is take
 MAX_REASONS = 4  #: Reasons that a message names.
 MB = 1_000_000
 OFFSETS = {
-    "vertical_offset_px": (0.3, "vertical disparity of more than {:g} px: check the calibration"),
-    "roll_offset_px": (
-        0.5,
-        "vertical disparity grows by more than {:g} px over the focal length: check the calibration",
-    ),
-    "disparity_offset_px": (0.3, "disparity bias of more than {:g} px: check the calibration"),
+    "vertical_offset_px": (0.3, "vertical disparity of more than {:g} px"),
+    "roll_offset_px": (0.5, "vertical disparity grows by more than {:g} px over the focal length"),
+    "disparity_offset_px": (0.3, "disparity bias of more than {:g} px"),
 }
 """Statistics of the localiser that are monitored (right camera pitched, rolled, yawed): their limit and warning."""
 _ONE_AT_A_TIME = Lock()  #: Time and memory of a call are those of the whole process: nodes that share one take turns.
@@ -79,11 +75,6 @@ def _text(value: Value) -> str:
     return value if isinstance(value, str) else repr(item() if item is not None else value)
 
 
-def array_msg(header: Header, *statuses: DiagnosticStatus) -> DiagnosticArray:
-    """Return statuses as the message of the topic."""
-    return DiagnosticArray(header=header, status=list(statuses))
-
-
 def values_of(status: DiagnosticStatus) -> dict[str, str]:
     """Return the values of a status by name."""
     return {pair.key: pair.value for pair in status.values}
@@ -96,10 +87,7 @@ def level_of(status: DiagnosticStatus) -> Level:
 
 
 def task_record(status: DiagnosticStatus) -> TaskRecord | None:
-    """Return the call that a status describes, None where it describes something else.
-
-    Raises InputError if it is such a status but a value is missing or no number.
-    """
+    """Return the call that a status describes, None where it describes something else."""
     try:
         return call_of(values_of(status))
     except InputError as error:
@@ -269,10 +257,8 @@ class Health:
         if self._last_call is not None and self._last_call[0] is not Level.OK:
             found.append(self._last_call)
         found += [(Level.WARN, name) for name, at in self._drops.items() if now - at <= config.window_s]
-        for name, offset in self._offsets.items():
-            limit, text = OFFSETS[name]
-            if abs(offset) > limit:
-                found.append((Level.WARN, text.format(limit)))
+        for limit, text in (OFFSETS[name] for name, offset in self._offsets.items() if abs(offset) > OFFSETS[name][0]):
+            found.append((Level.WARN, text.format(limit) + ": check the calibration"))
         return found
 
     def _remember(self, moments: deque[float], now: float) -> None:
@@ -370,4 +356,4 @@ class StatusReporter:
     ) -> None:
         status = status_msg(f"{self._node.get_fully_qualified_name().lstrip('/')}: {name}", level, message, values)
         stamp_ns = self._node.get_clock().now().nanoseconds if stamp_ns is None else stamp_ns
-        self.publisher.publish(array_msg(header_msg(stamp_ns, ""), status))
+        self.publisher.publish(DiagnosticArray(header=header_msg(stamp_ns, ""), status=[status]))

@@ -15,8 +15,7 @@ from sfr_loc_map.config import param
 from sfr_loc_map.errors import ConfigError, GeometryError
 from sfr_loc_map.geometry.transform import FrameTree, Transform
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
-from sfr_loc_map.nodes.messages.fields import header_msg
-from sfr_loc_map.nodes.messages.pose import tf_message_type
+from sfr_loc_map.nodes.messages import header_msg, tf_message_type
 
 TF_STATIC = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 

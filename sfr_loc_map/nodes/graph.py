@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import os
 import time
-import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,15 +27,13 @@ from sfr_loc_map.io.bag_sequence import RAW, RECTIFIED
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.nodes import diagnostics, environment
 from sfr_loc_map.nodes.extrinsics import TF_STATIC, add_static_transforms
-from sfr_loc_map.nodes.messages.message_types import message_type
-from sfr_loc_map.nodes.messages.pose import tf_message_type
+from sfr_loc_map.nodes.messages import message_type, tf_message_type
 from sfr_loc_map.nodes.replay import graph_node
 from sfr_loc_map.pipeline.doctor_observation import (
     EXPECTED,
     MESSAGES_KEPT,
     TASK_OF_NODE,
     TASKS,
-    HostMemory,
     Observation,
     ObservedNode,
     ObservedTopic,
@@ -60,11 +56,7 @@ PARAMETERS = ("use_sim_time", "input.stamp_tolerance_s", "input.rectify", "T_rb_
 
 
 def observe_graph(seconds: float, namespace: str, remap: Mapping[str, str], *, extrinsics_given: bool) -> Observation:
-    """Observe the graph for some time.
-
-    Raises:
-        NodeError: If nodes of the suite run in several namespaces and none is given.
-    """
+    """Observe the graph for some time."""
     environment.prepare()
     environment.start_ros()
     try:
@@ -127,7 +119,7 @@ class _GraphObserver:
             nodes=nodes,
             has_clock=bool(self._node.get_publishers_info_by_topic("/clock")),
             now_ns=None if is_played else time.time_ns(),
-            memory=HostMemory(_shared_memory_bytes(), _segment_bytes(), environment.EXPORT_LINE),
+            export_line=environment.EXPORT_LINE,
         )
 
     def _full_name(self, name: str) -> str:
@@ -234,21 +226,3 @@ class _GraphObserver:
 def _reliability(info: Any) -> Reliability:  # noqa: ANN401 - rclpy's TopicEndpointInfo
     best_effort = info.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
     return Reliability.BEST_EFFORT if best_effort else Reliability.RELIABLE
-
-
-def _shared_memory_bytes() -> int | None:
-    """Return the size of the host's shared memory, None where it has no folder for it."""
-    if not Path("/dev/shm").is_dir():
-        return None
-    state = os.statvfs("/dev/shm")
-    return state.f_blocks * state.f_frsize
-
-
-def _segment_bytes() -> int:
-    """Return what each process reserves of the shared memory by the active profile, 0 where it says nothing."""
-    path = Path(os.environ.get(environment.PROFILE_VARIABLE) or environment.PROFILE)
-    try:
-        sizes = [element.text or "" for element in ET.parse(path).iter() if element.tag.endswith("segment_size")]
-    except (OSError, ET.ParseError):
-        return 0
-    return max((int(size) for size in sizes if size.strip().isdigit()), default=0)

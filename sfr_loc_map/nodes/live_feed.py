@@ -42,10 +42,16 @@ from sfr_loc_map.live import media, updates
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.nodes import environment
 from sfr_loc_map.nodes.diagnostics import TOPIC, level_of, values_of
-from sfr_loc_map.nodes.messages.point_cloud import cloud_from_msg
-from sfr_loc_map.nodes.messages.pose import covariance_of, odometry_row
-from sfr_loc_map.nodes.messages.terrain import ELEVATION_FIELDS, elevation_from_msg, hazard_from_msg
-from sfr_loc_map.nodes.messages.tracks import MASK_SCALE, tracks_from_msg
+from sfr_loc_map.nodes.messages import (
+    ELEVATION_FIELDS,
+    MASK_SCALE,
+    cloud_from_msg,
+    covariance_of,
+    elevation_from_msg,
+    hazard_from_msg,
+    odometry_row,
+    tracks_from_msg,
+)
 from sfr_loc_map.nodes.processes import page_node_name
 from sfr_loc_map.pipeline.reception import TransportGaps
 

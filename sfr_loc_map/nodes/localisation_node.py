@@ -11,11 +11,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMsg
+from numpy.typing import NDArray
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Image, PointCloud2
+from std_msgs.msg import Header
 
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import InputError, SfrError
@@ -26,25 +29,28 @@ from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, TrackingState
 from sfr_loc_map.localisation.frontend.feature_detection import read_mask
+from sfr_loc_map.localisation.frontend.tracking import INLIER_CHI2_PER_DOF, TrackingResult
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks
 from sfr_loc_map.nodes.diagnostics import Call, Level
 from sfr_loc_map.nodes.extrinsics import Extrinsics, ExtrinsicsConfig
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints, profile
-from sfr_loc_map.nodes.messages.fields import header_msg
-from sfr_loc_map.nodes.messages.image import image_msg
-from sfr_loc_map.nodes.messages.pose import (
+from sfr_loc_map.nodes.messages import (
+    MASK_SCALE,
+    TRACK_FIELDS,
+    byte_array,
+    float_points_msg,
+    header_msg,
+    image_msg,
     odometry_msg,
     start_pose_of,
     tf_message_type,
     transform_from_pose,
     transform_of_odometry,
 )
-from sfr_loc_map.nodes.messages.tracks import mask_msg, tracks_msg
 from sfr_loc_map.nodes.motion_prior import MotionPriorConfig, OdometryBuffer
-from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig
+from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig, ReceivedPair
 from sfr_loc_map.nodes.runner import run
-from sfr_loc_map.nodes.stereo_input import ReceivedPair
 from sfr_loc_map.pipeline.kernels import load_kernels
 from sfr_loc_map.pipeline.localisation_session import LocalisationSession, PoseFile
 from sfr_loc_map.pipeline.reception import ThinnedPath
@@ -279,6 +285,25 @@ class TrackPublisher:
         if self._image.get_subscription_count():
             image = draw_tracks(pair.left, localiser.last_result, estimate)
             self._image.publish(image_msg(image, header_msg(pair.stamp_ns, frame_id)))
+
+
+def tracks_msg(result: TrackingResult | None, header: Header) -> PointCloud2:
+    """Return the landmarks of a pair; none where no landmark was tracked."""
+    rows = np.empty((0, len(TRACK_FIELDS)), np.float32)
+    if result is not None:
+        residual = np.sqrt(result.chi2_per_dof / INLIER_CHI2_PER_DOF)
+        rows = np.column_stack((result.observations[:, :2], result.landmarks.last_seen[:, :2], residual))
+    message = float_points_msg(rows, TRACK_FIELDS, header)
+    return message
+
+
+def mask_msg(mask: NDArray[np.uint8], header: Header) -> Image:
+    """Return a mask `(H, W)`, 0 where no landmark is made, as mono8 of a quarter of its width and height."""
+    small = mask[MASK_SCALE // 2 :: MASK_SCALE, MASK_SCALE // 2 :: MASK_SCALE]
+    height, width = small.shape
+    message = Image(header=header, height=height, width=width, encoding="mono8", step=width)
+    message.data = byte_array(small)
+    return message
 
 
 def main() -> int:

@@ -7,7 +7,7 @@ session.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -22,21 +22,23 @@ from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.image_codec import stamp_of
-from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig, TerrainConfig
+from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
 from sfr_loc_map.mapping.terrain.grid import elevation_grid
 from sfr_loc_map.metrics.calls import CallUsage
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.nodes.diagnostics import Call, Level
-from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints, profile
-from sfr_loc_map.nodes.messages.fields import header_msg
-from sfr_loc_map.nodes.messages.image import disparity_msg
-from sfr_loc_map.nodes.messages.point_cloud import cloud_msg
-from sfr_loc_map.nodes.messages.pose import transform_from_pose
-from sfr_loc_map.nodes.messages.terrain import elevation_msg, hazard_msg
-from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig
+from sfr_loc_map.nodes.lifecycle.endpoints import profile
+from sfr_loc_map.nodes.messages import (
+    cloud_msg,
+    disparity_msg,
+    elevation_msg,
+    hazard_msg,
+    header_msg,
+    transform_from_pose,
+)
+from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig, ReceivedPair
 from sfr_loc_map.nodes.runner import run
-from sfr_loc_map.nodes.stereo_input import ReceivedPair
 from sfr_loc_map.pipeline.kernels import load_kernels
 from sfr_loc_map.pipeline.mapping_session import MappingSession, PoseMatching
 
@@ -82,7 +84,10 @@ class MappingNode(PairNode[MappingNodeConfig]):
             load_kernels(part, self.get_logger().info, self.context.ok)
         self._session = MappingSession(config.mapping)
         self.status.mark_idle()
-        self._maps = MapPublisher(self.endpoints, config.frame(config.lm_frame), self.status.warn)
+        self._lm_frame, add_publisher = config.frame(config.lm_frame), self.endpoints.add_publisher
+        self._cloud = add_publisher(PointCloud2, "mapping/points", 1, latched=True)
+        self._elevation = add_publisher(PointCloud2, "mapping/elevation", 1, latched=True)
+        self._hazard = add_publisher(OccupancyGrid, "mapping/hazard", 1, latched=True)
         self._disparity = self.endpoints.add_publisher(DisparityImage, "mapping/disparity", OUTPUT_DEPTH)
 
     def subscribe(self) -> None:
@@ -204,11 +209,20 @@ class MappingNode(PairNode[MappingNodeConfig]):
         with self.status.measure() as usage:
             fused = self._session.fuse()
         stamp_ns = self._session.last_ns
-        self._maps.publish_cloud(fused, stamp_ns)
+        self._cloud.publish(cloud_msg(fused.cloud, stamp_ns, self._lm_frame))
         self._report_call(stamp_ns, usage, MappingState.FUSED, fused, {})
         # After its call: the time of the call is that of the cloud.
-        self._maps.publish_terrain(fused, stamp_ns, self.config.mapping.terrain)
+        self._publish_terrain(fused, stamp_ns)
         return len(fused.cloud)
+
+    def _publish_terrain(self, fused: FusedMap, stamp_ns: int) -> None:
+        try:
+            grid = elevation_grid(fused.cloud, self.config.mapping.terrain, fused.T_lm_left, fused.random_sigma)
+        except SfrError as error:
+            self.status.warn(f"no elevation and no hazard of this map: {error}")
+            return
+        self._elevation.publish(elevation_msg(grid, stamp_ns, self._lm_frame))
+        self._hazard.publish(hazard_msg(grid, stamp_ns, self._lm_frame))
 
     def _finish(self) -> str:
         pairs = len(self._session)
@@ -227,30 +241,6 @@ class MappingNode(PairNode[MappingNodeConfig]):
             self.status.warn(warning)
         level = Level.WARN if result.warnings else Level.OK
         self.status.call(Call(stamp_ns, usage, state.value, level, result.statistics, times), self.counts())
-
-
-class MapPublisher:
-    """Publishes maps, latched; `warn` is called where a map has no grids."""
-
-    def __init__(self, endpoints: Endpoints, lm_frame: str, warn: Callable[[str], None]) -> None:
-        self._lm_frame, self._warn = lm_frame, warn
-        self._cloud = endpoints.add_publisher(PointCloud2, "mapping/points", 1, latched=True)
-        self._elevation = endpoints.add_publisher(PointCloud2, "mapping/elevation", 1, latched=True)
-        self._hazard = endpoints.add_publisher(OccupancyGrid, "mapping/hazard", 1, latched=True)
-
-    def publish_cloud(self, fused: FusedMap, stamp_ns: int) -> None:
-        """Publish the points."""
-        self._cloud.publish(cloud_msg(fused.cloud, stamp_ns, self._lm_frame))
-
-    def publish_terrain(self, fused: FusedMap, stamp_ns: int, config: TerrainConfig) -> None:
-        """Make and publish elevation and hazard."""
-        try:
-            grid = elevation_grid(fused.cloud, config, fused.T_lm_left, fused.random_sigma)
-        except SfrError as error:
-            self._warn(f"no elevation and no hazard of this map: {error}")
-            return
-        self._elevation.publish(elevation_msg(grid, stamp_ns, self._lm_frame))
-        self._hazard.publish(hazard_msg(grid, stamp_ns, self._lm_frame))
 
 
 def main() -> int:

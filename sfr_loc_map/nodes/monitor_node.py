@@ -32,15 +32,13 @@ from sfr_loc_map.metrics.config import ScoreConfig, VerdictState
 from sfr_loc_map.metrics.limits import load_limits
 from sfr_loc_map.metrics.score import Provenance, Score
 from sfr_loc_map.metrics.score_json import to_dict, to_json
-from sfr_loc_map.nodes.diagnostics import TOPIC, Level, Value, array_msg, status_msg, task_record
+from sfr_loc_map.nodes.diagnostics import TOPIC, Level, Value, status_msg, task_record
 from sfr_loc_map.nodes.environment import configure_malloc
-from sfr_loc_map.nodes.lifecycle.endpoints import RELIABILITIES, Endpoints, profile
+from sfr_loc_map.nodes.lifecycle.endpoints import RELIABILITIES, profile
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.worker import Overload
-from sfr_loc_map.nodes.messages.fields import header_msg
-from sfr_loc_map.nodes.messages.point_cloud import cloud_from_msg
-from sfr_loc_map.nodes.messages.pose import covariance_of, odometry_row, transform_from_pose
+from sfr_loc_map.nodes.messages import cloud_from_msg, covariance_of, header_msg, odometry_row, transform_from_pose
 from sfr_loc_map.nodes.runner import run
 from sfr_loc_map.pipeline.kernels import load_kernels
 from sfr_loc_map.pipeline.monitor_score import MonitorScore, ReportFile
@@ -113,7 +111,11 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._score = MonitorScore(config.score, limits)
         self._report_file = ReportFile(config.save_file)
         self._report_file.check()
-        self._publisher = ScorePublisher(self.endpoints)
+        add_publisher = self.endpoints.add_publisher
+        self._metrics = add_publisher(DiagnosticArray, "metrics", 10)
+        self._report = add_publisher(String, "metrics/report", 1, latched=True)
+        names = [(name, statistic) for name in FIGURES for statistic in STATISTICS]
+        self._figures = {name: add_publisher(Float64, f"metrics/{'/'.join(name)}", 10) for name in names}
 
     def subscribe(self) -> None:
         """Subscribe and offer services."""
@@ -262,7 +264,16 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         if not self._changed or begin < self._rest_until_s:
             return
         self._changed = False
-        self._publisher.publish(self._result(details=False), self._last_ns)
+        score = self._result(details=False)
+        self._report.publish(String(data=to_json(score)))
+        content = to_dict(score)
+        for (name, statistic), publisher in self._figures.items():
+            part, figure = FIGURES[name]
+            value = content.get(part, {}).get(figure, {}).get(statistic)
+            if value is not None:
+                publisher.publish(Float64(data=float(value)))
+        header = header_msg(self._last_ns, "")
+        self._metrics.publish(DiagnosticArray(header=header, status=score_statuses(content)))
         end = time.perf_counter()
         self._rest_until_s = end + RESTS * (time.thread_time() - used_s)  # not what others took of a busy host
         self.status.health.note_call(Level.OK, "scoring", {"processing_time_s": end - begin}, {})
@@ -287,30 +298,6 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._score.restart()
         self._changed = True
         return "the score restarts"
-
-
-class ScorePublisher:
-    """Publishes a score: its JSON, single figures for plots, and all of it as diagnostics."""
-
-    def __init__(self, endpoints: Endpoints) -> None:
-        self._metrics = endpoints.add_publisher(DiagnosticArray, "metrics", 10)
-        self._report = endpoints.add_publisher(String, "metrics/report", 1, latched=True)
-        self._figures = {
-            (name, statistic): endpoints.add_publisher(Float64, f"metrics/{name}/{statistic}", 10)
-            for name in FIGURES
-            for statistic in STATISTICS
-        }
-
-    def publish(self, score: Score, stamp_ns: int) -> None:
-        """Publish a score with the stamp of the last input."""
-        self._report.publish(String(data=to_json(score)))
-        content = to_dict(score)
-        for (name, statistic), publisher in self._figures.items():
-            part, figure = FIGURES[name]
-            value = content.get(part, {}).get(figure, {}).get(statistic)
-            if value is not None:
-                publisher.publish(Float64(data=float(value)))
-        self._metrics.publish(array_msg(header_msg(stamp_ns, ""), *score_statuses(content)))
 
 
 def score_statuses(score: Mapping[str, Any]) -> list[DiagnosticStatus]:

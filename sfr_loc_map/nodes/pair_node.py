@@ -1,20 +1,225 @@
-"""What the nodes that process stereo pairs have in common."""
+"""The topics of one stereo rig, synchronised to pairs that fit it, and what the nodes that process them share."""
 
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import ClassVar, TypeVar
+from functools import partial
+from typing import Any, ClassVar, TypeVar
+
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 from sfr_loc_map.config import param
-from sfr_loc_map.errors import ConfigError, SfrError
-from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.errors import ConfigError, InputError, SfrError
+from sfr_loc_map.geometry.arrays import GreyImage
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.inputs import NS_PER_S, SIDES, Side
+from sfr_loc_map.io.camera_info import rig_from_camera_info
+from sfr_loc_map.io.image_codec import stamp_of
+from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig
+from sfr_loc_map.nodes.diagnostics import StatusReporter
+from sfr_loc_map.nodes.environment import EXPORT_LINE
+from sfr_loc_map.nodes.lifecycle.endpoints import RELIABILITIES, Endpoints, profile
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.worker import Overload
-from sfr_loc_map.nodes.stereo_input import ReceivedPair, StereoInput, StereoInputConfig
-from sfr_loc_map.pipeline.reception import latencies
+from sfr_loc_map.nodes.messages import check_image, grey_from_image
+from sfr_loc_map.pipeline.reception import LossWatch, MessageTimes, StampPairing, TransportGaps, jumped_back, latencies
+
+ReceivedImage = tuple[Any, MessageTimes]  #: sensor_msgs/Image or CompressedImage, and when it was sent and received.
+
+
+@dataclass(frozen=True, slots=True)
+class StereoInputConfig:
+    """How stereo images are received."""
+
+    image_transport: str = param(
+        "auto",
+        doc="Topics of images: image_rect (raw), image_rect/compressed (compressed), or both (auto); of image_raw "
+        "likewise.",
+        choices=("raw", "compressed", "auto"),
+    )
+    rectify: bool = param(
+        False,
+        doc="Take image_raw instead of image_rect, and rectify it by the D, K, R and P of camera_info: models "
+        "plumb_bob, rational_polynomial, equidistant (fisheye).",
+    )
+    reliability: str = param(
+        "best_effort",
+        doc="Reliability requested from the publishers of images, camera_info and nav/pose; best_effort matches both "
+        "kinds.",
+        choices=RELIABILITIES,
+    )
+    queue_depth: int = param(
+        30, unit="images", doc="Most images that wait on each side; older ones are dropped.", low=1, high=1000
+    )
+    stamp_tolerance_s: float = param(
+        0.0, unit="s", doc="Largest difference between the stamps of left and right; 0: equal.", low=0.0, high=0.5
+    )
+
+    @property
+    def stamp_tolerance_ns(self) -> int:
+        """The tolerance in nanoseconds."""
+        return round(self.stamp_tolerance_s * NS_PER_S)
+
+
+@dataclass(frozen=True, slots=True)
+class ReceivedPair:
+    """Two image messages of one moment, not yet decoded."""
+
+    stamp_ns: int  #: Stamp of the left one.
+    rig: StereoRig  #: The rig that took them.
+    frame_id: str  #: Frame of the left camera by its camera_info.
+    images: tuple[ReceivedImage, ReceivedImage]  #: The left and the right one.
+    rectifier: StereoRectifier | None = None  #: What rectifies the images, None where they are rectified.
+
+    @property
+    def times(self) -> tuple[MessageTimes, MessageTimes]:
+        """When they were sent and received."""
+        return self.images[0][1], self.images[1][1]
+
+    def decode(self) -> StereoPair:
+        """Return the images in grey, rectified."""
+        images = self._grey(0), self._grey(1)
+        return StereoPair(self.stamp_ns, *(images if self.rectifier is None else self.rectifier.rectify(*images)))
+
+    def _grey(self, side: int) -> GreyImage:
+        message = self.images[side][0]
+        try:
+            return grey_from_image(message, (self.rig.width, self.rig.height))
+        except InputError:
+            raise
+        except Exception as error:  # data from the network: whatever a decoder raises, the node goes on
+            raise InputError(f"image of stamp {stamp_of(message)} cannot be read: {error}") from error
+
+
+class StereoInput:
+    """Receives the images of one rig and hands over its pairs, in the executor's thread."""
+
+    def __init__(
+        self,
+        name: str,
+        config: StereoInputConfig,
+        on_pair: Callable[[ReceivedPair], None],
+        on_rig: Callable[[StereoRig], None],
+        on_jump_back: Callable[[], None],
+        report: Callable[[str], None],
+    ) -> None:
+        """Start empty."""
+        self.rig: StereoRig | None = None
+        self.dropped = {"rejected": 0, "stale": 0, "without_camera_info": 0}
+        self.unprocessed = 0
+        self._name, self._config, self._report = name, config, report
+        self._on_pair, self._on_rig, self._on_jump_back = on_pair, on_rig, on_jump_back
+        self._last_ns: int | None = None
+        self._infos: dict[Side, CameraInfo] = {}
+        self._fresh_sides: set[Side] = set()
+        self._rectifier: StereoRectifier | None = None
+        self._pairing: StampPairing[ReceivedImage] = StampPairing(config.stamp_tolerance_ns, config.queue_depth)
+        self._without_rig: deque[tuple[ReceivedImage, ReceivedImage]] = deque()
+        self._gaps: list[TransportGaps] = []
+
+    def subscribe(self, endpoints: Endpoints, status: StatusReporter) -> None:
+        """Subscribe to images and camera_info of both cameras."""
+        losses = LossWatch(f"images of '{self._name}'", EXPORT_LINE, partial(status.warn, kind="transport"))
+
+        def image_callback(side: Side) -> Callable[..., None]:
+            gaps = TransportGaps()
+            self._gaps.append(gaps)
+
+            def received(message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401 - Image or CompressedImage
+                losses.add(gaps.add(info))
+                status.health.note_arrival()
+                self.add_image(side, (message, MessageTimes.of(info)))
+
+            return received
+
+        qos = profile(self._config.reliability, self._config.queue_depth)
+        image, transport = "image_raw" if self._config.rectify else "image_rect", self._config.image_transport
+        for side in SIDES:
+            stem = f"{self._name}/{side}"
+            endpoints.add_subscription(CameraInfo, f"{stem}/camera_info", partial(self.add_camera_info, side), qos)
+            if transport != "compressed":
+                endpoints.add_subscription(Image, f"{stem}/{image}", image_callback(side), qos)
+            if transport != "raw":
+                endpoints.add_subscription(CompressedImage, f"{stem}/{image}/compressed", image_callback(side), qos)
+
+    def counts(self) -> dict[str, int]:
+        """Return what was dropped since the start, by name."""
+        return {
+            "dropped_in_transport": sum(gaps.lost for gaps in self._gaps),
+            "dropped_unpaired": self._pairing.unpaired + self._pairing.overflowed,
+            "dropped_rejected": self.dropped["rejected"] + self.unprocessed,
+            "dropped_stale": self.dropped["stale"],
+            "dropped_without_camera_info": self.dropped["without_camera_info"],
+        }
+
+    def restart(self) -> None:
+        """Forget what waits and which stamp was last."""
+        self._pairing.clear()
+        self._without_rig.clear()
+        self._last_ns = None
+
+    def is_ahead_of(self, now_ns: int) -> bool:
+        """Tell whether the last pair lies so far after a moment that the clock must have jumped back since."""
+        return self._last_ns is not None and jumped_back(self._last_ns, now_ns)
+
+    def add_camera_info(self, side: Side, message: CameraInfo) -> None:
+        """Take a camera_info; a rig is made of one new one of each side, since on a change one side comes first."""
+        self._infos[side] = message
+        self._fresh_sides.add(side)
+        if len(self._fresh_sides) < 2:
+            return
+        self._fresh_sides.clear()
+        infos = self._infos["left"], self._infos["right"]
+        try:
+            if self._config.rectify:
+                rig, self._rectifier = rectified_rig(infos, self._name, self._rectifier)
+            else:
+                rig = rig_from_camera_info(*infos, self._name)
+        except InputError as error:
+            self._report(str(error))
+            return
+        if self.rig is None or not self.rig.same_cameras(rig):
+            self.rig = rig
+            self._on_rig(rig)
+        while self._without_rig:
+            self._hand_over(rig, self._without_rig.popleft())
+
+    def add_image(self, side: Side, image: ReceivedImage) -> None:
+        """Take an image, and hand over the pair that it completes."""
+        add = self._pairing.add_left if side == "left" else self._pairing.add_right
+        images = add(stamp_of(image[0]), image)
+        if images is None:
+            return
+        if self.rig is not None:
+            self._hand_over(self.rig, images)
+            return
+        self._without_rig.append(images)
+        if len(self._without_rig) > self._config.queue_depth:
+            self._without_rig.popleft()
+            self.dropped["without_camera_info"] += 1
+            self._report(f"images of '{self._name}' come without a usable camera_info of both cameras: dropped")
+
+    def _hand_over(self, rig: StereoRig, images: tuple[ReceivedImage, ReceivedImage]) -> None:
+        stamp_ns = stamp_of(images[0][0])
+        try:
+            for message, _ in images:
+                check_image(message, (rig.width, rig.height))
+        except InputError as error:
+            self.dropped["rejected"] += 1
+            self._report(str(error))
+            return
+        if self._last_ns is not None and stamp_ns <= self._last_ns:
+            if not jumped_back(self._last_ns, stamp_ns):
+                self.dropped["stale"] += 1
+                return
+            self._on_jump_back()
+        self._last_ns = stamp_ns
+        frame_id = str(self._infos["left"].header.frame_id)
+        self._on_pair(ReceivedPair(stamp_ns, rig, frame_id, images, self._rectifier))
 
 
 @dataclass(frozen=True, slots=True)

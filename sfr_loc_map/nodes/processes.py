@@ -310,11 +310,7 @@ def first_signal_stops(stop: Callable[[], None]) -> Iterator[Callable[[], bool]]
 
 
 def node_names(tasks: Sequence[str]) -> list[str]:
-    """Return the names of the nodes of tasks (`TASKS` or `all`; none stands for all), each once.
-
-    Raises:
-        ConfigError: For another word.
-    """
+    """Return the names of the nodes of tasks (`TASKS` or `all`; none stands for all), each once."""
     for task in tasks:
         if task not in (*TASKS, EVERYTHING):
             raise ConfigError(

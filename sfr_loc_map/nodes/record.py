@@ -20,9 +20,10 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.inputs import SIDES
+from sfr_loc_map.io.bag import TYPESTORE
 from sfr_loc_map.io.bag_writer import BagRecorder
 from sfr_loc_map.nodes import environment
-from sfr_loc_map.nodes.messages.message_types import definition_of, message_type
+from sfr_loc_map.nodes.messages import message_type
 from sfr_loc_map.pipeline.reception import TransportGaps
 
 CAMERAS = tuple(f"{task}/{side}" for task in ("loc", "nav") for side in SIDES)
@@ -70,9 +71,7 @@ class TopicCount:
 def record(path: Path, options: RecordOptions, say: Callable[[str], None]) -> dict[str, TopicCount]:
     """Record topics into a bag at a new path; `say` is called with a line for each; return what was recorded.
 
-    Raises:
-        OutputError: If the bag cannot be written (any more); what was recorded before stays.
-        NodeError: If no message was received; no bag is left then.
+    Where no message was received no bag is left.
     """
     environment.prepare()
     ended = []
@@ -101,6 +100,16 @@ def record(path: Path, options: RecordOptions, say: Callable[[str], None]) -> di
         domain = os.environ.get("ROS_DOMAIN_ID") or "0"
         raise NodeError(f"no message was received in ROS domain {domain}: check by sfr doctor --graph")
     return recorder.counts
+
+
+def definition_of(msgtype: str) -> tuple[str, str]:
+    """Return the text of a type with those within it, as bags have it, and its hash (RIHS01).
+
+    Of a type that the bag library does not know both are empty words; readers then need its package.
+    """
+    if msgtype not in TYPESTORE.fielddefs:
+        return "", "RIHS01_unknown"
+    return TYPESTORE.generate_msgdef(msgtype, ros_version=2)[0], TYPESTORE.hash_rihs01(msgtype)
 
 
 class _Recorder:
@@ -147,33 +156,20 @@ class _Recorder:
                 recorded.gaps.add(info)
 
         quality = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
-        if all(map(_is_reliable, infos)):
+        if all(info.qos_profile.reliability == ReliabilityPolicy.RELIABLE for info in infos):
             quality.reliability = ReliabilityPolicy.RELIABLE
-        if all(map(_is_latched, infos)):
+        if all(info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for info in infos):
             quality.durability = DurabilityPolicy.TRANSIENT_LOCAL
         callback: Any = received  # rclpy's types do not know of raw messages with their information
         self._node.create_subscription(kind, name, callback, quality, raw=True)
         self._say(f"records {name} ({msgtype})")
 
 
-def _is_reliable(info: Any) -> bool:  # noqa: ANN401 - rclpy's TopicEndpointInfo
-    return bool(info.qos_profile.reliability == ReliabilityPolicy.RELIABLE)
-
-
-def _is_latched(info: Any) -> bool:  # noqa: ANN401 - rclpy's TopicEndpointInfo
-    return bool(info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL)
-
-
 def _offered_qos(info: Any) -> Qos:  # noqa: ANN401 - rclpy's TopicEndpointInfo
-    never = QosTime(0, 0)
-    return Qos(
-        QosHistory.KEEP_LAST,
-        max(int(info.qos_profile.depth), 1),
-        QosReliability.RELIABLE if _is_reliable(info) else QosReliability.BEST_EFFORT,
-        QosDurability.TRANSIENT_LOCAL if _is_latched(info) else QosDurability.VOLATILE,
-        never,
-        never,
-        QosLiveliness.AUTOMATIC,
-        never,
-        False,
-    )
+    offered, never = info.qos_profile, QosTime(0, 0)
+    reliable = offered.reliability == ReliabilityPolicy.RELIABLE
+    latched = offered.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    reliability = QosReliability.RELIABLE if reliable else QosReliability.BEST_EFFORT
+    durability = QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE
+    depth, liveliness = max(int(offered.depth), 1), QosLiveliness.AUTOMATIC
+    return Qos(QosHistory.KEEP_LAST, depth, reliability, durability, never, never, liveliness, never, False)

@@ -21,11 +21,7 @@ from sfr_loc_map.nodes.start import SIGNALS
 
 
 def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
-    """Run one node until SIGINT or SIGTERM, which end it with exit code 0, also when more of them come.
-
-    Returns:
-        0, or 2 where the node cannot start or cannot go on (one line on standard error says why).
-    """
+    """Run one node until SIGINT or SIGTERM, which end it with 0; 2 where it cannot go on (one line says why)."""
     node: Node | None = None
     has_ros_started = False
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import heapq
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
@@ -22,7 +21,7 @@ from sfr_loc_map.io.euroc import EurocWriter
 from sfr_loc_map.io.folder import FolderWriter
 from sfr_loc_map.io.kitti import KittiWriter
 from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
-from sfr_loc_map.io.trajectory_file import FILE_SUFFIXES, format_of_name, save_trajectory
+from sfr_loc_map.io.trajectory_file import format_of_name, save_trajectory
 from sfr_loc_map.simulation.faults import Fault
 from sfr_loc_map.simulation.perturber import Perturber
 
@@ -76,23 +75,13 @@ def convert(
     return count
 
 
-def is_trajectory(path: Path) -> bool:
-    """Tell whether a name is that of a trajectory file that is written (csv, TUM, KITTI, EuRoC)."""
-    return format_of_name(path) is not None
-
-
-def holds_trajectory(path: Path) -> bool:
-    """Tell whether a path is a trajectory file that is read."""
-    return not path.is_dir() and path.suffix in FILE_SUFFIXES
-
-
 def convert_trajectory(trajectory: Trajectory, destination: Path) -> int:
     """Write a trajectory, and return the number of poses: csv, TUM, KITTI or EuRoC by the ending, or a bag or a folder.
 
     The topic of a bag is `ground_truth/odometry`.
     """
     destination = Path(destination)
-    if is_trajectory(destination):
+    if format_of_name(destination) is not None:
         save_trajectory(destination, trajectory)
     elif destination.suffix in STORAGE_BY_SUFFIX:
         storage = STORAGE_BY_SUFFIX[destination.suffix]
@@ -195,14 +184,6 @@ class FaultyNav(_Faulty[NavSequence]):
 
     def pairs(self) -> Iterator[PosedStereoPair]:
         """Yield the pairs with their faults."""
-        read: deque[tuple[int, PosedStereoPair]] = deque()
-
-        def images() -> Iterator[StereoPair]:
-            for item in enumerate(self._inner.pairs()):
-                read.append(item)
-                yield item[1].pair
-
-        for index, pair in self._perturber.pairs(images()):
-            while read[0][0] < index:
-                read.popleft()
-            yield replace(read[0][1], pair=pair)
+        items = list(self._inner.pairs())  # of a map, so they are few
+        for index, pair in self._perturber.pairs(item.pair for item in items):
+            yield replace(items[index], pair=pair)

@@ -32,7 +32,6 @@ PATCH_PX = 6  # half the side of a patch that is searched for
 MIN_NCC = 0.85  # normalised cross-correlation of a patch that is matched
 MIN_MATCHES = 10  # matches on the wrong side that a decision needs
 SWAPPED_RATIO = 4.0  # swapped: more than so many matches on the wrong side for each on the right one
-QUEUES_BYTES = 1_000_000  # what a process has in /dev/shm beside its segment
 
 
 class Cause(StrEnum):
@@ -62,7 +61,6 @@ class Cause(StrEnum):
     FRAMES = "frames"
     CLOCK = "clock"
     INACTIVE = "inactive"
-    SHARED_MEMORY = "shared_memory"
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +93,6 @@ def examine(seen: Observation) -> list[Finding]:
                 found += [*_transport(seen, task), *_pairs(seen, task), *_stereo(seen, task)]
         for check in (_extrinsics, _order, _poses, _truth, _nodes, _host_clock):
             found += check(seen)
-    found += _shared_memory(seen)
     return sorted(found, key=lambda finding: not finding.is_blocking)
 
 
@@ -169,7 +166,7 @@ def _transport(seen: Observation, task: str) -> Findings:
     share = seen.lost_share(task)
     if share > FEW_LOST:
         text = f"{share:.0%} of the images are lost between their publisher and this process"
-        fix = loss_fix(seen.memory.export_line)
+        fix = loss_fix(seen.export_line)
         yield Finding(Cause.TRANSPORT, seen.both_images(task), text, fix, share > MUCH_LOST)
 
 
@@ -343,16 +340,6 @@ def _host_clock(seen: Observation) -> Findings:
             text = f"stamps lie {off_s} s from the time of this host: latencies are unknown, tf may refuse them"
             fix = "set the clocks by one source (chrony, PTP); of a bag, play it with --clock and set use_sim_time"
             yield Finding(Cause.CLOCKS_APART, f"{task}/left/{seen.image_name(task)}", text, fix, False)
-
-
-def _shared_memory(seen: Observation) -> Findings:
-    processes = max(len(seen.nodes), 1) + 1  # and the image publisher
-    memory = seen.memory
-    needed = processes * (memory.segment_bytes + QUEUES_BYTES) if memory.segment_bytes else 0
-    if memory.size_bytes is not None and memory.size_bytes < needed:
-        text = f"it has {memory.size_bytes / 1e6:.0f} MB, {processes} processes reserve {needed / 1e6:.0f} MB"
-        fix = f"docker run --shm-size={-(-needed * 2 // 2**20)}m, or --ipc=host; mount -o remount,size=..."
-        yield Finding(Cause.SHARED_MEMORY, "/dev/shm", text, fix, seen.live)
 
 
 def _paired(first: IntArray, second: IntArray, tolerance_ns: int) -> tuple[float, int]:

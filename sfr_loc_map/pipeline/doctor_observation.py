@@ -84,15 +84,6 @@ class ObservedNode:
 
 
 @dataclass(frozen=True, slots=True)
-class HostMemory:
-    """Shared memory of the host, what each process reserves of it, and the line of a shell that gives it so much."""
-
-    size_bytes: int | None = None  # of /dev/shm; None where there is none
-    segment_bytes: int = 0
-    export_line: str = ""
-
-
-@dataclass(frozen=True, slots=True)
 class Observation:
     """A bag, a source of files, or a graph over some time (`live`)."""
 
@@ -107,7 +98,7 @@ class Observation:
     nodes: tuple[ObservedNode, ...] = ()
     has_clock: bool = False  # /clock is published
     now_ns: int | None = None  # time of the host at the end; None where stamps are of a recording
-    memory: HostMemory = field(default_factory=HostMemory)
+    export_line: str = ""  # line of a shell that gives a publisher the shared memory it needs
     broken: str = ""  # why reading ended early
     unfinished: bool = False  # the bag was not closed, its last second may be missing
     left_out: int | None = None  # of a source of files the pairs that are listed but not there; None of a bag or graph

@@ -1,4 +1,4 @@
-"""The files that `sfr map` and `sfr convert` write of a map: cloud, elevation models, covariances.
+"""The files that `sfr map` writes of a map: cloud, elevation models, covariances.
 
 One grid, that of the topics, is in all files of an elevation model.
 """
@@ -6,27 +6,25 @@ One grid, that of the topics, is in all files of an elevation model.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from sfr_loc_map.config import build, flatten
-from sfr_loc_map.errors import ConfigError, InputError, OutputError
+from sfr_loc_map.errors import ConfigError, OutputError
 from sfr_loc_map.geometry.arrays import ColourImage
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.io import geotiff
 from sfr_loc_map.io.atomic import atomic_path
-from sfr_loc_map.io.cloud_file import LoadedCloud, save_cloud
+from sfr_loc_map.io.cloud_file import save_cloud
 from sfr_loc_map.mapping.config import TerrainConfig
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel, point_covariances
 from sfr_loc_map.mapping.terrain.grid import TerrainGrid, elevation_grid
 from sfr_loc_map.pipeline.kernels import load_kernels
 from sfr_loc_map.pipeline.offline import MapRun
 
-SUFFIXES = (".npz", *geotiff.SUFFIXES, ".png", ".html")  # of files of an elevation model
-BESIDE = ("dem.npz", "dem.png")  # endings of the files beside the cloud that a cell's side alone asks for
+SUFFIXES = (".npz", *geotiff.SUFFIXES, ".png")  # of files of an elevation model
 HEIGHT_QUANTILES = (0.01, 0.99)
 """Heights between these fill the range of colours; what is beyond takes the colour at the end."""
 LIGHT = np.array([-1.0, 1.0, 1.5])
@@ -42,19 +40,14 @@ class MapOutputs:
 
     cloud: Path  # all others lie beside it, or have names of their own
     fuse: bool  # whether it is the fused cloud, or holds the points of every pair
-    dem: tuple[Path, ...]  # files of an elevation model
+    dem: Sequence[Path]  # files of an elevation model
     terrain: TerrainConfig  # size of its cells, and what its other layers need
     covariance: bool  # of each point
 
     @property
-    def covariances(self) -> Path:
-        """Place of the covariances."""
-        return self.cloud.with_suffix(".covariance.npz")
-
-    @property
     def more(self) -> list[Path]:
-        """Files besides the cloud."""
-        return [*self.dem, *([self.covariances] * self.covariance)]
+        """Files besides the cloud; the last one is that of the covariances, if it is wanted."""
+        return [*self.dem, *([self.cloud.with_suffix(".covariance.npz")] * self.covariance)]
 
 
 def save_map(run: MapRun, focal_px: float, outputs: MapOutputs) -> PointCloud:
@@ -71,7 +64,7 @@ def save_map(run: MapRun, focal_px: float, outputs: MapOutputs) -> PointCloud:
         for path in outputs.dem:
             save_dem(path, grid)
     if outputs.covariance:
-        with atomic_path(outputs.covariances) as temporary:
+        with atomic_path(outputs.more[-1]) as temporary:
             covariances = point_covariances(cloud, T_lm_left, focal_px)
             np.savez_compressed(temporary, covariance_m2=covariances, random_sigma_m=random_sigma)
     return cloud
@@ -80,61 +73,18 @@ def save_map(run: MapRun, focal_px: float, outputs: MapOutputs) -> PointCloud:
 # ---- elevation models
 
 
-def dem_outputs(words: Sequence[str], cloud: Path, terrain: TerrainConfig) -> tuple[tuple[Path, ...], TerrainConfig]:
-    """Return the files that the values of `--dem` ask for, and the parameters of their grid.
-
-    Each value is a file, or the side of a cell in metres: that of the grid, whose files then lie beside the cloud.
-    """
-    files: list[Path] = []
-    sides = []
-    for word in words:
-        if Path(word).suffix in SUFFIXES:
-            files.append(Path(word))
-            continue
-        try:
-            sides.append(float(word))
-        except ValueError as error:
+def check_dems(files: Sequence[Path]) -> None:
+    """Raise ConfigError or MissingExtraError where elevation models of these names cannot be written."""
+    for file in files:
+        if file.suffix not in SUFFIXES:
             names = ", ".join(f"*{suffix}" for suffix in SUFFIXES)
-            raise ConfigError(f"'--dem {word}': give the side of a cell in metres, or a file {names}") from error
-        if not sides[-1] > 0.0:
-            raise ConfigError(f"'--dem {sides[-1]}': the side of a cell must be more than 0")
-        files += [cloud.with_suffix(f".{ending}") for ending in BESIDE]
-    if len(sides) > 1:
-        raise ConfigError(f"'--dem' has {len(sides)} sides of a cell: give one, and the names of files")
+            raise ConfigError(f"'--dem {file}': give a file {names}")
     if any(file.suffix in geotiff.SUFFIXES for file in files):
         geotiff.load_rasterio()
-    return tuple(files), with_cell(terrain, sides[0]) if sides else terrain
-
-
-def with_cell(terrain: TerrainConfig, cell_m: float) -> TerrainConfig:
-    """Return parameters with another side of a cell."""
-    return build(TerrainConfig, {**flatten(terrain), "cell_m": cell_m}, origin="side of a cell")
-
-
-def grid_of_file(loaded: LoadedCloud, terrain: TerrainConfig) -> TerrainGrid:
-    """Return the grid of a cloud that was read.
-
-    A file does not say where the cameras were: all its points count, and the sigma of heights is overstated. Where it
-    has no sigma, all points weigh the same and heights have none.
-    """
-    cloud = loaded.cloud
-    if not len(loaded.xyz):
-        raise InputError("the cloud has no points: an elevation model needs some")
-    if cloud is not None and np.isfinite(cloud.sigma).all() and (cloud.sigma > 0).all():
-        return elevation_grid(cloud, terrain)
-    ones, zeros = np.ones(len(loaded.xyz), np.float32), np.zeros(len(loaded.xyz), np.uint16)
-    points = PointCloud(loaded.xyz.astype(np.float32), ones, ones, zeros, zeros, zeros.astype(np.uint8))
-    grid = elevation_grid(points, terrain)
-    unknown = np.full_like(grid.elevation.sigma_m, np.nan)
-    return replace(grid, elevation=replace(grid.elevation, sigma_m=unknown))
 
 
 def save_dem(path: Path, grid: TerrainGrid) -> None:
-    """Write a grid; the format is that of the name's ending.
-
-    An archive has the layers (rows along y, columns along x of LM), x and y of the outer corner of cell (0, 0), the
-    side of a cell.
-    """
+    """Write a grid in the format of the name's ending."""
     model, suffix = grid.elevation, path.suffix
     if suffix in geotiff.SUFFIXES:
         geotiff.save_geotiff(path, dem_bands(grid), model.origin_m, model.cell_m)
@@ -144,10 +94,6 @@ def save_dem(path: Path, grid: TerrainGrid) -> None:
             of_model = {name: getattr(model, name) for name in ("height_m", "sigma_m", "count", "origin_m", "cell_m")}
             others = {name: getattr(grid, name) for name in ("slope_rad", "roughness_m", "step_m", "hazard")}
             np.savez_compressed(temporary, **of_model, **others)
-        elif suffix == ".html":
-            from sfr_loc_map.report.dem_page import dem_page  # few maps have a page
-
-            temporary.write_text(dem_page(dem_bands(grid), model.origin_m, model.cell_m), encoding="utf-8")
         elif not cv2.imwrite(str(temporary), shaded_heights(model)):
             raise OutputError(f"cannot write '{path}': the image could not be encoded")
 

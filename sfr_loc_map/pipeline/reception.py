@@ -185,7 +185,8 @@ def loss_fix(export_line: str) -> str:
     """Return what to do about messages that are lost between two processes of a host."""
     return (
         f"start the process that publishes them (the camera driver) with "
-        f"`{export_line}`: its shared memory counts, and holds 0.5 MB unless set"
+        f"`{export_line}`: its shared memory counts, and holds 0.5 MB unless set; "
+        "in a container /dev/shm must hold 64 MB a process (--shm-size)"
     )
 
 

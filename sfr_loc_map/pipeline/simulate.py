@@ -1,4 +1,4 @@
-"""Runs a simulation over several processes into a data set folder or a bag; a killed run continues.
+"""Runs a simulation over several processes into a data set folder; a killed run continues.
 
 Each image and each ground truth is one job whose output is a file that is either whole or absent. The lists
 (`pairs.csv`, `groundtruth.csv`) are written last, so a folder without them is unfinished; the same command then renders
@@ -29,16 +29,13 @@ from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.bag_writer import STORAGE_BY_SUFFIX
 from sfr_loc_map.io.folder import LOC_COLUMNS, NAV_COLUMNS, TRUTH_COLUMN, rig_json
 from sfr_loc_map.io.image_codec import encode_png
-from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.trajectory_file import trajectory_text
-from sfr_loc_map.pipeline.convert import convert
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.drive import Plan
 from sfr_loc_map.simulation.renderer import require_tracer
 from sfr_loc_map.simulation.world import World
 
 SETTINGS = "simulation.yaml"
-PARTS_SUFFIX = ".parts"
 
 
 class RenderJob(NamedTuple):
@@ -64,21 +61,29 @@ def simulate(
 ) -> int:
     """Make a simulated data set with exact ground truth, and return the number of pairs.
 
-    A folder of an unfinished run with the same settings is continued; the parts of a bag (*.mcap, *.db3, *.bag) are in
-    `OUT.parts` beside it until it is whole. `progress` is called with the number of jobs done and in all.
+    The folder of an unfinished run with the same settings is continued. `progress` is called with the number of jobs
+    done and in all.
     """
     require_tracer()
-    out = Path(out)
+    if out.suffix in STORAGE_BY_SUFFIX:
+        raise ConfigError(f"'{out}' is the name of a bag: simulate into a folder, then sfr convert FOLDER {out}")
     plan = Plan.make(config)
-    if out.suffix not in STORAGE_BY_SUFFIX:
-        return _simulate_folder(plan, out, workers, progress)
-    if out.exists():
-        raise OutputError(f"cannot write '{out}': it exists; remove it or choose another name")
-    parts = out.with_name(out.name + PARTS_SUFFIX)
-    count = _simulate_folder(plan, parts, workers, progress)
-    convert(open_source(parts, {}), out)
-    shutil.rmtree(parts)
-    return count
+    folders = task_folders(plan, out)
+    _claim(plan.config, out)
+    whats = {Task.LOCALISATION: SIDES, Task.MAPPING: (*SIDES, "truth")}
+    jobs = [RenderJob(task, frame, what) for task in Task for frame in range(plan.count(task)) for what in whats[task]]
+    for job in jobs:
+        for file in job.files(folders[job.task]):
+            file.parent.mkdir(parents=True, exist_ok=True)
+    for rest in out.rglob(".*.part"):  # of a killed run
+        shutil.rmtree(rest, ignore_errors=True)
+    todo = [job for job in jobs if not all(file.exists() for file in job.files(folders[job.task]))]
+    progress(len(jobs) - len(todo), len(jobs))
+    if todo:
+        _render(plan, out, todo, workers, lambda done: progress(len(jobs) - len(todo) + done, len(jobs)))
+    for task, folder in folders.items():
+        _write_lists(plan, task, folder)
+    return sum(plan.count(task) for task in folders)
 
 
 def can_continue(config: SimulationConfig, out: Path) -> bool:
@@ -104,25 +109,6 @@ def _is_of(config: SimulationConfig, out: Path) -> bool:
         return build(SimulationConfig, load_yaml(out / SETTINGS)) == config
     except ConfigError:
         return False
-
-
-def _simulate_folder(plan: Plan, out: Path, workers: int, progress: Callable[[int, int], None]) -> int:
-    folders = task_folders(plan, out)
-    _claim(plan.config, out)
-    whats = {Task.LOCALISATION: SIDES, Task.MAPPING: (*SIDES, "truth")}
-    jobs = [RenderJob(task, frame, what) for task in Task for frame in range(plan.count(task)) for what in whats[task]]
-    for job in jobs:
-        for file in job.files(folders[job.task]):
-            file.parent.mkdir(parents=True, exist_ok=True)
-    for rest in out.rglob(".*.part"):  # of a killed run
-        shutil.rmtree(rest, ignore_errors=True)
-    todo = [job for job in jobs if not all(file.exists() for file in job.files(folders[job.task]))]
-    progress(len(jobs) - len(todo), len(jobs))
-    if todo:
-        _render(plan, out, todo, workers, lambda done: progress(len(jobs) - len(todo) + done, len(jobs)))
-    for task, folder in folders.items():
-        _write_lists(plan, task, folder)
-    return sum(plan.count(task) for task in folders)
 
 
 def _claim(config: SimulationConfig, out: Path) -> None:

@@ -12,9 +12,7 @@ from node_harness import Harness
 
 WARM_UP_SHARE = 1.0 / 3.0
 """Share of a run before memory is judged: buffers fill, the allocator reaches its size."""
-JUDGED_FROM_S = 540.0
-"""A shorter run cannot separate slow growth from the warm-up: only a large growth fails it."""
-LARGE_MB, SLOPE_LIMIT_MB_H = 40.0, 1.0
+SLOPE_LIMIT_MB_H = 1.0
 PAIRS_PER_MAP = 50
 
 
@@ -41,10 +39,7 @@ class MemoryTrend:
 
     def failure(self) -> str:
         """Return why the memory fails, empty if it does not: its slope lies above the limit by two standard errors."""
-        grown = self.mb[-1] - self.mb[int(len(self.mb) * WARM_UP_SHARE)]
         slope, error = self.slope()
-        if self.seconds[-1] < JUDGED_FROM_S:
-            return f"memory has grown by {grown:.0f} MB after the warm-up" if grown > LARGE_MB else ""
         grows = slope - 2 * error > SLOPE_LIMIT_MB_H
         return f"memory grows by {slope:.1f} MB/h, the limit is {SLOPE_LIMIT_MB_H:g}" if grows else ""
 

@@ -19,7 +19,7 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.nodes.diagnostics import Level, status_msg
-from sfr_loc_map.nodes.messages.fields import header_msg
+from sfr_loc_map.nodes.messages import header_msg
 
 NAN, HUGE = math.nan, 2**32 - 1
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
@@ -31,7 +31,7 @@ def images(task: str, pair: StereoPair, next_stamp: Callable[[], int]) -> Iterat
     height, width = pair.left.shape
     data = pair.left.tobytes()
     changes: list[dict[str, Any]] = [{"step": step} for step in (0, width - 1, 2 * width, HUGE)]
-    sizes = ((1, 1), (0, 0), (65_535, 65_535), (HUGE, HUGE), (height // 2, width))
+    sizes = ((0, 0), (HUGE, HUGE), (height // 2, width))
     changes += [{"height": h, "width": w} for h, w in sizes]
     changes += [{"height": 65_536, "width": 65_536, "step": 65_536}]
     changes += [{"data": bytes(length)} for length in (0, 1, len(data) - 1, 2 * len(data))]

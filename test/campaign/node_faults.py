@@ -16,9 +16,9 @@ from node_harness import LOCALISATION, MAPPING, MONITOR, NODES, Harness
 
 from sfr_loc_map.errors import NodeError, SfrError
 from sfr_loc_map.nodes.diagnostics import Level
-from sfr_loc_map.nodes.messages.pose import covariance_of, odometry_row
+from sfr_loc_map.nodes.messages import covariance_of, odometry_row
 
-RATE_HZ, BURST_HZ = 10.0, 100.0
+RATE_HZ = 10.0
 RESTART_LIMIT_S = 3.0
 """From the start of a killed node to its first result."""
 STOP_S = 10.0
@@ -26,7 +26,6 @@ REDELIVERY_S = 10.0
 """A subscriber receives what it missed with the next heartbeat of the writer, 3 s later at most (Fast DDS)."""
 GROWTH_MB = 100.0
 """A message may not make a node grow by more than this."""
-HOUR_NS = 3_600_000_000_000
 MOUNT = ("mount", "-t", "tmpfs", "-o", "size=8m", "tmpfs")
 TASK_OF_NODE = {LOCALISATION: "loc", MAPPING: "nav"}
 
@@ -81,12 +80,8 @@ def kill(names: Sequence[str], harness: Harness, row: Row) -> None:
         row.observed.append(f"continues {step:.3f} m from the last published pose")
         row.expect(step < 0.05, "the last known pose was not used")
         variance = covariance_of(harness.odometry[first])[0, 0]
-        unseen_m = (
-            0.5 * (first - last) * 1e-9
-        )  # at half of unseen_speed_m_s: the pose kept may be later than the last seen
-        row.expect(
-            variance >= unseen_m**2, f"the motion meanwhile is not in the covariance: {variance:.2g} m^2 along x"
-        )
+        unseen_m = 0.5e-9 * (first - last)  # half of unseen_speed_m_s: the pose kept may be later than the last seen
+        row.expect(variance >= unseen_m**2, f"the motion is not in the covariance: {variance:.2g} m^2 along x")
     elif MONITOR in names:
         saved = json.loads(harness.saved_report.with_name("report.before.json").read_text(encoding="utf-8"))
         kept = saved.get("trajectory", {}).get("estimate_poses", 0)
@@ -137,18 +132,6 @@ def stop(name: str, harness: Harness, row: Row, seconds: float = STOP_S) -> None
     row.expect(name == LOCALISATION or row.lost == "nothing", f"localisation lost {row.lost}")
 
 
-def burst(harness: Harness, row: Row) -> None:
-    """Pairs at ten times the nominal rate: each is localised or counted as dropped; the last one is localised."""
-    dropped, first = harness.health[LOCALISATION].dropped, harness.next_stamp()
-    with harness.driving(BURST_HZ):
-        time.sleep(2.0)
-    last = harness.sent[-1]
-    row.recover_s = harness.wait(lambda: last in harness.odometry, "odometry of the last pair")
-    time.sleep(0.5)
-    _count(harness, row, first, dropped)
-    harness.localise(2)
-
-
 def _count(harness: Harness, row: Row, first_ns: int, dropped: int) -> None:
     """Compare the pairs without odometry with those counted as dropped."""
     sent, missing = harness.pairs_since(first_ns)
@@ -156,21 +139,6 @@ def _count(harness: Harness, row: Row, first_ns: int, dropped: int) -> None:
     row.observed.append(f"{sent} pairs sent, {sent - missing} localised, {counted} images counted as dropped")
     row.lost = f"{missing} pairs" if missing else "nothing"
     row.expect(counted >= missing, f"{missing} pairs are missing, {counted} drops were counted")
-
-
-def stamps_jump(harness: Harness, row: Row) -> None:
-    """Stamps jump a day ahead, back, a day before, and to now: every pair is localised, jumps back are reported."""
-    now = harness.next_stamp()
-    for name, shift_ns in (("ahead", 24 * HOUR_NS), ("back", 0), ("back before all", -24 * HOUR_NS), ("now", 0)):
-        harness.start_at_truth()
-        for number in range(3):
-            stamp = harness.next_stamp() if name == "now" else now + shift_ns + number * 100_000_000
-            harness.odometry.pop(stamp, None)
-            harness.send_loc(stamp)
-            harness.wait(lambda stamp=stamp: stamp in harness.odometry, f"odometry after the jump {name}")
-    resets = harness.nodes[LOCALISATION].text.count("stamps have gone back")
-    row.observed.append(f"every pair was localised; {resets} resets reported")
-    row.expect(resets >= 2, f"{resets} of 2 jumps back were reported")
 
 
 def malformed_input(kind: str, node: str, harness: Harness, row: Row) -> None:
@@ -246,8 +214,6 @@ FAULTS: dict[str, Callable[[Harness, Row], None]] = {
         for kind in ("images", "bytes", "infos")
     },
     "messages-monitor": partial(malformed_input, "messages", MONITOR),
-    "burst": burst,
-    "stamps-jump": stamps_jump,
     "full-disk": full_disk,
 }
 

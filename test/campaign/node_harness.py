@@ -35,7 +35,7 @@ from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.nodes.diagnostics import TOPIC, Level, level_of, values_of
 from sfr_loc_map.nodes.environment import start_ros
-from sfr_loc_map.nodes.messages.pose import pose_msg
+from sfr_loc_map.nodes.messages import pose_msg
 from sfr_loc_map.nodes.processes import ChildProcess, end_processes, node_process
 from sfr_loc_map.nodes.replay.options import RELIABLE_INPUT
 
@@ -55,8 +55,6 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 @dataclass(frozen=True)
 class Health:
-    """Last health status of a node."""
-
     received_s: float
     level: Level
     message: str
@@ -64,7 +62,6 @@ class Health:
 
     @property
     def dropped(self) -> int:
-        """Messages that the node counted as dropped, of all kinds."""
         return sum(int(value) for name, value in self.values.items() if name.startswith("dropped_"))
 
 
@@ -142,7 +139,6 @@ class Harness:
         return made_scene.true_pose(min(phase, 2 * TURN - phase))
 
     def next_stamp(self) -> int:
-        """Return the present system time, later than any stamp before."""
         self._last_stamp = max(time.time_ns(), self._last_stamp + 1000)
         return self._last_stamp
 
@@ -162,7 +158,6 @@ class Harness:
         publisher.publish(message)
 
     def send_camera_info(self, task: str) -> None:
-        """Publish camera_info of both cameras of a task, once there are subscribers."""
         rig = self.rig if task == "loc" else made_scene.NAV_RIG
         for side in SIDES:
             info = bag_messages.camera_info(self.next_stamp(), rig, task, side)
@@ -229,7 +224,6 @@ class Harness:
 
     @property
     def scored_poses(self) -> int:
-        """Poses that the monitor has in its score."""
         return int(self.report.get("trajectory", {}).get("estimate_poses", 0))
 
     def wait(self, condition: Callable[[], object], what: str, patience_s: float | None = None) -> float:
@@ -242,7 +236,6 @@ class Harness:
         return time.monotonic() - begin
 
     def wait_poses(self, count: int) -> None:
-        """Wait for so many more odometry messages."""
         goal = len(self.odometry) + count
         self.wait(lambda: len(self.odometry) >= goal, "odometry")
 
@@ -311,16 +304,13 @@ class Harness:
         return len(sent), sum(stamp not in self.odometry for stamp in sent)
 
     def call(self, service: str) -> Any:
-        """Call a Trigger service; return its answer."""
         client = self.node.create_client(Trigger, service)
         self.wait(client.service_is_ready, f"service {service}")
         future = client.call_async(Trigger.Request())
         self.wait(future.done, f"answer of {service}")
-        self.node.destroy_client(client)
         return future.result()
 
     def memory_mb(self, name: str) -> float:
-        """Return the resident memory of a node, MB; 0 where it does not run."""
         process = self.nodes[name]
         return psutil.Process(process.popen.pid).memory_info().rss / 1e6 if process.is_running else 0.0
 

@@ -28,14 +28,8 @@ def test_some_faults_over_dds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert row.failures == []
 
 
-@pytest.mark.parametrize(
-    ("minutes", "mb_h", "at_once", "fails"),
-    [(60, 0.0, 0.0, False), (60, 5.0, 0.0, True), (1, 60.0, 0.0, False), (1, 0.0, 80.0, True)],
-)
-def test_a_slow_growth_is_judged_in_long_runs_only(minutes: float, mb_h: float, at_once: float, fails: bool) -> None:
-    seconds = np.arange(0.0, 60.0 * minutes, 1.0)
-    noise = np.random.default_rng(2).normal(0.0, 0.1, len(seconds))
-    mb = 300.0 + noise + mb_h * seconds / 3600.0 + at_once * (seconds > 50.0)
-    trend = MemoryTrend(seconds.tolist(), mb.tolist())
-    assert bool(trend.failure()) == fails
-    assert at_once or trend.slope()[0] == pytest.approx(mb_h, abs=0.1 if minutes == 60 else 100.0)
+@pytest.mark.parametrize(("mb_h", "fails"), [(0.0, False), (5.0, True)])
+def test_a_slow_growth_is_found(mb_h: float, fails: bool) -> None:
+    seconds = np.arange(0.0, 3600.0)
+    mb = 300.0 + np.random.default_rng(2).normal(0.0, 0.1, len(seconds)) + mb_h * seconds / 3600.0
+    assert bool(MemoryTrend(seconds.tolist(), mb.tolist()).failure()) == fails

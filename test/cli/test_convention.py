@@ -90,14 +90,3 @@ def test_a_diagnosis_is_applied_only_where_asked_for_and_the_score_says_so(
     assert sfr("score", tmp_path / "m.csv", source, *options, tmp_path / "n.json", "--apply-diagnosis").code == 0
     assert "convention" not in json.loads((tmp_path / "n.json").read_text())
     assert figures(tmp_path / "n.json") == figures(tmp_path / "m.json")
-
-
-def test_a_convention_that_cannot_be_is_one_line(sfr: Sfr, tmp_path: Path, source: Path, estimate: Trajectory) -> None:
-    save_trajectory(tmp_path / "e.csv", estimate)
-    result = sfr("score", tmp_path / "e.csv", source, "--convention", "frame=camera")
-    assert result.code == 2
-    assert "must be one of rb" in result.err
-    without_rig = sfr("score", tmp_path / "e.csv", tmp_path / "e.csv", "--convention", "frame=left")
-    assert without_rig.code == 2
-    assert "extrinsics=x,y,z" in without_rig.err
-    assert sfr("score", tmp_path / "c.ply", source, "--apply-diagnosis").code == 2

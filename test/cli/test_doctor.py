@@ -20,18 +20,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
 
 from processes import Process, wait_until
 
-from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io import bag_messages
-from sfr_loc_map.io.bag import CAMERA_INFO, IMAGE, POINTS, POSE
+from sfr_loc_map.io.bag import CAMERA_INFO, IMAGE
 from sfr_loc_map.pipeline.doctor import examine
-from sfr_loc_map.pipeline.doctor_observation import (
-    TASKS,
-    HostMemory,
-    Observation,
-    ObservedNode,
-    ObservedTopic,
-    Reliability,
-)
+from sfr_loc_map.pipeline.doctor_observation import Observation, ObservedTopic, Reliability
 
 Edit = broken.Edit
 RIGHT_INFO = "/loc/right/camera_info"
@@ -110,11 +102,7 @@ def _smaller_camera(topic: str, number: int, message: Any) -> Any:
     return replace(message, width=80) if topic.startswith("/loc/") and topic.endswith("camera_info") else message
 
 
-def test_bags_that_cannot_be_read_or_whose_topics_are_not_ours(tmp_path: Path, sfr: Sfr) -> None:
-    cases: dict[str, tuple[Path, list[str]]] = {
-        "empty": (broken.empty_bag(tmp_path / "empty.mcap"), ["broken"]),
-        "cut off": (broken.truncated_bag(tmp_path / "cut.mcap"), ["broken"]),
-    }
+def test_bags_whose_topics_are_not_ours_or_that_were_not_finished(tmp_path: Path, sfr: Sfr) -> None:
     other = broken.renamed_bag(tmp_path / "other.mcap", "image_rect", "image")
     result = sfr("doctor", other, "--json", "-")
     assert result.code == 1
@@ -124,10 +112,6 @@ def test_bags_that_cannot_be_read_or_whose_topics_are_not_ours(tmp_path: Path, s
     names = ("loc/right/camera_info", "loc/right/image_rect")
     result = sfr("doctor", bag, *(f"--remap={a}:={b}" for a, b in (names, names[::-1])))
     assert "its type is sensor_msgs/msg/CameraInfo" in result.out
-    for path, causes in cases.values():
-        result = sfr("doctor", path, "--json", "-")
-        assert [f["cause"] for f in json.loads(result.out)["findings"]] == causes
-        assert result.code == 1
     (storage,) = bag.glob("*.mcap")
     (bag / "metadata.yaml").unlink()
     storage.write_bytes(storage.read_bytes()[:-100])
@@ -146,23 +130,9 @@ def test_a_parameter_file_may_say_where_the_cameras_are(tmp_path: Path, sfr: Sfr
 
 SOURCES: dict[str, tuple[Callable[[Path], object], list[tuple[str, bool]]]] = {
     "good": (lambda path: None, []),
-    "no extrinsics": (
-        lambda path: (path / "loc/rig.json").write_text(
-            json.dumps({k: v for k, v in json.loads((path / "loc/rig.json").read_text()).items() if k != "T_rb_locsb"})
-        ),
-        [("frames", True)],
-    ),
     "no truth": (lambda path: (path / "loc/groundtruth.csv").unlink(), [("truth", False)]),
     "an image is missing": (lambda path: (path / "loc/left/000001.png").unlink(), [("missing_images", False)]),
     "an image is broken": (lambda path: (path / "nav/left/000001.png").write_bytes(b"png"), [("broken", True)]),
-    "sides swapped": (
-        lambda path: (
-            (path / "loc/left").rename(path / "loc/x"),
-            (path / "loc/right").rename(path / "loc/left"),
-            (path / "loc/x").rename(path / "loc/right"),
-        ),
-        [("exchanged", True)],
-    ),
     "no rig": (lambda path: (path / "loc/rig.json").write_text("{"), [("broken", True)]),
 }
 
@@ -176,29 +146,6 @@ def test_a_source_of_files_is_examined_as_a_bag_is(tmp_path: Path, sfr: Sfr, nam
     found = [(finding["cause"], finding["stops"]) for finding in json.loads(result.out)["findings"]]
     assert found == expected
     assert result.code == int(any(stops for _, stops in expected))
-
-
-def test_a_task_without_pairs_meanwhile_is_no_fault() -> None:
-    """The mapping task has pairs only where a map is made; the cameras of the drive never rest."""
-    silent = {f"{task}/{side}/image_rect": ObservedTopic("x", (IMAGE,)) for task in TASKS for side in SIDES}
-    silent |= {f"{task}/{side}/camera_info": ObservedTopic("y", (CAMERA_INFO,)) for task in TASKS for side in SIDES}
-    silent |= {"nav/pose": ObservedTopic("z", (POSE,)), "ground_truth/points": ObservedTopic("t", (POINTS,))}
-    nodes = (ObservedNode("/mapping_node", "nav"), ObservedNode("/localisation_node", "loc", extrinsics_given=True))
-
-    def found(seen: Observation) -> list[tuple[str, bool]]:
-        return [(f.cause.value, f.is_blocking) for f in examine(seen) if f.where.startswith(("nav", "x", "z", "g"))]
-
-    mapper = Observation("graph", live=True, topics=silent, nodes=nodes[:1])
-    assert found(mapper) == [("silent", False)]
-    assert found(replace(mapper, nodes=(replace(nodes[0], has_worked=True),))) == []
-    half = silent | {"nav/left/image_rect": replace(silent["nav/left/image_rect"], offers=())}
-    assert found(replace(mapper, topics=half))[:1] == [("no_publisher", True)]
-    assert [f for f in found(Observation("graph", live=True, topics=silent, nodes=nodes[1:])) if f[1]]
-
-
-def test_raw_images_are_judged_where_they_are_what_is_taken(tmp_path: Path, sfr: Sfr) -> None:
-    raw = broken.renamed_bag(tmp_path / "raw.mcap", "image_rect", "image_raw")
-    assert sfr("doctor", raw).code == 0
 
 
 def test_images_lost_on_their_way_are_the_transport_and_not_the_stamps() -> None:
@@ -216,8 +163,8 @@ def test_images_lost_on_their_way_are_the_transport_and_not_the_stamps() -> None
                 f"loc/{side}/image_rect": ObservedTopic("x", (IMAGE,), offers, stamps * period_ns, (image,), lost=lost),
                 f"loc/{side}/camera_info": ObservedTopic("y", (CAMERA_INFO,), offers, stamps, (info,)),
             }
-        memory = HostMemory(export_line="export A=/there/fastdds_shm.xml")
-        seen = Observation("graph", live=True, topics=topics, extrinsics_given=True, memory=memory)
+        line = "export A=/there/fastdds_shm.xml"
+        seen = Observation("graph", live=True, topics=topics, extrinsics_given=True, export_line=line)
         return [(f.cause.value, f.is_blocking, f"{f.text} {f.fix}") for f in examine(seen) if f.cause != "truth"]
 
     ((cause, blocks, text),) = found(lost=20)
@@ -233,7 +180,6 @@ GRAPHS = {
     "no publisher": [("no_publisher", True)],
     "wrong type": [("wrong_type", True)],
     "clocks apart": [("clocks_apart", False)],
-    "no clock": [("clock", True)],
 }
 
 
@@ -241,8 +187,6 @@ GRAPHS = {
 def verdicts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
     """Return report, exit code and text of the doctor for rovers in a ROS domain each."""
     pytest.importorskip("rclpy")
-    from scenes import MOUNT
-
     from sfr_loc_map.nodes import environment
 
     folder = tmp_path_factory.mktemp("rovers")
@@ -261,15 +205,11 @@ def verdicts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any
         def start(name: str, what: str, *command: str) -> Process:
             return stack.enter_context(Process(folder / f"{name}.log", *command, environment=variables[what]))
 
-        clocked = ("--ros-args", *MOUNT, "-p", "use_sim_time:=true")
-        node = start("node", "no clock", "-m", "sfr_loc_map.nodes.localisation_node", *clocked)
         rovers = [f"{what}@{variables[what]['ROS_DOMAIN_ID']}" for what in GRAPHS]
         start("rovers", "good", str(Path(__file__).with_name("rover_process.py")), *rovers).wait_for("ready")
-        node.wait_for("listens to")
         doctors = {}
         for what in GRAPHS:
-            options = ["--graph", "--seconds", "1", "--json", str(folder / f"{what}.json")]
-            options += ["--config", str(mount)] if what != "no clock" else []
+            options = ["--graph", "--seconds", "2", "--json", str(folder / f"{what}.json"), "--config", str(mount)]
             doctors[what] = start(f"{what}_doctor", what, *COMMAND, "doctor", *options)
         for process in doctors.values():
             wait_until(lambda process=process: process.popen.poll() is not None, "the end of a doctor")

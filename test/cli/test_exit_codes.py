@@ -131,16 +131,6 @@ def test_a_convention_mismatch_judges_nothing_and_is_a_finding_of_the_doctor(
     assert "the estimate looks wrong" in found.out
 
 
-def test_the_doctor_tells_agreement_from_nothing_to_compare(sfr: Sfr, tmp_path: Path, files: tuple[Path, Path]) -> None:
-    assert sfr("doctor", *files).code == 0
-    few = tmp_path / "few.csv"
-    whole = drive()
-    save_trajectory(few, Trajectory(whole.stamps_ns[:3], whole.positions[:3], whole.quats_xyzw[:3]))
-    result = sfr("doctor", few, files[1])
-    assert result.code == ExitCode.NOT_JUDGED
-    assert "have fewer than 8 stamps in common" in result.err
-
-
 def test_the_table_is_in_the_help_and_in_the_docs(sfr: Sfr) -> None:
     text = " ".join(sfr("--help").out.split())
     table = CODES.read_text(encoding="utf-8")

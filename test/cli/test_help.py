@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import re
 import shlex
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
 import typer
-from cli_result import Sfr
 
 from sfr_loc_map.cli.main import app
 
@@ -37,24 +35,3 @@ def test_examples_are_taken_by_the_command(name: str) -> None:
         assert (sfr, " ".join(words[: len(name.split())])) == ("sfr", name)
         with COMMANDS[name].make_context(name, words[len(name.split()) :]):
             pass
-
-
-@pytest.mark.parametrize(
-    ("words", "found"),
-    [("sfr sco", "score"), ("sfr score --cond", "--condition"), ("sfr replay a --start tr", "truth")],
-)
-def test_the_shell_completes_commands_options_and_choices(
-    sfr: Sfr, monkeypatch: pytest.MonkeyPatch, words: str, found: str
-) -> None:
-    monkeypatch.setenv("_SFR_COMPLETE", "complete_bash")
-    monkeypatch.setenv("COMP_WORDS", words)
-    monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
-    assert found in re.findall(r"[\w=-]+", sfr().out)
-
-
-def test_every_command_has_a_next_step_that_exists() -> None:
-    own = {"init", "localise", "map", "convert", "score", "simulate", "perturb", "record"}  # by their paths
-    for name, command in COMMANDS.items():
-        program, *words = (command.callback.hint or "sfr doctor" * (name in own)).split()
-        assert program == "sfr", name
-        assert words[0] in COMMANDS or " ".join(words[:2]) in COMMANDS, name

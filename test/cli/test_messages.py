@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import re
 from pathlib import Path
 
@@ -31,15 +30,3 @@ def test_an_error_quotes_a_file_in_one_printable_line(text: str, tmp_path: Path,
     file = tmp_path / "t.csv"
     file.write_text(f"{HEADER}\n{text},0,0,0,0,0,0,1\n", encoding="utf-8", errors="surrogateescape")
     check_line(sfr("score", file, file))
-
-
-def test_a_warning_of_the_library_is_one_printable_line(
-    sfr: Sfr, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert sfr("localise", tmp_path / "none", "-o", tmp_path / "t.csv").code == 2
-    monkeypatch.setattr(logging.root, "handlers", [])  # pytest's own
-    logging.getLogger("sfr_loc_map.io.bag").warning("bag '%s' was not finished", ESCAPE + "y" * 10_000)
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("sfr: warning: bag '")
-    assert not CONTROL.search(line)
-    assert len(line) < 700

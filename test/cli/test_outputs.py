@@ -73,33 +73,9 @@ def test_overwrite_replaces_a_file_and_standard_output_is_free(sfr: Sfr, out: Pa
     assert file.read_text().startswith("{")
     for _ in range(2):
         assert sfr("score", tum, tum, "--json", "-").code == 0
-    assert sfr("report", file, "--format", "md").code == 0
     for code in (0, 2):
         assert sfr("report", file).code == code
     assert sfr("report", file, "--overwrite").code == 0
-
-
-@pytest.mark.parametrize("place", ["/dev/null", "link"])
-def test_what_is_no_regular_file_is_never_replaced(sfr: Sfr, out: Path, tum: Path, place: str) -> None:
-    link = out / "link"
-    link.symlink_to("/dev/null")
-    path = link if place == "link" else Path(place)
-    result = sfr("score", tum, tum, "--json", path, "--overwrite")
-    assert result.code == 2
-    assert "it is not a regular file" in result.err
-    assert link.is_symlink()
-
-
-@pytest.mark.parametrize("name", ["folder", "bag.mcap"])
-def test_overwrite_replaces_a_data_set_or_bag(sfr: Sfr, made_once: MadeOnce, out: Path, name: str) -> None:
-    source, place = made_once(broken.good_folder), out / name
-    assert sfr("convert", source, place).code == 0
-    refused = sfr("convert", source, place)
-    assert refused.code == 2
-    assert "--overwrite" in refused.err
-    assert sfr("perturb", source, place, "--fault", "noisy", "--overwrite").code == 0
-    assert sfr("convert", place, out / "again.mcap").code == 0
-    assert sorted(path.name for path in out.iterdir()) == ["again.mcap", name]
 
 
 def test_a_folder_that_holds_something_else_stays(sfr: Sfr, made_once: MadeOnce, out: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 from cli_result import Sfr
 
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.trajectory_file import read_trajectory_file, save_trajectory
+from sfr_loc_map.io.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.config import AlignedErrorConfig
 from sfr_loc_map.report.path_figure import curves_of, path_plot
 
@@ -55,17 +55,3 @@ def test_the_figure_holds_the_distance_to_the_truth() -> None:
     aligned = curves_of({"mine": estimate}, straight(), AlignedErrorConfig(align="origin"))
     assert aligned[1].error_m is not None
     assert aligned[1].error_m.max() < 1e-12
-
-
-@pytest.mark.parametrize("name", ["t.kitti", "t.euroc.csv", "t.tum"])
-def test_trajectories_are_converted_to_other_formats(
-    files: tuple[Path, Path], tmp_path: Path, sfr: Sfr, name: str
-) -> None:
-    assert sfr("convert", files[1], tmp_path / name).code == 0
-    found = read_trajectory_file(tmp_path / name)
-    assert np.array_equal(found.trajectory.stamps_ns, straight().stamps_ns)
-    back = sfr("convert", tmp_path / name, tmp_path / "back.csv")
-    assert back.code == 0, back.err
-    assert np.abs(read_trajectory_file(tmp_path / "back.csv").trajectory.positions - straight().positions).max() < 1e-12
-    again = sfr("convert", files[1], tmp_path / name)
-    assert (again.code, "is there" in again.err) == (2, True)

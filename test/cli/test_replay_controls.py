@@ -1,16 +1,13 @@
-"""`sfr replay` under an operator's hand: services, parameters and keys, with the nodes over DDS."""
+"""`sfr replay` under an operator's hand: services and parameters, with the nodes over DDS."""
 
 # ruff: noqa: E402 - ROS may be absent
 from __future__ import annotations
 
 import json
 import os
-import pty
 import signal
 import sys
-import time
 from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -110,42 +107,3 @@ def test_paused_step_resume_rate_seek_loop_and_interruption(tmp_path: Path, peer
         len(odometry) - count - 15,
     ]
     assert replay.text.count("was cut short and is not scored") == 2
-
-
-@pytest.mark.slow
-def test_keys_step_and_end_in_lock_step_and_what_was_played_is_scored(tmp_path: Path, peer: Peer) -> None:
-    source, out = write_folder(tmp_path / "source", 12, 3), tmp_path / "out"
-    odometry = peer.listen(Odometry, "localisation/odometry")
-    options = ["--start-paused", "--start-offset", "0.2", "--start", "truth", "--out", str(out)]
-    pid, terminal = pty.fork()
-    if pid == 0:
-        os.execv(sys.executable, [sys.executable, *COMMAND, "replay", str(source), *options])
-    os.set_blocking(terminal, False)
-    text = b""
-
-    def said(words: bytes) -> bool:
-        nonlocal text
-        with suppress(OSError):
-            text += os.read(terminal, 65536)
-        return words in text
-
-    peer.until(lambda: said(b"q: end"), "the help")
-    peer.until(lambda: said(b"plays from"), "the start")
-    peer.wait_until_known_to("localisation_node")
-    os.write(terminal, b"s\x1b[C")
-    peer.until(lambda: len(odometry) == 2, "two pairs")
-    peer.spin(0.3)
-    assert indices(odometry) == [2, 3]
-    os.write(terminal, b" ")
-    peer.until(lambda: len(odometry) >= 10, "the rest")
-    end = time.monotonic() + 60
-    status = None
-    while status is None and time.monotonic() < end:
-        said(b"")
-        done, code = os.waitpid(pid, os.WNOHANG)
-        status = os.waitstatus_to_exitcode(code) if done else None
-        time.sleep(0.02)
-    assert status == 0, text.decode(errors="replace")
-    score = json.loads((out / "report.json").read_text())
-    assert score["trajectory"]["matched"] == 10
-    assert score["map"]["pairs"] == 1  # of three, the first two lie before the offset

@@ -27,7 +27,7 @@ SCORED = ["--condition", "frames=2"]
 @pytest.mark.slow
 def test_a_faulty_node_of_the_optical_frame_is_scored_and_each_fault_named(sfr: Sfr, tmp_path: Path) -> None:
     source, out = write_folder(tmp_path / "source", PAIRS, 0), tmp_path / "out"
-    options = ["--external", "localisation", "--command", f"{sys.executable} {NODE}", "--answer-timeout", "1.5"]
+    options = ["--external", "localisation", "--command", f"{sys.executable} {NODE}", "--answer-timeout", "4"]
     words = ["replay", str(source), *options, *CONVENTION, *SCORED, "--out", str(out)]
     with Process(tmp_path / "log", *COMMAND, *words) as replay:
         code = replay.popen.wait(150)
@@ -35,7 +35,7 @@ def test_a_faulty_node_of_the_optical_frame_is_scored_and_each_fault_named(sfr: 
     score = json.loads((out / "report.json").read_text())
     assert score["method"] == {"name": "external_odometry", "version": "1.0", "kind": "external"}
     counts = score["external"]["answers"]
-    # 12 pairs reached the node before it crashed at the 13th: the doubled one is answered, three others are not
+    # 11 pairs reached the node before it crashed at the 12th: the doubled one is answered, two others are not
     assert counts == {
         "pairs": PAIRS,
         "answered": 9,
@@ -48,7 +48,7 @@ def test_a_faulty_node_of_the_optical_frame_is_scored_and_each_fault_named(sfr: 
     }
     assert score["external"]["frames"] == "start -> camera"
     assert score["external"]["ended"] == "ended with exit code 3: out of memory, as it were"
-    assert 0.0 < score["external"]["latency_s"]["p50"] < 1.5
+    assert 0.0 < score["external"]["latency_s"]["p50"] < 4.0
     assert score["external"]["process"]["peak_rss_bytes"] > 1e7
     assert score["memory"]["localisation_peak_bytes"] == score["external"]["process"]["peak_rss_bytes"]
     assert score["timing"]["localisation_s"]["clock"] == "as the node reports (/diagnostics)"

@@ -78,7 +78,7 @@ def test_a_node_that_dies_ends_the_others_or_is_started_again(tmp_path: Path) ->
             wait_until(lambda pids=pids: all(map(has_started_ros, pids)), "the start of the nodes")
             os.kill(pids[0], signal.SIGKILL)
             if not respawn:
-                assert run.popen.wait(20) == 2
+                assert run.popen.wait(60) == 2
                 assert "was killed by SIGKILL: its output is above" in run.text.splitlines()[-1]
                 assert not Path(f"/proc/{pids[1]}").exists()
                 continue
@@ -100,7 +100,7 @@ def test_what_cannot_start_is_one_line_of_the_node_and_one_of_the_command(
         assert len(capsys.readouterr().err.strip().splitlines()) == 1
     command = ["monitor", "--respawn", "--ros-args", "-p", "no_such_key:=1"]  # short for: run monitor
     with Process(tmp_path / "log", *COMMAND, *command) as run:
-        assert run.popen.wait(30) == 2
+        assert run.popen.wait(60) == 2
         node, command_line = run.text.strip().splitlines()
         assert "unknown key 'no_such_key'" in node
         assert "monitor_node ended with exit code 2" in command_line

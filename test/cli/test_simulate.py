@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 from broken_sources import good_folder
-from cli_result import Result, Sfr
+from cli_result import Sfr
 
 from sfr_loc_map.io.registry import open_source
 
@@ -31,14 +31,6 @@ def tiny(tmp_path: Path) -> Path:
     return path
 
 
-def refused(result: Result, *words: str) -> None:
-    assert (result.code, result.out) == (2, "")
-    assert result.err.startswith("sfr: ")
-    assert len(result.err.splitlines()) == 1
-    for word in words:
-        assert word in result.err
-
-
 @pytest.mark.slow
 def test_scenario_to_data_set_to_score(sfr: Sfr, tmp_path: Path, tiny: Path) -> None:
     pytest.importorskip("embreex")
@@ -55,21 +47,6 @@ def test_scenario_to_data_set_to_score(sfr: Sfr, tmp_path: Path, tiny: Path) -> 
     truth = tmp_path / "truth.csv"
     assert sfr("convert", out, truth).code == 0
     assert sfr("score", truth, out, "--condition", "frames=1", "--spacing", "1").code == 0
-
-
-@pytest.mark.parametrize(
-    ("setting", "words"),
-    [
-        ("terain.relief_m=0.2", "unknown key 'terain.relief_m'"),
-        ("drive.segments=[fly 3]", "fly 3"),
-        ("panorama.pan_deg=[1, 2]", "2 pans and 1 tilts"),
-        ("rocks.cover=.nan", "cover"),
-    ],
-)
-def test_wrong_setting_is_one_line(sfr: Sfr, tmp_path: Path, tiny: Path, setting: str, words: str) -> None:
-    pytest.importorskip("embreex")
-    refused(sfr("simulate", tiny, tmp_path / "data", "--set", setting), words)
-    assert not (tmp_path / "data").exists()
 
 
 def test_perturb_writes_what_it_says(sfr: Sfr, tmp_path: Path) -> None:

@@ -175,7 +175,7 @@ TARGETS = (
     Target("JPEG", "drive-jpg/left/000000.jpg", m.BYTES, _drive("drive-jpg", "b.mcap")),
     Target("PGM", "drive-pgm/left/000000.pgm", m.HEADED, _drive("drive-pgm", "b.mcap")),
     Target("truth .npy", "panorama/truth/000000.npy", m.HEADED, (*_PANORAMA, *_cloud("cloud.ply"))),
-    Target("NPZ", "cloud.npz", m.ZIP, _cloud("cloud.npz", "x.dem.npz", "x.tif")),
+    Target("NPZ", "cloud.npz", m.ZIP, _cloud("cloud.npz", "x.ply")),
     Target("PLY", "cloud.ply", m.HEADED, _cloud("cloud.ply")),
     Target("PCD", "cloud.pcd", m.HEADED, _cloud("cloud.pcd")),
     Target("mcap", "bag.mcap/bag.mcap", m.MCAP, _bag("bag.mcap")),

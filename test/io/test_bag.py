@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from made_worlds import START_NS, World, assert_is_world, assert_same_pairs, make_world, write_bag
+from made_worlds import START_NS, World, assert_is_world, assert_same_pairs, write_bag
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 from sfr_loc_map.errors import InputError
@@ -100,19 +99,6 @@ def test_a_recording_without_tf_has_the_extrinsics_of_the_node_that_was_recorded
             opened(values)
 
 
-def test_single_images_are_left_out_with_a_warning(
-    tmp_path: Path, world: World, caplog: pytest.LogCaptureFixture
-) -> None:
-    entries = [e for i, e in enumerate(loc_entries(world)) if i != 4]  # the left image of the second pair
-    loc = open_source(write_messages(tmp_path / "b", entries)).loc
-    assert_same_pairs(loc.pairs(), (world.pairs[0], *world.pairs[2:]))
-    assert "1 images" in caplog.text
-    entries = [(t, s, m) for t, s, m in entries if "right/image" not in t]
-    entries += [("/loc/right/image_rect", 9, messages.image(9, world.pairs[0].right, "loc", "right"))]
-    with pytest.raises(InputError, match="none of 3 left and 1 right"):
-        len(open_source(write_messages(tmp_path / "c", entries)).loc)
-
-
 def test_a_bag_of_raw_images_is_rectified_as_it_is_read(tmp_path: Path, world: World) -> None:
     d = np.array([-0.1, 0.02, 0.001, -0.001, 0.0])
     source = open_source(write_messages(tmp_path / "b", loc_entries(world, image="image_raw", d=d)))
@@ -179,16 +165,3 @@ def test_flipped_bytes_in_mcap_are_noticed_wherever_they_are(tmp_path: Path, wor
         storage.write_bytes(broken)
         with pytest.raises(InputError, match=str(bag)):
             read_all(bag)
-
-
-def test_memory_does_not_grow_with_length(tmp_path: Path) -> None:
-    def peak(count: int) -> int:
-        path = write_bag(tmp_path / f"{count}.mcap", make_world(count=count, width=256, height=256), nav=False)
-        loc = open_source(path).loc
-        tracemalloc.start()
-        assert sum(1 for _ in loc.pairs()) == count
-        value = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-        return value
-
-    assert peak(120) < peak(20) + 2_000_000  # the long bag holds 15 MB more

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import lz4.frame
 import pytest
-from made_ros1 import NOETIC, write_ros1
+from made_ros1 import write_ros1
 from made_worlds import World, assert_is_world, assert_same_pairs, write_bag
 
 from sfr_loc_map.errors import InputError
@@ -91,19 +91,3 @@ def test_a_truncated_bag_is_one_line(tmp_path: Path, ros2: Path, world: World, k
     path.write_bytes(path.read_bytes()[: int(keep * path.stat().st_size)])
     with pytest.raises(InputError, match=f"^[^\n]*{path}[^\n]*$"):
         list(open_source(path).loc.pairs())
-
-
-def test_a_ros_1_recording_that_was_killed_says_what_to_do(tmp_path: Path, ros2: Path) -> None:
-    path = write_ros1(tmp_path / "a.bag.active", ros2)
-    head, mark, rest = path.read_bytes().partition(b"index_pos=")
-    path.write_bytes(head + mark + bytes(8) + rest[8:])
-    with pytest.raises(InputError, match="not indexed, reindex before reading"):
-        Bag(path)
-
-
-def test_another_definition_of_a_type_is_noticed(tmp_path: Path, ros2: Path) -> None:
-    path = write_ros1(tmp_path / "a.bag", ros2)
-    digest = NOETIC.generate_msgdef("sensor_msgs/msg/Image", ros_version=1)[1].encode()
-    path.write_bytes(path.read_bytes().replace(digest, digest[::-1]))
-    with pytest.raises(InputError, match="has other fields than that of ROS Noetic"):
-        len(open_source(path).loc)

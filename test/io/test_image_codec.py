@@ -18,7 +18,6 @@ from sfr_loc_map.io.image_codec import (
     decode_grey,
     encode_jpeg,
     encode_png,
-    grey8,
     image_from_compressed_message,
     image_from_message,
 )
@@ -45,11 +44,6 @@ def test_grey_of_8_and_16_bits_with_padding(image: np.ndarray, padding: int, big
     sixteen = image.astype(np.uint16) * 257  # 0 .. 255 spread to 0 .. 65535
     for coding in ("mono16", "16UC1"):
         np.testing.assert_array_equal(image_from_message(message(sixteen, coding, padding, big=big)), image)
-
-
-def test_sixteen_bits_are_rounded() -> None:
-    image = np.arange(65536, dtype=np.uint16).reshape(256, 256)
-    assert np.array_equal(grey8(image), (image.astype(np.uint32) + 128) // 257)
 
 
 @given(images)
@@ -121,14 +115,6 @@ def test_jpeg_is_close_and_a_cut_or_garbled_one_is_refused() -> None:
     for broken in (data[:-300], data[:100], bytes(garbled), b"\xff\xd8", b""):
         with pytest.raises(InputError, match="stamp 12000000034"):
             image_from_compressed_message(SimpleNamespace(header=HEADER, data=np.frombuffer(broken, np.uint8)))
-
-
-def test_images_of_formats_whose_size_is_known_beforehand_are_read() -> None:
-    grey = smooth_image()
-    colour = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
-    for ending, image in ((".pgm", grey), (".ppm", colour)):
-        np.testing.assert_array_equal(decode_grey(bytes(cv2.imencode(ending, image)[1])), grey)
-    np.testing.assert_array_equal(decode_grey(b"P5\n# made by hand\n2 1\n#x\n255\n\x07\x09"), [[7, 9]])
 
 
 def png(depth: int, colour: int, side: int) -> bytes:

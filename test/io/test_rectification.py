@@ -65,15 +65,6 @@ def test_a_point_is_where_the_rectified_rig_sees_it(model: str) -> None:
             assert np.abs(centre_of(image) - pixel).max() < 0.1
 
 
-def test_what_is_rectified_stays_as_it_is_and_maps_are_made_once() -> None:
-    plain = {"d": (), "k": RIG.camera_matrix.reshape(-1), "r": np.zeros(9), "distortion_model": ""}
-    _, first = rectified_rig([info("left", **plain), info("right", **plain)], "loc")
-    images = np.random.default_rng(1).integers(0, 256, (2, 160, 200), dtype=np.uint8)
-    np.testing.assert_array_equal(first.rectify(*images), images)
-    assert rectified_rig([info("left", **plain), info("right", **plain)], "loc", first)[1] is first
-    assert rectified_rig([info("left"), info("right", **plain)], "loc", first)[1] is not first
-
-
 @pytest.mark.parametrize(
     ("changes", "words"),
     [

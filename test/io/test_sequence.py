@@ -8,7 +8,7 @@ import cv2
 import made_layouts as made
 import numpy as np
 import pytest
-from made_worlds import World, assert_same_pairs, blob, centre_of, write_folder
+from made_worlds import blob, centre_of
 
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
@@ -26,15 +26,6 @@ def first_pixels(loc: LocSequence) -> list[tuple[int, int, int]]:
     return [(pair.stamp_ns, int(pair.left[0, 0]), int(pair.right[0, 0])) for pair in loc.pairs()]
 
 
-def test_one_task_lies_in_the_folder_itself(tmp_path: Path, world: World) -> None:
-    loc = open_source(write_folder(tmp_path / "loc_only", world, nav=False))
-    nav = open_source(write_folder(tmp_path / "nav_only", world, loc=False))
-    assert (loc.format, loc.nav, nav.loc) == ("sfr", None, None)
-    assert (tmp_path / "loc_only" / "groundtruth.csv").exists()
-    assert_same_pairs(loc.loc.pairs(), world.pairs)
-    assert_same_pairs((item.pair for item in nav.nav.pairs()), (item.pair for item in world.navs))
-
-
 def test_kitti_has_the_known_answer(tmp_path: Path) -> None:
     loc = opened(made.write_kitti(tmp_path / "00"), "kitti")
     assert loc.rig.same_cameras(StereoRig(20, 16, 700.0, 700.0, 10.0, 8.0, 0.54))
@@ -45,18 +36,6 @@ def test_kitti_has_the_known_answer(tmp_path: Path) -> None:
     wanted = np.array([4.0, 1.0 + 0.27, 0.25]) - matrix_from_rotvec([0, 0, 0.5]) @ [0, 0.27, 0]
     np.testing.assert_allclose(truth.positions[2], wanted, atol=1e-14)
     np.testing.assert_allclose(truth.pose(2).rotation, matrix_from_rotvec([0, 0, 0.5]), atol=1e-14)
-
-
-def test_kitti_colour_cameras_and_poses_folder(tmp_path: Path) -> None:
-    folder = made.write_kitti(tmp_path / "sequences" / "07", (2, 3))
-    (tmp_path / "poses").mkdir()
-    (folder / "poses.txt").rename(tmp_path / "poses" / "07.txt")
-    loc = open_source(folder).loc
-    assert loc.rig.baseline_m == 0.54
-    # Camera 2 is 0.06 m left of camera 0 (P2[3] = 42 = -700 * -0.06): the bench turns about another point.
-    turn, to_left, half = matrix_from_rotvec([0, 0, 0.5]), np.array([0, 0.06, 0]), np.array([0, 0.27, 0])
-    wanted = np.array([4.0, 1.0, 0.25]) + turn @ to_left - to_left + half - turn @ half
-    np.testing.assert_allclose(loc.ground_truth.positions[2], wanted, atol=1e-14)
 
 
 def test_euroc_has_the_known_answer(tmp_path: Path) -> None:
@@ -81,20 +60,3 @@ def test_euroc_has_the_known_answer(tmp_path: Path) -> None:
     pair = next(loc.pairs())
     for image, column in ((pair.left, u), (pair.right, u - rig.fx * rig.baseline_m / seen[2])):
         np.testing.assert_allclose(centre_of(image), [column, v], atol=0.15)
-
-
-@pytest.mark.shared
-def test_development_data_opens(shared_data: Path) -> None:
-    drive = open_source(shared_data / "dev-loc").loc
-    assert (len(drive), drive.rig.fx, drive.rig.baseline_m) == (200, 402.0, 0.12)
-    assert drive.ground_truth.positions[1].tolist() == [-5.699764609, -3.198718668, 0.443842408]
-    assert drive.ground_truth.quats_xyzw[0].tolist() == [-0.070230739, 0.075815548, 0.303943373, 0.947068145]
-    assert next(drive.pairs()).left.shape == (512, 512)
-    nav = open_source(shared_data / "dev-nav").nav
-    assert len(nav) == 3
-    first = next(nav.pairs())
-    # The truth of a pixel, seen from the left camera, must come out at that pixel.
-    points = (first.T_lm_navsb @ nav.rig.T_sb_left).inverse().apply(first.truth[700, 300].astype(float))
-    np.testing.assert_allclose(nav.rig.camera_matrix @ points / points[2], [300, 700, 1], atol=0.01)
-    car = open_source(shared_data / "kitti-1").loc
-    assert (car.rig.baseline_m, len(car)) == (0.5371506532679237, 51)

@@ -61,9 +61,3 @@ def test_numbers_have_the_bits_of_float_and_stamps_those_of_integers_in_blocks_o
 def test_the_line_that_is_wrong_is_named(line: str, words: str) -> None:
     with pytest.raises(InputError, match=f"^x line 3: {words}"):
         parse_table(f"#\n1,2\n{line}\n".encode(), "x", "t, x", (0, 1), stamp=parse_stamp_ns, separator=",")
-
-
-def test_columns_are_chosen_and_more_may_follow() -> None:
-    table = parse_table(b"a,3,x,7\nb,4,y,8,9\n", "x", "form", (3, 1), stamp=parse_stamp_ns, separator=",", more=True)
-    assert (table.stamps_ns.tolist(), table.values.tolist()) == ([7, 8], [[3.0], [4.0]])
-    assert not len(parse_table(b"# nothing\n", "x", "form", (0, 1)).lines)

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import json
-import re
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_result import Sfr
 from hypothesis import given
 from hypothesis import strategies as st
 from made_worlds import assert_same_trajectory
@@ -76,17 +72,6 @@ def test_csv_attitude_is_the_conjugate(tmp_path: Path) -> None:
         np.testing.assert_allclose(read.pose(0).apply([1.0, 0, 0]), [1, 3, 3], atol=1e-15)
 
 
-@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
-def test_lines_of_all_forms_are_read(tmp_path: Path, end: str) -> None:
-    """Estimates come as they are: in any order, quaternions not normalised."""
-    rows = (CSV_HEADER, "7,1,2,3,0,0,0,1.001", "5,1,2,4,0,0,0,1", "")
-    (tmp_path / "t.csv").write_bytes(f"\ufeff{end.join(rows)}".encode())
-    found = read_trajectory_file(tmp_path / "t.csv").trajectory
-    assert (found.stamps_ns.tolist(), found.quats_xyzw[0, 3]) == ([7, 5], 1.001)
-    (tmp_path / "t.txt").write_bytes(b"\xef\xbb\xbf" + GOOD.replace(" ", "\t  ").encode() + b"  " + end.encode())
-    assert read_trajectory_file(tmp_path / "t.txt").trajectory.stamps_ns.tolist() == [10**9]
-
-
 KITTI = "1 0 0 0 0 1 0 0 0 0 1"
 
 
@@ -131,15 +116,3 @@ def test_stamps_of_kitti_poses(tmp_path: Path) -> None:
     times.write_text("0.0\n")
     with pytest.raises(InputError, match="1 times for 5 poses"):
         read_trajectory_file(poses)
-
-
-def test_poses_without_stamps_are_scored_pose_by_pose(tmp_path: Path, sfr: Sfr) -> None:
-    truth = curve(30)
-    save_trajectory(tmp_path / "truth.tum", truth)
-    save_trajectory(tmp_path / "e.kitti", replace(truth, positions=truth.positions * 1.01))
-    (tmp_path / "e.times.txt").unlink()
-    done = sfr("score", tmp_path / "e.kitti", tmp_path / "truth.tum", "--condition", "time=1", "--json", "-")
-    assert json.loads(done.out)["trajectory"]["matched"] == 30, done.err
-    assert re.fullmatch(r".*e.kitti: KITTI poses of the left camera.*stamps: those of.*\n", done.err)
-    save_trajectory(tmp_path / "truth.tum", curve(29))
-    assert "30 KITTI poses" in sfr("score", tmp_path / "e.kitti", tmp_path / "truth.tum").err

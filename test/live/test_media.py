@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import pytest
 
-from sfr_loc_map.live.media import MAX_CELLS, outlines, thinned
+from sfr_loc_map.live.media import MAX_CELLS, thinned
 from sfr_loc_map.live.updates import ElevationSample
 
 
@@ -22,10 +21,3 @@ def test_thinned_grids_keep_the_worst_hazard_and_means_of_heights() -> None:
     assert grid.layers[3, 4, 1] == 100.0
     assert (grid.layers[5, 5, 0], grid.layers[5, 5, 2]) == (10.5, 4.0)
     assert np.isnan(grid.layers[1, 1, 0])
-
-
-def test_outline_of_a_mask_is_that_of_the_image() -> None:
-    mask = np.full((60, 80), 255, np.uint8)
-    cv2.rectangle(mask, (10, 40), (30, 59), 0, -1)
-    (ring,) = outlines(mask, 4.0)
-    assert (ring.min(axis=0).tolist(), ring.max(axis=0).tolist()) == ([41.5, 161.5], [121.5, 237.5])

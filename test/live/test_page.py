@@ -146,4 +146,4 @@ def test_panels_states_commands_and_hostile_names() -> None:
             await browser.wait_for(f"{text('connection')}.includes('ended')")
             assert browser.complaints() == []
 
-    asyncio.run(asyncio.wait_for(test(), 110))
+    asyncio.run(asyncio.wait_for(test(), 280))

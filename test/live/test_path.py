@@ -1,4 +1,4 @@
-"""The path of a live run: estimates find their truth, errors are those of the score, memory is bounded."""
+"""The path of a live run: estimates find their truth, errors are those of the score."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S
+from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.live.path import LivePath
 from sfr_loc_map.live.updates import PoseSample, Track
 from sfr_loc_map.metrics.config import Condition
@@ -40,18 +40,6 @@ def test_estimate_is_shown_in_the_frame_of_the_truth() -> None:
     assert path.rows[-1].distance_m == pytest.approx(19 * math.hypot(0.1, 0.02))
 
 
-def test_poses_wait_for_a_truth_that_is_on_its_way_and_are_interpolated() -> None:
-    path = LivePath()
-    path.add(pose(Track.TRUTH, 0, drive(0)))
-    path.add(pose(Track.ESTIMATE, 0, drive(0)))
-    path.add(pose(Track.ESTIMATE, 2.5, drive(2.5)))
-    assert len(path.rows) == 1
-    path.add(pose(Track.TRUTH, 5, drive(5)))
-    assert path.rows[-1].error_m == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
-    path.add(pose(Track.ESTIMATE, 30, drive(30)))  # the truth has ended
-    assert path.rows[-1].truth_m is None
-
-
 def test_sub_trajectory_under_way_is_rebased_at_its_start() -> None:
     path, drift, estimates = LivePath(), turned(0.0, 0.0, 0.001), [Transform.identity()]
     path.condition, path.spacing = Condition.parse("frames=20"), 10
@@ -66,20 +54,3 @@ def test_sub_trajectory_under_way_is_rebased_at_its_start() -> None:
     moved = drive(20) @ estimates[20].inverse() @ estimates[35]
     assert found["error"] == pytest.approx((moved.translation - drive(35).translation).tolist(), abs=1e-9)
     assert math.hypot(*found["error"]) > 1e-3
-
-
-def test_without_truth_poses_are_shown_at_once_and_bounded_until_stamps_go_back(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr("sfr_loc_map.live.path.MAX_ROWS", 50)
-    path = LivePath()
-    for number in range(200):
-        path.add(pose(Track.ESTIMATE, number, drive(number), LOST_VARIANCE if number == 20 else 1e-4))
-    assert 25 <= len(path.rows) <= 51
-    assert path.rows[0].n == 0
-    assert [row.n for row in path.rows if row.lost and row.covariance_xy_m2 is None] == [20]
-    assert path.rows[-1].distance_m == pytest.approx(math.hypot(0.1, 0.02) * path.rows[-1].n)
-    assert path.under_way is None
-    before = path.version
-    path.add(pose(Track.ESTIMATE, 1, drive(1)))
-    assert ([row.n for row in path.rows], path.version) == ([0], before + 1)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from live_run import NODES, call, fill, health
@@ -36,18 +35,6 @@ def test_state_is_the_report_with_additions_and_the_strings_of_its_tables() -> N
     state.put(Report("{", 1.0))
     assert state.report is before is not None
     assert "metrics/report is no JSON" in state.problems[-1]
-
-
-@pytest.mark.parametrize(("period_s", "silent_s"), [(1.0, 1.6), (5.0, 8.0)])
-def test_silent_nodes_are_stale_by_their_own_period_and_recover(period_s: float, silent_s: float) -> None:
-    state = LiveState()
-    for number in range(5):
-        state.put(health("localisation_node", period_s * number))
-    node, last_s = state.nodes["localisation_node"], 4 * period_s
-    assert not node.is_stale(last_s + silent_s - 0.1)
-    assert node.to_plain(last_s + silent_s + 0.1)["level"] == "stale"
-    state.put(health("localisation_node", last_s + 20.0, 2, "lost: few_landmarks"))
-    assert node.to_plain(last_s + 20.1)["level"] == "error"
 
 
 def test_memory_is_bounded() -> None:

@@ -11,7 +11,6 @@ import signal
 import struct
 import sys
 import termios
-import time
 from contextlib import suppress
 from typing import Any
 
@@ -112,21 +111,3 @@ def test_q_and_signals_end_it_and_the_terminal_is_restored(end: Any, expected: i
     text, code = on_terminal(end)
     assert code == expected
     assert text.count("\x1b[?1049h") == text.count("\x1b[?1049l") == 1
-
-
-def test_where_there_is_no_terminal_it_writes_a_line_each_second(recorded: list[Any]) -> None:
-    class Closing(io.StringIO):
-        def flush(self) -> None:
-            if self.getvalue().count("\n") == 2:
-                raise BrokenPipeError
-
-    state, stream, begin = LiveState(), Closing(), time.monotonic()
-    for record in recorded:
-        state.put(record)
-    with pytest.raises((BrokenPipeError, SystemExit)):
-        Terminal(state, "rover1", Console(file=stream, highlight=False)).show()
-    assert time.monotonic() - begin > 0.9
-    first, second = stream.getvalue().splitlines()
-    assert re.search(r"position error over 5 m, m?m mean", first)
-    assert "\x1b" not in first
-    assert second.split(";")[1:4] == first.split(";")[1:4] or "STALE" in second

@@ -15,7 +15,7 @@ from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.localisation.backend.online_calibration import FIRST_SIGMA_PX, OnlineCalibration
 from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.estimate import StartPose, StepEstimate
-from sfr_loc_map.localisation.pose_track import COMMON_DISPARITY_PX, COMMON_PX, INFLATION, MAX_MISSED_PAIRS, PoseTrack
+from sfr_loc_map.localisation.pose_track import COMMON_DISPARITY_PX, COMMON_PX, MAX_MISSED_PAIRS, PoseTrack
 
 RIG = StereoRig(640, 480, 400.0, 400.0, 320.0, 240.0, 0.2, Transform.from_quat([0.3, 0.1, 0.2], [0.5, -0.5, 0.5, -0.5]))
 IN_CAMERA = replace(RIG, T_rb_sb=RIG.T_sb_left.inverse())
@@ -65,11 +65,6 @@ def of_path(track: PoseTrack, known: OnlineCalibration | None = None) -> np.ndar
     covariance = track.covariance_of_left(DEPTH_M, known or OnlineCalibration(RIG.camera, 7))
     images = IMAGE + propagated_covariance(IMAGE, track.T_world_left.translation)
     return np.asarray((covariance - images)[:3, :3])
-
-
-def random_covariance(seed: int) -> np.ndarray:
-    root = np.random.default_rng(seed).normal(size=(6, 6))
-    return np.asarray(1e-6 * root @ root.T)
 
 
 # ---- guesses
@@ -123,18 +118,3 @@ def test_a_yaw_found_late_leaves_the_path_before_it_uncertain() -> None:
     known.constant_u = 0.5
     move(track, 2, 2.0 * STEP, known=known)
     assert np.trace(of_path(track, known)) == pytest.approx((0.5 * PER_PX * LENGTH) ** 2 + (2 * common) ** 2)
-
-
-def test_a_pose_given_for_the_past_replaces_what_was_known_then() -> None:
-    """The drift of the window and the yaw error of the path before it do not count any more."""
-    track, known = begun(), OnlineCalibration(RIG.camera, 7)
-    early, late, given, here = random_covariance(2), random_covariance(3), random_covariance(4), 3.0 * STEP
-    move(track, 1, STEP, early)
-    T_given = Transform.from_quat([7.0, 8.0, 9.0], [0.0, 0.0, 0.0, 1.0])
-    assert not track.bind(StartPose(T_given, given, PERIOD_NS), PERIOD_NS)
-    np.testing.assert_allclose((track.T_ds_world @ track.T_world_left).translation, T_given.translation, atol=1e-12)
-    np.testing.assert_allclose(track.covariance_of_left(DEPTH_M, known), given + IMAGE, atol=1e-15)
-    move(track, 2, here, propagated_covariance(early, here - STEP) + late)
-    expected = propagated_covariance(given, here - STEP) + INFLATION * late + IMAGE
-    expected[:3, :3] += UNKNOWN_PX**2 * np.outer(2.0 * STEP, 2.0 * STEP) * PER_PX**2
-    np.testing.assert_allclose(track.covariance_of_left(DEPTH_M, known), expected, atol=1e-15)

@@ -1,7 +1,6 @@
 """Methods beside each other from end to end on tiny sources, and methods that are missing or fail."""
 
 import json
-import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -17,16 +16,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.methods.comparison import (
-    LIMITS,
-    OURS,
-    PassInput,
-    compare_localisers,
-    medians,
-    methods_to_compare,
-    ratios,
-    run_pass,
-)
+from sfr_loc_map.methods.comparison import LIMITS, OURS, PassInput, compare_localisers, run_pass
 from sfr_loc_map.methods.isolated_method import IsolatedMethod
 from sfr_loc_map.methods.method_process import MethodCall
 from sfr_loc_map.methods.registry import Method
@@ -123,7 +113,7 @@ def test_images_arrive_at_the_rate_and_output_of_a_method_is_ignored(tmp_path: P
         return called(*arguments)
 
     run = run_pass(made_method(tmp_path, background=True), given(5, 0.5, timed))
-    assert 0.7 < times[-1] - times[0] < 10.0  # four steps of 0.1 s at half the rate
+    assert times[-1] - times[0] > 0.7  # four steps of 0.1 s at half the rate
     assert run.version == "7"
     for index, report in enumerate(run.results):
         pair, since = loc_pair(index), pytest.approx(0.2 * index)
@@ -149,30 +139,3 @@ def test_a_method_that_fails_is_named_and_the_others_go_on(
     assert [entry["calls"] for entry in result["entries"].values()] == [12]
     with pytest.raises(MethodError, match=words):
         compare_localisers(sequence, first, [replace(bad, name=OURS)], config, SCORING)
-
-
-def test_missing_methods_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    here, vocabulary = Path(sys.executable), tmp_path / "vocabulary.txt"
-    assert "pip install pyorbslam3" in methods_to_compare(Task.LOCALISATION)[1]["orbslam3"]
-    assert "not installed in" in methods_to_compare(Task.MAPPING, here)[1]["pandora"]
-    with pytest.raises(MethodError, match="give a Python interpreter"):
-        methods_to_compare(Task.MAPPING, tmp_path / "none")
-    (tmp_path / "pyorbslam3.py").touch()
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    for given_vocabulary in (None, vocabulary):
-        assert "--vocab" in methods_to_compare(Task.LOCALISATION, here, given_vocabulary)[1]["orbslam3"]
-    vocabulary.touch()
-    found, _ = methods_to_compare(Task.LOCALISATION, here, vocabulary)
-    assert [method.name for method in found if method.background] == ["ours", "orbslam3"]
-
-
-def test_medians_and_ratios_of_nested_figures() -> None:
-    runs = [
-        {"a": {"x": 1.0, "y": None}, "n": 3, "parts": {"far": {"x": 4.0}}},
-        {"a": {"x": 5.0, "y": 7.0}, "n": 4, "parts": {}},
-        {"a": {"x": 2.0, "y": None}, "n": 9, "parts": {"far": {"x": 6.0}}},
-    ]
-    assert medians(runs) == {"a": {"x": 2.0, "y": 7.0}, "n": 4.0, "parts": {"far": {"x": 5.0}}}
-    ours = {"t": {"p50": 2.0, "p95": 3.0}, "bias": -0.1, "zero": 1.0, "none": None, "mine": 1.0}
-    theirs = {"t": {"p50": 8.0, "p95": 2.0}, "bias": 0.2, "zero": 0.0, "none": 1.0}
-    assert ratios(ours, theirs) == {"t": {"p50": 0.25, "p95": 1.5}, "bias": 0.5, "zero": None}

@@ -15,13 +15,6 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "candidates.md").read_text(encoding="utf-8").partition("\n## A ROS node")[0]
 
 
-def test_the_class_on_the_page_is_the_example() -> None:
-    shown = re.search(r"```python\n(.*?)```", PAGE, re.DOTALL)
-    example = (ROOT / "examples" / "python_candidate.py").read_text(encoding="utf-8")
-    code = [line for line in example.splitlines() if line.strip() and '"""' not in line]
-    assert [line for line in shown[1].splitlines() if line.strip() and line.strip() != "pass"] == code
-
-
 @pytest.mark.clause("4.2.1", "4.3.1")
 @pytest.mark.slow
 def test_the_commands_on_the_page_work(drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sfr: Sfr) -> None:

@@ -17,7 +17,7 @@ from scenes import MOUNT, params, raw, send_infos, send_pair
 from std_msgs.msg import Float64, String
 
 from sfr_loc_map.io import bag_messages
-from sfr_loc_map.nodes.messages.pose import odometry_row
+from sfr_loc_map.nodes.messages import odometry_row
 
 LOOPBACK = (
     '<CycloneDDS><Domain id="any"><General><Interfaces><NetworkInterface name="lo"/></Interfaces>'

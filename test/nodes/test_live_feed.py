@@ -16,9 +16,7 @@ from sfr_loc_map.live.updates import CloudSample, ElevationSample
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel
 from sfr_loc_map.mapping.terrain.grid import TerrainGrid
 from sfr_loc_map.nodes.live_feed import MapFeed
-from sfr_loc_map.nodes.messages.fields import byte_array
-from sfr_loc_map.nodes.messages.point_cloud import cloud_msg
-from sfr_loc_map.nodes.messages.terrain import elevation_from_msg, elevation_msg, hazard_msg
+from sfr_loc_map.nodes.messages import byte_array, cloud_msg, elevation_from_msg, elevation_msg, hazard_msg
 
 STAMP_NS = 1_700_000_000_000_000_000
 SIDE, CELL_M = 48, 0.5

@@ -34,9 +34,7 @@ from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks
 from sfr_loc_map.nodes.diagnostics import Level, values_of
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
-from sfr_loc_map.nodes.messages.fields import header_msg, time_msg
-from sfr_loc_map.nodes.messages.pose import covariance_of, odometry_row, pose_msg
-from sfr_loc_map.nodes.messages.tracks import tracks_from_msg
+from sfr_loc_map.nodes.messages import covariance_of, header_msg, odometry_row, pose_msg, time_msg, tracks_from_msg
 from sfr_loc_map.nodes.monitor_node import MonitorNode
 from sfr_loc_map.nodes.motion_prior import OdometryBuffer
 
@@ -302,21 +300,10 @@ def test_localisation_restarts_by_service_by_pose_and_when_stamps_go_back(ros: N
         assert peer.play(5) == ORIGIN
 
 
-def test_localisation_without_extrinsics_says_what_is_missing(ros: None, capfd: Capture) -> None:
-    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode) as node:
-        node.wait_for("the extrinsics of the stereo rig (parameters T_rb_locsb) are not given")
-        send_infos(peer, "loc", LOC_RIG)
-        send_pair(peer, "loc", loc_pair(0))
-        peer.refused("T_rb_locsb.translation_m")
-        assert not peer.odometry
-
-
 @pytest.mark.parametrize(
     ("argument", "words"),
     [
         ("T_rb_locsb.quat_xyzw:=[0.0, 0.0, 0.0, 2.0]", "a unit quaternion is needed"),
-        ("T_rb_locsb.translation_m:=[1.0, 0.0, 0.0]", "give both"),
-        ("ds_frame:=''", "'' is no name of a frame"),
         ("frame_prefix:=/rover1/", "'/rover1/ds' is no name of a frame"),
         ("rb_frame:=ds", "must have different names"),
         ("localisation.max_feature:=3", "unknown key 'localisation.max_feature'"),

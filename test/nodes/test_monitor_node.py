@@ -15,7 +15,6 @@ from scenes import params, raw
 from std_msgs.msg import Float64, String
 
 from sfr_loc_map.io import bag_messages
-from sfr_loc_map.nodes.diagnostics import values_of
 from sfr_loc_map.nodes.monitor_node import MonitorNode
 
 NO_TURN = np.array([0.0, 0.0, 0.0, 1.0])
@@ -69,33 +68,3 @@ def test_the_monitor_scores_what_it_receives(ros: None, capfd: Capture, tmp_path
         assert list(saved["provenance"]["configuration"]) == ["monitor"]
         assert peer.call("monitor_node/reset").success
         peer.until(lambda: not trajectory_of(report), "the reset")
-
-
-MANY, KEPT = 200, 5
-"""Poses that are sent, and how many the monitor has room for."""
-
-
-def test_the_monitor_counts_the_poses_that_it_had_no_room_for(ros: None, capfd: Capture) -> None:
-    arguments = params(f"input_depth:={KEPT}", "publish_period_s:=0.1", "health.period_s:=0.2")
-    with Manager("monitor_node") as peer, LocalNode(peer, capfd, MonitorNode, *arguments):
-        reports = peer.listen(String, "metrics/report", latched=True)
-
-        def send(number: int, topic: str = "localisation/odometry") -> None:
-            position = np.array([0.01 * number, 0.0, 0.0])
-            peer.publish(Odometry, topic, raw(bag_messages.odometry((number + 1) * PERIOD_NS, position, NO_TURN)))
-
-        def scored() -> int:
-            return int(trajectory_of(reports).get("estimate_poses", 0))
-
-        def counted() -> int:
-            health = peer.health()
-            values = values_of(health[-1]) if health else {}
-            return sum(int(value) for name, value in values.items() if name.startswith("dropped_"))
-
-        send(0, "ground_truth/odometry")
-        send(0)
-        peer.until(lambda: scored() == 1, "the first pose in the score")
-        for number in range(1, MANY):  # nobody receives meanwhile
-            send(number)
-        peer.until(lambda: scored() + counted() == MANY, "the others, in the score or counted")
-        assert counted() > 0

@@ -18,10 +18,9 @@ from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.inputs import hash_path
 from sfr_loc_map.io.bag import GROUND_TRUTH, Bag, read_trajectory
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.io.sequence import LocSequence, drive_of
+from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.io.trajectory_file import read_trajectory_file
-from sfr_loc_map.pipeline.convert import ConvertOptions, Layout, convert, convert_trajectory, faulty
-from sfr_loc_map.simulation.faults import parse_fault
+from sfr_loc_map.pipeline.convert import ConvertOptions, Layout, convert, convert_trajectory
 
 
 @pytest.fixture
@@ -87,17 +86,6 @@ def test_options_of_the_command_and_trajectories(tmp_path: Path, world: World, s
     assert_same_trajectory(read_trajectory(Bag(tmp_path / "t.mcap"), GROUND_TRUTH), world.truth)
     no_truth = sfr("convert", write_folder(tmp_path / "n", world, loc=False), tmp_path / "n.txt")
     assert (no_truth.code, "no true trajectory" in no_truth.err) == (2, True)
-
-
-def test_dropped_pairs_are_gone_and_the_truth_stays(tmp_path: Path, world: World) -> None:
-    faults = [parse_fault("dropped:share=0.5"), parse_fault("black:share=1,start=0")]
-    source = open_source(write_folder(tmp_path / "a", world))
-    count = convert(faulty(source, faults, 1), tmp_path / "bad")
-    bad = drive_of(open_source(tmp_path / "bad"))
-    assert len(bad) < len(world.pairs)
-    assert count < 6
-    assert_same_trajectory(bad.ground_truth, world.truth)
-    assert not any(pair.left.any() for pair in bad.pairs())
 
 
 def exported(world: World, folder: Path, layout: Layout) -> LocSequence:

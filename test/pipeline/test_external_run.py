@@ -50,16 +50,6 @@ def test_each_kind_of_answer_is_counted_and_used_or_not() -> None:
     assert (missing.kind, missing.count, missing.first_stamp_ns) == (kind.MISSING, 2, 1)
 
 
-def test_an_answer_to_the_first_image_alone_is_one_to_the_pair() -> None:
-    book = Book(0)
-    assert book.received(Answer(5, ANSWER))
-    assert book.counts.other_stamp == 1
-    book.published(5, book.now_s + 0.01)
-    assert book.is_settled(5)
-    assert (book.counts.other_stamp, book.counts.answered, book.findings) == (0, 1, ())
-    assert book.latency_s.max == 0.0
-
-
 def test_a_node_that_does_not_answer_is_given_up_until_it_answers_or_has_ended() -> None:
     book = Book(MAX_IN_A_ROW + 2)
     for stamp_ns in range(MAX_IN_A_ROW):

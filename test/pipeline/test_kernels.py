@@ -1,4 +1,4 @@
-"""Kernels are loaded before they are needed, or compiled beside; signals wait meanwhile; a first run changes no bit."""
+"""Kernels are loaded before they are needed, or compiled beside; signals wait meanwhile."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from first_run import RUNS, kept_digest
 from numba import njit
 
 from sfr_loc_map.child_process import child_environment
@@ -21,7 +20,6 @@ from sfr_loc_map.io.trajectory_file import save_trajectory
 from sfr_loc_map.pipeline import kernels
 from sfr_loc_map.pipeline.kernels import load_kernels
 
-SCENES = Path(__file__).parents[1] / "scenes"
 Part = Callable[[Callable[[], object]], None]
 
 
@@ -53,19 +51,6 @@ def test_what_is_not_compiled_is_compiled_beside_and_here_where_that_fails(part:
     assert (compiled, lines) == ([0, 0, 1], [])
 
 
-def test_kernels_are_loaded_without_what_only_the_compiler_needs() -> None:
-    """A kernel that calls `.all()`, or numpy's linear algebra, refers to that; a start would import it, and SciPy.
-
-    Nor is the library of the bags loaded where there is no bag.
-    """
-    unneeded = {"scipy.linalg", "numba.np.linalg", "numba.np.arraymath", "rosbags"}
-    program = (
-        "import sys\nfrom sfr_loc_map.io import registry\nfrom sfr_loc_map.pipeline import kernels, scoring\n"
-        f"for part in kernels.PARTS: kernels.load_kernels(part)\nprint(*{unneeded} & set(sys.modules))"
-    )
-    assert run_python("-c", program) == ""
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_is_an_exception_after_kernels_are_loaded_not_within(part: Part, number: signal.Signals) -> None:
     """In the callback from C that loads a kernel an exception would be discarded, and the kernel not be loaded."""
@@ -94,20 +79,6 @@ def test_nobody_waits_for_kernels_that_are_wanted_no_more(part: Part) -> None:
     with pytest.raises(KeyboardInterrupt):
         load_kernels("tiny", lines.append, lambda: False)
     assert (lines, kernel.signatures) == ([], [])
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(400)
-@pytest.mark.parametrize("name", RUNS)
-def test_a_run_that_compiles_gives_the_bits_of_one_that_loads(name: str, tmp_path: Path) -> None:
-    script, cache = str(SCENES / "first_run.py"), {}
-    first = kept_digest(name)  # of `make test`, which compiles; compiled here where the code has changed since
-    if first is None:
-        cache["NUMBA_CACHE_DIR"] = str(tmp_path)
-        first = run_python(script, name, **cache)
-        assert any(tmp_path.rglob("*.nbi"))
-    assert len(first) == 64
-    assert run_python(script, name, **cache) == first
 
 
 NOTHING_LEFT = """

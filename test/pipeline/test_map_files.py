@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sfr_loc_map.errors import ConfigError, MissingExtraError
+from sfr_loc_map.errors import MissingExtraError
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.io.cloud_file import LoadedCloud
 from sfr_loc_map.mapping.config import TerrainConfig
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel
 from sfr_loc_map.mapping.terrain.grid import elevation_grid
@@ -67,32 +66,7 @@ def test_heights_are_dark_in_holes_and_brighter_uphill() -> None:
     assert image[2, -3].sum() > image[2, 3].sum()
 
 
-def test_a_cloud_without_sigma_has_heights_without_sigma() -> None:
-    cloud = made_cloud()
-    bare, whole = (
-        map_files.grid_of_file(LoadedCloud(cloud.xyz.astype(np.float64), item), TerrainConfig()).elevation
-        for item in (None, cloud)
-    )
-    assert np.isnan(bare.sigma_m).all()
-    assert np.nanmax(whole.sigma_m) > 0
-    np.testing.assert_allclose(bare.height_m, whole.height_m, atol=1e-6)
-
-
-def test_values_of_the_option(monkeypatch: pytest.MonkeyPatch) -> None:
-    cloud, terrain = Path("c.ply"), TerrainConfig()
-    assert map_files.dem_outputs((), cloud, terrain) == ((), terrain)
-    files, wanted = map_files.dem_outputs(("x.tif", "0.05"), cloud, terrain)
-    assert files == (Path("x.tif"), Path("c.dem.npz"), Path("c.dem.png"))
-    assert (wanted.cell_m, wanted.max_step_m) == (0.05, terrain.max_step_m)
-    for words, said in (
-        (("0",), "must be more than 0"),
-        (("0,05",), r"'--dem 0,05': give the side of a cell"),
-        (("x.jpg",), "give the side of a cell"),
-        (("0.1", "0.2"), "2 sides"),
-        (("1e9",), "cell_m"),
-    ):
-        with pytest.raises(ConfigError, match=said):
-            map_files.dem_outputs(words, cloud, terrain)
+def test_a_geotiff_without_its_extra_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rasterio", None)
     with pytest.raises(MissingExtraError, match=r"GeoTIFF needs rasterio .*: pip install 'sfr_loc_map\[dem\]'"):
-        map_files.dem_outputs(("x.tif",), cloud, terrain)
+        map_files.check_dems([Path("x.tif")])

@@ -17,7 +17,7 @@ from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import image_from_message
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.pipeline.controls import Controls
-from sfr_loc_map.pipeline.message_stream import Message, Pacer, PairTracker, messages_of, start_at, topics_of
+from sfr_loc_map.pipeline.message_stream import Message, Pacer, messages_of, start_at, topics_of
 
 
 def played(path: Path, remap: dict[str, str] | None = None) -> dict[tuple[str, int], Message]:
@@ -75,14 +75,6 @@ def test_messages_are_due_by_their_stamps_each_task_from_its_own_first_and_from_
     assert (wait_s(20), wait_s(30)) == (0, 1)
     controls.step()
     assert (wait_s(30), controls.held) == (0, False)
-
-
-def test_a_pair_is_complete_with_both_images_and_for_mapping_its_pose() -> None:
-    pairs = PairTracker()
-    loc = (("left/camera_info", 1), ("left/image_rect", 1), ("right/image_rect", 2), ("right/image_rect/compressed", 1))
-    assert [pairs.add(message(f"loc/{name}", stamp)) for name, stamp in loc] == [None, None, None, ("loc", 1)]
-    nav = ("pose", "right/image_rect", "left/image_rect")
-    assert [pairs.add(message(f"nav/{name}", 1)) for name in nav] == [None, None, ("nav", 1)]
 
 
 @given(st.lists(st.integers(0, 100), min_size=1, max_size=30), st.floats(0, 12))

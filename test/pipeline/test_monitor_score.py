@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sfr_loc_map.errors import GeometryError, OutputError
+from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -215,35 +214,3 @@ def test_the_report_of_a_run_before_is_kept_once(tmp_path: Path) -> None:
     ReportFile(str(path)).keep_previous()
     assert (tmp_path / "score.before.json").read_text() == report("second")
     assert len(list(tmp_path.iterdir())) == 1
-
-
-def make_folder(path: Path) -> None:
-    path.mkdir()
-    (path / "thesis.tex").write_text("years of work")
-
-
-def listing(folder: Path) -> list[tuple[str, int, int]]:
-    return [(str(path), (info := path.lstat()).st_ino, info.st_mtime_ns) for path in sorted(folder.rglob("*"))]
-
-
-STRANGERS = {
-    "folder": (make_folder, "a folder that is not empty"),
-    "pipe": (os.mkfifo, "a named pipe"),
-    "text": (lambda path: path.write_text("years of work"), "is not a report"),
-    "other json": (lambda path: path.write_text('{"schema": "mine"}'), "is not a report"),
-    "deep json": (lambda path: path.write_text("[" * 100_000), "is not a report"),
-}
-
-
-@pytest.mark.parametrize("name", ["score.json", "score.before.json"])
-@pytest.mark.parametrize("kind", STRANGERS)
-def test_what_is_no_report_is_refused_and_stays(tmp_path: Path, kind: str, name: str) -> None:
-    make, words = STRANGERS[kind]
-    make(tmp_path / name)
-    before = listing(tmp_path)
-    file = ReportFile(str(tmp_path / "score.json"))
-    words = words if name == "score.json" else r"score.before.json' is not a report"
-    for action in (file.check, file.keep_previous):
-        with pytest.raises(OutputError, match=words):
-            action()
-    assert listing(tmp_path) == before

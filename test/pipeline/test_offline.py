@@ -11,17 +11,15 @@ import numpy as np
 import pytest
 from made_scene import HEIGHT, LOC_RIG, WIDTH, loc_pair, write_folder
 
-from sfr_loc_map.errors import InputError, OutputError
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.estimate import StateReason, TrackingState
 from sfr_loc_map.localisation.visualisation import STRIP
-from sfr_loc_map.pipeline.call_stats import CallRecord
-from sfr_loc_map.pipeline.offline import localise, start_pose, track_video, tracking_warning
+from sfr_loc_map.pipeline.offline import localise, start_pose, track_video
 
 FIRST_NS = 1_000_000_000_000
 IMAGE = np.zeros((2, 2), np.uint8)
@@ -86,30 +84,3 @@ def test_a_film_has_one_image_for_each_pair_and_estimates_stay_the_same(tmp_path
     assert [image.shape for image in images] == 4 * [(HEIGHT + STRIP, WIDTH, 3)]
     grey = images[0][4 : HEIGHT - 4, 4 : WIDTH - 4].mean(axis=2)
     assert np.median(np.abs(grey - 0.75 * loc_pair(0).left[4:-4, 4:-4])) < 12
-
-
-def test_an_unknown_ending_is_refused_and_a_failure_leaves_nothing(tmp_path: Path) -> None:
-    with (
-        pytest.raises(OutputError, match=r"tracks\.gif.*\.avi or \.mp4"),
-        track_video(tmp_path / "tracks.gif", LOC_RIG),
-    ):
-        pass
-    with pytest.raises(RuntimeError, match="broken"), track_video(tmp_path / "tracks.avi", LOC_RIG):
-        raise RuntimeError("broken")
-    assert not list(tmp_path.iterdir())
-
-
-def test_many_lost_pairs_name_the_cause_and_the_next_command_and_few_do_not() -> None:
-    lost, degraded, tracking = (
-        CallRecord(0, 0.1, state, None, None, reason=reason)
-        for state, reason in (
-            (TrackingState.LOST, StateReason.NO_STEREO),
-            (TrackingState.DEGRADED, StateReason.UNTEXTURED_IMAGES),
-            (TrackingState.TRACKING, ""),
-        )
-    )
-    assert tracking_warning([*50 * [tracking], lost, degraded], "data/") is None
-    assert tracking_warning([*44 * [tracking], *40 * [lost], *16 * [degraded]], "data/") == (
-        "40 lost, 16 degraded of 100 pairs, 40 of them for 'no_stereo': look with sfr doctor data/, or sfr localise "
-        "data/ -o again.csv --video tracks.avi"
-    )

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.pipeline.reception import LossWatch, MessageTimes, StampPairing, ThinnedPath, TransportGaps, latencies
+from sfr_loc_map.pipeline.reception import MessageTimes, StampPairing, ThinnedPath, TransportGaps, latencies
 
 S, MS = 1_000_000_000, 1_000_000
 NOW = 1_800_000_000 * S
@@ -92,16 +92,6 @@ def test_every_gap_between_two_messages_that_came_counts(first: int, came: list[
     assert lost([None, None, 0, 0]) == 0  # a middleware without numbers
 
 
-def test_a_large_share_lost_is_told_once_with_what_the_publisher_needs() -> None:
-    said: list[str] = []
-    watch = LossWatch("images", "export A=/there/p.xml", said.append)
-    for gap in [0] * 38 + [4] + [1] * 20 + [0] * 100:  # 4 of 43 lost is below a tenth
-        watch.add(gap)
-    (text,) = said
-    assert text.startswith("50% of the images are lost in transport")
-    assert "`export A=/there/p.xml`" in text
-
-
 def along(x: float, turn: float = 0.0) -> Transform:
     return Transform(matrix_from_rotvec([0.0, 0.0, turn]) if turn else np.eye(3), np.array([x, 0.0, 0.0]))
 
@@ -115,16 +105,3 @@ def test_a_long_drive_stays_bounded_and_even() -> None:
     gaps = np.diff(path.poses[:-1])
     assert len(path.poses) >= 40
     assert gaps.max() <= 2.5 * gaps.min()
-
-
-def test_a_rover_that_stands_leaves_one_pose_one_that_turns_more_and_a_new_run_none() -> None:
-    path: ThinnedPath[int] = ThinnedPath()
-    for index in range(500):
-        path.add(index, along(1.0), index)
-    assert path.poses == [0, 499]
-    for index in range(500, 600):
-        path.add(index, along(1.0, np.radians(index - 500.0)), index)
-    assert 30 <= len(path.poses) <= 52
-    for index in (3, 4):
-        path.add(index, along(float(index)), index)
-    assert path.poses == [3, 4]

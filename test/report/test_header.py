@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 
 from made_scores import whole_score
 
 from sfr_loc_map.metrics.config import Condition, VerdictState
 from sfr_loc_map.metrics.score import InputFile, MethodKind, MethodRecord, Provenance, Score, Verdict
-from sfr_loc_map.report.page import MOST, data_set_name, look_first, render_page, run_facts
+from sfr_loc_map.report.page import look_first
 
 FAIL, PASS = VerdictState.FAIL, VerdictState.PASS
 
@@ -33,18 +32,6 @@ def verdict(value: float | None, limit: float, state: VerdictState, metric: str 
     )
 
 
-def test_the_header_names_data_set_and_run() -> None:
-    facts = dict(run_facts(named(**{"trajectory.spacing": 5, "localisation.max_features": 100})))
-    assert re.fullmatch(r"[\d.]+ m in [\d.]+ s, 300 stereo pairs with a truth", facts["Drive"])
-    assert facts["Method"] == "orbslam 3 (python)"
-    assert facts["Configuration"] == "trajectory.spacing 5; localisation.max_features 100"
-    assert facts["Scored"].endswith("by sfr_loc_map 9.9 on x86_64, Python 3.11")
-    assert dict(run_facts(named()))["Configuration"] == "defaults"
-    paths = {"d/crater/loc/groundtruth.csv": "crater", "s/s.mcap": "s.mcap", "groundtruth.csv": "groundtruth.csv"}
-    assert {path: data_set_name(named(path)) for path in paths} == paths
-    assert data_set_name(replace(named(), provenance=None)) == ""
-
-
 def test_missed_limits_come_first_the_worst_before_the_others() -> None:
     failed = [verdict(value, 0.1, FAIL) for value in (0.12, 0.3)]
     met = [verdict(value, 0.1, PASS, "heading_mean_deg") for value in (0.01, -0.09)]
@@ -59,14 +46,3 @@ def test_missed_limits_come_first_the_worst_before_the_others() -> None:
     assert shown[0].what == "position mean over 5 m"
     (item,) = look_first(Score(verdicts=(verdict(0.4, 0.8, FAIL, "coverage_min"),)))
     assert item.why == "It misses its limit: 40 % against 80 %."
-
-
-def test_lost_frames_are_named_the_list_is_short_and_the_page_begins_with_it() -> None:
-    texts = [f"{item.what}: {item.why}" for item in look_first(replace(whole_score(), verdicts=()))]
-    assert texts[0] == "lost frames: 3 of 300 frames (1 %) are lost, and count in every figure like the others."
-    assert re.search(r"at frames \d+ to \d+\.$", texts[-1])
-    assert len(look_first(replace(whole_score(), verdicts=(verdict(1.0, 0.1, FAIL),) * 9))) == MOST
-
-    page = render_page(named(), figures=False)
-    assert "<h1>crater: localisation and mapping report</h1>" in page
-    assert page.index('id="run"') < page.index('id="look-first"') < page.index('id="table-verdicts"')

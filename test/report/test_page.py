@@ -12,11 +12,9 @@ from typing import Any
 import pytest
 from made_scores import HOSTILE, dig, json_of, whole_score
 
-from sfr_loc_map import report
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_dict
-from sfr_loc_map.report.page import load_score, render_page
-from sfr_loc_map.report.plots import PALETTE, Plot, axis, line, to_figure
+from sfr_loc_map.report.page import render_page
 from sfr_loc_map.report.tables import MILLIMETRE, number
 
 CHROMIUM = Path("/usr/bin/chromium")
@@ -100,20 +98,6 @@ def test_nothing_is_loaded_from_elsewhere(page: str) -> None:
     assert not re.search(r"https?://", page)
 
 
-def test_all_figures_are_there_with_units_on_their_axes(page: str) -> None:
-    plots = {plot["name"]: plot for plot in specs_of(page)}
-    drive = ["top-view", "height", "accumulated", "position", "growth", "directions", "angles"]
-    calls = ["localisation-timeline", "mapping-timeline"]
-    assert list(plots) == [*drive, *calls, "image-0", "image-1", "over-range", "cloud"]
-    for plot in plots.values():
-        layout = plot["layout"]
-        axes = layout.get("scene", layout)
-        titles = {key: item["title"]["text"] for key, item in axes.items() if re.fullmatch(r"[xyz]axis\d?", key)}
-        assert len(titles) >= 2, plot["name"]
-        for title in titles.values():
-            assert re.search(r", (m|mm|deg|s|px|MiB)$", title), (plot["name"], title)
-
-
 def test_figures_show_the_values_of_the_score(page: str) -> None:
     plain, plots = json_of(whole_score()), {plot["name"]: plot for plot in specs_of(page)}
     rows, marked = plain["details"]["trajectory"]["sub_trajectories"][0], plots["position"]["data"][0]
@@ -128,16 +112,6 @@ def test_figures_show_the_values_of_the_score(page: str) -> None:
     assert law["y"] == pytest.approx([1e3 * r * r / (96 * 0.8 * 0.25) for r in law["x"]], rel=1e-4)
 
 
-def test_figures_outside_the_page_have_the_colours_of_its_light_theme() -> None:
-    script = (Path(report.__file__).parent / "templates" / "page.js").read_text(encoding="utf-8")
-    light = script.partition("light: {")[2].partition("}")[0]
-    colours = {name.strip('"'): value for name, value in re.findall(r'("?[\w-]+"?): "([^"]+)"', light)}
-    assert {name: value for name, value in PALETTE.items() if name != "sequential"} == colours
-    figure = to_figure(Plot("p", "Title", "", [line("a", ([0.0, 1.0], [2.0, None]), "@one")], {"xaxis": axis("x, m")}))
-    assert (figure.data[0].line.color, figure.data[0].y) == (PALETTE["one"], (2.0, None))
-    assert figure.layout.title.text == "Title"
-
-
 def test_hostile_texts_stay_texts(page: str) -> None:
     hostile = render_page(hostile_score())
     elements = Elements(hostile)
@@ -146,16 +120,6 @@ def test_hostile_texts_stay_texts(page: str) -> None:
     assert not any("alert(1)" in text and "\\u003c" not in text for text in elements.scripts)
     assert html.escape(HOSTILE) in hostile
     assert HOSTILE not in hostile
-
-
-def test_undefined_numbers_are_never_shown_as_nan(tmp_path: Path) -> None:
-    content, path = json_of(whole_score()), tmp_path / "score.json"
-    content["trajectory"]["conditions"][0]["position_m"] |= dict.fromkeys(("mean", "mean_plus_3sigma"), math.nan)
-    path.write_text(json.dumps(content))
-    text = render_page(load_score(path))
-    tables = text[: text.index("<script")]
-    assert not re.search(r"\bnan\b", tables, re.I)
-    assert ">not enough data</td>" in tables
 
 
 @pytest.mark.parametrize("part", ["trajectory", "map", "timing", "memory", "details", "provenance"])

@@ -7,7 +7,7 @@ from made_scores import dig, json_of, whole_score
 
 from sfr_loc_map.metrics.config import Condition, VerdictState
 from sfr_loc_map.metrics.score import Interval, IntervalStatistic, Score, TargetScore, TrajectoryScore, Verdict
-from sfr_loc_map.report.score_tables import score_markdown, score_tables, summary_tables
+from sfr_loc_map.report.score_tables import score_markdown, score_tables
 from sfr_loc_map.report.tables import Row, Table
 
 FIVE_METRES = Condition.parse("distance=5")
@@ -73,12 +73,6 @@ def test_every_cell_leads_back_to_its_figure_and_tables_keep_their_shape() -> No
         assert cell.value == (tuple(found) if isinstance(found, list) else found), cell
     for item in score_tables(score):
         assert {len(row) for row in item.rows} == {len(item.columns)}, item.name
-
-
-def test_the_terminal_ends_with_the_verdicts() -> None:
-    names = [item.name for item in summary_tables(whole_score())]
-    assert names == ["headline", "map", "time", "memory", "verdicts"]
-    assert "300 frames of 300 estimates, 3 lost, 0 degraded; re-based by pose." in table(whole_score(), "headline").note
 
 
 @pytest.mark.clause("4.2.1", "4.2.2")

@@ -119,27 +119,3 @@ def test_torn_and_frozen_images_come_from_a_pair_before() -> None:
     assert all(np.array_equal(frozen[k].left, source[k].left) for k in range(COUNT))
     noise = perturbed("frozen:share=1,amount=2,start=3")[9].left.astype(float) - source[2].left
     assert noise.std() == pytest.approx(2.0, rel=0.1)
-
-
-def test_fade_turns_black_and_back() -> None:
-    means = np.array([pair.left.mean() for pair in perturbed_constant("fade:burst=9,share=0.1")])
-    first = int(np.flatnonzero(means < 119)[0])
-    assert means[first : first + 9] == pytest.approx(120.0 * np.abs(np.arange(9) - 4) / 4.5, abs=1.5)
-    assert (means[first + 9 :] == 120).all()
-
-
-def test_a_repeated_pair_repeats_what_was_delivered() -> None:
-    """Old images come with the faults that they had; a lost pair is not shown again."""
-    rng = np.random.default_rng(3)
-    pairs = [StereoPair(stamp, *rng.integers(60, 200, (2, 12, 16), np.uint8)) for stamp in range(30)]
-    chain = ["noisy:share=0.5", "repeated:share=0.3", "dropped:share=0.1"]
-    perturber = Perturber([parse_fault(text) for text in chain], 7, len(pairs), RIG)
-    repeated = np.flatnonzero(perturber._bursts[1] >= 0)
-    delivered = dict(perturber.pairs(pairs))
-    checked = 0
-    for index in (number for number in repeated if number in delivered):
-        before = max((number for number in delivered if number < index), default=None)
-        if before is not None:
-            assert np.array_equal(delivered[index].left, delivered[before].left)
-            checked += 1
-    assert checked >= 3

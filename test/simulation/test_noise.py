@@ -30,9 +30,3 @@ def test_gradient_is_that_of_the_value(field: Field, dimensions: int) -> None:
             for offset in step * np.eye(dimensions)
         ]
         assert gradient == pytest.approx(central, abs=1e-7)
-
-
-@fields
-def test_value_and_gradient_are_continuous_across_cells(field: Field, dimensions: int) -> None:
-    for at in np.rint(positions(dimensions, 50)):
-        assert field(*(at - 1e-9), SEED) == pytest.approx(field(*(at + 1e-9), SEED), abs=1e-6)

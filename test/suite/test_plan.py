@@ -44,18 +44,6 @@ def test_every_combination_once(tmp_path: Path) -> None:
     assert {job.source.name for job in localise} == {"drive1", "drive2", "both"}
 
 
-def test_a_source_that_cannot_be_read_is_named_and_left_out_and_places_are_whole(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    for name in ("drive1", "broken", "estimate", "truth"):
-        (tmp_path / name).write_text(name)
-    jobs, refusals = plan_of(Path(), sources=["drive1", "broken", {"estimate": "estimate", "truth": "truth"}])
-    places = [place for job in jobs for place in (job.source.path, job.source.truth) if place]
-    assert places == [str(tmp_path / name) for name in ("drive1", "estimate", "truth")]
-    assert [refusal.path for refusal in refusals] == [str(tmp_path / "broken")]
-
-
 def test_simulations_by_seed_and_settings(tmp_path: Path) -> None:
     (tmp_path / "flat.yaml").write_text("drive: {pairs: 7}\npanorama: {enabled: false}\n")
     seeds = [{"simulate": "flat.yaml", "seeds": [1, 2], "set": {"drive.pairs": 3}}]

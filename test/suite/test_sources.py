@@ -13,7 +13,7 @@ from typing import ClassVar
 import pytest
 
 from sfr_loc_map.errors import InputError, MissingExtraError
-from sfr_loc_map.suite.sources import expand, fetch
+from sfr_loc_map.suite.sources import fetch
 
 fsspec = pytest.importorskip("fsspec", reason="needs the extra [suite]")
 CONTENT = b"a" * 1000
@@ -73,15 +73,3 @@ def test_what_cannot_be_read_is_told_in_one_line(url: str, error: type[InputErro
     with pytest.raises(error, match=words):
         fetch(url, tmp_path)
     assert not [path for path in tmp_path.rglob("*") if path.suffix != ".lock" and path.name != "fetched"]
-
-
-def test_folders_and_globs_of_other_file_systems(tmp_path: Path) -> None:
-    memory = fsspec.filesystem("memory")
-    for name in ("drives/a/metadata.yaml", "drives/a/a.mcap", "drives/b/b.mcap"):
-        memory.pipe(f"/{name}", name.encode())
-    assert expand("memory://drives/*") == ["memory:///drives/a", "memory:///drives/b"]
-    copy = fetch("memory:///drives/a", tmp_path)
-    assert {path.name: path.read_text() for path in copy.iterdir()} == {
-        "metadata.yaml": "drives/a/metadata.yaml",
-        "a.mcap": "drives/a/a.mcap",
-    }

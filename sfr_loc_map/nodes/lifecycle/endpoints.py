@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
+from copy import copy
 from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -10,8 +11,11 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.lifecycle import LifecycleNode
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_policy_name_from_kind
+from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy, qos_policy_name_from_kind
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_srvs.srv import Trigger
+
+from sfr_loc_map.errors import ConfigError
 
 Answer = tuple[bool, str]  #: Success and message of a std_srvs/Trigger.
 RELIABILITIES = ("reliable", "best_effort")
@@ -66,20 +70,32 @@ class Endpoints:
         return publisher
 
     def add_subscription(self, kind: type[Any], topic: str, callback: Callable[..., None], qos: QoSProfile) -> None:
-        """Subscribe until the node is deactivated."""
+        """Subscribe until the node is deactivated; parameters `qos_overrides.TOPIC.subscription.POLICY` override."""
         full_name = self._node.resolve_topic_name(topic)
+        prefix = f"qos_overrides.{full_name}.subscription."
 
         def incompatible(event: Any) -> None:  # noqa: ANN401 - rclpy's
             policy = qos_policy_name_from_kind(event.last_policy_kind)
             self._warn(
                 f"a publisher of {full_name} offers less {policy} than this node requests, nothing is received from "
-                f"it: set the parameter input.reliability (of the monitor input_reliability) to best_effort, or change "
-                f"the publisher"
+                f"it: set the parameter {prefix}{policy.lower()} to what it offers, or change the publisher"
             )
 
-        subscription = self._node.create_subscription(
-            kind, topic, callback, qos, event_callbacks=SubscriptionEventCallbacks(incompatible_qos=incompatible)
-        )
+        # only those given: a parameter, once declared, would keep the default of this activation
+        given = [policy for policy in QoSPolicyKind if prefix + policy.name.lower() in self._node._parameter_overrides]
+        try:
+            subscription = self._node.create_subscription(
+                kind,
+                topic,
+                callback,
+                copy(qos),  # which the overrides are written into
+                event_callbacks=SubscriptionEventCallbacks(incompatible_qos=incompatible),
+                qos_overriding_options=QoSOverridingOptions(given),
+            )
+        except Exception as error:  # for a wrong value rclpy raises what it likes
+            if not given:
+                raise
+            raise ConfigError(f"parameters {prefix}*: {error!r}") from error
         self._at_deactivate.append(lambda: self._node.destroy_subscription(subscription))
         self._subscribed.append(subscription.topic_name)
 

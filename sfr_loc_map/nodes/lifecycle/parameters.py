@@ -23,7 +23,7 @@ from sfr_loc_map.nodes.lifecycle.endpoints import RELIABILITIES
 from sfr_loc_map.nodes.lifecycle.worker import Overload
 
 C = TypeVar("C")
-BUILT_IN = ("use_sim_time", "start_type_description_service", "qos_overrides./clock", "qos_overrides./parameter_events")
+BUILT_IN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 """Parameters that ROS itself declares on a node."""
 FIXED = "autostart"  #: Is read once, when the node starts.
 
@@ -68,8 +68,7 @@ class Parameters(Generic[C]):
         values = flatten(self.config)
         self._live = {name for name, info in self._infos.items() if info.live or name.startswith(live or ("\0",))}
         for name, info in self._infos.items():
-            text = _descriptor(info, live=name in self._live)
-            node.declare_parameter(name, _as_list(values[name]), text, ignore_override=True)
+            node.declare_parameter(name, _as_list(values[name]), _descriptor(info), ignore_override=True)
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._on_changed)
 
@@ -100,15 +99,11 @@ class Parameters(Generic[C]):
             self._changed(config)
 
 
-def _descriptor(info: ParamInfo, *, live: bool) -> ParameterDescriptor:
-    """Return what ROS tools show of a parameter: text with unit, range, choices, when it may change."""
-    text, fixed = f"{info.doc} [{info.unit}]" if info.unit else info.doc, info.name == FIXED
-    message = ParameterDescriptor(description=text, read_only=fixed)
-    constraints = [f"one of: {', '.join(info.choices)}"] if info.choices else []
-    if isinstance(info.default, tuple) and info.low is not None:
-        constraints.append(f"each from {info.low:g} to {info.high:g}")
-    constraints += [] if live or fixed else ["read-only unless the node is unconfigured"]
-    message.additional_constraints = "; ".join(constraints)
+def _descriptor(info: ParamInfo) -> ParameterDescriptor:
+    """Return what ROS tools show of a parameter: text with unit, range, choices."""
+    message = ParameterDescriptor(description=f"{info.doc} [{info.unit}]" if info.unit else info.doc)
+    message.read_only = info.name == FIXED
+    message.additional_constraints = f"one of: {', '.join(info.choices)}" if info.choices else ""
     if info.low is None or info.high is None or isinstance(info.default, tuple):
         return message
     if isinstance(info.default, float):

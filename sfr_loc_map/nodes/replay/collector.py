@@ -17,8 +17,7 @@ from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.nodes import diagnostics
 from sfr_loc_map.nodes.diagnostics import Level, level_of, task_record, values_of
-from sfr_loc_map.nodes.messages.point_cloud import cloud_from_msg
-from sfr_loc_map.nodes.messages.pose import covariance_of, odometry_row
+from sfr_loc_map.nodes.messages import cloud_from_msg, covariance_of, odometry_row
 from sfr_loc_map.nodes.replay.external import ExternalNode
 from sfr_loc_map.nodes.replay.graph_node import ANSWER_TIMEOUT_S, ReplayNode
 from sfr_loc_map.nodes.replay.results import ReplayResults
@@ -100,11 +99,7 @@ class ResultCollector:
             self._node.spin_for(POLL_S)
 
     def finish(self, pairs_per_map: int, *, has_map_truth: bool) -> ReplayResults:
-        """Wait for the results that are still missing: pairs, cloud, the monitor's report.
-
-        Returns:
-            The last run that was played to its end, without one the last that has a result.
-        """
+        """Wait for results still missing: pairs, cloud, report; return the last whole run, or else with results."""
         scored = self._to_be_scored()
         if scored is not self.results:
             self.settle()

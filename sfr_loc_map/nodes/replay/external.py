@@ -24,9 +24,15 @@ from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.convention import world_at_first_pose
-from sfr_loc_map.nodes.messages.fields import header_msg
-from sfr_loc_map.nodes.messages.point_cloud import cloud_from_msg, cloud_msg, xyz_from_msg
-from sfr_loc_map.nodes.messages.pose import covariance_of, odometry_row, pose_msg
+from sfr_loc_map.nodes.messages import (
+    cloud_from_msg,
+    cloud_msg,
+    covariance_of,
+    header_msg,
+    odometry_row,
+    pose_msg,
+    xyz_from_msg,
+)
 from sfr_loc_map.nodes.processes import ChildProcess
 from sfr_loc_map.nodes.replay.graph_node import ReplayNode
 from sfr_loc_map.nodes.replay.options import ExternalOptions

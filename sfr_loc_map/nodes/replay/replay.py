@@ -1,29 +1,204 @@
-"""Replays a source through the running nodes: start them, play, collect their results, end them."""
+"""Replays a source through the running nodes: start them, play as an operator wants, collect their results, end them.
+
+The controls are services and parameters named as those of the rosbag2 player: services `~/pause`, `~/resume`,
+`~/toggle_paused`, `~/is_paused`, `~/play_next`, `~/stop` (std_srvs/Trigger; the answer gives the position) and
+`~/set_loop` (std_srvs/SetBool); parameters `rate` and `seek_s` (continues there).
+"""
 
 from __future__ import annotations
 
+import math
 import os
 import tempfile
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
+from std_srvs.srv import SetBool, Trigger
+
 from sfr_loc_map.errors import InputError, MappingError
 from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.localisation.estimate import StartPose
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.nodes import environment
 from sfr_loc_map.nodes.extrinsics import publish_extrinsics
+from sfr_loc_map.nodes.messages import header_msg, message_type, pose_msg
 from sfr_loc_map.nodes.processes import Supervisor, first_signal_stops, sigterm_as_interrupt, user_command
 from sfr_loc_map.nodes.replay.collector import ResultCollector
 from sfr_loc_map.nodes.replay.external import external_node
-from sfr_loc_map.nodes.replay.graph_node import ReplayNode
+from sfr_loc_map.nodes.replay.graph_node import ANSWER_TIMEOUT_S, SPIN_S, ReplayNode
 from sfr_loc_map.nodes.replay.options import ReplayOptions, node_arguments
-from sfr_loc_map.nodes.replay.player import Player
 from sfr_loc_map.nodes.replay.results import ReplayResults
 from sfr_loc_map.pipeline.controls import HELP, Controls, Keyboard
-from sfr_loc_map.pipeline.message_stream import POINTS_TOPIC, end_of, messages_of, start_at, topics_of
+from sfr_loc_map.pipeline.message_stream import (
+    POINTS_TOPIC,
+    Message,
+    Pacer,
+    PairTracker,
+    end_of,
+    messages_of,
+    start_at,
+    topics_of,
+)
 
 AGAIN = "plays again from"  #: Beginning of the line that announces another run.
+START_TIMEOUT_S = 300.0  #: The first start after an installation compiles the kernels.
+SETTLE_S = 0.3
+SOURCE_DEPTH = 20
+SEEK, RATE = "seek_s", "rate"
+
+
+class Player:
+    """Publishes messages as the operator's controls want."""
+
+    def __init__(
+        self,
+        node: ReplayNode,
+        collector: ResultCollector,
+        topics: Mapping[str, str],
+        controls: Controls,
+        keyboard: Keyboard,
+    ) -> None:
+        """Advertise the topics, given with their types, and the services of the controls."""
+        self.collector, self.controls = collector, controls
+        self._node, self._keyboard = node, keyboard
+        depth = QoSProfile(depth=SOURCE_DEPTH)
+        self._publishers = {
+            name: node.node.create_publisher(message_type(kind), name, depth) for name, kind in topics.items()
+        }
+        self._initial_pose = node.node.create_publisher(PoseWithCovarianceStamped, "initialpose", depth)
+        self._resets = {name: node.client(f"{name}/reset") for name in node.supervisor.processes}
+        _offer_controls(node.node, controls)
+
+    def wait_until_ready(self) -> None:
+        """Wait until all nodes listen and are connected."""
+        graph = self._node.node
+
+        def ready() -> bool:
+            if not all(client.service_is_ready() for client in self._resets.values()):
+                return False
+            publishers = self._publishers.values()
+            return all(p.get_subscription_count() == graph.count_subscribers(p.topic_name) for p in publishers)
+
+        self._node.wait_for(ready, START_TIMEOUT_S, lambda: f"the nodes {', '.join(self._resets)} did not start")
+        external = self.collector.external
+        if external is not None:
+            rig = f"{external.options.task.rig}/"
+            images = [name for name in self._publishers if name.startswith(rig) and "image_rect" in name]
+            external.wait_until_ready(images)
+        self._node.spin_for(SETTLE_S)
+
+    def set_pose(self, start: StartPose) -> None:
+        """Publish the pose at which localisation starts, in its own world frame, and wait until it is received."""
+        message, publisher = PoseWithCovarianceStamped(header=header_msg(start.stamp_ns or 0, "")), self._initial_pose
+        message.pose.pose = pose_msg(start.T_ds_rb, start.T_ds_rb.file_quat_xyzw)
+        publisher.publish(message)
+        if "localisation_node" not in self._resets:
+            return  # an external node may listen to it or not
+
+        def delivered() -> bool:
+            acked = Duration(seconds=0.05)
+            return bool(publisher.get_subscription_count()) and bool(publisher.wait_for_all_acked(acked))
+
+        self._node.wait_for(delivered, ANSWER_TIMEOUT_S, lambda: "localisation_node did not receive initialpose")
+
+    def reset_nodes(self) -> None:
+        """Reset the nodes and the results for another run."""
+        for name in self._resets:
+            self._node.call(f"{name}/reset", f"{name} did not reset")
+        self._node.spin_for(SETTLE_S)  # results on their way
+        self.collector.begin_run()
+
+    def play(self, messages: Iterator[Message], progress: Callable[[str], None]) -> None:
+        """Publish messages until their end or until the controls interrupt; tell the task of each stereo pair."""
+        pairs, pacer, collector = PairTracker(), Pacer(self.controls), self.collector
+        for message in messages:
+            self._hold(pacer, message)
+            if self.controls.interrupted:
+                return
+            sent_s = time.monotonic()
+            self._publishers[message.topic].publish(message.raw)
+            pair = pairs.add(message)
+            if pair is None:
+                continue
+            collector.published(*pair, sent_s)
+            if self.controls.rate > 0:
+                self._node.supervisor.check()
+                if collector.external is not None:
+                    collector.external.look_after()
+            else:
+                collector.wait_for_pair(*pair)
+            self.controls.step_done()
+            progress(pair[0])
+
+    def _hold(self, pacer: Pacer, message: Message) -> None:
+        """Wait until a message is due, or until the controls interrupt."""
+        while True:
+            for key in self._keyboard.pressed():
+                self.controls.key(key)
+            wait_s = pacer.wait_s(message)
+            if self.controls.interrupted or not (wait_s or self.controls.held):
+                break
+            self._node.spin_for(min(wait_s or SPIN_S, SPIN_S))
+        self._node.spin_once()
+
+
+def _offer_controls(node: Node, controls: Controls) -> None:
+    """Offer the controls of a replay as services and parameters."""
+    actions: dict[str, Callable[[], None]] = {
+        "pause": controls.pause,
+        "resume": controls.resume,
+        "toggle_paused": controls.toggle,
+        "is_paused": lambda: None,
+        "play_next": controls.step,
+        "stop": controls.stop,
+    }
+
+    def server(name: str, action: Callable[[], None]) -> Callable[..., Trigger.Response]:
+        def serve(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            action()
+            response.success = controls.paused if name == "is_paused" else True
+            response.message = f"{'paused' if controls.paused else 'playing'} at {controls.position_s:.3f} s"
+            return response
+
+        return serve
+
+    def set_loop(request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        controls.loop = bool(request.data)
+        response.success = True
+        return response
+
+    def check(changes: list[Parameter]) -> SetParametersResult:
+        ours = [change.value for change in changes if change.name in (RATE, SEEK)]
+        if any(not isinstance(value, float) or not math.isfinite(value) or value < 0 for value in ours):
+            return SetParametersResult(successful=False, reason="a number of 0.0 or more is needed")
+        if any(change.name == SEEK and change.value > controls.end_s for change in changes):
+            reason = f"the last pair is at {controls.end_s:.3f} s: nothing is left after it"
+            return SetParametersResult(successful=False, reason=reason)
+        return SetParametersResult(successful=True)
+
+    def changed(changes: list[Parameter]) -> None:
+        for change in changes:
+            if change.name == RATE:
+                controls.rate = change.value
+            elif change.name == SEEK:
+                controls.seek(change.value)
+
+    for name, action in actions.items():
+        node.create_service(Trigger, f"~/{name}", server(name, action))
+    node.create_service(SetBool, "~/set_loop", set_loop)
+    rate_text = "0: lock step; else multiple of the recorded speed."
+    node.declare_parameter(RATE, controls.rate, ParameterDescriptor(description=rate_text))
+    node.declare_parameter(SEEK, 0.0, ParameterDescriptor(description="Set it to continue there. [s]"))
+    node.add_on_set_parameters_callback(check)
+    node.add_post_set_parameters_callback(changed)
 
 
 def replay(
@@ -31,14 +206,8 @@ def replay(
 ) -> ReplayResults:
     """Replay a source through the nodes as processes of their own.
 
-    Returns:
-        What the nodes have published in the last run that was played to its end, without one in the last that has a
-        result. The first SIGINT or SIGTERM while it plays ends it as the operator's key does.
-
-    Raises:
-        InputError: If the source is broken, or a node refuses its input.
-        MappingError: If there are more mapping pairs than a map may have.
-        NodeError: If a node ends or does not answer.
+    Returns what they have published in the last run that was played to its end, without one in the last that has a
+    result. The first SIGINT or SIGTERM while it plays ends it as the operator's key does.
     """
     end_s, external = check_source(source, options.offset_s), options.external
     environment.isolate()

@@ -5,7 +5,7 @@ import pytest
 
 from sfr_loc_map.geometry.camera import Poses, StereoCamera
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
-from sfr_loc_map.localisation.backend.bundle_adjustment import KERNEL_CHI2, BundleProblem, Prior, adjust, linearise
+from sfr_loc_map.localisation.backend.bundle_adjustment import KERNEL_CHI2, BundleProblem, linearise
 
 CAMERA = StereoCamera(400.0, 410.0, 256.0, 240.0, 0.2)
 KEYFRAMES, LANDMARKS = 3, 40
@@ -77,12 +77,6 @@ def eliminate(h: np.ndarray, g: np.ndarray, kept: slice, gone: slice) -> tuple[n
     return h[kept, kept] - gain @ h[gone, kept], g[kept] - gain @ g[gone]
 
 
-def known_first_pose() -> Prior:
-    information = np.zeros((6 * KEYFRAMES, 6 * KEYFRAMES))
-    information[:6, :6] = 1e8 * np.eye(6)
-    return Prior(information, np.zeros(6 * KEYFRAMES), problem().keyframes)
-
-
 @pytest.mark.parametrize("seed", [0, 1])
 def test_elimination_of_the_landmarks_is_the_schur_complement_of_the_dense_system(seed: int) -> None:
     base = problem(seed)
@@ -92,19 +86,3 @@ def test_elimination_of_the_landmarks_is_the_schur_complement_of_the_dense_syste
     scale = np.sqrt(np.diag(wanted_h))
     np.testing.assert_allclose(found_h / np.outer(scale, scale), wanted_h / np.outer(scale, scale), atol=1e-6)
     np.testing.assert_allclose(found_g / scale, wanted_g / scale, atol=1e-4)
-
-
-def test_one_step_is_that_of_the_dense_system() -> None:
-    base, prior = problem(2), known_first_pose()
-    prior = Prior(prior.information, prior.information_vector, base.keyframes)
-    result = adjust(base, prior, 1)
-    h, g = dense(base)
-    own = np.delete(np.arange(len(g)), UNKNOWNS - 1)  # the offset is no unknown of an adjustment
-    h, g = h[np.ix_(own, own)], g[own]
-    h[:6, :6] += 1e8 * np.eye(6)
-    step = np.insert(np.linalg.solve(h, g), UNKNOWNS - 1, 0.0)
-    keyframes, landmarks, _ = moved(base, step)
-    np.testing.assert_allclose(result.problem.keyframes.positions, keyframes.positions, atol=1e-6)
-    np.testing.assert_allclose(result.problem.keyframes.rotations, keyframes.rotations, atol=1e-6)
-    np.testing.assert_allclose(result.problem.uv_inverse_depth, landmarks, atol=1e-4)
-    np.testing.assert_allclose(result.pose_covariance, np.linalg.inv(h)[: 6 * KEYFRAMES, : 6 * KEYFRAMES], atol=1e-8)

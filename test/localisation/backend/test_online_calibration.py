@@ -17,21 +17,6 @@ from sfr_loc_map.suite.fault_benchmark import error_and_sigma
 CAMERA = StereoCamera(400.0, 400.0, 256.0, 256.0, 0.15)
 
 
-def test_an_offset_is_corrected_once_it_is_beyond_doubt_and_no_other() -> None:
-    random = np.random.default_rng(3)
-    true, knocked, straight = 0.12, OnlineCalibration(CAMERA, 7), OnlineCalibration(CAMERA, 7)
-    applied = [0.0]
-    for _ in range(60):
-        change = knocked.learn_yaw(true - knocked.offset.u + random.normal(0, 0.015), 0.015**2)
-        applied.append(knocked.offset.u)
-        assert change == pytest.approx(applied[-1] - applied[-2], abs=1e-15)
-        assert abs(change) <= 0.05
-        straight.learn_yaw(random.normal(0, 0.015) - straight.offset.u, 0.015**2)
-        assert straight.offset.u == 0.0
-    assert applied[-1] == pytest.approx(true, abs=0.02)
-    assert OnlineCalibration(CAMERA, 7).learn_yaw(5.0, np.inf) == 0.0
-
-
 def test_a_turn_of_the_right_camera_is_learnt_from_rows_and_moves_columns_as_it_does() -> None:
     # independent of the model: rays turned by a rotation matrix and projected again
     turn = np.radians([0.05, 0.0, -0.1])

@@ -1,4 +1,4 @@
-"""Tracking of patches: a known subpixel shift, rotation and scale, and the covariance."""
+"""Tracking of patches: a known subpixel shift, rotation and scale."""
 
 import numpy as np
 import pytest
@@ -48,14 +48,3 @@ def test_a_patch_that_is_rotated_and_scaled_is_found() -> None:
     found = near & np.isfinite(tracks.uv[:, 0])
     assert found.sum() > 0.8 * near.sum() > 3
     np.testing.assert_allclose(tracks.uv[found], expected[found], atol=0.06)
-
-
-def test_covariance_is_the_inverse_of_the_normal_matrix() -> None:
-    """Of the derivatives without their mean and without what a change of contrast explains."""
-    patches = cut_patches(IMAGE, UV, HALF).astype(float)
-    patches -= patches.mean(axis=2, keepdims=True)
-    grey, derivatives = patches[:, 0], patches[:, 1:]
-    share = np.einsum("nk,nik->ni", grey, derivatives) / np.einsum("nk,nk->n", grey, grey)[:, None]
-    derivatives = derivatives - share[:, :, None] * grey[:, None]
-    expected = np.linalg.inv(np.einsum("nik,njk->nij", derivatives, derivatives))
-    np.testing.assert_allclose(track(IMAGE).covariance, expected[:, [0, 0, 1], [0, 1, 1]], rtol=1e-3)

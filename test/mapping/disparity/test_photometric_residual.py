@@ -3,15 +3,7 @@
 import numpy as np
 import pytest
 
-from sfr_loc_map.mapping.disparity.photometric_residual import (
-    DEFAULT_VARIANCE,
-    MIN_NOISE,
-    noise_variance,
-    normal_equations,
-    overall_noise,
-    photometric_residual,
-    slopes,
-)
+from sfr_loc_map.mapping.disparity.photometric_residual import normal_equations, photometric_residual, slopes
 
 F = np.float32
 ROWS, COLS = 24, 40
@@ -45,17 +37,3 @@ def test_the_information_vector_is_minus_the_gradient_of_the_energy() -> None:
     twice = energy(left, right, disparity + h) + energy(left, right, disparity - h)
     curvature = (twice - 2.0 * energy(left, right, disparity)) / h**2
     assert np.median(equations.information[INNER] / curvature[INNER]) == pytest.approx(1.0, abs=0.1)
-
-
-def test_the_variance_of_noise_grows_with_the_grey_level() -> None:
-    rng = np.random.default_rng(0)
-    left = np.tile(np.linspace(20.0, 220.0, 640), (400, 1))
-    variance = 1.0 + 0.05 * left
-    residual = rng.normal(3.0, np.sqrt(variance)).astype(F)
-    grey = left[::2, ::2].astype(F)
-    order = np.argsort(grey[::4, ::2].ravel(), kind="stable")
-    found = noise_variance(grey, order, residual, np.full(grey.shape, 3.0, F))
-    np.testing.assert_allclose(found[:, 20:-20], variance[::2, ::2][:, 20:-20], rtol=0.2)
-    residual[:] = np.nan
-    assert (noise_variance(grey, order, residual, np.zeros(grey.shape, F)) == DEFAULT_VARIANCE).all()
-    assert overall_noise(residual) == MIN_NOISE

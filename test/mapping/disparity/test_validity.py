@@ -9,7 +9,7 @@ from disparity_world import make_world, slope
 
 from sfr_loc_map.mapping.disparity.filters import local_variance
 from sfr_loc_map.mapping.disparity.uncertainty import NOISE_INFORMATION, disparity_sigma
-from sfr_loc_map.mapping.disparity.validity import MAX_CHANGE_PX, MIN_PIXELS, occlusion_mask, valid_mask
+from sfr_loc_map.mapping.disparity.validity import MAX_CHANGE_PX, occlusion_mask, valid_mask
 from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity, refine
 
 F = np.float32
@@ -78,13 +78,3 @@ def test_the_background_left_of_a_block_is_occluded() -> None:
     assert not occlusion_mask(disparity, valid, F(8.5))[:, 14:].any()  # nearer by less than the jump
     valid[10:30, 60:90] = False  # what is not valid occludes nothing
     assert not occlusion_mask(disparity, valid, F(1.0))[:, 6:].any()
-
-
-def test_small_segments_are_invalid(scene: Scene) -> None:
-    initial, side = np.full_like(scene.initial, np.nan), int(np.sqrt(MIN_PIXELS))
-    speck, island = np.s_[50 : 50 + side, 100 : 100 + side], np.s_[150 : 152 + side, 200 : 202 + side]
-    for part in (speck, island):
-        initial[part] = scene.initial[part]
-    mask = scene.mask(initial=initial)
-    assert not mask[speck].any()
-    assert mask[island].all()

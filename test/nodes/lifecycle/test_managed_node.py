@@ -12,17 +12,19 @@ import rclpy
 from lifecycle_msgs.msg import Transition
 from made_scene import LOC_RIG, loc_pair, true_pose
 from peers import Capture, LocalNode, Manager, localised
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from scenes import MOUNT, RELIABLE, calls, params, send_infos, send_pair
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.nodes.diagnostics import Level, values_of
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
-from sfr_loc_map.nodes.messages.pose import covariance_of
+from sfr_loc_map.nodes.messages import covariance_of
 from sfr_loc_map.nodes.monitor_node import MonitorNode
-from sfr_loc_map.nodes.stereo_input import ReceivedPair
+from sfr_loc_map.nodes.pair_node import ReceivedPair
 
 CONFIGURE, CLEANUP = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP
 ACTIVATE, DEACTIVATE = Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_DEACTIVATE
@@ -212,3 +214,20 @@ def test_quality_of_service_that_does_not_fit_is_named(ros: None, capfd: Capture
         best_effort = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
         peer.node.create_publisher(Image, "loc/left/image_rect", best_effort)
         peer.well(Level.WARN, "a publisher of /loc/left/image_rect offers less RELIABILITY than this node requests")
+
+
+def test_a_subscription_may_be_set_on_its_own(ros: None) -> None:
+    def monitor(reliability: str) -> MonitorNode:
+        name = "qos_overrides./localisation/odometry.subscription.reliability"
+        return MonitorNode(parameter_overrides=[Parameter(name, value=reliability)])
+
+    node = monitor("best_effort")
+    node.start()
+    for topic, wanted in (("odometry", ReliabilityPolicy.BEST_EFFORT), ("configuration", ReliabilityPolicy.RELIABLE)):
+        (info,) = node.get_subscriptions_info_by_topic(f"/localisation/{topic}")
+        assert info.qos_profile.reliability == wanted
+    node.destroy_node()
+    node = monitor("besteffort")
+    with pytest.raises(ConfigError, match=r"qos_overrides./localisation/odometry.*besteffort"):
+        node.start()
+    node.destroy_node()

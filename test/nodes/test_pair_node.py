@@ -11,8 +11,8 @@ from sensor_msgs.msg import CameraInfo, Image
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io import bag_messages
-from sfr_loc_map.nodes.messages.fields import header_msg
-from sfr_loc_map.nodes.stereo_input import StereoInput, StereoInputConfig
+from sfr_loc_map.nodes.messages import header_msg
+from sfr_loc_map.nodes.pair_node import StereoInput, StereoInputConfig
 from sfr_loc_map.pipeline.reception import MessageTimes
 
 S, SMALL = 1_000_000_000, "a pair of another size"

@@ -1,0 +1,352 @@
+"""Values as messages and back: stamps, poses, images, clouds, grids, tracks.
+
+Every field gets a plain Python number: message classes accept those of numpy silently and send something else. What
+does not hold what it should (NaN, too few bytes, another size or type) raises an InputError.
+
+The ROS orientation of RB in DS takes components in RB to DS, so it is `Transform.quat_xyzw`, the conjugate of the
+source document's `att_q_DsToRb`. Nothing else knows of that.
+"""
+
+from __future__ import annotations
+
+import importlib
+from array import array
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import (
+    Point,
+    Pose,
+    PoseWithCovarianceStamped,
+    Quaternion,
+    TransformStamped,
+    Twist,
+    TwistWithCovariance,
+    Vector3,
+)
+from nav_msgs.msg import MapMetaData, OccupancyGrid, Odometry
+from numpy.typing import NDArray
+from sensor_msgs.msg import CompressedImage, Image, PointCloud2, PointField, RegionOfInterest
+from std_msgs.msg import Header
+from stereo_msgs.msg import DisparityImage
+
+from sfr_loc_map.errors import GeometryError, InputError, NodeError
+from sfr_loc_map.geometry.arrays import FloatArray, FloatArray32, GreyImage
+from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
+from sfr_loc_map.geometry.plausibility import MAX_VARIANCE, check_image_size, is_plausible_covariance
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S
+from sfr_loc_map.io.image_codec import (
+    JPEG_MAGIC,
+    PNG_MAGIC,
+    claimed_size,
+    image_from_compressed_message,
+    image_from_message,
+    stamp_of,
+)
+from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, StepEstimate
+
+if TYPE_CHECKING:
+    from sfr_loc_map.mapping.terrain.grid import TerrainGrid
+
+POINT_TYPES: dict[type[np.generic], int] = {
+    np.int8: PointField.INT8,
+    np.uint8: PointField.UINT8,
+    np.int16: PointField.INT16,
+    np.uint16: PointField.UINT16,
+    np.int32: PointField.INT32,
+    np.uint32: PointField.UINT32,
+    np.float32: PointField.FLOAT32,
+    np.float64: PointField.FLOAT64,
+}
+"""Codes of sensor_msgs/PointField."""
+
+
+def time_msg(stamp_ns: int) -> Time:
+    """Return nanoseconds as a ROS time, exactly."""
+    sec, nanosec = divmod(int(stamp_ns), NS_PER_S)
+    return Time(sec=sec, nanosec=nanosec)
+
+
+def header_msg(stamp_ns: int, frame_id: str) -> Header:
+    """Return a header."""
+    return Header(stamp=time_msg(stamp_ns), frame_id=frame_id)
+
+
+def byte_array(values: NDArray[Any]) -> array[int]:
+    """Return the bytes of an array as the one type that message fields take quickly."""
+    data = array("B")
+    data.frombytes(np.ascontiguousarray(values).reshape(-1).view(np.uint8).data if values.size else b"")
+    return data
+
+
+def points_msg(records: NDArray[np.void], header: Header) -> PointCloud2:
+    """Return structured points `(N,)` or `(H, W)` as a message, not said to be dense."""
+    dtype, shape = records.dtype, (1, *records.shape)[-2:]
+    fields = [
+        PointField(name=name, offset=int(dtype.fields[name][1]), datatype=POINT_TYPES[dtype[name].type], count=1)
+        for name in dtype.names or ()
+        if dtype.fields
+    ]
+    message = PointCloud2(header=header, height=shape[0], width=shape[1], fields=fields)
+    message.point_step, message.row_step = int(dtype.itemsize), int(dtype.itemsize) * shape[1]
+    message.data = byte_array(records)
+    return message
+
+
+def points_of(message: PointCloud2, wanted: Mapping[str, Sequence[type[np.generic]]]) -> NDArray[np.void]:
+    """Return a view of the points `(H, W)` of a message with the wanted fields, of whatever layout."""
+    what, found = f"cloud of stamp {stamp_of(message)}", {field.name: field for field in message.fields}
+    order: Literal["<", ">"] = ">" if message.is_bigendian else "<"
+    formats, offsets = [], []
+    for name, kinds in wanted.items():
+        field = found.get(name)
+        kind = next((k for k in kinds if field is not None and field.datatype == POINT_TYPES[k]), None)
+        if field is None or kind is None or field.count not in (0, 1):
+            types = " or ".join(each.__name__ for each in kinds)
+            raise InputError(f"{what} has no field '{name}' of {types} (fields: {', '.join(found) or 'none'})")
+        formats.append(np.dtype(kind).newbyteorder(order))
+        offsets.append(int(field.offset))
+        if field.offset + formats[-1].itemsize > message.point_step:
+            raise InputError(f"{what}: field '{name}' lies beyond the {message.point_step} byte point")
+    height, width, step, row = (int(n) for n in (message.height, message.width, message.point_step, message.row_step))
+    if row < step * width or len(message.data) < row * height:
+        raise InputError(f"{what} is {width} x {height} points of {step} bytes in {len(message.data)}: too few")
+    dtype = np.dtype({"names": list(wanted), "formats": formats, "offsets": offsets, "itemsize": step})
+    if not height * width:
+        return np.zeros((height, width), dtype)
+    return np.ndarray((height, width), dtype, np.frombuffer(message.data, np.uint8).data, strides=(row, step))
+
+
+def float_points_msg(values: FloatArray32, names: Sequence[str], header: Header) -> PointCloud2:
+    """Return float32 `(N, F)` or `(H, W, F)` as a cloud with F fields."""
+    rows = np.ascontiguousarray(values, "<f4").view([(name, "<f4") for name in names])[..., 0]
+    return points_msg(rows, header)
+
+
+def floats_of(message: PointCloud2, names: Sequence[str]) -> FloatArray32:
+    """Return the fields of a cloud as float32 `(H, W, F)`."""
+    points = points_of(message, dict.fromkeys(names, (np.float32,)))
+    return np.stack([points[name].astype(np.float32) for name in names], axis=-1)
+
+
+FIRST_VELOCITY_VARIANCE = 1.0  #: Of the velocity at the first pose, (m/s)^2 and (rad/s)^2: it has no pose before.
+
+
+def pose_msg(pose: Transform, quat_xyzw: FloatArray) -> Pose:
+    """Return a pose of the child frame in the parent frame; the quaternion is sent as given."""
+    x, y, z = (float(v) for v in pose.translation)
+    qx, qy, qz, qw = (float(v) for v in quat_xyzw)
+    return Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
+
+
+def transform_from_pose(pose: Pose, name: str) -> Transform:
+    """Return `T_parent_child` of a pose message; `name` says what it is where it is none."""
+    p, q = pose.position, pose.orientation
+    try:
+        return Transform.from_quat((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
+    except GeometryError as error:
+        raise InputError(f"{name}: {error}") from error
+
+
+def start_pose_of(message: PoseWithCovarianceStamped) -> StartPose:
+    """Return a pose from outside, which holds at its stamp; a stamp of zero is none."""
+    pose = transform_from_pose(message.pose.pose, "initialpose")
+    covariance = np.array(message.pose.covariance, np.float64).reshape(6, 6)
+    if not is_plausible_covariance(covariance):
+        raise InputError(
+            f"initialpose has a covariance that is none: it is symmetric, with variances from 0 to {MAX_VARIANCE:g}; "
+            f"zeros say exact"
+        )
+    return StartPose(pose, covariance, stamp_of(message) or None)
+
+
+def odometry_msg(estimate: PoseEstimate, parent: str, child: str) -> Odometry:
+    """Return an estimate as odometry; the velocity is the mean one since the pose before, in RB there."""
+    message = Odometry(header=header_msg(estimate.stamp_ns, parent), child_frame_id=child)
+    message.pose.pose = pose_msg(estimate.T_ds_rb, estimate.T_ds_rb.quat_xyzw)
+    message.pose.covariance = np.array(estimate.covariance, dtype=np.float64).reshape(36)
+    message.twist = _twist_msg(estimate.step)
+    return message
+
+
+def _twist_msg(step: StepEstimate | None) -> TwistWithCovariance:
+    """Return the mean velocity of a step, with 9999 on the diagonal of its covariance where there is none."""
+    if step is None:
+        return TwistWithCovariance(covariance=(np.eye(6) * LOST_VARIANCE).reshape(36))
+    velocity, covariance = np.zeros(6), np.eye(6) * FIRST_VELOCITY_VARIANCE
+    if step.seconds > 0.0:
+        velocity, covariance = step.motion / step.seconds, step.covariance / step.seconds**2
+    x, y, z, roll, pitch, yaw = velocity.tolist()
+    twist = Twist(linear=Vector3(x=x, y=y, z=z), angular=Vector3(x=roll, y=pitch, z=yaw))
+    return TwistWithCovariance(twist=twist, covariance=covariance.reshape(36))
+
+
+def odometry_row(message: Odometry) -> tuple[int, tuple[float, float, float], tuple[float, float, float, float]]:
+    """Return stamp (ns), position (m) and quaternion (x, y, z, w) of odometry, numbers as sent."""
+    stamp = stamp_of(message)
+    transform_from_pose(message.pose.pose, f"odometry of stamp {stamp}")
+    p, q = message.pose.pose.position, message.pose.pose.orientation
+    return stamp, (p.x, p.y, p.z), (q.x, q.y, q.z, q.w)
+
+
+def covariance_of(message: Odometry) -> FloatArray:
+    """Return the covariance `(6, 6)` of the pose of odometry, in ROS order."""
+    return np.array(message.pose.covariance, np.float64).reshape(6, 6)
+
+
+def transform_of_odometry(message: Odometry) -> TransformStamped:
+    """Return the pose of odometry as a transform of its frames."""
+    transform = TransformStamped(header=message.header, child_frame_id=message.child_frame_id)
+    position = message.pose.pose.position
+    transform.transform.translation = Vector3(x=position.x, y=position.y, z=position.z)
+    transform.transform.rotation = message.pose.pose.orientation
+    return transform
+
+
+def tf_message_type() -> type[Any] | None:
+    """Return tf2_msgs/TFMessage, None where it is not installed (it is not part of the ROS wheels)."""
+    try:
+        return importlib.import_module("tf2_msgs.msg").TFMessage
+    except ImportError:
+        return None
+
+
+def grey_from_image(message: Image | CompressedImage, size: tuple[int, int]) -> GreyImage:
+    """Return an image message (PNG or JPEG where compressed) as 8-bit grey `(H, W)`; `size` is that of camera_info."""
+    check_image(message, size)
+    return image_from_message(message) if isinstance(message, Image) else image_from_compressed_message(message)
+
+
+def check_image(message: Image | CompressedImage, size: tuple[int, int]) -> None:
+    """Check the size that an image claims before anything is decoded or allocated: a small message may claim any."""
+    if isinstance(message, Image):
+        found: tuple[int, int] | None = (int(message.width), int(message.height))
+    else:
+        data = bytes(message.data)
+        found = claimed_size(data) if data.startswith((PNG_MAGIC, JPEG_MAGIC)) else None
+    if found != size:
+        what = "not PNG or JPEG" if found is None else f"{found[0]} x {found[1]}"
+        raise InputError(
+            f"image of stamp {stamp_of(message)} is {what}: its camera_info says {size[0]} x {size[1]}; "
+            f"publish the camera_info of these images"
+        )
+
+
+def image_msg(image: NDArray[np.uint8], header: Header) -> Image:
+    """Return a colour image `(H, W, 3)` uint8, blue, green, red, as a message."""
+    height, width = image.shape[:2]
+    message = Image(header=header, height=height, width=width, encoding="bgr8", step=3 * width)
+    message.data = byte_array(image)
+    return message
+
+
+def disparity_msg(
+    disparity_px: NDArray[np.float32], rig: StereoRig, searched_px: tuple[float, float], header: Header
+) -> DisparityImage:
+    """Return a disparity image."""
+    height, width = disparity_px.shape
+    low = min(searched_px[0], float(np.nanmin(disparity_px, initial=np.inf)))
+    filled = np.where(np.isnan(disparity_px), np.float32(low - 1.0), disparity_px).astype("<f4")
+    message = DisparityImage(header=header, f=float(rig.fx), t=float(rig.baseline_m), delta_d=1.0 / 16.0)
+    message.image = Image(header=header, height=height, width=width, encoding="32FC1", step=4 * width)
+    message.image.data = byte_array(filled)
+    message.valid_window = RegionOfInterest(height=height, width=width)
+    message.min_disparity, message.max_disparity = float(low), float(searched_px[1])
+    return message
+
+
+def cloud_msg(cloud: PointCloud, stamp_ns: int, frame_id: str) -> PointCloud2:
+    """Return a cloud with the fields x y z sigma intensity u v pair, one row."""
+    message = points_msg(cloud.to_structured(), header_msg(stamp_ns, frame_id))
+    message.is_dense = bool(np.isfinite(cloud.xyz).all())
+    return message
+
+
+def cloud_from_msg(message: PointCloud2) -> PointCloud:
+    """Return the cloud of a message with at least the fields of `mapping/points`."""
+    points = points_of(message, {name: (kind,) for name, kind in FIELD_TYPES.items()})
+    return PointCloud.from_structured(points.reshape(-1))
+
+
+def xyz_from_msg(message: PointCloud2) -> FloatArray:
+    """Return the points `(N, 3)` of any cloud with float fields x, y and z; NaN where there is none."""
+    points = points_of(message, dict.fromkeys("xyz", (np.float32, np.float64)))
+    return np.stack([points[name].reshape(-1).astype(np.float64) for name in "xyz"], axis=1)
+
+
+ELEVATION_FIELDS = ("x", "y", "z", "sigma", "slope", "roughness", "step", "count")
+"""Fields of a cell, all float32: its centre and height, metres; slope, radians; roughness and step, metres; points."""
+
+
+def elevation_msg(grid: TerrainGrid, stamp_ns: int, frame_id: str) -> PointCloud2:
+    """Return a grid as an organised cloud: one point a cell, rows along y, columns along x, NaN where not known."""
+    (rows, columns), (x0, y0), cell_m = grid.hazard.shape, grid.elevation.origin_m, grid.elevation.cell_m
+    cells = np.empty((rows, columns, len(ELEVATION_FIELDS)), np.float32)
+    cells[..., 0] = x0 + (np.arange(columns) + 0.5) * cell_m
+    cells[..., 1] = (y0 + (np.arange(rows) + 0.5) * cell_m)[:, None]
+    model = grid.elevation
+    layers = (model.height_m, model.sigma_m, grid.slope_rad, grid.roughness_m, grid.step_m, model.count)
+    for index, layer in enumerate(layers, 2):
+        cells[..., index] = layer
+    return float_points_msg(cells, ELEVATION_FIELDS, header_msg(stamp_ns, frame_id))
+
+
+def elevation_from_msg(message: PointCloud2) -> FloatArray32:
+    """Return the cells `(R, C, 8)` of a message as `elevation_msg` makes it, in the order of `ELEVATION_FIELDS`."""
+    check_image_size(int(message.width), int(message.height), "the elevation grid")
+    cells = floats_of(message, ELEVATION_FIELDS)
+    if not np.isfinite(cells[..., :2]).all():
+        raise InputError("elevation with cells of no place: x and y must be numbers everywhere")
+    return cells
+
+
+def hazard_msg(grid: TerrainGrid, stamp_ns: int, frame_id: str) -> OccupancyGrid:
+    """Return the hazard of the cells: 100 for one, 0 to 99 for none, -1 where not known."""
+    (rows, columns), (x0, y0) = grid.hazard.shape, grid.elevation.origin_m
+    message = OccupancyGrid(header=header_msg(stamp_ns, frame_id))
+    origin = Pose(position=Point(x=float(x0), y=float(y0), z=0.0), orientation=Quaternion(w=1.0))
+    resolution = float(np.float32(grid.elevation.cell_m))
+    message.info = MapMetaData(
+        map_load_time=time_msg(stamp_ns), resolution=resolution, width=columns, height=rows, origin=origin
+    )
+    data = array("b")
+    data.frombytes(np.ascontiguousarray(grid.hazard).reshape(-1).data)
+    message.data = data
+    return message
+
+
+def hazard_from_msg(message: OccupancyGrid) -> FloatArray32:
+    """Return the hazard `(R, C)` from 0 to 100, NaN where not known."""
+    rows, columns = int(message.info.height), int(message.info.width)
+    data = np.frombuffer(message.data, np.int8)
+    if len(data) != rows * columns:
+        raise InputError(f"hazard of {columns} x {rows} cells has {len(data)}")
+    return np.where(data < 0, np.nan, data).astype(np.float32).reshape(rows, columns)
+
+
+TRACK_FIELDS = ("u", "v", "before_u", "before_v", "residual")
+"""Fields of a track, all float32: pixel in the left image of the pair and in the newest keyframe; root of chi-square
+per degree of freedom over that of the worst inlier (1 and more: outlier; NaN: not found)."""
+MAX_TRACKS = 100_000
+MASK_SCALE = 4  #: Pixels of the image, along each axis, for one of the mask that is published.
+
+
+def tracks_from_msg(message: PointCloud2) -> FloatArray32:
+    """Return tracks `(N, 5)` in the order of `TRACK_FIELDS`."""
+    if message.width * message.height > MAX_TRACKS:
+        raise InputError(f"{message.width * message.height} tracks: at most {MAX_TRACKS} are read")
+    return floats_of(message, TRACK_FIELDS).reshape(-1, len(TRACK_FIELDS))
+
+
+def message_type(msgtype: str) -> type[Any]:
+    """Return the type of a name such as `sensor_msgs/msg/Image`; raises NodeError if its package is not installed."""
+    package, _, name = msgtype.split("/")
+    try:
+        found: type[Any] = getattr(importlib.import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError) as error:
+        raise NodeError(f"messages of type {msgtype} are not known here: install or source {package}") from error
+    return found
