@@ -12,10 +12,11 @@ import numpy as np
 from sfr_loc_map.errors import GeometryError, MethodError
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState, lost_covariance
+from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.mapping.disparity.uncertainty import Saturation
 from sfr_loc_map.mapping.mapper import FusedMap, PairMap
 from sfr_loc_map.mapping.multiview.pair_view import PairView
@@ -50,6 +51,7 @@ class IsolatedMethod:
         process = self._started()
         self.record: MethodRecord = method.record(process.version)
         self.idle_bytes: int | None = process.idle_bytes  # resident after warm-up, None where that is not known
+        self.maps_sets: bool = process.maps_sets  # in one call, which then is the only one of a mapper
 
     @property
     def alive(self) -> bool:
@@ -96,7 +98,7 @@ class IsolatedMethod:
             return self._lost(pair, MethodCall(reason="not started again"))
         call = MethodCall()
         try:
-            call, result = self._started().call(pair, order or {})
+            call, result = self._started().call([pair], order or {})
             _check_stamp(pair, result)
             T_ds_rb = self._pose(result)
             covariance = _covariance(result.get("covariance"))
@@ -133,34 +135,56 @@ class IsolatedMethod:
 
     # ---- mappers
 
+    def map_set(self, pairs: Sequence[PosedStereoPair]) -> tuple[list[PairMap], FusedMap, MethodCall]:
+        """Return what one call makes of one to three pairs: each pair's part of the cloud, the cloud, what it did."""
+        cloud, call, warnings = PointCloud.empty(), MethodCall(), ()
+        stamps_ns = tuple(item.pair.stamp_ns for item in pairs)
+        T_lm_left = tuple(item.T_lm_navsb @ self._rig.T_sb_left for item in pairs)
+        orders = [_posed(item.pair.stamp_ns, item.T_lm_navsb, number) for number, item in enumerate(pairs)]
+        try:
+            call, result = self._called([item.pair for item in pairs], {"set": orders})
+            cloud = replace(self._cloud(len(pairs)), fused=bool(result["fused"]))
+            warnings = tuple(result.get("warnings") or ())
+        except MethodError as error:
+            call = self._failed(error)
+        cloud = replace(cloud, pair_stamps_ns=stamps_ns)
+        parts = [cloud.select(cloud.pair == number) for number in range(len(pairs))]
+        maps = [self._pair_map(*about) for about in zip(stamps_ns, parts, T_lm_left, strict=True)]
+        return maps, FusedMap(cloud, cloud.sigma, T_lm_left, call.statistics, warnings), call
+
     def map_pair(self, pair: StereoPair, T_lm_navsb: Transform, index: int) -> tuple[PairMap, MethodCall]:
         """Return the points that one pair sees, none where the method gave no valid ones, and what the call did."""
         T_lm_left = T_lm_navsb @ self._rig.T_sb_left
-        shown = np.full((self._rig.height, self._rig.width), np.nan, F)
-        cloud, warnings = PointCloud.empty(fused=False), ()
+        disparity, cloud, warnings = None, PointCloud.empty(fused=False), ()
+        order = {"set": [_posed(pair.stamp_ns, T_lm_navsb, 0)]} if self.maps_sets else {}
         try:
-            if self._is_given_up:
-                raise MethodFailureError(FindingKind.CRASHED, "not started again")
-            process = self._started()
-            for what in ("cloud", "disparity"):
-                self._file(what).unlink(missing_ok=True)
-            call, result = process.call(pair, {"T_lm_navsb": T_lm_navsb.matrix.ravel().tolist(), "index": index})
-            _check_stamp(pair, result)
+            call, result = self._called([pair], order or _posed(pair.stamp_ns, T_lm_navsb, index))
             disparity = self._disparity(pair)
             if self._file("cloud").exists():
-                cloud = self._cloud(index)
+                found = self._cloud(MAX_PAIRS)
+                cloud = replace(found, pair=np.full(len(found), index, np.uint8))
             elif disparity is not None:
                 disparity = np.where(disparity > 0.0, disparity, F(np.nan))
                 sigma = np.full_like(disparity, DISPARITY_SIGMA_PX)
                 cloud = cloud_from_disparity(disparity, sigma, pair.left, self._rig, T_lm_left, index)
-            shown = shown if disparity is None else disparity
             warnings = tuple(result.get("warnings") or ())
         except MethodError as error:
             call, self._complete = self._failed(error), False
+        return self._pair_map(pair.stamp_ns, cloud, T_lm_left, disparity, call.statistics, warnings), call
+
+    def _pair_map(
+        self,
+        stamp_ns: int,
+        cloud: PointCloud,
+        T_lm_left: Transform,
+        disparity: FloatImage | None = None,
+        figures: Mapping[str, float] = {},
+        warnings: tuple[str, ...] = (),
+    ) -> PairMap:
+        shown = np.full((self._rig.height, self._rig.width), np.nan, F) if disparity is None else disparity
         unsaturated = Saturation(np.zeros(shown.shape, np.bool_), np.zeros(shown.shape, np.uint8), 0.0)
-        view, figures = PairView(cloud, shown, T_lm_left, 0.0), call.statistics
-        made = PairMap(pair.stamp_ns, cloud, cloud.sigma, view, unsaturated, NO_CALIBRATION, figures, warnings)
-        return made, call
+        view = PairView(cloud, shown, T_lm_left, 0.0)
+        return PairMap(stamp_ns, cloud, cloud.sigma, view, unsaturated, NO_CALIBRATION, figures, warnings)
 
     def fuse(self, maps: Sequence[PairMap], last: StereoPair) -> tuple[FusedMap, MethodCall | None]:
         """Return one cloud of the pairs' maps, and what the call did; points stand side by side if it cannot fuse."""
@@ -168,13 +192,24 @@ class IsolatedMethod:
         cloud = PointCloud.concatenate([item.cloud for item in maps])
         if self._process is not None and self._process.fuses and self._complete:
             try:
-                made, _ = self._process.call(last, {"fuse": True})
-                cloud, call = replace(self._cloud(None), fused=True), made
+                made, _ = self._process.call([last], {"fuse": True})
+                cloud, call = replace(self._cloud(len(maps)), fused=True), made
             except MethodError as error:
                 call = self._failed(error)
         cloud = replace(cloud, pair_stamps_ns=tuple(item.stamp_ns for item in maps))
         T_lm_left = tuple(item.view.T_lm_left for item in maps)
         return FusedMap(cloud, cloud.sigma, T_lm_left, {} if call is None else call.statistics), call
+
+    def _called(self, pairs: Sequence[StereoPair], order: Mapping[str, object]) -> tuple[MethodCall, Mapping[str, Any]]:
+        """Return what a call of a mapper took and reports; the arrays of the one before are gone."""
+        if self._is_given_up:
+            raise MethodFailureError(FindingKind.CRASHED, "not started again")
+        process = self._started()
+        for what in ("cloud", "disparity"):
+            self._file(what).unlink(missing_ok=True)
+        call, result = process.call(pairs, order)
+        _check_stamp(pairs[-1], result)
+        return call, result
 
     def _file(self, what: str) -> Path:
         assert self._process is not None
@@ -193,8 +228,8 @@ class IsolatedMethod:
             raise MethodFailureError(FindingKind.NOT_FINITE, "a disparity is infinite")
         return found
 
-    def _cloud(self, index: int | None) -> PointCloud:
-        """Return the points of the last answer, of the pair that was asked for (None: of all)."""
+    def _cloud(self, pairs: int) -> PointCloud:
+        """Return the points of the last answer, which are of so many pairs."""
         try:
             cloud = PointCloud.from_structured(np.load(self._file("cloud")), fused=False)
         except (OSError, ValueError, GeometryError) as error:
@@ -203,7 +238,14 @@ class IsolatedMethod:
             raise MethodFailureError(FindingKind.NOT_FINITE, "a point or its sigma is not finite")
         if len(cloud) and not (cloud.u.max() < self._rig.width and cloud.v.max() < self._rig.height):
             raise MethodFailureError(FindingKind.INVALID_RESULT, "a point names a pixel outside the image")
-        return cloud if index is None else replace(cloud, pair=np.full(len(cloud), index, np.uint8))
+        if len(cloud) and not cloud.pair.max() < pairs:
+            text = f"a point names pair {cloud.pair.max()}: there are {pairs}, counted from 0"
+            raise MethodFailureError(FindingKind.INVALID_RESULT, text)
+        return cloud
+
+
+def _posed(stamp_ns: int, T_lm_navsb: Transform, index: int) -> dict[str, object]:
+    return {"stamp_ns": stamp_ns, "T_lm_navsb": T_lm_navsb.matrix.ravel().tolist(), "index": index}
 
 
 def _check_stamp(pair: StereoPair, result: Mapping[str, Any]) -> None:

@@ -11,7 +11,7 @@ import signal
 import subprocess
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,6 +24,7 @@ from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.methods.registry import Method, MethodLimits
 from sfr_loc_map.metrics.calls import CallUsage
 from sfr_loc_map.metrics.score import FindingKind, MethodKind
@@ -33,6 +34,8 @@ POLL_S = 0.05  #: How often the memory of a process that is at work is looked at
 CAMERA = ("width", "height", "fx", "fy", "cx", "cy", "baseline_m")
 SHARED_MEMORY = Path("/dev/shm")
 MB = 1_000_000
+LEAKS = {10: 100 * MB, 50: 20 * MB}
+"""A method leaks that keeps more after each of so many calls, so much in all; a window that fills up does not."""
 
 
 class MethodFailureError(MethodError):
@@ -56,8 +59,9 @@ class MethodCall:
 
 
 class MethodProcess:
-    """A method's process, warmed up and waiting once constructed, of a stated `version`; it `fuses` pairs or not.
+    """A method's process, warmed up and waiting once constructed, of a stated `version`.
 
+    It `maps_sets` of pairs in one call, or `fuses` pairs that it has mapped, or neither.
     The arrays of its results are at `output`, followed by an ending that says what they are.
     """
 
@@ -70,7 +74,7 @@ class MethodProcess:
         self._folder = Path(tempfile.mkdtemp(prefix="sfr_method_", dir=shared))
         self._log, images = self._folder / "log", self._folder / "images"
         self.output = str(self._folder / "result")
-        self._images = np.asarray(np.memmap(images, np.uint8, "w+", shape=(2, rig.height, rig.width)))
+        self._images = np.asarray(np.memmap(images, np.uint8, "w+", shape=(MAX_PAIRS, 2, rig.height, rig.width)))
         with self._log.open("wb") as log:
             self._process = subprocess.Popen(
                 method.command,
@@ -82,6 +86,7 @@ class MethodProcess:
                 start_new_session=True,
             )
         self._rest = b""
+        self._kept: list[int] = []  # resident bytes after each of the last calls that each kept more
         T_rb_left = None if rig.T_rb_sb is None else rig.T_rb_left
         transforms = {"start": T_ds_rb, "T_rb_sb": rig.T_rb_sb, "T_rb_left": T_rb_left}
         poses = {name: None if T is None else T.matrix.ravel().tolist() for name, T in transforms.items()}
@@ -94,24 +99,30 @@ class MethodProcess:
             if isinstance(error, MethodFailureError):
                 raise MethodError(f"method {method.name} {error}") from error
             raise
-        self.version, self.fuses, self.idle_bytes = str(hello["version"]), bool(hello["fuses"]), hello["idle_bytes"]
+        self.version, self.idle_bytes = str(hello["version"]), hello["idle_bytes"]
+        self.fuses, self.maps_sets = bool(hello["fuses"]), bool(hello["maps_sets"])
 
-    def call(self, pair: StereoPair, order: Mapping[str, object]) -> tuple[MethodCall, Mapping[str, Any]]:
-        """Show it a pair, give an order and return what the call took, and what its adapter reports.
+    def call(self, pairs: Sequence[StereoPair], order: Mapping[str, object]) -> tuple[MethodCall, Mapping[str, Any]]:
+        """Show it pairs, give an order and return what the call took, and what its adapter reports.
 
         MethodFailureError says what the method did if there is no result.
         """
-        self._images[0], self._images[1] = pair.left, pair.right
-        about = {"output": self.output, "stamp_ns": pair.stamp_ns}
+        for images, pair in zip(self._images, pairs, strict=False):
+            images[0], images[1] = pair.left, pair.right
+        about = {"output": self.output, "stamp_ns": pairs[-1].stamp_ns}
         answer = self._exchange(about | dict(order), self._limits.call_timeout_s)
-        peak = answer["peak_bytes"]
-        self._check_limits(answer["resident_bytes"] or 0)
+        peak, resident = answer["peak_bytes"], answer["resident_bytes"] or 0
+        self._check_limits(resident)
         if "fault" in answer:
             raise MethodFailureError(FindingKind(answer["fault"]), answer["text"])
         above = None if peak is None or self.idle_bytes is None else max(peak - self.idle_bytes, 0)
         result: dict[str, Any] = answer["result"]
         usage = CallUsage(answer["seconds"], peak, above)
-        return MethodCall(usage, statistics=result.get("statistics") or {}), result
+        self._kept = [*self._kept, resident] if resident > (self._kept or [resident])[-1] else [resident]
+        calls, grown = len(self._kept) - 1, resident - self._kept[0]
+        leak = f"{FindingKind.LEAKING}: keeps {grown / max(calls, 1) / MB:.1f} MB more after each of {calls} calls"
+        finding = leak if grown > LEAKS.get(calls, math.inf) else ""
+        return MethodCall(usage, finding, statistics=result.get("statistics") or {}), result
 
     def _exchange(self, order: Mapping[str, object], timeout_s: float) -> dict[str, Any]:
         assert self._process.stdin is not None

@@ -448,6 +448,7 @@ class FindingKind(StrEnum):
     CRASHED = "crashed"  #: Its process ended.
     HANGING = "hanging"  #: It did not return in time and was ended.
     OUT_OF_MEMORY = "out of memory"  #: It exceeded the memory that it may have and was ended.
+    LEAKING = "leaking"  #: It keeps more memory after every call.
     RAISED = "raised"  #: It raised an error or reported a failure.
     NOT_FINITE = "not finite"  #: A number of its result is NaN or infinite.
     WRONG_STAMP = "wrong stamp"  #: Its result is that of another pair.

@@ -164,7 +164,7 @@ class MapRun:
 
     maps: list[PairMap]
     fused: FusedMap
-    records: list[CallRecord]  # one a pair, then one for the fusion
+    records: list[CallRecord]  # one a pair, one for the fusion, one for the set; of a method that maps sets the last
 
     @property
     def unfused(self) -> PointCloud:
@@ -216,6 +216,12 @@ def map_pairs_with(
     records: list[CallRecord] = []
     searched = search_range(sequence.rig, MappingConfig()).count
     with IsolatedMethod(method, sequence.rig, limits=limits, setup={"disparities": searched}) as mapper:
+        if mapper.maps_sets:
+            maps, fused, call = mapper.map_set(list(sequence.pairs()))
+            progress(len(maps))
+            cost = _cost(call.usage, MappingState.MAPPED_SET)
+            records.append(CallRecord(maps[-1].stamp_ns, *cost, fused.statistics, finding=call.finding))
+            return MapRun(maps, fused, records), mapper.record
         for index, item in enumerate(sequence.pairs()):
             done, call = mapper.map_pair(item.pair, item.T_lm_navsb, index)
             stamp_ns = item.pair.stamp_ns

@@ -8,6 +8,10 @@
 #include <unistd.h>
 
 #define LEAK 30000000
+#define KNOWN (200 << 20) /* bytes that are asked for, written and freed within a call */
+#ifndef KIND
+#define KIND "" /* for a harness, which has no configuration */
+#endif
 #ifndef STATED_ABI
 #define STATED_ABI SFR_CANDIDATE_ABI
 #endif
@@ -34,6 +38,8 @@ sfr_candidate *sfr_candidate_create(const sfr_rig *rig, const char *config, char
         snprintf(message, message_size, "this rig is not to my taste");
         return NULL;
     }
+    if (*config == 0)
+        config = KIND;
     for (int number = 0, used = 0; number < 16 && sscanf(config, "%15s%n", self->kinds[number], &used) == 1; number++)
         config += used;
     return self;
@@ -65,6 +71,12 @@ int32_t sfr_candidate_process(sfr_candidate *self, int64_t stamp_ns, const uint8
         for (size_t byte = 0; byte < LEAK; byte += 512)
             kept[byte] = 1;
     }
+    if (strcmp(self->kinds[0], "allocate") == 0) {
+        volatile char *known = malloc(KNOWN);
+        for (size_t byte = 0; byte < KNOWN; byte += 512)
+            known[byte] = 1;
+        free((void *)known);
+    }
     if (strcmp(kind, "nan") == 0)
         pose->position_m[1] = NAN;
     if (strcmp(kind, "stamp") == 0)
@@ -82,17 +94,37 @@ int32_t sfr_candidate_process(sfr_candidate *self, int64_t stamp_ns, const uint8
     return strcmp(kind, "fail") == 0 ? 7 : SFR_OK;
 }
 
+#ifdef PAIR_BY_PAIR
 int32_t sfr_candidate_map(sfr_candidate *self, const sfr_pair *pair, const double *T_lm_navsb, sfr_point *points,
                           size_t capacity, size_t *count)
+#else
+int32_t sfr_candidate_map_pairs(sfr_candidate *self, const sfr_pair *pairs, size_t pair_count, const double *T_lm_navsb,
+                                sfr_map_point *points, size_t capacity, size_t *count, int32_t *fused)
+#endif
 {
-    (void)pair, (void)T_lm_navsb;
+    const char *kind = self->kinds[0];
+    (void)T_lm_navsb;
+#ifdef PAIR_BY_PAIR
+    (void)pair;
     *count = 1;
     points[0] = (sfr_point){1.0f, 2.0f, 3.0f, 0.1f, 4, 5};
-    if (strcmp(self->kinds[0], "many") == 0)
+#else
+    (void)pairs;
+    *count = pair_count, *fused = strcmp(kind, "fused") == 0 ? 5 : 0;
+    for (size_t i = 0; i < pair_count; i++)
+        points[i] = (sfr_map_point){1.0f, 2.0f, 3.0f, 0.1f, 4, 5, (uint16_t)i, 0};
+    if (strcmp(kind, "pair") == 0)
+        points[0].pair = (uint16_t)pair_count;
+#endif
+    if (strcmp(kind, "crash") == 0)
+        abort();
+    if (strcmp(kind, "many") == 0)
         *count = capacity + 1;
-    if (strcmp(self->kinds[0], "pixel") == 0)
+    if (strcmp(kind, "beyond") == 0)
+        points[capacity].x = 1.0f;
+    if (strcmp(kind, "pixel") == 0)
         points[0].u = 60000;
-    if (strcmp(self->kinds[0], "nan") == 0)
+    if (strcmp(kind, "nan") == 0)
         points[0].y = NAN;
-    return SFR_OK;
+    return strcmp(kind, "fail") == 0 ? 7 : SFR_OK;
 }

@@ -16,17 +16,19 @@ from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate
+from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.methods.comparison import methods_to_compare
 from sfr_loc_map.methods.isolated_method import IsolatedMethod
 from sfr_loc_map.methods.method_process import MethodCall
-from sfr_loc_map.methods.registry import find_method
+from sfr_loc_map.methods.registry import MethodLimits, find_method
 from sfr_loc_map.metrics.score import MethodKind, MethodRecord
-from sfr_loc_map.pipeline.offline import localise
+from sfr_loc_map.pipeline.offline import localise, map_pairs, map_pairs_with
 
 ROOT = Path(__file__).resolve().parents[2]
 CLASSES = """
 import numpy as np
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.mapping.mapper import Mapper
 
 class Odd:
     statistics = {"mood": 3}
@@ -55,6 +57,12 @@ class Flat:
         pass
     def process(self, pair, T_lm_navsb, index):
         return np.full(pair.left.shape, 6.0 if index == 0 else np.nan, np.float32)
+
+class Set:
+    def __init__(self, rig, config):
+        self.mapper = Mapper(rig)
+    def map_pairs(self, pairs):
+        return self.mapper.map(pairs)
 
 class Nothing:
     def __init__(self, rig, config):
@@ -97,7 +105,7 @@ def test_a_class_of_python_may_return_what_it_likes_and_is_checked(tmp_path: Pat
     np.testing.assert_allclose(made[1][0].T_ds_rb.matrix, moved.matrix, atol=1e-12)
     assert made[1][1].covariance is None
     assert made[0][1].statistics == {"mood": 3.0}
-    with pytest.raises(MethodError, match="has no method 'process'"):
+    with pytest.raises(MethodError, match="has no method 'process': see"):
         calls(f"{tmp_path}/classes.py:Nothing", "", 0)
     assert not any(call.finding for _, call in calls(f"{tmp_path}/classes.py:Holder", "", 24))
 
@@ -122,13 +130,43 @@ def test_the_example_in_c_localises_and_maps(example: Path) -> None:
     assert error < 0.1  # of 0.28 m, by some 30 corners of a small image
     with pytest.raises(MethodError, match="max_disparity is 2: must be 4 to 1023"):
         calls(f"lib:{example}", "max_disparity: 2", 0)
-    item = nav_pair(0)
+    items = [nav_pair(0), nav_pair(1)]
     with IsolatedMethod(find_method(f"lib:{example}", Task.MAPPING), NAV_RIG) as mapper:
-        found, call = mapper.map_pair(item.pair, item.T_lm_navsb, 0)
+        parts, fused, call = mapper.map_set(items)
     assert not call.finding
-    errors = np.linalg.norm(found.cloud.xyz - item.truth[found.cloud.v, found.cloud.u], axis=1)
-    assert len(found.cloud) > 0.5 * NAV_RIG.width * NAV_RIG.height
-    assert np.median(errors) < 0.05  # of 3 m
+    assert fused.cloud.fused is False
+    assert len(fused.cloud) == sum(len(part.cloud) for part in parts)
+    for item, part in zip(items, parts, strict=True):
+        errors = np.linalg.norm(part.cloud.xyz - item.truth[part.cloud.v, part.cloud.u], axis=1)
+        assert len(part.cloud) > 0.5 * NAV_RIG.width * NAV_RIG.height
+        assert np.median(errors) < 0.05  # of 3 m
+
+
+@pytest.mark.clause("1.3")
+def test_a_class_may_map_a_set_in_one_call_and_ours_gives_the_bits_of_its_stages(drive: Path, tmp_path: Path) -> None:
+    (tmp_path / "classes.py").write_text(CLASSES)
+    nav = open_source(drive).nav
+    run, _ = map_pairs_with(find_method(f"{tmp_path}/classes.py:Set", Task.MAPPING), nav, MethodLimits())
+    ours = map_pairs(nav, MappingConfig())  # by process and fuse
+    np.testing.assert_array_equal(run.fused.cloud.to_structured(), ours.fused.cloud.to_structured())
+    assert [record.state for record in run.records] == ["mapped_set"]
+    assert [record.state for record in ours.records] == ["mapped", "mapped", "fused", "mapped_set"]
+    assert ours.records[-1].processing_time_s > sum(record.processing_time_s for record in ours.records[:-1])
+
+
+@pytest.mark.clause("4.2.1", "4.2.2")
+@pytest.mark.parametrize("method", ["sfr", "{}/classes.py:Set"])
+def test_the_mapping_call_is_scored_and_judged(method: str, drive: Path, tmp_path: Path, sfr: Sfr) -> None:
+    (tmp_path / "classes.py").write_text(CLASSES)
+    cloud, stats, limits = tmp_path / "c.npz", tmp_path / "s.csv", tmp_path / "limits.yaml"
+    limits.write_text("timing: {mapping_call_s: 1.0e-6}\nmemory: {mapping_call_peak_bytes: 1.0e+11}\n")
+    assert sfr("map", drive, "-o", cloud, "--stats", stats, "--method", method.format(tmp_path)).code == 0
+    scored = sfr("score", cloud, drive, "--stats", stats, "--limits", limits, "--json", "-")
+    score = json.loads(scored.out)
+    assert score["timing"]["mapping_call_s"]["count"] == 1
+    assert 0.0 < score["timing"]["mapping_call_s"]["mean"] < 60.0
+    assert score["memory"]["mapping_call_peak_bytes"] > score["memory"]["mapping_call_above_idle_bytes"] > 0
+    assert [item["verdict"] for item in score["verdicts"]] == ["fail", "pass"]
 
 
 def test_names_are_looked_up(tmp_path: Path, sfr: Sfr) -> None:

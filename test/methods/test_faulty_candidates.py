@@ -15,10 +15,12 @@ from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task
+from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.methods.isolated_method import IsolatedMethod
 from sfr_loc_map.methods.method_process import MethodCall
 from sfr_loc_map.methods.registry import MethodLimits, find_method
+from sfr_loc_map.pipeline.offline import map_pairs_with
 
 Build = Callable[..., Path]
 LIMITS = MethodLimits(call_timeout_s=3.0, memory_mb=400)
@@ -78,9 +80,17 @@ def test_after_too_many_crashes_it_is_not_started_again(faulty: Path) -> None:
     assert np.isnan([call.usage.processing_time_s for _, call in made]).all()
 
 
-def test_what_needs_too_much_memory_is_ended(faulty: Path) -> None:
+def test_a_leak_is_named_before_the_limit_ends_it(faulty: Path) -> None:
     found = [call.finding for _, call in calls(faulty, "leak", 14) if call.finding]  # 30 MB a pair, to 400 MB
-    assert [text[:16] for text in found] == ["out of memory: h"]
+    assert [text[:16] for text in found] == ["leaking: keeps 3", "out of memory: h"]
+
+
+@pytest.mark.clause("4.2.2")
+def test_a_known_allocation_of_a_candidate_is_measured(faulty: Path) -> None:
+    size = 200 * 1024 * 1024
+    for _, call in calls(faulty, "allocate", 3):
+        assert call.usage.above_idle_bytes == pytest.approx(size, rel=0.01)
+        assert not call.finding
 
 
 def test_a_lost_candidate_is_no_finding_and_its_covariance_is_that_of_ds(faulty: Path) -> None:
@@ -93,12 +103,12 @@ def test_a_lost_candidate_is_no_finding_and_its_covariance_is_that_of_ds(faulty:
 
 
 def test_what_cannot_be_started_is_named(faulty: Path, build: Build, tmp_path: Path) -> None:
-    options = ("-fPIC", "-shared", "-DSTATED_ABI=2")
+    options = ("-fPIC", "-shared", "-DSTATED_ABI=3")
     other = build(Path(__file__).parent / "faulty_candidate.c", name="libother.so", options=options)
     (tmp_path / "text.so").write_text("no library")
     for library, words in (
         (faulty, "sfr_candidate_create: this rig is not to my taste"),
-        (other, r"libother.so .* built for version 2 of sfr_candidate.h, this suite has 1"),
+        (other, r"libother.so .* built for version 3 of sfr_candidate.h, this suite has 2"),
         (tmp_path / "text.so", "cannot load the library"),
         (tmp_path / "none.so", "there is no library"),
     ):
@@ -106,6 +116,7 @@ def test_what_cannot_be_started_is_named(faulty: Path, build: Build, tmp_path: P
             calls(library, "refuse")
 
 
+@pytest.mark.parametrize("options", [(), ("-DPAIR_BY_PAIR",), ("-DPAIR_BY_PAIR", "-DSTATED_ABI=1")])
 @pytest.mark.parametrize(
     ("config", "finding"),
     [
@@ -115,8 +126,9 @@ def test_what_cannot_be_started_is_named(faulty: Path, build: Build, tmp_path: P
         ("nan", "not finite: a point or its sigma is not finite"),
     ],
 )
-def test_points_are_checked(faulty: Path, config: str, finding: str) -> None:
-    with IsolatedMethod(find_method(f"lib:{faulty}", Task.MAPPING, config), NAV_RIG, limits=LIMITS) as mapper:
+def test_points_are_checked(build: Build, options: tuple[str, ...], config: str, finding: str) -> None:
+    library = mapper_library(build, *options)
+    with IsolatedMethod(find_method(f"lib:{library}", Task.MAPPING, config), NAV_RIG, limits=LIMITS) as mapper:
         item = nav_pair(1)
         made, call = mapper.map_pair(item.pair, item.T_lm_navsb, 1)
         fused, fusion = mapper.fuse([made], item.pair)
@@ -126,6 +138,51 @@ def test_points_are_checked(faulty: Path, config: str, finding: str) -> None:
     if not finding:
         np.testing.assert_allclose(made.cloud.to_structured().tolist(), [(1, 2, 3, 0.1, item.pair.left[5, 4], 4, 5, 1)])
         assert fused.cloud.fused is False
+
+
+def mapper_library(build: Build, *options: str) -> Path:
+    source, name = Path(__file__).parent / "faulty_candidate.c", f"lib{''.join(options)}.so"
+    return build(source, name=name, options=("-fPIC", "-shared", *options))
+
+
+@pytest.mark.parametrize(
+    ("config", "finding"),
+    [
+        ("", ""),
+        ("many", "invalid result: wrote 38401 points: there is room for 38400"),
+        ("beyond", "invalid result: wrote beyond its 38400 points"),
+        ("pixel", "invalid result: a point names a pixel outside 160 x 120"),
+        ("pair", "invalid result: a point names pair 2: the set has 2, counted from 0"),
+        ("fused", "invalid result: fused is 5: must be 0 or 1"),
+        ("nan", "not finite: a point or its sigma is not finite"),
+        ("fail", "invalid result: sfr_candidate_map_pairs returned 7"),
+        ("crash", "crashed: has ended by SIGABRT"),
+    ],
+)
+def test_a_set_is_one_call_and_its_points_are_checked(faulty: Path, drive: Path, config: str, finding: str) -> None:
+    method, nav = find_method(f"lib:{faulty}", Task.MAPPING, config), open_source(drive).nav
+    assert nav is not None
+    run, _ = map_pairs_with(method, nav, LIMITS)
+    (record,) = run.records
+    assert record.state == "mapped_set"
+    assert record.finding.startswith(finding)
+    assert bool(record.finding) == bool(finding)
+    assert run.fused.cloud.pair_stamps_ns == tuple(item.pair.stamp_ns for item in nav.pairs())
+    assert run.fused.cloud.pair.tolist() == run.unfused.pair.tolist() == ([] if finding else [0, 1])
+    if not finding:
+        assert 0.0 < record.processing_time_s < 1.0
+        assert (record.peak_rss_bytes or 0) > (record.above_idle_bytes or 0)
+        assert run.fused.cloud.fused is False
+
+
+def test_without_the_call_of_a_set_it_is_the_sum_of_its_stages(build: Build, drive: Path) -> None:
+    nav = open_source(drive).nav
+    assert nav is not None
+    run, _ = map_pairs_with(find_method(f"lib:{mapper_library(build, '-DPAIR_BY_PAIR')}", Task.MAPPING), nav, LIMITS)
+    *stages, whole = run.records
+    assert [record.state for record in run.records] == ["mapped", "mapped", "mapped_set"]
+    assert whole.processing_time_s == sum(record.processing_time_s for record in stages)
+    assert whole.peak_rss_bytes == max(record.peak_rss_bytes or 0 for record in stages)
 
 
 def test_the_command_names_the_finding_and_writes_what_there_is(

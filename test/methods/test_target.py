@@ -17,11 +17,11 @@ WRAP = "-Wl,--wrap=malloc,--wrap=calloc,--wrap=realloc,--wrap=free"
 SPARC = "sparc64-linux-gnu-gcc"
 
 
-def compiled(compiler: str, output: Path, *options: str) -> Path:
+def compiled(compiler: str, output: Path, *options: str, sources: list[Path] = SOURCES) -> Path:
     if shutil.which(compiler) is None:
         pytest.skip(f"there is no {compiler}")
     strict = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-Wpedantic", "-O2")
-    words = [compiler, *strict, *options, "-I", ROOT / "include", *SOURCES, "-o", output, "-lm"]
+    words = [compiler, *strict, *options, "-I", ROOT / "include", *sources, "-o", output, "-lm"]
     subprocess.run(list(map(str, words)), check=True)
     return output
 
@@ -74,6 +74,18 @@ def test_every_call_is_measured_and_memory_is_known(on_host: Path, drive: Path) 
         assert not row["peak_rss_bytes"] or int(row["peak_rss_bytes"]) > int(row["above_idle_bytes"])
     about = json.loads((on_host / "target.json").read_text())
     assert (about["flags"], about["board"], about["byte_order"]) == ("-O2", None, "little-endian")
+
+
+@pytest.mark.clause("4.2.2")
+def test_a_known_allocation_is_counted(pairs: Path, tmp_path: Path) -> None:
+    sources = [SOURCES[0], Path(__file__).parent / "faulty_candidate.c"]
+    options = (WRAP, "-D_POSIX_C_SOURCE=200112L", '-DKIND="allocate"')
+    harness = compiled("cc", tmp_path / "harness", *options, sources=sources)
+    subprocess.run([harness, pairs, tmp_path / "results"], check=True)
+    size = 200 * 1024 * 1024
+    for row in table(tmp_path / "results" / "stats.csv")[:-1]:  # the last is of the mapper
+        assert int(row["heap_peak_bytes"]) == pytest.approx(size, rel=0.01)
+        assert not row["above_idle_bytes"] or int(row["above_idle_bytes"]) == pytest.approx(size, rel=0.01)
 
 
 @pytest.mark.clause("4.2.1")

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-ABI = 1
+ABI = 2
+MAX_PAIRS = 3
 STATES = ("initialising", "tracking", "degraded", "lost")
 MARK = np.full(64, 0xA5, np.uint8)  #: Behind each thing that a candidate writes.
 MESSAGE_SIZE = 512
@@ -29,6 +30,7 @@ POSE = np.dtype([
 ])  # fmt: skip
 PAIR = np.dtype([("size", "u4"), ("index", "i4"), ("stamp_ns", "i8"), ("left", np.uintp), ("right", np.uintp)])
 POINT = np.dtype([("x", "f4"), ("y", "f4"), ("z", "f4"), ("sigma", "f4"), ("u", "u2"), ("v", "u2")])
+MAP_POINT = np.dtype([*POINT.descr, ("pair", "u2"), ("reserved", "u2")])
 CLOUD = np.dtype([*((name, "f4") for name in ("x", "y", "z", "sigma", "intensity")), ("u", "u2"), ("v", "u2"),
                   ("pair", "u1")])  # fmt: skip
 """Of a point in the file that is read by who gave the order."""
@@ -64,9 +66,9 @@ class Library:
             self.functions = ctypes.CDLL(setup["target"])
         except OSError as error:
             raise SystemExit(f"cannot load the library: {error}") from error
-        abi = self.function("abi", ctypes.c_uint32)()
-        if abi != ABI:
-            raise SystemExit(f"built for version {abi} of sfr_candidate.h, this suite has {ABI}: build it again")
+        self.abi = self.function("abi", ctypes.c_uint32)()
+        if not 1 <= self.abi <= ABI:
+            raise SystemExit(f"built for version {self.abi} of sfr_candidate.h, this suite has {ABI}: build it again")
         stated = self.function("version", ctypes.c_char_p)()
         self.version = "not stated" if stated is None else stated.decode("utf-8", "replace")
         self.function("destroy", None, Pointer)  # must be there; the process ends before it could be called
@@ -128,39 +130,63 @@ class LibraryLocaliser(Library):
 
 
 class LibraryMapper(Library):
-    """`sfr_candidate_map`."""
+    """`sfr_candidate_map_pairs`, or in its place `sfr_candidate_map`."""
 
     def __init__(self, setup: Mapping[str, Any]) -> None:
         super().__init__(setup)
-        self._map = self.function("map", ctypes.c_int32, *[Pointer] * 4, ctypes.c_size_t, Pointer)
-        self._points, self._mark = room_for(POINT, setup["width"] * setup["height"])
+        self.maps_sets = self.abi > 1 and hasattr(self.functions, "sfr_candidate_map_pairs")
+        self._name, self._point = ("map_pairs", MAP_POINT) if self.maps_sets else ("map", POINT)
+        count = (ctypes.c_size_t,) * self.maps_sets
+        types = (Pointer, Pointer, *count, Pointer, Pointer, ctypes.c_size_t, *(Pointer,) * (1 + self.maps_sets))
+        self._map = self.function(self._name, ctypes.c_int32, *types)
+        most = MAX_PAIRS if self.maps_sets else 1
+        self._room = np.full(most * setup["width"] * setup["height"] * self._point.itemsize + len(MARK), 0, np.uint8)
 
     def prepare(self, left: Image, right: Image, order: Mapping[str, Any]) -> Callable[[], Any]:
         """Return the call."""
-        self._mark[:] = MARK
-        about = (PAIR.itemsize, order["index"], order["stamp_ns"], left.ctypes.data, right.ctypes.data)
-        pair, T_lm_navsb, count = np.array([about], PAIR), np.array(order["T_lm_navsb"][:12]), np.zeros(1, np.uintp)
-        capacity, given = len(self._points), (pair, T_lm_navsb, self._points)
-        places, candidate, run = [array.ctypes.data for array in given], self.candidate, self._map
-        return lambda: (run(candidate, *places, capacity, count.ctypes.data), count, left, right, given)
+        items, height, width = order.get("set", [order]), *left.shape[-2:]
+        lefts, rights = left.reshape(-1, height, width), right.reshape(-1, height, width)
+        about = [
+            (PAIR.itemsize, item["index"], item["stamp_ns"], lefts[number].ctypes.data, rights[number].ctypes.data)
+            for number, item in enumerate(items)
+        ]
+        size = lefts.size * self._point.itemsize
+        points, mark = self._room[:size].view(self._point), self._room[size : size + len(MARK)]
+        mark[:] = MARK
+        poses = np.concatenate([item["T_lm_navsb"][:12] for item in items])
+        given, count, fused = (np.array(about, PAIR), poses), np.zeros(1, np.uintp), np.ones(1, np.int32)
+        pairs, T_lm_navsb = (array.ctypes.data for array in given)
+        output = (points.ctypes.data, len(points), count.ctypes.data)
+        words: tuple[int, ...] = (pairs, T_lm_navsb, *output)
+        if self.maps_sets:
+            words = (pairs, len(items), T_lm_navsb, *output, fused.ctypes.data)
+        candidate, run = self.candidate, self._map
+        return lambda: (run(candidate, *words), count, fused, points, mark, lefts, rights, given)
 
     def report(self, answer: Any, order: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ANN401 - as of the call
         """Save the points; raise ValueError if the candidate failed, or wrote what it may not."""
-        failed, (count,), left, *_ = answer
+        failed, (count,), (fused,), points, mark, lefts, *_ = answer
         if failed:
-            raise ValueError(f"sfr_candidate_map returned {failed}")
-        if (self._mark != MARK).any() or count > len(self._points):
-            raise ValueError(f"wrote {count} points: there is room for {len(self._points)}")
-        points = self._points[: int(count)]
-        height, width = left.shape
+            raise ValueError(f"sfr_candidate_{self._name} returned {failed}")
+        if (mark != MARK).any():
+            raise ValueError(f"wrote beyond its {len(points)} points")
+        if count > len(points):
+            raise ValueError(f"wrote {count} points: there is room for {len(points)}")
+        points = points[: int(count)]
+        pairs, height, width = lefts.shape
         if len(points) and not (points["u"].max() < width and points["v"].max() < height):
             raise ValueError(f"a point names a pixel outside {width} x {height}")
+        pair = points["pair"] if self.maps_sets else np.zeros(len(points), np.uint16)
+        if len(points) and not pair.max() < pairs:
+            raise ValueError(f"a point names pair {pair.max()}: the set has {pairs}, counted from 0")
+        if fused not in (0, 1):
+            raise ValueError(f"fused is {fused}: must be 0 or 1")
         cloud = np.zeros(len(points), CLOUD)
         for name in POINT.names or ():
             cloud[name] = points[name]
-        cloud["intensity"], cloud["pair"] = left[points["v"], points["u"]], order["index"]
+        cloud["intensity"], cloud["pair"] = lefts[pair, points["v"], points["u"]], pair
         np.save(order["output"] + ".cloud.npy", cloud)
-        return {"stamp_ns": order["stamp_ns"]}
+        return {"stamp_ns": order["stamp_ns"], "fused": bool(fused)}
 
 
 def _rotation(quat: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,11 +1,12 @@
 """Feeds stereo pairs to one method and measures its calls: `python loop.py ADAPTER.py`, orders on standard input.
 
 The first line is the setup, every further line an order, all JSON; each is answered by one line. The setup names a file
-of `(2, H, W)` bytes, where the images of an order lie; the method gets copies, which it may hold. `ADAPTER.py` has
-`open_method(setup)`, which warms the method up and returns an object with
+of `(N, 2, H, W)` bytes, where the images of an order lie, of one pair or of a `set`; the method gets copies, which it
+may hold. `ADAPTER.py` has `open_method(setup)`, which warms the method up and returns an object with
 
 - `version`: text;
-- `prepare(left, right, order)`: returns the call, a function without arguments; its own time does not count;
+- `prepare(left, right, order)`: returns the call, a function without arguments; its own time does not count; images
+  are `(H, W)`, of a set `(n, H, W)`;
 - `report(answer, order)`: returns the call's answer as plain values; arrays are saved to `order["output"]`.
 
 Only the call is timed. Its peak of resident memory is the kernel's high-water mark, reset before each call. An error
@@ -38,16 +39,17 @@ def main() -> None:
     folder, name = os.path.split(sys.argv[1])
     sys.path.insert(0, folder)
     method = importlib.import_module(name.removesuffix(".py")).open_method(setup)
-    images = np.memmap(setup["images"], np.uint8, "r", shape=(2, setup["height"], setup["width"]))
-    hello = {"version": str(method.version), "fuses": bool(getattr(method, "fuses", False))}
-    _answer(answers, {**hello, "idle_bytes": _memory()[1]})
+    images = np.memmap(setup["images"], np.uint8, "r").reshape(-1, 2, setup["height"], setup["width"])
+    able = {name: bool(getattr(method, name, False)) for name in ("fuses", "maps_sets")}
+    _answer(answers, {"version": str(method.version), **able, "idle_bytes": _memory()[1]})
     for line in sys.stdin:
-        _answer(answers, _obey(method, np.array(images), json.loads(line)))
+        order = json.loads(line)
+        _answer(answers, _obey(method, np.array(images[: len(order.get("set", [order]))]), order))
     os._exit(0)  # some methods crash in their destructors; all answers have been written
 
 
 def _obey(method: Any, images: Any, order: dict[str, Any]) -> dict[str, Any]:  # noqa: ANN401
-    call = method.prepare(images[0], images[1], order)
+    call = method.prepare(*(images.swapaxes(0, 1) if "set" in order else images[0]), order)
     if CAN_RESET:
         with open("/proc/self/clear_refs", "w", encoding="ascii") as marks:
             marks.write("5")

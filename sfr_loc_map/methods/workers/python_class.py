@@ -1,6 +1,7 @@
-"""A Python class as a method: `Class(rig, config)` with `process(pair)`, or `process(pair, T_lm_navsb, index)`.
+"""A Python class as a method: `Class(rig, config)` with `process(pair)`; a mapper with `map_pairs(pairs)`.
 
-`warm_up()`, `reset(T_ds_rb)`, `fuse(results)`, `version` and `statistics` are used where the class has them
+A mapper may have `process(pair, T_lm_navsb, index)` and `fuse(results)` in place of it. `warm_up()`, `reset(T_ds_rb)`,
+`version` and `statistics` are used where the class has them
 (docs/candidates.md); the suite's own localiser and mapper are nothing else.
 """
 
@@ -17,7 +18,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.estimate import PoseEstimate
 
@@ -43,15 +44,22 @@ def _transform(numbers: list[float]) -> Transform:
 class PythonClass:
     """What both kinds of methods have in common."""
 
+    calls: tuple[str, ...] = ("process",)  # of which it must have one
+
     def __init__(self, setup: Mapping[str, Any]) -> None:
         T_rb_sb = None if setup["T_rb_sb"] is None else _transform(setup["T_rb_sb"])
         rig = replace(StereoRig(**{name: setup[name] for name in CAMERA}), T_rb_sb=T_rb_sb)
         self.method: Any = _load(setup["target"])(rig, setup["config"])
         self.version = getattr(self.method, "version", "not stated")
-        if not callable(getattr(self.method, "process", None)):
-            raise TypeError(f"{setup['target']} has no method 'process': see docs/candidates.md")
-        if callable(getattr(self.method, "warm_up", None)):
+        if not any(map(self.has, self.calls)):
+            wanted = " or ".join(f"'{name}'" for name in self.calls)
+            raise TypeError(f"{setup['target']} has no method {wanted}: see docs/candidates.md")
+        if self.has("warm_up"):
             self.method.warm_up()
+
+    def has(self, name: str) -> bool:
+        """Whether the class has a method."""
+        return callable(getattr(self.method, name, None))
 
 
 class PythonLocaliser(PythonClass):
@@ -61,7 +69,7 @@ class PythonLocaliser(PythonClass):
         """Tell it the first pose; without `reset` its poses are relative to that."""
         super().__init__(setup)
         start = _transform(setup["start"])
-        resets = callable(getattr(self.method, "reset", None))
+        resets = self.has("reset")
         self._T_ds_start = None if resets else start.matrix
         self._turn = np.eye(6) if resets else np.kron(np.eye(2), start.rotation)
         if resets:
@@ -91,15 +99,23 @@ class PythonLocaliser(PythonClass):
 
 
 class PythonMapper(PythonClass):
-    """A mapper: its result has a `cloud`, or is a `PointCloud`, or a disparity image `(H, W)` of the left camera."""
+    """A mapper: its result has a `cloud`, or is a `PointCloud`; that of one pair may be a disparity image `(H, W)`."""
+
+    calls = ("map_pairs", "process")
 
     def __init__(self, setup: Mapping[str, Any]) -> None:
         super().__init__(setup)
-        self.fuses = callable(getattr(self.method, "fuse", None))
+        self.fuses, self.maps_sets = self.has("fuse"), self.has("map_pairs")
         self._results: list[Any] = []
 
     def prepare(self, left: GreyImage, right: GreyImage, order: Mapping[str, Any]) -> Callable[[], Any]:
-        """Return the call: that for one pair, or the fusion of all."""
+        """Return the call: that for a set, for one pair, or the fusion of all."""
+        if "set" in order:
+            pairs = [
+                PosedStereoPair(StereoPair(item["stamp_ns"], *images), _transform(item["T_lm_navsb"]))
+                for item, *images in zip(order["set"], left, right, strict=True)
+            ]
+            return lambda: self.method.map_pairs(pairs)
         if order.get("fuse"):
             return lambda: self.method.fuse(self._results)
         pair, T_lm_navsb = StereoPair(order["stamp_ns"], left, right), _transform(order["T_lm_navsb"])
@@ -107,10 +123,12 @@ class PythonMapper(PythonClass):
 
     def report(self, answer: Any, order: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ANN401 - as the class says
         """Save the points and the disparities; raise TypeError if there is neither."""
-        if self.fuses and not order.get("fuse"):
+        if self.fuses and not order.keys() & {"fuse", "set"}:
             self._results.append(answer)
         cloud = answer if isinstance(answer, PointCloud) else getattr(answer, "cloud", None)
         disparity = answer if isinstance(answer, np.ndarray) else getattr(answer, "disparity_px", None)
+        if "set" in order and not isinstance(cloud, PointCloud):
+            raise TypeError(f"a map of a set is a PointCloud, or has a 'cloud': got {_described(answer)}")
         if disparity is not None:
             np.save(order["output"] + ".disparity.npy", np.asarray(disparity, np.float32))
         if isinstance(cloud, PointCloud):
@@ -119,6 +137,7 @@ class PythonMapper(PythonClass):
             raise TypeError(f"a map is a PointCloud, has a 'cloud', or is a disparity image: got {_described(answer)}")
         return {
             "stamp_ns": getattr(answer, "stamp_ns", order["stamp_ns"]),
+            "fused": getattr(cloud, "fused", None) is not False,
             "statistics": _figures(answer) | _figures(self.method),
             "warnings": [str(line) for line in getattr(answer, "warnings", ())],
         }
