@@ -249,7 +249,7 @@ class Score(score_base.Score):
 
     @property
     def verdict(self) -> str:
-        """Verdict over all limits: `pass`, `fail`, `not enough data`; `no verdict` without limits."""
+        """Verdict over all limits: `pass`, `fail`, `not enough data`, `incomplete`; `no verdict` without limits."""
         return overall_of(self).state
 
     def to_json(self) -> str:
@@ -396,7 +396,9 @@ class ScoreSettings(TypedDict, total=False):
     """Options of `sfr score` by the same names."""
 
     spacing: int  # frames from one start of a sub-trajectory to the next (10)
-    rebase: str  # what is taken from the estimate at a start: `pose` or `position`
+    rebase: str  # how error from before a start is kept out: `pose`, `displacement` or `position`
+    partial: bool  # whether to judge an estimate of a part of the drive as if it were the whole (False)
+    frames: str  # what frames are: `truth` poses, or `images` (estimates, with the truth interpolated)
     associate: str  # how an estimate finds its truth: `auto`, `match` or `interpolate`
     max_gap: float  # longest gap of the truth that is interpolated, s (1)
     scored_range: tuple[float, float]  # ranges of the truth that count for coverage, m (0, 10)
@@ -407,7 +409,7 @@ class ScoreSettings(TypedDict, total=False):
     rpe_delta: str  # length of a relative error: `frames=1` or `distance=10`
 
 
-CONFIG_NAMES = {"spacing": "spacing", "rebase": "rebase"}
+CONFIG_NAMES = {"spacing": "spacing", "rebase": "rebase", "partial": "partial"}
 CONFIG_NAMES |= {"associate": "association.truth", "max_gap": "association.max_gap_s"}
 """Names in `TrajectoryScoreConfig` of those settings that are fields of it."""
 
@@ -427,7 +429,8 @@ def score(
     Args:
         estimate: A trajectory or a cloud: in memory or a file (csv, TUM, KITTI, EuRoC, bag; .ply, .pcd, .npz).
         truth: A trajectory in memory or its file; a source with truth, as `sfr.open` gives it, or its path.
-        conditions: Ends of a sub-trajectory: `distance=5`, `time=60`, `frames=100`; distance=5 where none is given.
+        conditions: Ends of a sub-trajectory: `distance=5`, `time=60`, `frames=100`; `distance=5,time=10` where
+            both hold; distance=5 where none is given.
         limits: Limits to judge by: a YAML file, or its content.
         align: Alignment of APE (ATE) and RPE, given beside the other figures: `none`, `origin`, `se3` or `sim3`.
         stats: Calls (time, memory, state, covariance), files of `sfr localise --stats`. What `sfr.localise` and
@@ -442,6 +445,10 @@ def score(
     low, high = settings.get("scored_range", (0.0, 10.0))
     named = {f"trajectory.{CONFIG_NAMES[name]}": value for name, value in settings.items() if name in CONFIG_NAMES}
     named |= {"map.scored_from_m": low, "map.scored_to_m": high}
+    if (frames := settings.get("frames", "truth")) not in ("truth", "images"):
+        raise ConfigError(f"frames is '{frames}': must be truth or images")
+    if frames == "images":
+        named["trajectory.association.truth"] = "interpolate"
     config = score_config(conditions and _texts(conditions), named)
     files = [stats] if isinstance(stats, (str, Path)) else stats
     run = _run(estimate, truth, tuple(Path(file) for file in files), settings.get("fused"))

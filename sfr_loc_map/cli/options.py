@@ -66,6 +66,7 @@ OverwriteOption = Annotated[
 LenientOption = Annotated[
     bool, typer.Option("--lenient", help="Exit 0 rather than 3 where something could not be judged.")
 ]
+PartialOption = Annotated[bool, typer.Option("--partial", help="Judge an estimate of a part of the drive, and say so.")]
 
 
 LimitsOption = Annotated[

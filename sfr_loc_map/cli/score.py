@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.options import Align, ConventionOptions, JudgeOptions, OutputOptions
+from sfr_loc_map.cli.options import Align, ConventionOptions, JudgeOptions, OutputOptions, PartialOption
 from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_suffix, say, show, warn, write_text
 from sfr_loc_map.cli.verdict import conclude
 from sfr_loc_map.errors import ConfigError
@@ -45,9 +45,7 @@ def score(
         Literal["pose", "displacement", "position"],
         typer.Option(help="Reading of the document: how error from before a start is kept out."),
     ] = "pose",
-    partial: Annotated[
-        bool, typer.Option("--partial", help="Judge an estimate of a part of the drive, and say so.")
-    ] = False,
+    partial: PartialOption = False,
     frames: Annotated[
         Literal["truth", "images"],
         typer.Option(help="What frames are: true poses; or estimates, with the truth interpolated."),

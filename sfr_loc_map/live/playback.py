@@ -13,6 +13,7 @@ import heapq
 import io
 import time
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from operator import itemgetter
 from pathlib import Path, PurePosixPath
@@ -309,7 +310,12 @@ class Player:
                 updates.Status(node, updates.StatusKind.HEALTH, 0, message, {"lifecycle": "recorded"}, now_s)
             )
         if self._next:
-            self._state.put(updates.Report(to_json(self._score.result(details=False)), now_s))
+            source, ended, images = self._recording.source, self._at_s >= self._recording.end_s, None
+            if ended and source is not None and source.loc is not None:
+                with suppress(InputError):  # it has no whole pair
+                    images = np.asarray(source.loc.stamps_ns, np.int64)
+            score = self._score.result(details=False, ended=ended, image_stamps_ns=images)
+            self._state.put(updates.Report(to_json(score), now_s))
         end_s = time.monotonic()
         self._report_due_s = end_s + max(REPORT_PERIOD_S, 10.0 * (end_s - begin_s))
 

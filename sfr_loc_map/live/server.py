@@ -389,10 +389,14 @@ async def serve_until_signal(server: LiveServer, *, open_browser: bool = False) 
         server.end()
         loop.call_later(LAST_MESSAGE_S, task.cancel)
 
+    def run_is_over() -> None:
+        server.state.end()
+        server.end()
+
     task, loop = asyncio.ensure_future(server.serve(announce)), asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, end)
-    loop.add_signal_handler(signal.SIGUSR1, server.end)
+    loop.add_signal_handler(signal.SIGUSR1, run_is_over)
     with suppress(asyncio.CancelledError):
         await task
 

@@ -6,7 +6,7 @@ import math
 import statistics
 from collections import OrderedDict, deque
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from itertools import islice
 from threading import RLock
 from typing import Any
@@ -121,7 +121,21 @@ class ReportView:
             score = from_dict(parse_json(text, parse_constant=lambda _: None), "metrics/report")
         except ValueError as error:
             raise InputError(f"metrics/report is no JSON ({error})") from error
+        return cls.of(score, received_s)
+
+    @classmethod
+    def of(cls, score: Score, received_s: float) -> ReportView:
+        """Return the report of a score."""
         return cls(to_dict(score), score, overall_of(score), tuple(score_tables(score)), received_s)
+
+    def ended(self) -> ReportView:
+        """Return the report of a run that is over, which may be incomplete; the figures stay as they are."""
+        score, whole = self.score, None if self.score.trajectory is None else self.score.trajectory.completeness
+        settings = {} if score.provenance is None else score.provenance.configuration.get("monitor")
+        partial = isinstance(settings, dict) and settings.get("score.trajectory.partial") is True
+        if whole is None or partial or any(item.metric == "missing_max_share" for item in score.verdicts):
+            return self
+        return self.of(replace(score, incomplete=score.incomplete or whole.incomplete), self.received_s)
 
     def to_plain(self) -> dict[str, Any]:
         """Return what a page shows, as JSON values."""
@@ -164,6 +178,7 @@ class LiveState:
         self.lost: dict[str, int] = {}  # messages that did not arrive here, by topic
         self.time_line: updates.TimeLine | None = None  # of the player of a recorded run
         self.problems: deque[str] = deque(maxlen=MAX_PROBLEMS)  # what could not be read, the latest last
+        self.ended = False  # a run that is under way is not incomplete
         self._published: OrderedDict[int, float] = OrderedDict()
         self._call_count = 0
         self._heard_s = 0.0
@@ -197,14 +212,25 @@ class LiveState:
                 self.problems.append(one_line(str(error)))
         self.on_change()
 
+    def end(self) -> None:
+        """Take note that the run is over: what its estimate does not cover is missing."""
+        with self.lock:
+            self.ended = True
+            if self.report is not None:
+                self.report = self.report.ended()
+
     def to_plain(self, now_s: float) -> dict[str, Any]:
         """Return the latest report (`sfr-score/1`) with the state of the run as `live`, as JSON values."""
         with self.lock:
             live, report = self.live_to_plain(now_s), self.report
         if report is None:
             return {"schema": SCHEMA, "verdicts": [], "live": live | {"overall": None, "tables": []}}
-        shown = report.to_plain()
-        return report.content | {"live": live | {"overall": shown["overall"], "tables": shown["tables"]}}
+        shown, content = report.to_plain(), report.content
+        drive = content.get("trajectory") or {}
+        if not self.ended and content.get("incomplete") is None and drive.get("completeness"):
+            so_far = {name: value for name, value in drive["completeness"].items() if name != "incomplete"}
+            content = content | {"trajectory": drive | {"completeness": so_far}}
+        return content | {"live": live | {"overall": shown["overall"], "tables": shown["tables"]}}
 
     def live_to_plain(self, now_s: float) -> dict[str, Any]:
         """Return what `state.json` adds to the score, as JSON values, but for what changes with the report only."""
@@ -252,7 +278,8 @@ class LiveState:
         match update:
             case updates.Report():
                 self._note_topic(updates.REPORT, None, update.received_s)
-                self.report = ReportView.read(update.text, update.received_s)
+                report = ReportView.read(update.text, update.received_s)
+                self.report = report.ended() if self.ended else report
                 if (part := self.report.score.trajectory) is not None:  # the first that is scored is that under way
                     self.path.condition = (part.several or (part.first,))[0].condition
                     self.path.spacing = part.first.spacing_frames or self.path.spacing
@@ -301,7 +328,7 @@ def _call_to_plain(n: int, status: updates.Status) -> dict[str, Any] | None:
     values = status.values
     try:
         times = {name: float(values[name]) for name in CALL_TIMES if name in values}
-        memory = int(values["peak_rss_bytes"]) if "peak_rss_bytes" in values else None
+        memory = int(values.get("peak_rss_bytes", 0)) or None  # 0 is not known
         stamp_ns = int(values["stamp_ns"])
     except (KeyError, ValueError):
         return None

@@ -295,7 +295,12 @@ def conditions_beyond(truth: Trajectory, conditions: Collection[Condition]) -> t
     """Return why a drive with this truth never meets some conditions, to be said before the work is done."""
     length_m = float(np.linalg.norm(np.diff(truth.positions, axis=0), axis=1).sum())
     duration_s = float(truth.stamps_ns[-1] - truth.stamps_ns[0]) / NS_PER_S if len(truth) else 0.0
-    longest = dict(zip(ConditionKind, (length_m, duration_s, len(truth) - 1.0), strict=True))
+    known = (
+        (ConditionKind.DISTANCE, length_m),
+        (ConditionKind.TIME, duration_s),
+        (ConditionKind.FRAMES, len(truth) - 1.0),
+    )
+    longest = {**dict(known), ConditionKind.DISPLACEMENT: length_m}  # a straight line is no longer than the path
     beyond = (
         item for item in conditions if any(part.value > longest.get(part.kind, part.value) for part in item.parts)
     )
@@ -303,7 +308,9 @@ def conditions_beyond(truth: Trajectory, conditions: Collection[Condition]) -> t
 
 
 def _reason(condition: Condition, frames: int, length_m: float, duration_s: float) -> str:
-    texts = f"is {length_m:.1f} m long", f"lasts {duration_s:.1f} s", f"has {frames} frames"
-    text = f"the drive {texts[list(ConditionKind).index(condition.kind)]}"
+    path = f"is {length_m:.1f} m long"
+    texts = {ConditionKind.TIME: f"lasts {duration_s:.1f} s", ConditionKind.FRAMES: f"has {frames} frames"}
+    told = " and ".join(dict.fromkeys(texts.get(part.kind, path) for part in condition.parts))
+    named = ",".join(f"{part.kind}={part.value:g}" for part in condition.parts)
     one = "one pose of the estimate has a true pose, at least two are needed"
-    return f"condition {condition.kind}={condition.value:g}: {text if frames > 1 else one}"
+    return f"condition {named}: {f'the drive {told}' if frames > 1 else one}"

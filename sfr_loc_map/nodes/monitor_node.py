@@ -23,7 +23,7 @@ from std_msgs.msg import Float64, String
 
 from sfr_loc_map import __version__
 from sfr_loc_map.config import param
-from sfr_loc_map.errors import InputError, SfrError
+from sfr_loc_map.errors import InputError, MetricsError, SfrError
 from sfr_loc_map.inputs import MAX_TEXT_BYTES, Side, parse_json
 from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import points_image, stamp_of
@@ -54,7 +54,12 @@ FIGURES = {
 """Topics below `metrics/`, and where their figure stands in the JSON."""
 STATISTICS = ("mean", "sigma", "mean_plus_3sigma")
 """Last word of these topics (`metrics/position/mean`), and key of the figure; config/sros2_policy.xml has them all."""
-VERDICT_LEVELS = {VerdictState.PASS: Level.OK, VerdictState.FAIL: Level.ERROR, VerdictState.NOT_ENOUGH_DATA: Level.WARN}
+VERDICT_LEVELS = {
+    VerdictState.PASS: Level.OK,
+    VerdictState.FAIL: Level.ERROR,
+    VerdictState.NOT_ENOUGH_DATA: Level.WARN,
+    VerdictState.INCOMPLETE: Level.WARN,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,7 +269,11 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         if not self._changed or begin < self._rest_until_s:
             return
         self._changed = False
-        score = self._result(details=False)
+        try:
+            score = self._result(details=False)
+        except MetricsError as error:  # two runs in one, for instance
+            self.status.error(str(error))
+            return
         self._report.publish(String(data=to_json(score)))
         content = to_dict(score)
         for (name, statistic), publisher in self._figures.items():

@@ -89,6 +89,9 @@ def stats_of(records: Sequence[CallRecord], method: MethodRecord | None = None) 
     def numbers(values: Iterable[float | None]) -> FloatArray:
         return np.array([np.nan if value is None else value for value in values], np.float64)
 
+    def bytes_of(values: Iterable[int | None]) -> FloatArray:
+        return numbers(value or None for value in values)  # 0 is not known
+
     def rows(values: list[FloatArray | None], width: int) -> FloatArray:
         return np.array([np.full(width, np.nan) if value is None else value for value in values])
 
@@ -98,8 +101,8 @@ def stats_of(records: Sequence[CallRecord], method: MethodRecord | None = None) 
         np.array([record.stamp_ns for record in records], np.int64),
         numbers(record.processing_time_s for record in records),
         [record.state for record in records],
-        numbers(record.peak_rss_bytes for record in records),
-        numbers(record.above_idle_bytes for record in records),
+        bytes_of(record.peak_rss_bytes for record in records),
+        bytes_of(record.above_idle_bytes for record in records),
         stages,
     )
     covariances = [None if record.covariance is None else record.covariance[UPPER] for record in records]
@@ -246,8 +249,8 @@ def call_of(values: Mapping[str, str]) -> TaskRecord | None:
             whole("stamp_ns"),
             seconds,
             values.get("state") or DEFAULT_STATE[values["task"]],
-            whole("peak_rss_bytes") if "peak_rss_bytes" in values else None,
-            whole("above_idle_bytes") if "above_idle_bytes" in values else None,
+            (whole("peak_rss_bytes") or None) if "peak_rss_bytes" in values else None,  # 0 is not known
+            (whole("above_idle_bytes") or None) if "above_idle_bytes" in values else None,
             {name.removeprefix(STATISTIC): float(text) for name, text in values.items() if name.startswith(STATISTIC)},
             reason=values.get("reason", ""),
             step=step if len(step) == STEP_SIZE and np.isfinite(step).all() else None,

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from sfr_loc_map.errors import InputError, OutputError
-from sfr_loc_map.geometry.arrays import FloatArray, PointImage
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray, PointImage
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.quaternion_kernels import slerp
 from sfr_loc_map.geometry.stereo import StereoRig
@@ -90,7 +90,7 @@ class _CallRows:
         for figure, seconds in record.statistics.items():
             if (name := stage_of(figure)) and (name in self._stages or len(self._stages) < MAX_STAGES):
                 stages[self._stages.setdefault(name, len(self._stages))] = seconds
-        peaks = (np.nan if value is None else value for value in (record.peak_rss_bytes, record.above_idle_bytes))
+        peaks = (value or np.nan for value in (record.peak_rss_bytes, record.above_idle_bytes))
         self._rows.add(record.stamp_ns, record.processing_time_s, record.state, *peaks, stages)
 
     def calls(self) -> Calls:
@@ -232,8 +232,15 @@ class MonitorScore:
             scored = True
         return scored
 
-    def result(self, provenance: Provenance | None = None, *, details: bool = True) -> Score:
-        """Return the score so far; with details, what figures are drawn from."""
+    def result(
+        self,
+        provenance: Provenance | None = None,
+        *,
+        details: bool = True,
+        ended: bool = False,
+        image_stamps_ns: IntArray | None = None,
+    ) -> Score:
+        """Return the score so far; with details, what figures are drawn from. Only what has ended is incomplete."""
         parts: dict[str, Any] = {}
         drawn: dict[str, Any] = {}
         if self.map_score is not None:
@@ -243,8 +250,11 @@ class MonitorScore:
             truth = Trajectory(rows["stamp_ns"], rows["position"], rows["quat"])
             config = self._config.trajectory
             parts["trajectory"], drawn["trajectory"] = score_trajectory(
-                self._given_estimates(), truth, config, details=details, under_way=True
+                self._given_estimates(), truth, config, image_stamps_ns=image_stamps_ns, details=details, under_way=True
             )
+            whole, allowed = parts["trajectory"].completeness, self._limits is not None and self._limits.allow_missing
+            if ended and not (config.partial or allowed):
+                parts["incomplete"] = whole.incomplete
         if len(self._calls):
             calls = [score_calls(self._calls.calls(), details=details)]
             parts["timing"], parts["memory"], drawn["calls"] = parts_of(calls)

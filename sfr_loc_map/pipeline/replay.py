@@ -33,7 +33,6 @@ from sfr_loc_map.pipeline.scoring import (
     ScoredCloud,
     ScoredDrive,
     ScoreInputs,
-    camera_rig,
     corrected,
     load_estimates,
     score_run,
@@ -174,15 +173,20 @@ def score_replay(
     """
     stats = [load_call_stats(files.stats)] if result.records else []
     inputs, drive = ScoreInputs(stats=(files.stats,) if stats else ()), None
-    truth = None if source.loc is None else source.loc.ground_truth
-    if truth is not None and len(result.estimate):
-        drive = ScoredDrive(load_estimates(files.estimate, stats), truth, camera_rig(source.path))
+    truth, images = (None, None) if source.loc is None else (source.loc.ground_truth, source.loc.stamps_ns)
+    if source.loc is not None and truth is not None and len(result.estimate):
+        drive = ScoredDrive(load_estimates(files.estimate, stats), truth, source.loc.rig, np.asarray(images, np.int64))
         inputs = replace(inputs, estimate=files.estimate, truth=source.path)
+    missing = ""
+    if images is not None and not len(result.estimate):
+        missing = f"no pose for any of {len(images)} images"
+    elif source.nav is not None and len(result.mapped_ns) < len(source.nav):
+        missing = f"the map holds {len(result.mapped_ns)} of {len(source.nav)} pairs"
     if (cloud := _scored_cloud(source, result)) is not None:
         place = files.cloud if result.points is None else files.points
         inputs = replace(inputs, cloud=place, map_truth=source.path)
     task = Task.MAPPING if drive is None else Task.LOCALISATION
-    run = Run(inputs, stats, drive=drive, cloud=cloud, method=record_of_ours(task))
+    run = Run(inputs, stats, drive=drive, cloud=cloud, method=record_of_ours(task), missing=missing)
     if (node := result.external) is not None:
         run = replace(run, method=node.method, external=node.score, findings=node.findings, convention=node.convention)
     score = score_run(run, config, limits)

@@ -146,6 +146,7 @@ class Run:
     findings: tuple[FindingRecord, ...] = ()  #: What was wrong with its answers.
     #: How the poses of `drive` have been converted, None where they have not.
     convention: ConventionRecord | None = None
+    missing: str = ""  #: What of a source has no result, where no estimate or cloud says so.
     in_memory: Mapping[str, str] = field(default_factory=dict)  #: Hash of inputs that are no file, by role.
 
     @property
@@ -198,7 +199,7 @@ def score_run(
     drive, cloud, convention, inputs = run.drive, run.cloud, run.convention, run.inputs
     parts: dict[str, Any] = {}
     drawn: dict[str, Any] = {}  # what figures are drawn from
-    contradiction, incomplete, warnings = None, None, []
+    contradiction, incomplete, warnings = None, run.missing or None, []
     data = {}  # hashes of what the inputs mean: a folder and the bag it was converted to have the same truth
     if convention is not None and convention.diagnosed is not None:
         fitted = "; numbers of it were fitted to the truth, which flatters the figures" if convention.fitted else ""
@@ -218,11 +219,11 @@ def score_run(
         if whole.images and mode is AssociationMode.MATCH and whole.truth_poses < FEW_TRUE_POSES * whole.images:
             few = f"the truth has {whole.truth_poses} poses for {whole.images} images: frames and spacing count true "
             warnings += [f"{few}poses; --frames images interpolates the truth to every image"]
-        incomplete = whole.incomplete
-        if incomplete and (config.trajectory.partial or (limits is not None and limits.allow_missing)):
-            warnings, incomplete = [*warnings, f"a part of the drive is judged: {incomplete}"], None
+        incomplete = incomplete or whole.incomplete
         if aligned is not None:
             parts["aligned"] = aligned_errors(estimate, drive.truth, aligned)
+    if incomplete and (config.trajectory.partial or (limits is not None and limits.allow_missing)):
+        warnings, incomplete = [*warnings, f"a part of the drive is judged: {incomplete}"], None
     if cloud is not None:
         data["map_truth"] = hash_arrays(truth.points for truth in cloud.truths)
         parts["map"], drawn["map"] = (
@@ -419,12 +420,6 @@ def cameras_of(truth: Path) -> LocSequence | None:
         return _open_source(truth).loc
     except SfrError:  # true poses alone, without cameras: whoever needs the images reports what is wrong with them
         return None
-
-
-def camera_rig(truth: Path) -> StereoRig | None:
-    """Return the rig of the localisation cameras of a source, None where it has none."""
-    loc = cameras_of(truth)
-    return None if loc is None else loc.rig
 
 
 def load_map_truth(path: Path, stamps_ns: Sequence[int] | None = None) -> list[PairTruth]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -11,6 +12,7 @@ from made_scores import HOSTILE, dig, json_of, whole_score
 
 from sfr_loc_map.live.state import MAX_CALLS, MAX_NODES, LiveState
 from sfr_loc_map.live.updates import GraphView, PoseSample, Report, Sampled, Status, StatusKind, Track, Update
+from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.report.score_tables import score_tables
 
 
@@ -35,6 +37,27 @@ def test_state_is_the_report_with_additions_and_the_strings_of_its_tables() -> N
     state.put(Report("{", 1.0))
     assert state.report is before is not None
     assert "metrics/report is no JSON" in state.problems[-1]
+
+
+def test_a_run_is_incomplete_once_it_is_over_and_not_before() -> None:
+    score = replace(whole_score(100, 48, 2), verdicts=())
+    whole = score.trajectory.completeness
+    part = replace(score, trajectory=replace(score.trajectory, completeness=replace(whole, incomplete="half of it")))
+    for partial, verdict in ((False, "incomplete"), (True, "no verdict")):
+        provenance = replace(score.provenance, configuration={"monitor": {"score.trajectory.partial": partial}})
+        report, state = Report(to_json(replace(part, provenance=provenance)), 1.0), LiveState()
+        state.put(report)
+        under_way = state.to_plain(1.0)
+        assert "incomplete" not in under_way | under_way["trajectory"]["completeness"]
+        assert {"pose", "displacement", "position"} == set(under_way["trajectory"]["readings"])
+        assert under_way["live"]["overall"]["state"] == "no verdict"
+        state.end()
+        for _ in range(2):
+            ended = state.to_plain(1.0)
+            assert ended["live"]["overall"]["state"] == verdict
+            assert ended.get("incomplete") == (None if partial else "half of it")
+            assert ended["trajectory"]["completeness"]["judged_share"] == whole.judged_share
+            state.put(report)  # a last one that comes late
 
 
 def test_memory_is_bounded() -> None:

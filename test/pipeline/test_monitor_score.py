@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sfr_loc_map.errors import GeometryError
+from sfr_loc_map.errors import GeometryError, MetricsError
+from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -19,7 +20,8 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import LOST_VARIANCE
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
-from sfr_loc_map.metrics.score import Details, Score
+from sfr_loc_map.metrics.limits import parse_limits
+from sfr_loc_map.metrics.score import Details, Score, TrajectoryScore
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.pipeline.call_stats import CallRecord
 from sfr_loc_map.pipeline.monitor_score import MAX_STAGES, MapInputs, MonitorScore, PairSet, PairSets, ReportFile
@@ -118,7 +120,21 @@ def test_two_thousand_orders_of_messages_give_the_score_of_the_file() -> None:
 def test_of_poses_with_one_stamp_the_last_that_came_counts_as_in_a_file() -> None:
     estimates, truth = small_drive(3)
     rng, poses = np.random.default_rng(1), estimates.trajectory
-    rows = rng.integers(0, COUNT, 3 * COUNT)
+    for _ in range(20):
+        rows = rng.permutation([*range(COUNT), rng.integers(COUNT)])
+        live, given = scored_live(poses, rows, truth, rng)
+        assert live() == score_trajectory(Estimates.of(given), truth, CONFIG).score
+        assert live().association.counts.estimate_duplicates == 1
+    live, given = scored_live(poses, rng.integers(0, COUNT, 3 * COUNT), truth, rng)
+    for score in (live, lambda: score_trajectory(Estimates.of(given), truth, CONFIG)):
+        with pytest.raises(MetricsError, match="two runs"):
+            score()
+
+
+def scored_live(
+    poses: Trajectory, rows: IntArray, truth: Trajectory, rng: np.random.Generator
+) -> tuple[Callable[[], TrajectoryScore | None], Trajectory]:
+    """The score of a monitor that received rows of poses, each moved, and these."""
     moved = poses.positions[rows] + rng.normal(0, 0.01, (len(rows), 3))
     given = Trajectory(poses.stamps_ns[rows], moved, poses.quats_xyzw[rows])
     monitor = MonitorScore(ScoreConfig(CONFIG), None)
@@ -126,9 +142,29 @@ def test_of_poses_with_one_stamp_the_last_that_came_counts_as_in_a_file() -> Non
         monitor.add_estimate(stamp, position, quat, None)
     for stamp, position, quat in zip(truth.stamps_ns.tolist(), truth.positions, truth.quats_xyzw, strict=True):
         monitor.add_truth(stamp, position, quat)
-    live = monitor.result().trajectory
-    assert live == score_trajectory(Estimates.of(given), truth, CONFIG).score
-    assert live.association.counts.estimate_duplicates > COUNT
+    return lambda: monitor.result().trajectory, given
+
+
+def test_only_a_run_that_has_ended_is_incomplete() -> None:
+    """And then by the images, where they are known."""
+    estimates, truth = small_drive(3)
+    monitor, partial = (
+        MonitorScore(ScoreConfig(replace(CONFIG, partial=each)), parse_limits({"timing": {"mapping_max_s": 1}}, ""))
+        for each in (False, True)
+    )
+    poses, stamps = estimates.trajectory, estimates.trajectory.stamps_ns
+    for each in (monitor, partial):
+        for stamp, position, quat in zip(truth.stamps_ns.tolist(), truth.positions, truth.quats_xyzw, strict=True):
+            each.add_truth(stamp, position, quat)
+        for row in range(COUNT // 2):
+            each.add_estimate(int(stamps[row]), poses.positions[row], poses.quats_xyzw[row], None)
+    assert monitor.result().incomplete is None
+    assert {item.state for item in monitor.result().verdicts} == {"not enough data"}
+    assert "of the true path" in monitor.result(ended=True).incomplete
+    ended = monitor.result(ended=True, image_stamps_ns=stamps)
+    assert ended.incomplete.startswith("the estimate covers 50 % of the images")
+    assert [item.state for item in ended.verdicts] == ["incomplete", "not enough data"]
+    assert partial.result(ended=True).incomplete is None
 
 
 def test_poses_that_are_none_are_refused() -> None:
