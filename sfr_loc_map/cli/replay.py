@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -201,7 +203,8 @@ def replay(
                     file.unlink(missing_ok=True)  # of an earlier run, which may have written more of them
                 save_replay(result, files)
                 settings = changed(options.localisation, "localisation.") | changed(options.mapping, "mapping.")
-                score = score_replay(opened, result, files, options.score, limits, settings)
+                made_by = judge.limits, shlex.join(["sfr", *sys.argv[1:]])
+                score = score_replay(opened, result, files, options.score, limits, settings, *made_by)
                 try:
                     present(score, None if out is None else str(files.report), None if out is None else files.page)
                 finally:

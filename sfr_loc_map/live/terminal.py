@@ -103,9 +103,9 @@ def one_line_of(state: LiveState, now_s: float) -> str:
         parts.append(WAITING if report is None else f"{report.overall.state}: {report.overall.text.rstrip('.')}")
         headline = next((table for table in report.tables if table.name == "headline"), None) if report else None
         for row in headline.rows if headline else ():
-            mean, sigma, bound, interval, count = (cell.text for cell in row[2:7])
+            mean, sigma, name, bound, interval, count = (cell.text for cell in row[2:8])
             parts.append(
-                f"{row[0].text}, {row[1].text} mean {mean} sigma {sigma} mean + 3 sigma {bound} ({interval}, n {count})"
+                f"{row[0].text}, {row[1].text} mean {mean} sigma {sigma} {name} {bound} ({interval}, n {count})"
             )
     parts += _now(live)
     for node in live["nodes"]:

@@ -28,6 +28,7 @@ from sfr_loc_map.metrics.trajectory_score import FIGURES
 
 SCHEMA = "sfr-compare/1"
 KINDS = (CallKind.LOCALISATION, CallKind.MAPPING)
+SIGNIFICANT = 0.05  #: A corrected probability of chance above it shows no difference.
 _PRECISION = 1e-9  #: The errors in a score's details are rounded to this.
 
 
@@ -53,7 +54,7 @@ class PairedDifference(Record):
     other: float | None  #: The same of the other score.
     difference: float | None  #: Other less first: below zero the other is better.
     ci95: Interval | None  #: 95 % interval of the difference.
-    #: What it says; `no difference shown` if it holds zero.
+    #: What it says; `no difference shown` if the interval holds zero, or chance is as likely as 0.05 (`p_corrected`).
     outcome: Annotated[Outcome, Key("verdict")] = Outcome.NOT_ENOUGH_DATA
     p: float | None = None  #: Probability of such a difference by chance, by the same scatter; None without one.
     p_corrected: float | None = None  #: The same corrected for the number of comparisons (Holm).
@@ -98,6 +99,10 @@ def compare_scores(scores: Sequence[Score], names: Sequence[str]) -> Comparison:
     pairs = [pair for score, name in others for pair in _paired(scores[0], score, name)]
     corrected = holm([pair.p for pair in pairs])
     pairs = [replace(pair, p_corrected=p) for pair, p in zip(pairs, corrected, strict=True)]
+    by_chance = [pair.p_corrected is not None and pair.p_corrected > SIGNIFICANT for pair in pairs]
+    pairs = [
+        replace(pair, outcome=Outcome.NO_DIFFERENCE) if it else pair for pair, it in zip(pairs, by_chance, strict=True)
+    ]
     side_by_side = []
     for name, place in SIDE_BY_SIDE.items():
         values = tuple(value_at(score, place) for score in scores)
@@ -128,8 +133,8 @@ def _paired(first: Score, other: Score, name: str) -> Iterator[PairedDifference]
             for which, part in zip(rows.T, (mine, theirs), strict=True)
         )
         starts, ends = (np.asarray(frames)[rows[:, 0]] for frames in (mine.start_frame, mine.end_frame))
-        inside = np.searchsorted(starts, ends, side="left") - np.arange(len(starts))
-        overlap = float(np.maximum(inside, 1).mean())  # starts within one sub-trajectory
+        spacing = max(int(np.median(np.diff(starts))), 1) if len(starts) > 1 else 1
+        overlap = float(np.mean(-(-(ends - starts) // spacing)))  # as `trajectory_score` counts it
         left_out = (len(spans[0]) - len(rows), len(spans[1]) - len(rows))
         for figure, columns in FIGURES.items():
             said = _difference(a[:, columns], b[:, columns], overlap)

@@ -166,13 +166,16 @@ def score_replay(
     config: ScoreConfig,
     limits: Limits | None,
     settings: Mapping[str, object] = MappingProxyType({}),
+    limits_file: Path | None = None,
+    command: str | None = None,
 ) -> Score:
     """Return the score of what `save_replay` has written.
 
-    Settings are those of localiser and mapper that differ from the defaults; they join those of the score.
+    Settings are those of localiser and mapper that differ from the defaults; they join those of the score. File of the
+    limits and command are for provenance.
     """
     stats = [load_call_stats(files.stats)] if result.records else []
-    inputs, drive = ScoreInputs(stats=(files.stats,) if stats else ()), None
+    inputs, drive = ScoreInputs(stats=(files.stats,) if stats else (), limits=limits_file, command=command), None
     truth, images = (None, None) if source.loc is None else (source.loc.ground_truth, source.loc.stamps_ns)
     if source.loc is not None and truth is not None and len(result.estimate):
         drive = ScoredDrive(load_estimates(files.estimate, stats), truth, source.loc.rig, np.asarray(images, np.int64))

@@ -9,7 +9,7 @@ import math
 import re
 from collections.abc import Callable, Sequence
 
-from sfr_loc_map.metrics.comparison import Comparison
+from sfr_loc_map.metrics.comparison import SIGNIFICANT, Comparison
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.limits import value_at
 from sfr_loc_map.metrics.score import PathRows, Score
@@ -79,8 +79,8 @@ def comparison_tables(result: Comparison) -> list[Table]:
         words = (Column(title, words=True) for title in ("figure", "of", "the other is"))
         columns = (next(words), next(words), *map(Column, titles), next(words))
         title = f"Mean + 3 sigma, compared with {names[0]}, paired by sub-trajectory"
-        note = "The other is better or worse where the interval does not hold zero. p: of such a difference by chance, "
-        note += f"corrected for {len(result.pairs)} comparisons (Holm)."
+        note = f"The other is better or worse where p is not above {SIGNIFICANT} and the interval does not hold zero. "
+        note += f"p: of such a difference by chance, corrected for {len(result.pairs)} comparisons (Holm)."
         tables.append(Table("pairs", title, columns, tuple(rows), note))
     if result.side_by_side:
         title = "Whole runs, side by side (not paired: no interval)"

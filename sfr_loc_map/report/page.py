@@ -30,7 +30,15 @@ if TYPE_CHECKING:
     from markupsafe import Markup
 
 TITLE = "Localisation and mapping report"
-FIRST_TABLES = ("verdicts", "headline", "counts", "groups")  #: Tables before the figures.
+FIRST_TABLES = (
+    "verdicts",
+    "headline",
+    "covered",
+    "map-covered",
+    "readings",
+    "counts",
+    "groups",
+)  #: Tables before the figures.
 TRUTH_ROLES, RESULT_ROLES = ("truth", "map_truth"), ("estimate", "cloud")
 NO_VERDICT, NO_VERDICT_ICON = "no verdict", "\u2013"
 MOST = 5  #: More than this is not to be looked at first.

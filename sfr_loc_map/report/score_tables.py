@@ -7,11 +7,11 @@ from collections.abc import Iterator, Mapping
 from itertools import chain
 from typing import Any, NamedTuple
 
-from sfr_loc_map.metrics.config import CallKind
+from sfr_loc_map.metrics.config import CallKind, Rebase
+from sfr_loc_map.metrics.limits import value_at
 from sfr_loc_map.metrics.score import (
     ConditionScore,
     ConventionRecord,
-    IntervalStatistic,
     MapScore,
     MemoryScore,
     NeesPart,
@@ -27,6 +27,7 @@ from sfr_loc_map.report.tables import (
     DEGREE,
     METRE,
     MIB,
+    MILLIMETRE,
     MILLISECOND,
     NONE,
     NOT_ENOUGH,
@@ -46,12 +47,22 @@ from sfr_loc_map.report.tables import (
 
 SUMMARY = (
     *("headline", "aligned", "map", "time", "memory", "target-time", "target-memory", "external", "method"),
-    "verdicts",
+    *("readings", "covered", "map-covered", "verdicts"),
 )
 """Tables of the terminal; the verdicts stand last, where they are seen."""
 HOST = "host"  #: First word of the name of a clock of this machine.
 UNTOLD = "not told"
+NO_INTERVAL = (
+    "Only mean + 3 sigma over sub-trajectories has an interval, where two of them or more are independent; without one "
+    "nothing is certain (-)."
+)
 STATISTIC = {"mean": "mean", "sigma": "sigma", "mean_plus_3sigma": "mean + 3 sigma"}
+READINGS = {
+    Rebase.POSE: "the whole pose at the start is taken away, then poses are compared",
+    Rebase.DISPLACEMENT: "displacements in DS and changes of attitude and heading since the start are compared: the "
+    "document to the letter",
+    Rebase.POSITION: "the position at the start alone is taken away, as other tools do: earlier attitude error counts",
+}
 DIRECTIONS = {
     **{"x_m": "x (east)", "y_m": "y (north)", "z_m": "z (up)"},
     **{"along_m": "along the path", "cross_m": "to the left of it", "vertical_m": "vertical"},
@@ -80,6 +91,9 @@ TERMS: Mapping[str, str] = {
     "peak": "largest resident memory of the process during a call",
     "above the idle process": "the peak less what was resident after start and before the first call",
     "certain": "the 95 % interval lies on one side of the limit",
+    "margin": "from the value to the limit; negative where the limit is missed",
+    "missing": "images without an estimate; where images are not known, true poses in gaps between estimates",
+    "judged share": "of the images those with an estimate; else of the true path what lies outside of gaps",
     "lost": "no pose could be estimated; scored with the last known one",
     "degraded": "a pose with a larger covariance, and a reason",
 }
@@ -92,6 +106,8 @@ def score_tables(score: Score) -> list[Table]:
     tables = (
         _verdict_table(score),
         headline_table(score),
+        *covered_tables(score),
+        readings_table(score),
         _aligned_table(score),
         _growth_table(score),
         _component_table(score),
@@ -177,36 +193,45 @@ def map_error(part: MapScore | None) -> MapError | None:
 
 def _verdict_table(score: Score) -> Table:
     rows: list[Row] = []
+    has_ids = any(item.id for item in score.verdicts)
     for k, item in enumerate(score.verdicts):
         unit, key = fitting(limit_unit(item.metric), item.limit, item.value, *(item.ci95 or ())), f"verdicts.{k}"
         sign = "≥" if item.metric.endswith("_min") else "≤"
         over = f", over {item.condition}" if item.condition is not None else ""
+        total = item.condition is not None and "mean_plus_3sigma" in item.metric
         row = (
             Cell.verdict(item.state.value),
+            *([Cell(item.id or ABSENT)] if has_ids else []),
             Cell.head(limit_name(item.metric) + over),
             Cell(unit.symbol),
-            Cell(f"{sign} {number(item.limit, unit=unit)}", item.limit, f"{key}.limit"),
             Cell.number(item.value, f"{key}.value", unit, NOT_ENOUGH),
-            Cell.interval(item.ci95, f"{key}.ci95", unit),
+            Cell(f"{sign} {number(item.limit, unit=unit)}", item.limit, f"{key}.limit"),
+            Cell(ABSENT) if item.margin is None else Cell.number(item.margin, f"{key}.margin", unit),
+            Cell.interval(item.ci95, f"{key}.ci95", unit, NOT_ENOUGH if total else ABSENT),
             Cell.number(item.count, f"{key}.count", undefined=ABSENT),
-            Cell({True: "yes", False: "no", None: ABSENT}[item.certain]),
+            Cell({True: "yes", False: "no", None: ABSENT}[item.certain] + " (asked for)" * item.needs_certainty),
         )
         rows.append(row)
-    columns = _headed("figure", "unit", "limit", "value", "95 % interval", "n", "certain")
-    return Table("verdicts", "Verdicts", (Column("verdict", words=True), *columns), tuple(rows))
+    columns = _headed("figure", "unit", "value", "limit", "margin", "95 % interval", "n", "certain")
+    heads = (Column("verdict", words=True), *([Column("requirement", words=True)] if has_ids else []))
+    note = NO_INTERVAL if any(item.certain is None for item in score.verdicts) else ""
+    return Table("verdicts", "Verdicts", (*heads, *columns), tuple(rows), note)
 
 
 def limit_name(metric: str) -> str:
     """Return the name of a limit in words, without its unit: `position mean + 3 sigma`."""
     if metric == "coverage_min":
         return "map coverage"
-    words = re.sub(r"_(m|deg|s|bytes)$", "", metric).replace("mean_plus_3sigma", "mean + 3 sigma")
-    return re.sub(r"\b(localisation|mapping|fusion) (?!peak|above)", r"\1 time ", words.replace("_", " "))
+    words = re.sub(r"(_max)?_(share|m|deg|s|bytes|min)$", "", metric).replace("mean_plus_3sigma", "mean + 3 sigma")
+    words = words.replace("_", " ") + (" share" if metric.endswith("_max_share") else "")
+    if metric.endswith("_s"):
+        words = re.sub(r"\b(localisation|mapping call|mapping|fusion)\b", r"\1 time", words)
+    return words
 
 
 def limit_unit(metric: str) -> Unit:
     """Return the unit to show a figure in, from its name in the limits, which ends in the unit of its value."""
-    if metric == "coverage_min":
+    if metric.endswith("_min"):
         return SHARE
     return MIB if metric.endswith("_bytes") else Unit(metric.rpartition("_")[2])
 
@@ -215,7 +240,8 @@ def headline_table(score: Score) -> Table | None:
     """Return the figures of the specification with their 95 % intervals."""
     part = score.trajectory
     shown: list[tuple[str, Unit, Statistic | SampleStatistic, str, Cell]] = []
-    note = "Interval: of mean + 3 sigma. n: sub-trajectories, map points or calls. "
+    note = "Statistic: the one that is limited, else mean + 3 sigma. n: sub-trajectories, map points or calls. "
+    note += f"{NO_INTERVAL} "
     for key, condition in keyed_conditions(score):
         for name, unit in (("position", METRE), ("attitude", DEGREE), ("heading", DEGREE)):
             figure, title = f"{name}_{unit.symbol}", f"{name} error over {condition.condition}"
@@ -230,14 +256,91 @@ def headline_table(score: Score) -> Table | None:
         shown.append((f"{kind} time per call", SECOND, calls, key, _count(calls, key)))
     rows: list[Row] = []
     for title, unit, value, key, count in shown:
-        bounds = value.mean_plus_3sigma_ci95 if isinstance(value, IntervalStatistic) else None
-        unit = fitting(unit, value.mean, value.sigma, value.mean_plus_3sigma, *(bounds or ()))
-        undefined = NOT_ENOUGH if isinstance(value, IntervalStatistic) else ABSENT
-        interval = Cell.interval(bounds, f"{key}.mean_plus_3sigma_ci95", unit, undefined)
-        rows.append((Cell.head(title), Cell(unit.symbol), *_figures(value, STATISTIC, key, unit), interval, count))
-    columns = _headed("figure", "unit", *STATISTIC.values(), "95 % interval", "n")
+        for judged in _limited(score, key) or ["mean_plus_3sigma"]:
+            bounds = getattr(value, f"{judged}_ci95", None)
+            unit = fitting(unit, value.mean, value.sigma, getattr(value, judged), *(bounds or ()))
+            cells = _figures(value, ("mean", "sigma", judged), key, unit)
+            few = NOT_ENOUGH if hasattr(value, f"{judged}_ci95") else ABSENT
+            interval = Cell.interval(bounds, f"{key}.{judged}_ci95", unit, few)
+            word = Cell(STATISTIC.get(judged, judged))
+            rows.append((Cell.head(title), Cell(unit.symbol), *cells[:2], word, cells[2], interval, count))
+    columns = _headed("figure", "unit", "mean", "sigma", "statistic", "value", "95 % interval", "n")
     note = (note + clock_text(score.timing, score.target)).rstrip()
     return Table("headline", "Figures", columns, tuple(rows), note) if rows else None
+
+
+def _limited(score: Score, key: str) -> list[str]:
+    """Return the statistics of a figure that limits are on, each once; the figure by its place in the JSON."""
+    owner, _, figure = key.rpartition(".")
+    start, _, unit = figure.rpartition("_")
+    condition = value_at(dict(keyed_conditions(score)).get(owner), "condition")
+    found = [
+        "max" if item.metric == figure else item.metric.removeprefix(f"{start}_").removesuffix(f"_{unit}")
+        for item in score.verdicts
+        if item.metric.startswith(f"{start}_") and item.condition == condition
+    ]
+    return [name for name in dict.fromkeys(found) if name in (*STATISTIC, "p50", "p95", "p99", "max")]
+
+
+# ---- what of the drive and the map is judged, by which reading
+
+
+def covered_tables(score: Score) -> Iterator[Table]:
+    """Yield what of the drive the estimate covers, and what of the map can be judged."""
+    drive, cloud = value_at(score, "trajectory.completeness"), value_at(score, "map.completeness")
+    names: tuple[str, ...] = ("images", "truth_poses", "matched", "missing", "lost", "degraded", "unmatched_estimates")
+    names += ("doubled_stamps", "judged_share", "longest_gap_m", "longest_gap_s")
+    if drive is not None:
+        note = f"Incomplete: {drive.incomplete}." if drive.incomplete else ""
+        yield _one_row("covered", "What of the drive is judged", "drive", drive, names, note)
+    if cloud is not None:
+        names = ("pairs", "pairs_without_cloud", "points_without_truth", "points_without_truth_share")
+        yield _one_row("map-covered", "What of the map is judged", "map", cloud, names, "")
+
+
+def _one_row(name: str, title: str, head: str, record: object, names: tuple[str, ...], note: str) -> Table:
+    titles = [re.sub(r"_(?=[ms]$)", ", ", each).replace("_", " ") for each in names]
+    place = "trajectory" if head == "drive" else head
+    known = ((f"{place}.completeness.{each}", getattr(record, each)) for each in names)
+    cells = (Cell(UNKNOWN) if value is None else Cell.number(value, key) for key, value in known)
+    return Table(name, title, _headed("of", *titles), ((Cell.head(head), *cells),), note)
+
+
+def readings_table(score: Score) -> Table:
+    """Return mean + 3 sigma by each reading of the document, and which verdicts depend on it."""
+    rows: list[Row] = []
+    units = {"position_m": MILLIMETRE, "attitude_deg": DEGREE, "heading_deg": DEGREE}
+    for key, part in keyed_conditions(score):
+        for rebase in Rebase if part.readings is not None else ():
+            figures = getattr(part.readings, rebase)
+            cells = (
+                Cell.number(
+                    getattr(figures, name).mean_plus_3sigma,
+                    f"{key}.readings.{rebase}.{name}.mean_plus_3sigma",
+                    unit,
+                    NOT_ENOUGH,
+                )
+                for name, unit in units.items()
+            )
+            used = ", as judged" if part.rebase == rebase else ""
+            rows.append((Cell.head(f"{rebase}, over {part.condition}{used}"), *cells))
+    columns = [Column("reading", words=True), *(Column(name.rpartition("_")[0], unit) for name, unit in units.items())]
+    note = "".join(f"{rebase.capitalize()}: {text}. " for rebase, text in READINGS.items())
+    title = "Mean + 3 sigma by each reading of the document"
+    return Table("readings", title, tuple(columns), tuple(rows), note + _differing(score))
+
+
+def _differing(score: Score) -> str:
+    """Say which verdicts depend on the reading of the document."""
+    said = [
+        f"{limit_name(item.metric)}, over {item.condition}: "
+        + ", ".join(f"{state} by {name}" for name, state in item.by_reading.items())
+        for item in score.verdicts
+        if len(set(item.by_reading.values())) > 1
+    ]
+    if not any(item.by_reading for item in score.verdicts):
+        return ""
+    return f"The reading decides: {'; '.join(said)}." if said else "No verdict would differ by another reading."
 
 
 # ---- trajectory

@@ -35,6 +35,7 @@ FIGURES = """[...document.querySelectorAll('#figure-table td[data-key]')]
     .map((cell) => [cell.dataset.key, cell.textContent])"""
 RESET = "[...document.querySelectorAll('.buttons button')].find((b) => b.textContent.startsWith('reset'))"
 AHEAD_S = 300.0
+SHOWN = ("headline", "verdicts", "covered", "map-covered", "readings")  #: Tables beside the path.
 
 
 def text(place: str) -> str:
@@ -66,7 +67,7 @@ async def check_panels(browser: Browser, server: LiveServer) -> None:
     assert await browser.value("document.querySelectorAll('#nodes .node').length") == 3
     assert await browser.value(f"{text('verdict')}.trim()") == "✖ fail"
     figures = dict(await browser.value(FIGURES))
-    tables = [t for t in server.state.to_plain(0.0)["live"]["tables"] if t["name"] in ("headline", "verdicts")]
+    tables = [t for t in server.state.to_plain(0.0)["live"]["tables"] if t["name"] in SHOWN]
     cells = (cell for table in tables for row in table["rows"] for cell in row)
     assert figures == {cell["key"]: cell["text"] for cell in cells if "key" in cell}
     assert len(figures) > 20

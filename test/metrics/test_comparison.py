@@ -14,11 +14,12 @@ from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.score import MapScore, Score, TimingScore
 
 
-def scores(seed: int, noises: tuple[float, ...], count: int = 800) -> list[Score]:
+def scores(seed: int, noises: tuple[float, ...], count: int = 800, over: str = "distance=5") -> list[Score]:
     """Scores of estimates whose steps have errors of different size, the same shape for all."""
     truth, _ = drive(seed, count)
     wander = np.cumsum(np.random.default_rng(seed).normal(0, 1, (count, 3)), axis=0)
-    return [score_of((truth[0], truth[1] + noise * wander, truth[2]), truth) for noise in noises]
+    config = TrajectoryScoreConfig(conditions=(over,))
+    return [score_of((truth[0], truth[1] + noise * wander, truth[2]), truth, config) for noise in noises]
 
 
 def outcome(result: Comparison) -> str:
@@ -77,3 +78,28 @@ def test_the_json_of_a_comparison() -> None:
     keys = "name condition figure count left_out first other difference ci95 verdict p p_corrected"
     assert list(pairs[0]) == keys.split()
     assert pairs[0]["condition"] == {"distance_m": 5.0}
+
+
+def test_few_sub_trajectories_are_not_enough_for_the_comparison_where_they_are_not_for_the_score() -> None:
+    """Starts that overlap are fewer than two independent ones: no interval here or there, nobody is worse."""
+    both = scores(3, (0.001, 0.010), 70, "distance=7.5")
+    part = both[0].trajectory
+    assert part is not None
+    assert part.first.count / part.first.overlap < 2
+    assert part.first.position_m.mean_plus_3sigma_ci95 is None
+    for pair in compare_scores(both, ["a", "b"]).pairs[:1]:
+        assert (pair.count, pair.outcome, pair.ci95) == (part.first.count, "not enough data", None)
+
+
+def test_worse_is_said_only_where_the_corrected_p_says_so() -> None:
+    """An interval of one comparison of many that leaves zero out is not enough."""
+    said = []
+    for seed in range(8):
+        truth, _ = drive(seed, 500)
+        rng = np.random.default_rng(seed)
+        steps = (rng.normal(0, noise, (500, 3)) for noise in (0.010, 0.012, 0.014, 0.016, 0.018))
+        made = [score_of((truth[0], truth[1] + np.cumsum(step, axis=0), truth[2]), truth) for step in steps]
+        said += [pair for pair in compare_scores(made, list("abcde")).pairs if pair.p_corrected is not None]
+    assert {"worse", "no difference shown"} <= {pair.outcome for pair in said}
+    assert all((pair.outcome in ("better", "worse")) == ((pair.p_corrected or 0.0) <= 0.05) for pair in said)
+    assert any(pair.outcome == "no difference shown" and pair.ci95 and pair.ci95[0] > 0.0 for pair in said)

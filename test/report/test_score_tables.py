@@ -1,6 +1,7 @@
 """The tables of a score: each cell leads back to its figure, and says it in the words of the glossary."""
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from made_scores import dig, json_of, whole_score
@@ -30,7 +31,9 @@ def small() -> Score:
         return IntervalStatistic(mean=mean, sigma=sigma, mean_plus_3sigma=total, mean_plus_3sigma_ci95=ci95)
 
     def verdict(metric: str, limit: float, value: float | None, state: VerdictState) -> Verdict:
-        return Verdict(metric=metric, limit=limit, value=value, state=state, ci95=None, count=None, certain=None)
+        margin = None if value is None else limit - value
+        known: dict[str, Any] = {"ci95": None, "count": None, "certain": None, "margin": margin}
+        return Verdict(metric=metric, limit=limit, value=value, state=state, **known)
 
     trajectory = whole_score().trajectory
     assert isinstance(trajectory, TrajectoryScore)
@@ -53,15 +56,24 @@ def small() -> Score:
 
 def test_headline_and_verdicts_by_hand() -> None:
     rows = table(small(), "headline").rows
-    assert texts(rows[0]) == ["position error over 5 m", "mm", "12.35", "2", "18.35", "15 to 25", "31"]
-    assert (rows[0][4].value, rows[0][4].key) == (0.0183456, "trajectory.position_m.mean_plus_3sigma")
-    assert texts(rows[1])[2:5] == ["not enough data"] * 3
+    assert texts(rows[0]) == [
+        "position error over 5 m",
+        "mm",
+        "12.35",
+        "2",
+        "mean + 3 sigma",
+        "18.35",
+        "15 to 25",
+        "31",
+    ]
+    assert (rows[0][5].value, rows[0][5].key) == (0.0183456, "trajectory.position_m.mean_plus_3sigma")
+    assert texts(rows[1])[2:6] == ["not enough data"] * 2 + ["mean + 3 sigma", "not enough data"]
     judged = [texts(row) for row in table(small(), "verdicts").rows]
     assert judged[0] == [
-        "pass", "position mean + 3 sigma, over 5 m", "mm", "≤ 20", "18.35", "15 to 25", "31", "no",
+        "pass", "position mean + 3 sigma, over 5 m", "mm", "18.35", "≤ 20", "1.654", "15 to 25", "31", "no",
     ]  # fmt: skip
-    assert judged[1][1:5] == ["localisation peak", "MiB", "≤ 1", "500"]
-    assert judged[2][1:5] == ["map coverage", "share", "≥ 0.8", "not enough data"]
+    assert judged[1][1:5] == ["localisation peak", "MiB", "500", "≤ 1"]
+    assert judged[2][1:5] == ["map coverage", "share", "not enough data", "≥ 0.8"]
 
 
 def test_every_cell_leads_back_to_its_figure_and_tables_keep_their_shape() -> None:

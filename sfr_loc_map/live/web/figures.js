@@ -4,7 +4,7 @@ import { byId, element, setPill, setText } from "./dom.js";
 import { TERMS, helpButton } from "./terms.js";
 
 const STYLES = { pass: "pass", fail: "fail" };
-const FIRST = ["headline", "verdicts"]; // beside the path; the others are folded below
+const FIRST = ["headline", "verdicts", "covered", "map-covered", "readings"]; // beside the path; the others are folded below
 let shown = null;
 
 /** Show the verdict and all tables of a report. */
