@@ -54,6 +54,7 @@ class PoseConvention:
         choices=("xyzw", "wxyz", "conjugated", "conjugated_wxyz", "wxyz_ds_to_rb"),
     )
     inverse: bool = param(False, doc="Poses are inverted: of the world in the rover's frame.")
+    inverse_motion: bool = param(False, doc="Motions since the first pose are inverted, and start there.")
     mirrored: bool = param(False, doc="Left and right are mirrored: y points right.")
     metres_per_unit: float = param(1.0, unit="m", doc="Unit of the positions.", low=1e-6, high=1e6)
     time_offset_ns: int = param(
@@ -125,9 +126,11 @@ def converted(trajectory: Trajectory, convention: PoseConvention, T_rb_child: Tr
         positions = positions * convention.metres_per_unit
     if convention.mirrored:
         positions, quats = positions * MIRROR, quats * np.array([-1.0, 1.0, -1.0, 1.0])
-    if convention.inverse:
+    if convention.inverse or convention.inverse_motion:
+        first = Transform.from_quat(positions[0], quats[0]) if convention.inverse_motion else Transform.identity()
         quats = quat_normalised(quat_conjugate(quats))
-        positions = -quat_rotate(quats, positions)
+        positions = first.apply(quat_rotate(quats, first.translation - positions))
+        quats = quat_multiply(quat_multiply(first.quat_xyzw, quats), first.quat_xyzw)
     if convention.of_another_frame:
         quats = quat_multiply(quat_normalised(quats), quat_from_matrix(T_rb_child.rotation.T))
         positions = positions - quat_rotate(quats, T_rb_child.translation)

@@ -140,6 +140,7 @@ def _each_undone(truth: Poses, estimate: Poses, rig: StereoRig | None) -> Iterat
         "conjugated_wxyz": scalar_first.format(" and conjugated"),
     }
     inverted = -q.inv().apply(p), q.inv()
+    motions = q.inv().apply(p[0] - p), q.inv() * q[0]
     conjugated = "its attitudes are conjugated (orientation of RB in DS in place of DsToRb): conjugate them"
     optical_text = "its attitudes are those of the optical axes (x right, y down, z forward): rotate them to RB"
     small = "its positions are a thousand times too small (the truth in millimetres, or kilometres): write metres"
@@ -152,13 +153,20 @@ def _each_undone(truth: Poses, estimate: Poses, rig: StereoRig | None) -> Iterat
             for (written, text), undone in zip(first.items(), (wxyz, wxyz_ds_to_rb.inv(), wxyz.inv()), strict=True)
         ),
         ("inverted poses", "inverse=true", "its poses are inverted (DS in RB): invert them", inverted),
+        (
+            "inverted motions",
+            "inverse_motion=true",
+            "its motions since the first pose are inverted: invert them",
+            motions,
+        ),
         ("optical axes", "frame=rb_optical", optical_text, (p, q * optical.inv())),
         ("millimetres", "metres_per_unit=0.001", "its positions are in millimetres: write metres", (p * 1e-3, q)),
         ("kilometres", "metres_per_unit=1000", small, (p * 1e3, q)),
         ("swapped left and right images", "", swapped, (-p, q)),
         ("mirrored left and right", "mirrored=true", sides, (p * MIRROR, mirrored)),
     ):
-        yield name, setting, sentence, False, (undone[0], undone[1].as_quat())
+        if undone is not motions or np.abs(p[0]).max() + q[0].magnitude() > 1e-9:  # else the same as inverted poses
+            yield name, setting, sentence, False, (undone[0], undone[1].as_quat())
 
     # another frame of the rover: rotation known or presumed, position known or fitted
     frames = []
@@ -240,9 +248,11 @@ def _time_offset(estimate: Trajectory, truth: Trajectory, before: float | None) 
         if is_last:
             break
         reach = reach * 4 // OFFSET_STEPS
+    periods = -best / max(step, 1)
+    late = "; each pose is that of the pair before" if 0.98 < periods < 1.02 else ""
     yield Hypothesis(
         mismatch="time offset",
-        sentence=f"{LOOKS_WRONG} its stamps are {best / NS_PER_S:+.3f} s off, add this to them",
+        sentence=f"{LOOKS_WRONG} its stamps are {best / NS_PER_S:+.3f} s off, add this to them{late}",
         disagreement=least,
         fitted=True,
         setting=f"time_offset_ns={best}",
@@ -259,7 +269,8 @@ def converted_estimates(
     RB: they stay only where nothing but the world frame or the stamps differ. MetricsError if no pose has a true pose.
     """
     poses = converted(estimates.trajectory, convention, T_rb_child)
-    covariance = None if convention.inverse or convention.mirrored else estimates.covariance
+    is_turned = convention.inverse or convention.inverse_motion or convention.mirrored
+    covariance = None if is_turned else estimates.covariance
     if covariance is not None and (convention.metres_per_unit != 1.0 or convention.of_another_frame):
         unit = np.diag([convention.metres_per_unit] * 3 + [1.0] * 3)
         arms = -quat_rotate(quat_normalised(poses.quats_xyzw), T_rb_child.translation)

@@ -50,6 +50,10 @@ def of_camera(s: Any, p: Any, q: Any, turn: Rotation) -> Poses:
     return s, p + Rotation.from_quat(q).apply(CAMERA.translation), (Rotation.from_quat(q) * turn).as_quat()
 
 
+def inverted_motions(s: Any, p: Any, q: Rotation) -> Poses:
+    return s, p[0] + (q[0] * q.inv()).apply(p[0] - p), (q[0] * q.inv() * q[0]).as_quat()
+
+
 CASES: dict[str, tuple[Callable[..., Poses], str]] = {
     "conjugated": (lambda s, p, q: (s, p, q * [-1, -1, -1, 1]), "conjugated quaternion"),
     "scalar_first": (lambda s, p, q: (s, p, q[:, [3, 0, 1, 2]]), "scalar first"),
@@ -57,6 +61,7 @@ CASES: dict[str, tuple[Callable[..., Poses], str]] = {
         lambda s, p, q: (s, -Rotation.from_quat(q).inv().apply(p), Rotation.from_quat(q).inv().as_quat()),
         "inverted poses",
     ),
+    "inverted_motions": (lambda s, p, q: inverted_motions(s, p, Rotation.from_quat(q)), "inverted motions"),
     "optical": (lambda s, p, q: (s, p, (Rotation.from_quat(q) * OPTICAL).as_quat()), "optical axes"),
     "camera": (lambda s, p, q: of_camera(s, p, q, Rotation.from_matrix(CAMERA.rotation)), "left camera"),
     "camera_place": (lambda s, p, q: of_camera(s, p, q, Rotation.identity()), "left camera"),
