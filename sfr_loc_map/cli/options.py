@@ -66,6 +66,11 @@ OverwriteOption = Annotated[
 LenientOption = Annotated[
     bool, typer.Option("--lenient", help="Exit 0 rather than 3 where something could not be judged.")
 ]
+SpacingOption = Annotated[int, typer.Option(metavar="FRAMES", help="Frames from one start to the next.")]
+RebaseOption = Annotated[
+    Literal["pose", "displacement", "position"],
+    typer.Option(help="Reading of the document: how error from before a start is kept out."),
+]
 PartialOption = Annotated[bool, typer.Option("--partial", help="Judge an estimate of a part of the drive, and say so.")]
 
 

@@ -11,7 +11,15 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.options import Align, ConventionOptions, JudgeOptions, OutputOptions, PartialOption
+from sfr_loc_map.cli.options import (
+    Align,
+    ConventionOptions,
+    JudgeOptions,
+    OutputOptions,
+    PartialOption,
+    RebaseOption,
+    SpacingOption,
+)
 from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_suffix, say, show, warn, write_text
 from sfr_loc_map.cli.verdict import conclude
 from sfr_loc_map.errors import ConfigError
@@ -40,11 +48,8 @@ def score(
     judge: JudgeOptions,
     conversion: ConventionOptions,
     output: OutputOptions,
-    spacing: Annotated[int, typer.Option(metavar="FRAMES", help="Frames from one start to the next.")] = 10,
-    rebase: Annotated[
-        Literal["pose", "displacement", "position"],
-        typer.Option(help="Reading of the document: how error from before a start is kept out."),
-    ] = "pose",
+    spacing: SpacingOption = 10,
+    rebase: RebaseOption = "pose",
     partial: PartialOption = False,
     frames: Annotated[
         Literal["truth", "images"],

@@ -202,8 +202,17 @@ def _present(summary: Summary, store: Store, json_path: str | None, *, lenient: 
     for failure in summary.failures:
         say(one_line(f"failed: {failure.label}: {failure.cause}: {failure.message}"), err=True)
     verdicts = [(group, item) for group in summary.groups for item in group.verdicts]
+    incomplete = [
+        f"incomplete: {item.missed_by} of {group.drives} drives of {group.task}, {group.configuration}"
+        + ("" if item.value is None else f"; the worst covers {100.0 * item.value:.4g} %")
+        for group, item in verdicts
+        if item.state is VerdictState.INCOMPLETE
+    ]
+    for text in incomplete:
+        say(text, err=True)
     if missed := sum(item.state is VerdictState.FAIL for _, item in verdicts):
-        raise FailedVerdictError(f"{missed} of {len(verdicts)} limits over all drives missed")
+        judged = sum(item.state is not VerdictState.INCOMPLETE for _, item in verdicts)
+        raise FailedVerdictError(f"{missed} of {judged} limits over all drives missed")
     if count := len(summary.failures) + len(summary.refusals):
         raise InputError(f"{count} tasks or sources failed: each is named above")
     undecided = [
@@ -211,4 +220,4 @@ def _present(summary: Summary, store: Store, json_path: str | None, *, lenient: 
         for group, item in verdicts
         if item.state is VerdictState.NOT_ENOUGH_DATA
     ]
-    not_judged(undecided, lenient=lenient)
+    not_judged([*incomplete, *undecided], lenient=lenient)

@@ -25,7 +25,7 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.methods.registry import MethodLimits, record_of_ours
 from sfr_loc_map.metrics.cloud_error import truths_of
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.limits import parse_limits, verdicts
+from sfr_loc_map.metrics.limits import Limits, parse_limits, verdicts
 from sfr_loc_map.metrics.score import Provenance, Score
 from sfr_loc_map.metrics.score_json import from_json, to_plain
 from sfr_loc_map.pipeline.call_stats import load_call_stats, save_stats
@@ -54,14 +54,16 @@ def run_job(job: Job, scratch: Path, cache: Path) -> Score:
     cv2.setNumThreads(job.threads)
     numba.set_num_threads(min(job.threads, numba.get_num_threads()))
     path, config = local_path(job.source, cache), ScoreConfig(trajectory=job.scoring)
+    limits = parse_limits(job.limits, "limits") if job.limits else None
     if job.kind is JobKind.SCORE:
-        score = score_files(ScoreInputs.of(path, Path(job.source.truth)), config)
+        score = score_files(ScoreInputs.of(path, Path(job.source.truth)), config, limits)
     elif job.kind is JobKind.REPLAY:
-        score = _replay(job, path, scratch)
+        score = _replay(job, path, scratch, limits)
     else:
         source = faulty(open_source(path), _faults(job), job.fault_seed)
-        score = score_run((_localise if job.kind is JobKind.LOCALISE else _map)(job, source, path, scratch), config)
-    judged = verdicts(parse_limits(job.limits, "limits"), score) if job.limits else ()
+        run = (_localise if job.kind is JobKind.LOCALISE else _map)(job, source, path, scratch)
+        score = score_run(run, config, limits)
+    judged = () if limits is None else verdicts(limits, score)
     return replace(score, verdicts=judged, provenance=_provenance(job, score.provenance, scratch))
 
 
@@ -98,7 +100,7 @@ def _map(job: Job, source: Source, truth: Path, scratch: Path) -> Run:
     return Run(inputs, [load_call_stats(stats)], cloud=scored)
 
 
-def _replay(job: Job, path: Path, scratch: Path) -> Score:
+def _replay(job: Job, path: Path, scratch: Path, limits: Limits | None) -> Score:
     if job.faults:
         convert(faulty(open_source(path), _faults(job), job.fault_seed), scratch / "faulty")
         path = scratch / "faulty"
@@ -110,6 +112,9 @@ def _replay(job: Job, path: Path, scratch: Path) -> Score:
         nested = {part: to_plain(values) for part in ("localisation", "mapping") if (values := _section(job, part))}
         (scratch / "config.yaml").write_text(yaml.safe_dump(nested), encoding="utf-8")
         command += ["--config", str(scratch / "config.yaml")]
+    command += ["--spacing", str(job.scoring.spacing), "--rebase", job.scoring.rebase]
+    if job.scoring.partial or (limits is not None and limits.allow_missing):
+        command += ["--partial"]
     for condition in job.scoring.conditions:
         command += ["--condition", condition]
     done = subprocess.run(

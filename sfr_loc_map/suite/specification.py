@@ -37,7 +37,12 @@ class SuiteSettings:
     spacing: int = param(
         10, unit="frames", doc="Frames from one start of a sub-trajectory to the next.", low=1, high=10**6
     )
-    rebase: str = param("pose", doc="What is taken from the estimate at a start.", choices=("pose", "position"))
+    rebase: str = param(
+        "pose",
+        doc="How error from before the start is kept out, as of `sfr score`.",
+        choices=("pose", "displacement", "position"),
+    )
+    partial: bool = param(False, doc="Judge an estimate of a part of a drive as if it were the whole, and say so.")
     start: str = param("truth", doc="First pose of a drive.", choices=("identity", "truth"))
     repeats: int = param(1, doc="Runs of each task.", low=1, high=1000)
     seed: int = param(0, doc="Seed of which pairs a fault affects.", low=0, high=2**31 - 1)
@@ -90,7 +95,7 @@ def load_specification(path: Path) -> SuiteSpecification:
         perturb=("", *map(str, lists["perturb"])),
         configurations=_configurations(configurations, path),
         tasks=tasks,
-        scoring=TrajectoryScoreConfig(conditions, settings.spacing, settings.rebase),
+        scoring=TrajectoryScoreConfig(conditions, settings.spacing, settings.rebase, settings.partial),
         limits=limits,
         settings=settings,
     )

@@ -120,8 +120,9 @@ class Summary:
         states = [item.state for group in self.groups for item in group.verdicts]
         if not states:
             return None
-        if VerdictState.FAIL in states:
-            return VerdictState.FAIL
+        for worst in (VerdictState.FAIL, VerdictState.INCOMPLETE):
+            if worst in states:
+                return worst
         complete = len(self.drives) == self.tasks and not self.refusals
         passed = complete and all(state is VerdictState.PASS for state in states)
         return VerdictState.PASS if passed else VerdictState.NOT_ENOUGH_DATA
@@ -130,7 +131,9 @@ class Summary:
         """Return it as JSON values; of each drive its key, names, verdicts, and where its score stands."""
         parts = {name: to_plain(getattr(self, name)) for name in ("verdict", "groups", "failures", "refusals")}
         drives = [
-            drive.names() | {"file": f"results/{drive.job.key}.json", "verdicts": to_plain(drive.score.verdicts)}
+            drive.names()
+            | {"file": f"results/{drive.job.key}.json", "verdicts": to_plain(drive.score.verdicts)}
+            | ({} if drive.score.incomplete is None else {"incomplete": drive.score.incomplete})
             for drive in self.drives
         ]
         head = {"schema": SCHEMA, "version": __version__, "code": self.code, "counts": self.counts}
@@ -186,13 +189,30 @@ def groups_of(drives: Sequence[ScoredJob], limits: Limits | None) -> Iterator[Gr
             lost=sum(item.lost for item in trajectories),
             matched=sum(item.matched for item in trajectories),
             conditions=tuple(pooled.values()),
-            verdicts=() if limits is None else tuple(_verdicts(limits, scores, pooled)),
+            verdicts=tuple(_verdicts(limits, scores, pooled)),
         )
 
 
 def _verdicts(
-    limits: Limits, scores: Sequence[Score], pooled: Mapping[Condition, PooledCondition]
+    limits: Limits | None, scores: Sequence[Score], pooled: Mapping[Condition, PooledCondition]
 ) -> Iterator[GroupVerdict]:
+    if parts := [score.trajectory for score in scores if score.incomplete is not None]:
+        wholes = [part.completeness for part in parts if part is not None and part.completeness is not None]
+        share = min((whole.judged_share for whole in wholes), default=None)
+        yield GroupVerdict(  # a drive that is not whole is no pass, whatever the figures of the others
+            metric="judged_share_min",
+            limit=1.0,
+            value=share,
+            ci95=None,
+            margin=None if share is None else share - 1.0,
+            count=len(scores),
+            state=VerdictState.INCOMPLETE,
+            certain=None,
+            over="worst drive",
+            missed_by=len(parts),
+        )
+    if limits is None:
+        return
     for limit in limits.limits:
         values = [value for score in scores if (value := figure_of(limit, score).value) is not None]
         part = {LimitPart.TRAJECTORY: "trajectory", LimitPart.MAP: "map"}.get(limit.part)
@@ -205,16 +225,24 @@ def _verdicts(
             value = min(values, default=None)
         enough = value is not None and (limit.condition is None or count >= limits.minimum_count)
         met = value is not None and _meets(value, limit)
-        state = VerdictState.NOT_ENOUGH_DATA if not enough else VerdictState.PASS if met else VerdictState.FAIL
+        certain = None if interval is None or not enough else not interval[0] <= limit.limit < interval[1]
+        state = VerdictState.NOT_ENOUGH_DATA
+        if enough and not (met and limit.certain and not certain):
+            state = VerdictState.PASS if met else VerdictState.FAIL
+        margin = None if value is None else limit.limit - abs(value)
         yield GroupVerdict(
             metric=f"target {limit.key}" if limit.part is LimitPart.TARGET else limit.key,
+            id=limit.id,
+            text=limit.text,
             condition=limit.condition,
             limit=limit.limit,
             value=value,
             ci95=interval,
+            margin=-margin if margin is not None and limit.key == COVERAGE_MIN else margin,
             count=count,
             state=state,
-            certain=None if interval is None or not enough else not interval[0] <= limit.limit < interval[1],
+            certain=certain,
+            needs_certainty=limit.certain,
             over=over,
             missed_by=sum(not _meets(value, limit) for value in values),
         )

@@ -69,6 +69,7 @@ DRIVES: Columns = (
     ("position, mean + 3 sigma", MILLIMETRE, "trajectory.position_m.mean_plus_3sigma"),
     ("attitude", DEGREE, "trajectory.attitude_deg.mean_plus_3sigma"),
     ("heading", DEGREE, "trajectory.heading_deg.mean_plus_3sigma"),
+    ("covered", PERCENT, "trajectory.completeness.judged_share"),
     ("n", NONE, "trajectory.count"),
     ("lost", NONE, "trajectory.lost"),
     ("pairs", NONE, "trajectory.matched"),

@@ -143,3 +143,29 @@ def test_usage_errors_are_one_line(sfr: Sfr, tmp_path: Path) -> None:
         assert words in done.err
         assert len(done.err.splitlines()) == 1
     assert yaml.safe_load(suite.read_text())["sources"]
+
+
+@pytest.mark.slow
+def test_a_suite_with_half_a_drive_is_incomplete_unless_a_part_is_allowed(sfr: Sfr, tmp_path: Path) -> None:
+    cases: dict[str, tuple[dict[str, object], int, str]] = {
+        "limits": ({"limits": LIMITS}, 3, "incomplete"),
+        "none": ({}, 3, "incomplete"),
+        "missed": ({"limits": {"trajectory": [{"condition": "distance=1", "position_mean_m": 0.0}]}}, 1, "fail"),
+        "partial": ({"limits": LIMITS, "partial": True}, 0, "pass"),
+        "share": ({"limits": LIMITS | {"completeness": {"missing_max_share": 0.6}}}, 0, "pass"),
+    }
+    for name, (more, code, verdict) in cases.items():
+        suite = made_suite(tmp_path / name, 2, rebase="displacement", **more)
+        lines = (suite.parent / "drive0.csv").read_text().splitlines(keepends=True)
+        (suite.parent / "drive0.csv").write_text("".join(lines[: len(lines) // 2]))
+        run = sfr("suite", "run", suite, "--out", tmp_path / name / "out", "--workers", 1, "--json", "-")
+        found = json.loads(run.out)
+        assert (run.code, found["verdict"]) == (code, verdict), name
+        half = [drive for drive in found["drives"] if "incomplete" in drive]
+        if verdict == "pass":
+            assert not half
+            continue
+        assert half[0]["source"] == "drive0.csv"
+        (first, *_) = found["groups"][0]["verdicts"]
+        assert (first["metric"], first["verdict"], first["missed_by"]) == ("judged_share_min", "incomplete", 1)
+        assert "incomplete: 1 of 2 drives of score" in run.err
