@@ -110,12 +110,16 @@ def score(
         "map.scored_from_m": scored_range[0],
         "map.scored_to_m": scored_range[1],
     }
+    if frames == "images" and associate == "match":
+        raise ConfigError("'--frames images' interpolates the truth, '--associate match' does not: leave one out")
     config = score_config(judge.condition, settings)
     if (target is None) != (target_timing is None):
         raise ConfigError("'--target' and '--target-timing' belong together: give the name and the file")
     inputs = ScoreInputs.of(estimate, truth, stats or ())
     if target_timing is not None:
         inputs = replace(inputs, target=target_timing, target_about=None, target_name=target or "")
+    if target_run is not None and inputs.target is None:
+        raise ConfigError("'--target-run' says which run the times of a target are of: give --target and --target-timing")
     command = shlex.join(["sfr", *sys.argv[1:]])
     inputs = replace(inputs, target_run=target_run, limits=judge.limits, command=command)
     has_poses = inputs.estimate is not None

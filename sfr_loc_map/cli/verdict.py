@@ -21,6 +21,7 @@ def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> No
     Figures of an estimate and a truth that contradict each other by convention judge nothing, whatever the limits;
     otherwise a limit that was missed counts before one that could not be judged.
     """
+    from sfr_loc_map.metrics.config import VerdictState
     from sfr_loc_map.metrics.limits import reasons_not_judged
 
     if score.failed and (score.contradiction is None or lenient):
@@ -28,7 +29,8 @@ def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> No
         for item in score.failed:
             name = item.metric.removesuffix("_min")
             missed.append(f"{name} {item.value:.6g} {'>' if name == item.metric else 'against'} {item.limit:g}")
-        raise FailedVerdictError(f"{len(missed)} of {len(score.verdicts)} limits missed: {', '.join(missed)}")
+        count = sum(item.state is not VerdictState.INCOMPLETE for item in score.verdicts)
+        raise FailedVerdictError(f"{len(missed)} of {count} limits missed: {', '.join(missed)}")
     not_judged(reasons_not_judged(score, asked), lenient=lenient)
 
 

@@ -75,6 +75,7 @@ _PLACES: dict[LimitPart, dict[str, str]] = {
 }
 """Where each figure that a limit names stands: of a condition, or of the part of the score."""
 REQUIREMENT = {"id": str, "text": str, "certain": bool}  #: What a requirement says of itself.
+NEEDED = {str: "a text, in quotes, is needed", bool: "true or false is needed"}
 SHARES = _PLACES[LimitPart.COMPLETENESS]  #: They may stand in the parts `trajectory` and `map` too.
 NAMES: Mapping[LimitPart, Collection[str]] = {
     **_PLACES,
@@ -168,11 +169,13 @@ def _limits_of(part: LimitPart, block: object, origin: str, condition: Condition
         number = isinstance(bound, (int, float)) and not isinstance(bound, bool)
         if not number or not 0 <= bound < float("inf"):
             raise ConfigError(f"{origin}: '{key}' is {bound!r}: a number >= 0 is needed, in the unit of its name")
+        if key in SHARES and bound > 1:
+            raise ConfigError(f"{origin}: '{key}' is {bound!r}: a share from 0 to 1 is needed, 0.05 for 5 %")
         for name, kind in REQUIREMENT.items():
-            if name == "id" and isinstance(entry.get(name), int):
+            if name == "id" and type(entry.get(name)) is int:
                 entry[name] = str(entry[name])
             if name in entry and not isinstance(entry[name], kind):
-                raise ConfigError(f"{origin}: '{name}' of '{key}' is {entry[name]!r}: {kind.__name__} is needed")
+                raise ConfigError(f"{origin}: '{name}' of '{key}' is {entry[name]!r}: {NEEDED[kind]}")
         where, over = (LimitPart.COMPLETENESS, None) if key in shares else (part, condition)
         made.append(Limit(where, key, float(bound), over, **entry))
     return made
@@ -226,7 +229,8 @@ def _state(limit: Limit, figure: Figure, minimum_count: int) -> tuple[VerdictSta
     certain = None if interval is None else not interval[0] <= limit.limit < interval[1]
     if not (figure.value >= limit.limit if limit.key == COVERAGE_MIN else abs(figure.value) <= limit.limit):
         return VerdictState.FAIL, certain
-    return VerdictState.NOT_ENOUGH_DATA if limit.certain and not certain else VerdictState.PASS, certain
+    counted = limit.part is LimitPart.COMPLETENESS  # not estimated: there is nothing uncertain
+    return VerdictState.NOT_ENOUGH_DATA if limit.certain and not (certain or counted) else VerdictState.PASS, certain
 
 
 def _by_reading(limit: Limit, score: Score, minimum_count: int) -> dict[str, VerdictState]:
@@ -286,7 +290,9 @@ def reasons_not_judged(score: Score, asked: Collection[Condition] = ()) -> tuple
         if item.state is VerdictState.NOT_ENOUGH_DATA and item.condition not in unmet:
             over = "" if item.condition is None else f" over {item.condition.label}"
             few = f"only {item.count} values" if item.count else "no data"
-            few = few if item.value is None or item.certain is None else "its interval spans the limit, as it may not"
+            if item.needs_certainty and item.value is not None and (item.ci95 is None or item.certain is not None):
+                few = f"'certain' needs its 95 % interval {'' if item.ci95 is None else 'within the limit'}".rstrip()
+                few += ", which it does not have" if item.ci95 is None else ""
             reasons.append(f"limit {item.metric}{over}: {few}")
     return tuple(reasons)
 
@@ -310,6 +316,7 @@ def conditions_beyond(truth: Trajectory, conditions: Collection[Condition]) -> t
 def _reason(condition: Condition, frames: int, length_m: float, duration_s: float) -> str:
     path = f"is {length_m:.1f} m long"
     texts = {ConditionKind.TIME: f"lasts {duration_s:.1f} s", ConditionKind.FRAMES: f"has {frames} frames"}
+    texts[ConditionKind.TURN] = "never turns so far"
     told = " and ".join(dict.fromkeys(texts.get(part.kind, path) for part in condition.parts))
     named = ",".join(f"{part.kind}={part.value:g}" for part in condition.parts)
     one = "one pose of the estimate has a true pose, at least two are needed"

@@ -216,8 +216,9 @@ def score_run(
             drive.estimates, drive.truth, config.trajectory, image_stamps_ns=drive.image_stamps_ns
         )
         whole, mode = parts["trajectory"].completeness, parts["trajectory"].association.mode
-        if whole.images and mode is AssociationMode.MATCH and whole.truth_poses < FEW_TRUE_POSES * whole.images:
-            few = f"the truth has {whole.truth_poses} poses for {whole.images} images: frames and spacing count true "
+        many, what = (whole.images, "images") if whole.images else (len(estimate.stamps_ns), "estimates")
+        if mode is AssociationMode.MATCH and whole.truth_poses < FEW_TRUE_POSES * many:
+            few = f"the truth has {whole.truth_poses} poses for {many} {what}: frames and spacing count true "
             warnings += [f"{few}poses; --frames images interpolates the truth to every image"]
         incomplete = incomplete or whole.incomplete
         if aligned is not None:
@@ -238,6 +239,12 @@ def score_run(
     if calls:
         parts["timing"], parts["memory"], drawn["calls"] = parts_of(calls)
 
+    target = None if run.target is None else _scored_target(run, run.target)
+    if target is not None and target.other_run is not None:
+        warnings += [f"the times of {target.name} are of another run: {target.other_run}"]
+    elif target is not None and target.matched_share is not None and target.matched_share < 1.0:
+        warnings += [f"the times of {target.name} are of {100.0 * target.matched_share:.3g} % of the estimates"]
+
     files = {}
     roles = ("estimate", "truth", "cloud", "map_truth", "target", "target_about", "limits")
     named = {name: getattr(inputs, name) for name in roles}
@@ -257,7 +264,7 @@ def score_run(
         findings=(*run.findings, *(finding for item in run.stats for finding in item.findings)),
         external=run.external,
         convention=convention,
-        target=None if run.target is None else _scored_target(run, run.target),
+        target=target,
         verdicts=(),
         warnings=tuple(warnings),
         contradiction=contradiction,
@@ -274,7 +281,13 @@ def score_run(
         details=Details(**drawn) if any(part is not None for part in drawn.values()) else None,
         **parts,
     )
-    return score if limits is None else replace(score, verdicts=verdicts(limits, score))
+    judged = () if limits is None else verdicts(limits, score)
+    if contradiction is None and (differ := [item for item in judged if len(set(item.by_reading.values())) > 1]):
+        each = ", ".join(f"{reading} {state}" for reading, state in differ[0].by_reading.items())
+        over = "" if differ[0].condition is None else f" over {differ[0].condition.label}"
+        text = f"the reading of the document (--rebase) decides {len(differ)} of {len(judged)} verdicts, the first "
+        warnings += [f"{text}{differ[0].metric}{over}: {each}"]
+    return replace(score, verdicts=judged, warnings=tuple(warnings))
 
 
 def _scored_target(run: Run, calls: CallStats) -> TargetScore:
