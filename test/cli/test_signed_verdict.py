@@ -1,0 +1,366 @@
+"""What a verdict says before it can be signed: each of these passed, or misled, in silence once."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from cli_result import Result, Sfr
+from made_scene import LOC_RIG, NAV_RIG, loc_pair, nav_pair
+from scipy.spatial.transform import Rotation
+
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.cloud_file import save_cloud
+from sfr_loc_map.io.folder import FolderWriter
+from sfr_loc_map.io.trajectory_file import save_trajectory
+
+COUNT, PERIOD_NS, STEP_M = 401, 100_000_000, 0.15
+SKY_ROWS = 30  #: Uppermost rows of the made mapping pairs that see no surface.
+SUM = "trajectory:\n- condition: distance=5\n  position_mean_plus_3sigma_m: "
+
+
+def rows_of(trajectory: Trajectory, rows: Any) -> Trajectory:
+    return Trajectory(trajectory.stamps_ns[rows], trajectory.positions[rows], trajectory.quats_xyzw[rows])
+
+
+class Judge:
+    """A drive of 60 m, an estimate that errs by millimetres, and the command that judges files of them."""
+
+    def __init__(self, sfr: Sfr, folder: Path) -> None:
+        self.sfr, self.folder = sfr, folder
+        heading = Rotation.from_euler("z", 0.4 * np.sin(0.02 * np.arange(COUNT))[:, None])
+        self.steps = heading.apply(np.tile([STEP_M, 0.0, 0.0], (COUNT, 1)))
+        self.heading = heading
+        stamps = 100 * 10**9 + PERIOD_NS * np.arange(COUNT, dtype=np.int64)
+        self.truth = Trajectory(stamps, np.cumsum(self.steps, axis=0), heading.as_quat())
+        noise = np.cumsum(np.random.default_rng(1).normal(0.0, 0.002, (COUNT, 3)), axis=0)
+        self.estimate = replace(self.truth, positions=self.truth.positions + noise)
+
+    def limits(self, text: str) -> Path:
+        path = self.folder / "limits.yaml"
+        path.write_text(text)
+        return path
+
+    def poses(self, name: str, trajectory: Trajectory) -> Path:
+        save_trajectory(self.folder / name, trajectory)
+        return self.folder / name
+
+    def calls(self, stamps: Any, name: str = "calls.csv", peak: Any = "", state: str = "tracking") -> Path:
+        rows = [f"{stamp},0.1,{state},{peak}" for stamp in stamps]
+        (self.folder / name).write_text("\n".join(["stamp_ns,processing_time_s,state,peak_rss_bytes", *rows, ""]))
+        return self.folder / name
+
+    def __call__(
+        self, *options: Any, limits: str | None = None, estimate: Trajectory | None = None, truth: Any = None
+    ) -> tuple[Result, dict[str, Any]]:
+        """Score an estimate; return what the command gave, and its JSON."""
+        made = self.poses("estimate.csv", self.estimate if estimate is None else estimate)
+        true = truth if isinstance(truth, Path) else self.poses("truth.csv", self.truth if truth is None else truth)
+        judged = [] if limits is None else ["--limits", self.limits(limits)]
+        (report := self.folder / "score.json").unlink(missing_ok=True)
+        result = self.sfr("score", made, true, *judged, "--json", report, *options)
+        return result, json.loads(report.read_text()) if report.is_file() else {}
+
+
+@pytest.fixture
+def judge(sfr: Sfr, tmp_path: Path) -> Judge:
+    return Judge(sfr, tmp_path)
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A drive of 12 pairs, and two mapping pairs whose upper rows see the sky."""
+    path = tmp_path_factory.mktemp("signed") / "source"
+    with FolderWriter(path, loc=True, nav=True) as writer:
+        writer.write_loc_rig(LOC_RIG)
+        writer.write_nav_rig(NAV_RIG)
+        for index in range(12):
+            writer.write_truth(loc_pair(index).stamp_ns, np.array([0.02 * index, 0.0, 0.0]), np.array([0, 0, 0, 1.0]))
+            writer.write_loc_pair(loc_pair(index))
+        for pair in (nav_pair(0), nav_pair(1)):
+            assert pair.truth is not None
+            pair.truth[:SKY_ROWS] = np.nan
+            writer.write_nav_pair(pair)
+    return path
+
+
+@pytest.fixture
+def cloud(tmp_path: Path) -> Path:
+    """Each pixel of two mapping pairs on its true point, those of the sky at 5 m."""
+    clouds = []
+    for number in range(2):
+        truth = nav_pair(number).truth
+        assert truth is not None
+        xyz = truth.reshape(-1, 3).astype(np.float32)
+        v, u = (part.ravel().astype(np.uint16) for part in np.indices(truth.shape[:2]))
+        same = np.full(len(xyz), 0.05, np.float32)
+        clouds.append(PointCloud(xyz, same, same, u, v, np.full(len(xyz), number, np.uint8), fused=False))
+    save_cloud(tmp_path / "cloud.ply", PointCloud.concatenate(clouds))
+    return tmp_path / "cloud.ply"
+
+
+@pytest.mark.clause("4.2.2")
+@pytest.mark.parametrize("peak", ["0", ""])
+@pytest.mark.parametrize("part", ["memory", "target"])
+def test_memory_of_zero_is_not_known(judge: Judge, peak: str, part: str) -> None:
+    calls = judge.calls(judge.estimate.stamps_ns, peak=peak)
+    options = ["--stats", calls] if part == "memory" else ["--target", "board", "--target-timing", calls]
+    result, score = judge(*options, limits=f"{part}:\n  localisation_peak_bytes: 1000000\n")
+    assert result.code == 3
+    assert [item["verdict"] for item in score["verdicts"]] == ["not enough data"]
+    result, score = judge(
+        *options[:-1],
+        judge.calls(judge.estimate.stamps_ns, peak="900000"),
+        limits=f"{part}:\n  localisation_peak_bytes: 1000000\n",
+    )
+    assert (result.code, score["verdicts"][0]["value"]) == (0, 900_000)
+
+
+@pytest.mark.clause("4.1.1")
+def test_half_a_drive_is_incomplete_unless_asked_for(judge: Judge) -> None:
+    half = rows_of(judge.estimate, slice(201))
+    result, score = judge(limits=SUM + "1\n", estimate=half)
+    assert result.code == 3
+    assert [item["verdict"] for item in score["verdicts"]] == ["incomplete", "pass"]
+    assert "not judged: incomplete: the estimate covers 50 % of the true path" in result.err
+    first = next(line for line in result.out.splitlines() if "verdict:" in line or "incomplete:" in line)
+    assert first.startswith("incomplete:")
+    assert score["trajectory"]["completeness"]["missing"] == 200
+
+    result, score = judge("--partial", limits=SUM + "1\n", estimate=half)
+    assert (result.code, [item["verdict"] for item in score["verdicts"]]) == (0, ["pass"])
+    assert "a part of the drive is judged" in result.err
+    assert judge(estimate=half)[0].code == 3  # without limits too
+    assert judge(limits=SUM + "0.001\n", estimate=half)[0].code == 1  # a missed limit counts before
+
+
+def test_a_share_may_be_missing_where_a_limit_says_so(judge: Judge) -> None:
+    half = rows_of(judge.estimate, slice(201))
+    for share, code in ((0.6, 0), (0.4, 1)):
+        for text in (
+            f"completeness:\n  missing_max_share: {share}\n",
+            f"completeness:\n  - missing_max_share: {share}\n    id: A\n  - lost_max_share: 0\n",
+            f"{SUM}1\n  missing_max_share: {share}\n",
+            f"{SUM}1\n  missing_max_share: {{limit: {share}, id: A, certain: true}}\n",
+        ):
+            result, score = judge(limits=text, estimate=half)
+            assert result.code == code, text
+            found = next(item for item in score["verdicts"] if item["metric"] == "missing_max_share")
+            assert found["value"] == pytest.approx(0.5, abs=0.003)
+
+
+def test_lost_and_degraded_frames_have_limits_of_their_own(judge: Judge) -> None:
+    calls = judge.calls(judge.estimate.stamps_ns[:40], state="lost")
+    more = judge.calls(judge.estimate.stamps_ns[40:], "more.csv")
+    calls.write_text(calls.read_text() + "".join(more.read_text().splitlines(keepends=True)[1:]))
+    for limit, code in ((0.2, 0), (0.05, 1)):
+        result, score = judge("--stats", calls, limits=f"completeness:\n  lost_max_share: {limit}\n")
+        assert result.code == code
+        assert score["verdicts"][0]["value"] == pytest.approx(40 / COUNT)
+
+
+@pytest.mark.clause("4.3.4")
+def test_points_in_the_sky_are_a_limited_share(sfr: Sfr, judge: Judge, source: Path, cloud: Path) -> None:
+    share = SKY_ROWS / NAV_RIG.height
+    for part in ("map", "completeness"):
+        for limit, code in ((share + 0.01, 0), (share - 0.01, 1)):
+            limits = judge.limits(f"{part}:\n  points_without_truth_max_share: {limit}\n")
+            result = sfr("score", cloud, source, "--limits", limits, "--json", "-")
+            assert result.code == code, result.err
+            assert json.loads(result.out)["verdicts"][0]["value"] == pytest.approx(share)
+
+
+def test_two_runs_in_one_file_are_refused(judge: Judge) -> None:
+    moved = judge.estimate.positions + np.array([100.0, 0.0, 0.0])
+    twice = (np.concatenate([part, part]) for part in (judge.estimate.stamps_ns, judge.estimate.quats_xyzw))
+    stamps, quats = twice
+    result, _ = judge(estimate=Trajectory(stamps, np.concatenate([judge.estimate.positions, moved]), quats))
+    assert result.code == 2
+    assert result.err.count("\n") == 1
+    assert "two runs" in result.err
+
+
+@pytest.mark.clause("4.1.2", "4.2.3.1", "4.2.3.2", "4.2.3.3")
+def test_the_readings_differ_under_drift_and_the_result_says_which_verdict_they_decide(judge: Judge) -> None:
+    """0.1 deg/m over 60 m: `pose` is small, the displacement in DS turns with the heading, `position` counts all."""
+    drift = Rotation.from_euler("z", (0.1 * STEP_M * np.arange(COUNT))[:, None], degrees=True)
+    turned = (drift * judge.heading).as_quat()
+    drifting = replace(judge.truth, positions=np.cumsum(drift.apply(judge.steps), axis=0), quats_xyzw=turned)
+    result, score = judge(limits=SUM + "0.3\n  attitude_mean_plus_3sigma_deg: 1\n", estimate=drifting)
+    readings = score["trajectory"]["readings"]
+    position = {name: reading["position_m"]["mean_plus_3sigma"] for name, reading in readings.items()}
+    attitude = {name: reading["attitude_deg"]["mean_plus_3sigma"] for name, reading in readings.items()}
+    assert position["pose"] < 0.05
+    assert position["displacement"] == pytest.approx(position["position"], abs=1e-9)
+    assert position["displacement"] > 0.7
+    assert attitude["pose"] == pytest.approx(attitude["displacement"], abs=1e-6)
+    assert attitude["position"] > 8.0
+    assert score["verdicts"][0]["by_reading"] == {"pose": "pass", "displacement": "fail", "position": "fail"}
+    assert "decides 2 of 2 verdicts" in result.err
+    for reading, code in (("pose", 0), ("displacement", 1), ("position", 1)):
+        result, score = judge("--rebase", reading, limits=SUM + "0.3\n", estimate=drifting)
+        assert (result.code, score["trajectory"]["rebase"]) == (code, reading)
+        assert score["verdicts"][0]["value"] == position[reading]
+    assert "decides" not in judge(limits=SUM + "5\n", estimate=drifting)[0].err
+
+
+@pytest.mark.clause("1.3", "4.3.1", "4.3.2")
+def test_three_pairs_to_one_cloud_are_one_call_with_time_and_memory(sfr: Sfr, judge: Judge, source: Path) -> None:
+    made, stats = judge.folder / "made.ply", judge.folder / "made.csv"
+    assert sfr("map", source, "-o", made, "--stats", stats).code == 0
+    limits = judge.limits("timing:\n  mapping_call_s: 600\nmemory:\n  mapping_call_peak_bytes: 100000000000\n")
+    result = sfr("score", made, source, "--stats", stats, "--limits", limits, "--json", "-")
+    assert result.code == 0, result.err
+    score = json.loads(result.out)
+    whole = score["timing"]["mapping_call_s"]
+    assert whole["count"] == 1
+    parts = score["timing"]["mapping_s"]["mean"] * 2 + score["timing"]["fusion_s"]["mean"]
+    assert whole["max"] >= 0.99 * parts
+    assert [item["verdict"] for item in score["verdicts"]] == ["pass", "pass"]
+
+
+@pytest.mark.clause("4.2.1")
+def test_times_of_a_target_belong_to_the_estimate_by_stamp(judge: Judge) -> None:
+    few = judge.calls(judge.estimate.stamps_ns[:50])
+    result, score = judge("--target", "board", "--target-timing", few)
+    assert (result.code, score["target"]["matched_share"]) == (0, 50 / COUNT)
+    assert "the times of board are of 12.5 % of the estimates" in result.err
+    other = ("--target", "board", "--target-timing", judge.calls(range(5, 55)))
+    result, _ = judge(*other)
+    assert result.code == 2
+    assert "another run" in result.err.splitlines()[-1]
+    result, score = judge(*other, "--target-run", "Tuesday")
+    assert (result.code, score["target"]["other_run"]) == (0, "Tuesday")
+    assert "another run: Tuesday" in result.err
+    assert judge("--target-run", "Tuesday")[0].code == 2  # of no target
+
+
+@pytest.mark.clause("4.1.1")
+def test_frames_that_are_true_poses_not_images_are_said(judge: Judge) -> None:
+    sparse = rows_of(judge.truth, slice(None, None, 5))
+    result, score = judge(truth=sparse)
+    assert (result.code, score["trajectory"]["matched"]) == (0, 81)
+    assert "the truth has 81 poses for 401 estimates" in result.err
+    result, score = judge("--frames", "images", truth=sparse)
+    assert (result.code, score["trajectory"]["matched"]) == (0, COUNT)
+    assert score["trajectory"]["association"]["truth"] == "interpolate"
+    assert "81 poses" not in result.err
+    holed = rows_of(sparse, np.r_[0:30, 50:81])  # 10.5 s without truth
+    assert judge("--frames", "images", truth=holed)[1]["trajectory"]["matched"] == COUNT - 104
+    assert judge("--frames", "images", "--associate", "match", truth=sparse)[0].code == 2
+
+
+def test_the_images_of_the_source_are_what_has_to_be_covered(sfr: Sfr, judge: Judge, source: Path) -> None:
+    stamps = np.array([loc_pair(index).stamp_ns for index in range(12)])
+    positions = np.column_stack([0.02 * np.arange(12), np.zeros((12, 2))])
+    whole = Trajectory(stamps, positions, np.tile([0.0, 0.0, 0.0, 1.0], (12, 1)))
+    for rows, code in ((slice(12), 0), (slice(8), 3)):
+        result, score = judge("--condition", "frames=3", "--spacing", 1, estimate=rows_of(whole, rows), truth=source)
+        assert result.code == code, result.err
+        covered = score["trajectory"]["completeness"]
+        assert (covered["images"], covered["matched"]) == (12, len(stamps[rows]))
+        assert covered["judged_share"] == pytest.approx(len(stamps[rows]) / 12)
+
+
+def test_a_score_says_what_it_was_made_of(judge: Judge) -> None:
+    limits = f"{SUM}{{limit: 1, id: 4711, text: 3D position error}}\n"
+    _, score = judge(limits=limits)
+    verdict, provenance = score["verdicts"][0], score["provenance"]
+    assert (verdict["id"], verdict["text"]) == ("4711", "3D position error")
+    assert verdict["margin"] == pytest.approx(1.0 - verdict["value"])
+    assert provenance["inputs"]["limits"]["sha256"] == hashlib.sha256(limits.encode()).hexdigest()
+    assert provenance["command"].startswith("sfr score ")
+    assert "limits.yaml" in provenance["command"]
+
+
+@pytest.mark.clause("4.3.4")
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_the_error_of_every_point_can_be_had(sfr: Sfr, tmp_path: Path, source: Path, cloud: Path, suffix: str) -> None:
+    points = tmp_path / f"points.{suffix}"
+    result = sfr("score", cloud, source, "--points", points, "--json", "-")
+    assert result.code == 0, result.err
+    if suffix == "csv":
+        rows = list(csv.DictReader(points.read_text().splitlines()))
+        table = {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
+    else:
+        parquet = pytest.importorskip("pyarrow.parquet").read_table(points)
+        table = {name: parquet[name].to_numpy() for name in parquet.column_names}
+    assert list(table) == ["pair", "u", "v", "range_m", "error_m", "sigma_m"]
+    errors = json.loads(result.out)["map"]["point_error_m"]
+    assert len(table["u"]) == errors["count"]
+    assert table["error_m"].mean() == pytest.approx(errors["mean"], abs=1e-8)
+    assert table["v"].min() == SKY_ROWS  # what sees the sky has no error
+    assert set(table["pair"]) == {0, 1}
+
+
+@pytest.mark.clause("3.1.1")
+@pytest.mark.parametrize("name", ["wxyz.csv", "wxyz.tum"])
+def test_quaternions_with_the_scalar_first_are_named(sfr: Sfr, judge: Judge, name: str) -> None:
+    truth = judge.poses("truth.csv", judge.truth)
+    wrong = judge.poses(name, replace(judge.truth, quats_xyzw=judge.truth.quats_xyzw[:, [3, 0, 1, 2]]))
+    result = sfr("score", wrong, truth, "--limits", judge.limits(SUM + "1000\n"))
+    assert result.code == 3
+    assert "quaternions are scalar first" in result.err
+    assert sfr("score", wrong, truth, "--convention", "quaternion=wxyz").code == 0
+
+
+def test_a_pass_that_is_not_certain_is_none_where_certainty_is_needed(judge: Judge) -> None:
+    value = judge()[1]["trajectory"]["position_m"]["mean_plus_3sigma"]
+    for factor, certain, code, verdict in (
+        (1.01, "true", 3, "not enough data"),
+        (1.01, "false", 0, "pass"),
+        (10.0, "true", 0, "pass"),
+        (0.99, "true", 1, "fail"),
+    ):
+        result, score = judge(limits=f"{SUM}{value * factor}\n  certain: {certain}\n")
+        assert (result.code, score["verdicts"][0]["verdict"]) == (code, verdict)
+        assert ("'certain' needs its 95 % interval within the limit" in result.err) == (code == 3)
+    calls = judge.calls(judge.estimate.stamps_ns)
+    result, _ = judge("--stats", calls, limits="timing:\n  localisation_max_s: {limit: 1, certain: true}\n")
+    assert result.code == 3
+    assert "which it does not have" in result.err
+
+
+@pytest.mark.clause("4.1.1")
+def test_several_conditions_hold_at_once(judge: Judge) -> None:
+    """5 m take 34 frames of 0.15 m, and 4 s take 40: both hold after 40."""
+    result, score = judge("--condition", "distance=5,time=4", "--condition", "time=4", "--condition", "displacement=3")
+    both, time, straight = score["trajectory"]["conditions"]
+    assert result.code == 0
+    assert both["condition"] == {"distance_m": 5.0, "time_s": 4.0}
+    assert both["position_m"] == time["position_m"]
+    assert straight["condition"] == {"displacement_m": 3.0}
+    for condition in ("displacement=500", "turn=170", "distance=5,time=4000"):
+        result, _ = judge("--condition", condition)
+        assert result.code == 3
+        assert f"condition {condition}: the drive" in result.err
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (SUM + "1\n  id: true\n", "'id' of 'position_mean_plus_3sigma_m' is True: a text, in quotes, is needed"),
+        (SUM + "1\n  id: 4.10\n", "is 4.1: a text, in quotes, is needed"),
+        (SUM + "1\n  certain: 'yes'\n", "'certain' of 'position_mean_plus_3sigma_m' is 'yes': true or false"),
+        (SUM + "{limit: 1, margin: 2}\n", "unknown key 'margin'"),
+        (SUM + "{id: A}\n", "is None: a number >= 0 is needed"),
+        ("map:\n  missing_max_share: 0.6\n", "unknown key 'missing_max_share'"),
+        ("completeness:\n  missing_max_shre: 0.6\n", "did you mean 'missing_max_share'"),
+        ("completeness:\n  missing_max_share: 60\n", "a share from 0 to 1 is needed"),
+        ("completeness:\n  - 5\n", "a mapping of names to limits is needed, found int"),
+        ("completeness:\n  id: A\n", "no limit in it"),
+        ("timing:\n  mapping_total_s: 5\n", "did you mean 'mapping_call_s'"),
+    ],
+)
+def test_a_limits_file_that_is_not_valid_is_refused_in_one_line(judge: Judge, text: str, said: str) -> None:
+    result, _ = judge(limits=text)
+    assert result.code == 2
+    assert result.err.count("\n") == 1
+    assert said in result.err
