@@ -119,7 +119,9 @@ def score(
     if target_timing is not None:
         inputs = replace(inputs, target=target_timing, target_about=None, target_name=target or "")
     if target_run is not None and inputs.target is None:
-        raise ConfigError("'--target-run' says which run the times of a target are of: give --target and --target-timing")
+        raise ConfigError(
+            "'--target-run' says which run the times of a target are of: give --target and --target-timing"
+        )
     command = shlex.join(["sfr", *sys.argv[1:]])
     inputs = replace(inputs, target_run=target_run, limits=judge.limits, command=command)
     has_poses = inputs.estimate is not None
