@@ -7,6 +7,7 @@ session.
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -39,6 +40,7 @@ from sfr_loc_map.nodes.messages import (
 )
 from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig, ReceivedPair
 from sfr_loc_map.nodes.runner import run
+from sfr_loc_map.pipeline.call_stats import call_of_stages
 from sfr_loc_map.pipeline.kernels import load_kernels
 from sfr_loc_map.pipeline.mapping_session import MappingSession, PoseMatching
 
@@ -83,6 +85,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
         for part in ("mapping", "terrain"):
             load_kernels(part, self.get_logger().info, self.context.ok)
         self._session = MappingSession(config.mapping)
+        self._stages: deque[CallUsage] = deque(maxlen=MAX_PAIRS)  # what mapping the last pairs took
         self.status.mark_idle()
         self._lm_frame, add_publisher = config.frame(config.lm_frame), self.endpoints.add_publisher
         self._cloud = add_publisher(PointCloud2, "mapping/points", 1, latched=True)
@@ -200,17 +203,21 @@ class MappingNode(PairNode[MappingNodeConfig]):
         searched_px = self._session.searched_px(received.rig)
         self._disparity.publish(disparity_msg(result.disparity_px, received.rig, searched_px, header))
         times = self.times(received, conversion_s)
+        self._stages.append(usage)
         self._report_call(pair.stamp_ns, usage, MappingState.MAPPED, result, times)
         if len(self._session) == self.config.pairs_per_map:
             self._fuse()
 
     def _fuse(self) -> int:
         """Fuse and publish the map begun; return the number of points."""
+        pairs = len(self._session)
         with self.status.measure() as usage:
             fused = self._session.fuse()
         stamp_ns = self._session.last_ns
         self._cloud.publish(cloud_msg(fused.cloud, stamp_ns, self._lm_frame))
         self._report_call(stamp_ns, usage, MappingState.FUSED, fused, {})
+        whole = call_of_stages([*list(self._stages)[-pairs:], usage])
+        self._report_call(stamp_ns, whole, MappingState.MAPPED_SET, fused, {})
         # After its call: the time of the call is that of the cloud.
         self._publish_terrain(fused, stamp_ns)
         return len(fused.cloud)

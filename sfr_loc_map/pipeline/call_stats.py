@@ -19,7 +19,7 @@ from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.text_table import parse_stamp_ns
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.association import UPPER, Estimates
-from sfr_loc_map.metrics.calls import Calls, stage_of
+from sfr_loc_map.metrics.calls import Calls, CallUsage, stage_of
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.consistency import STEP_SIZE
 from sfr_loc_map.metrics.score import FindingKind, FindingRecord, MethodKind, MethodRecord
@@ -113,14 +113,14 @@ def stats_of(records: Sequence[CallRecord], method: MethodRecord | None = None) 
     return CallStats(calls, rows(covariances, len(COVARIANCE_NAMES)), rows(steps, STEP_SIZE), method, findings)
 
 
-def call_of_stages(stages: Sequence[CallRecord], seconds: float | None = None) -> CallRecord:
-    """Return the mapping call that its stages make up; without its own time it is the sum of theirs."""
+def call_of_stages(stages: Sequence[CallRecord | CallUsage], seconds: float | None = None) -> CallUsage:
+    """Return what the mapping call took that its stages make up; without its own time it is the sum of theirs."""
     peak, above_idle = (
         max((value for value in values if value is not None), default=None)
         for values in zip(*((item.peak_rss_bytes, item.above_idle_bytes) for item in stages), strict=True)
     )
     total = sum(item.processing_time_s for item in stages) if seconds is None else seconds
-    return CallRecord(stages[-1].stamp_ns, total, MappingState.MAPPED_SET.value, peak, above_idle)
+    return CallUsage(total, peak, above_idle)
 
 
 def save_stats(path: Path, records: Sequence[CallRecord], method: MethodRecord | None = None) -> None:

@@ -203,7 +203,8 @@ def map_pairs(sequence: NavSequence, config: MappingConfig, progress: Progress =
         with meter.measure() as usage:
             fused = mapper.fuse(maps)
         records.append(CallRecord(maps[-1].stamp_ns, *_cost(usage, MappingState.FUSED), fused.statistics))
-    records.append(call_of_stages(records, whole.processing_time_s))
+    usage = call_of_stages(records, whole.processing_time_s)
+    records.append(CallRecord(maps[-1].stamp_ns, *_cost(usage, MappingState.MAPPED_SET)))
     return MapRun(maps, fused, records)
 
 
@@ -233,7 +234,7 @@ def map_pairs_with(
         if fusion is not None:
             cost = _cost(fusion.usage, MappingState.FUSED)
             records.append(CallRecord(stamp_ns, *cost, fused.statistics, finding=fusion.finding))
-        records.append(call_of_stages(records))
+        records.append(CallRecord(stamp_ns, *_cost(call_of_stages(records), MappingState.MAPPED_SET)))
         return MapRun(maps, fused, records), mapper.record
 
 

@@ -63,8 +63,11 @@ def test_mapping_makes_disparities_and_clouds_of_sets_of_pairs(ros: None, capfd:
         assert late["hazard"] == [sent(hazard_msg(grid, stamp_ns, "lm"))]
         assert np.array_equal(cloud_from_msg(clouds[1]).to_structured(), last.cloud.to_structured())
         assert not peer.call("mapping_node/finish").success
-        states = [values_of(status)["state"] for status in calls(peer.diagnostics)]
-        assert states == ["mapped", "mapped", "fused", "mapped", "fused"]
+        told = [values_of(status) for status in calls(peer.diagnostics)]
+        states = ["mapped", "mapped", "fused", "mapped_set", "mapped", "fused", "mapped_set"]
+        assert [values["state"] for values in told] == states
+        seconds = [float(values["processing_time_s"]) for values in told]
+        assert (seconds[3], seconds[6]) == (sum(seconds[:3]), sum(seconds[4:6]))
 
         pair = nav_pair(4).pair  # the right camera looks up a little: all it sees lies a row lower
         send(4, replace(pair, right=np.ascontiguousarray(np.roll(pair.right, 1, axis=0))))

@@ -108,7 +108,7 @@ class ReplayResults:
             return None, ()
         stamp_ns, cloud = self.clouds[-1]
         sets = PairSets()
-        known = {record.stamp_ns: sets.add(record) for record in self.mapping.values()}
+        known = {record.stamp_ns: found for record in self.mapping.values() if (found := sets.add(record)) is not None}
         pairs = known.get(stamp_ns)
         if pairs is None:
             stamps = tuple(self.published_stamps("nav"))
