@@ -364,3 +364,37 @@ def test_a_limits_file_that_is_not_valid_is_refused_in_one_line(judge: Judge, te
     assert result.code == 2
     assert result.err.count("\n") == 1
     assert said in result.err
+
+
+def test_a_difference_that_may_be_chance_is_neither_better_nor_worse(sfr: Sfr, judge: Judge) -> None:
+    """One rule: the interval and p corrected for the number of comparisons have to say it both."""
+    paths, rng = [], np.random.default_rng(7)
+    for number in range(8):
+        noise = np.cumsum(rng.normal(0.0, 0.0025 if number else 0.002, (COUNT, 3)), axis=0)
+        paths.append(judge.folder / f"{number}.json")
+        estimate = judge.poses("e.csv", replace(judge.truth, positions=judge.truth.positions + noise))
+        options = ("--condition", "distance=1", "--json", paths[-1])
+        assert sfr("score", estimate, judge.poses("t.csv", judge.truth), *options).code == 0
+    result = sfr("compare", *paths, "--json", "-")
+    assert result.code == 0, result.err
+    pairs = [item for item in json.loads(result.out)["pairs"] if item["ci95"] is not None]
+    clear = [item for item in pairs if not item["ci95"][0] <= 0.0 <= item["ci95"][1]]
+    assert any(item["p_corrected"] > 0.05 for item in clear)  # the interval alone would say it
+    for item in pairs:
+        told = item["verdict"] in ("better", "worse")
+        assert told == (item in clear and item["p_corrected"] <= 0.05)
+
+
+@pytest.mark.clause("4.3.4")
+def test_the_judged_figure_stands_beside_its_limit(sfr: Sfr, judge: Judge, source: Path, cloud: Path) -> None:
+    """A limit on p95 beside p95, on the terminal as in the JSON, not beside mean + 3 sigma."""
+    limits = judge.limits("map:\n  point_error_p95_m: 0.3\n  coverage_min: 0.5\n")
+    result = sfr("score", cloud, source, "--limits", limits, "--json", judge.folder / "s.json")
+    score = json.loads((judge.folder / "s.json").read_text())
+    p95, coverage = score["verdicts"]
+    assert p95["value"] == score["map"]["point_error_m"]["p95"]
+    assert p95["margin"] == pytest.approx(0.3 - p95["value"])
+    assert coverage["margin"] == pytest.approx(coverage["value"] - 0.5)
+    row = next(line for line in result.out.splitlines() if "p95" in line and "≤" in line)
+    assert "300" in row or "0.3" in row
+    assert "mean + 3 sigma" not in row

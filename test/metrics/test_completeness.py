@@ -1,7 +1,11 @@
 """What of a drive is covered, on drives of which parts are left out."""
 
+import itertools
+
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -86,3 +90,88 @@ def test_two_runs_in_one_file_are_refused() -> None:
         covered(both, first)
     twice = Trajectory(both.stamps_ns, np.tile(first.positions, (2, 1)), both.quats_xyzw)
     assert covered(twice, first).doubled_stamps == COUNT
+
+
+def along(stamp: int, stamps: list[int], travelled: list[float]) -> float:
+    """Path at a stamp, found pose by pose."""
+    for i in range(1, len(stamps)):
+        if stamp <= stamps[i]:
+            share = max(stamp - stamps[i - 1], 0) / (stamps[i] - stamps[i - 1])
+            return travelled[i - 1] + share * (travelled[i] - travelled[i - 1])
+    return travelled[-1]
+
+
+def slow(estimate: list[int], stamps: list[int], x: list[float], images: list[int] | None) -> dict[str, float]:
+    """The same by loops over the stamps, on a drive along x; it shares no code with the package."""
+    travelled = [sum(abs(x[j] - x[j - 1]) for j in range(1, i + 1)) for i in range(len(x))]
+    gaps, missing = [], 0
+    if images is not None:
+        open_since = last = None
+        for image in images:
+            if image in estimate:
+                if open_since is not None:
+                    gaps.append((open_since, image))
+                open_since, last = None, image
+            else:
+                missing += 1
+                if open_since is None:
+                    open_since = image if last is None else last
+        if open_since is not None:
+            gaps.append((open_since, images[-1]))
+    else:
+        steps = sorted(b - a for a, b in itertools.pairwise(estimate))
+        usual = (steps[(len(steps) - 1) // 2] + steps[len(steps) // 2]) / 2 if steps else 0
+        ends = [stamps[0], *(each for each in estimate if stamps[0] < each < stamps[-1]), stamps[-1]]
+        gaps = [(a, b) for a, b in itertools.pairwise(ends) if b - a > 5 * usual]
+        missing = sum(any(a <= true <= b for a, b in gaps) and true not in estimate for true in stamps)
+    metres = [along(b, stamps, travelled) - along(a, stamps, travelled) for a, b in gaps]
+    seconds = [(b - a) / SECOND for a, b in gaps]
+    if images is not None:
+        share = 1.0 - missing / len(images)
+    elif travelled[-1] > 0.0:
+        share = 1.0 - sum(metres) / travelled[-1]
+    else:
+        share = 1.0 - sum(seconds) * SECOND / (stamps[-1] - stamps[0])
+    return {
+        "missing": missing,
+        "judged_share": share,
+        "longest_gap_m": max(metres, default=0.0),
+        "longest_gap_s": max(seconds, default=0.0),
+    }
+
+
+@settings(max_examples=150)
+@given(st.integers(0, 10**6), st.integers(1, 4), st.booleans(), st.sampled_from(["distance=3", "time=2", "frames=4"]))
+def test_random_holes_are_those_of_a_slow_loop(seed: int, denser: int, images_known: bool, condition: str) -> None:
+    """Truth some times as dense as the images, which begin later and end earlier; holes of any length; it may stand."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(12, 90))
+    stamps = (17 + np.arange(count) * SECOND // 10).astype(np.int64)
+    x = np.cumsum(rng.uniform(0.0, 0.4, count) * (rng.random(count) < 0.7)) * (rng.random() < 0.9)
+    first, last = rng.integers(0, 6), count - rng.integers(0, 6)
+    images = stamps[first:last:denser]
+    kept = np.ones(len(images), np.bool_)
+    for _ in range(rng.integers(0, 4)):
+        begin = rng.integers(0, len(images))
+        kept[begin : begin + rng.integers(1, 12)] = False
+    kept[rng.integers(0, len(images), 2)] = True
+    estimated = images[kept]
+
+    def poses(at: np.ndarray) -> Trajectory:
+        rows = np.searchsorted(stamps, at)
+        return Trajectory(at, np.column_stack([x[rows], np.zeros((len(at), 2))]), np.tile([0, 0, 0, 1.0], (len(at), 1)))
+
+    made = score_trajectory(
+        Estimates.of(poses(estimated)),
+        poses(stamps),
+        TrajectoryScoreConfig(conditions=(condition,)),
+        image_stamps_ns=images if images_known else None,
+    ).score.completeness
+    assert made is not None
+    expected = slow(estimated.tolist(), stamps.tolist(), x.tolist(), images.tolist() if images_known else None)
+    for name, value in expected.items():
+        assert getattr(made, name) == pytest.approx(value, abs=1e-9), name
+    kind, value = condition.split("=")
+    longest = {"distance": expected["longest_gap_m"], "time": expected["longest_gap_s"], "frames": 0.0}[kind]
+    if abs(expected["judged_share"] - 0.99) > 1e-9 and abs(longest - float(value)) > 1e-9:
+        assert (made.incomplete is not None) == (expected["judged_share"] < 0.99 or longest > float(value))
