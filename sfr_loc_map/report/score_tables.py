@@ -231,7 +231,7 @@ def limit_name(metric: str) -> str:
 
 def limit_unit(metric: str) -> Unit:
     """Return the unit to show a figure in, from its name in the limits, which ends in the unit of its value."""
-    if metric.endswith("_min"):
+    if metric.endswith(("_min", "_share")):
         return SHARE
     return MIB if metric.endswith("_bytes") else Unit(metric.rpartition("_")[2])
 

@@ -7,17 +7,21 @@ deviations, anomalies, open points, signatures.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sfr_loc_map.inputs import printable
 from sfr_loc_map.io.atomic import atomic_path
-from sfr_loc_map.metrics.config import Rebase, VerdictState
+from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.score import Score, Verdict
 from sfr_loc_map.report.page import from_template, overall_of
-from sfr_loc_map.report.score_tables import limit_name, limit_unit
-from sfr_loc_map.report.tables import PERCENT, SHARE, UNKNOWN, VERDICTS, fitting, number
+from sfr_loc_map.report.score_tables import NO_INTERVAL, covered_tables, limit_name, limit_unit, readings_table
+from sfr_loc_map.report.tables import ABSENT, OPEN, PERCENT, SHARE, UNKNOWN, VERDICTS, Cell, fitting, to_html
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
 
 DOCUMENT = "Clarification of performance metrics for SFR Breadboarding"
 CLAUSES = {
@@ -42,12 +46,8 @@ CLAUSE_OF = {
     "points_without": "4.3.4",
     "pairs_without": "4.3.4",
 }
-READINGS = {
-    Rebase.POSE: "The whole pose of the estimate at the start is taken away, then poses are compared (default).",
-    Rebase.DISPLACEMENT: "Displacements in DS and changes of attitude and heading since the start are compared: the "
-    "document to the letter.",
-    Rebase.POSITION: "The position at the start alone is taken away, as other tools do: earlier attitude error counts.",
-}
+ORDER = (VerdictState.FAIL, VerdictState.INCOMPLETE, VerdictState.NOT_ENOUGH_DATA, "no verdict")  #: The worst first.
+NOT_JUDGED = "not judged"  #: Where estimate and truth contradict each other.
 
 
 def clause_of(metric: str) -> str:
@@ -56,7 +56,7 @@ def clause_of(metric: str) -> str:
     for start, clause in CLAUSE_OF.items():
         if name.startswith(start):
             return clause
-    if name.endswith("_share"):
+    if "_share" in name:
         return "4.1.1"
     task = "4.2" if name.startswith("localisation") else "4.3"
     return f"{task}.{2 if name.endswith('_bytes') else 1}"
@@ -74,25 +74,35 @@ def render_test_report(scores: Sequence[Score], title: str = "") -> str:
     results = [row for index, score in enumerate(scores) for row in _results(score, index)]
     states = [row["verdict"] for row in results]
     overalls = [overall_of(score) for score in scores]
-    worst = next((item for item in overalls if item.state not in ("pass", "no verdict")), overalls[0])
+    worst = min(overalls, key=lambda item: ORDER.index(item.state) if item.state in ORDER else len(ORDER))
     clauses = sorted({row["clause"] for row in results} | {"4.1.1", "4.1.2", "4.1.3"})
     return from_template(
         "test_report.html.j2",
         title=title or "Test report",
         document=DOCUMENT,
         overall=worst,
+        said=[item.text for item in overalls],
         counts={word: states.count(word) for word in dict.fromkeys(states)},
         items=[_item(score) for score in scores],
         clauses=[(clause, CLAUSES[clause]) for clause in clauses],
         commands=[score.provenance.command or UNKNOWN if score.provenance else UNKNOWN for score in scores],
         inputs=[row for index, score in enumerate(scores) for row in _inputs(score, index)],
         results=results,
-        readings=READINGS,
-        drives=[_drive(score) for score in scores if score.trajectory is not None],
-        deviations=[text for score in scores for text in _deviations(score)],
-        anomalies=[text for score in scores for text in _anomalies(score)],
-        open_points=[text for score in scores for text in _open_points(score)],
+        no_interval=NO_INTERVAL,
+        tables=[_tables(score, index) for index, score in enumerate(scores)],
+        deviations=_of_all(scores, _deviations),
+        anomalies=_of_all(scores, _anomalies),
+        open_points=_of_all(scores, _open_points),
     )
+
+
+def _of_all(scores: Sequence[Score], texts_of: Callable[[Score], Iterator[str]]) -> list[str]:
+    """Return the texts about all scores, each once, with the commands it is of where there are several."""
+    found: dict[str, list[str]] = {}
+    for index, score in enumerate(scores):
+        for text in texts_of(score):
+            found.setdefault(printable(text), []).append(str(index + 1))
+    return [f"Of command {', '.join(of)}: {text}" if len(scores) > 1 else text for text, of in found.items()]
 
 
 def _item(score: Score) -> dict[str, str]:
@@ -128,44 +138,34 @@ def _inputs(score: Score, index: int) -> Iterator[tuple[int, str, str, str]]:
 
 def _results(score: Score, index: int) -> Iterator[dict[str, Any]]:
     for place, item in enumerate(score.verdicts):
-        unit = limit_unit(item.metric)
-        unit = PERCENT if unit is SHARE else fitting(unit, item.limit, item.value)
-        shown = {name: number(getattr(item, name), unit=unit) for name in ("limit", "value", "margin")}
-        ci95 = "-" if item.ci95 is None else " to ".join(number(bound, unit=unit) for bound in item.ci95)
+        unit, key = limit_unit(item.metric), f"verdicts.{place}"
+        unit = PERCENT if unit is SHARE else fitting(unit, item.limit, item.value, *(item.ci95 or ()))
+        verdict = NOT_JUDGED if score.contradiction is not None else str(item.state)
         yield {
-            **shown,
             "id": item.id or f"{index + 1}.{place + 1}",
             "text": printable(item.text or ""),
             "name": limit_name(item.metric) + ("" if item.condition is None else f" over {item.condition.label}"),
             "unit": unit.symbol,
-            "ci95": ci95,
-            "count": UNKNOWN if item.count is None else str(item.count),
-            "verdict": str(item.state),
-            "certain": {True: "yes", False: "no", None: "-"}[item.certain],
-            "css": VERDICTS[item.state].css if item.state in VERDICTS else "open",
+            "sign": "\u2265" if item.metric.endswith("_min") else "\u2264",
+            "value": Cell.number(item.value, f"{key}.value", unit),
+            "limit": Cell.number(item.limit, f"{key}.limit", unit),
+            "margin": Cell.number(item.margin, f"{key}.margin", unit, ABSENT),
+            "ci95": Cell.interval(item.ci95, f"{key}.ci95", unit),
+            "count": Cell.number(item.count, f"{key}.count", undefined=ABSENT),
+            "verdict": verdict,
+            "certain": {True: "yes", False: "no", None: ABSENT}[item.certain] + " (asked for)" * item.needs_certainty,
+            "style": VERDICTS.get(verdict, OPEN),
             "clause": clause_of(item.metric),
             "command": index + 1,
-            "exact": item.value,
-            "key": f"verdicts.{place}.value",
         }
 
 
-def _drive(score: Score) -> dict[str, Any]:
-    """Return the three readings of the first condition side by side, and what they would change."""
-    assert score.trajectory is not None
-    first = score.trajectory.first
-    rows = []
-    for rebase in Rebase:
-        reading = getattr(first.readings, rebase) if first.readings is not None else None
-        figures = [] if reading is None else [reading.position_m, reading.attitude_deg, reading.heading_deg]
-        rows.append((rebase, [number(figure.mean_plus_3sigma) for figure in figures] or [UNKNOWN] * 3))
-    differ = [item for item in score.verdicts if len(set(item.by_reading.values())) > 1]
-    return {
-        "condition": first.condition.label,
-        "used": first.rebase,
-        "rows": rows,
-        "differ": [_name(i) for i in differ],
-    }
+def _tables(score: Score, index: int) -> Markup:
+    """Return what is judged, and the figures by each reading of the document, as HTML."""
+    from markupsafe import Markup
+
+    tables = (*covered_tables(score), readings_table(score))
+    return Markup("".join(to_html(replace(table, name=f"{table.name}-{index + 1}")) for table in tables if table.rows))
 
 
 def _deviations(score: Score) -> Iterator[str]:
@@ -225,6 +225,7 @@ JUNIT = {
     VerdictState.FAIL: ("failure", "failures"),
     VerdictState.NOT_ENOUGH_DATA: ("skipped", "skipped"),
     VerdictState.INCOMPLETE: ("error", "errors"),
+    NOT_JUDGED: ("error", "errors"),
 }
 """By what is no pass: the element of a test case, and the attribute of a suite that counts them."""
 
@@ -233,20 +234,21 @@ def junit(scores: Sequence[Score]) -> str:
     """Return the verdicts as JUnit XML, a test case for each limit."""
     root = ET.Element("testsuites", name="sfr_loc_map")
     for index, score in enumerate(scores):
-        states = [item.state for item in score.verdicts]
+        states = [item.state if score.contradiction is None else NOT_JUDGED for item in score.verdicts]
         suite = ET.SubElement(root, "testsuite", name=f"score {index + 1}", tests=str(len(states)))
-        for state, (_, counted) in JUNIT.items():
-            suite.set(counted, str(states.count(state)))
+        for _, counted in JUNIT.values():
+            suite.set(counted, str(sum(JUNIT.get(state, ("", ""))[1] == counted for state in states)))
         if score.provenance is not None and score.provenance.time:
             suite.set("timestamp", score.provenance.time[:19])
-        for item in score.verdicts:
+        for item, state in zip(score.verdicts, states, strict=True):
             case = ET.SubElement(suite, "testcase", classname=f"sfr.{clause_of(item.metric)}", name=_name(item))
-            if item.state in JUNIT:
-                said = f"{item.state}: {item.metric} {item.value} against {item.limit}"
-                ET.SubElement(case, JUNIT[item.state][0], message=said)
             properties = ET.SubElement(case, "properties")
             for name in ("id", "text", "limit", "value", "margin", "certain"):
                 if (value := getattr(item, name)) is not None:
                     ET.SubElement(properties, "property", name=name, value=printable(str(value)))
+            if state in JUNIT:
+                why = score.contradiction or score.incomplete if JUNIT[state][0] == "error" else None
+                said = why or f"{item.metric} {item.value} against {item.limit}"
+                ET.SubElement(case, JUNIT[state][0], message=printable(f"{state}: {said}"))
     ET.indent(root)
     return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"

@@ -1,0 +1,156 @@
+"""The test report and JUnit: figures are those of the JSON, links lead somewhere, a pipeline reads every state."""
+
+import json
+import re
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+from made_scores import HOSTILE, dig, json_of, whole_score
+
+from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.metrics.limits import parse_limits, verdicts
+from sfr_loc_map.metrics.score import Score, TargetScore
+from sfr_loc_map.report.score_tables import readings_table, score_tables
+from sfr_loc_map.report.test_report import CLAUSES, clause_of, junit, render_test_report
+
+COMMANDS = ("sfr score estimate.csv data", "sfr score cloud.ply data", "sfr score target data")
+TEN: dict[str, Any] = {
+    "trajectory": [
+        {
+            "condition": "distance=5",
+            "position_mean_plus_3sigma_m": {"limit": 0.02, "id": "R1", "text": HOSTILE, "certain": True},
+            "attitude_mean_plus_3sigma_deg": {"limit": 1e-9, "id": "R2", "text": "attitude"},
+            "lost_max_share": {"limit": 0.0, "id": "R3"},
+        },
+        {"condition": "distance=500", "position_mean_plus_3sigma_m": {"limit": 0.1, "id": "R4"}},
+    ],
+    "map": {"point_error_p95_m": {"limit": 1.0, "id": "R5"}, "coverage_min": {"limit": 0.5, "id": "R6"}},
+    "timing": {"localisation_p95_s": {"limit": 1.0, "id": "R7"}, "mapping_call_s": {"limit": 1.0, "id": "R8"}},
+    "memory": {"localisation_peak_bytes": {"limit": 2e9, "id": "R9"}},
+    "target": {"localisation_max_s": {"limit": 1.0, "id": "R10"}},
+}
+
+
+def scores() -> list[Score]:
+    """A score with ten requirements, a map alone, and one of a part of the drive."""
+    whole = whole_score()
+    assert whole.timing is not None
+    assert whole.memory is not None
+    assert whole.provenance is not None
+    target = TargetScore(name="GR740", timing=whole.timing, memory=whole.memory)
+    parts = [
+        replace(whole, target=target),
+        replace(whole, trajectory=None),
+        replace(whole, map=None, incomplete="the estimate covers 50 % of the images"),
+    ]
+    named = [
+        replace(part, provenance=replace(whole.provenance, command=command))
+        for part, command in zip(parts, COMMANDS, strict=True)
+    ]
+    return [replace(part, verdicts=verdicts(parse_limits(TEN, "test"), part)) for part in named]
+
+
+class Page(HTMLParser):
+    """Places, links and figures of a page."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.ids: list[str] = []
+        self.links: list[str] = []
+        self.figures: list[tuple[int, str, str]] = []
+        self.tags: set[str] = set()
+        self._score = 0
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        found = dict(attrs)
+        self.tags.add(tag)
+        self._score = int(found.get("data-score") or self._score)
+        self.ids += [found["id"]] if found.get("id") else []  # type: ignore[list-item]
+        self.links += [found["href"]] if found.get("href") else []  # type: ignore[list-item]
+        if "data-value" in found:
+            self.figures.append((self._score, str(found["data-key"]), str(found["data-value"])))
+
+
+def test_every_figure_is_found_in_the_json_and_every_link_leads_to_its_clause_and_command() -> None:
+    made = scores()
+    text = render_test_report(made)
+    page, plain = Page(text), [json_of(score) for score in made]
+    assert len(page.figures) > 100
+    for score, key, value in page.figures:
+        assert json.loads(value) == dig(plain[score - 1], key), (score, key)
+    assert len(set(page.ids)) == len(page.ids)
+    assert {link.removeprefix("#") for link in page.links} <= set(page.ids)
+    for command in COMMANDS:
+        assert f"<code>{command}</code>" in text
+    rows = re.findall(r'<tr data-score="1">(.*?)</tr>', text, re.DOTALL)
+    assert len(rows) == 10
+    for number, row in enumerate(rows, 1):
+        assert f">R{number}<" in row
+        assert re.search(r'href="#clause-[\d.]+".*href="#command-1"', row, re.DOTALL)
+    assert "script" not in page.tags
+    assert "img" not in page.tags
+    headings = re.findall(r"<h2>(\d) ", text)
+    assert headings == list("123456789")
+
+
+def test_what_stands_first_is_the_worst_and_a_part_is_said_first() -> None:
+    made = scores()
+    assert "<strong>FAIL</strong>" in render_test_report(made)
+    part = made[2]
+    met = replace(part, verdicts=tuple(replace(item, state=VerdictState.PASS) for item in part.verdicts))
+    whole = replace(met, incomplete=None)
+    assert "<strong>INCOMPLETE</strong>" in render_test_report([whole, met])
+    assert part.verdicts[0].state is VerdictState.INCOMPLETE
+    assert next(table for table in score_tables(part) if table.name == "verdicts").rows[0][0].text == "incomplete"
+
+
+def test_every_limit_has_a_clause_of_the_list() -> None:
+    for score in scores():
+        assert {clause_of(item.metric) for item in score.verdicts} <= set(CLAUSES)
+    assert clause_of("judged_share_min") == "4.1.1"
+
+
+def test_junit_says_every_state_in_its_own_word() -> None:
+    """pass: nothing; fail: failure; not enough data: skipped; incomplete, and what contradicts: error."""
+    made = scores()
+    made.append(replace(made[0], contradiction="the quaternions are written the other way round"))
+    root = ET.fromstring(junit(made))
+    words = {"pass": None, "fail": "failure", "not enough data": "skipped", "incomplete": "error"}
+    for score, suite in zip(made, root.iter("testsuite"), strict=True):
+        cases = suite.findall("testcase")
+        assert int(suite.attrib["tests"]) == len(cases) == len(score.verdicts)
+        for word in ("failure", "skipped", "error"):
+            count = sum(case.find(word) is not None for case in cases)
+            assert count == int(suite.attrib["skipped" if word == "skipped" else f"{word}s"])
+        for item, case in zip(score.verdicts, cases, strict=True):
+            said = [child.tag for child in case if child.tag != "properties"]
+            expected = "error" if score.contradiction else words[item.state]
+            assert said == ([expected] if expected else [])
+            properties = {each.attrib["name"]: each.attrib["value"] for each in case.iter("property")}
+            assert float(properties["limit"]) == item.limit
+            assert properties.get("id") == item.id
+    states = {item.state for score in made for item in score.verdicts}
+    assert len(states) == 4
+
+
+def test_a_verdict_that_depends_on_the_reading_is_named() -> None:
+    score = scores()[0]
+    note = readings_table(score).note
+    assert note.endswith("No verdict would differ by another reading.")
+    first = score.verdicts[0]
+    other = replace(first, by_reading={"pose": VerdictState.PASS, "position": VerdictState.FAIL})
+    said = readings_table(replace(score, verdicts=(other,))).note
+    assert "The reading decides: position mean + 3 sigma, over 5 m: " in said
+    assert "fail by position" in said
+
+
+def test_limits_of_the_sample_are_ten_requirements() -> None:
+    from sfr_loc_map.metrics.limits import load_limits
+
+    limits = load_limits(Path(__file__).resolve().parents[2] / "sample/limits.yaml").limits
+    assert len({item.id for item in limits}) == len(limits) == 10
+    assert all(item.text for item in limits)
