@@ -206,11 +206,7 @@ class PointCloud(_Shown, cloud_base.PointCloud):
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Source(_Shown, sequence.Source):
-    """An opened data set folder, ROS bag, KITTI or EuRoC sequence.
-
-    `source.loc` is the drive and `source.nav` the mapping pairs, None where the source has none: `len(source.loc)`,
-    `source.loc.rig`, `for pair in source.loc.pairs()`.
-    """
+    """An opened data set folder, bag, KITTI or EuRoC sequence: `loc` is its drive, `nav` its mapping pairs, or None."""
 
     @property
     def truth(self) -> Trajectory | None:
@@ -424,18 +420,11 @@ def score(
     stats: Sequence[PathLike] = (),
     **settings: Unpack[ScoreSettings],
 ) -> Score:
-    """Score an estimate against the truth; the same figures as `sfr score`.
+    """Score an estimate, a trajectory or a cloud, against the truth; the same figures as `sfr score`.
 
-    Args:
-        estimate: A trajectory or a cloud: in memory or a file (csv, TUM, KITTI, EuRoC, bag; .ply, .pcd, .npz).
-        truth: A trajectory in memory or its file; a source with truth, as `sfr.open` gives it, or its path.
-        conditions: Ends of a sub-trajectory: `distance=5`, `time=60`, `frames=100`; `distance=5,time=10` where
-            both hold; distance=5 where none is given.
-        limits: Limits to judge by: a YAML file, or its content.
-        align: Alignment of APE (ATE) and RPE, given beside the other figures: `none`, `origin`, `se3` or `sim3`.
-        stats: Calls (time, memory, state, covariance), files of `sfr localise --stats`. What `sfr.localise` and
-            `sfr.map` give brings its own.
-        settings: See `ScoreSettings`.
+    Each may be in memory or a file. `conditions` are ends of sub-trajectories (`distance=5`, `time=60`, `frames=100`,
+    `distance=5,time=10` where both hold; distance=5 where none is given), `limits` a YAML file or its content, `align` is `none`, `origin`, `se3` or `sim3`
+    and `stats` files of `sfr localise --stats`, which what `sfr.localise` and `sfr.map` give does not need.
     """
     known = ScoreSettings.__annotations__
     if unknown := sorted(set(settings) - set(known)):
@@ -487,18 +476,14 @@ def _run(estimate: Estimate, truth: Truth, stats: tuple[Path, ...], fused: bool 
         stats=stats,
     )
     run = load_run(inputs, fused, calls=_own_stats(estimate), **given)
-    return replace(run, in_memory={role: _hash(item) for role, item in given.items()})
+    hashes = {role: hash_arrays((item.stamps_ns, item.positions, item.quats_xyzw)) for role, item in given.items()}
+    return replace(run, in_memory=hashes)
 
 
 def _own_stats(estimate: object) -> list[CallStats]:
-    """Return the calls that gave an estimate."""
     if isinstance(estimate, (Trajectory, PointCloud)) and estimate.records:
         return [stats_of(estimate.records, estimate.method)]
     return []
-
-
-def _hash(poses: trajectory_base.Trajectory) -> str:
-    return hash_arrays((poses.stamps_ns, poses.positions, poses.quats_xyzw))
 
 
 def _named(path: Path, steps: Iterator[Step]) -> Iterator[Step]:
@@ -520,7 +505,6 @@ def _parameters(kind: type[C], config: object, section: str) -> C:
 
 
 def _text(config: object) -> str:
-    """Return the text of the configuration file of a method under test."""
     if config is None:
         return ""
     try:

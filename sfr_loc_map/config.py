@@ -32,10 +32,7 @@ def param(
     choices: tuple[str, ...] = (),
     live: bool = False,
 ) -> Any:  # noqa: ANN401 - stands for the field's value, as dataclasses.field does
-    """Declare one parameter, of the type of its default, as a dataclass field; `live`: it may change in a running node.
-
-    Every number has a range, so that no value leads to a figure that is not finite.
-    """
+    """Declare a parameter, of its default's type; numbers have a range. `live`: it may change in a running node."""
     metadata = {"doc": doc, "unit": unit, "low": low, "high": high, "choices": choices, "live": live}
     if isinstance(default, (list, dict)):
         raise TypeError("use a tuple: defaults are shared")
@@ -123,10 +120,7 @@ def _yaml(value: Any) -> str:  # noqa: ANN401 - any parameter type
 
 
 def build(config_type: type[C], values: Mapping[str, Any], *, origin: str = "configuration") -> C:
-    """Make a configuration from dotted or nested names; what is not named keeps its default.
-
-    Raises ConfigError for unknown names, wrong types and values out of range; all of them in one line.
-    """
+    """Make a configuration from dotted or nested names, the rest default; ConfigError, in one line, for all faults."""
     flat = flatten_mapping(values)
     known = {info.name: info for info in parameters(config_type)}
     problems = [f"unknown key '{name}'{suggestion(name, known)}" for name in flat if name not in known]

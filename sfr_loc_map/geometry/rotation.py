@@ -75,11 +75,7 @@ def matrix_from_quat(quat_xyzw: ArrayLike) -> FloatArray:
 
 
 def quat_from_matrix(matrix: ArrayLike) -> FloatArray:
-    """Return unit quaternions `(..., 4)` with scalar >= 0 of rotation matrices `(..., 3, 3)`.
-
-    The largest of the four components is found first and the others divided by it (Shepperd 1978), which keeps
-    full precision for every angle, 180 degrees too.
-    """
+    """Return unit quaternions `(..., 4)`, scalar >= 0, of `(..., 3, 3)`, precise at any angle (Shepperd 1978)."""
     m = np.asarray(matrix, dtype=np.float64)
     quats = np.empty((m.size // 9, 4))
     for index, ((a, b, c), (d, e, f), (g, h, i)) in enumerate(m.reshape(-1, 3, 3).tolist()):

@@ -87,11 +87,6 @@ class StereoPair:
     left: GreyImage
     right: GreyImage
 
-    @property
-    def identical_images(self) -> bool:
-        """Whether both images are one and the same: then it is no stereo pair."""
-        return np.array_equal(self.left, self.right)
-
     def __post_init__(self) -> None:
         """Check type and size; GeometryError if an image is not 2D uint8 or the sizes differ."""
         for name, image in (("left", self.left), ("right", self.right)):

@@ -120,10 +120,7 @@ def propagation(displacement: FloatArray) -> FloatArray:
 def propagated_covariance(
     covariance: FloatArray, displacement: FloatArray, rotation: FloatArray = IDENTITY
 ) -> FloatArray:
-    """Return what the covariance `(6, 6)` of a pose makes of that of a pose fixed to it, `(6, 6)`: `F P F^T`.
-
-    A rotation takes components in the axes of the first one to those of the other, in which the displacement is.
-    """
+    """Return `F P F^T`, what the covariance `(6, 6)` of a pose makes of that of a pose fixed to it."""
     carried = propagation(displacement)
     carried[:3, 3:] = carried[:3, 3:] @ rotation
     carried[:3, :3] = carried[3:, 3:] = rotation

@@ -1,7 +1,4 @@
-"""NPY arrays and NPZ archives of numbers, with what they claim checked against what is there.
-
-numpy's own readers take objects, structures and text as well, and allocate what the header claims.
-"""
+"""NPY arrays and NPZ archives of numbers; numpy's readers take objects as well, and allocate what a header claims."""
 
 from __future__ import annotations
 

@@ -25,10 +25,7 @@ _RANDOM = "[a-z0-9_]" * 8  #: What `tempfile` puts into names.
 
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
-    """Yield a temporary path for a file or folder that takes the name `path` when the block ends well.
-
-    It has the same file name: writers choose the format by its ending. When the block raises, nothing is left.
-    """
+    """Yield a temporary path of the same file name; it becomes `path` if the block ends well, or nothing is left."""
     target = output_target(Path(path))
     try:
         with _scratch(target) as scratch:

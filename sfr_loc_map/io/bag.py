@@ -1,7 +1,4 @@
-"""Bags of ROS 2 (sqlite3 and mcap) and of ROS 1: topics, messages, and the poses on them.
-
-The bag is opened for each pass and closed after it, so nothing is held open, and messages are read as a stream.
-"""
+"""Bags of ROS 2 (sqlite3 and mcap) and of ROS 1, read as a stream and opened for each pass: topics, messages, poses."""
 
 from __future__ import annotations
 
@@ -62,10 +59,7 @@ class Topic:
 
 
 class Bag:
-    """A bag, and `topics`: the types of its topics by their names in the bag.
-
-    It is `unfinished` where its recording broke off: what was written whole is read.
-    """
+    """A bag, and its `topics` by name; `unfinished` where its recording broke off: what was written whole is read."""
 
     def __init__(self, path: Path, remap: Mapping[str, str] | None = None) -> None:
         """Read the topics of a folder or file (.mcap, .db3, .bag of ROS 1); `remap`: new names by those in the bag."""
@@ -89,10 +83,7 @@ class Bag:
         return exact or [topic for topic, new in self._names.items() if new.endswith("/" + name)]
 
     def find(self, name: str, *msgtypes: str) -> Topic | None:
-        """Return the topic of a relative name of one of some types, within any one namespace, or None.
-
-        With `COMPRESSED` among the types, `name/compressed` is looked for too.
-        """
+        """Return the topic of a relative name in any one namespace, or None; `COMPRESSED`: `name/compressed` too."""
         found = self.matches(name)
         if not found and COMPRESSED in msgtypes:
             found = self.matches(f"{name}/compressed")
@@ -109,19 +100,13 @@ class Bag:
         return Topic(f"{name}/compressed" if msgtype == COMPRESSED else name, found[0], msgtype)
 
     def raw_messages(self, names: Collection[str]) -> Iterator[tuple[str, str, int, bytes]]:
-        """Yield relative name, type, stamp and bytes of messages on some of the suite's topics, as `stream`.
-
-        Images are also found, and named, as `.../compressed`; topics that the bag does not have are passed over.
-        """
+        """Yield relative name, type, stamp and bytes on topics that are there; images also as `.../compressed`."""
         found = [self.find(name, *((IMAGE, COMPRESSED) if name.endswith("image_rect") else ())) for name in names]
         for topic, stamp_ns, raw in self.stream([topic for topic in found if topic is not None]):
             yield topic.name, topic.msgtype, stamp_ns, raw
 
     def stream(self, topics: Collection[Topic]) -> Iterator[tuple[Topic, int, bytes]]:
-        """Yield topic, stamp and serialised message (CDR) in the order of recording.
-
-        The stamp is the header's, or the time of recording where the type has no header, nanoseconds.
-        """
+        """Yield topic, stamp (the header's, else that of recording), ns, and CDR bytes in the order of recording."""
         by_name = {topic.bag_name: topic for topic in topics}
         with self._reading() as readers:
             wanted = [(reader, [c for c in reader.connections if c.topic in by_name]) for reader in readers]
@@ -198,7 +183,6 @@ def _header_stamp(raw: bytes) -> int:
 
 
 def _near(name: str, known: Sequence[str]) -> str:
-    """Return which of the known names a wrong one may stand for."""
     near = difflib.get_close_matches(name, [item.strip("/") for item in known], n=3)
     return (f"did you mean {' or '.join(near)}? " if near else "") + f"there are {', '.join(known)}"
 

@@ -73,10 +73,7 @@ def odometry(stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> Any:
 
 
 def points(stamp_ns: int, truth: NDArray[np.float32], grid_m: float | None) -> Any:  # noqa: ANN401
-    """Return `(H, W, 3)` points in LM, NaN where none, as an organised sensor_msgs/PointCloud2.
-
-    They are rounded to multiples of `grid_m`, a power of two, unless that is None.
-    """
+    """Return `(H, W, 3)` points in LM, NaN where none, as PointCloud2, in multiples of `grid_m`, 2^n, unless None."""
     if grid_m is not None:
         if not (grid_m > 0 and math.frexp(grid_m)[0] == 0.5):
             raise OutputError(f"truth grid is {grid_m} m: a power of two is needed, as 0.0009765625")

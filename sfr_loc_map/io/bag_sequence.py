@@ -1,7 +1,4 @@
-"""The drive and the mapping pairs of a bag, as sequences.
-
-A first pass reads stamps and says which pairs are whole; a second one joins what has equal stamps as it comes by.
-"""
+"""The drive and mapping pairs of a bag: a first pass reads stamps, a second one joins what has equal ones."""
 
 from __future__ import annotations
 

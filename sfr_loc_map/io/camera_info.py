@@ -1,7 +1,4 @@
-"""A rectified rig as a pair of sensor_msgs/CameraInfo and back.
-
-Messages of a bag reader and of a ROS client library are taken alike. The right camera's `P[3] = -fx baseline`.
-"""
+"""A rectified rig as two sensor_msgs/CameraInfo, of a bag or a ROS node, and back; right `P[3] = -fx baseline`."""
 
 from __future__ import annotations
 

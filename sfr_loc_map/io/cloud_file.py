@@ -206,10 +206,7 @@ def _pcd_bytes(cloud: PointCloud) -> bytes:
 
 
 def _read_pcd(data: bytes) -> tuple[Columns, list[str]]:
-    """Return the fields of a PCD file.
-
-    An organised one without u and v gives them by the order of its points: they are one image's, hence not fused.
-    """
+    """Return the fields of a PCD file; an organised one has u and v by the order of its points, hence is not fused."""
     head: dict[str, list[str]] = {}
     comments: list[str] = []
     position = 0

@@ -161,11 +161,7 @@ def rig_json(rig: StereoRig) -> str:
 
 
 class FolderWriter(TableWriter):
-    """A data set folder that is being written; a context manager.
-
-    With one task the files are in the folder itself, with both in `loc/` and `nav/`. Images and the tables of the
-    drive are written as they come; only the few lines of the mapping pairs are kept to the end.
-    """
+    """A data set folder that is being written, as a stream; with both tasks in `loc/` and `nav/`. A context manager."""
 
     def __init__(self, path: Path, *, loc: bool, nav: bool) -> None:
         """Prepare a folder, made when the block begins, of a drive, of mapping pairs or of both."""

@@ -1,7 +1,4 @@
-"""Images as 8-bit grey arrays, from files and from messages; the true points of a pair, an image of points.
-
-Messages of a bag reader and of a ROS client library are taken alike.
-"""
+"""Images as 8-bit grey arrays, from files and from messages, of a bag or a ROS node; the true points of a pair."""
 
 from __future__ import annotations
 
@@ -48,10 +45,7 @@ MAX_DECODED_BYTES = 2**27  #: Largest image that is decoded: 8192 x 8192 in 8-bi
 
 
 def grey8(image: NDArray[Any], order: Literal["bgr", "rgb"] = "bgr") -> GreyImage:
-    """Return an image `(H, W)` or `(H, W, 3 | 4)` of 8 or 16 bits as 8-bit grey.
-
-    0 .. 65535 becomes 0 .. 255, rounded; colour becomes luma after ITU-R BT.601, alpha is left out.
-    """
+    """Return an image `(H, W)` or `(H, W, 3 | 4)` of 8 or 16 bits as 8-bit grey: luma after ITU-R BT.601, no alpha."""
     if image.dtype == np.uint16:
         image = cv2.convertScaleAbs(image, alpha=1 / 257)
     if image.dtype != np.uint8 or image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (3, 4)):
@@ -73,10 +67,7 @@ def read_grey(path: Path) -> GreyImage:
 
 
 def decode_grey(data: bytes | NDArray[np.uint8]) -> GreyImage:
-    """Decode the bytes of an image file (PNG, JPEG, PGM, PPM) to 8-bit grey `(H, W)`.
-
-    PNG checksums are verified, and a JPEG stream that the decoder could only guess at is refused.
-    """
+    """Decode PNG, JPEG, PGM or PPM to 8-bit grey `(H, W)`; PNG checksums are verified, broken JPEG streams refused."""
     raw = bytes(data)
     size = claimed_size(raw)
     if size is None:
@@ -181,10 +172,7 @@ def encode_jpeg(image: GreyImage, quality: int) -> bytes:
 
 
 def _critical_chunks(raw: bytes) -> bytes:
-    """Verify the chunks of a PNG (ISO/IEC 15948, 5.3), and return it with critical ones alone.
-
-    Pixels do not depend on others (texts, profiles, transparency), which may unpack to anything.
-    """
+    """Verify a PNG's chunks (ISO/IEC 15948, 5.3), return its critical ones: others may unpack to anything."""
     offset, kind, kept = len(PNG_MAGIC), b"", [PNG_MAGIC]
     while kind != b"IEND":
         head = raw[offset : offset + 8]

@@ -1,7 +1,4 @@
-"""Rectification of raw images: by the D, K, R and P of their camera_info, or of two calibrated cameras of a data set.
-
-The formulae are those of sensor_msgs/CameraInfo, which are OpenCV's. Maps are made once for each calibration.
-"""
+"""Rectification of raw images as sensor_msgs/CameraInfo (D, K, R, P) and OpenCV have it; maps are made once."""
 
 from __future__ import annotations
 
@@ -97,10 +94,7 @@ class StereoRectifier:
 def rectified_rig(
     infos: Sequence[Any], name: str, before: StereoRectifier | None = None, T_rb_sb: Transform | None = None
 ) -> tuple[StereoRig, StereoRectifier]:
-    """Return the rig that the raw cameras of two sensor_msgs/CameraInfo have once rectified, and what rectifies them.
-
-    That is the rectifier `before` if it is of these cameras: maps are made once. `name` is `loc` or `nav`.
-    """
+    """Return the rig of two raw CameraInfo (`loc` or `nav`) and its rectifier, `before` if it is of these cameras."""
     left, right = (RawCamera.of(f"{name}/{side}", info) for side, info in zip(SIDES, infos, strict=True))
     rig = rig_from_camera_info(left.rectified_info, right.rectified_info, name, T_rb_sb)
     if before is not None and before.cameras == (left, right):
@@ -122,10 +116,7 @@ class CalibratedCamera:
 
 
 def rectified_pair(name: str, left: CalibratedCamera, right: CalibratedCamera) -> tuple[StereoRig, Rectify | None]:
-    """Return the rectified rig, with the pose of the bench in the body, and what rectifies images.
-
-    A rectified pair needs nothing (None). Others are rectified by Bouguet's method, without a black rim.
-    """
+    """Return the rectified rig and what rectifies images (Bouguet, no black rim), None where nothing need be done."""
     if left.size != right.size:
         raise InputError(f"{name}: the left camera is {left.size}, the right {right.size}: both need one size")
     T_left_right = left.T_body_cam.inverse() @ right.T_body_cam

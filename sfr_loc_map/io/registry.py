@@ -32,11 +32,7 @@ READERS: dict[str, tuple[Callable[[Path], bool], Opener]] = {
 
 
 def open_source(path: Path, remap: Remap = None) -> Source:
-    """Open a source of any format that is read.
-
-    Nothing is held open: each pass over the pairs opens and closes its files itself. `remap` has new names of topics by
-    the names in a bag.
-    """
+    """Open a source of any format; each pass opens its files itself. `remap`: new names of topics by those in a bag."""
     path = Path(path)
     if not path.exists():
         raise InputError(f"there is no '{path}': give a data set folder, a ROS bag, or a sequence of another data set")

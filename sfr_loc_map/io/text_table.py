@@ -152,18 +152,11 @@ def parse_table(
     skip: int = 0,
     comment: bytes | tuple[bytes, ...] = b"#",
 ) -> Table:
-    """Return the stamps and numbers of a text.
+    """Return the stamps and numbers of a text without empty lines, comments and `skip` lines of a header.
 
-    Args:
-        data: The text; empty lines and comments are left out.
-        name: Its name, for messages.
-        form: What stands in a line, for messages.
-        places: Columns that are read, from 0; with `stamp` the first of them is that of the stamps.
-        stamp: What makes nanoseconds of the text of a stamp, None where there are no stamps.
-        separator: Between columns; None: spaces.
-        more: Whether lines may have more columns than the last that is read.
-        skip: Lines of a header.
-        comment: What begins a comment.
+    `places` are the columns read, from 0, the first of them for `stamp` if given, which makes nanoseconds of a text;
+    `more`: lines may have more columns than the last of them. Spaces separate without a `separator`. `name` and `form`
+    (what stands in a line) are for messages.
     """
     stamp_at, columns = (places[0], list(places[1:])) if stamp else (None, list(places))
     width, parting = max(places) + 1, separator.encode() if separator else None

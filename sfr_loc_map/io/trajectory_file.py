@@ -95,11 +95,7 @@ class LoadedTrajectory:
 
 
 def read_trajectory_file(path: Path) -> LoadedTrajectory:
-    """Read a trajectory in any format.
-
-    The first bytes tell the format, and where they do not the name. Stamps come as they are: out of order or twice, if
-    so written.
-    """
+    """Read a trajectory; its first bytes, else its name, tell the format. Stamps come as they are, in any order."""
     path = Path(path)
     name = f"'{path}'"
     with refusing(f"cannot read '{path}'", "give a csv, TUM, KITTI or EuRoC file"):
@@ -192,10 +188,9 @@ def files_written(path: Path) -> tuple[Path, ...]:
 
 
 def save_trajectory(path: Path, trajectory: Trajectory, kind: TrajectoryFormat | None = None) -> None:
-    """Write a trajectory; KITTI poses with their stamps beside them as `NAME.times.txt`.
+    """Write a trajectory, exact to the last bit; KITTI poses with their stamps beside them as `NAME.times.txt`.
 
-    Numbers are written in the shortest form that reads back to the same bits. Without a `kind` the name tells it (.txt
-    and .tum, .kitti, .euroc.csv, otherwise csv).
+    Without a `kind` the name tells it (.txt and .tum, .kitti, .euroc.csv, otherwise csv).
     """
     path = Path(path)
     kind = kind or format_of_name(path) or TrajectoryFormat.CSV

@@ -69,10 +69,6 @@ class GroundMotionFinder:
     Landmarks that a pose does not explain are searched for a second rigid motion. The ground's is the one that more
     landmarks follow and that continues the motion before; the landmarks of the other are left out, and the regions of
     the image where they are. Where the two cannot be told apart the pose is in doubt.
-
-    Attributes:
-        regions: Where the left image does not move with the ground.
-        tears: What is known of torn pairs.
     """
 
     def __init__(self, tracker: Tracker, relocaliser: Relocaliser, rig: StereoRig, config: LocalisationConfig) -> None:
@@ -120,7 +116,6 @@ class GroundMotionFinder:
     def _by_both(
         self, frame: StereoFrame, first: TrackingResult, second: TrackingResult, guesses: Guesses
     ) -> Iterator[Unexplained]:
-        """Yield what either of two motions does not explain of all landmarks."""
         yield unexplained_by(first, frame, self._camera)
         by_second = self._tracker.refine(frame, first.landmarks, second.pose, guesses.offset)
         yield unexplained_by(by_second, frame, self._camera)
@@ -151,10 +146,7 @@ class GroundMotionFinder:
     def _decide(
         self, frame: StereoFrame, first: TrackingResult, second: TrackingResult, rest: Mask, guesses: Guesses
     ) -> GroundMotion:
-        """Return the motion with clearly more evidence, otherwise the one with more of it, in doubt.
-
-        The second one tracks the rest `(M,)` of the first one's landmarks.
-        """
+        """Return the motion with more evidence, in doubt if not clearly so; the second one tracks the `rest` `(M,)`."""
         expected = guesses.poses[0]
         ratio = self._evidence(frame, first, second, expected) / self._evidence(frame, second, first, expected)
         self._in_doubt = 1.0 / CLEAR < ratio < CLEAR
@@ -175,7 +167,6 @@ class GroundMotionFinder:
     def _second_wins(
         self, frame: StereoFrame, first: TrackingResult, second: TrackingResult, rest: Mask, guesses: Guesses
     ) -> GroundMotion:
-        """Return the second motion; what follows the first one is left out."""
         dynamic = ~rest & (first.inliers | stays_in(frame, first.landmarks))
         rows = self._leave_out(frame, first, dynamic)
         result = self._tracker.refine(frame, first.landmarks.subset(~dynamic), second.pose, guesses.offset)
@@ -183,10 +174,7 @@ class GroundMotionFinder:
         return GroundMotion(result, rows)
 
     def _evidence(self, frame: StereoFrame, result: TrackingResult, other: TrackingResult, expected: Pose) -> float:
-        """Return the number of landmarks that follow a motion, weighted by how probable it is for the ground.
-
-        Landmarks that several keyframes agreed on were ground before.
-        """
+        """Return the number of landmarks that follow a motion, weighted by how probable it is for the ground."""
         inliers, landmarks = result.inliers, result.landmarks
         count = float(result.inlier_count)
         if not self._has_moved:

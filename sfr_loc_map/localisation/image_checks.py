@@ -63,12 +63,9 @@ class StaleRows(NamedTuple):
 
 
 class StaleImageFilter:
-    """Blanks what an image repeats from the one before, so that nothing is tracked there.
+    """Blanks what an image repeats from the one before, which is not tracked; `rows` `(H,)` is what was blanked last.
 
     A part that stays the same for longer is no torn image but something fixed to the camera, and is left as it is.
-
-    Attributes:
-        rows: `(H,)` what was blanked last.
     """
 
     def __init__(self) -> None:
@@ -180,11 +177,7 @@ class Exposure(IntEnum):
 
 
 class TearWatch:
-    """Doubts the pairs after a torn one until landmarks on both sides of the tear agree on the pose.
-
-    Attributes:
-        stale: `(H,)` rows of the last torn pair that were of the pair before; None where there was none lately.
-    """
+    """Doubts pairs after a torn one (`stale` `(H,)`: its old rows) until landmarks on both sides of the tear agree."""
 
     def __init__(self) -> None:
         self.stale: Mask | None = None

@@ -32,19 +32,11 @@ pixels from which on the number grows with the fourth root."""
 
 
 class KeyframeBackend:
-    """Owns the sliding window, the landmarks and the online calibration.
+    """Owns the sliding window (None before it has begun), the landmarks and the online calibration.
 
     While `add_keyframe` is at work (`pending`) all of it belongs to the background thread: the caller
-    waits before it reads anything, so that results do not depend on timing.
-
-    Attributes:
-        window: None before it has begun.
-        landmarks: Active landmarks.
-        calibration: Rotation error of the right camera.
-        keyframe_count: Keyframes since the start.
-        dynamic_mask: `(H, W)` uint8, 0 where no landmark shall be made, as the image does not move with the ground
-            there; None for nowhere.
-        pending: The keyframe in work.
+    waits before it reads anything, so that results do not depend on timing. No landmark is made where `dynamic_mask`
+    `(H, W)` is 0, as the image does not move with the ground there.
     """
 
     def __init__(self, rig: StereoRig, config: LocalisationConfig, tracker: Tracker) -> None:

@@ -46,13 +46,10 @@ Outcome = tuple[TrackingStatistics, StepEstimate | None, tuple[SlidingWindow, St
 
 
 class Localiser:
-    """Estimates the pose of RB in DS at each stereo pair.
+    """Estimates the pose of RB in DS at each stereo pair; `last_result` is what was tracked, trusted or not, or None.
 
     What a keyframe needs besides its pose (new landmarks, bundle adjustment) is done after its call, in a background
     thread; the next call waits for it, so that results do not depend on timing.
-
-    Attributes:
-        last_result: Tracking result of the last pair, trusted or not; None where no landmark was tracked.
     """
 
     version = __version__
@@ -63,11 +60,7 @@ class Localiser:
         config: LocalisationConfig = LocalisationConfig(),  # noqa: B008 - frozen
         start: StartPose | Transform = Transform.identity(),  # noqa: B008 - frozen, nobody writes to it
     ) -> None:
-        """Start at a pose of RB in DS; one without a stamp holds at the first pair.
-
-        Raises GeometryError if the extrinsics of the rig are unknown, ConfigError if a mask cannot be read or has
-        another size than the rig.
-        """
+        """Start at a pose of RB in DS, without a stamp at the first pair; GeometryError if a rig has no extrinsics."""
         self._rig, self._config, self._camera = rig, config, rig.camera
         self._tracker = Tracker(config, rig.camera)
         self._backend = KeyframeBackend(rig, config, self._tracker)
@@ -103,10 +96,7 @@ class Localiser:
 
     @staticmethod
     def warm_up() -> None:
-        """Load or compile all kernels, so that no call pays for it; they are the same for all rigs.
-
-        A small rig is driven: small steps until a keyframe leaves the window, a leap that flow recovers, black images.
-        """
+        """Load or compile all kernels, the same for all rigs, by driving a small one, so that no call pays for it."""
         width, height = 320, 240
         rig = StereoRig(width, height, 300.0, 300.0, 160.0, 120.0, 0.1, Transform.identity())
         texture = np.random.default_rng(0).integers(0, 255, (height, width + 200), np.uint8)
@@ -122,11 +112,7 @@ class Localiser:
         localiser.reset(Transform.identity())  # waits for the last keyframe
 
     def process(self, pair: StereoPair, motion: Transform | None = None) -> PoseEstimate:
-        """Return the pose at one pair; pairs come in the order of their stamps.
-
-        A motion of RB since the last pair, `T_before_now`, as by wheel odometry, is one more initial guess. Raises
-        LocalisationError if the pair does not have the rig's size.
-        """
+        """Return the pose at a pair; `T_before_now`, by wheel odometry, say, is how RB moved since: one more guess."""
         rig, track, backend, relocaliser = self._rig, self._track, self._backend, self._relocaliser
         stamp_ns = pair.stamp_ns
         if pair.left.shape != (rig.height, rig.width):
@@ -329,13 +315,11 @@ class Localiser:
         return self._unknown(reason, TrackingStatistics(inliers=0))
 
     def _unknown(self, reason: StateReason | None, statistics: TrackingStatistics) -> Outcome:
-        """Keep the last pose as lost."""
         self._track.stop()
         self._state, self._reason = TrackingState.LOST, reason
         return statistics, None, None
 
 
 def _few_landmarks(frame: StereoFrame) -> StateReason:
-    """Return why a pair gives too few landmarks."""
     textured = is_textured(frame.left) and is_textured(frame.right)
     return StateReason.FEW_LANDMARKS if textured else StateReason.UNTEXTURED_IMAGES

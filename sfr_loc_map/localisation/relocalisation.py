@@ -43,12 +43,9 @@ class KnownImage(NamedTuple):
 
 
 class Relocaliser:
-    """Recovers lost tracking.
+    """Recovers lost tracking: by optical flow from the `last` image tracked, by descriptors from the `best` one.
 
-    Attributes:
-        last: The last image tracked, from which optical flow reaches the next few.
-        best: The last one in which most landmarks were observed, which descriptors recognise also after a gap.
-        attempts: Good images since a landmark was recognised; the caller starts them again.
+    `attempts` are good images since a landmark was recognised; the caller starts them again.
     """
 
     def __init__(self, tracker: Tracker, config: LocalisationConfig, camera: StereoCamera) -> None:
@@ -70,10 +67,7 @@ class Relocaliser:
         return pnp_from_optical_flow(self.last.image, *places, frame.image, self._camera, self._config.min_tracked)
 
     def relocalise(self, frame: StereoFrame, landmarks: Landmarks, offset: RightOffset) -> TrackingResult | None:
-        """Track the landmarks from poses by optical flow, then by descriptors; None where neither gives a pose.
-
-        The first result that is trusted counts, otherwise the last one.
-        """
+        """Track by optical flow, then by descriptors; return the first trusted result, else the last, or None."""
         if self.last is None or self.best is None:
             return None
         camera, enough, result = self._camera, self._config.min_tracked, None

@@ -23,10 +23,7 @@ COARSE_FACTOR = 2
 
 
 def check_images(pair: StereoPair, rig: StereoRig) -> None:
-    """Refuse images that are not the rig's or have no content.
-
-    Raises MappingError if the size is not the rig's, an image is textureless, or both are identical.
-    """
+    """Raise MappingError if the size is not the rig's, an image is textureless, or both are identical."""
     if pair.left.shape != (rig.height, rig.width):
         raise MappingError(
             f"images of stamp {pair.stamp_ns} are {pair.left.shape[1]} x {pair.left.shape[0]}: the rig has "
@@ -40,7 +37,7 @@ def check_images(pair: StereoPair, rig: StereoRig) -> None:
                 f"{deviation:.1f} grey levels): a spread of {MIN_CONTRAST} is needed; check the camera, its cap and "
                 "its exposure"
             )
-    if pair.identical_images:
+    if np.array_equal(pair.left, pair.right):
         raise MappingError(
             f"left and right images of stamp {pair.stamp_ns} are identical: give the image of the other camera"
         )

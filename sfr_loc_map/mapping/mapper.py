@@ -69,12 +69,7 @@ class FusedMap:
 
 
 class Mapper:
-    """Turns stereo pairs into point clouds in LM.
-
-    Attributes:
-        version: Version of this suite.
-        statistics: Figures of the last call by name.
-    """
+    """Turns stereo pairs into point clouds in LM; `statistics` are figures of the last call by name."""
 
     version = __version__
 
@@ -114,11 +109,7 @@ class Mapper:
         return self.fuse([self.process(item.pair, item.T_lm_navsb, index) for index, item in enumerate(pairs)])
 
     def process(self, pair: StereoPair, T_lm_navsb: Transform, index: int) -> PairMap:
-        """Return the points that one pair sees; its index within its set is 0, 1 or 2.
-
-        Raises MappingError if the size is not the rig's, the index is not 0 to 2, an image is textureless, or the two
-        do not match (swapped, not rectified, not of the same moment).
-        """
+        """Return the points of a pair, 0 to 2 of its set; MappingError if it is not the rig's or does not match."""
         if not 0 <= index < MAX_PAIRS:
             raise MappingError(f"pair index is {index}: a map has up to {MAX_PAIRS} pairs, 0 to {MAX_PAIRS - 1}")
         check_images(pair, self._rig)

@@ -62,10 +62,7 @@ class Perturber:
         return rig
 
     def pairs(self, pairs: Iterable[StereoPair]) -> Iterator[tuple[int, StereoPair]]:
-        """Yield the pairs that are left, each with its number in the source.
-
-        A fault that shows old images shows them as it found them: with the faults before it, which they had then.
-        """
+        """Yield the pairs left with their numbers in the source; old images show the faults that they had then."""
         previous: list[StereoPair] = []
         for index, (pair, following) in enumerate(pairwise(chain(pairs, (None,)))):
             if pair is None or not self.kept[index]:
@@ -134,10 +131,7 @@ class Perturber:
 
 
 def burst_starts(fault: Fault, rng: np.random.Generator, count: int) -> NDArray[np.intp]:
-    """Return for each pair `(count,)` the first pair of the burst that affects it; -1 where none does.
-
-    Bursts are chosen at random until the share is reached.
-    """
+    """Return the first pair of the burst, chosen at random up to a share, that affects each pair `(count,)`, or -1."""
     starts = np.full(count, UNAFFECTED)
     if fault.kind in ALL_PAIRS:
         return np.zeros_like(starts)
@@ -204,7 +198,6 @@ def rotated(image: GreyImage, kind: FaultKind, angle_deg: float, rig: StereoRig)
 
 
 def _with_body(pair: StereoPair, amount: float, moment: Moment, rig: StereoRig, fixed: np.random.Generator) -> Views:
-    """Cover the bottom of both images by a textured plane."""
     disparity = rig.fx / BODY_DEPTH
     texture = _texture(rig.height, rig.width + int(disparity) + 2, pair.left, fixed)
     cover = np.zeros((rig.height, rig.width), np.float32)
@@ -266,7 +259,6 @@ VIEW_FAULTS: dict[FaultKind, Callable[[StereoPair, float, Moment, StereoRig, np.
 
 
 def _texture(height: int, width: int, like: GreyImage, fixed: np.random.Generator) -> FloatImage:
-    """Return a texture of coarse and fine grains, about as bright as an image."""
     noise = fixed.standard_normal((2, height, width), np.float32)
     grains = [cv2.GaussianBlur(layer, (0, 0), sigma) for layer, sigma in zip(noise, (1.0, 4.0), strict=True)]
     total = sum(layer / max(float(layer.std()), 1e-6) for layer in grains)

@@ -77,10 +77,7 @@ class World:
         return (total / np.float32(sensor.samples)).reshape(rig.height, rig.width)
 
     def truth(self, frame: int) -> tuple[PointImage, NDArray[np.uint8]]:
-        """Return the truth at the pixel centres of the left mapping camera.
-
-        Points `(H, W, 3)`, metres, LM, NaN for the sky; mask `(H, W)` of `MaskBit`.
-        """
+        """Return points `(H, W, 3)`, m, LM, NaN for sky, at the left camera's pixels; mask `(H, W)` of `MaskBit`."""
         rig = self.plan.rig(Task.MAPPING)
         T_ds_sb = self.plan.rig_pose(Task.MAPPING, frame)
         T_ds_left, T_ds_right = (camera_pose(T_ds_sb, rig, right) for right in (False, True))

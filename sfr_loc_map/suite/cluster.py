@@ -181,10 +181,7 @@ def _cause_of_death(client: Client, address: str) -> JobOutcome:
 
 
 def run_on_worker(job: Job, timeout_s: float, cache: str) -> JobOutcome:
-    """Run a job in a worker process; bad input is an outcome, any other error is raised.
-
-    A thread cannot be ended from outside, so beyond the time limit the process ends itself.
-    """
+    """Run a job; bad input is an outcome. Beyond the time limit the process ends itself: a thread cannot be ended."""
     from distributed import get_worker
 
     from sfr_loc_map.metrics.score_json import to_json

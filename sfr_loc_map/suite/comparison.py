@@ -192,7 +192,6 @@ def _points(name: FigureName, runs: Sequence[HistoryRun], level: float) -> Itera
 
 
 def _compared(name: FigureName, runs: str, baseline: str, pairs: Sequence[DriveRatio]) -> FigureComparison:
-    """Return a figure of drives, not judged yet."""
     logs = np.array([np.log(item.other / item.first) for item in pairs])
     interval: Interval | None = None
     if len(logs) >= 5:

@@ -101,10 +101,7 @@ def benchmark_faults(
     seed: int = 0,
     progress: Callable[[], None] = lambda: None,
 ) -> dict[str, Any]:
-    """Return the figures of the localiser on a drive with its truth, without (`none`) and with each fault, as JSON.
-
-    A fault is a text for `parse_fault`, or several joined by `+`; the first condition of the scoring is shown.
-    """
+    """Return the localiser's figures on a drive with truth, for `none` and each fault (several: joined by `+`)."""
     truth = sequence.ground_truth
     assert truth is not None
     parsed = {"none": [], **{text: [parse_fault(part) for part in text.split("+")] for text in faults}}

@@ -45,12 +45,7 @@ REPLAY = (
 
 
 def run_job(job: Job, scratch: Path, cache: Path) -> Score:
-    """Return the score of a job; paths in it are relative to `scratch`, an empty folder.
-
-    Simulated and fetched sources are kept in `cache`.
-
-    Raises SfrError if the source cannot be read, or nothing can be scored.
-    """
+    """Return a job's score; its paths are relative to `scratch`, an empty folder, and sources are kept in `cache`."""
     cv2.setNumThreads(job.threads)
     numba.set_num_threads(min(job.threads, numba.get_num_threads()))
     path, config = local_path(job.source, cache), ScoreConfig(trajectory=job.scoring)

@@ -42,7 +42,6 @@ def write_summary(summary: Summary, store: Store) -> None:
 
 
 def _write_parquet(summary: Summary, path: Path) -> None:
-    """Write one row a result, one column a figure."""
     try:
         import pyarrow
         import pyarrow.parquet
@@ -108,5 +107,4 @@ def _history_plot(number: int, figure: str, history: History) -> Plot:
 
 
 def _columns(rows: Sequence[tuple[int, float | None]], factor: float = 1.0) -> list[Column]:
-    """Return x and y of points."""
     return [[x for x, _ in rows], scaled([y for _, y in rows], factor)]

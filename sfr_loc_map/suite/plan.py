@@ -46,10 +46,7 @@ class Refusal:
 def make_plan(
     specification: SuiteSpecification, facts_of: Callable[[Path], SourceFacts], cache: Path
 ) -> tuple[list[Job], list[Refusal]]:
-    """Return the jobs of a suite in the order of its file, the same work once, and the sources that cannot be read.
-
-    Remote sources are fetched into the cache. Raises ConfigError if there is no job at all.
-    """
+    """Return a suite's jobs in the order of its file, the same work once, and unreadable sources."""
     sources = list(specification.sources)
     names = [source.name for source in sources]
     for index, source in enumerate(sources):

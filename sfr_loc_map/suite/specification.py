@@ -123,7 +123,6 @@ def _sources(entry: object, folder: Path, origin: str) -> Iterator[JobSource]:
 
 
 def _source(kind: SourceKind, path: str, *, truth: str = "", sha256: str = "") -> JobSource:
-    """Return a source named by the end of its path."""
     return JobSource(name=path.rstrip("/").rpartition("/")[2], kind=kind, path=path, truth=truth, sha256=sha256)
 
 
@@ -152,7 +151,6 @@ def _configurations(value: object, path: Path) -> dict[str, dict[str, object]]:
 
 
 def _parameters(content: object, origin: str, folder: Path) -> dict[str, object]:
-    """Return parameters by dotted name, those with their default value left out."""
     if not isinstance(content, Mapping):
         raise ConfigError(f"{origin}: a mapping with 'localisation' and 'mapping' is needed")
     changed: dict[str, object] = {}

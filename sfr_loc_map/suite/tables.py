@@ -193,12 +193,10 @@ def linked(summary: Summary) -> list[ScoredJob]:
 
 
 def _joined(*parts: str) -> str:
-    """Return the parts that say something."""
     return ", ".join(part for part in parts if part not in ("", NO_CONFIGURATION))
 
 
 def _row(drive: ScoredJob, pages: set[str]) -> dict[str, Any]:
-    """Return the figures of a drive, with a link to its page if there is one."""
     job, score = drive.job, drive.score
     return {
         **drive.names(),

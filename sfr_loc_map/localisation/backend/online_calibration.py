@@ -36,16 +36,11 @@ DETECTION_SIGMAS: Final = 4.0
 
 
 class OnlineCalibration:
-    """Estimates the rotation error of the right camera.
+    """Estimates the rotation error of the right camera; lengths are pixels.
 
-    Attributes:
-        offset: Current correction; its `u` is 0 while it is not significant.
-        target_u: Value that `constant_u` approaches in small steps, pixels.
-        sigma_u: Its standard deviation, pixels.
-        constant_u: Offset along the rows without the drift that was followed, pixels.
-        drift_u: Drift that was followed, pixels: a part of `offset.u` beside the constant one.
-        followed_px: Length of all its corrections, pixels.
-        drifts: Whether the right camera turns, or has just done so.
+    `offset` is the correction, its `u` 0 while not significant: `drift_u`, which was followed, and `constant_u`, which
+    approaches `target_u`, of standard deviation `sigma_u`, in small steps. `followed_px` is the length of all of them;
+    `drifts`: the right camera turns, or has just done so.
     """
 
     def __init__(self, camera: StereoCamera, window_keyframes: int) -> None:

@@ -33,14 +33,10 @@ class KeyframeDrift(NamedTuple):
 
 
 class SlidingWindow:
-    """Keyframes adjusted together, oldest first, and their landmarks.
+    """K keyframes adjusted together, oldest first, and their N landmarks, of which `active` `(N,)` are still tracked.
 
-    Attributes:
-        problem: K keyframes, their N landmarks and observations.
-        active: `(N,)` whether a landmark is still tracked.
-        covariance: `(6, 6)` of the newest keyframe's pose, position and rotation about the world's axes.
-        right_offset: Offset of right positions along the rows.
-        drift: How well the newest keyframe was known from the one before when they were adjusted; None without one.
+    `covariance` `(6, 6)` is of the newest pose, position and rotation about the world's axes; `drift` how well it was
+    known from the one before, None without one; `right_offset` the offset of right positions along the rows.
     """
 
     def __init__(self, camera: StereoCamera, size: int) -> None:
@@ -121,16 +117,10 @@ class SlidingWindow:
         observed: FloatArray,
         variance: FloatArray,
     ) -> None:
-        """Add the landmarks that the newest keyframe hosts, once per keyframe.
+        """Add the landmarks that the newest keyframe hosts at whole pixels `(M, 2)`, once per keyframe.
 
-        Args:
-            left: Left pyramid of the keyframe.
-            uv: `(M, 2)` host pixels, whole ones.
-            inverse_depth: `(M,)` 1/m.
-            slopes: `(M, 2)` change of the inverse depth per pixel, of the local plane.
-            patches: Their templates at full size.
-            observed: `(M, 4)` where the keyframe itself observes them, u, v left, u, v right.
-            variance: `(M, 2, 3)` of these.
+        Inverse depth is 1/m, a slope its change per pixel; it observes them at `(M, 4)`, u, v left, u, v right, of
+        variance `(M, 2, 3)`; patches are of full size.
         """
         problem, count = self.problem, len(uv)
         new_uv, new_variance = (

@@ -48,12 +48,7 @@ NO_PATCHES = HostPatches(
 
 
 class Patches(dict[int, Templates]):
-    """Templates of M landmarks by pyramid level, copied from those of their hosts where a level is first asked for.
-
-    Attributes:
-        hosted: Patches of the hosts.
-        rows: `(M,)` rows in those of all hosts together, increasing.
-    """
+    """Templates of M landmarks by pyramid level: increasing `rows` `(M,)` of all hosts', copied when asked for."""
 
     def __init__(self, hosted: tuple[HostPatches, ...], rows: NDArray[np.intp]) -> None:
         super().__init__()

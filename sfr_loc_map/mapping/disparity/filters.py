@@ -46,10 +46,7 @@ def second_differences(image: FloatImage) -> tuple[FloatImage, FloatImage]:
 
 
 def local_variance(image: FloatImage) -> FloatImage:
-    """Return the variance of the neighbours around each pixel `(H, W)`; the border is mirrored.
-
-    Sums of whole grey levels and of their squares are exact in float32.
-    """
+    """Return the variance around each pixel `(H, W)`, border mirrored; sums of grey levels are exact in float32."""
     mean = box_mean(image, VARIANCE_SIDE)
     variance = box_mean(image * image, VARIANCE_SIDE)
     variance -= mean * mean

@@ -34,10 +34,7 @@ class SearchRange:
 def search_range(rig: StereoRig, config: MappingConfig) -> SearchRange:
     """Return the disparities between the farthest and the nearest depth, `d = fx baseline / Z`.
 
-    No more than half of the image's width is searched, whatever the nearest depth: nearer surfaces are visible to one
-    camera only over most of the image.
-
-    Raises ConfigError if the depths are in the wrong order.
+    At most half of the image's width: nearer surfaces are visible to one camera only over most of the image.
     """
     scale = rig.fx * rig.baseline_m
     if config.min_range_m >= config.max_range_m:

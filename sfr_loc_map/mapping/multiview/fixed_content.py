@@ -34,10 +34,7 @@ MIN_SHARE = 0.003  #: Share of the image below which nothing is taken out.
 def without_fixed_content(
     views: Sequence[PairView], rig: StereoRig
 ) -> tuple[Sequence[PairView], dict[str, float], tuple[str, ...]]:
-    """Return views without points of content that is fixed to the image, its share by name, and a line for it.
-
-    Which of two pairs is right stays open: both lose the points.
-    """
+    """Return views without content fixed to the image (both of two pairs lose it), its share by name, and a line."""
     fixed: dict[int, Mask] = {}
     warnings = []
     for i, j in combinations(range(len(views)), 2):
@@ -86,10 +83,7 @@ def _still(first: PairView, second: PairView, rig: StereoRig) -> Mask:
 
 
 def _likeness(a: FloatImage, b: FloatImage, noise: np.float32) -> FloatImage:
-    """Return `1 - mean (a - b)^2 / (var a + var b)` around each sample: 1 for equal images, 0 for unrelated ones.
-
-    It is 0 where too few samples are known or there is no texture.
-    """
+    """Return `1 - mean (a - b)^2 / (var a + var b)` around samples; 0 for too few known ones or no texture."""
     known = np.isfinite(a) & np.isfinite(b)
     share = _window_mean(known.astype(F))
     a, b = np.where(known, a, F(0.0)), np.where(known, b, F(0.0))
@@ -108,7 +102,6 @@ def _window_mean(image: FloatImage) -> FloatImage:
 
 
 def _without(view: PairView, region: Mask) -> PairView:
-    """Return a view without the points of a region of samples."""
     kept = ~region[view.cloud.v // STEP, view.cloud.u // STEP]
     disparity = view.disparity_px.copy()
     rows, columns = disparity.shape

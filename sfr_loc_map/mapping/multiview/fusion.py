@@ -41,10 +41,7 @@ MIN_TEXTURE = 2.0
 
 
 def fuse_views(views: Sequence[PairView], rig: StereoRig) -> tuple[PointCloud, dict[str, float], tuple[str, ...]]:
-    """Return one cloud of all pairs in LM, figures by name, and what is suspicious, one line each.
-
-    The points of a single view are its own. Of two with equal weights the view that precedes the other wins.
-    """
+    """Return one cloud in LM, figures by name, and what is suspicious; of equal weights the first view's wins."""
     statistics = {"points_in": float(sum(len(view.cloud) for view in views)), "merged": 0.0, "dropped_conflict": 0.0}
     clouds: list[PointCloud] = []
     agreements: dict[str, float] = {}

@@ -32,10 +32,7 @@ MAX_ROTATION_DEG, MAX_TRANSLATION_M = 2.0, 0.1
 def register_views(
     views: Sequence[PairView], rig: StereoRig
 ) -> tuple[list[PairView], dict[str, float], tuple[str, ...]]:
-    """Return views with the second and third moved to fit those before, how far, and what could not be done.
-
-    Poses of pairs without overlap stay.
-    """
+    """Return views moved to fit those before, where they overlap, how far, and what could not be done."""
     registered, statistics, warnings = [views[0]], {}, []
     for number, view in enumerate(views[1:], start=1):
         motion = estimate_motion(registered, view, rig)
@@ -90,10 +87,7 @@ def _motion(parameters: FloatArray) -> Transform:
 def _gauss_newton_step(
     points: PointCloud, images: ViewImages, pose: Transform, given: Transform, rig: StereoRig
 ) -> FloatArray | None:
-    """Return one step `(6,)`: rotation vector and translation in the left optical frame; None for too few points.
-
-    Points are those of the fixed views, images and pose of the moved one, whose pose as given is the mean of the prior.
-    """
+    """Return one step `(6,)`, rotation vector and translation in the left optical frame; None for too few points."""
 
     def residuals(parameters: FloatArray) -> FloatArray:
         return _residuals(points, reproject_into_view(points, pose @ _motion(parameters), images, rig))
