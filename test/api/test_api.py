@@ -116,15 +116,6 @@ def test_objects_are_shown_in_one_line_and_as_html_and_a_score_is_written(
     assert suite.Score.load(tmp_path / "s.json").to_json() == scored.to_json()
 
 
-def test_tables_of_pandas(estimate: suite.Trajectory, cloud: suite.PointCloud) -> None:
-    pytest.importorskip("pandas", reason="pandas is not installed")
-    frame = estimate.to_pandas()
-    assert list(frame.columns) == ["x", "y", "z", "qx", "qy", "qz", "qw", "state", "reason"]
-    assert frame.index.tolist() == estimate.stamps_ns.tolist()
-    assert frame["state"].iloc[0] == "initialising"
-    assert len(cloud.to_pandas()) == len(cloud)
-
-
 def test_wrong_calls_say_what_to_do(folder: Path, cloud: suite.PointCloud) -> None:
     calls: list[tuple[Callable[[], object], str]] = [
         (lambda: suite.open(folder / "nothing"), "there is no"),
