@@ -30,7 +30,8 @@ def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> No
             name = item.metric.removesuffix("_min")
             missed.append(f"{name} {item.value:.6g} {'>' if name == item.metric else 'against'} {item.limit:g}")
         count = sum(item.state is not VerdictState.INCOMPLETE for item in score.verdicts)
-        raise FailedVerdictError(f"{len(missed)} of {count} limits missed: {', '.join(missed)}")
+        part = "" if score.incomplete is None else f"incomplete: {score.incomplete}; "
+        raise FailedVerdictError(f"{part}{len(missed)} of {count} limits missed: {', '.join(missed)}")
     not_judged(reasons_not_judged(score, asked), lenient=lenient)
 
 

@@ -316,7 +316,10 @@ def conditions_beyond(truth: Trajectory, conditions: Collection[Condition]) -> t
 def _reason(condition: Condition, frames: int, length_m: float, duration_s: float) -> str:
     path = f"is {length_m:.1f} m long"
     texts = {ConditionKind.TIME: f"lasts {duration_s:.1f} s", ConditionKind.FRAMES: f"has {frames} frames"}
-    texts[ConditionKind.TURN] = "never turns so far"
+    texts |= {
+        ConditionKind.TURN: "never turns so far",
+        ConditionKind.DISPLACEMENT: "never gets so far in a straight line",
+    }
     told = " and ".join(dict.fromkeys(texts.get(part.kind, path) for part in condition.parts))
     named = ",".join(f"{part.kind}={part.value:g}" for part in condition.parts)
     one = "one pose of the estimate has a true pose, at least two are needed"

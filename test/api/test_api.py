@@ -77,6 +77,14 @@ def test_two_trajectories_are_scored(estimate: suite.Trajectory, folder: Path, t
     assert scored.verdict == "no verdict"
     moved = suite.score(replace(truth, positions=truth.positions + 1.0), truth, ["frames=2"], spacing=1).trajectory
     assert moved.first.position_m.mean_plus_3sigma == pytest.approx(0.0, abs=1e-12)
+    half = suite.Trajectory(estimate.stamps_ns[:3], estimate.positions[:3], estimate.quats_xyzw[:3])
+    options = {"rebase": "displacement", "spacing": 1}
+    found, asked = (suite.score(half, folder, "frames=2,time=0.1", partial=each, **options) for each in (False, True))
+    assert (found.verdict, asked.verdict) == ("incomplete", "no verdict")
+    assert repr(found).startswith("Score(incomplete, ")
+    assert found.incomplete.startswith("the estimate covers 50 % of the images")
+    assert found.trajectory.first.rebase == "displacement"
+    assert found.trajectory.first.position_m.mean == found.trajectory.first.readings.displacement.position_m.mean
     estimate.save(tmp_path / "poses.kitti")
     (tmp_path / "poses.times.txt").unlink()  # poses without stamps get those of poses in memory
     for pair in ((tmp_path / "poses.kitti", estimate), (estimate, tmp_path / "poses.kitti"), (estimate, truth)):
@@ -116,21 +124,13 @@ def test_objects_are_shown_in_one_line_and_as_html_and_a_score_is_written(
     assert suite.Score.load(tmp_path / "s.json").to_json() == scored.to_json()
 
 
-def test_tables_of_pandas(estimate: suite.Trajectory, cloud: suite.PointCloud) -> None:
-    pytest.importorskip("pandas", reason="pandas is not installed")
-    frame = estimate.to_pandas()
-    assert list(frame.columns) == ["x", "y", "z", "qx", "qy", "qz", "qw", "state", "reason"]
-    assert frame.index.tolist() == estimate.stamps_ns.tolist()
-    assert frame["state"].iloc[0] == "initialising"
-    assert len(cloud.to_pandas()) == len(cloud)
-
-
 def test_wrong_calls_say_what_to_do(folder: Path, cloud: suite.PointCloud) -> None:
     calls: list[tuple[Callable[[], object], str]] = [
         (lambda: suite.open(folder / "nothing"), "there is no"),
         (lambda: suite.localise(folder, "somewhere"), "must be identity, truth or a pose"),
         (lambda: suite.localise(folder, config={"max_featurs": 3}), "unknown key 'max_featurs'"),
         (lambda: suite.score(folder, folder, spacin=3), "no setting 'spacin'"),  # type: ignore[call-arg]
+        (lambda: suite.score(folder, folder, frames="odd"), "must be truth or images"),
         (lambda: suite.score(cloud, folder, apply_diagnosis=True), "leave them out for a cloud"),
     ]
     for call, words in calls:

@@ -101,6 +101,7 @@ def test_paused_step_resume_rate_seek_loop_and_interruption(tmp_path: Path, peer
     assert len((out / "estimate.csv").read_text().splitlines()) == 1 + 15
     assert score["trajectory"]["estimate_poses"] == 15  # of the whole run from 0.5 s on, not of the one under way
     assert score["trajectory"]["lost"] == 0
+    assert score["incomplete"].startswith("the estimate covers 75 % of the images")
     # what the jump and the interruption cut short is kept
     assert [len((out / name / "estimate.csv").read_text().splitlines()) - 1 for name in ("run_1", "run_2")] == [
         count,

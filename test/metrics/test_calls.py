@@ -67,18 +67,6 @@ def test_figures_by_hand() -> None:
     assert call_score(np.empty(0), HOST_CLOCK).mean is None
 
 
-def test_histogram_counts_every_call_and_long_series_keep_their_peaks() -> None:
-    seconds = np.full(50_000, 0.01)
-    seconds[12_345] = 9.0
-    details = score_calls(calls(["tracking"] * 50_000, seconds)).details
-    assert details is not None
-    assert details.localisation is not None
-    histogram, series = details.localisation.histogram, details.localisation.series
-    assert (sum(histogram.counts), len(histogram.edges_s)) == (50_000, len(histogram.counts) + 1)
-    assert len(series.stamp_ns) <= 2000
-    assert max(value for value in series.processing_time_s if value is not None) == pytest.approx(9.0)
-
-
 @pytest.mark.clause("4.2.1", "4.3.1", "4.2.2", "4.3.2")
 def test_localisation_mapping_and_fusion_are_told_apart() -> None:
     states = ["initialising", "tracking", "mapped", "mapped", "fused"]

@@ -79,20 +79,6 @@ def test_disparity_error_is_the_triangulation_law() -> None:
     assert errors_of(got).disparity_error_px.sigma == pytest.approx(0.0, abs=1e-5)
 
 
-def test_the_kind_of_a_cloud_is_what_it_says_and_is_never_guessed() -> None:
-    """Two cameras see one wall; both clouds hold the same points, all that both see once."""
-    truths = [wall(5.0), wall(5.0, shift_m=0.5)]
-    both = cloud_of(truths)
-    once = both.select((both.pair == 0) | (both.xyz[:, 0] > truths[0].points[-1, -1, 0] + 0.01))
-    single, fused = (score_map(replace(once, fused=word), truths, CONFIG).score for word in (False, True))
-    assert (single.cloud, fused.cloud) == ("single pairs", "fused")
-    assert single.coverage is not None
-    assert single.coverage < 0.7
-    assert fused.coverage == 1.0  # each true point has a cloud point within two footprints
-    with pytest.raises(MetricsError, match="does not say whether it is fused"):
-        score_map(replace(once, fused=None), truths, CONFIG)
-
-
 def test_footprint_coverage_by_loops() -> None:
     truth = wall(5.0)
     cloud = cloud_of([truth], keep=0.1)

@@ -70,16 +70,6 @@ def test_unlike_scores_are_refused() -> None:
             compare_scores(given, ["a", "b"][: len(given)])
 
 
-def test_the_json_of_a_comparison() -> None:
-    plain = compare_scores(scores(6, (0.01, 0.02), 300), ["a", "b"]).to_dict()
-    assert list(plain) == ["schema", "names", "methods", "pairs", "side_by_side"]
-    pairs = plain["pairs"]
-    assert isinstance(pairs, list)
-    keys = "name condition figure count left_out first other difference ci95 verdict p p_corrected"
-    assert list(pairs[0]) == keys.split()
-    assert pairs[0]["condition"] == {"distance_m": 5.0}
-
-
 def test_few_sub_trajectories_are_not_enough_for_the_comparison_where_they_are_not_for_the_score() -> None:
     """Starts that overlap are fewer than two independent ones: no interval here or there, nobody is worse."""
     both = scores(3, (0.001, 0.010), 70, "distance=7.5")

@@ -1,8 +1,7 @@
 """Limits of a file: verdicts on figures, each found by its name, and files that are refused."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,9 +11,9 @@ from random_drives import drive, score_of
 from sfr_loc_map.config import load_yaml
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.calls import HOST_CLOCK, call_score
-from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig
-from sfr_loc_map.metrics.limits import NAMES, Limit, LimitPart, figure_of, load_limits, parse_limits, verdicts
-from sfr_loc_map.metrics.score import Completeness, MapScore, MemoryScore, PeakMemory, Score, TargetScore, TimingScore
+from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.limits import load_limits, parse_limits, verdicts
+from sfr_loc_map.metrics.score import MapScore, MemoryScore, PeakMemory, Score, TargetScore, TimingScore
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "config" / "limits_example.yaml"
 LIMIT = {"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 0.5}]}
@@ -71,32 +70,6 @@ def test_the_target_is_judged_by_its_own_figures() -> None:
         ("target localisation_max_s", "fail", 0.7),
         ("target localisation_peak_bytes", "not enough data", None),
     ]
-
-
-COUNTED = [field.name for field in fields(Completeness) if field.name != "incomplete"]
-
-
-def test_every_name_stands_for_a_figure_of_the_score() -> None:
-    """A figure is found by each name in a score whose condition, map, times and memory are all there."""
-    statistic = dict.fromkeys(("mean", "sigma", "mean_plus_3sigma", "p50", "p95"), 1.0)
-    calls = replace(call_score(np.arange(3.0), HOST_CLOCK))
-    kinds = ("localisation", "mapping", "fusion", "mapping_call")
-    peak = PeakMemory(peak_bytes=7, above_idle_bytes=3, heap_peak_bytes=2, stack_peak_bytes=1)
-    timing = TimingScore(**dict.fromkeys(kinds, calls))
-    memory = MemoryScore(**dict.fromkeys(kinds, peak))
-    whole = SimpleNamespace(points_without_truth_share=0.0)
-    part = SimpleNamespace(
-        coverage=0.5, completeness=whole, errors=SimpleNamespace(point_error_m=SimpleNamespace(**statistic))
-    )
-    score = replace(with_position(0.4), timing=timing, memory=memory, map=part)
-    assert score.trajectory is not None
-    made = Completeness(**dict.fromkeys(COUNTED, 1))
-    score = replace(score, trajectory=replace(score.trajectory, completeness=made))
-    score = replace(score, target=TargetScore(name="", timing=timing, memory=memory))
-    for name_of in LimitPart:
-        condition = Condition.parse("distance=5") if name_of is LimitPart.TRAJECTORY else None
-        for name in NAMES[name_of]:
-            assert figure_of(Limit(name_of, name, 1.0, condition), score).value is not None, name
 
 
 @pytest.mark.parametrize(

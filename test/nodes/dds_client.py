@@ -31,29 +31,17 @@ ODOMETRY = struct(
     pose=struct("geometry_msgs/PoseWithCovariance", pose=POSE, covariance=array[float64, 36]),
     twist=struct("geometry_msgs/TwistWithCovariance", twist=TWIST, covariance=array[float64, 36]),
 )
-TOPICS = {
-    "localisation/odometry": ODOMETRY,
-    "metrics/position/mean": struct("std_msgs/Float64", data=float64),
-    "metrics/report": struct("std_msgs/String", data=str),
-}
 
 
 def main() -> None:
     participant = DomainParticipant(int(sys.argv[1]))
     reliable = Policy.Reliability.Reliable(duration(seconds=1))
     qos = Qos(reliable, Policy.History.KeepLast(100))
-    latched = Qos(reliable, Policy.Durability.TransientLocal, Policy.History.KeepLast(1))
-    readers = {
-        topic: DataReader(
-            participant, Topic(participant, f"rt/{topic}", kind), qos=latched if topic == "metrics/report" else qos
-        )
-        for topic, kind in TOPICS.items()
-    }
+    reader = DataReader(participant, Topic(participant, "rt/localisation/odometry", ODOMETRY), qos=qos)
     end = time.monotonic() + float(sys.argv[2])
     while time.monotonic() < end:
-        for topic, reader in readers.items():
-            for sample in reader.take(100):
-                print(json.dumps({"topic": topic, **asdict(sample)}), flush=True)
+        for sample in reader.take(100):
+            print(json.dumps(asdict(sample)), flush=True)
         time.sleep(0.02)
 
 

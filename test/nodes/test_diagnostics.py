@@ -3,7 +3,6 @@
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from scenes import sent
@@ -11,9 +10,7 @@ from scenes import sent
 from sfr_loc_map.metrics.calls import CallUsage
 from sfr_loc_map.nodes.diagnostics import (
     Call,
-    Health,
     HealthConfig,
-    HealthStatus,
     Level,
     NodeActivity,
     StatusReporter,
@@ -24,29 +21,6 @@ from sfr_loc_map.nodes.diagnostics import (
 )
 
 STEP = np.random.default_rng(0).normal(size=27) / 3.0
-
-
-class Node:
-    def __init__(self) -> None:
-        self.health = Health(HealthConfig())
-
-    def judge(self) -> HealthStatus:
-        return self.health.judge(NodeActivity("active", {}, 0, True))
-
-    def call(self, **statistics: float) -> None:
-        self.health.note_call(Level.OK, "tracking", {}, statistics)
-
-
-@pytest.mark.parametrize("name", ["vertical_offset_px", "roll_offset_px", "disparity_offset_px"])
-def test_a_calibration_that_is_off_is_warned_of_beyond_its_limit(name: str) -> None:
-    node = Node()
-    node.call(**{name: -0.29})
-    assert node.judge().level is Level.OK
-    node.call(**{name: -0.51})
-    node.call()  # a call without the figure (lost) does not take it back
-    verdict = node.judge()
-    assert (verdict.level, verdict.values[name]) == (Level.WARN, -0.51)
-    assert "check the calibration" in verdict.message
 
 
 def published(usage: CallUsage) -> DiagnosticStatus:

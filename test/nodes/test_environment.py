@@ -1,6 +1,5 @@
 import socket
 from collections import deque
-from xml.etree import ElementTree
 
 import pytest
 
@@ -15,14 +14,6 @@ def test_profile_is_set_where_missing_or_empty_and_the_users_own_stays() -> None
     mine = {environment.PROFILE_VARIABLE: "/mine.xml", "AMENT_PREFIX_PATH": "/ros"}
     environment.prepare(mine)
     assert mine == {environment.PROFILE_VARIABLE: "/mine.xml", "AMENT_PREFIX_PATH": "/ros"}
-
-
-def test_profile_has_a_segment_that_holds_clouds_and_keeps_the_network() -> None:
-    root = ElementTree.parse(environment.PROFILE).getroot()
-    name = "{http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles}"
-    kinds = {item.findtext(f"{name}type"): item for item in root.iter(f"{name}transport_descriptor")}
-    assert set(kinds) == {"SHM", "UDPv4"}
-    assert int(kinds["SHM"].findtext(f"{name}segment_size")) == 64 * 2**20
 
 
 def test_isolate_keeps_what_the_user_chose_and_takes_no_domain_in_use(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,13 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_scene import LOC_RIG, loc_pair, true_pose
 from nav_msgs.msg import Odometry
-from scenes import disparity_of, sent
+from scenes import sent
 from sensor_msgs.msg import CompressedImage, Image, PointCloud2, PointField
 
 from sfr_loc_map.errors import InputError, NodeError
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
-from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.image_codec import encode_jpeg, encode_png, stamp_of
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -30,7 +29,6 @@ from sfr_loc_map.nodes.messages import (
     cloud_from_msg,
     cloud_msg,
     covariance_of,
-    disparity_msg,
     elevation_from_msg,
     elevation_msg,
     grey_from_image,
@@ -184,16 +182,6 @@ def test_broken_images_are_refused(message: Image | CompressedImage, words: str)
         grey_of(message)
 
 
-def test_disparity_comes_out_as_it_went_in_and_follows_the_definition_of_its_message() -> None:
-    rig = StereoRig(6, 4, 10.0, 10.0, 2.5, 1.5, 0.1)
-    for disparity in (np.array([[0.25, 3.5, np.nan], [7.125, np.nan, 1.0]]), np.full((2, 3), np.nan)):
-        disparity = disparity.astype(np.float32)
-        message = sent(disparity_msg(disparity, rig, (0.3, 8.0), header_msg(STAMP_NS, "left")))
-        assert (message.f, message.t, message.image.encoding) == (10.0, pytest.approx(0.1), "32FC1")
-        # stereo_msgs/DisparityImage: any disparity less than min_disparity is invalid
-        assert np.array_equal(disparity_of(message), disparity, equal_nan=True)
-
-
 # ---- clouds and grids
 
 
@@ -203,17 +191,6 @@ def cloud(count: int) -> PointCloud:
     for name, kind in FIELD_TYPES.items():
         records[name] = rng.normal(size=count) if kind is np.float32 else rng.integers(0, 200, count)
     return PointCloud.from_structured(records)
-
-
-@pytest.mark.parametrize("count", [0, 1000])
-def test_clouds_come_out_as_they_went_in(count: int) -> None:
-    made = cloud(count)
-    message = sent(cloud_msg(made, STAMP_NS, "lm"))
-    names = [(field.name, field.datatype) for field in message.fields]
-    assert names == [(n, 7) for n in ("x", "y", "z", "sigma", "intensity")] + [("u", 4), ("v", 4), ("pair", 2)]
-    assert (message.header.frame_id, message.height, message.width, message.is_dense) == ("lm", 1, count, True)
-    assert np.array_equal(cloud_from_msg(message).to_structured(), made.to_structured())
-    np.testing.assert_array_equal(xyz_from_msg(message), made.xyz.astype(np.float64))
 
 
 @pytest.mark.parametrize(("kind", "code", "order"), [("f4", PointField.FLOAT32, "<"), ("f8", PointField.FLOAT64, ">")])

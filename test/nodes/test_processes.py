@@ -9,15 +9,7 @@ from processes import segments_of, wait_until
 
 from sfr_loc_map.errors import ConfigError, NodeError
 from sfr_loc_map.nodes import processes
-from sfr_loc_map.nodes.processes import Supervisor, node_names, user_command
-
-
-def test_tasks_choose_nodes_each_once() -> None:
-    everything = ["localisation_node", "mapping_node", "monitor_node"]
-    assert node_names([]) == node_names(["all"]) == node_names(["monitor", "all"]) == everything
-    assert node_names(["monitor", "localisation", "monitor"]) == ["localisation_node", "monitor_node"]
-    with pytest.raises(ConfigError, match="'mapper' is not a node"):
-        node_names(["mapper"])
+from sfr_loc_map.nodes.processes import Supervisor, user_command
 
 
 def test_a_hung_node_is_killed_and_its_shared_memory_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

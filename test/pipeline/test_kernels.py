@@ -71,16 +71,6 @@ def test_a_signal_is_an_exception_after_kernels_are_loaded_not_within(part: Part
         signal.signal(number, before)
 
 
-def test_nobody_waits_for_kernels_that_are_wanted_no_more(part: Part) -> None:
-    """A node that a signal has shut down: the compiling process may have had the signal too, and ends first."""
-    kernel = njit(lambda x: x + 8)
-    part(lambda: kernel(np.float64(1.0)))
-    lines: list[str] = []
-    with pytest.raises(KeyboardInterrupt):
-        load_kernels("tiny", lines.append, lambda: False)
-    assert (lines, kernel.signatures) == ([], [])
-
-
 NOTHING_LEFT = """
 import sys
 from pathlib import Path

@@ -149,20 +149,6 @@ def test_a_lost_pose_or_one_without_covariance_is_neither_kept_nor_started_from(
     assert session.tracked_ns is None
 
 
-@pytest.mark.parametrize("given", [None, StartPose(GIVEN, COVARIANCE)])
-def test_a_start_without_a_stamp_holds_at_its_first_pair_whatever_that_showed(
-    tmp_path: Path, given: StartPose | None
-) -> None:
-    """A localiser that follows must not take it for the pose of a later pair."""
-    session = session_in(READY, tmp_path)
-    if given is not None:
-        session.set_pose(given)
-    session.localiser_at(4 * S, EXTRINSICS)
-    session.accept(estimate(4 * S, FIRST, TrackingState.LOST))
-    session.continue_at_last_pose()
-    assert start_of(session, 6 * S)[2] == 4 * S
-
-
 @pytest.mark.parametrize(("rig", "extrinsics"), [(RIG, at(0.01)), (OTHER_RIG, EXTRINSICS)])
 def test_a_kept_pose_of_another_rig_is_told_and_not_resumed_from(
     tmp_path: Path, rig: StereoRig, extrinsics: Transform

@@ -11,10 +11,8 @@ import pytest
 from sfr_loc_map.errors import MissingExtraError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.mapping.config import TerrainConfig
-from sfr_loc_map.mapping.terrain.elevation import ElevationModel
 from sfr_loc_map.mapping.terrain.grid import elevation_grid
 from sfr_loc_map.pipeline import map_files
-from sfr_loc_map.pipeline.map_files import VOID, shaded_heights
 
 rasterio = pytest.importorskip("rasterio", reason="extra dem")
 
@@ -53,17 +51,6 @@ def test_geotiff_and_archive_hold_the_grid_itself(tmp_path: Path) -> None:
     assert (grid.hazard == 100).any()
     assert np.isnan(bands["height"]).any()
     assert read["origin_m"].tolist() == pytest.approx([-1.0, 2.0])
-
-
-def test_heights_are_dark_in_holes_and_brighter_uphill() -> None:
-    height = np.repeat(np.linspace(0.0, 1.0, 40, dtype=np.float32)[None], 30, axis=0)
-    height[10:20, 10:20] = np.nan
-    known = np.isfinite(height)
-    model = ElevationModel(height, np.full_like(height, 0.01), known.astype(np.int32), (-1.0, 2.0), 0.1)
-    image = shaded_heights(model)
-    assert image.shape == (30, 40, 3)
-    assert (image[15, 15] == VOID).all()
-    assert image[2, -3].sum() > image[2, 3].sum()
 
 
 def test_a_geotiff_without_its_extra_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -33,26 +33,6 @@ def test_every_pair_meets_its_pose_in_whatever_order_they_come(order: list[tuple
     assert sorted(found) == [(1, 1.0), (2, 2.0), (3, 3.0)]
 
 
-def test_within_the_tolerance_the_nearest_pose_is_taken() -> None:
-    matching = Matching(tolerance_ns=10)
-    assert matching.pair(100) == matching.pose(89) == []
-    assert matching.pose(110) == [(100, 110.0)]
-    matching.pose(95)
-    assert matching.pair(97) == [(97, 95.0)]
-
-
-def test_pairs_that_wait_too_long_are_dropped_and_counted() -> None:
-    matching = Matching()
-    for stamp in (1, 2):
-        matching.pair(stamp)
-        matching.now += 0.6
-    for dropped in ([1], [1, 2]):
-        matching.drop_overdue()
-        assert (matching.drops, matching.dropped) == (dropped, len(dropped))
-        matching.now += 0.6
-    assert matching.pose(1) == []
-
-
 def test_what_waits_is_bounded() -> None:
     matching = Matching()
     for stamp in range(MAX_WAITING + 2):

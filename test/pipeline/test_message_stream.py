@@ -16,8 +16,7 @@ from sfr_loc_map.io.bag import TYPESTORE
 from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import image_from_message
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.pipeline.controls import Controls
-from sfr_loc_map.pipeline.message_stream import Message, Pacer, messages_of, start_at, topics_of
+from sfr_loc_map.pipeline.message_stream import Message, messages_of, start_at, topics_of
 
 
 def played(path: Path, remap: dict[str, str] | None = None) -> dict[tuple[str, int], Message]:
@@ -55,26 +54,6 @@ def test_all_messages_of_a_source_come_whole_and_in_order(tmp_path: Path, kind: 
 
 def message(topic: str, stamp_ns: int) -> Message:
     return Message(topic, "", stamp_ns, b"")
-
-
-def test_messages_are_due_by_their_stamps_each_task_from_its_own_first_and_from_a_pause() -> None:
-    now, controls = [100.0], Controls(rate=2.0)
-    pacer = Pacer(controls, lambda: now[0])
-
-    def wait_s(stamp_s: int, task: str = "loc") -> float:
-        return pacer.wait_s(message(f"{task}/left/image_rect", stamp_s * 10**9))
-
-    assert (wait_s(5), wait_s(6)) == (0, pytest.approx(0.5))
-    now[0] += 0.4
-    assert (wait_s(6), wait_s(99, "nav")) == (pytest.approx(0.1), 0)
-    controls.pause()
-    wait_s(10)
-    controls.resume()
-    assert (wait_s(10), wait_s(20)) == (0, 5)
-    controls.rate = 10.0
-    assert (wait_s(20), wait_s(30)) == (0, 1)
-    controls.step()
-    assert (wait_s(30), controls.held) == (0, False)
 
 
 @given(st.lists(st.integers(0, 100), min_size=1, max_size=30), st.floats(0, 12))

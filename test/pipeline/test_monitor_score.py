@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sfr_loc_map.errors import GeometryError, MetricsError
+from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
@@ -24,21 +24,7 @@ from sfr_loc_map.metrics.limits import parse_limits
 from sfr_loc_map.metrics.score import Details, Score, TrajectoryScore
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.pipeline.call_stats import CallRecord
-from sfr_loc_map.pipeline.monitor_score import MAX_STAGES, MapInputs, MonitorScore, PairSet, PairSets, ReportFile
-
-
-def test_stages_come_back_with_their_calls_and_have_an_end() -> None:
-    monitor = MonitorScore(ScoreConfig(), None)
-    for number in range(6):
-        figures = {"stage_align_s": 0.5 * number, "features": 7.0} if number % 2 else {}
-        monitor.add_call(CallRecord(number, 0.1 * number, "lost" if number % 3 else "x" * 99, 7, None, figures))
-    timing = monitor.result().timing.localisation
-    assert (timing.count, timing.max) == (6, 0.5)
-    assert (timing.stages["align"].count, timing.stages["align"].mean) == (3, 1.5)
-    for number in range(50):
-        monitor.add_call(CallRecord(number, 1.0, "tracking", None, None, {f"stage_{number}_s": 1.0}))
-    assert len(monitor.result().timing.localisation.stages) == MAX_STAGES
-
+from sfr_loc_map.pipeline.monitor_score import MapInputs, MonitorScore, ReportFile
 
 CONFIG = TrajectoryScoreConfig(conditions=("distance=0.5",), spacing=3)
 COUNT = 14
@@ -167,11 +153,6 @@ def test_only_a_run_that_has_ended_is_incomplete() -> None:
     assert partial.result(ended=True).incomplete is None
 
 
-def test_poses_that_are_none_are_refused() -> None:
-    with pytest.raises(GeometryError, match=r"pose 0 \(stamp 1\) is none"):
-        MonitorScore(ScoreConfig(CONFIG), None).add_truth(1, [0.0, float("nan"), 0], [0.0, 0, 0, 1])
-
-
 RIG = StereoRig(4, 3, 10.0, 10.0, 1.5, 1.0, 0.1)
 CLOUD = PointCloud.from_structured(np.zeros(2, PointCloud.dtype()))
 POINTS = np.zeros((3, 4, 3), np.float32)
@@ -219,19 +200,6 @@ def test_a_cloud_is_complete_with_the_last_part_in_any_order(order: tuple[int, .
     assert cloud.fused is True
     assert len(truths) == 2
     assert list(inputs.take_complete()) == []
-
-
-def test_pairs_of_a_map_that_was_given_up_are_not_taken_for_the_next_ones() -> None:
-    """The mapper was reset after pair 1: its next cloud is of pairs 2 and 3."""
-    sets = PairSets()
-    assert [sets.add(record) for record in (mapped(1), mapped(2), mapped(3))] == [None] * 3
-    assert sets.add(fused(3, 2)) == PairSet((2, 3), True)
-    assert sets.add(mapped(4)) is None
-    assert sets.add(fused(5, 2)) is None  # the call of one pair is missing: better no score than one of other pairs
-    for record in (mapped(6), mapped(7)):
-        sets.add(record)
-    foreign = CallRecord(7, 0.1, "fused", None, None)
-    assert sets.add(foreign) == PairSet((6, 7), True)
 
 
 def report(name: str) -> str:

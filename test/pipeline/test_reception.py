@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.pipeline.reception import MessageTimes, StampPairing, ThinnedPath, TransportGaps, latencies
+from sfr_loc_map.pipeline.reception import StampPairing, ThinnedPath, TransportGaps
 
 S, MS = 1_000_000_000, 1_000_000
 NOW = 1_800_000_000 * S
@@ -58,25 +58,6 @@ def test_within_the_tolerance_the_nearest_is_taken_and_what_waits_is_bounded() -
     assert found == [(7, 7), (8, 8), (9, 9)]
     # 7 of the left fell out; of the right, 0 to 6 come when the left has gone past them
     assert (pairing.overflowed, pairing.unpaired) == (7, 7)
-
-
-@pytest.mark.parametrize(
-    ("sent_and_received_ms", "stamp_ms", "expected_ms"),
-    [
-        (((-50, -45), (-48, -40)), -60, {"transport": 8, "receive_to_publish": 40, "stamp_to_publish": 60}),
-        (((-61_000, -5),), -61_000, {"receive_to_publish": 5}),  # clocks that do not agree
-        (((1000, -5),), 1000, {"receive_to_publish": 5}),
-        (((None, None),), -61_000, {}),  # what the middleware does not know
-        (((None, 0), (0, 0)), -61_000, {"receive_to_publish": 0, "transport": 0}),
-    ],
-)
-def test_latencies_are_those_of_the_slowest_message_as_far_as_clocks_agree(
-    sent_and_received_ms: tuple[tuple[int | None, int | None], ...], stamp_ms: int, expected_ms: dict[str, float]
-) -> None:
-    times = [MessageTimes(*(None if t is None else NOW + t * MS for t in item)) for item in sent_and_received_ms]
-    found = latencies(times, NOW + stamp_ms * MS, NOW, NOW)
-    assert found == pytest.approx({f"latency_{name}_s": value * 1e-3 for name, value in expected_ms.items()})
-    assert MessageTimes.of({"source_timestamp": 0, "received_timestamp": 5}) == MessageTimes(None, 5)
 
 
 def lost(numbers: list[int | None]) -> int:

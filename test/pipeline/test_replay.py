@@ -2,66 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from made_scene import write_folder
-from scipy.spatial.transform import Rotation
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.geometry.pose_convention import PoseConvention
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.cloud_file import save_cloud
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
-from sfr_loc_map.metrics.calls import NODE_CLOCK, score_calls, with_external
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.score import AnswerCounts, ExternalScore, MethodKind, MethodRecord, ProcessUsage
 from sfr_loc_map.metrics.score_json import to_dict
-from sfr_loc_map.pipeline.call_stats import CallRecord, load_call_stats, save_stats
 from sfr_loc_map.pipeline.monitor_score import MonitorScore
 from sfr_loc_map.pipeline.offline import MapRun, map_pairs
-from sfr_loc_map.pipeline.replay import ExternalRun, ReplayFiles, ReplayResult, save_replay, score_replay
-from sfr_loc_map.pipeline.scoring import Correction, ScoreInputs, score_files
+from sfr_loc_map.pipeline.replay import ReplayFiles, ReplayResult, save_replay, score_replay
+from sfr_loc_map.pipeline.scoring import ScoreInputs, score_files
 
-USAGE = ProcessUsage(cpu_s=1.0, peak_rss_bytes=5_000, processes=2, method="as seen from outside")
-NODE = ExternalScore(
-    task="localisation", topic="odom", frames="a -> b", answers=AnswerCounts(), latency_s=None, process=USAGE
-)
-METHOD = MethodRecord(name="theirs", version=None, kind=MethodKind.EXTERNAL)
-PUBLISHED = Trajectory(np.arange(4) * 100, np.arange(12.0).reshape(4, 3), Rotation.random(4, random_state=1).as_quat())
 SAMPLE = Path(__file__).parents[2] / "sample" / "sample.mcap"
-
-
-def test_each_pose_has_a_row_with_the_time_that_the_node_told_or_none(tmp_path: Path) -> None:
-    told = [
-        CallRecord(0, 0.25, "tracking", None, None, covariance=np.diag([1.0, 2, 3, 4, 5, 6])),
-        CallRecord(100, float("nan"), "tracking", None, None, covariance=9999.0 * np.eye(6)),
-        CallRecord(500, 0.5, "mapped", 7, 7),
-    ]
-    node = ExternalRun(METHOD, NODE, (), Correction(PoseConvention.parse(("metres_per_unit=0.1",))))
-    converted = ReplayResult(PUBLISHED, None, told, "", ()).converted(node, None, None, ScoreConfig())
-    records, run = converted.records, converted.external
-    assert run.convention.declared == ("metres_per_unit=0.1",)
-    assert run.as_published is PUBLISHED
-    np.testing.assert_allclose(converted.estimate.positions, 0.1 * PUBLISHED.positions)
-    assert [item.state for item in records] == ["tracking", "lost", "tracking", "tracking", "mapped"]
-    np.testing.assert_allclose(np.diag(records[0].covariance), [0.01, 0.02, 0.03, 4, 5, 6])
-    assert records[2].covariance is None
-    save_stats(tmp_path / "stats.csv", records)
-    scored = score_calls(load_call_stats(tmp_path / "stats.csv").calls)
-    seen = with_external(scored, NODE)
-    timing, memory = asdict(seen.timing), asdict(seen.memory)
-    assert (timing["localisation"]["count"], timing["localisation"]["mean"]) == (1, 0.25)
-    assert [timing[kind]["clock"] == NODE_CLOCK for kind in ("localisation", "mapping")] == [True, False]
-    assert [memory[kind]["peak_bytes"] for kind in ("localisation", "mapping")] == [5_000, 7]
-    assert memory["method"].startswith("localisation: as seen from outside; others: ")
 
 
 def mapped(path: Path) -> tuple[Source, MapRun]:

@@ -21,7 +21,7 @@ from sfr_loc_map.io.bag import TYPESTORE
 from sfr_loc_map.io.bag_messages import header, odometry
 from sfr_loc_map.io.cloud_file import save_cloud
 from sfr_loc_map.io.trajectory_file import save_trajectory
-from sfr_loc_map.metrics.config import MappingState, ScoreConfig
+from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.score import FindingKind, MethodKind, MethodRecord
 from sfr_loc_map.metrics.score_json import from_json, to_json
 from sfr_loc_map.pipeline.bag_estimates import DIAGNOSTICS
@@ -72,17 +72,6 @@ def test_score_of_trajectories_in_files_and_bags_with_their_calls(tmp_path: Path
     bags = [tmp_path / "estimate.mcap", tmp_path / "truth.db3"]
     assert [sfr("convert", *pair).code for pair in zip(files, bags, strict=True)] == [0, 0]
     assert scored(*bags)["trajectory"] == trajectory
-
-
-def test_calls_keep_each_step_to_the_last_bit_also_beside_those_of_a_mapper(tmp_path: Path) -> None:
-    step, path, eye = np.random.default_rng(0).normal(size=27) / 3.0, tmp_path / "stats.csv", np.eye(6)
-    calls = [CallRecord(0, 0.1, "degraded", None, None, covariance=eye)]
-    calls += [CallRecord(PERIOD_NS, 0.1, "degraded", None, None, covariance=eye, step=step)]
-    save_stats(path, [*calls, *(CallRecord(PERIOD_NS, 0.1, state, None, None) for state in MappingState)])
-    found = load_call_stats(path).estimates(straight(3))
-    np.testing.assert_array_equal(found.steps, [np.full(27, np.nan), step, np.full(27, np.nan)])
-    assert np.isfinite(found.covariance).all(axis=1).tolist() == [True, True, False]
-    assert found.degraded.tolist() == [True, True, False]
 
 
 def test_calls_that_cannot_be_are_refused_and_those_of_another_drive_told(

@@ -12,14 +12,11 @@ import rclpy
 from lifecycle_msgs.msg import Transition
 from made_scene import LOC_RIG, loc_pair, true_pose
 from peers import Capture, LocalNode, Manager, localised
-from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from scenes import MOUNT, RELIABLE, calls, params, send_infos, send_pair
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 
-from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.nodes.diagnostics import Level, values_of
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
 from sfr_loc_map.nodes.messages import covariance_of
@@ -28,8 +25,6 @@ from sfr_loc_map.nodes.pair_node import ReceivedPair
 
 CONFIGURE, CLEANUP = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP
 ACTIVATE, DEACTIVATE = Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_DEACTIVATE
-CALLS_AT_ONCE = 40
-"""What comes at 57 Hz within a call of 0.7 s."""
 
 
 def test_a_node_goes_through_its_states_and_receives_only_when_active(ros: None, capfd: Capture) -> None:
@@ -196,12 +191,6 @@ def test_a_node_at_its_defaults_serves_best_effort_cameras_and_says_what_is_lost
             images.callback(Image(), {"publication_sequence_number": number})
         peer.well(Level.WARN, "% of the images of 'loc' are lost in transport: start the process that publishes them")
 
-        client = peer.node.create_client(Trigger, "localisation_node/reset")
-        peer.until(client.service_is_ready, "the service")
-        node.node.worker.enqueue(lambda: time.sleep(0.3))
-        answers = [client.call_async(Trigger.Request()) for _ in range(CALLS_AT_ONCE)]
-        peer.until(lambda: all(answer.done() for answer in answers), "all answers", 5.0)
-
         second = rclpy.create_node("localisation_node")
         peer.well(Level.WARN, "another node of the name /localisation_node is in this ROS domain")
         second.destroy_node()
@@ -214,20 +203,3 @@ def test_quality_of_service_that_does_not_fit_is_named(ros: None, capfd: Capture
         best_effort = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
         peer.node.create_publisher(Image, "loc/left/image_rect", best_effort)
         peer.well(Level.WARN, "a publisher of /loc/left/image_rect offers less RELIABILITY than this node requests")
-
-
-def test_a_subscription_may_be_set_on_its_own(ros: None) -> None:
-    def monitor(reliability: str) -> MonitorNode:
-        name = "qos_overrides./localisation/odometry.subscription.reliability"
-        return MonitorNode(parameter_overrides=[Parameter(name, value=reliability)])
-
-    node = monitor("best_effort")
-    node.start()
-    for topic, wanted in (("odometry", ReliabilityPolicy.BEST_EFFORT), ("configuration", ReliabilityPolicy.RELIABLE)):
-        (info,) = node.get_subscriptions_info_by_topic(f"/localisation/{topic}")
-        assert info.qos_profile.reliability == wanted
-    node.destroy_node()
-    node = monitor("besteffort")
-    with pytest.raises(ConfigError, match=r"qos_overrides./localisation/odometry.*besteffort"):
-        node.start()
-    node.destroy_node()
