@@ -423,8 +423,9 @@ def score(
     """Score an estimate, a trajectory or a cloud, against the truth; the same figures as `sfr score`.
 
     Each may be in memory or a file. `conditions` are ends of sub-trajectories (`distance=5`, `time=60`, `frames=100`,
-    `distance=5,time=10` where both hold; distance=5 where none is given), `limits` a YAML file or its content, `align` is `none`, `origin`, `se3` or `sim3`
-    and `stats` files of `sfr localise --stats`, which what `sfr.localise` and `sfr.map` give does not need.
+    `distance=5,time=10` where both hold; distance=5 where none is given), `limits` a YAML file or its content, `align`
+    is `none`, `origin`, `se3` or `sim3` and `stats` files of `sfr localise --stats`, which what `sfr.localise` and
+    `sfr.map` give does not need.
     """
     known = ScoreSettings.__annotations__
     if unknown := sorted(set(settings) - set(known)):
