@@ -1,5 +1,7 @@
 """The three readings of the document against an oracle of matrices, which shares no code with the package."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -113,3 +115,23 @@ def test_several_conditions_read_back() -> None:
     assert condition.to_plain() == {"distance_m": 5.0, "time_s": 10.0}
     assert Condition.from_plain(condition.to_plain()) == Condition.parse(condition.setting) == condition
     assert condition.label == "5 m and 10 s"
+
+
+def test_the_worked_example_of_the_page_on_rebasing() -> None:
+    """60 m straight ahead at 0.1 deg/m: the table of docs/concepts/rebasing.md."""
+    along = 0.1 * np.arange(601)
+    true = np.column_stack([along, np.zeros((601, 2))])
+    drift = Rotation.from_euler("z", 0.1 * along[:, None], degrees=True)
+    moved = np.cumsum(drift.apply(np.diff(true, axis=0, prepend=true[:1])), axis=0)
+    stamps = np.arange(601, dtype=np.int64) * SECOND // 10
+    straight = Trajectory(stamps, true, np.tile([0.0, 0.0, 0.0, 1.0], (601, 1)))
+    estimates = Estimates.of(Trajectory(stamps, moved, drift.as_quat()))
+    first = score_trajectory(estimates, straight, TrajectoryScoreConfig()).score.first
+    page = (Path(__file__).parents[2] / "docs/concepts/rebasing.md").read_text()
+    assert f"{first.count} pieces of 5 m" in page
+    for reading in Rebase:
+        figures = getattr(first.readings, reading)
+        position, *angles = (
+            getattr(figures, name).mean_plus_3sigma for name in ("position_m", "attitude_deg", "heading_deg")
+        )
+        assert f"| `{reading}` | {position:.3f} | {angles[0]:.2f} | {angles[1]:.2f} |" in page
