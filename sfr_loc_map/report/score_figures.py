@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.metrics.config import CallKind
+from sfr_loc_map.metrics.config import CallKind, Condition
 from sfr_loc_map.metrics.limits import value_at
 from sfr_loc_map.metrics.score import (
     CallSeries,
@@ -43,7 +43,7 @@ from sfr_loc_map.report.plots import (
     segments,
     span,
 )
-from sfr_loc_map.report.score_tables import DIRECTIONS, HOST, STATISTIC
+from sfr_loc_map.report.score_tables import DIRECTIONS, HOST, STATISTIC, limits_on
 from sfr_loc_map.report.tables import MIB
 
 SYMBOLS = ("circle", "diamond", "square", "triangle-up", "cross")
@@ -106,7 +106,7 @@ def _error_figures(score: Score) -> list[Plot]:
     directions = f"{over}, by the axes of DS, along and across the path; mean and 3 sigma of each direction."
     of_angles = f"{over}. Heading has a sign; attitude is the angle of the shortest rotation."
     return [
-        _position(parts),
+        _position(score, parts),
         *growth([("mean + 3 sigma", score)]),
         Plot("directions", "Position error by direction", directions, *by_direction, height=860, width="full"),
         Plot("angles", "Heading and attitude error", of_angles, *angles, height=480, width="full"),
@@ -125,6 +125,24 @@ def parts_of(score: Score) -> list[Part]:
             travelled = np.interp(rows.end_frame, np.arange(len(known)) * every, known)
             parts.append(Part(part, rows, [round(value, 4) for value in travelled.tolist()]))
     return parts
+
+
+def _limit_lines(
+    score: Score,
+    figure: str,
+    ends: Column,
+    most: float,
+    factor: float = 1.0,
+    over: Condition | None = None,
+    **more: Any,  # noqa: ANN401
+) -> list[Trace]:
+    """Return a line for each limit on a figure; one far above the largest value shown is in the legend only."""
+    traces = []
+    for name, limit in limits_on(score, figure, over).items():
+        far = {"visible": "legendonly"} if limit * factor > 3.0 * most else {}
+        title = f"limit of {STATISTIC.get(name, name)}" + (f", {over}" if over else "")
+        traces.append(line(title, (ends, scaled([limit] * 2, factor)), "@bad", dash="longdash", **(more | far)))
+    return traces
 
 
 def error_sizes(rows: SubTrajectoryRows) -> list[float]:
@@ -229,7 +247,7 @@ def _marked(part: Part, name: str, errors: Column, unit: str, *, color: str = CO
     return marks(name, (part.travelled_m, errors), color, **trace_back, **more)
 
 
-def _position(parts: list[Part]) -> Plot:
+def _position(score: Score, parts: list[Part]) -> Plot:
     factor, unit = error_scale(largest(*(error_sizes(part.rows) for part in parts)))
     data: list[Trace] = []
     for k, part in enumerate(parts):
@@ -245,6 +263,8 @@ def _position(parts: list[Part]) -> Plot:
         ):
             if value is not None:
                 data.append(line(f"{name}, {over}", (ends, scaled([value] * 2, factor)), color, dash=dash, **group))
+        most = largest(errors, scaled([figure.mean_plus_3sigma], factor))
+        data += _limit_lines(score, "position_m", ends, most, factor, part.score.condition, **(group if k else {}))
         if figure.mean_plus_3sigma_ci95 is not None:
             low, high = (bound * factor for bound in figure.mean_plus_3sigma_ci95)
             data.append(band(f"95 % interval of it, {over}", ends, low, high, f"{color}-soft", **group))
@@ -311,11 +331,11 @@ def _cost_figures(score: Score) -> list[Plot]:
         calls, times = value_at(score, f"details.calls.{kind}"), value_at(score, f"timing.{kind}")
         if calls is not None and len(calls.series.stamp_ns) > 1:
             clock = "host time" if times is not None and times.clock.startswith(HOST) else "time"
-            figures.append(_timeline(kind, clock, calls.series))
+            figures.append(_timeline(score, kind, clock, calls.series))
     return figures
 
 
-def _timeline(kind: CallKind, clock: str, series: CallSeries) -> Plot:
+def _timeline(score: Score, kind: CallKind, clock: str, series: CallSeries) -> Plot:
     seconds = [round((stamp - series.stamp_ns[0]) * 1e-9, 6) for stamp in series.stamp_ns]
     shown = [state if state in STATES else "other" for state in series.state]
     data: list[Trace] = []
@@ -326,6 +346,8 @@ def _timeline(kind: CallKind, clock: str, series: CallSeries) -> Plot:
             stamps = [str(series.stamp_ns[k]) for k in rows]
             hover = f"call at stamp %{{customdata}} ns: %{{y:.4g}} s<extra>{name}</extra>"
             data.append(marks(name, places, color, symbol=symbol, size=5, customdata=stamps, hovertemplate=hover))
+    ends = [min(seconds), max(seconds)]
+    data += _limit_lines(score, f"{kind}_s", ends, largest(series.processing_time_s))
     layout: dict[str, Any] = {
         "xaxis": axis("time since the first pair, s"),
         "yaxis": axis(f"{clock} per call, s", rangemode="tozero"),
@@ -352,7 +374,7 @@ def _map_figures(score: Score) -> list[Plot]:
         figures += [_image(item, width) for item in details.error_images]
     if errors is not None and errors.by_range:
         cloud, law = (None, None) if details is None else (details.cloud, details.triangulation)
-        figures.append(_over_range(errors, cloud, law))
+        figures.append(_over_range(score, errors, cloud, law))
     if details is not None and details.cloud.x_m:
         figures.append(_in_space(details.cloud))
     return figures
@@ -382,7 +404,7 @@ def _image(item: ErrorImage, width: str) -> Plot:
     return Plot(f"image-{item.pair}", title, caption, [image], layout, height=340, width=width)
 
 
-def _over_range(errors: PointErrorScore, cloud: PointRows | None, law: Triangulation | None) -> Plot:
+def _over_range(score: Score, errors: PointErrorScore, cloud: PointRows | None, law: Triangulation | None) -> Plot:
     bins = errors.by_range
     data: list[Trace] = []
     ranges: Column = () if cloud is None else cloud.range_m
@@ -400,6 +422,7 @@ def _over_range(errors: PointErrorScore, cloud: PointRows | None, law: Triangula
             ([max(item.from_m, low), item.to_m], scaled([getattr(item.point_error_m, name)] * 2, 1e3)) for item in bins
         ]
         data.append(line(STATISTIC.get(name, name), segments(levels), color, dash=dash, width=3))
+    data += _limit_lines(score, "point_error_m", [low, high], math.inf, 1e3)
     if law is not None:
         data += _law(law, errors.disparity_error_px.p50_abs, low, high)
     totals = [value for item in bins for value in (item.point_error_m.p50, item.point_error_m.mean_plus_3sigma)]

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from itertools import chain
 from typing import Any, NamedTuple
 
-from sfr_loc_map.metrics.config import CallKind, Rebase
+from sfr_loc_map.metrics.config import CallKind, Condition, Rebase
 from sfr_loc_map.metrics.limits import value_at
 from sfr_loc_map.metrics.score import (
     ConditionScore,
@@ -222,7 +222,7 @@ def limit_name(metric: str) -> str:
     """Return the name of a limit in words, without its unit: `position mean + 3 sigma`."""
     if metric == "coverage_min":
         return "map coverage"
-    words = re.sub(r"(_max)?_(share|m|deg|s|bytes|min)$", "", metric).replace("mean_plus_3sigma", "mean + 3 sigma")
+    words = re.sub(r"_(max_share|m|deg|s|bytes|min)$", "", metric).replace("mean_plus_3sigma", "mean + 3 sigma")
     words = words.replace("_", " ") + (" share" if metric.endswith("_max_share") else "")
     if metric.endswith("_s"):
         words = re.sub(r"\b(localisation|mapping call|mapping|fusion)\b", r"\1 time", words)
@@ -256,7 +256,9 @@ def headline_table(score: Score) -> Table | None:
         shown.append((f"{kind} time per call", SECOND, calls, key, _count(calls, key)))
     rows: list[Row] = []
     for title, unit, value, key, count in shown:
-        for judged in _limited(score, key) or ["mean_plus_3sigma"]:
+        owner, _, figure = key.rpartition(".")
+        over = value_at(dict(keyed_conditions(score)).get(owner), "condition")
+        for judged in limits_on(score, figure, over) or ["mean_plus_3sigma"]:
             bounds = getattr(value, f"{judged}_ci95", None)
             unit = fitting(unit, value.mean, value.sigma, getattr(value, judged), *(bounds or ()))
             cells = _figures(value, ("mean", "sigma", judged), key, unit)
@@ -269,17 +271,15 @@ def headline_table(score: Score) -> Table | None:
     return Table("headline", "Figures", columns, tuple(rows), note) if rows else None
 
 
-def _limited(score: Score, key: str) -> list[str]:
-    """Return the statistics of a figure that limits are on, each once; the figure by its place in the JSON."""
-    owner, _, figure = key.rpartition(".")
+def limits_on(score: Score, figure: str, condition: Condition | None) -> dict[str, float]:
+    """Return the limits on a figure such as `position_m` by the statistic that they are on."""
     start, _, unit = figure.rpartition("_")
-    condition = value_at(dict(keyed_conditions(score)).get(owner), "condition")
-    found = [
-        "max" if item.metric == figure else item.metric.removeprefix(f"{start}_").removesuffix(f"_{unit}")
+    found = {
+        "max" if item.metric == figure else item.metric.removeprefix(f"{start}_").removesuffix(f"_{unit}"): item.limit
         for item in score.verdicts
         if item.metric.startswith(f"{start}_") and item.condition == condition
-    ]
-    return [name for name in dict.fromkeys(found) if name in (*STATISTIC, "p50", "p95", "p99", "max")]
+    }
+    return {name: limit for name, limit in found.items() if name in (*STATISTIC, "p50", "p95", "p99", "max")}
 
 
 # ---- what of the drive and the map is judged, by which reading

@@ -15,6 +15,7 @@ from made_scores import HOSTILE, dig, json_of, whole_score
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_dict
 from sfr_loc_map.report.page import render_page
+from sfr_loc_map.report.score_figures import score_figures
 from sfr_loc_map.report.tables import MILLIMETRE, number
 
 CHROMIUM = Path("/usr/bin/chromium")
@@ -179,3 +180,16 @@ def test_in_a_browser_all_is_drawn_a_click_shows_the_frames_and_the_button_the_o
     assert not urls
     asking.write_text("<!DOCTYPE html><img src='http://elsewhere.invalid/image.png'>")
     assert opened(asking, tmp_path)[2] == {"http://elsewhere.invalid/image.png"}, "a request would be seen"
+
+
+def test_limits_are_drawn_beside_their_figure_and_do_not_flatten_it() -> None:
+    score = whole_score()
+    limit = score.verdicts[0]
+    assert limit.value is not None
+    for factor, visible in ((0.5, None), (100.0, "legendonly")):
+        judged = replace(score, verdicts=(replace(limit, limit=factor * limit.value),))
+        plots = {plot.name: plot for _, group in score_figures(judged) for plot in group}
+        (drawn,) = (trace for trace in plots["position"].data if trace["name"] == "limit of mean + 3 sigma, 5 m")
+        assert drawn.get("visible") == visible
+        shown = max(trace["y"][0] for trace in plots["position"].data if trace["name"] == "mean + 3 sigma, 5 m")
+        assert drawn["y"][0] / shown == pytest.approx(factor, rel=1e-3)
