@@ -219,7 +219,7 @@ def score_run(
         many, what = (whole.images, "images") if whole.images else (len(estimate.stamps_ns), "estimates")
         if mode is AssociationMode.MATCH and whole.truth_poses < FEW_TRUE_POSES * many:
             few = f"the truth has {whole.truth_poses} poses for {many} {what}: frames and spacing count true "
-            warnings += [f"{few}poses; --frames images interpolates the truth to every image"]
+            warnings += [f"{few}poses; sfr score --frames images interpolates the truth to every image"]
         incomplete = incomplete or whole.incomplete
         if aligned is not None:
             parts["aligned"] = aligned_errors(estimate, drive.truth, aligned)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from made_scene import write_folder
 
@@ -17,12 +19,14 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
-from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.config import ScoreConfig, score_config
+from sfr_loc_map.metrics.limits import parse_limits
 from sfr_loc_map.metrics.score_json import to_dict
 from sfr_loc_map.pipeline.monitor_score import MonitorScore
 from sfr_loc_map.pipeline.offline import MapRun, map_pairs
 from sfr_loc_map.pipeline.replay import ReplayFiles, ReplayResult, save_replay, score_replay
 from sfr_loc_map.pipeline.scoring import ScoreInputs, score_files
+from sfr_loc_map.report.page import overall_of
 
 SAMPLE = Path(__file__).parents[2] / "sample" / "sample.mcap"
 
@@ -82,3 +86,50 @@ def test_a_cloud_is_judged_by_the_truth_of_its_own_pairs(tmp_path: Path) -> None
     save_cloud(tmp_path / "d.ply", replace(cloud, pair_stamps_ns=(1, 2)))
     with pytest.raises(InputError, match="give the source that it was made from"):
         file_score(tmp_path / "d.ply", source.path)
+
+
+def test_a_replay_is_judged_by_the_images_of_its_source(tmp_path: Path) -> None:
+    source = open_source(write_folder(tmp_path / "source", 12, 0), {})
+    truth = source.loc.ground_truth
+    parts = {
+        rows: Trajectory(truth.stamps_ns[:rows], truth.positions[:rows], truth.quats_xyzw[:rows]) for rows in (12, 6, 0)
+    }
+    limits = parse_limits({"trajectory": [{"condition": "frames=2", "position_mean_m": 1.0}]}, "limits")
+    wanted = {12: None, 6: "the estimate covers 50 % of the images", 0: "no pose for any of 12 images"}
+    for (rows, estimate), partial in product(parts.items(), (False, True)):
+        files = ReplayFiles(tmp_path / f"{rows}-{partial}")
+        files.folder.mkdir()
+        result = ReplayResult(estimate, None, [], "", ())
+        save_replay(result, files)
+        config = score_config(["frames=2"], {"trajectory.partial": partial, "trajectory.spacing": 1})
+        score = score_replay(source, result, files, config, limits)
+        why = wanted[rows]
+        assert (score.incomplete or "").startswith("" if partial else why or "")
+        assert (score.incomplete is None) == (partial or why is None)
+        assert bool([text for text in score.warnings if "a part of the drive is judged" in text]) == (
+            partial and why is not None
+        )
+        expected = ["pass"] if rows else ["not enough data"]
+        assert [item.state for item in score.verdicts] == (
+            ["incomplete", *expected] if rows == 6 and not partial else expected
+        )
+        assert overall_of(score).state == ("incomplete" if score.incomplete else expected[0])
+        if rows:
+            offline = score_files(ScoreInputs.of(files.estimate, source.path), config)
+            assert offline.trajectory == score.trajectory
+            assert (offline.incomplete, offline.warnings) == (score.incomplete, score.warnings)
+
+
+def test_a_replay_says_that_pairs_have_no_cloud_and_that_truth_is_sparse(tmp_path: Path) -> None:
+    path, files = write_folder(tmp_path / "source", 12, 3), ReplayFiles(tmp_path)
+    place = path / "loc" / "groundtruth.csv"
+    head, *rows = place.read_text().splitlines(keepends=True)
+    place.write_text(head + "".join(rows[::5]))
+    source = open_source(path, {})
+    stamps = np.asarray(source.loc.stamps_ns)
+    estimate = Trajectory(stamps, np.zeros((12, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (12, 1)))
+    result = ReplayResult(estimate, None, [], "", ())
+    save_replay(result, files)
+    score = score_replay(source, result, files, score_config(["frames=2"], {}), None)
+    assert score.incomplete == "the map holds 0 of 3 pairs"
+    assert any("the truth has 3 poses for 12 images" in text for text in score.warnings)
