@@ -35,6 +35,9 @@ GAIN, GAIN_FITTED = 2.0, 3.0
 """Undoing a mismatch must make the disagreement this many times smaller; the second where numbers were fitted."""
 AGREES = 1e-3  #: A disagreement below this (a thousandth of the path, or 0.06 degrees) needs no explanation.
 EXPLAINED = 0.25  #: What is left must be less than this (a quarter of the path, or 14 degrees).
+LATE_GAIN, LATE_POSES = 2.0, 30
+"""So many times smaller are the squared differences of rotations from pose to pose if each is compared with that of the
+pair before, at so many poses, where an estimate lags behind by one pair."""
 SIMPLER = 2.0  #: A mismatch with fitted numbers must explain this many times more than one without.
 MAX_POSES, MIN_POSES = 20_000, 8
 SUB_TRAJECTORIES = 400
@@ -76,6 +79,8 @@ def diagnose(
 
     Where they agree every hypothesis is tried all the same, unless `every` is false: a score needs none then.
     """
+    from scipy.spatial.transform import Rotation  # slow to import, and seldom needed by a node
+
     both = estimate, truth
     steps = max(1, len(estimate.stamps_ns) // MAX_POSES), 1
     rows = [unique_rows(each.stamps_ns)[::step] for each, step in zip(both, steps, strict=True)]
@@ -105,6 +110,13 @@ def diagnose(
     best = next(iter(possible), None)
     if best is not None and plain and plain[0].disagreement <= SIMPLER * best.disagreement:
         best = plain[0]
+    if best is None and before is not None and before >= AGREES and len(true[0]) >= LATE_POSES:
+        turns = [(each[:-1].inv() * each[1:]).as_rotvec() for each in map(Rotation.from_quat, (true[1], found[1]))]
+        now, late = (np.square(turns[1][1:] - turns[0][rows]).sum() for rows in (slice(1, None), slice(-1)))
+        left = disagreement((true[0][:-1], true[1][:-1]), (found[0][1:], found[1][1:]))
+        if late * LATE_GAIN < now and left < before:
+            step = int(np.median(np.diff(frames.stamps_ns)))
+            best = _of_offset(-step, step, left)
     return Diagnosis(disagreement=before, hypotheses=tuple(hypotheses), found=best)
 
 
@@ -248,14 +260,18 @@ def _time_offset(estimate: Trajectory, truth: Trajectory, before: float | None) 
         if is_last:
             break
         reach = reach * 4 // OFFSET_STEPS
-    periods = -best / max(step, 1)
-    late = "; each pose is that of the pair before" if 0.98 < periods < 1.02 else ""
-    yield Hypothesis(
+    yield _of_offset(best, step, least)
+
+
+def _of_offset(offset_ns: int, step_ns: int, left: float) -> Hypothesis:
+    is_late = abs(offset_ns + step_ns) < 0.02 * step_ns
+    late = "; each pose is that of the pair before" if is_late else ""
+    return Hypothesis(
         mismatch="time offset",
-        sentence=f"{LOOKS_WRONG} its stamps are {best / NS_PER_S:+.3f} s off, add this to them{late}",
-        disagreement=least,
-        fitted=True,
-        setting=f"time_offset_ns={best}",
+        sentence=f"{LOOKS_WRONG} its stamps are {offset_ns / NS_PER_S:+.3f} s off, add this to them{late}",
+        disagreement=left,
+        fitted=not is_late,
+        setting=f"time_offset_ns={offset_ns}",
     )
 
 

@@ -26,6 +26,7 @@ from sfr_loc_map.pipeline.offline import localise, map_pairs, map_pairs_with
 
 ROOT = Path(__file__).resolve().parents[2]
 CLASSES = """
+from dataclasses import replace
 import numpy as np
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.mapper import Mapper
@@ -61,8 +62,12 @@ class Flat:
 class Set:
     def __init__(self, rig, config):
         self.mapper = Mapper(rig)
+        self.kind = config
     def map_pairs(self, pairs):
-        return self.mapper.map(pairs)
+        if self.kind == "disparity":
+            return pairs[0].pair.left
+        cloud = self.mapper.map(pairs).cloud
+        return replace(cloud, pair=cloud.pair + np.uint8(self.kind == "pair"))
 
 class Nothing:
     def __init__(self, rig, config):
@@ -147,6 +152,15 @@ def test_a_class_may_map_a_set_in_one_call_and_ours_gives_the_bits_of_its_stages
     (tmp_path / "classes.py").write_text(CLASSES)
     nav = open_source(drive).nav
     run, _ = map_pairs_with(find_method(f"{tmp_path}/classes.py:Set", Task.MAPPING), nav, MethodLimits())
+    for config, finding in (
+        (
+            "disparity",
+            "invalid result: a map of a set is a PointCloud, or has a 'cloud': got ndarray of shape (120, 160)",
+        ),
+        ("pair", "invalid result: a point names pair 2: there are 2, counted from 0"),
+    ):
+        method = find_method(f"{tmp_path}/classes.py:Set", Task.MAPPING, config)
+        assert map_pairs_with(method, nav, MethodLimits())[0].records[0].finding == finding
     ours = map_pairs(nav, MappingConfig())  # by process and fuse
     np.testing.assert_array_equal(run.fused.cloud.to_structured(), ours.fused.cloud.to_structured())
     assert [record.state for record in run.records] == ["mapped_set"]

@@ -102,6 +102,17 @@ def test_each_mismatch_is_found_among_the_others_and_its_setting_corrects_it(cas
     assert name != "time offset" or corrected.stamps_ns.tolist() == estimate[0].tolist()
 
 
+@pytest.mark.parametrize(("noise", "scale"), [(0.0, 1.0), (1.0, 1.0), (4.0, 1.0), (0.5, 1.1)])
+def test_poses_of_the_pair_before_are_named(noise: float, scale: float) -> None:
+    truth, (stamps, *poses) = rover(5, 100, noise)
+    poses[0] *= scale  # a drift that hides the delay
+    late = (stamps, *(np.concatenate((each[:1], each[:-1])) for each in poses))
+    got, sentence = found(late, truth)
+    assert got == "time offset"
+    assert sentence.endswith("its stamps are -0.200 s off, add this to them; each pose is that of the pair before")
+    assert found((stamps, *poses), truth)[0] is None
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["rolling", "straight", "turning on the spot", "standing", "stop and go"])
 def test_a_correct_pair_is_never_accused(kind: str) -> None:
