@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import signal
-import subprocess
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
@@ -15,7 +14,6 @@ import malformed_messages as malformed
 from node_harness import LOCALISATION, MAPPING, MONITOR, NODES, Harness
 
 from sfr_loc_map.errors import NodeError, SfrError
-from sfr_loc_map.nodes.diagnostics import Level
 from sfr_loc_map.nodes.messages import covariance_of, odometry_row
 
 RATE_HZ = 10.0
@@ -26,7 +24,6 @@ REDELIVERY_S = 10.0
 """A subscriber receives what it missed with the next heartbeat of the writer, 3 s later at most (Fast DDS)."""
 GROWTH_MB = 100.0
 """A message may not make a node grow by more than this."""
-MOUNT = ("mount", "-t", "tmpfs", "-o", "size=8m", "tmpfs")
 TASK_OF_NODE = {LOCALISATION: "loc", MAPPING: "nav"}
 
 
@@ -178,30 +175,6 @@ def malformed_input(kind: str, node: str, harness: Harness, row: Row) -> None:
     row.expect("Traceback" not in process.text[said:], f"unexpected exception in {node}")
 
 
-def full_disk(harness: Harness, row: Row) -> None:
-    """A full file system, later free: odometry goes on, health WARN, saving fails with a reason, no partial file."""
-    filler = harness.folder / "filler"
-    with filler.open("wb", buffering=0) as stream:
-        for size in (65_536, 512, 1):
-            try:
-                while stream.write(bytes(size)) == size:
-                    pass
-            except OSError:
-                continue
-    harness.localise(5)
-    answer = harness.call("monitor_node/save")
-    row.expect(not answer.success, "saving was reported as a success")
-    harness.wait(lambda: "resume_file" in harness.health[LOCALISATION].message, "warning about resume_file")
-    harness.wait(lambda: harness.health[MONITOR].level is Level.WARN, "warning of the monitor")
-    row.observed.append(f"~/save answered '{answer.message.split(': ', 1)[-1]}'")
-    filler.unlink()
-    stamps = harness.localise(2)
-    answer = harness.call("monitor_node/save")
-    row.expect(answer.success, f"saving failed with free space: {answer.message}")
-    row.expect(str(stamps[-1]) in harness.saved_pose.read_text(encoding="utf-8"), "the saved pose is not the last one")
-    row.expect(not list(harness.folder.glob("*.part")), "partial files are left")
-
-
 FAULTS: dict[str, Callable[[Harness, Row], None]] = {
     "kill-localisation": partial(kill, [LOCALISATION]),
     "kill-mapping": kill_mapping,
@@ -214,20 +187,14 @@ FAULTS: dict[str, Callable[[Harness, Row], None]] = {
         for kind in ("images", "bytes", "infos")
     },
     "messages-monitor": partial(malformed_input, "messages", MONITOR),
-    "full-disk": full_disk,
 }
 
 
 def inject(name: str, folder: Path, patience_s: float = 30.0) -> Row:
-    """Inject one fault into nodes of its own; a full disk is that of a small file system, which only root may mount."""
+    """Inject one fault into nodes of its own."""
     inject_fault = FAULTS[name]
     row = Row(name, str(getattr(inject_fault, "func", inject_fault).__doc__).splitlines()[0].strip())
     folder.mkdir(parents=True, exist_ok=True)
-    mounts = name == "full-disk"
-    if mounts and subprocess.run([*MOUNT, folder], capture_output=True, check=False).returncode:
-        row.observed.append("mounting is not allowed here")
-        row.verdict = "not run"
-        return row
     try:
         with Harness(folder, patience_s=patience_s) as harness:
             harness.wait_ready()
@@ -236,8 +203,5 @@ def inject(name: str, folder: Path, patience_s: float = 30.0) -> Row:
             row.expect(not ended, f"ended: {', '.join(ended)}")
     except SfrError as error:
         row.failures.append(str(error))
-    finally:
-        if mounts:
-            subprocess.run(["umount", folder], check=False)
     row.verdict = "FAIL" if row.failures else "pass"
     return row

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.pose_convention import PoseConvention
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -133,22 +132,6 @@ TRUTH = Trajectory(
 )
 CAMERA_POSES = Trajectory.from_poses((k * 100, WORLD @ TRUTH.pose(k) @ CAMERA) for k in range(COUNT))
 """The same drive, written by a node of the camera in a world frame of its own."""
-
-
-def test_the_first_pose_that_is_not_lost_is_aligned_with_the_truth_or_is_the_identity() -> None:
-    lost = np.arange(COUNT) < 2
-    found = converted_estimates(
-        Estimates.of(CAMERA_POSES, lost), PoseConvention(world="first_pose", extrinsics=OF_CAMERA), CAMERA, TRUTH
-    )
-    np.testing.assert_allclose(found.trajectory.positions, TRUTH.positions, atol=1e-12)
-    turn = Rotation.from_quat(found.trajectory.quats_xyzw).inv() * Rotation.from_quat(TRUTH.quats_xyzw)
-    assert turn.magnitude().max() < 1e-13
-    convention = PoseConvention(world="first_pose", extrinsics=OF_CAMERA)
-    found = converted_estimates(Estimates.of(CAMERA_POSES), convention, CAMERA, None)
-    np.testing.assert_allclose(found.trajectory.pose(0).matrix, np.eye(4), atol=1e-12)
-    elsewhere = Trajectory(TRUTH.stamps_ns + 10**15, TRUTH.positions, TRUTH.quats_xyzw)
-    with pytest.raises(MetricsError, match="no pose has a true pose"):
-        converted_estimates(Estimates.of(CAMERA_POSES), convention, CAMERA, elsewhere)
 
 
 def test_the_covariance_is_that_of_sampled_poses() -> None:

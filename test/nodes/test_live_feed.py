@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 from scenes import sent
@@ -46,21 +44,14 @@ def terrain() -> TerrainGrid:
     return TerrainGrid(model, layers[2], layers[3], layers[4], hazard)
 
 
-def fed(*, has_grid: bool) -> dict[str, Any]:
+def test_map_has_its_errors_and_hazards() -> None:
     state, truth = LiveState(), ground()
-    feed = MapFeed(state, lambda: has_grid)
+    feed = MapFeed(state, lambda: True)
     feed.add_true_points(bag_messages.points(STAMP_NS, truth, None), 0.0)
     feed.add_cloud(sent(cloud_msg(estimated(truth), STAMP_NS, "lm")), 0.0)
-    if has_grid:
-        feed.add_hazard(sent(hazard_msg(terrain(), STAMP_NS, "lm")), 0.0)
-        feed.add_elevation(sent(elevation_msg(terrain(), STAMP_NS, "lm")), 0.0)
-    return dict(state.media)
-
-
-@pytest.mark.parametrize("has_grid", [True, False])
-def test_map_has_its_errors_and_the_grid_that_there_is(has_grid: bool) -> None:
-    found = fed(has_grid=has_grid)
-    cloud, grid = found["mapping/points"], found["mapping/elevation"]
+    feed.add_hazard(sent(hazard_msg(terrain(), STAMP_NS, "lm")), 0.0)
+    feed.add_elevation(sent(elevation_msg(terrain(), STAMP_NS, "lm")), 0.0)
+    cloud, grid = state.media["mapping/points"], state.media["mapping/elevation"]
     assert isinstance(cloud, CloudSample)
     assert cloud.error is not None
     assert sorted(set(np.round(cloud.error, 3).tolist())) == pytest.approx([0.01, 0.03])
@@ -69,13 +60,10 @@ def test_map_has_its_errors_and_the_grid_that_there_is(has_grid: bool) -> None:
     at = (np.array([[3.0, 1.0], [9.0, 1.0]]) - grid.origin_m) / grid.cell_m
     (column, row), (far, _) = np.floor(at + 1e-3).astype(int)
     assert [error[row, column], error[row, far]] == pytest.approx([0.01, 0.03], abs=1e-6)
-    assert ("hazard" in grid.names) == has_grid
-    if has_grid:
-        assert (grid.cell_m, grid.origin_m) == (CELL_M, (0.0, 0.0))
-        hazard = grid.layers[..., grid.names.index("hazard")]
-        assert hazard[2, 5] == 100.0
-        assert np.isnan(hazard[:, 3]).all()
-        assert np.isnan(error[:, 3]).all(), "what has no height has no error of it"
+    hazard = grid.layers[..., grid.names.index("hazard")]
+    assert hazard[2, 5] == 100.0
+    assert np.isnan(hazard[:, 3]).all()
+    assert np.isnan(error[:, 3]).all(), "what has no height has no error of it"
 
 
 def test_broken_grids_are_refused() -> None:

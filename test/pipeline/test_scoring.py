@@ -21,12 +21,9 @@ from sfr_loc_map.io.bag import TYPESTORE
 from sfr_loc_map.io.bag_messages import header, odometry
 from sfr_loc_map.io.cloud_file import save_cloud
 from sfr_loc_map.io.trajectory_file import save_trajectory
-from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.score import FindingKind, MethodKind, MethodRecord
-from sfr_loc_map.metrics.score_json import from_json, to_json
 from sfr_loc_map.pipeline.bag_estimates import DIAGNOSTICS
-from sfr_loc_map.pipeline.call_stats import CallRecord, load_call_stats, save_stats
-from sfr_loc_map.pipeline.scoring import Run, ScoreInputs, estimates_of, load_estimates, score_run
+from sfr_loc_map.pipeline.call_stats import load_call_stats
+from sfr_loc_map.pipeline.scoring import estimates_of, load_estimates
 
 PERIOD_NS = 100_000_000
 Scored = Callable[..., dict[str, Any]]
@@ -111,20 +108,6 @@ def test_a_cloud_file_without_its_kind_needs_the_option_and_one_with_it_is_not_c
     assert scored(path, folder, "--not-fused")["map"]["cloud"] == "single pairs"
     done = sfr("score", path, folder, "--fused")
     assert (done.code, "says that it is not fused" in done.err) == (2, True)
-
-
-def test_the_statistics_name_the_method_and_what_it_did_wrong(tmp_path: Path) -> None:
-    findings = ("", "crashed: ended by signal 11", "", "crashed: again", "not finite: position", "no finding")
-    records = [CallRecord(stamp, 0.1, "tracking", 1000, 10, finding=text) for stamp, text in enumerate(findings)]
-    method = MethodRecord(name="lib:made.so", version="3", kind=MethodKind.LIBRARY, sha256="ab")
-    save_stats(tmp_path / "stats.csv", records, method)
-    stats = load_call_stats(tmp_path / "stats.csv")
-    again = from_json(to_json(score_run(Run(ScoreInputs(), [stats]), ScoreConfig())))
-    assert stats.method == again.method == method
-    assert [(item.kind, item.count, item.first_stamp_ns, item.text) for item in again.findings] == [
-        (FindingKind.CRASHED, 2, 1, "ended by signal 11"),
-        (FindingKind.NOT_FINITE, 1, 4, "position"),
-    ]
 
 
 def status(name: str, **values: object) -> object:
