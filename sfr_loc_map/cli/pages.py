@@ -47,6 +47,10 @@ def report(
     from sfr_loc_map.report.test_report import write_test_report
 
     if test_report is not None or junit is not None:
+        if output is not None or form is not None:
+            raise ConfigError(
+                "'--output' and '--format' are of the page of one score: leave them out beside the others"
+            )
         check_suffix(test_report, HTML_SUFFIXES)
         check_outputs(test_report, junit, overwrite=overwrite, inputs=scores)
         all_scores = [load_score(path) for path in scores]

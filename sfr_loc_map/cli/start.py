@@ -24,6 +24,7 @@ trajectory:
   # distance=METRES, time=SECONDS or frames=NUMBER
   - condition: distance=5"""
 LIMITS_MEANINGS = {
+    "completeness": "Shares: images without an estimate, frames lost and degraded, map points without truth",
     "map": "Of a map; a score without one then says: not enough data",
     "timing": "Time of a call on this host, which says nothing of a flight computer",
     "memory": "Resident memory of the process during a call, on this host",

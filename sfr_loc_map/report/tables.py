@@ -193,7 +193,7 @@ def to_rich(table: Table) -> RichTable:
         caption_justify="left",
     )
     for column in table.columns:
-        shown.add_column(Text(column.heading), justify="left" if column.words else "right")
+        shown.add_column(Text(column.heading), justify="left" if column.words else "right", overflow="fold")
     for row in table.rows:
         styles = (VERDICTS.get(cell.text, OPEN).colour if cell.kind is CellKind.VERDICT else "" for cell in row)
         shown.add_row(*(Text(cell.text, style) for cell, style in zip(row, styles, strict=True)))

@@ -154,3 +154,21 @@ def test_limits_of_the_sample_are_ten_requirements() -> None:
     limits = load_limits(Path(__file__).resolve().parents[2] / "sample/limits.yaml").limits
     assert len({item.id for item in limits}) == len(limits) == 10
     assert all(item.text for item in limits)
+
+
+def test_the_command_writes_both_and_refuses_what_it_would_not_do(tmp_path: Path) -> None:
+    from typer.testing import CliRunner
+
+    from sfr_loc_map.cli.app import app
+    from sfr_loc_map.errors import ConfigError
+    from sfr_loc_map.metrics.score_json import to_json
+
+    paths = [tmp_path / f"{number}.json" for number in range(3)]
+    for path, score in zip(paths, scores(), strict=True):
+        path.write_text(to_json(score))
+    report, xml = tmp_path / "t.html", tmp_path / "v.xml"
+    words = ["report", *map(str, paths), "--test-report", str(report), "--junit", str(xml)]
+    assert CliRunner().invoke(app, words).exit_code == 0
+    assert report.read_text() == render_test_report(scores())
+    assert len(list(ET.parse(xml).getroot().iter("testsuite"))) == 3
+    assert isinstance(CliRunner().invoke(app, [*words, "--overwrite", "-o", "x.md"]).exception, ConfigError)
