@@ -47,10 +47,8 @@ def report(
     from sfr_loc_map.report.test_report import write_test_report
 
     if test_report is not None or junit is not None:
-        if output is not None or form is not None:
-            raise ConfigError(
-                "'--output' and '--format' are of the page of one score: leave them out beside the others"
-            )
+        if output is not None:
+            raise ConfigError(f"'-o {output}' is the page of one score: leave it out beside '--test-report', '--junit'")
         check_suffix(test_report, HTML_SUFFIXES)
         check_outputs(test_report, junit, overwrite=overwrite, inputs=scores)
         all_scores = [load_score(path) for path in scores]
