@@ -193,6 +193,7 @@ def score_map(cloud: PointCloud, truths: Sequence[PairTruth], config: MapScoreCo
     whole = MapCompleteness(
         pairs=len(truths),
         pairs_without_cloud=empty,
+        pairs_without_cloud_share=empty / len(truths) if truths else None,
         points_without_truth=sky,
         points_without_truth_share=sky / len(cloud) if len(cloud) else None,
     )

@@ -93,6 +93,8 @@ def completeness(
         missing_share=1.0 - share,
         lost_share=counts.lost / matched if matched else None,
         degraded_share=counts.degraded / matched if matched else None,
+        unmatched_share=1.0 - matched / len(stamps) if len(stamps) else None,
+        doubled_share=counts.estimate_duplicates / len(given_ns) if len(given_ns) else None,
         longest_gap_m=longest_m,
         longest_gap_s=longest_s,
         incomplete=incomplete,

@@ -47,8 +47,14 @@ STATISTICS = ("mean", "sigma", "mean_plus_3sigma")
 # Limits of a suite are judged by suite/summary.py: those of trajectories by pooled figures, others by the worst drive.
 _PLACES: dict[LimitPart, dict[str, str]] = {
     LimitPart.COMPLETENESS: {
-        **{f"{name}_max_share": f"trajectory.completeness.{name}_share" for name in ("missing", "lost", "degraded")},
-        "points_without_truth_max_share": "map.completeness.points_without_truth_share",
+        **{
+            f"{name}_max_share": f"trajectory.completeness.{name}_share"
+            for name in ("missing", "lost", "degraded", "unmatched", "doubled")
+        },
+        **{
+            f"{name}_max_share": f"map.completeness.{name}_share"
+            for name in ("points_without_truth", "pairs_without_cloud")
+        },
     },
     LimitPart.TRAJECTORY: {
         f"{error}_{statistic}_{unit}": f"{error}_{unit}.{statistic}"
@@ -154,8 +160,7 @@ def _limits_of(part: LimitPart, block: object, origin: str, condition: Condition
     """Return the limits of a block; `id`, `text` and `certain` are of all of it, or of one limit `{limit: ...}`."""
     if not isinstance(block, Mapping):
         raise ConfigError(f"{origin}: a mapping of names to limits is needed, found {type(block).__name__}")
-    of_task = {LimitPart.TRAJECTORY: ("missing", "lost", "degraded"), LimitPart.MAP: ("points",)}.get(part, ())
-    shares = [key for key in SHARES if key.startswith(of_task)] if of_task else []
+    shares = [key for key, place in SHARES.items() if place.startswith(f"{part}.")]
     _check_keys(block, (*NAMES[part], *shares, *REQUIREMENT), origin)
     of_all = {key: block[key] for key in REQUIREMENT if key in block}
     made = []

@@ -200,6 +200,8 @@ class Completeness(Record):
     missing_share: float  #: The rest.
     lost_share: float | None  #: Lost frames over frames.
     degraded_share: float | None  #: Degraded frames over frames.
+    unmatched_share: float | None = None  #: Estimates without a truth over all stamps of estimates.
+    doubled_share: float | None = None  #: Estimates left out because a later one has the same stamp, over all given.
     longest_gap_m: float  #: Longest path without an estimate.
     longest_gap_s: float  #: Longest time without an estimate.
     incomplete: str | None = None  #: Why the estimate is none of the whole drive; None where it is.
@@ -326,6 +328,7 @@ class MapCompleteness(Record):
 
     pairs: int  #: Mapping pairs of the truth.
     pairs_without_cloud: int | None = None  #: Those of which no point is in the cloud; None where pixels are not known.
+    pairs_without_cloud_share: float | None = None  #: The same over all pairs.
     points_without_truth: int | None = None  #: Points whose pixel has no truth (sky); None where they are not known.
     points_without_truth_share: float | None = None  #: The same over all points.
 

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.cloud_file import save_cloud
+from sfr_loc_map.io.cloud_file import load_cloud, save_cloud
 from sfr_loc_map.io.folder import FolderWriter
 from sfr_loc_map.io.trajectory_file import save_trajectory
 
@@ -175,6 +175,27 @@ def test_points_in_the_sky_are_a_limited_share(sfr: Sfr, judge: Judge, source: P
             result = sfr("score", cloud, source, "--limits", limits, "--json", "-")
             assert result.code == code, result.err
             assert json.loads(result.out)["verdicts"][0]["value"] == pytest.approx(share)
+
+
+def test_what_belongs_to_nothing_has_limits(sfr: Sfr, judge: Judge, source: Path, cloud: Path) -> None:
+    """Estimates without truth, doubled stamps, and mapping pairs that the cloud leaves out."""
+    part, twice = rows_of(judge.truth, slice(300)), rows_of(judge.estimate, np.r_[0:COUNT, 0:20])
+    for name, options, share in (
+        ("unmatched", {"truth": part}, 101 / COUNT),
+        ("doubled", {"estimate": twice}, 20 / (COUNT + 20)),
+    ):
+        for limit, code in ((share + 0.01, 0), (share - 0.01, 1)):
+            result, score = judge(limits=f"{SUM}1\n  {name}_max_share: {limit}\n", **options)
+            assert result.code == code, result.err
+            assert score["verdicts"][1]["value"] == pytest.approx(share)
+    whole = load_cloud(cloud).cloud
+    assert whole is not None
+    first = whole.pair == 0
+    columns = (getattr(whole, name)[first] for name in ("xyz", "sigma", "intensity", "u", "v", "pair"))
+    save_cloud(cloud, PointCloud(*columns, fused=False))
+    limits = judge.limits("map:\n  pairs_without_cloud_max_share: 0.4\n")
+    result = sfr("score", cloud, source, "--limits", limits, "--json", "-")
+    assert (result.code, json.loads(result.out)["verdicts"][0]["value"]) == (1, 0.5)
 
 
 def test_two_runs_in_one_file_are_refused(judge: Judge) -> None:
