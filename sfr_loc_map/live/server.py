@@ -377,7 +377,8 @@ class Page:
 async def serve_until_signal(server: LiveServer, *, open_browser: bool = False) -> None:
     """Serve until SIGINT or SIGTERM; print the address when the page can be opened.
 
-    SIGUSR1 says that the run is over: the pages are told, and can be opened still.
+    SIGUSR1 says that the run is over: the pages are told, and can be opened still. SIGUSR2 says that it is over and
+    that images of its source have no pose.
     """
 
     def announce(url: str) -> None:
@@ -389,14 +390,15 @@ async def serve_until_signal(server: LiveServer, *, open_browser: bool = False) 
         server.end()
         loop.call_later(LAST_MESSAGE_S, task.cancel)
 
-    def run_is_over() -> None:
-        server.state.end()
+    def run_is_over(missing: str) -> None:
+        server.state.end(missing)
         server.end()
 
     task, loop = asyncio.ensure_future(server.serve(announce)), asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, end)
-    loop.add_signal_handler(signal.SIGUSR1, run_is_over)
+    loop.add_signal_handler(signal.SIGUSR1, run_is_over, "")
+    loop.add_signal_handler(signal.SIGUSR2, run_is_over, "not every image of the source has a pose")
     with suppress(asyncio.CancelledError):
         await task
 

@@ -128,14 +128,15 @@ class ReportView:
         """Return the report of a score."""
         return cls(to_dict(score), score, overall_of(score), tuple(score_tables(score)), received_s)
 
-    def ended(self) -> ReportView:
+    def ended(self, missing: str) -> ReportView:
         """Return the report of a run that is over, which may be incomplete; the figures stay as they are."""
         score, whole = self.score, None if self.score.trajectory is None else self.score.trajectory.completeness
         settings = {} if score.provenance is None else score.provenance.configuration.get("monitor")
         partial = isinstance(settings, dict) and settings.get("score.trajectory.partial") is True
-        if whole is None or partial or any(item.metric == "missing_max_share" for item in score.verdicts):
+        if partial or any(item.metric == "missing_max_share" for item in score.verdicts):
             return self
-        return self.of(replace(score, incomplete=score.incomplete or whole.incomplete), self.received_s)
+        missing = score.incomplete or (whole and whole.incomplete) or missing
+        return self.of(replace(score, incomplete=missing or None), self.received_s)
 
     def to_plain(self) -> dict[str, Any]:
         """Return what a page shows, as JSON values."""
@@ -179,6 +180,7 @@ class LiveState:
         self.time_line: updates.TimeLine | None = None  # of the player of a recorded run
         self.problems: deque[str] = deque(maxlen=MAX_PROBLEMS)  # what could not be read, the latest last
         self.ended = False  # a run that is under way is not incomplete
+        self._missing = ""  # what is known to be missing at the end
         self._published: OrderedDict[int, float] = OrderedDict()
         self._call_count = 0
         self._heard_s = 0.0
@@ -212,12 +214,12 @@ class LiveState:
                 self.problems.append(one_line(str(error)))
         self.on_change()
 
-    def end(self) -> None:
-        """Take note that the run is over: what its estimate does not cover is missing."""
+    def end(self, missing: str = "") -> None:
+        """Take note that the run is over: what its estimate does not cover, or is known to be missing, is missing."""
         with self.lock:
-            self.ended = True
+            self.ended, self._missing = True, missing
             if self.report is not None:
-                self.report = self.report.ended()
+                self.report = self.report.ended(missing)
 
     def to_plain(self, now_s: float) -> dict[str, Any]:
         """Return the latest report (`sfr-score/1`) with the state of the run as `live`, as JSON values."""
@@ -279,7 +281,7 @@ class LiveState:
             case updates.Report():
                 self._note_topic(updates.REPORT, None, update.received_s)
                 report = ReportView.read(update.text, update.received_s)
-                self.report = report.ended() if self.ended else report
+                self.report = report.ended(self._missing) if self.ended else report
                 if (part := self.report.score.trajectory) is not None:  # the first that is scored is that under way
                     self.path.condition = (part.several or (part.first,))[0].condition
                     self.path.spacing = part.first.spacing_frames or self.path.spacing

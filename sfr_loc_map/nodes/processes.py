@@ -197,10 +197,10 @@ class LivePage:
         """Name of its node, which joins the graph after the page is served; empty where the page does not run."""
         return page_node_name(self._process.popen.pid) if self._process.is_running else ""
 
-    def run_is_over(self) -> None:
-        """Tell it, without waiting, that the run is over, before the nodes end."""
+    def run_is_over(self, *, whole: bool = True) -> None:
+        """Tell it, without waiting, that the run is over, before the nodes end; and whether the images have poses."""
         if self._process.is_running:
-            self._process.send(signal.SIGUSR1)
+            self._process.send(signal.SIGUSR1 if whole else signal.SIGUSR2)
 
 
 def page_node_name(pid: int) -> str:

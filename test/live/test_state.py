@@ -58,6 +58,11 @@ def test_a_run_is_incomplete_once_it_is_over_and_not_before() -> None:
             assert ended.get("incomplete") == (None if partial else "half of it")
             assert ended["trajectory"]["completeness"]["judged_share"] == whole.judged_share
             state.put(report)  # a last one that comes late
+    for known in (score, replace(score, trajectory=None)):  # known by the images of the source
+        state = LiveState()
+        state.put(Report(to_json(known), 1.0))
+        state.end("an image has no pose")
+        assert state.to_plain(1.0)["incomplete"] == "an image has no pose"
 
 
 def test_memory_is_bounded() -> None:

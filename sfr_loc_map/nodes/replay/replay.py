@@ -27,6 +27,7 @@ from sfr_loc_map.errors import InputError, MappingError
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.localisation.estimate import StartPose
 from sfr_loc_map.mapping.config import MAX_PAIRS
+from sfr_loc_map.metrics.completeness import MISSING_SHARE
 from sfr_loc_map.nodes import environment
 from sfr_loc_map.nodes.extrinsics import publish_extrinsics
 from sfr_loc_map.nodes.messages import header_msg, message_type, pose_msg
@@ -244,7 +245,9 @@ def replay(
         if other is not None:
             other.observe(results)
         if options.page is not None:
-            options.page.run_is_over()
+            images = 0 if source.loc is None else len(source.loc)
+            posed = len({stamp_ns for stamp_ns, _, _ in results.rows})
+            options.page.run_is_over(whole=images - posed <= MISSING_SHARE * images)
         return results
 
 
