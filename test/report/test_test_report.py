@@ -13,6 +13,7 @@ from made_scores import HOSTILE, dig, json_of, whole_score
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.limits import parse_limits, verdicts
 from sfr_loc_map.metrics.score import Score, TargetScore
+from sfr_loc_map.report.page import load_score
 from sfr_loc_map.report.score_tables import readings_table, score_tables
 from sfr_loc_map.report.test_report import CLAUSES, clause_of, junit, render_test_report
 
@@ -169,6 +170,6 @@ def test_the_command_writes_both_and_refuses_what_it_would_not_do(tmp_path: Path
     report, xml = tmp_path / "t.html", tmp_path / "v.xml"
     words = ["report", *map(str, paths), "--test-report", str(report), "--junit", str(xml)]
     assert CliRunner().invoke(app, words).exit_code == 0
-    assert report.read_text() == render_test_report(scores())
+    assert report.read_text() == render_test_report([load_score(path) for path in paths])
     assert len(list(ET.parse(xml).getroot().iter("testsuite"))) == 3
     assert isinstance(CliRunner().invoke(app, [*words, "--overwrite", "-o", "x.md"]).exception, ConfigError)
