@@ -20,7 +20,7 @@ PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
 CAMPAIGN := PYTHONPATH=test/scenes:test/nodes $(BIN)/python test/campaign
 SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
 
-.PHONY: help demo sample test test-fast faults soak example-candidate fuzz random-faults live-screen lint types config format check docs figures traceability docs-test clean
+.PHONY: help demo sample test test-fast faults soak example-candidate fuzz random-faults lint types config format check docs figures traceability docs-test clean
 
 help:  ## Show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -60,9 +60,6 @@ fuzz: $(COMPILED)  ## Feed 2000 mutated files to all readers (SEED=N); what fail
 
 random-faults: $(COMPILED)  ## Localise 100 drives with random faults: is one wrong without saying so (SEED=N)
 	PYTHONPATH=. $(BIN)/python test/localisation/random_faults.py 100 $(SEED) sample/sample.mcap
-
-live-screen: $(COMPILED)  ## What Chromium shows of a replay, and how late
-	PYTHONPATH=. $(BIN)/python test/live/on_screen.py 5
 
 lint: $(DEV_STAMP)  ## Check style
 	$(BIN)/ruff check .

@@ -7,15 +7,6 @@ from sfr_loc_map.errors import NodeError
 from sfr_loc_map.nodes import environment
 
 
-def test_profile_is_set_where_missing_or_empty_and_the_users_own_stays() -> None:
-    for variables in ({}, {environment.PROFILE_VARIABLE: ""}):
-        environment.prepare(variables)
-        assert variables[environment.PROFILE_VARIABLE] == str(environment.PROFILE)
-    mine = {environment.PROFILE_VARIABLE: "/mine.xml", "AMENT_PREFIX_PATH": "/ros"}
-    environment.prepare(mine)
-    assert mine == {environment.PROFILE_VARIABLE: "/mine.xml", "AMENT_PREFIX_PATH": "/ros"}
-
-
 def test_isolate_keeps_what_the_user_chose_and_takes_no_domain_in_use(monkeypatch: pytest.MonkeyPatch) -> None:
     variables = {"ROS_DOMAIN_ID": "7", "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
     environment.isolate(variables)

@@ -1,8 +1,5 @@
 """Sigma against theory and against Monte Carlo; saturated pixels are holes, and sigma is wider beside them."""
 
-from dataclasses import replace
-from typing import Any
-
 import numpy as np
 import pytest
 from disparity_world import make_world, slope
@@ -10,10 +7,7 @@ from disparity_world import make_world, slope
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.disparity.semi_global_matching import semi_global_matching
 from sfr_loc_map.mapping.disparity.smoothness import SmoothnessWeights, conjugate_gradient_step
-from sfr_loc_map.mapping.disparity.uncertainty import CREASE_SHARE, NOISE_INFORMATION, SHAPE_SHARE, disparity_sigma
-from sfr_loc_map.mapping.disparity.variational_refinement import refine
 from sfr_loc_map.mapping.mapper import Mapper
 
 F = np.float32
@@ -36,34 +30,6 @@ def test_the_posterior_variance_of_a_smoothed_field_is_the_closed_form(informati
     impulse[60, 60] = 1.0
     solved = conjugate_gradient_step(zero, zero + F(information), impulse, uniform(shape, weight), 400)
     assert solved[60, 60] == pytest.approx(0.125 / np.sqrt(information * weight), rel=0.05)
-
-
-@pytest.fixture(scope="module")
-def refined() -> Any:
-    made = make_world(slope, noise=2.0)
-    initial = semi_global_matching(made.pair.left, made.pair.right, 48)
-    return refine(made.pair.left.astype(F), made.pair.right.astype(F), initial)
-
-
-def test_sigma_is_noise_shape_and_crease(refined: Any) -> None:
-    cells = refined.cells_px.shape
-    v, u = np.mgrid[: cells[0], : cells[1]]
-    information, weight = 3.0, 50.0
-    plane = replace(
-        refined,
-        cells_px=(5.0 + 0.1 * u).astype(F),
-        information=np.full(cells, information + NOISE_INFORMATION, F),
-        weights=uniform(cells, weight)._replace(along_x=np.full(cells, 25.0, F), along_y=np.full(cells, 100.0, F)),
-    )
-    noise = 1.0 / (8.0 * np.sqrt(information * weight))
-    np.testing.assert_allclose(disparity_sigma(plane)[INNER], np.sqrt(noise), rtol=1e-3)
-    bowl = replace(plane, cells_px=(5.0 + 0.05 * u * u + 0.025 * v * v).astype(F))
-    shape = (SHAPE_SHARE * (0.1 + 0.05)) ** 2 * weight / information
-    np.testing.assert_allclose(disparity_sigma(bowl)[INNER], np.sqrt(noise + shape), rtol=1e-2)
-    middle = cells[1] // 2
-    folded = disparity_sigma(replace(plane, cells_px=(5.0 + 0.3 * np.abs(u - middle)).astype(F)))[INNER[0]]
-    assert folded[:, 2 * middle].min() > np.sqrt(noise + (CREASE_SHARE * 0.15) ** 2)
-    np.testing.assert_allclose(folded[:, 2 * middle + 8], np.sqrt(noise), rtol=1e-2)
 
 
 def test_a_clipped_patch_is_a_hole_and_uncertain_around_it() -> None:
