@@ -267,6 +267,6 @@ def with_external(scored: ScoredCalls, node: ExternalScore) -> ScoredCalls:
     if node.process is not None and (told is None or told.peak_bytes is None):
         others = [peaks for other in CallKind if other is not kind and (peaks := memory.of(other)) is not None]
         beside = f"; others: {memory.method}" if any(item.peak_bytes is not None for item in others) else ""
-        peaks = PeakMemory(peak_bytes=node.process.peak_rss_bytes, above_idle_bytes=None)
+        peaks = PeakMemory(peak_bytes=node.process.peak_rss_bytes or None, above_idle_bytes=None)
         memory = replace(memory, **{kind.value: peaks}, method=f"{kind}: {node.process.method}{beside}")
     return scored._replace(timing=timing, memory=memory)
