@@ -135,14 +135,15 @@ def score(
     for note in loaded.notes:
         say(note, err=True)
     run = converted_run(loaded, config, correction)
+    cloud = None if run.cloud is None else run.cloud.loaded.cloud
+    if points is not None and cloud is None:
+        raise ConfigError("'--points' writes errors of map points: give a cloud that says pixel and pair of each")
     result = score_run(run, config, limits, aligned)
     present(result, output.json_path, output.html)
     if junit is not None:
         write_text(junit_of([result]), junit)
-    if points is not None:
-        if run.cloud is None or run.cloud.loaded.cloud is None:
-            raise ConfigError("'--points' writes errors of map points: give a cloud that says pixel and pair of each")
-        save_point_errors(points, run.cloud.loaded.cloud, run.cloud.truths)
+    if points is not None and cloud is not None and run.cloud is not None:
+        save_point_errors(points, cloud, run.cloud.truths)
     if output.json_path == STANDARD_OUTPUT:
         pass  # a program reads it
     elif result.incomplete is not None:

@@ -378,7 +378,7 @@ def load_target(path: Path) -> TargetRecord:
         if content.pop("schema", None) != TARGET_SCHEMA:
             raise ValueError(f"no schema {TARGET_SCHEMA}")
         return msgspec.convert(content, TargetRecord)
-    except (OSError, ValueError, AttributeError, msgspec.ValidationError) as error:
+    except (OSError, ValueError, AttributeError, TypeError, msgspec.ValidationError) as error:
         raise InputError(f"target '{path}' cannot be read: {error}; give what the harness wrote") from error
 
 

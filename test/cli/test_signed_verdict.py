@@ -263,6 +263,16 @@ def test_times_of_a_target_belong_to_the_estimate_by_stamp(judge: Judge) -> None
     assert judge("--target-run", "Tuesday")[0].code == 2  # of no target
 
 
+@pytest.mark.parametrize("text", ["[1]", "{}", "no JSON", '{"schema": "sfr-target/1", "board": 5}'])
+def test_what_a_target_says_of_itself_is_refused_in_one_line(judge: Judge, text: str) -> None:
+    judge.calls(judge.estimate.stamps_ns, "stats.csv")
+    (judge.folder / "target.json").write_text(text)
+    result = judge.sfr("score", judge.folder, judge.poses("truth.csv", judge.truth))
+    assert result.code == 2
+    assert result.err.count("\n") == 1
+    assert "target" in result.err
+
+
 @pytest.mark.clause("4.1.1")
 def test_frames_that_are_true_poses_not_images_are_said(judge: Judge) -> None:
     sparse = rows_of(judge.truth, slice(None, None, 5))
@@ -319,6 +329,8 @@ def test_the_error_of_every_point_can_be_had(sfr: Sfr, tmp_path: Path, source: P
     assert table["error_m"].mean() == pytest.approx(errors["mean"], abs=1e-8)
     assert table["v"].min() == SKY_ROWS  # what sees the sky has no error
     assert set(table["pair"]) == {0, 1}
+    path = source / "loc" / "groundtruth.csv"
+    assert sfr("score", path, path, "--points", tmp_path / f"none.{suffix}").code == 2  # no cloud
 
 
 @pytest.mark.clause("3.1.1")
