@@ -7,7 +7,7 @@ deviations, anomalies, open points, signatures.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -71,8 +71,18 @@ def write_test_report(scores: Sequence[Score], path: Path, title: str = "") -> N
 
 def render_test_report(scores: Sequence[Score], title: str = "") -> str:
     """Return the report as HTML, without script; it prints on A4."""
-    results = [row for index, score in enumerate(scores) for row in _results(score, index)]
+    # a limit of the map has no value in a score of the drive: it is judged where it has one
+    judged = {(item.metric, item.condition) for score in scores for item in score.verdicts if item.value is not None}
+    left_out = [
+        {k for k, item in enumerate(score.verdicts) if item.value is None and (item.metric, item.condition) in judged}
+        for score in scores
+    ]
+    results = [row for index, score in enumerate(scores) for row in _results(score, index, left_out[index])]
     states = [row["verdict"] for row in results]
+    scores = [
+        replace(score, verdicts=tuple(item for k, item in enumerate(score.verdicts) if k not in gone))
+        for score, gone in zip(scores, left_out, strict=True)
+    ]
     overalls = [overall_of(score) for score in scores]
     worst = min(overalls, key=lambda item: ORDER.index(item.state) if item.state in ORDER else len(ORDER))
     clauses = sorted({row["clause"] for row in results} | {"4.1.1", "4.1.2", "4.1.3"})
@@ -136,8 +146,10 @@ def _inputs(score: Score, index: int) -> Iterator[tuple[int, str, str, str]]:
         yield index + 1, role, printable(file.path), file.sha256
 
 
-def _results(score: Score, index: int) -> Iterator[dict[str, Any]]:
+def _results(score: Score, index: int, left_out: Collection[int]) -> Iterator[dict[str, Any]]:
     for place, item in enumerate(score.verdicts):
+        if place in left_out:
+            continue
         unit, key = limit_unit(item.metric), f"verdicts.{place}"
         unit = PERCENT if unit is SHARE else fitting(unit, item.limit, item.value, *(item.ci95 or ()))
         verdict = NOT_JUDGED if score.contradiction is not None else str(item.state)

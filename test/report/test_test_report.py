@@ -8,6 +8,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
+from cli_result import Sfr
 from made_scores import HOSTILE, dig, json_of, whole_score
 
 from sfr_loc_map.metrics.config import VerdictState
@@ -157,19 +158,23 @@ def test_limits_of_the_sample_are_ten_requirements() -> None:
     assert all(item.text for item in limits)
 
 
-def test_the_command_writes_both_and_refuses_what_it_would_not_do(tmp_path: Path) -> None:
-    from typer.testing import CliRunner
-
-    from sfr_loc_map.cli.app import app
-    from sfr_loc_map.errors import ConfigError
+def test_the_command_writes_both_and_refuses_what_it_would_not_do(tmp_path: Path, sfr: Sfr) -> None:
     from sfr_loc_map.metrics.score_json import to_json
 
     paths = [tmp_path / f"{number}.json" for number in range(3)]
     for path, score in zip(paths, scores(), strict=True):
         path.write_text(to_json(score))
     report, xml = tmp_path / "t.html", tmp_path / "v.xml"
-    words = ["report", *map(str, paths), "--test-report", str(report), "--junit", str(xml)]
-    assert CliRunner().invoke(app, words).exit_code == 0
+    words = ["report", *paths, "--test-report", report, "--junit", xml]
+    assert sfr(*words).code == 0
     assert report.read_text() == render_test_report([load_score(path) for path in paths])
     assert len(list(ET.parse(xml).getroot().iter("testsuite"))) == 3
-    assert isinstance(CliRunner().invoke(app, [*words, "--overwrite", "-o", "x.md"]).exception, ConfigError)
+    assert sfr(*words, "--overwrite", "-o", "x.md").code == 2
+
+
+def test_a_limit_stands_once_where_one_score_judges_it() -> None:
+    """One limits file for a score of the drive and one of the map."""
+    _, cloud, drive = scores()
+    page = render_test_report([drive, cloud])
+    for name in ("R1", "R2", "R5", "R6"):
+        assert len(re.findall(f'<th scope="row">{name}<', page)) == 1, name
