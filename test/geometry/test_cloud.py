@@ -1,4 +1,4 @@
-"""Clouds: round trips through records, choice, joining, checks."""
+"""Clouds: round trips through records."""
 
 import numpy as np
 from hypothesis import given
@@ -23,11 +23,3 @@ def test_records_there_and_back_are_the_same_bits_whatever_the_order_of_the_fiel
         other[name] = records[name]
     assert same(PointCloud.from_structured(records), cloud)
     assert same(PointCloud.from_structured(other), cloud)
-
-
-@given(clouds, clouds)
-def test_joined_and_taken_apart(a: PointCloud, b: PointCloud) -> None:
-    both = PointCloud.concatenate([a, b])
-    of_a = np.arange(len(both)) < len(a)
-    assert same(both.select(of_a), a)
-    assert same(both.select(np.flatnonzero(~of_a)), b)

@@ -1,21 +1,18 @@
 """Limits of a file: verdicts on figures, each found by its name, and files that are refused."""
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from random_drives import drive, score_of
 
-from sfr_loc_map.config import load_yaml
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.calls import HOST_CLOCK, call_score
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.limits import load_limits, parse_limits, verdicts
+from sfr_loc_map.metrics.limits import parse_limits, verdicts
 from sfr_loc_map.metrics.score import MapScore, MemoryScore, PeakMemory, Score, TargetScore, TimingScore
 
-EXAMPLE = Path(__file__).resolve().parents[2] / "config" / "limits_example.yaml"
 LIMIT = {"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 0.5}]}
 
 
@@ -88,9 +85,3 @@ def test_malformed_limits_are_refused_in_one_line(content: dict[str, Any], words
     with pytest.raises(ConfigError, match=words) as caught:
         parse_limits(content, "limits.yaml")
     assert "\n" not in str(caught.value)
-
-
-def test_the_example_is_valid_and_says_that_it_is_one() -> None:
-    assert load_limits(EXAMPLE).conditions
-    assert load_yaml(EXAMPLE)["minimum_count"] >= 2
-    assert "EXAMPLE ONLY" in EXAMPLE.read_text(encoding="utf-8")

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from geometry_msgs.msg import PoseStamped
 from made_scene import NAV_RIG, nav_pair
 from nav_msgs.msg import OccupancyGrid
@@ -12,7 +11,6 @@ from scenes import calls, disparity_of, params, raw, send_infos, send_pair, sent
 from sensor_msgs.msg import PointCloud2
 from stereo_msgs.msg import DisparityImage
 
-from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.image_codec import stamp_of
@@ -73,8 +71,3 @@ def test_mapping_makes_disparities_and_clouds_of_sets_of_pairs(ros: None, capfd:
         send(4, replace(pair, right=np.ascontiguousarray(np.roll(pair.right, 1, axis=0))))
         peer.well(Level.WARN, "vertical disparity")
         peer.until(lambda: level_of(calls(peer.diagnostics)[-1]) is Level.WARN, "the call, which may follow the health")
-
-
-def test_mapping_of_more_than_three_pairs_is_refused(ros: None) -> None:
-    with pytest.raises(ConfigError, match=r"'pairs_per_map' is 4: must lie in 1 \.\. 3"):
-        MappingNode(cli_args=["--ros-args", *params("pairs_per_map:=4")])

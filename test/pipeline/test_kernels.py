@@ -1,4 +1,4 @@
-"""Kernels are loaded before they are needed, or compiled beside; signals wait meanwhile."""
+"""Kernels are loaded before they are needed; signals wait meanwhile."""
 
 from __future__ import annotations
 
@@ -10,9 +10,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
-from numba import njit
 
 from sfr_loc_map.child_process import child_environment
 from sfr_loc_map.io.registry import open_source
@@ -34,21 +32,6 @@ def run_python(*words: str, **environment: str) -> str:
     run = subprocess.run(command, env=child_environment() | environment, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
     return run.stdout.strip()
-
-
-def test_what_is_not_compiled_is_compiled_beside_and_here_where_that_fails(part: Part) -> None:
-    kernel = njit(lambda x: x + 7)
-    compiled: list[int] = []
-    part(lambda: (compiled.append(len(kernel.signatures)), kernel(np.float64(1.0))))
-    lines: list[str] = []
-    load_kernels("tiny", lines.append)
-    assert compiled == [0, 0]  # refused, then compiled here
-    assert "ended with exit code" in lines[0]
-    assert lines[1] == "compiles its kernels, once after an installation: this takes about a minute"
-    assert lines[-1].startswith("1 kernels compiled in ")
-    lines.clear()
-    load_kernels("tiny", lines.append)
-    assert (compiled, lines) == ([0, 0, 1], [])
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

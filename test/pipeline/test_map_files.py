@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from sfr_loc_map.errors import MissingExtraError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.mapping.config import TerrainConfig
 from sfr_loc_map.mapping.terrain.grid import elevation_grid
@@ -51,9 +49,3 @@ def test_geotiff_and_archive_hold_the_grid_itself(tmp_path: Path) -> None:
     assert (grid.hazard == 100).any()
     assert np.isnan(bands["height"]).any()
     assert read["origin_m"].tolist() == pytest.approx([-1.0, 2.0])
-
-
-def test_a_geotiff_without_its_extra_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "rasterio", None)
-    with pytest.raises(MissingExtraError, match=r"GeoTIFF needs rasterio .*: pip install 'sfr_loc_map\[dem\]'"):
-        map_files.check_dems([Path("x.tif")])

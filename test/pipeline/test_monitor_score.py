@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -13,10 +12,7 @@ import pytest
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import IntArray
-from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import LOST_VARIANCE
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
@@ -24,7 +20,7 @@ from sfr_loc_map.metrics.limits import parse_limits
 from sfr_loc_map.metrics.score import Details, Score, TrajectoryScore
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.pipeline.call_stats import CallRecord
-from sfr_loc_map.pipeline.monitor_score import MapInputs, MonitorScore, ReportFile
+from sfr_loc_map.pipeline.monitor_score import MonitorScore, ReportFile
 
 CONFIG = TrajectoryScoreConfig(conditions=("distance=0.5",), spacing=3)
 COUNT = 14
@@ -151,55 +147,6 @@ def test_only_a_run_that_has_ended_is_incomplete() -> None:
     assert ended.incomplete.startswith("the estimate covers 50 % of the images")
     assert [item.state for item in ended.verdicts] == ["incomplete", "not enough data"]
     assert partial.result(ended=True).incomplete is None
-
-
-RIG = StereoRig(4, 3, 10.0, 10.0, 1.5, 1.0, 0.1)
-CLOUD = PointCloud.from_structured(np.zeros(2, PointCloud.dtype()))
-POINTS = np.zeros((3, 4, 3), np.float32)
-
-
-def mapped(stamp_ns: int) -> CallRecord:
-    return CallRecord(stamp_ns, 0.1, "mapped", None, None)
-
-
-def fused(stamp_ns: int, pairs: int) -> CallRecord:
-    return CallRecord(stamp_ns, 0.1, "fused", None, None, {"pairs": float(pairs), "fused": float(pairs > 1)})
-
-
-def pose(x: float) -> Transform:
-    return Transform(np.eye(3), np.array([x, 0.0, 0.0]))
-
-
-def calls(inputs: MapInputs) -> None:
-    for record in (mapped(1), mapped(2), fused(2, 2)):
-        inputs.add_call(record)
-
-
-def set_rig(inputs: MapInputs) -> None:
-    inputs.rig = RIG
-
-
-PARTS: tuple[Callable[[MapInputs], object], ...] = (
-    calls,
-    set_rig,
-    lambda inputs: [inputs.add_true_points(stamp, POINTS) for stamp in (1, 2)],
-    lambda inputs: [inputs.add_pose(stamp, pose(stamp)) for stamp in (1, 2)],
-    lambda inputs: inputs.add_cloud(2, CLOUD),
-)
-
-
-@pytest.mark.parametrize("order", list(itertools.permutations(range(5)))[::7])
-def test_a_cloud_is_complete_with_the_last_part_in_any_order(order: tuple[int, ...]) -> None:
-    inputs = MapInputs()
-    for part in order[:-1]:
-        PARTS[part](inputs)
-        assert list(inputs.take_complete()) == []
-    PARTS[order[-1]](inputs)
-    ((cloud, truths),) = inputs.take_complete()
-    assert cloud.xyz is CLOUD.xyz
-    assert cloud.fused is True
-    assert len(truths) == 2
-    assert list(inputs.take_complete()) == []
 
 
 def report(name: str) -> str:

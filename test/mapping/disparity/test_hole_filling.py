@@ -53,18 +53,3 @@ def test_what_the_right_camera_does_not_see_or_little_is_known_of_stays_empty() 
     hole = np.ones((ROWS, COLS), bool)
     hole[30:33, 90:93] = False
     assert not scene.filled(hole)[1].any()
-
-
-def test_a_textureless_region_is_no_part_of_the_surface_beside_it_unless_enclosed() -> None:
-    """Noise matches every surface; what a surface encloses is its own."""
-    scene = TwoPlanes()
-    rng = np.random.default_rng(1)
-    sky, patch = np.s_[:14], np.s_[50:56, 60:66]
-    for image in (scene.left, scene.right):
-        image[sky] = np.rint(rng.normal(128.0, NOISE, image[sky].shape))
-        image[50:56, 45:66] = np.rint(rng.normal(128.0, NOISE, (6, 21)))
-    hole = np.zeros((ROWS, COLS), bool)
-    hole[sky] = hole[patch] = True
-    _, filled = scene.filled(hole)
-    assert filled[:12].mean() < 0.1
-    assert filled[patch].mean() > 0.8
