@@ -36,6 +36,11 @@ class CallKind(StrEnum):
     MAPPING = "mapping"
     FUSION = "fusion"
 
+    @property
+    def words(self) -> str:
+        """Its name for people."""
+        return self.replace("_", " ")
+
 
 class MappingState(StrEnum):
     """The result of a call of the mapper: a set of pairs made one cloud; of its stages, a pair mapped, or all fused."""

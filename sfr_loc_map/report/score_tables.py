@@ -253,7 +253,7 @@ def headline_table(score: Score) -> Table | None:
         shown.append((error.title, METRE, error.value, error.key, _count(error.value, error.key)))
     for kind, calls in () if score.timing is None else score.timing.kinds():
         key = f"timing.{kind}_s"
-        shown.append((f"{kind} time per call", SECOND, calls, key, _count(calls, key)))
+        shown.append((f"{kind.words} time per call", SECOND, calls, key, _count(calls, key)))
     rows: list[Row] = []
     for title, unit, value, key, count in shown:
         owner, _, figure = key.rpartition(".")
@@ -487,7 +487,7 @@ def _time_table(timing: TimingScore | None, *, of: str = "", target: TargetScore
         key = f"{place}timing.{kind}_s"
         unit = fitting(SECOND, calls.max, calls.mean_plus_3sigma)
         cells = (*_figures(calls, titles, key, unit), _count(calls, key), Cell(calls.clock))
-        rows.append((Cell.head(kind.value), Cell(unit.symbol), *cells))
+        rows.append((Cell.head(kind.words), Cell(unit.symbol), *cells))
     columns = _headed("call", "unit", *titles.values(), "n", "clock")
     return Table(name, f"Time per call{on}", columns, tuple(rows), clock_text(timing, target))
 
@@ -500,7 +500,7 @@ def _stage_table(score: Score) -> Table | None:
     for kind, calls in kinds:
         for stage, times in calls.stages.items():
             key = f"timing.{kind}_s.stages.{stage}"
-            rows.append((Cell.head(f"{kind}: {stage}"), *_figures(times, names, key, unit), _count(times, key)))
+            rows.append((Cell.head(f"{kind.words}: {stage}"), *_figures(times, names, key, unit), _count(times, key)))
     note = (
         "Over the calls that had the stage. Keyframe: in a thread of its own; the next call waits for the rest (wait)."
     )
@@ -518,7 +518,7 @@ def _memory_table(memory: MemoryScore | None, *, of: str = "") -> Table | None:
         if peak is not None and not (peak.peak_bytes is None and peak.above_idle_bytes is None):
             sizes = (("peak_bytes", peak.peak_bytes), ("above_idle_bytes", peak.above_idle_bytes))
             cells = (Cell.number(size, f"{place}memory.{kind}_{name}", MIB) for name, size in sizes)
-            rows.append((Cell.head(kind.value), *cells))
+            rows.append((Cell.head(kind.words), *cells))
     columns = (Column("call", words=True), Column("peak", MIB), Column("above the idle process", MIB))
     title = f"Peak memory on {of}" if of else "Peak resident memory during a call"
     return Table(name, title, columns, tuple(rows), f"Method: {memory.method or UNKNOWN}.")
