@@ -21,10 +21,13 @@ minimum_count: 2
 
 # Errors at the end of sub-trajectories: one entry for each condition.
 trajectory:
-  # distance=METRES, time=SECONDS or frames=NUMBER
-  - condition: distance=5"""
+  # distance=METRES, time=SECONDS, frames=NUMBER, displacement=METRES, turn=DEGREES, or several: distance=5,time=10
+  - condition: distance=5
+    # id: LOC-12
+    # text: 3D position error over 5 m
+    # certain: true    (a pass needs the whole 95 % interval within the limit)"""
 LIMITS_MEANINGS = {
-    "completeness": "Shares: images without an estimate, frames lost and degraded, map points without truth",
+    "completeness": "Shares: what the estimate or the cloud leaves out, or cannot be judged",
     "map": "Of a map; a score without one then says: not enough data",
     "timing": "Time of a call on this host, which says nothing of a flight computer",
     "memory": "Resident memory of the process during a call, on this host",

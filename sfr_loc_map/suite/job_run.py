@@ -10,6 +10,7 @@ from pathlib import Path
 
 import cv2
 import numba
+import numpy as np
 import yaml
 
 from sfr_loc_map.child_process import child_environment
@@ -75,7 +76,10 @@ def _localise(job: Job, source: Source, truth: Path, scratch: Path) -> Run:
     estimate, stats = scratch / "estimate.csv", scratch / "stats.csv"
     save_trajectory(estimate, trajectory_of([result for result, _ in results]))
     save_stats(stats, [record for _, record in results], about)
-    return load_run(ScoreInputs(estimate=estimate, truth=truth, stats=(stats,)))
+    run = load_run(ScoreInputs(estimate=estimate, truth=truth, stats=(stats,)))
+    assert run.drive is not None  # estimate and truth are there
+    given = np.array(source.loc.stamps_ns, np.int64)  # images that a fault has dropped cannot be covered
+    return replace(run, drive=replace(run.drive, image_stamps_ns=given))
 
 
 def _map(job: Job, source: Source, truth: Path, scratch: Path) -> Run:
