@@ -63,7 +63,7 @@ def shown() -> tuple[dict[str, Any], dict[str, Any], dict[str, Any], Any]:
                     await asyncio.sleep(0.02)
         return channels, messages, told, (cloud, images, state.path.rows)
 
-    return asyncio.run(asyncio.wait_for(run(), 60))  # type: ignore[return-value]
+    return asyncio.run(asyncio.wait_for(run(), 100))  # type: ignore[return-value]
 
 
 def test_every_channel_is_read_with_a_fitting_schema_and_figures_are_those_of_state_json(shown: Any) -> None:

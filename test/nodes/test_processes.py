@@ -46,7 +46,7 @@ def test_a_command_says_how_it_ended_and_what_it_started_ends_with_it(tmp_path: 
     with user_command("sh -c 'sleep 100 & sleep 100'", tmp_path) as process:
         children = wait_until(lambda: psutil.Process(process.popen.pid).children()[1:], "its children")
         assert not process.ending
-    psutil.wait_procs(children, timeout=10)
+    psutil.wait_procs(children, timeout=60)
     assert not any(child.is_running() for child in children)
     for command, words in (("", "is empty"), ("a 'quote", "No closing quotation"), ("/no/program", "cannot start")):
         with pytest.raises(ConfigError, match=words), user_command(command, tmp_path):

@@ -10,13 +10,13 @@ from typing import Any
 import aiohttp
 
 SUBPROTOCOL = "foxglove.sdk.v1"
-PATIENCE_S = 8.0
+PATIENCE_S = 60.0
 
 
 async def first_messages(
     url: str, before_leaving: Callable[[], None]
 ) -> tuple[dict[str, dict[str, Any]], dict[str, bytes]]:
-    """Return all channels by topic, and the first message of each that gives one within a few seconds."""
+    """Return all channels by topic, and the first message of each that gives one in time."""
     channels: dict[str, dict[str, Any]] = {}
     messages: dict[str, bytes] = {}
     async with aiohttp.ClientSession() as session, session.ws_connect(url, protocols=[SUBPROTOCOL]) as socket:
@@ -32,7 +32,7 @@ async def first_messages(
         end = asyncio.get_running_loop().time() + PATIENCE_S
         while len(messages) < len(channels) and asyncio.get_running_loop().time() < end:
             try:
-                received = await asyncio.wait_for(socket.receive(), 3.0)
+                received = await asyncio.wait_for(socket.receive(), PATIENCE_S)
             except TimeoutError:
                 break
             if received.type is not aiohttp.WSMsgType.BINARY or received.data[0] != 1:

@@ -14,8 +14,8 @@ class Held:
         self.done: list[int] = []
         self.worker = Worker("tried", overload, room, pytest.fail)
         self.gate, begun = threading.Event(), threading.Event()
-        self.worker.enqueue(lambda: (begun.set(), self.gate.wait(10)))
-        assert begun.wait(10)
+        self.worker.enqueue(lambda: (begun.set(), self.gate.wait(60)))
+        assert begun.wait(60)
 
     def finish(self) -> list[int]:
         self.gate.set()
