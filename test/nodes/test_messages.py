@@ -14,7 +14,7 @@ from nav_msgs.msg import Odometry
 from scenes import sent
 from sensor_msgs.msg import CompressedImage, Image, PointCloud2, PointField
 
-from sfr_loc_map.errors import InputError, NodeError
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform
@@ -35,7 +35,6 @@ from sfr_loc_map.nodes.messages import (
     hazard_from_msg,
     hazard_msg,
     header_msg,
-    message_type,
     odometry_msg,
     odometry_row,
     pose_msg,
@@ -43,7 +42,6 @@ from sfr_loc_map.nodes.messages import (
     transform_from_pose,
     xyz_from_msg,
 )
-from sfr_loc_map.nodes.record import definition_of
 
 STAMP_NS, SIZE = 1_700_000_000_123_456_789, (6, 4)
 GREY = np.arange(24, dtype=np.uint8).reshape(4, 6) * 10
@@ -232,14 +230,3 @@ def test_grids_come_out_as_they_went_in() -> None:
     assert (info.height, info.width, info.resolution) == (3, 4, 0.25)
     assert (info.origin.position.x, info.origin.position.y) == (-0.5, 1.25)
     assert np.array_equal(hazard_from_msg(message), np.where(hazard < 0, np.nan, hazard), equal_nan=True)
-
-
-# ---- types
-
-
-def test_types_that_are_not_installed_are_named_and_recorded_without_definition() -> None:
-    assert message_type("nav_msgs/msg/Odometry").__name__ == "Odometry"
-    for name in ("no_such_msgs/msg/Odometry", "nav_msgs/msg/NoSuch"):
-        with pytest.raises(NodeError, match=name):
-            message_type(name)
-        assert definition_of(name) == ("", "RIHS01_unknown")

@@ -35,12 +35,6 @@ def test_disparities_and_slopes_of_a_plane_are_found(a: float, b: float, c: floa
     np.testing.assert_allclose(np.median(found.slope, axis=0), [b, c], atol=0.006)
 
 
-def test_vertical_disparity_is_measured_around_what_is_known() -> None:
-    found = match(12.0, 0.0, 0.0, rows=2.4, known_rows=2.0)
-    assert len(found.uv) > 0.8 * len(UV)
-    assert np.median(found.right[:, 1] - found.uv[:, 1]) == pytest.approx(2.4, abs=0.03)
-
-
 @settings(max_examples=60)
 @given(
     st.integers(0, 2**32 - 1),
