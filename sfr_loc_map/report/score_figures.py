@@ -359,7 +359,9 @@ def _timeline(score: Score, kind: CallKind, clock: str, series: CallSeries) -> P
         layout["yaxis2"] = axis("peak memory, MiB")
     block = series.slowest_of
     caption = "Each call in turn; memory: resident." if block == 1 else f"The slowest of every {block} calls."
-    return Plot(f"{kind}-timeline", f"Time and memory by call: {kind.words}", caption, data, layout, height=440, width="full")
+    return Plot(
+        f"{kind}-timeline", f"Time and memory by call: {kind.words}", caption, data, layout, height=440, width="full"
+    )
 
 
 # ---- the map
