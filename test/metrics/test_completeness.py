@@ -175,3 +175,11 @@ def test_random_holes_are_those_of_a_slow_loop(seed: int, denser: int, images_kn
     longest = {"distance": expected["longest_gap_m"], "time": expected["longest_gap_s"], "frames": 0.0}[kind]
     if abs(expected["judged_share"] - 0.99) > 1e-9 and abs(longest - float(value)) > 1e-9:
         assert (made.incomplete is not None) == (expected["judged_share"] < 0.99 or longest > float(value))
+
+
+def test_one_percent_of_the_images_may_be_missing() -> None:
+    for count, whole in ((4, True), (5, False)):
+        keep = np.delete(np.arange(COUNT), 20 * np.arange(1, count + 1))
+        full = straight()
+        part = Trajectory(full.stamps_ns[keep], full.positions[keep], full.quats_xyzw[keep])
+        assert (covered(part, full, full).incomplete is None) == whole
