@@ -156,6 +156,10 @@ def score_calls(calls: Calls, clock: str = HOST_CLOCK, *, details: bool = True) 
     """Return times (with the name of their clock) and memory of calls, whose states tell what kind they are."""
     kinds = np.array([KINDS.get(state, CallKind.LOCALISATION) for state in calls.states], dtype=object)
     timing, peaks, drawn = {}, {}, {}
+    # a system that cannot tell its memory may say 0: that is not known; above the idle process 0 may be true
+    peak = np.where(calls.peak_bytes > 0.0, calls.peak_bytes, np.nan)
+    above = np.where(np.isfinite(peak) | (calls.above_idle_bytes > 0.0), calls.above_idle_bytes, np.nan)
+    calls = replace(calls, peak_bytes=peak, above_idle_bytes=above)
     for kind in CallKind:
         rows = np.flatnonzero(kinds == kind)
         if not len(rows):

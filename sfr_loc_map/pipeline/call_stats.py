@@ -89,9 +89,6 @@ def stats_of(records: Sequence[CallRecord], method: MethodRecord | None = None) 
     def numbers(values: Iterable[float | None]) -> FloatArray:
         return np.array([np.nan if value is None else value for value in values], np.float64)
 
-    def bytes_of(values: Iterable[int | None]) -> FloatArray:
-        return numbers(value or None for value in values)  # 0 is not known
-
     def rows(values: list[FloatArray | None], width: int) -> FloatArray:
         return np.array([np.full(width, np.nan) if value is None else value for value in values])
 
@@ -101,8 +98,8 @@ def stats_of(records: Sequence[CallRecord], method: MethodRecord | None = None) 
         np.array([record.stamp_ns for record in records], np.int64),
         numbers(record.processing_time_s for record in records),
         [record.state for record in records],
-        bytes_of(record.peak_rss_bytes for record in records),
-        bytes_of(record.above_idle_bytes for record in records),
+        numbers(record.peak_rss_bytes for record in records),
+        numbers(record.above_idle_bytes for record in records),
         stages,
     )
     covariances = [None if record.covariance is None else record.covariance[UPPER] for record in records]
@@ -169,9 +166,7 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
                 f"statistics '{path}' line {number}: state is '{state}', must be one of {', '.join(STATES)} or empty"
             )
     costs = ("processing_time_s", "peak_rss_bytes", "above_idle_bytes", "heap_peak_bytes", "stack_peak_bytes")
-    seconds, *memory = (_column(path, rows, name) for name in costs)
-    # a system that cannot tell its memory may write 0: that is not known, and no memory of 0
-    peak, above_idle, heap, stack = (np.where(values > 0.0, values, np.nan) for values in memory)
+    seconds, peak, above_idle, heap, stack = (_column(path, rows, name) for name in costs)
     stages = {stage: _column(path, rows, name) for name in rows[0] if (stage := stage_of(name or ""))}
     covariance, steps = (
         np.column_stack([_column(path, rows, name) for name in names]) if rows[0].keys() >= set(names) else None
@@ -249,8 +244,8 @@ def call_of(values: Mapping[str, str]) -> TaskRecord | None:
             whole("stamp_ns"),
             seconds,
             values.get("state") or DEFAULT_STATE[values["task"]],
-            (whole("peak_rss_bytes") or None) if "peak_rss_bytes" in values else None,  # 0 is not known
-            (whole("above_idle_bytes") or None) if "above_idle_bytes" in values else None,
+            whole("peak_rss_bytes") if "peak_rss_bytes" in values else None,
+            whole("above_idle_bytes") if "above_idle_bytes" in values else None,
             {name.removeprefix(STATISTIC): float(text) for name, text in values.items() if name.startswith(STATISTIC)},
             reason=values.get("reason", ""),
             step=step if len(step) == STEP_SIZE and np.isfinite(step).all() else None,

@@ -90,7 +90,8 @@ class _CallRows:
         for figure, seconds in record.statistics.items():
             if (name := stage_of(figure)) and (name in self._stages or len(self._stages) < MAX_STAGES):
                 stages[self._stages.setdefault(name, len(self._stages))] = seconds
-        peaks = (value or np.nan for value in (record.peak_rss_bytes, record.above_idle_bytes))
+        sizes = record.peak_rss_bytes, record.above_idle_bytes
+        peaks = (np.nan if value is None else value for value in sizes)
         self._rows.add(record.stamp_ns, record.processing_time_s, record.state, *peaks, stages)
 
     def calls(self) -> Calls:

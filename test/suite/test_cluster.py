@@ -15,7 +15,7 @@ from sfr_loc_map.suite.specification import SuiteSettings
 
 EXPECTED = {
     "memory": (FailureCause.MEMORY, 3, "MB, more than its worker may use"),
-    "hang": (FailureCause.TIME, 3, "not done after 3 s"),
+    "hang": (FailureCause.TIME, 3, "not done after 5 s"),
     "crash": (FailureCause.DIED, 3, "killed or crashed"),
     "input": (FailureCause.BAD_INPUT, 1, "no such data set"),
     "fault": (FailureCause.FAULT, 3, "ValueError: odd"),
@@ -33,7 +33,7 @@ def test_each_fails_for_its_cause_and_no_other_with_it(tmp_path: Path) -> None:
     jobs = [replace(JOB, source=replace(JOB.source, name=name, sha256=name)) for name in EXPECTED]
     with connected(SuiteSettings(memory_mb=600), workers=2, scheduler=None) as client:
         client.register_plugin(Misbehaving())
-        found = {job.source.name: outcome for job, outcome in run_jobs(client, jobs, 3.0, tmp_path)}
+        found = {job.source.name: outcome for job, outcome in run_jobs(client, jobs, 5.0, tmp_path)}
     for name, (cause, tries, words) in EXPECTED.items():
         if name == "memory" and found[name].cause is FailureCause.DIED:
             continue  # on a busy host the word of Dask on why it ended the process comes too late
