@@ -20,6 +20,7 @@ from sfr_loc_map.metrics.score import AssociationCounts, Completeness
 
 MISSING_SHARE = 0.01  #: An estimate that leaves out more is incomplete.
 GAP_PERIODS = 5  #: Neighbouring estimates that are more of their usual periods apart cover nothing between them.
+IMAGE_PERIOD_SHARE = 0.4  #: An estimate this near to an image, in periods, is its own: files round stamps.
 DOUBLED_SHARE = 0.1  #: With more stamps that occur twice, and other poses at them, a file holds two runs.
 
 
@@ -47,8 +48,11 @@ def completeness(
     begins, ends, missing, images = np.empty(0, np.int64), np.empty(0, np.int64), len(true_ns), None
     if image_stamps_ns is not None and len(image_stamps_ns):
         needed = np.unique(image_stamps_ns)
-        first = np.searchsorted(stamps, needed - tolerance_ns, "left")
-        absent = first == np.searchsorted(stamps, needed + tolerance_ns, "right")
+        near_ns = (
+            max(tolerance_ns, int(IMAGE_PERIOD_SHARE * np.median(np.diff(needed)))) if len(needed) > 1 else tolerance_ns
+        )
+        first = np.searchsorted(stamps, needed - near_ns, "left")
+        absent = first == np.searchsorted(stamps, needed + near_ns, "right")
         edges = np.flatnonzero(np.diff(absent, prepend=False, append=False))  # a run begins, a run has ended
         begins, ends = needed[np.maximum(edges[::2] - 1, 0)], needed[np.minimum(edges[1::2], len(needed) - 1)]
         missing, images = int(np.count_nonzero(absent)), len(needed)

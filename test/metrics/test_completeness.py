@@ -183,3 +183,12 @@ def test_one_percent_of_the_images_may_be_missing() -> None:
         full = straight()
         part = Trajectory(full.stamps_ns[keep], full.positions[keep], full.quats_xyzw[keep])
         assert (covered(part, full, full).incomplete is None) == whole
+
+
+def test_stamps_that_a_file_has_rounded_cover_their_images() -> None:
+    images, dense = straight(every=5), straight()
+    rounded = Trajectory(images.stamps_ns + 100_000_000, images.positions, images.quats_xyzw)  # a fifth of a period
+    assert covered(rounded, dense, images).incomplete is None
+    half = straight(every=10)
+    made = covered(Trajectory(half.stamps_ns + 100_000_000, half.positions, half.quats_xyzw), dense, images)
+    assert made.judged_share == pytest.approx(0.5, abs=0.02)
