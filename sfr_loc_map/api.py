@@ -121,7 +121,7 @@ class Trajectory(_Shown, trajectory_base.Trajectory):
         return cls.of(read_trajectory_file(Path(path)).trajectory)
 
     def save(self, path: PathLike) -> None:
-        """Write a file, whose name says the format: *.csv, *.txt or *.tum, *.kitti, *.euroc.csv."""
+        """Write a file, whose name says the format: `.csv`, `.txt` or `.tum`, `.kitti`, `.euroc.csv`."""
         save_trajectory(Path(path), self)
 
     def to_stats(self, path: PathLike) -> None:
