@@ -179,7 +179,7 @@ def test_the_mapping_call_is_scored_and_judged(method: str, drive: Path, tmp_pat
     score = json.loads(scored.out)
     assert score["timing"]["mapping_call_s"]["count"] == 1
     assert 0.0 < score["timing"]["mapping_call_s"]["mean"] < 60.0
-    assert score["memory"]["mapping_call_peak_bytes"] > score["memory"]["mapping_call_above_idle_bytes"] > 0
+    assert score["memory"]["mapping_call_peak_bytes"] > score["memory"]["mapping_call_above_idle_bytes"] >= 0
     assert [item["verdict"] for item in score["verdicts"]] == ["fail", "pass"]
 
 
