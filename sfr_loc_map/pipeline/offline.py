@@ -192,7 +192,7 @@ def map_pairs(sequence: NavSequence, config: MappingConfig, progress: Progress =
     meter = CallMeter()
     maps: list[PairMap] = []
     records: list[CallRecord] = []
-    pairs = list(sequence.pairs())  # reading is no part of the call
+    pairs = [replace(item, truth=None) for item in sequence.pairs()]  # reading is no part of the call, truth no memory
     with meter.measure() as whole:
         for index, item in enumerate(pairs):
             with meter.measure() as usage:
