@@ -310,6 +310,7 @@ typedef struct {
     const char *state;
 } row;
 
+static int failed_maps;
 static row *rows;
 static size_t row_count;
 
@@ -496,6 +497,7 @@ static void map_pairs(sfr_candidate *candidate, size_t number, size_t pair_count
     end_call(&call);
     if (failed || count > capacity) {
         fprintf(stderr, "harness: the map of set %u failed\n", (unsigned)number);
+        failed_maps++;
     } else {
         add_row(pairs[pair_count - 1].stamp_ns, "mapped_set", &call);
         write_cloud(number, pairs, pair_count, points, count, fused);
@@ -559,5 +561,5 @@ int main(int argc, char **argv)
     write_stats(localised);
     write_target();
     free(rows);
-    return 0;
+    return failed_maps ? 1 : 0;
 }
