@@ -27,7 +27,9 @@ class PointCloud:
     """
 
     xyz: NDArray[np.float32]  #: `(N, 3)`, metres, LM.
-    sigma: NDArray[np.float32]  #: Standard deviation along the ray, metres.
+    #: Standard deviation along the ray, metres; made by mapping.disparity.uncertainty (noise, in pixels),
+    #: mapping.reprojection (to metres, calibration) and mapping.multiview.fusion.
+    sigma: NDArray[np.float32]
     intensity: NDArray[np.float32]  #: Grey level of the left pixel.
     u: NDArray[np.uint16]  #: Column of the left pixel.
     v: NDArray[np.uint16]  #: Row of the left pixel.

@@ -28,7 +28,10 @@ READERS: dict[str, tuple[Callable[[Path], bool], Opener]] = {
     "kitti": (is_kitti, lambda path, _: open_kitti(path)),
     "euroc": (is_euroc, lambda path, _: open_euroc(path)),
 }
-"""Name of a format, its test and opener, in the order of trying; a folder with rig.json or pairs.csv is `sfr`."""
+"""Name of a format, its test and opener, in the order of trying; a folder with rig.json or pairs.csv is `sfr`.
+
+Formats of trajectories stand in `trajectory_file.py`, those of clouds in `cloud_file.py`.
+"""
 
 
 def open_source(path: Path, remap: Remap = None) -> Source:

@@ -44,6 +44,7 @@ class Figure:
 COVERAGE_MIN = "coverage_min"  #: The one limit that is a lower bound.
 STATISTICS = ("mean", "sigma", "mean_plus_3sigma")
 
+# A limit is added here: its key, which ends in its unit (report.score_tables.limit_unit), and where its figure stands.
 # Limits of a suite are judged by suite/summary.py: those of trajectories by pooled figures, others by the worst drive.
 _PLACES: dict[LimitPart, dict[str, str]] = {
     LimitPart.COMPLETENESS: {

@@ -53,7 +53,8 @@ FIGURES = {
 }
 """Topics below `metrics/`, and where their figure stands in the JSON."""
 STATISTICS = ("mean", "sigma", "mean_plus_3sigma")
-"""Last word of these topics (`metrics/position/mean`), and key of the figure; config/sros2_policy.xml has them all."""
+"""Last word of these topics (`metrics/position/mean`), and key of the figure; config/sros2_policy.xml and
+docs/interfaces.md have them all."""
 VERDICT_LEVELS = {
     VerdictState.PASS: Level.OK,
     VerdictState.FAIL: Level.ERROR,

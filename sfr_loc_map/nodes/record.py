@@ -36,7 +36,7 @@ TOPICS = (
     *(f"{task}/configuration" for task in ("localisation", "mapping", "monitor")),
     *("/diagnostics", "/tf", "/tf_static", "/clock"),
 )
-"""Inputs and outputs of the suite's nodes."""
+"""Inputs and outputs of the suite's nodes; single figures (`metrics/position/mean`) are in `metrics/report`."""
 DEPTH = 200
 DISCOVERY_S = 0.25
 FLUSH_S = 0.5

@@ -1,4 +1,7 @@
-"""Kinds of fault that are injected into stereo pairs: failures of cameras, clocks, calibrations and of the view."""
+"""Kinds of fault that are injected into stereo pairs: failures of cameras, clocks, calibrations and of the view.
+
+A kind is declared here; what it does to images stands in `perturber.py`.
+"""
 
 from __future__ import annotations
 
