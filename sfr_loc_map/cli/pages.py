@@ -121,7 +121,7 @@ def _names(paths: list[Path], scores: list[Score]) -> list[str]:
 @app.command(
     epilog=examples(
         "sfr plot estimate.csv other.tum --truth data/ -o paths.html",
-        "sfr plot 00.kitti --truth poses/00.txt --align se3 -o paths.png",
+        "sfr plot 00.kitti --truth poses/00.txt --align se3 -o paths.html",
         "sfr plot estimate.csv -o path.html",
     ),
     hint="sfr score EST TRUTH    # the figures, with limits a verdict",

@@ -201,42 +201,57 @@ def verdicts(limits: Limits, score: Score) -> tuple[Verdict, ...]:
     """
     judged = []
     if score.incomplete is not None and score.trajectory is not None and score.trajectory.completeness is not None:
-        share = score.trajectory.completeness.judged_share
-        known: dict[str, Any] = {"ci95": None, "count": None, "certain": None, "state": VerdictState.INCOMPLETE}
-        judged.append(Verdict(metric="judged_share_min", limit=1.0, value=share, margin=share - 1.0, **known))
+        judged.append(incomplete_verdict(score.trajectory.completeness.judged_share))
     for limit in limits.limits:
-        figure = figure_of(limit, score)
-        state, certain = _state(limit, figure, limits.minimum_count)
-        margin = None if figure.value is None else limit.limit - abs(figure.value)
-        verdict = Verdict(
-            metric=f"target {limit.key}" if limit.part is LimitPart.TARGET else limit.key,
-            id=limit.id,
-            text=limit.text,
-            limit=limit.limit,
-            value=figure.value,
-            ci95=figure.interval,
-            margin=-margin if margin is not None and limit.key == COVERAGE_MIN else margin,
-            condition=limit.condition,
-            count=figure.count,
-            state=state,
-            certain=certain,
-            needs_certainty=limit.certain,
-            by_reading=_by_reading(limit, score, limits.minimum_count),
-        )
-        judged.append(verdict)
+        verdict = verdict_on(limit, figure_of(limit, score), limits.minimum_count)
+        judged.append(replace(verdict, by_reading=_by_reading(limit, score, limits.minimum_count)))
     return tuple(judged)
 
 
-def _state(limit: Limit, figure: Figure, minimum_count: int) -> tuple[VerdictState, bool | None]:
-    """Return the verdict on a figure, and whether its interval lies on one side of the limit."""
-    if figure.value is None or (figure.count is not None and figure.count < minimum_count):
-        return VerdictState.NOT_ENOUGH_DATA, None
-    interval = figure.interval
-    certain = None if interval is None else not interval[0] <= limit.limit < interval[1]
-    if not (figure.value >= limit.limit if limit.key == COVERAGE_MIN else abs(figure.value) <= limit.limit):
-        return VerdictState.FAIL, certain
-    counted = limit.part is LimitPart.COMPLETENESS  # not estimated: there is nothing uncertain
-    return VerdictState.NOT_ENOUGH_DATA if limit.certain and not (certain or counted) else VerdictState.PASS, certain
+def incomplete_verdict(share: float | None) -> Verdict:
+    """Return the verdict on an estimate of a part of the drive, of which so much was judged."""
+    return Verdict(
+        metric="judged_share_min",
+        limit=1.0,
+        value=share,
+        ci95=None,
+        margin=None if share is None else share - 1.0,
+        count=None,
+        state=VerdictState.INCOMPLETE,
+        certain=None,
+    )
+
+
+def verdict_on(limit: Limit, figure: Figure, minimum_count: int) -> Verdict:
+    """Return the verdict on a figure; without a count it is not made of many values."""
+    value, interval, certain = figure.value, figure.interval, None
+    state, margin = VerdictState.NOT_ENOUGH_DATA, None if value is None else limit.limit - abs(value)
+    if value is not None and (figure.count is None or figure.count >= minimum_count):
+        certain = None if interval is None else not interval[0] <= limit.limit < interval[1]
+        counted = limit.part is LimitPart.COMPLETENESS  # not estimated: there is nothing uncertain
+        if not meets(limit, value):
+            state = VerdictState.FAIL
+        elif certain or counted or not limit.certain:
+            state = VerdictState.PASS
+    return Verdict(
+        metric=f"target {limit.key}" if limit.part is LimitPart.TARGET else limit.key,
+        id=limit.id,
+        text=limit.text,
+        limit=limit.limit,
+        value=value,
+        ci95=interval,
+        margin=-margin if margin is not None and limit.key == COVERAGE_MIN else margin,
+        condition=limit.condition,
+        count=figure.count,
+        state=state,
+        certain=certain,
+        needs_certainty=limit.certain,
+    )
+
+
+def meets(limit: Limit, value: float) -> bool:
+    """Tell whether a value lies within a limit; a figure passes at its limit."""
+    return value >= limit.limit if limit.key == COVERAGE_MIN else abs(value) <= limit.limit
 
 
 def _by_reading(limit: Limit, score: Score, minimum_count: int) -> dict[str, VerdictState]:
@@ -247,7 +262,9 @@ def _by_reading(limit: Limit, score: Score, minimum_count: int) -> dict[str, Ver
         return {}
     found = {name: value_at(owner.readings, f"{name}.{_PLACES[limit.part][limit.key]}") for name in Rebase}
     loose = replace(limit, certain=False)
-    return {str(name): _state(loose, Figure(value, owner.count), minimum_count)[0] for name, value in found.items()}
+    return {
+        str(name): verdict_on(loose, Figure(value, owner.count), minimum_count).state for name, value in found.items()
+    }
 
 
 def figure_of(limit: Limit, score: Score) -> Figure:

@@ -17,7 +17,19 @@ from numpy.typing import NDArray
 from sfr_loc_map import __version__
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.config import Condition, VerdictState
-from sfr_loc_map.metrics.limits import COVERAGE_MIN, Limit, LimitPart, Limits, figure_of, parse_limits, verdicts
+from sfr_loc_map.metrics.limits import (
+    COVERAGE_MIN,
+    Figure,
+    Limit,
+    LimitPart,
+    Limits,
+    figure_of,
+    incomplete_verdict,
+    meets,
+    parse_limits,
+    verdict_on,
+    verdicts,
+)
 from sfr_loc_map.metrics.score import ConditionScore, Interval, IntervalStatistic, Score, Statistic, Verdict
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.metrics.statistics import student_quantile
@@ -199,18 +211,9 @@ def _verdicts(
     if parts := [score.trajectory for score in scores if score.incomplete is not None]:
         wholes = [part.completeness for part in parts if part is not None and part.completeness is not None]
         share = min((whole.judged_share for whole in wholes), default=None)
-        yield GroupVerdict(  # a drive that is not whole is no pass, whatever the figures of the others
-            metric="judged_share_min",
-            limit=1.0,
-            value=share,
-            ci95=None,
-            margin=None if share is None else share - 1.0,
-            count=len(scores),
-            state=VerdictState.INCOMPLETE,
-            certain=None,
-            over="worst drive",
-            missed_by=len(parts),
-        )
+        # a drive that is not whole is no pass, whatever the figures of the others
+        whole = replace(incomplete_verdict(share), count=len(scores))
+        yield GroupVerdict(**vars(whole), over="worst drive", missed_by=len(parts))
     if limits is None:
         return
     for limit in limits.limits:
@@ -223,33 +226,10 @@ def _verdicts(
             over, (value, interval, count) = "pooled", _of_pooled(limit, pooled.get(limit.condition))
         elif limit.key == COVERAGE_MIN:
             value = min(values, default=None)
-        enough = value is not None and (limit.condition is None or count >= limits.minimum_count)
-        met = value is not None and _meets(value, limit)
-        certain = None if interval is None or not enough else not interval[0] <= limit.limit < interval[1]
-        state = VerdictState.NOT_ENOUGH_DATA
-        if enough and not (met and limit.certain and not certain):
-            state = VerdictState.PASS if met else VerdictState.FAIL
-        margin = None if value is None else limit.limit - abs(value)
-        yield GroupVerdict(
-            metric=f"target {limit.key}" if limit.part is LimitPart.TARGET else limit.key,
-            id=limit.id,
-            text=limit.text,
-            condition=limit.condition,
-            limit=limit.limit,
-            value=value,
-            ci95=interval,
-            margin=-margin if margin is not None and limit.key == COVERAGE_MIN else margin,
-            count=count,
-            state=state,
-            certain=certain,
-            needs_certainty=limit.certain,
-            over=over,
-            missed_by=sum(not _meets(value, limit) for value in values),
-        )
-
-
-def _meets(value: float, limit: Limit) -> bool:
-    return value >= limit.limit if limit.key == COVERAGE_MIN else abs(value) <= limit.limit
+        figure = Figure(value, None if limit.condition is None else count, interval)  # drives need no least number
+        verdict = replace(verdict_on(limit, figure, limits.minimum_count), count=count)
+        missed = sum(not meets(limit, value) for value in values)
+        yield GroupVerdict(**vars(verdict), over=over, missed_by=missed)
 
 
 def _of_pooled(limit: Limit, part: PooledCondition | None) -> tuple[float | None, Interval | None, int]:
