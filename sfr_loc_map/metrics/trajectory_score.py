@@ -125,8 +125,9 @@ def score_trajectory(
             figures[name] = IntervalStatistic(**vars(plain), mean_plus_3sigma_ci95=interval)
         readings = {}
         for rebase, other in READINGS.items():
-            by_reading = errors if other == reading else sub_trajectory_errors(poses, starts, ends, other)
-            mean_of, squares_of = moments(by_reading)
+            mean_of, squares_of = mean, squares
+            if other != reading:
+                mean_of, squares_of = moments(sub_trajectory_errors(poses, starts, ends, other))
             readings[str(rebase)] = ReadingScore(
                 **{name: statistic(len(errors), mean_of[which], squares_of[which]) for name, which in FIGURES.items()}
             )
