@@ -49,7 +49,7 @@ ConditionOption = Annotated[
         "--condition",
         metavar="distance=M|time=S|frames=N",
         show_default="distance=5",
-        help="End of a sub-trajectory; repeatable.",
+        help="End of a sub-trajectory; also displacement=M, turn=DEG; commas: all at once; repeatable.",
     ),
 ]
 StartOption = Annotated[
