@@ -1,4 +1,4 @@
-"""Bounds of the errors of the localiser and the mapper, by the noise of the images alone; see `docs/measurements.md`.
+"""Bounds of the errors of the localiser and the mapper, by the noise of the images alone: the records.
 
 Poses: Cramer-Rao bound. The position of a patch of unknown texture has the information of its gradients over the
 variance of the noise (Robinson and Milanfar 2004) in each image; all poses and landmarks of a sub-trajectory are
