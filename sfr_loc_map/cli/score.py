@@ -164,7 +164,7 @@ def score(
 def present(score: Score, json_path: str | None, html: Path | None) -> None:
     """Write and print a score, its verdict and what to look at first; raise ConfigError if there is nothing in it."""
     from sfr_loc_map.metrics.score_json import to_json
-    from sfr_loc_map.report.page import look_first, overall_of, write_page
+    from sfr_loc_map.report.page import look_first, overall_of, run_facts, write_page
     from sfr_loc_map.report.score_tables import summary_tables
 
     tables = summary_tables(score)
@@ -175,7 +175,10 @@ def present(score: Score, json_path: str | None, html: Path | None) -> None:
         if score.incomplete is not None:
             say(f"incomplete: {score.incomplete}")
         if score.verdicts:
-            overall = overall_of(score)
+            facts, overall, made = dict(run_facts(score)), overall_of(score), score.provenance
+            limits = None if made is None else made.inputs.get("limits")
+            by = "" if limits is None else f"; by {limits.path}"
+            say(f"judged: {'; '.join(facts[name] for name in ('Drive', 'Map') if name in facts)}{by}")
             say(f"verdict: {overall.state}. {overall.text}")
         for item in look_first(score)[:1]:
             say(f"look at this first: {item.what}. {item.why}")

@@ -183,6 +183,9 @@ def overall_of(score: Score) -> Overall:
     passed, failed = states.count(VerdictState.PASS), states.count(VerdictState.FAIL)
     rest = len(states) - passed - failed
     text = f"{part}{passed} of {len(states)} limits met, {failed} missed, {rest} without enough data."
+    certain = [item.certain for item in score.verdicts if item.certain is not None]
+    if certain:
+        text += f" Certain: {sum(certain)} of the {len(certain)} that have a 95 % interval."
     state = VerdictState.FAIL if failed else VerdictState.NOT_ENOUGH_DATA if rest else VerdictState.PASS
     if part and not failed:
         state = VerdictState.INCOMPLETE
