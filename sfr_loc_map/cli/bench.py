@@ -97,6 +97,7 @@ def localise(
             progress=lambda: bar.advance(shown),
         )
     _present({"source": str(source), **result, "missing": missing}, json_path)
+    _conclude(result)
 
 
 @app.command(
@@ -122,6 +123,7 @@ def map_(
             sequence, methods, parameters, repeat=compared.repeat, progress=lambda: bar.advance(shown)
         )
     _present({"source": str(source), **result, "missing": missing}, json_path)
+    _conclude(result)
 
 
 @app.command(
@@ -184,3 +186,9 @@ def _present(result: dict[str, Any], json_path: str | None) -> None:
     for name, texts in result.get("findings", {}).items():
         more = f" (and {len(texts) - 1} more)" if len(texts) > 1 else ""
         say(f"found: {name}: {texts[0]}{more}")
+
+
+def _conclude(result: dict[str, Any]) -> None:
+    """Raise FailedVerdictError if a method failed or did something wrong."""
+    if wrong := [*result["failed"], *(name for name in result["findings"] if name not in result["failed"])]:
+        raise FailedVerdictError(f"methods that failed: {', '.join(wrong)}; the figures of the others are written")

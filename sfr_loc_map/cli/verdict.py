@@ -18,20 +18,24 @@ if TYPE_CHECKING:
 def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> None:
     """End a command by its score, which has been written.
 
-    Figures of an estimate and a truth that contradict each other by convention judge nothing, whatever the limits;
-    otherwise a limit that was missed counts before one that could not be judged.
+    A method that failed has failed. Figures of an estimate and a truth that contradict each other by convention judge
+    nothing, whatever the limits; otherwise a limit that was missed counts before one that could not be judged.
     """
     from sfr_loc_map.metrics.config import VerdictState
-    from sfr_loc_map.metrics.limits import reasons_not_judged
+    from sfr_loc_map.metrics.limits import finding_verdicts, reasons_not_judged
 
-    if score.failed and (score.contradiction is None or lenient):
+    if score.failed and (score.contradiction is None or lenient or score.failures):
+        wrong = {item.metric for item in finding_verdicts(score)}
         missed = []
-        for item in score.failed:
+        for item in (item for item in score.failed if item.metric not in wrong):
             name = item.metric.removesuffix("_min")
             missed.append(f"{name} {item.value:.6g} {'>' if name == item.metric else 'against'} {item.limit:g}")
-        count = sum(item.state is not VerdictState.INCOMPLETE for item in score.verdicts)
-        part = "" if score.incomplete is None else f"incomplete: {score.incomplete}; "
-        raise FailedVerdictError(f"{part}{len(missed)} of {count} limits missed: {', '.join(missed)}")
+        others = [item for item in score.verdicts if item.metric not in wrong]
+        count = sum(item.state is not VerdictState.INCOMPLETE for item in others)
+        said = [f"the method failed: {', '.join(item.kind for item in score.failures)}"] if wrong else []
+        said += [] if score.incomplete is None else [f"incomplete: {score.incomplete}"]
+        said += [f"{len(missed)} of {count} limits missed: {', '.join(missed)}"] if missed else []
+        raise FailedVerdictError("; ".join(said))
     not_judged(reasons_not_judged(score, asked), lenient=lenient)
 
 

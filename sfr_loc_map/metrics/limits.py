@@ -5,7 +5,7 @@ Every key names figure and unit; limits are upper bounds, except `coverage_min`.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -193,19 +193,37 @@ def _check_keys(block: Mapping[str, Any], known: Collection[str], origin: str) -
             raise ConfigError(f"{origin}: unknown key '{key}'{suggestion(str(key), known)}")
 
 
-def verdicts(limits: Limits, score: Score) -> tuple[Verdict, ...]:
-    """Return the verdict on each limit: pass, fail, or not enough data; first of all that the estimate is incomplete.
+def verdicts(limits: Limits | None, score: Score) -> tuple[Verdict, ...]:
+    """Return the verdict on each limit: pass, fail, or not enough data.
 
-    A figure passes at its limit; a mean of a signed figure (heading) is taken without its sign. `certain` tells
+    First of all those that need no limit: on what the method did wrong; and, where there are limits, that the estimate
+    is incomplete. A figure passes at its limit; a mean of a signed figure (heading) is taken without its sign. `certain` tells
     whether the 95 % interval lies on one side of the limit, None where there is no interval.
     """
-    judged = []
+    judged = list(finding_verdicts(score))
+    if limits is None:
+        return tuple(judged)
     if score.incomplete is not None and score.trajectory is not None and score.trajectory.completeness is not None:
         judged.append(incomplete_verdict(score.trajectory.completeness.judged_share))
     for limit in limits.limits:
         verdict = verdict_on(limit, figure_of(limit, score), limits.minimum_count)
         judged.append(replace(verdict, by_reading=_by_reading(limit, score, limits.minimum_count)))
     return tuple(judged)
+
+
+def finding_verdicts(score: Score) -> Iterator[Verdict]:
+    """Yield a failed verdict for each kind of finding with which no score can be a pass."""
+    for item in score.failures:
+        yield Verdict(
+            metric=f"{item.kind.replace(' ', '_')}_calls",
+            limit=0.0,
+            value=float(item.count),
+            ci95=None,
+            margin=-float(item.count),
+            count=None,
+            state=VerdictState.FAIL,
+            certain=None,
+        )
 
 
 def incomplete_verdict(share: float | None) -> Verdict:

@@ -461,6 +461,11 @@ class FindingKind(StrEnum):
     OTHER_FRAME = "another frame"  #: An answer of an external node names other frames.
     INVALID_RESULT = "invalid result"  #: Its result has another type, size or meaning than agreed.
 
+    @property
+    def fails(self) -> bool:
+        """Whether no score with it can be a pass; pairs without an answer make an estimate incomplete."""
+        return self not in (FindingKind.MISSING, FindingKind.LATE, FindingKind.DOUBLED, FindingKind.OTHER_FRAME)
+
 
 class MethodRecord(Record):
     """The software that made the estimate or the cloud."""
@@ -709,12 +714,17 @@ class Score(Record):
     timing: TimingScore | None = None  #: Times of the calls on this host.
     memory: MemoryScore | None = None  #: Memory of the calls on this host.
     target: TargetScore | None = None  #: Calls that were measured elsewhere.
-    verdicts: tuple[Verdict, ...]  #: One for each limit, in the order of the limits.
+    verdicts: tuple[Verdict, ...]  #: One for each limit, in their order, after those on findings and on what is missing.
     warnings: tuple[str, ...] = ()  #: One line for each.
     contradiction: str | None = None  #: Convention mismatch of estimate and truth: no figure of them judges anything.
     incomplete: str | None = None  #: Why the estimate is none of the whole drive, unless a part was asked for.
     provenance: Provenance | None = None  #: What it was made of.
     details: Details | None = None  #: What figures are drawn from.
+
+    @property
+    def failures(self) -> tuple[FindingRecord, ...]:
+        """The findings with which no score can be a pass."""
+        return tuple(item for item in self.findings if item.kind.fails)
 
     @property
     def failed(self) -> tuple[Verdict, ...]:

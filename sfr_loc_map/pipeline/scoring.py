@@ -33,7 +33,7 @@ from sfr_loc_map.metrics.aligned_error import aligned_errors
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.calls import ScoredCalls, parts_of, score_calls, score_target, with_external
 from sfr_loc_map.metrics.cloud_error import PairTruth, point_errors, score_map, score_nearest, truths_of
-from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationMode, Condition, ScoreConfig
+from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationMode, CallKind, Condition, ScoreConfig
 from sfr_loc_map.metrics.convention import Diagnosis, converted_estimates, diagnose
 from sfr_loc_map.metrics.limits import Limits, verdicts
 from sfr_loc_map.metrics.score import (
@@ -223,6 +223,10 @@ def score_run(
         incomplete = incomplete or whole.incomplete
         if aligned is not None:
             parts["aligned"] = aligned_errors(estimate, drive.truth, aligned)
+    if run.external is not None and run.external.task == CallKind.LOCALISATION:  # one cloud may be of several pairs
+        answers = run.external.answers
+        unanswered = f"{answers.missing} of {answers.pairs} pairs have no answer" if answers.missing else None
+        incomplete = incomplete or unanswered
     if incomplete and (config.trajectory.partial or (limits is not None and limits.allow_missing)):
         warnings, incomplete = [*warnings, f"a part of the drive is judged: {incomplete}"], None
     if cloud is not None:
@@ -281,7 +285,7 @@ def score_run(
         details=Details(**drawn) if any(part is not None for part in drawn.values()) else None,
         **parts,
     )
-    judged = () if limits is None else verdicts(limits, score)
+    judged = verdicts(limits, score)
     if contradiction is None and (differ := [item for item in judged if len(set(item.by_reading.values())) > 1]):
         each = ", ".join(f"{reading} {state}" for reading, state in differ[0].by_reading.items())
         over = "" if differ[0].condition is None else f" over {differ[0].condition.label}"

@@ -18,7 +18,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.metrics.config import ScoreConfig, VerdictState
-from sfr_loc_map.metrics.limits import value_at
+from sfr_loc_map.metrics.limits import finding_verdicts, value_at
 from sfr_loc_map.metrics.score import Score, Verdict
 from sfr_loc_map.metrics.score_json import from_json, to_plain
 from sfr_loc_map.report.plots import Plot
@@ -171,11 +171,20 @@ def _overall(state: str | None, text: str, open_icon: str) -> Overall:
 
 
 def overall_of(score: Score) -> Overall:
-    """Return the verdict over all limits; no figure judges where estimate and truth contradict each other."""
-    if score.contradiction is not None:
+    """Return the verdict over all limits; no figure judges where estimate and truth contradict each other.
+
+    A method that did something wrong has failed, whatever its figures, and where no limit was given.
+    """
+    if score.contradiction is not None and not score.failures:
         return _overall(None, f"Not judged: {score.contradiction}", NO_VERDICT_ICON)
-    states = [item.state for item in score.verdicts if item.state is not VerdictState.INCOMPLETE]
+    wrong = tuple(item.metric for item in finding_verdicts(score))
+    judged = [item for item in score.verdicts if item.state is not VerdictState.INCOMPLETE]
+    states = [item.state for item in judged if item.metric not in wrong]
     part = "" if score.incomplete is None else f"Incomplete: {score.incomplete}. "
+    if wrong:
+        part = f"The method under test failed: {', '.join(item.kind for item in score.failures)}. {part}"
+    if not states and wrong:
+        return _overall(VerdictState.FAIL, part.strip(), OPEN.icon)
     if not states and part:
         return _overall(VerdictState.INCOMPLETE, part.strip(), OPEN.icon)
     if not states:
@@ -186,8 +195,8 @@ def overall_of(score: Score) -> Overall:
     certain = [item.certain for item in score.verdicts if item.certain is not None]
     if certain:
         text += f" Certain: {sum(certain)} of the {len(certain)} that have a 95 % interval."
-    state = VerdictState.FAIL if failed else VerdictState.NOT_ENOUGH_DATA if rest else VerdictState.PASS
-    if part and not failed:
+    state = VerdictState.FAIL if failed or wrong else VerdictState.NOT_ENOUGH_DATA if rest else VerdictState.PASS
+    if score.incomplete is not None and state is not VerdictState.FAIL:
         state = VerdictState.INCOMPLETE
     return _overall(state, text, OPEN.icon)
 

@@ -56,7 +56,7 @@ def clause_of(metric: str) -> str:
     for start, clause in CLAUSE_OF.items():
         if name.startswith(start):
             return clause
-    if "_share" in name:
+    if "_share" in name or name.endswith("_calls"):
         return "4.1.1"
     task = "4.2" if name.startswith("localisation") else "4.3"
     return f"{task}.{2 if name.endswith('_bytes') else 1}"

@@ -59,8 +59,7 @@ def run_job(job: Job, scratch: Path, cache: Path) -> Score:
         source = faulty(open_source(path), _faults(job), job.fault_seed)
         run = (_localise if job.kind is JobKind.LOCALISE else _map)(job, source, path, scratch)
         score = score_run(run, config, limits)
-    judged = () if limits is None else verdicts(limits, score)
-    return replace(score, verdicts=judged, provenance=_provenance(job, score.provenance, scratch))
+    return replace(score, verdicts=verdicts(limits, score), provenance=_provenance(job, score.provenance, scratch))
 
 
 def _localise(job: Job, source: Source, truth: Path, scratch: Path) -> Run:

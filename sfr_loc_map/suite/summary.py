@@ -24,6 +24,7 @@ from sfr_loc_map.metrics.limits import (
     LimitPart,
     Limits,
     figure_of,
+    finding_verdicts,
     incomplete_verdict,
     meets,
     parse_limits,
@@ -145,7 +146,11 @@ class Summary:
         drives = [
             drive.names()
             | {"file": f"results/{drive.job.key}.json", "verdicts": to_plain(drive.score.verdicts)}
-            | ({} if drive.score.incomplete is None else {"incomplete": drive.score.incomplete})
+            | {
+                name: to_plain(value)
+                for name in ("incomplete", "contradiction", "findings")
+                if (value := getattr(drive.score, name))
+            }
             for drive in self.drives
         ]
         head = {"schema": SCHEMA, "version": __version__, "code": self.code, "counts": self.counts}
@@ -160,7 +165,7 @@ def summarise(store: Store, refusals: Sequence[Refusal] = ()) -> Summary:
     for job, state in entries:
         if state == "done":
             score = store.score(job.key)
-            judged = () if limits is None else tuple(item for item in verdicts(limits, score) if _applies(item, score))
+            judged = tuple(item for item in verdicts(limits, score) if _applies(item, score))
             drives.append(ScoredJob(job, replace(score, verdicts=judged)))
     return Summary(
         tasks=len(entries),
@@ -208,6 +213,15 @@ def groups_of(drives: Sequence[ScoredJob], limits: Limits | None) -> Iterator[Gr
 def _verdicts(
     limits: Limits | None, scores: Sequence[Score], pooled: Mapping[Condition, PooledCondition]
 ) -> Iterator[GroupVerdict]:
+    wrong = [item for score in scores for item in finding_verdicts(score)]
+    for metric in dict.fromkeys(item.metric for item in wrong):
+        mine = [item for item in wrong if item.metric == metric]
+        worst = replace(max(mine, key=lambda item: item.value or 0.0), count=len(scores))
+        yield GroupVerdict(**vars(worst), over="worst drive", missed_by=len(mine))
+    if contradicted := sum(score.contradiction is not None for score in scores):
+        open_ = replace(incomplete_verdict(None), metric="convention_mismatch_drives", limit=0.0, count=len(scores))
+        open_ = replace(open_, value=float(contradicted), state=VerdictState.NOT_ENOUGH_DATA)
+        yield GroupVerdict(**vars(open_), over="worst drive", missed_by=contradicted)
     if parts := [score.trajectory for score in scores if score.incomplete is not None]:
         wholes = [part.completeness for part in parts if part is not None and part.completeness is not None]
         share = min((whole.judged_share for whole in wholes), default=None)

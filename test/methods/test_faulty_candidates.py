@@ -197,7 +197,10 @@ def test_the_command_names_the_finding_and_writes_what_there_is(
     assert "faulty 1: crashed; what it gave is written" in done.err
     scored = sfr("score", estimate, drive, "--stats", stats, "--condition", "frames=3", "--json", "-")
     score = json.loads(scored.out)
-    assert scored.code == 0
+    assert scored.code == 1  # without any limit
+    assert scored.err.splitlines()[-1].endswith("the method failed: crashed")
+    (verdict,) = score["verdicts"]
+    assert (verdict["metric"], verdict["value"], verdict["verdict"]) == ("crashed_calls", 1.0, "fail")
     assert score["trajectory"]["estimate_poses"] == 12
     about = {"name": f"lib:{faulty}", "version": "faulty 1", "kind": "library"}
     assert score["method"] == about | {"sha256": hashlib.sha256(faulty.read_bytes()).hexdigest()}
