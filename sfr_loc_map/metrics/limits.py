@@ -197,8 +197,8 @@ def verdicts(limits: Limits | None, score: Score) -> tuple[Verdict, ...]:
     """Return the verdict on each limit: pass, fail, or not enough data.
 
     First of all those that need no limit: on what the method did wrong; and, where there are limits, that the estimate
-    is incomplete. A figure passes at its limit; a mean of a signed figure (heading) is taken without its sign. `certain` tells
-    whether the 95 % interval lies on one side of the limit, None where there is no interval.
+    is incomplete. A figure passes at its limit; a mean of a signed figure (heading) is taken without its sign.
+    `certain` tells whether the 95 % interval lies on one side of the limit, None where there is no interval.
     """
     judged = list(finding_verdicts(score))
     if limits is None:

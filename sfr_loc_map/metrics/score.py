@@ -714,7 +714,9 @@ class Score(Record):
     timing: TimingScore | None = None  #: Times of the calls on this host.
     memory: MemoryScore | None = None  #: Memory of the calls on this host.
     target: TargetScore | None = None  #: Calls that were measured elsewhere.
-    verdicts: tuple[Verdict, ...]  #: One for each limit, in their order, after those on findings and on what is missing.
+    verdicts: tuple[
+        Verdict, ...
+    ]  #: One for each limit, in their order, after those on findings and on what is missing.
     warnings: tuple[str, ...] = ()  #: One line for each.
     contradiction: str | None = None  #: Convention mismatch of estimate and truth: no figure of them judges anything.
     incomplete: str | None = None  #: Why the estimate is none of the whole drive, unless a part was asked for.
