@@ -285,7 +285,7 @@ def score_run(
         details=Details(**drawn) if any(part is not None for part in drawn.values()) else None,
         **parts,
     )
-    judged = verdicts(limits, score)
+    judged = verdicts(limits, score) if limits is not None or score.findings else ()
     if contradiction is None and (differ := [item for item in judged if len(set(item.by_reading.values())) > 1]):
         each = ", ".join(f"{reading} {state}" for reading, state in differ[0].by_reading.items())
         over = "" if differ[0].condition is None else f" over {differ[0].condition.label}"
