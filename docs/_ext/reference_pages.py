@@ -45,8 +45,8 @@ def _command(command: Any, path: str, parent: Any) -> Iterator[str]:  # noqa: AN
         yield "Examples:\n\n```sh\n" + "\n".join(epilog.partition("\n")[2].split("\n\n")).strip() + "\n```\n"
     elif epilog:
         yield epilog + "\n"
-    for name, child in getattr(command, "commands", {}).items():
-        if not child.hidden:
+    for name in command.list_commands(context) if hasattr(command, "commands") else ():
+        if not (child := command.commands[name]).hidden:
             yield from _command(child, f"{path} {name}", None)
 
 

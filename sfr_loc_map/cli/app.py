@@ -8,16 +8,19 @@ and none at all with `sfr --no-hints` or `SFR_HINTS=0`.
 from __future__ import annotations
 
 import os
+import re
 import shlex
+import sys
 from collections.abc import Callable
 from copy import copy
 from dataclasses import fields, is_dataclass
-from inspect import Parameter, Signature, signature
+from inspect import Parameter, Signature, cleandoc, signature
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_type_hints
 
 import typer
 from typer.core import TyperGroup
+from typer.models import OptionInfo
 
 from sfr_loc_map import __version__
 from sfr_loc_map.errors import ExitCode
@@ -26,13 +29,27 @@ EXIT_CODES = (
     "Exit codes: 0 all well; 1 a limit was missed, or the doctor found something; 2 bad input or usage; "
     "3 something could not be judged (0 with --lenient); 130 interrupted, with what was finished reported."
 )
+PANELS = {
+    "Look": ("info", "doctor", "init"),
+    "Run": ("replay", "localise", "map", "live", "run", "record"),
+    "Judge": ("score", "report", "compare", "plot"),
+    "Many runs": ("suite", "history"),
+    "Methods of your own": ("methods", "bench"),
+    "Data": ("convert", "simulate", "perturb"),
+}
+"""Subcommands in the order of the help, that of a user's day, below their titles."""
 HINTS = "SFR_HINTS"
 _proposed: list[str] = []
 
 
 def propose(*words: str | Path, why: str = "") -> None:
-    """Set what the command shows in its last line: a command line, quoted here unless it is one word; none for none."""
+    """Set what the command shows in its last line: a command line, quoted here unless it is one word; none for none.
+
+    A first word `...` stands for the command line as it was given.
+    """
     line = str(words[0]) if len(words) == 1 else shlex.join(map(str, words))
+    if line.startswith("... "):
+        line = shlex.join(["sfr", *sys.argv[1:]]) + line[3:]
     _proposed[:] = [f"{line}    # {why}" if why else line] if line else []
 
 
@@ -48,46 +65,70 @@ class _Group(TyperGroup):
         """Return a subcommand and its arguments; `sfr monitor` is `sfr run monitor`."""
         return super().resolve_command(ctx, ["run", *args] if ctx.parent is None and args[0] == "monitor" else args)
 
+    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401 - as above
+        """Return the subcommands of `sfr` in the order of PANELS; those of a group as they were added."""
+        names = super().list_commands(ctx)
+        order = {name: place for place, name in enumerate(name for names in PANELS.values() for name in names)}
+        return sorted(names, key=lambda name: order.get(name, len(order))) if ctx.parent is None else names
+
 
 class App(typer.Typer):
     """A group of commands, whose parameters may be dataclasses of options."""
 
     def __init__(self, **settings: Any) -> None:  # noqa: ANN401 - those of typer
-        super().__init__(cls=_Group, pretty_exceptions_enable=False, **settings)
+        names = {"help_option_names": ["-h", "--help"]}
+        super().__init__(cls=_Group, pretty_exceptions_enable=False, context_settings=names, **settings)
 
     def command(
         self,
         name: str | None = None,
         *,
         hint: str = "",
+        first: str = "",
         **settings: Any,  # noqa: ANN401 - those of typer
     ) -> Callable[[Any], Any]:
-        """Return the decorator of a subcommand; `hint` is its last line where it proposes nothing better."""
-        add = super().command(name, **settings)
+        """Return the decorator of a subcommand.
+
+        `hint` is its last line where it proposes nothing better. `first` names the options that most users need: they
+        come first in its help, in that order, and all others below their titles.
+        """
+        add = super().command
 
         def register(function: Callable[..., Any]) -> Callable[..., Any]:
-            add(_with_groups(function, hint))
+            text = cleandoc(settings.pop("help", function.__doc__))
+            shown = re.sub(r"(?<!\n)\n(?!\n)", " ", text).replace("[", r"\[")  # wrapped by the terminal, no markup
+            add(name, help=shown, **settings)(_with_groups(function, hint, first.split()))
             return function
 
         return register
 
 
-def _with_groups(function: Callable[..., Any], hint: str) -> Callable[..., Any]:
+def _with_groups(function: Callable[..., Any], hint: str, first: list[str]) -> Callable[..., Any]:
     """Return a command with an option for each field of its parameters that are dataclasses, under their title."""
     hints = get_type_hints(function, include_extras=True)
     groups: dict[str, Any] = {name: kind for name, kind in hints.items() if is_dataclass(kind)}
-    parameters = []
+    parameters: list[Parameter] = []
+
+    def add(name: str, annotation: Any, default: object, title: str | None) -> None:  # noqa: ANN401 - a type
+        kind, option = get_args(annotation)
+        place = -1  # arguments stay first
+        if isinstance(option, OptionInfo):
+            option = copy(option)
+            option.rich_help_panel = None if name in first else title
+            place = first.index(name) if name in first else len(first)
+        annotation = Annotated[kind, option]
+        parameters.append(Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation))
+        places[name] = place
+
+    places: dict[str, int] = {}
     for name, given in signature(function).parameters.items():
         if name not in groups:
-            parameters.append(given.replace(kind=Parameter.KEYWORD_ONLY, annotation=hints[name]))
+            add(name, hints[name], given.default, "More" if first else None)
             continue
         types = get_type_hints(groups[name], include_extras=True)
         for item in fields(groups[name]):
-            kind, option = get_args(types[item.name])
-            option = copy(option)
-            option.rich_help_panel = groups[name].__doc__.rstrip(".")
-            annotation = Annotated[kind, option]  # type: ignore[valid-type]
-            parameters.append(Parameter(item.name, Parameter.KEYWORD_ONLY, default=item.default, annotation=annotation))
+            add(item.name, types[item.name], item.default, groups[name].__doc__.rstrip("."))
+    parameters.sort(key=lambda item: places[item.name])
 
     def call(**values: Any) -> Any:  # noqa: ANN401 - those of the options
         propose(hint)

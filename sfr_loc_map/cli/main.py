@@ -14,18 +14,10 @@ from contextlib import suppress
 
 import typer
 
-from sfr_loc_map.cli.app import app, last_line
+from sfr_loc_map.cli.app import PANELS, app, last_line
 from sfr_loc_map.errors import ExitCode, SfrError
 from sfr_loc_map.inputs import one_line, printable
 
-PANELS = {
-    "To begin": ("init", "doctor"),
-    "Run": ("replay", "localise", "map", "run", "live", "record"),
-    "Judge": ("score", "report", "compare", "plot"),
-    "Data": ("convert", "simulate", "perturb"),
-    "Many runs and methods": ("methods", "bench", "suite", "history"),
-}
-"""Subcommands in the order of the help, that of a user's day, below their titles."""
 MODULES = ("start", "doctor", "replay", "localise", "map_cloud", "run", "live", "score", "pages", "convert", "simulate")
 GROUPS = ("bench", "suite")
 
@@ -41,7 +33,6 @@ for _command in app.registered_commands:
     _command.rich_help_panel = _panel_of[_command.name]
 for _group in app.registered_groups:
     _group.rich_help_panel = _panel_of[str(_group.name)]
-app.registered_commands.sort(key=lambda item: list(_panel_of).index(str(item.name)))
 
 
 class _LineFormatter(logging.Formatter):

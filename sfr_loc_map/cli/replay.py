@@ -140,7 +140,8 @@ class NodeUnderTest:
         "sfr replay data/ --limits limits.yaml --condition distance=10",
         "sfr replay data/ --external localisation --command 'python3 my_node.py' --convention frame=left_optical",
     ),
-    hint="sfr replay SRC --out DIR    # keeps report, estimate and cloud",
+    hint="... --out out    # keeps report, estimate and cloud",
+    first="out overwrite config start limits condition remap rate live partial external",
 )
 def replay(
     source: SourceArgument,

@@ -38,7 +38,8 @@ POINTS_SUFFIXES = (".parquet", ".csv")
         "sfr score estimate.csv truth.tum --json -",
         "sfr score estimate.kitti truth.kitti --align se3",
         "sfr score orbslam.tum data/ --convention frame=left_optical --convention world=first_pose",
-    )
+    ),
+    first="html json_path overwrite limits condition stats align partial convention apply_diagnosis junit",
 )
 def score(
     estimate: Annotated[Path, typer.Argument(metavar="EST", help="Trajectory (csv, TUM, KITTI, EuRoC, bag) or cloud.")],
@@ -147,17 +148,17 @@ def score(
     if output.json_path == STANDARD_OUTPUT:
         pass  # a program reads it
     elif result.incomplete is not None:
-        propose("sfr score ... --partial", why="judges the part that is there")
+        propose("... --partial", why="judges the part that is there")
     elif result.contradiction is not None:
         propose("sfr", "doctor", estimate, truth, why="which convention mismatch it is, and what corrects it")
     elif output.html is not None:
         propose(f"open {output.html} in a browser")
     elif not result.verdicts:
-        propose("sfr init    # limits to fill in; then: sfr score ... --limits limits.yaml --html report.html")
+        propose("... --limits limits.yaml --html report.html", why="sfr init writes limits to fill in")
     elif output.json_path is not None:
         propose("sfr", "report", output.json_path, why="the same as a page with figures")
-    else:  # the options are left to the reader: without them it would be another score
-        propose("sfr score ... --html report.html", why="the same command, with a page of figures")
+    else:
+        propose("... --html report.html", why="the same command, with a page of figures")
     conclude(result, asked, lenient=judge.lenient)
 
 

@@ -57,3 +57,11 @@ def test_limits_of_init_are_taken_and_name_every_figure(sfr: Sfr, tmp_path: Path
     assert "verdict: pass. 3 of 3 limits met, 0 missed, 0 without enough data." in result.out
     limits.write_text(re.sub(r"(?m)^# (  \w+: .*|\w+:)$", r"\1", whole))
     assert {item.part for item in load_limits(limits).limits} == set(NAMES)
+
+
+def test_the_next_step_repeats_the_options_that_were_given(hints: Sfr, trajectory: Path) -> None:
+    given = ("score", trajectory, trajectory, "--condition", "frames=3")
+    steps = [hints(*given).err.splitlines()[-1].partition("    #")[0]]
+    steps.append(hints(*given, "--limits", trajectory.with_name("none.yaml")).err)
+    assert steps[0] == f"next: sfr {' '.join(map(str, given))} --limits limits.yaml --html report.html"
+    assert "next:" not in steps[1]

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 import typer
+from cli_result import Sfr
 
 from sfr_loc_map.cli.main import app
 
@@ -35,3 +36,10 @@ def test_examples_are_taken_by_the_command(name: str) -> None:
         assert (sfr, " ".join(words[: len(name.split())])) == ("sfr", name)
         with COMMANDS[name].make_context(name, words[len(name.split()) :]):
             pass
+
+
+@pytest.mark.parametrize("name", ["replay", "score"])
+def test_the_twelve_options_that_matter_come_first(name: str, sfr: Sfr) -> None:
+    options = sfr(name, "-h").out.partition("─ Options ─")[2].partition("╰──")[0]
+    assert 10 <= len([line for line in options.splitlines() if line.startswith("│ --")]) <= 13
+    assert "--limits" in options
