@@ -17,7 +17,10 @@ from sfr_loc_map.geometry.transform import Transform
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """Poses of RB in DS at stamps, kept exactly as given (not sorted, quaternions not normalised)."""
+    """Poses of RB in DS at stamps, kept exactly as given (not sorted, quaternions not normalised).
+
+    Where no attitude is known every quaternion is zero, as in a message that does not set it.
+    """
 
     stamps_ns: IntArray  #: `(N,)` int64, nanoseconds.
     positions: FloatArray  #: `(N, 3)` float64, metres, the RB origin in DS (`rbOriginPos_m_Ds`).
@@ -36,7 +39,8 @@ class Trajectory:
         with np.errstate(over="ignore"):
             squares = np.einsum("ni,ni->n", self.quats_xyzw, self.quats_xyzw)
         near = (np.abs(self.positions) <= MAX_POSITION_M).all(axis=1)
-        bad = ~(near & (QUATERNION_SQUARES[0] <= squares) & (squares <= QUATERNION_SQUARES[1]))
+        unit = (QUATERNION_SQUARES[0] <= squares) & (squares <= QUATERNION_SQUARES[1])
+        bad = ~(near & (unit | (not squares.any())))
         if bad.any():
             first = int(np.argmax(bad))
             raise GeometryError(
@@ -47,6 +51,11 @@ class Trajectory:
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
+
+    @property
+    def has_attitude(self) -> bool:
+        """Whether the poses have attitudes, not positions alone."""
+        return bool(self.quats_xyzw.any()) or not len(self.stamps_ns)
 
     @property
     def att_q_ds_to_rb(self) -> FloatArray:
@@ -71,3 +80,13 @@ class Trajectory:
             np.array([pose.translation for _, pose in items]).reshape(-1, 3),
             np.array([pose.quat_xyzw for _, pose in items]).reshape(-1, 4),
         )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth(Trajectory):
+    """True poses of RB in DS; without attitudes the positions of a point of RB."""
+
+    sigma_m: float = 0.0  #: Standard deviation of a position along each axis; 0: exact, or not known.
+    sigma_deg: float = 0.0  #: Standard deviation of an attitude about each axis, likewise.
+    lever_arm_m: tuple[float, ...] = (0.0, 0.0, 0.0)  #: The point in RB whose positions these are.
+    read_from: str = ""  #: What it was read from.

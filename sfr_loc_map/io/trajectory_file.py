@@ -6,6 +6,7 @@
 | `tum` | `t x y z qx qy qz qw`, t in seconds, orientation as in ROS messages |
 | `kitti` | twelve numbers a line, the first three rows of a pose matrix, no stamps (Geiger et al. 2012) |
 | `euroc` | csv with nanoseconds and quaternions scalar first (Burri et al. 2016); what follows them is left out |
+| `columns` | csv of a total station or a motion capture: a header names its columns and their units |
 
 `att_q_DsToRb` turns components in DS into components in RB: the conjugate of the orientation in ROS messages. KITTI
 has poses of the left camera in its first frame: x right, y down, z forward; here both frames get the axes of the suite
@@ -14,7 +15,11 @@ has poses of the left camera in its first frame: x right, y down, z forward; her
 
 from __future__ import annotations
 
+import csv
+import re
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from decimal import Decimal
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -29,7 +34,16 @@ from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_conjugate, quat
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import MAX_TABLE_BYTES, NS_PER_S, read_bytes, refusing
 from sfr_loc_map.io.atomic import atomic_path
-from sfr_loc_map.io.text_table import BOM, Table, parse_seconds, parse_stamp_ns, parse_table, read_data, seconds_text
+from sfr_loc_map.io.text_table import (
+    BOM,
+    Table,
+    parse_number,
+    parse_seconds,
+    parse_stamp_ns,
+    parse_table,
+    read_data,
+    seconds_text,
+)
 
 CSV_HEADER = "stamp_ns,rbOriginPos_m_Ds_x,rbOriginPos_m_Ds_y,rbOriginPos_m_Ds_z," + ",".join(
     f"att_q_DsToRb_{i}" for i in (1, 2, 3, 4)
@@ -52,16 +66,30 @@ class TrajectoryFormat(StrEnum):
     TUM = "tum"
     KITTI = "kitti"
     EUROC = "euroc"
+    COLUMNS = "columns"
 
 
-ANNOUNCED = (TrajectoryFormat.KITTI, TrajectoryFormat.EUROC)
+ANNOUNCED = (TrajectoryFormat.KITTI, TrajectoryFormat.EUROC, TrajectoryFormat.COLUMNS)
 """Formats of which a command says that it has found them."""
 WORDS = {
     TrajectoryFormat.CSV: "csv of the suite",
     TrajectoryFormat.TUM: "TUM",
     TrajectoryFormat.KITTI: "KITTI poses of the left camera, turned to x forward, y left, z up",
     TrajectoryFormat.EUROC: "EuRoC csv",
+    TrajectoryFormat.COLUMNS: "csv with named columns",
 }
+COLUMN_NAMES = {
+    "t": ("t", "time", "timestamp", "stamp"),
+    "x": ("x", "px", "tx", "posx", "positionx", "east", "easting", "e"),
+}
+COLUMN_NAMES |= {"y": ("y", "py", "ty", "posy", "positiony", "north", "northing", "n")}
+COLUMN_NAMES |= {"z": ("z", "pz", "tz", "posz", "positionz", "up", "height", "h", "elevation")}
+COLUMN_NAMES |= {f"q{axis}": (f"q{axis}", f"quat{axis}", f"orientation{axis}") for axis in "xyzw"}
+"""Columns of a csv with a header, and how their names may be written, without case, `_`, `.` and spaces."""
+METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+DECIMALS = {"s": 0, "sec": 0, "seconds": 0, "ms": 3, "us": 6, "ns": 9}
+UTC_UNIT = "utc"  #: Unit of times written as `2026-05-04 10:22:01.25`.
+_UNIT = re.compile(r"^#?\s*(.*?)\s*(?:\[(\w+)\]|\((\w+)\)|_(m|cm|mm|s|sec|ms|us|ns|utc))?$", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,8 +122,11 @@ class LoadedTrajectory:
         return replace(self, trajectory=stamped, stamps=f"those of {other.path}, pose by pose", by_index=False)
 
 
-def read_trajectory_file(path: Path) -> LoadedTrajectory:
-    """Read a trajectory; its first bytes, else its name, tell the format. Stamps come as they are, in any order."""
+def read_trajectory_file(path: Path, columns: str = "") -> LoadedTrajectory:
+    """Read a trajectory; its first bytes, else its name, tell the format. Stamps come as they are, in any order.
+
+    `columns` names those of a csv with a header: `t=Time[s],x=E[m],y=N[m],z=H[m]`, and `qx` to `qw` where there.
+    """
     path = Path(path)
     name = f"'{path}'"
     with refusing(f"cannot read '{path}'", "give a csv, TUM, KITTI or EuRoC file"):
@@ -104,19 +135,24 @@ def read_trajectory_file(path: Path) -> LoadedTrajectory:
     header = lines[0].decode("utf-8", "replace").replace(" ", "") if lines else ""
     row = next((line for line in lines if not line.startswith(b"#")), b"")
     cells = row.split(b",")
+    if columns:
+        return _parse_columns(path, data, name, columns)
     kind = TrajectoryFormat.CSV if header == CSV_HEADER else TrajectoryFormat.TUM
     if kind is TrajectoryFormat.CSV:
         table = parse_table(data, name, CSV_HEADER, range(8), stamp=parse_stamp_ns, separator=",", skip=1)
         quats = table.values[:, 3:] * CONJUGATED
-    elif header.startswith("stamp_ns"):
-        raise InputError(f"{name} line 1 is '{header[:60]}': the header '{CSV_HEADER}' is needed")
+    elif len(cells) == 8 and cells[0].strip().isdigit() and not header.startswith("#timestamp"):
+        raise InputError(
+            f"{name} has eight columns and no header: csv of the suite (scalar last, DsToRb) or EuRoC (scalar first)? "
+            f"give the first line '{CSV_HEADER}' or '{EUROC_HEADER}'"
+        )
     elif len(cells) >= 8 and cells[0].strip().isdigit():
         table, kind = parse_euroc_table(data, name), TrajectoryFormat.EUROC
         quats = table.values[:, [4, 5, 6, 3]]
     elif len(row.split()) == KITTI_COLUMNS:
         return _parse_kitti(path, data, name)
-    elif path.suffix == ".csv":
-        raise InputError(f"{name} line 1 is '{header[:60]}': the header '{CSV_HEADER}' is needed")
+    elif path.suffix == ".csv" or (header[:1] != "#" and re.search("[,;\t]", header)):
+        return _parse_columns(path, data, name, "")
     else:
         table = parse_table(data, name, TUM_HEADER[2:], range(8), stamp=parse_seconds)
         quats = table.values[:, 3:].copy()
@@ -157,6 +193,73 @@ def _parse_kitti(path: Path, data: bytes, name: str) -> LoadedTrajectory:
     else:
         stamps_ns, said = read_times(times, len(positions)), str(times)
     return LoadedTrajectory(path, Trajectory(stamps_ns, positions, quats), TrajectoryFormat.KITTI, said, times is None)
+
+
+def _parse_columns(path: Path, data: bytes, name: str, columns: str) -> LoadedTrajectory:
+    """Return poses, or positions, of a csv whose header names its columns, or as `columns` says; no unit is guessed."""
+    lines = data.removeprefix(BOM).decode("utf-8", "replace").splitlines()
+    first = next((k for k, line in enumerate(lines) if line.strip()), 0)
+    header = lines[first] if lines else ""
+    separator = max(",;\t", key=header.count)
+    cells = [cell.strip() for cell in next(csv.reader([header], delimiter=separator), [])]
+    named = [match.groups() if (match := _UNIT.match(cell)) else (cell, None, None, None) for cell in cells]
+    found: dict[str, tuple[int, str]] = {}
+    for item in filter(None, columns.split(",")):
+        key, _, text = (part.strip() for part in item.partition("="))
+        title, unit = re.fullmatch(r"(.*?)\s*(?:\[(\w+)\])?", text).groups()  # type: ignore[union-attr]
+        if key not in COLUMN_NAMES or title not in cells:
+            raise InputError(
+                f"{name}: no column for '{item}': NAME is one of {', '.join(COLUMN_NAMES)}, found {header!r}"
+            )
+        found[key] = cells.index(title), (unit or "").lower()
+    for key, titles in () if columns else COLUMN_NAMES.items():
+        for k, (title, *units) in enumerate(named):
+            if re.sub(r"[_.\s]", "", title.lower()) in titles and key not in found:
+                found[key] = k, next(filter(None, units), "").lower()
+    kinds = {"t": (*DECIMALS, UTC_UNIT), **dict.fromkeys("xyz", tuple(METRES))}
+    wrong = [key for key, units in kinds.items() if key not in found or found[key][1] not in units]
+    if wrong:
+        raise InputError(
+            f"{name} line {first + 1} is '{header[:80]}': the header '{CSV_HEADER}' is needed, or one with columns and "
+            f"units of t, x, y, z ({', '.join(wrong)} not found, or without a unit), or their names: "
+            "--truth-columns 't=HEADER[s],x=HEADER[m],y=HEADER[m],z=HEADER[m]'"
+        )
+    quats = [f"q{axis}" for axis in "xyzw"]
+    keys = ["x", "y", "z", *(quats if all(key in found for key in quats) else ())]
+    scales = [METRES.get(found[key][1], 1.0) for key in keys]
+    stamps, rows, left_out = [], [], 0
+    for number, row in enumerate(csv.reader(lines[first + 1 :], delimiter=separator), first + 2):
+        if not any(row) or row[0].startswith("#"):
+            continue
+        with refusing(f"{name} line {number}", "correct or leave out the line"):
+            texts = [row[found[key][0]].strip() for key in ("t", *keys)]
+            if not all(texts):  # the tracker did not see its target
+                left_out += 1
+                continue
+            stamps.append(_stamp(texts[0], found["t"][1]))
+            texts = [text.replace(",", ".") for text in texts[1:]]  # decimal commas, where something else separates
+            rows.append([scale * parse_number(text) for scale, text in zip(scales, texts, strict=True)])
+    if not rows:
+        raise InputError(f"{name} has no pose: at least one line with one is needed")
+    values = np.array(rows, np.float64)
+    turns = values[:, 3:].copy() if len(keys) > 3 else np.zeros((len(values), 4))
+    with refusing(name, "correct the file"):
+        trajectory = Trajectory(np.array(stamps, np.int64), values[:, :3].copy(), turns)
+    said = f"column '{cells[found['t'][0]]}'" + (f"; {left_out} lines without values left out" if left_out else "")
+    return LoadedTrajectory(path, trajectory, TrajectoryFormat.COLUMNS, said)
+
+
+def _stamp(text: str, unit: str) -> int:
+    """Return nanoseconds of a time in a unit, exactly."""
+    if unit == UTC_UNIT:
+        moment = datetime.fromisoformat(text)
+        since = (moment if moment.tzinfo else moment.replace(tzinfo=UTC)) - datetime.fromtimestamp(0, UTC)
+        return (since.days * 86_400 + since.seconds) * NS_PER_S + since.microseconds * 1000
+    text = text.replace(",", ".")
+    if not DECIMALS[unit]:
+        return parse_seconds(text)
+    parse_number(text)
+    return round(Decimal(text).scaleb(9 - DECIMALS[unit]))
 
 
 def times_beside(path: Path) -> Path:

@@ -74,6 +74,8 @@ def score_trajectory(
     conditions = [Condition.parse(text) for text in config.conditions]
     if not conditions:
         raise MetricsError("no condition of a sub-trajectory given: give at least one, such as distance=5")
+    if not (estimates.trajectory.has_attitude and truth.has_attitude):
+        raise MetricsError("estimate and truth need attitudes: give trajectories with quaternions")
     frames, counts, mode = associate(estimates.trajectory, truth, config.association)
     stamps_ns, count, reading = frames.stamps_ns, len(frames.stamps_ns), READINGS[Rebase(config.rebase)]
     if not count and not under_way:

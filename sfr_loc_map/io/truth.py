@@ -1,0 +1,306 @@
+"""True poses from whatever recorded them: topics of a bag, a pair of frames on /tf, files; docs/formats.md, "Truth".
+
+A tracker follows a body of its own, a prism or an antenna, on a clock of its own: `TruthConfig.applied` is the one
+place where poses of that body become poses of RB. Positions without attitude stay those of the body, and the score
+takes the estimate there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sfr_loc_map.config import param
+from sfr_loc_map.errors import ConfigError, InputError
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.quaternion_kernels import slerp, unit_quats
+from sfr_loc_map.geometry.rotation import quat_conjugate, quat_multiply, quat_rotate
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth
+from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, refusing
+from sfr_loc_map.io.bag_files import is_bag
+from sfr_loc_map.io.text_table import check_order
+from sfr_loc_map.io.trajectory_file import LoadedTrajectory, read_trajectory_file
+
+if TYPE_CHECKING:
+    from sfr_loc_map.io.bag import Bag, Topic
+
+NO_LEVER = (0.0, 0.0, 0.0)
+NO_TURN = (0.0, 0.0, 0.0, 1.0)
+PATH, FIX = "nav_msgs/msg/Path", "sensor_msgs/msg/NavSatFix"
+NO_FIX = -1  #: `NavSatStatus.STATUS_NO_FIX`.
+WGS84_M, WGS84_FLATTENING = 6_378_137.0, 1.0 / 298.257223563
+
+
+@dataclass(frozen=True, slots=True)
+class TruthConfig:
+    """Where the truth is and what it is of."""
+
+    source: str = param("", doc="Topic of the bag, or file, with the truth; empty: as the source has it.")
+    frame: str = param(
+        "", doc="Frame whose poses on /tf are the truth, as CHILD (in the root of its tree) or PARENT:CHILD."
+    )
+    columns: str = param(
+        "", doc="Columns of a csv as NAME=HEADER[UNIT] with commas between, of t, x, y, z, qx, qy, qz, qw."
+    )
+    lever_arm_m: tuple[float, ...] = param(
+        NO_LEVER, unit="m", doc="Position of the tracked body (prism, antenna, marker) in RB.", low=-100.0, high=100.0
+    )
+    lever_quat_xyzw: tuple[float, ...] = param(
+        NO_TURN, doc="Orientation of the tracked body in RB, as in ROS messages.", low=-1.01, high=1.01
+    )
+    clock_offset_s: float = param(0.0, unit="s", doc="Added to the stamps of the truth.", low=-4e9, high=4e9)
+    sigma_m: float = param(
+        0.0,
+        unit="m",
+        doc="Standard deviation of a true position along each axis; 0: as the messages say, else exact.",
+        low=0.0,
+        high=1000.0,
+    )
+    sigma_deg: float = param(
+        0.0, unit="deg", doc="Standard deviation of a true attitude about each axis; likewise.", low=0.0, high=180.0
+    )
+    attitude: str = param(
+        "auto", doc="Whether the truth has attitudes: as it says (auto), yes or no.", choices=("auto", "yes", "no")
+    )
+
+    def __post_init__(self) -> None:
+        """Check the lever arm; ConfigError if it is no pose."""
+        if len(self.lever_arm_m) != 3 or len(self.lever_quat_xyzw) != 4:
+            raise ConfigError("truth.lever_arm_m is x, y, z and truth.lever_quat_xyzw x, y, z, w")
+        if abs(float(np.linalg.norm(self.lever_quat_xyzw)) - 1.0) > 1e-2:
+            raise ConfigError(f"truth.lever_quat_xyzw is {self.lever_quat_xyzw}: a unit quaternion is needed")
+
+    def applied(self, poses: Trajectory, covariance: FloatArray | None = None, read_from: str = "") -> Truth:
+        """Return poses of the tracked body as the truth of RB; `covariance`: `(N, 6, 6)`, NaN or 0 where not known."""
+        variances = np.full((len(poses), 6), np.nan)
+        if covariance is not None:
+            variances = np.diagonal(covariance, axis1=1, axis2=2)
+        known = (variances[:, 3:] < LOST_VARIANCE).any(axis=1) & (variances[:, 3:] >= 0.0).all(axis=1)
+        told = poses.has_attitude and bool(known.any() or np.isnan(variances[:, 3:]).any())
+        has_attitude = {"yes": True, "no": False}.get(self.attitude, told)
+        if has_attitude and not poses.has_attitude:
+            raise InputError(f"truth {read_from} has no attitudes: set truth.attitude to auto or no")
+        positions, quats = poses.positions, poses.quats_xyzw if has_attitude else np.zeros((len(poses), 4))
+        lever = np.array(self.lever_arm_m)
+        if has_attitude and (self.lever_arm_m, self.lever_quat_xyzw) != (NO_LEVER, NO_TURN):
+            quats = quat_multiply(quats, quat_conjugate(np.array(self.lever_quat_xyzw)))
+            positions, lever = positions - quat_rotate(quats, lever), np.zeros(3)
+        sigmas = [sigma_of(variances[:, :3]), np.degrees(sigma_of(variances[:, 3:])) if has_attitude else 0.0]
+        return Truth(
+            poses.stamps_ns + round(self.clock_offset_s * NS_PER_S),
+            positions,
+            quats,
+            sigma_m=self.sigma_m or sigmas[0],
+            sigma_deg=self.sigma_deg or float(sigmas[1]),
+            lever_arm_m=tuple(lever.tolist()),
+            read_from=read_from,
+        )
+
+
+def sigma_of(variances: FloatArray) -> float:
+    """Return the standard deviation along an axis of messages with variances `(N, 3)`, their median; 0: not known."""
+    known = variances[(variances > 0.0).all(axis=1) & (variances < LOST_VARIANCE).all(axis=1)]
+    return float(np.sqrt(np.median(known.mean(axis=1)))) if len(known) else 0.0
+
+
+def read_truth(place: Path, config: TruthConfig = TruthConfig(), remap: Mapping[str, str] | None = None) -> Truth:
+    """Read the truth that belongs to a source (bag, folder, file of poses): in it, or where the configuration says.
+
+    InputError, in one line, if there is none.
+    """
+    if config.source and not (is_bag(place) and _topics_named(place, config.source, remap)):
+        file = Path(config.source)
+        if not file.exists():
+            raise InputError(f"truth '{file}' is neither a file nor a topic of '{place}': give one of both")
+        return read_truth(file, replace(config, source=""))
+    if is_bag(place):
+        from sfr_loc_map.io.bag import Bag
+
+        return truth_of_bag(Bag(place, remap), config)
+    if place.is_file():
+        return truth_of_file(read_trajectory_file(place, config.columns), config)
+    from sfr_loc_map.io.registry import open_source
+
+    loc = open_source(place).loc
+    found = None if loc is None else loc.ground_truth
+    if found is None or not len(found):
+        raise InputError(f"'{place}' has no true poses (groundtruth.csv): give a source with truth")
+    return found if isinstance(found, Truth) else config.applied(found, read_from=str(place))
+
+
+def truth_of_file(loaded: LoadedTrajectory, config: TruthConfig) -> Truth:
+    """Return the truth of a file that was read."""
+    return config.applied(loaded.trajectory, read_from=loaded.text)
+
+
+def truth_of_bag(bag: Bag, config: TruthConfig = TruthConfig()) -> Truth:
+    """Read the truth of an opened bag; InputError if it has none."""
+    from sfr_loc_map.io.bag import GROUND_TRUTH
+
+    if config.frame:
+        return config.applied(_tf_poses(bag, config.frame), None, f"{bag.path}, frame {config.frame} on /tf")
+    topic = bag.find(config.source.strip("/") or GROUND_TRUTH, *TRUTH_TYPES)
+    if topic is None:
+        others = [name for name, kind in sorted(bag.topics.items()) if kind in TRUTH_TYPES]
+        could = f"; these could be: {', '.join(others)}" if others else ""
+        raise InputError(f"bag '{bag.path}' has no true poses on '{GROUND_TRUTH}': name their topic (truth){could}")
+    with refusing(f"'{topic.bag_name}' of bag '{bag.path}'", "record it again"):
+        poses, covariance = TRUTH_TYPES[topic.msgtype](bag, topic)
+    if not len(poses):
+        raise InputError(f"'{topic.bag_name}' of bag '{bag.path}' has no true pose: record it again")
+    check_order(poses.stamps_ns, f"'{topic.bag_name}' of bag '{bag.path}'", strict=False)
+    kind = topic.msgtype.rpartition("/")[2]
+    return config.applied(poses, covariance, f"{bag.path}, {topic.bag_name} ({kind}), {len(poses)} poses")
+
+
+def _topics_named(place: Path, source: str, remap: Mapping[str, str] | None) -> list[str]:
+    from sfr_loc_map.io.bag import Bag
+
+    return Bag(place, remap).matches(source.strip("/"))
+
+
+# ---- messages
+
+Poses = tuple[Trajectory, FloatArray | None]
+
+
+def _with_pose(places: str, covariance: bool) -> Callable[[Bag, Topic], Poses]:
+    """Return the reader of a type whose position and orientation stand at places such as `pose.pose`."""
+
+    def read(bag: Bag, topic: Topic) -> Poses:
+        rows, covariances = [], []
+        for _, _, message in bag.messages([topic]):
+            found = message
+            for name in places.split("."):
+                found, owner = getattr(found, name), found
+            rows.append(_row(message.header, found))
+            if covariance:
+                covariances.append(owner.covariance)
+        return _trajectory(rows), np.array(covariances, np.float64).reshape(-1, 6, 6) if covariance else None
+
+    return read
+
+
+def _row(header: Any, pose: Any) -> tuple[int, tuple[float, ...]]:  # noqa: ANN401 - messages
+    place = getattr(pose, "position", None) or pose.translation
+    quat = getattr(pose, "orientation", None) or pose.rotation
+    stamp_ns = header.stamp.sec * NS_PER_S + header.stamp.nanosec
+    return stamp_ns, (place.x, place.y, place.z, quat.x, quat.y, quat.z, quat.w)
+
+
+def _trajectory(rows: list[tuple[int, tuple[float, ...]]]) -> Trajectory:
+    values = np.array([row for _, row in rows], np.float64).reshape(-1, 7)
+    return Trajectory(np.array([stamp for stamp, _ in rows], np.int64), values[:, :3].copy(), values[:, 3:].copy())
+
+
+def _last_path(bag: Bag, topic: Topic) -> Poses:
+    """Return the poses of the last message: each holds those of the messages before."""
+    last = None
+    for _, _, raw in bag.stream([topic]):
+        last = raw
+    poses = [] if last is None else bag.deserialise(topic, last).poses
+    rows = [_row(item.header, item.pose) for item in poses]
+    if rows and not rows[-1][0] > rows[0][0]:
+        raise ValueError("the poses of the path have no stamps of their own")
+    return _trajectory(rows), None
+
+
+def _fixes(bag: Bag, topic: Topic) -> Poses:
+    """Return positions east, north, up of the first fix; messages without a fix are left out."""
+    stamps, places, covariances = [], [], []
+    for _, _, message in bag.messages([topic]):
+        if message.status.status > NO_FIX:
+            stamps.append(message.header.stamp.sec * NS_PER_S + message.header.stamp.nanosec)
+            places.append((message.latitude, message.longitude, message.altitude))
+            known = np.nan if message.position_covariance_type == 0 else 1.0
+            covariances.append(known * np.asarray(message.position_covariance, np.float64).reshape(3, 3))
+    covariance = np.full((len(stamps), 6, 6), np.nan)
+    covariance[:, :3, :3] = np.reshape(covariances, (-1, 3, 3))
+    positions = enu_m(np.array(places, np.float64).reshape(-1, 3))
+    return Trajectory(np.array(stamps, np.int64), positions, np.zeros((len(stamps), 4))), covariance
+
+
+def enu_m(places: FloatArray) -> FloatArray:
+    """Return positions east, north, up of the first one, m, of latitude, longitude (deg) and height (m) `(N, 3)`.
+
+    WGS84; geographic to topocentric conversion, EPSG method 9837 (IOGP publication 373-7-2, section 4.1.2).
+    """
+    latitude, longitude = np.radians(places[:, 0]), np.radians(places[:, 1])
+    squared = WGS84_FLATTENING * (2.0 - WGS84_FLATTENING)
+    normal = WGS84_M / np.sqrt(1.0 - squared * np.sin(latitude) ** 2)
+    across = (normal + places[:, 2]) * np.cos(latitude)
+    polar = (normal * (1.0 - squared) + places[:, 2]) * np.sin(latitude)
+    geocentric = np.stack((across * np.cos(longitude), across * np.sin(longitude), polar), axis=1)
+    if not len(geocentric):
+        return geocentric
+    (south, north), (west, east) = ((np.sin(angle[0]), np.cos(angle[0])) for angle in (latitude, longitude))
+    axes = [[-west, east, 0.0], [-south * east, -south * west, north], [north * east, north * west, south]]
+    return np.asarray((geocentric - geocentric[0]) @ np.array(axes).T)
+
+
+TRUTH_TYPES: dict[str, Callable[[Bag, Topic], Poses]] = {
+    "nav_msgs/msg/Odometry": _with_pose("pose.pose", covariance=True),
+    "geometry_msgs/msg/PoseWithCovarianceStamped": _with_pose("pose.pose", covariance=True),
+    "geometry_msgs/msg/PoseStamped": _with_pose("pose", covariance=False),
+    "geometry_msgs/msg/TransformStamped": _with_pose("transform", covariance=False),
+    PATH: _last_path,
+    FIX: _fixes,
+}
+"""Types of topics that truth is read from, and how."""
+
+
+# ---- /tf
+
+
+def _tf_poses(bag: Bag, frame: str) -> Trajectory:
+    """Return the poses of a frame in the root of its tree, or in a parent (`PARENT:CHILD`), of /tf and /tf_static."""
+    from sfr_loc_map.io.bag import TF
+
+    edges: dict[str, list[tuple[str, tuple[int, tuple[float, ...]]]]] = {}
+    static = set()
+    for name in ("tf_static", "tf"):
+        topic = bag.find(name, TF)
+        for _, _, message in () if topic is None else bag.messages([topic]):
+            for item in message.transforms:
+                child = item.child_frame_id.strip("/")
+                edges.setdefault(child, []).append((item.header.frame_id.strip("/"), _row(item.header, item.transform)))
+                if name == "tf_static":
+                    static.add(child)
+    parent, _, child = frame.rpartition(":")
+    chain: list[str] = []
+    at = child.strip("/")
+    while at in edges and at != parent.strip("/") and len(chain) <= len(edges):
+        chain.append(at)
+        at = edges[at][0][0]
+    moving = [name for name in chain if name not in static]
+    if not moving or (parent and at != parent.strip("/")):
+        known = ", ".join(sorted(f"{items[0][0]}:{name}" for name, items in edges.items())) or "none"
+        raise InputError(f"bag '{bag.path}' has no moving transform '{frame}' on /tf: it has {known}")
+    with refusing(f"/tf of bag '{bag.path}'", "record it again"):
+        series = {name: _trajectory([row for _, row in edges[name]][-1 if name in static else 0 :]) for name in chain}
+        stamps = series[max(moving, key=lambda name: len(series[name]))].stamps_ns
+        for name in moving:
+            check_order(series[name].stamps_ns, f"/tf of bag '{bag.path}', '{name}'", strict=False)
+            first, last = series[name].stamps_ns[[0, -1]]
+            stamps = stamps[(stamps >= first) & (stamps <= last)]
+        positions, quats = np.zeros((len(stamps), 3)), np.tile(NO_TURN, (len(stamps), 1))
+        for name in chain:
+            place, turn = _sampled(series[name], stamps)
+            positions, quats = place + quat_rotate(turn, positions), quat_multiply(turn, quats)
+        return Trajectory(stamps, positions, quats)
+
+
+def _sampled(poses: Trajectory, stamps_ns: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return positions and unit quaternions at stamps, interpolated; the only pose of a static transform at all."""
+    if len(poses) == 1:
+        return np.repeat(poses.positions, len(stamps_ns), 0), np.repeat(unit_quats(poses.quats_xyzw), len(stamps_ns), 0)
+    known = poses.stamps_ns
+    after = np.clip(np.searchsorted(known, stamps_ns, "right"), 1, len(known) - 1)
+    before = after - 1
+    share = (stamps_ns - known[before]) / np.maximum(known[after] - known[before], 1)
+    positions = poses.positions[before] + share[:, None] * (poses.positions[after] - poses.positions[before])
+    return positions, slerp(unit_quats(poses.quats_xyzw[before]), unit_quats(poses.quats_xyzw[after]), share)

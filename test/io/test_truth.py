@@ -1,0 +1,189 @@
+"""Truth from every kind of topic and file, with a lever arm, a clock offset, a noise and without attitude."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.rotation import quat_conjugate, quat_multiply, quat_normalised, quat_rotate
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.io import bag_messages
+from sfr_loc_map.io.bag import TYPESTORE
+from sfr_loc_map.io.trajectory_file import read_trajectory_file, save_trajectory, trajectory_text
+from sfr_loc_map.io.truth import TruthConfig, enu_m, read_truth
+
+T = TYPESTORE.types
+COUNT = 40
+STAMPS = 1_700_000_000 * NS_PER_S + np.arange(COUNT) * 100_000_001
+LEVER, TURN = np.array([0.3, -0.2, 1.1]), quat_normalised([0.1, -0.2, 0.3, 0.9])
+
+
+@pytest.fixture
+def poses() -> Trajectory:
+    """A climbing curve with roll, pitch and yaw."""
+    s = np.linspace(0.0, 6.0, COUNT)
+    quats = quat_normalised(np.column_stack((0.05 * np.sin(s), 0.1 * np.cos(s), np.sin(0.3 * s), np.cos(0.3 * s))))
+    return Trajectory(STAMPS, np.column_stack((s, np.sin(s), 0.1 * s)), quats)
+
+
+def messages(kind: str, poses: Trajectory, covariance: float = 0.0) -> Iterator[tuple[str, int, Any]]:
+    """Yield topic, stamp and message of one kind of truth."""
+    vector, place, turn = (T[f"geometry_msgs/msg/{name}"] for name in ("Vector3", "Point", "Quaternion"))
+    stamped = []
+    for stamp, xyz, quat in zip(poses.stamps_ns.tolist(), poses.positions, poses.quats_xyzw, strict=True):
+        header = bag_messages.header(stamp, "world")
+        pose = T["geometry_msgs/msg/Pose"](place(*xyz), turn(*quat))
+        with_covariance = T["geometry_msgs/msg/PoseWithCovariance"](pose, np.diag([covariance] * 6).ravel())
+        transform = T["geometry_msgs/msg/Transform"](vector(*xyz), turn(*quat))
+        moved = T["geometry_msgs/msg/TransformStamped"](header, "marker", transform)
+        stamped.append(T["geometry_msgs/msg/PoseStamped"](header, pose))
+        if kind == "odometry":
+            message = bag_messages.odometry(stamp, xyz, quat)
+            yield "/ground_truth/odometry", stamp, message
+        elif kind == "pose":
+            yield "/vrpn/pose", stamp, stamped[-1]
+        elif kind == "pose_with_covariance":
+            name = "geometry_msgs/msg/PoseWithCovarianceStamped"
+            yield "/slam/pose", stamp, T[name](header, with_covariance)
+        elif kind == "transform":
+            yield "/vicon/rover", stamp, moved
+        elif kind == "path":
+            yield "/gt/path", stamp, T["nav_msgs/msg/Path"](header, list(stamped))
+        elif kind == "tf":
+            yield "/tf", stamp, T["tf2_msgs/msg/TFMessage"]([moved])
+
+
+TOPICS = {"odometry": "", "pose": "/vrpn/pose", "pose_with_covariance": "slam/pose", "transform": "/vicon/rover"}
+TOPICS |= {"path": "/gt/path", "tf": ""}
+
+
+def write_bag(path: Path, entries: Iterator[tuple[str, int, Any]]) -> Path:
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections: dict[str, Any] = {}
+        for topic, stamp, message in entries:
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, message.__msgtype__, typestore=TYPESTORE)
+            writer.write(connections[topic], stamp, TYPESTORE.serialize_cdr(message, message.__msgtype__))
+    return path
+
+
+@pytest.mark.parametrize("kind", TOPICS)
+def test_a_lever_arm_and_a_clock_are_undone_in_every_kind_of_topic(
+    tmp_path: Path, poses: Trajectory, kind: str
+) -> None:
+    marker = Trajectory(
+        poses.stamps_ns - 250_000_000,
+        poses.positions + quat_rotate(poses.quats_xyzw, LEVER),
+        quat_multiply(poses.quats_xyzw, TURN),
+    )
+    place = write_bag(tmp_path / "x", messages(kind, marker, 0.0004))
+    frame = "world:marker" if kind == "tf" else ""
+    lever = {"lever_arm_m": tuple(LEVER), "lever_quat_xyzw": tuple(TURN), "clock_offset_s": 0.25}
+    truth = read_truth(place, TruthConfig(source=TOPICS[kind], frame=frame, **lever))
+    assert truth.stamps_ns.tolist() == poses.stamps_ns.tolist()
+    np.testing.assert_allclose(truth.positions, poses.positions, atol=1e-12)
+    turned = quat_multiply(quat_conjugate(poses.quats_xyzw), truth.quats_xyzw)
+    np.testing.assert_allclose(np.abs(turned[:, 3]), 1.0, atol=1e-12)
+    assert truth.has_attitude
+    assert truth.lever_arm_m == (0.0, 0.0, 0.0)
+    assert truth.sigma_m == pytest.approx(0.02 if kind == "pose_with_covariance" else 0.0)
+
+
+def test_transforms_of_a_tree_are_joined_and_interpolated(tmp_path: Path) -> None:
+    """world to odom and odom to base move, base to marker is fixed; frames that are not joined are refused."""
+    vector, turn = T["geometry_msgs/msg/Vector3"], T["geometry_msgs/msg/Quaternion"]
+
+    def tf(stamp: int, parent: str, child: str, x: float) -> Any:
+        transform = T["geometry_msgs/msg/Transform"](vector(x, 0.0, 0.0), turn(0.0, 0.0, 0.0, 1.0))
+        item = T["geometry_msgs/msg/TransformStamped"](bag_messages.header(stamp, parent), child, transform)
+        return T["tf2_msgs/msg/TFMessage"]([item])
+
+    entries = [("/tf_static", 0, tf(0, "base", "marker", 0.5))]
+    entries += [("/tf", k * NS_PER_S, tf(k * NS_PER_S, "world", "odom", float(k))) for k in range(3)]
+    entries += [("/tf", k * NS_PER_S // 2, tf(k * NS_PER_S // 2, "odom", "base", 10.0)) for k in range(7)]
+    place = write_bag(tmp_path / "x", iter(entries))
+    found = read_truth(place, TruthConfig(frame="marker"))
+    np.testing.assert_allclose(found.positions[:, 0], 10.5 + np.arange(5) / 2)
+    with pytest.raises(InputError, match="no moving transform 'map:marker' on /tf: it has base:marker"):
+        read_truth(place, TruthConfig(frame="map:marker"))
+
+
+def test_fixes_become_metres_east_north_and_up_with_their_sigma(tmp_path: Path) -> None:
+    status, fix = T["sensor_msgs/msg/NavSatStatus"], T["sensor_msgs/msg/NavSatFix"]
+    covariance = np.diag([0.01, 0.04, 0.09]).ravel()
+    places = [(0, 48.0, 11.0, 500.0), (0, 48.0001, 11.0, 500.0), (-1, 0.0, 0.0, 0.0), (0, 48.0, 11.0001, 501.0)]
+    entries = [
+        ("/fix", k * NS_PER_S, fix(bag_messages.header(k * NS_PER_S, "gps"), status(code, 1), *place, covariance, 2))
+        for k, (code, *place) in enumerate(places)
+    ]
+    found = read_truth(write_bag(tmp_path / "x", iter(entries)), TruthConfig(source="/fix", lever_arm_m=tuple(LEVER)))
+    assert found.stamps_ns.tolist() == [0, NS_PER_S, 3 * NS_PER_S]
+    # lengths of a degree at this latitude (series of Snyder 1987, page 25): 111 200.1 m north, 74 625.2 m east
+    np.testing.assert_allclose(found.positions[1], [0.0, 11.1209, 0.0], atol=2e-3)
+    np.testing.assert_allclose(found.positions[2], [7.4632, 0.0, 1.0], atol=2e-3)
+    assert not found.has_attitude
+    assert found.lever_arm_m == tuple(LEVER)
+    assert found.sigma_m == pytest.approx(np.sqrt(0.14 / 3))
+    assert np.abs(enu_m(np.array([[10.0, 20.0, 30.0]]))).max() == 0.0
+
+
+TABLES = {
+    "total station": "Time (s);East (m);North (m);Height (mm)\n1,5;1,0;2,0;500\n2.5;;;\n3;4;5;6000\n",
+    "motion capture": "stamp_ms,tx_mm,ty_mm,tz_mm,extra\n1500,1000,2000,500,a\n3000,4000,5000,6000,b\n",
+    "utc": "Timestamp[utc]\tX[m]\tY[m]\tZ[m]\n1970-01-01T00:00:01.5\t1\t2\t0.5\n1970-01-01 01:00:03+01:00\t4\t5\t6\n",
+}
+
+
+@pytest.mark.parametrize("text", TABLES.values(), ids=TABLES)
+def test_a_table_is_read_by_the_names_and_units_of_its_header(tmp_path: Path, text: str) -> None:
+    (tmp_path / "x.csv").write_text(text)
+    found = read_truth(tmp_path / "x.csv")
+    assert found.stamps_ns.tolist() == [1_500_000_000, 3_000_000_000]
+    np.testing.assert_allclose(found.positions, [[1.0, 2.0, 0.5], [4.0, 5.0, 6.0]])
+    assert not found.has_attitude
+
+
+def test_no_unit_is_guessed_and_columns_can_be_named(tmp_path: Path, poses: Trajectory) -> None:
+    place = tmp_path / "x.csv"
+    rows = np.column_stack((np.arange(COUNT), 1000.0 * poses.positions, poses.quats_xyzw))
+    lines = [",".join(map(repr, row)) for row in rows.tolist()]
+    place.write_text("\n".join(["Frame,TX,TY,TZ,qx,qy,qz,qw", *lines]))
+    with pytest.raises(
+        InputError, match=r"\(t, x, y, z not found, or without a unit\), or their names: --truth-columns"
+    ):
+        read_truth(place)
+    columns = "t=Frame[ms],x=TX[mm],y=TY[mm],z=TZ[mm],qx=qx,qy=qy,qz=qz,qw=qw"
+    found = read_truth(place, TruthConfig(columns=columns))
+    assert found.has_attitude
+    assert found.stamps_ns[-1] == (COUNT - 1) * 1_000_000
+    np.testing.assert_allclose(found.positions, poses.positions, atol=1e-12)
+    assert not read_truth(place, TruthConfig(columns=columns, attitude="no")).has_attitude
+    with pytest.raises(InputError, match="no column for 'w=q'"):
+        read_truth(place, TruthConfig(columns="w=q"))
+
+
+def test_eight_columns_without_a_header_are_ambiguous(tmp_path: Path, poses: Trajectory) -> None:
+    """The csv of the suite without its header would be read as EuRoC, with other quaternions."""
+    (tmp_path / "x.csv").write_text(trajectory_text(poses).split("\n", 1)[1])
+    with pytest.raises(InputError, match="eight columns and no header"):
+        read_trajectory_file(tmp_path / "x.csv")
+    save_trajectory(tmp_path / "x.euroc.csv", poses)
+    np.testing.assert_array_equal(read_trajectory_file(tmp_path / "x.euroc.csv").trajectory.positions, poses.positions)
+
+
+def test_truth_that_is_not_there_names_what_could_be(tmp_path: Path, poses: Trajectory) -> None:
+    place = write_bag(tmp_path / "x", messages("pose", poses))
+    with pytest.raises(InputError, match=r"name their topic .*: /vrpn/pose"):
+        read_truth(place)
+    with pytest.raises(InputError, match="neither a file nor a topic"):
+        read_truth(place, TruthConfig(source="/none"))
+    (tmp_path / "y.csv").write_text(TABLES["total station"])
+    with pytest.raises(InputError, match="has no attitudes"):
+        read_truth(place, TruthConfig(source=str(tmp_path / "y.csv"), attitude="yes"))
