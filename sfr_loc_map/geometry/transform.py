@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import isfinite
 
@@ -144,14 +145,32 @@ class FrameTree:
         """Set the parent of a frame; a later transform replaces an earlier one."""
         self._parents[child] = (parent, T_parent_child)
 
-    def find(self, ancestor: str, frame: str) -> Transform | None:
-        """Return `T_ancestor_frame`; None where `ancestor` is not above `frame`."""
-        result: Transform | None = None
-        for _ in range(len(self._parents)):  # a loop of frames ends, too
-            if frame not in self._parents:
-                return None
-            frame, step = self._parents[frame]
-            result = step if result is None else step @ result
-            if frame == ancestor:
-                return result
+    def find(self, target: str, frame: str) -> Transform | None:
+        """Return `T_target_frame`; None where the frames are not joined."""
+        if target == frame:
+            return None if frame not in self.joined_to(frame) else Transform.identity()
+        above = dict(self._above(frame))
+        for name, T_name_target in self._above(target):
+            if name in above:
+                if name == target:
+                    return above[name]
+                return T_name_target.inverse() if name == frame else T_name_target.inverse() @ above[name]
         return None
+
+    def joined_to(self, frame: str) -> list[str]:
+        """Return all frames that are joined to a frame, itself too, nearest parents first; none if it is not there."""
+        above = [name for name, _ in self._above(frame)]
+        known = {name for child, (parent, _) in self._parents.items() for name in (child, parent)}
+        others = sorted(name for name in known - {*above} if [*self._above(name)][-1][0] == above[-1])
+        return [*above, *others] if frame in known else []
+
+    def _above(self, frame: str) -> Iterator[tuple[str, Transform]]:
+        """Yield a frame and those above it, each with the transform from the frame to it."""
+        pose = Transform.identity()
+        yield frame, pose
+        for depth in range(len(self._parents)):  # a loop of frames ends, too
+            if frame not in self._parents:
+                return
+            frame, step = self._parents[frame]
+            pose = step @ pose if depth else step
+            yield frame, pose

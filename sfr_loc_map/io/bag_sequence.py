@@ -6,12 +6,13 @@ import logging
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
+from statistics import median_low
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import SIDES, Task, refusing
+from sfr_loc_map.inputs import NS_PER_S, SIDES, Task, refusing
 from sfr_loc_map.io.bag import (
     CAMERA_INFO,
     COMPRESSED,
@@ -30,11 +31,13 @@ from sfr_loc_map.io.image_codec import image_from_compressed_message, image_from
 from sfr_loc_map.io.image_files import check_size
 from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig
 from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.stamp_pairing import STAMP_TOLERANCE_S, match_stamps
 from sfr_loc_map.io.text_table import check_order
 
 LOOK_AHEAD = 32
 """Most stamps whose messages are waited for at a time: bounds the memory whatever the order in the bag."""
 RECTIFIED, RAW = "image_rect", "image_raw"
+NS_PER_MS = 1_000_000
 
 _log = logging.getLogger(__name__)
 
@@ -47,6 +50,7 @@ class _BagPairs:
     def __init__(self, bag: Bag) -> None:
         rig = self.task.rig
         self._bag, self._rig_name = bag, rig
+        self._tolerance_ns = round(STAMP_TOLERANCE_S * NS_PER_S)
         kind = _image_name(bag, rig)
         self._sides = [_require(bag, f"{rig}/{side}/{kind}", IMAGE, COMPRESSED) for side in SIDES]
         self._points = bag.find("ground_truth/points", POINTS) if self.task is Task.MAPPING else None
@@ -69,43 +73,52 @@ class _BagPairs:
 
     @property
     def stamps_ns(self) -> tuple[int, ...]:
-        """Stamps of the pairs, in their order."""
-        return tuple(self._parts)
+        """Stamps of the pairs, those of the left images, in their order."""
+        return tuple(self._pairs)
 
     def __len__(self) -> int:
-        return len(self._parts)
+        return len(self._pairs)
 
     @cached_property
-    def _parts(self) -> dict[int, int]:
-        """The stamps of whole pairs in their order, and how many topics have a message for each; reads stamps only."""
+    def _pairs(self) -> dict[int, dict[str, int]]:
+        """The stamp of each whole pair, in order, and those of its messages by topic; reads stamps only."""
         stamps: dict[str, list[int]] = {topic.name: [] for topic in self._topics}
         for topic, stamp_ns, _ in self._bag.stream(self._topics):
             stamps[topic.name].append(stamp_ns)
         for topic in self._topics:
             check_order(stamps[topic.name], f"bag '{self._bag.path}', '{topic.bag_name}'", strict=True)
-        left, right = (set(stamps[topic.name]) for topic in self._sides)
-        if not left & right:
+        (one, left), (other, right) = ((topic.name, stamps[topic.name]) for topic in self._sides)
+        where, within = f"bag '{self._bag.path}', '{self._rig_name}'", f"{self._tolerance_ns / NS_PER_MS:g} ms"
+        matched = match_stamps(left, right, self._tolerance_ns)
+        if not matched:
             raise InputError(
-                f"bag '{self._bag.path}': none of {len(left)} left and {len(right)} right images of '{self._rig_name}' "
-                f"have equal stamps: record both from one trigger"
+                f"{where}: none of {len(left)} left and {len(right)} right images have stamps within {within}: record "
+                f"both from one trigger, or set sync.stamp_tolerance_s"
             )
-        if single := len(left ^ right):
+        if apart := [abs(after - stamp) for stamp, after in matched.items() if after != stamp]:
+            typical, largest = (f"{value / NS_PER_MS:.3g}" for value in (median_low(apart), max(apart)))
             _log.warning(
-                "bag '%s': %d images of '%s' without the other side left out", self._bag.path, single, self._rig_name
+                f"{where}: {len(apart)} of {len(matched)} pairs have stamps that differ, typically by {typical} ms, at "
+                f"most by {largest} ms: matched within {within}"
             )
-        truth = set(stamps[self._points.name]) if self._points else set()
-        return {stamp: 2 + (stamp in truth) for stamp in sorted(left & right)}
+        if single := len(left) + len(right) - 2 * len(matched):
+            _log.warning(f"{where}: {single} images without the other side left out")
+        pairs = {stamp: {one: stamp, other: after} for stamp, after in matched.items()}
+        if self._points:
+            for stamp, of_truth in match_stamps(list(pairs), stamps[self._points.name], self._tolerance_ns).items():
+                pairs[stamp][self._points.name] = of_truth
+        return pairs
 
     def joined(self) -> Iterator[tuple[StereoPair, Mapping[str, bytes]]]:
         """Yield each whole pair and its raw messages by topic, in the order of stamps."""
-        parts, order = self._parts, iter(self._parts)
-        waiting: dict[int, dict[str, bytes]] = {}
+        pair_of = {part: stamp for stamp, parts in self._pairs.items() for part in parts.items()}
+        order, waiting = iter(self._pairs), dict[int, dict[str, bytes]]()
         stamp = next(order, None)
         for topic, stamp_ns, raw in self._bag.stream(self._topics):
-            if stamp_ns not in parts:
+            if (part := pair_of.get((topic.name, stamp_ns))) is None:
                 continue
-            waiting.setdefault(stamp_ns, {})[topic.name] = raw
-            while stamp is not None and len(waiting.get(stamp, ())) == parts[stamp]:
+            waiting.setdefault(part, {})[topic.name] = raw
+            while stamp is not None and len(waiting.get(stamp, ())) == len(self._pairs[stamp]):
                 messages = waiting.pop(stamp)
                 yield self._pair(stamp, messages), messages
                 stamp = next(order, None)
@@ -163,8 +176,9 @@ class BagNavSequence(_BagPairs):
 
     def pairs(self) -> Iterator[PosedStereoPair]:
         """Yield the pairs in the order of stamps, with truth where `ground_truth/points` has their stamp."""
+        pose_of_pair = match_stamps(self.stamps_ns, sorted(self._poses), self._tolerance_ns)
         for pair, raw in self.joined():
-            if pair.stamp_ns not in self._poses:
+            if pair.stamp_ns not in pose_of_pair:
                 raise InputError(
                     f"bag '{self._bag.path}': no message on 'nav/pose' has the stamp {pair.stamp_ns} of a pair"
                 )
@@ -172,7 +186,7 @@ class BagNavSequence(_BagPairs):
             if self._points and self._points.name in raw:
                 message = self._bag.deserialise(self._points, raw[self._points.name])
                 truth = points_image(message, (self.rig.width, self.rig.height))
-            yield PosedStereoPair(pair, self._poses[pair.stamp_ns], truth)
+            yield PosedStereoPair(pair, self._poses[pose_of_pair[pair.stamp_ns]], truth)
 
 
 def open_bag(path: Path, remap: Mapping[str, str] | None = None) -> Source:

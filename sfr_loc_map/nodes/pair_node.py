@@ -19,6 +19,7 @@ from sfr_loc_map.inputs import NS_PER_S, SIDES, Side
 from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig
+from sfr_loc_map.io.stamp_pairing import STAMP_TOLERANCE_S, StampPairing
 from sfr_loc_map.nodes.diagnostics import StatusReporter
 from sfr_loc_map.nodes.environment import EXPORT_LINE
 from sfr_loc_map.nodes.lifecycle.endpoints import RELIABILITIES, Endpoints, profile
@@ -26,7 +27,7 @@ from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.worker import Overload
 from sfr_loc_map.nodes.messages import check_image, grey_from_image
-from sfr_loc_map.pipeline.reception import LossWatch, MessageTimes, StampPairing, TransportGaps, jumped_back, latencies
+from sfr_loc_map.pipeline.reception import LossWatch, MessageTimes, TransportGaps, jumped_back, latencies
 
 ReceivedImage = tuple[Any, MessageTimes]  #: sensor_msgs/Image or CompressedImage, and when it was sent and received.
 
@@ -56,7 +57,11 @@ class StereoInputConfig:
         30, unit="images", doc="Most images that wait on each side; older ones are dropped.", low=1, high=1000
     )
     stamp_tolerance_s: float = param(
-        0.0, unit="s", doc="Largest difference between the stamps of left and right; 0: equal.", low=0.0, high=0.5
+        STAMP_TOLERANCE_S,
+        unit="s",
+        doc="Largest difference between the stamps of left and right, always below half a period; 0: equal.",
+        low=0.0,
+        high=0.5,
     )
 
     @property

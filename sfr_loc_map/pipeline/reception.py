@@ -1,9 +1,8 @@
-"""Messages as they are received: stereo pairs by stamp, jumps of the clock, latency, losses; the path travelled."""
+"""Messages as they are received: jumps of the clock, latency, losses; the path travelled."""
 
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
@@ -29,74 +28,6 @@ TURN_PER_METRE = math.radians(100.0)
 def jumped_back(latest_ns: int, stamp_ns: int) -> bool:
     """Tell whether a stamp lies so far behind the latest one that a new run must have begun."""
     return latest_ns - stamp_ns >= JUMP_BACK_NS
-
-
-# ---- stereo pairs
-
-
-class StampPairing(Generic[T]):
-    """Pairs the items of two streams by their stamps, with a bounded memory.
-
-    Each stream comes in the order of its stamps, until a new run begins at an earlier one. So an item is dropped, and
-    counted as `unpaired`, when the other stream has come to a later stamp of the same run; `overflowed` counts those
-    whose queue was full.
-    """
-
-    def __init__(self, tolerance_ns: int, depth: int) -> None:
-        """Start empty; the stamps of a pair differ by the tolerance at most, `depth` items wait on each side."""
-        self._tolerance_ns, self._depth = tolerance_ns, depth
-        self._waiting: tuple[deque[tuple[int, int, T]], ...] = (deque(), deque())  # stamp, run of its stream, item
-        self._latest_ns: list[int | None] = [None, None]
-        self._runs = [0, 0]
-        self.unpaired = 0
-        self.overflowed = 0
-
-    def add_left(self, stamp_ns: int, item: T) -> tuple[T, T] | None:
-        """Take an item of the left stream; return `(left, right)` if it completes a pair."""
-        partner = self._partner_of(0, stamp_ns, item)
-        return None if partner is None else (item, partner)
-
-    def add_right(self, stamp_ns: int, item: T) -> tuple[T, T] | None:
-        """Take an item of the right stream; return `(left, right)` if it completes a pair."""
-        partner = self._partner_of(1, stamp_ns, item)
-        return None if partner is None else (partner, item)
-
-    def clear(self) -> None:
-        """Forget what waits, without counting it as dropped."""
-        for queue in self._waiting:
-            queue.clear()
-        self._latest_ns, self._runs = [None, None], [0, 0]
-
-    def _partner_of(self, side: int, stamp_ns: int, item: T) -> T | None:
-        latest = self._latest_ns[side]
-        self._runs[side] += latest is not None and stamp_ns < latest
-        self._latest_ns[side] = stamp_ns
-        own, other = self._waiting[side], self._waiting[1 - side]
-        best = min(range(len(other)), key=lambda i: abs(other[i][0] - stamp_ns), default=None)
-        if best is None or abs(other[best][0] - stamp_ns) > self._tolerance_ns:
-            own.append((stamp_ns, self._runs[side], item))
-            if len(own) > self._depth:
-                own.popleft()
-                self.overflowed += 1
-            self._drop_hopeless()
-            return None
-        _, self._runs[side], partner = other[best]  # the same moment, so the same run
-        while own and own[0][0] < stamp_ns:
-            own.popleft()
-            self.unpaired += 1
-        for _ in range(best + 1):
-            other.popleft()
-        self.unpaired += best
-        return partner
-
-    def _drop_hopeless(self) -> None:
-        for side, queue in enumerate(self._waiting):
-            latest, run = self._latest_ns[1 - side], self._runs[1 - side]
-            if latest is None:
-                continue
-            while queue and queue[0][1] == run and queue[0][0] < latest - self._tolerance_ns:
-                queue.popleft()
-                self.unpaired += 1
 
 
 # ---- latency

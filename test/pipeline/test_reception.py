@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.pipeline.reception import StampPairing, ThinnedPath, TransportGaps
+from sfr_loc_map.io.stamp_pairing import StampPairing, match_stamps
+from sfr_loc_map.pipeline.reception import ThinnedPath, TransportGaps
 
 S, MS = 1_000_000_000, 1_000_000
 NOW = 1_800_000_000 * S
@@ -58,6 +59,18 @@ def test_within_the_tolerance_the_nearest_is_taken_and_what_waits_is_bounded() -
     assert found == [(7, 7), (8, 8), (9, 9)]
     # 7 of the left fell out; of the right, 0 to 6 come when the left has gone past them
     assert (pairing.overflowed, pairing.unpaired) == (7, 7)
+
+
+@given(st.integers(3, 40), st.integers(-10, 10), st.sets(st.integers(0, 30)), st.sets(st.integers(0, 30)))
+def test_no_pair_is_one_of_neighbouring_moments(
+    period: int, apart: int, no_left: set[int], no_right: set[int]
+) -> None:
+    """However large the tolerance: the partner is the one of the same moment, or none."""
+    apart = max(min(apart, (period - 1) // 2), -(period - 1) // 2 + 1)
+    moments = range(32)
+    left, right = ([i for i in moments if i not in out] for out in (no_left & {0, 3, 9}, no_right & {1, 3, 20}))
+    found = match_stamps([i * period for i in left], [i * period + apart for i in right], 10 * period)
+    assert found == {i * period: i * period + apart for i in left if i in right}
 
 
 def lost(numbers: list[int | None]) -> int:

@@ -1,0 +1,53 @@
+"""The pose of a stereo rig on the rover from a tree of frames, as the drivers of cameras and robots publish them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sfr_loc_map.geometry.transform import FrameTree, Transform
+
+BASE_FRAMES = ("rb", "base_link", "base_footprint", "base", "body", "chassis")
+"""Names of the rover's own frame, in the order of trying."""
+SB_FRAME = "locsb"
+OPTICAL_IN_SB = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+"""Turns an optical frame (x right, y down, z forward) into SB (x forward, y left, z up) [3.2.3]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RigInBody:
+    """Where a stereo rig is on the rover, and from which frames that follows."""
+
+    T_rb_sb: Transform
+    text: str  #: `base_link to camera_left_optical_frame`, for messages.
+
+
+def rig_in_body(
+    frames: FrameTree, camera_frame: str, baseline_m: float, base_frame: str = "", sb_frame: str = SB_FRAME
+) -> RigInBody | None:
+    """Return the pose of a rig by a frame of SB, else by the frame of its rectified left camera, at any depth.
+
+    The camera's frame is optical [REP 103]; one that is not called so and whose z axis points up is taken as x
+    forward, y left, z up, as simulators name it. The base is `base_frame`, else the first of `BASE_FRAMES` that is
+    joined to the camera; frames of one rover may have a prefix (`rover1/base_link`). None where nothing joins them.
+    """
+    for frame in (sb_frame, camera_frame.strip("/")):
+        joined = frames.joined_to(frame) if frame else []
+        bases = [name for base in ([base_frame] if base_frame else BASE_FRAMES) for name in _named(base, joined)]
+        T_base_frame = frames.find(bases[0], frame) if bases else None
+        if T_base_frame is None:
+            continue
+        text = f"{bases[0]} to {frame}"
+        if frame == sb_frame:
+            return RigInBody(T_base_frame, text)
+        turn = OPTICAL_IN_SB.T
+        if "optical" not in frame and T_base_frame.rotation[2, 2] > np.cos(np.pi / 4):
+            text, turn = f"{text}, taken as x forward and z up", np.eye(3)
+        T_left_sb = Transform(turn, turn @ np.array([0.0, -0.5 * baseline_m, 0.0]))
+        return RigInBody(T_base_frame @ T_left_sb, text)
+    return None
+
+
+def _named(base: str, frames: list[str]) -> list[str]:
+    return [name for name in frames if name == base] or [name for name in frames if name.endswith(f"/{base}")]

@@ -1,0 +1,99 @@
+"""Items of two streams that belong together by their stamps: left and right images, poses, truth."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Collection, Sequence
+from itertools import pairwise
+from statistics import median_low
+from typing import Generic, TypeVar
+
+T = TypeVar("T")
+STAMP_TOLERANCE_S = 0.01
+"""Default of the largest difference between the stamps of what belongs together; always below half a period."""
+PERIODS = 15  # gaps between stamps of which the period is the median
+WAITING = 1000  # items that wait on each side where all stamps are known
+
+
+def below_half_period(tolerance_ns: int, *gaps_ns: Collection[int]) -> int:
+    """Return the tolerance, or what is just below half the shorter of the periods that streams with these gaps have."""
+    periods = [median_low(gaps) for gaps in gaps_ns if gaps]
+    return min(tolerance_ns, max(min(periods) - 1, 0) // 2) if periods else tolerance_ns
+
+
+def match_stamps(left: Sequence[int], right: Sequence[int], tolerance_ns: int) -> dict[int, int]:
+    """Return the right stamp of each left one that has a partner; both increase, nanoseconds."""
+    gaps = [[after - before for before, after in pairwise(s) if after > before] for s in (left, right)]
+    pairing: StampPairing[int] = StampPairing(below_half_period(tolerance_ns, *gaps), WAITING)
+    order = sorted([(stamp, 0) for stamp in left] + [(stamp, 1) for stamp in right])
+    found = [(pairing.add_right if side else pairing.add_left)(stamp, stamp) for stamp, side in order]
+    return dict(pair for pair in found if pair is not None)
+
+
+class StampPairing(Generic[T]):
+    """Pairs the items of two streams by their stamps, with a bounded memory.
+
+    Each stream comes in the order of its stamps, until a new run begins at an earlier one. So an item is dropped, and
+    counted as `unpaired`, when the other stream has come to a later stamp of the same run; `overflowed` counts those
+    whose queue was full. The tolerance stays below half the period of either stream, so that no pair is one of
+    neighbouring moments.
+    """
+
+    def __init__(self, tolerance_ns: int, depth: int) -> None:
+        """Start empty; the stamps of a pair differ by the tolerance at most, `depth` items wait on each side."""
+        self._tolerance_ns, self._depth = tolerance_ns, depth
+        self._waiting: tuple[deque[tuple[int, int, T]], ...] = (deque(), deque())  # stamp, run of its stream, item
+        self._latest_ns: list[int | None] = [None, None]
+        self._runs = [0, 0]
+        self._gaps_ns: tuple[deque[int], ...] = (deque(maxlen=PERIODS), deque(maxlen=PERIODS))
+        self.unpaired = 0
+        self.overflowed = 0
+
+    def add_left(self, stamp_ns: int, item: T) -> tuple[T, T] | None:
+        """Take an item of the left stream; return `(left, right)` if it completes a pair."""
+        partner = self._partner_of(0, stamp_ns, item)
+        return None if partner is None else (item, partner)
+
+    def add_right(self, stamp_ns: int, item: T) -> tuple[T, T] | None:
+        """Take an item of the right stream; return `(left, right)` if it completes a pair."""
+        partner = self._partner_of(1, stamp_ns, item)
+        return None if partner is None else (partner, item)
+
+    def clear(self) -> None:
+        """Forget what waits, without counting it as dropped."""
+        for queue in self._waiting:
+            queue.clear()
+        self._latest_ns, self._runs = [None, None], [0, 0]
+
+    def _partner_of(self, side: int, stamp_ns: int, item: T) -> T | None:
+        latest = self._latest_ns[side]
+        self._runs[side] += latest is not None and stamp_ns < latest
+        if latest is not None and stamp_ns > latest:
+            self._gaps_ns[side].append(stamp_ns - latest)
+        self._latest_ns[side] = stamp_ns
+        own, other = self._waiting[side], self._waiting[1 - side]
+        best = min(range(len(other)), key=lambda i: abs(other[i][0] - stamp_ns), default=None)
+        if best is None or abs(other[best][0] - stamp_ns) > below_half_period(self._tolerance_ns, *self._gaps_ns):
+            own.append((stamp_ns, self._runs[side], item))
+            if len(own) > self._depth:
+                own.popleft()
+                self.overflowed += 1
+            self._drop_hopeless()
+            return None
+        _, self._runs[side], partner = other[best]  # the same moment, so the same run
+        while own and own[0][0] < stamp_ns:
+            own.popleft()
+            self.unpaired += 1
+        for _ in range(best + 1):
+            other.popleft()
+        self.unpaired += best
+        return partner
+
+    def _drop_hopeless(self) -> None:
+        for side, queue in enumerate(self._waiting):
+            latest, run = self._latest_ns[1 - side], self._runs[1 - side]
+            if latest is None:
+                continue
+            while queue and queue[0][1] == run and queue[0][0] < latest - self._tolerance_ns:
+                queue.popleft()
+                self.unpaired += 1

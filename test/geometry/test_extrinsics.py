@@ -1,0 +1,57 @@
+"""Where a rig is on the rover: from frames as drivers publish them, to the pose that was put in."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sfr_loc_map.geometry.extrinsics import rig_in_body
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.transform import FrameTree, Transform
+
+RIG = StereoRig(640, 480, 500.0, 500.0, 320.0, 240.0, 0.12)
+T_RB_SB = Transform(matrix_from_rotvec([0.02, 0.3, -0.1]), np.array([0.4, -0.1, 0.6]))
+MOUNT = Transform(matrix_from_rotvec([0.0, 0.4, 0.2]), np.array([0.3, 0.0, 0.5]))
+UP = Transform(np.eye(3), np.array([0.0, 0.0, 0.15]))
+
+
+def tree(base: str, leaf: str, T_base_leaf: Transform, *, downwards: bool = True) -> FrameTree:
+    """Join a base by a mount to a leaf, in a tree of the base or, as with some drivers, in one of the camera."""
+    frames, middle = FrameTree(), "camera_link"
+    frames.add(base, "wheel", UP)
+    frames.add("elsewhere", "nothing", UP)
+    if downwards:
+        frames.add(base, middle, MOUNT)
+        frames.add(middle, leaf, MOUNT.inverse() @ T_base_leaf)
+    else:
+        frames.add(middle, base, MOUNT.inverse())
+        frames.add(middle, leaf, MOUNT.inverse() @ T_base_leaf)
+    return frames
+
+
+@pytest.mark.parametrize("downwards", [True, False])
+@pytest.mark.parametrize("base", ["rb", "base_link", "rover1/base_footprint", "hull"])
+def test_any_depth_and_any_base_lead_to_the_pose_of_the_rig(base: str, downwards: bool) -> None:
+    optical = T_RB_SB @ RIG.T_sb_left
+    body = Transform(T_RB_SB.rotation, T_RB_SB.apply([0.0, 0.5 * RIG.baseline_m, 0.0]))
+    for leaf, pose in (("zed_left_camera_optical_frame", optical), ("cam", optical), ("cam", body), ("locsb", T_RB_SB)):
+        frames = tree(base, leaf, pose, downwards=downwards)
+        wanted = base if base == "hull" else ""
+        found = rig_in_body(frames, leaf if leaf != "locsb" else "camera_link", RIG.baseline_m, wanted)
+        assert found is not None
+        assert found.text.startswith(f"{base} to {leaf}")
+        np.testing.assert_allclose(found.T_rb_sb.matrix, T_RB_SB.matrix, atol=1e-12)
+
+
+def test_what_is_not_joined_to_a_base_is_unknown() -> None:
+    frames = tree("base_link", "left_optical", T_RB_SB)
+    assert rig_in_body(frames, "other_optical", 0.1) is None
+    assert rig_in_body(frames, "nothing", 0.1) is None
+    assert rig_in_body(frames, "left_optical", 0.1, "odom") is None
+    assert rig_in_body(frames, "", 0.1) is None
+    loop = FrameTree()
+    loop.add("a", "b", UP)
+    loop.add("b", "a", UP)
+    assert loop.find("c", "a") is None
+    assert loop.find("base_link", "a") is None
