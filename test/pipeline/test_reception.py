@@ -62,9 +62,7 @@ def test_within_the_tolerance_the_nearest_is_taken_and_what_waits_is_bounded() -
 
 
 @given(st.integers(3, 40), st.integers(-10, 10), st.sets(st.integers(0, 30)), st.sets(st.integers(0, 30)))
-def test_no_pair_is_one_of_neighbouring_moments(
-    period: int, apart: int, no_left: set[int], no_right: set[int]
-) -> None:
+def test_no_pair_is_one_of_neighbouring_moments(period: int, apart: int, no_left: set[int], no_right: set[int]) -> None:
     """However large the tolerance: the partner is the one of the same moment, or none."""
     apart = max(min(apart, (period - 1) // 2), -(period - 1) // 2 + 1)
     moments = range(32)
