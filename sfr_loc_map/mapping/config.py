@@ -29,6 +29,13 @@ class CalibrationUncertainty:
         0.001, doc="Standard deviation of the focal length, as a share of it.", low=0.0, high=0.5
     )
     baseline_share: float = param(0.001, doc="Standard deviation of the baseline, as a share of it.", low=0.0, high=0.5)
+    distortion_px: float = param(
+        0.3,
+        unit="px",
+        doc="Typical left-over distortion in the corners of an image: what looks like a yaw and is within it is none.",
+        low=0.0,
+        high=10.0,
+    )
 
 
 @dataclass(frozen=True, slots=True)

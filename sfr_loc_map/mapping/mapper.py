@@ -97,7 +97,7 @@ class Mapper:
         fill_holes(grey, refined.right, initial, left < 200, initial, refined.noise, left >= 200)
         cloud = cloud_from_disparity(initial, sigma, left, self._rig, self._rig.T_sb_left, 0)
         saturation(left, np.full_like(right, 255), initial).widen(cloud.sigma.copy(), cloud, 0)
-        total_sigma(cloud, [self._rig.T_sb_left], self._rig, CalibrationSigma(0.0, 0.0, 0.0, 0.0, 0.0))
+        total_sigma(cloud, [self._rig.T_sb_left], self._rig, CalibrationSigma(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
         view = PairView(cloud, initial, self._rig.T_sb_left, refined.noise)
         fuse_views([view, view], self._rig)
 
@@ -123,7 +123,7 @@ class Mapper:
         rotation = camera_rotation(
             left, refined.right, refined.disparity_px, valid, refined.correction.vertical_px, self._rig
         )
-        share = matched_share(left, contrast, valid & (refined.disparity_px >= self._search.min_disparity_px))
+        share = matched_share(left, contrast, valid)
         found, filled = fill_holes(
             left, refined.right, refined.disparity_px, valid, initial, refined.noise, ~clipped.flat
         )
@@ -131,7 +131,9 @@ class Mapper:
         found = without_roll(found, rotation, self._rig)
         valid |= filled
         valid &= found >= self._search.min_disparity_px
-        warnings = check_matches(pair, share, refined.correction, clipped.share, self._search.count)
+        warnings = check_matches(
+            pair, share, refined.correction, clipped.share, self._search.count, self._calibration.distortion_px
+        )
         disparity = np.where(valid, found, F(np.nan))
         T_lm_left = T_lm_navsb @ self._rig.T_sb_left
         cloud = cloud_from_disparity(disparity, sigma, pair.left, self._rig, T_lm_left, index)

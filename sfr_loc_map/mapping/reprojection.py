@@ -22,10 +22,9 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit_rows
 from sfr_loc_map.mapping.config import CalibrationUncertainty
-from sfr_loc_map.mapping.disparity.right_camera import MIN_ROLL_PX, CameraRotation
+from sfr_loc_map.mapping.disparity.right_camera import CameraRotation
 
-MEASURED_SIGMAS = 5.0  #: A yaw counts as measured from so many of its standard deviations on.
-WARNING_FACTOR = 2.0  #: A measured yaw is warned of from so many standard deviations of the calibration on.
+MEASURED_SIGMAS = 3.0  #: A yaw counts as measured from so many of its standard deviations on.
 MIN_WARNING_DEG = 0.02  #: Less yaw than this is not warned of, however well the calibration is said to be known.
 
 
@@ -92,6 +91,7 @@ class CalibrationSigma(NamedTuple):
     roll: float
     focal: float
     baseline: float
+    distortion: float  # along rows, as an angle
 
 
 def check_calibration(
@@ -99,24 +99,28 @@ def check_calibration(
 ) -> tuple[CalibrationSigma, tuple[str, ...]]:
     """Return the uncertainty of a calibration after a pair was seen, and what is suspicious, one line each.
 
-    A yaw that is measured and larger than stated is added to the uncertainty, not taken out of the map: a lens that is
-    not modelled well makes a saddle as well. A vertical offset may be a pitch, and is added as one. Roll has been taken
-    out where it is measured.
+    Left-over distortion makes the saddle of a yaw as well: a yaw is measured no more surely than the stated distortion
+    allows. One that is measured is added to the uncertainty, not taken out of the map. A vertical offset larger than
+    the stated distortion may be a pitch, and is added as one. Roll has been taken out where it is measured. All other
+    vertical disparity is left-over distortion, and the disparity is as uncertain.
     """
     yaw, pitch, roll = (math.radians(value) for value in (stated.yaw_deg, stated.pitch_deg, stated.roll_deg))
     warnings: tuple[str, ...] = ()
-    if abs(rotation.yaw_rad) > max(yaw, MEASURED_SIGMAS * rotation.yaw_sigma_rad):
+    saddle = 0.25 * rig.width * rig.height / (rig.fx * rig.fy)  # x y in the corner
+    doubt = math.hypot(rotation.yaw_sigma_rad, stated.distortion_px / (rig.fy * saddle), yaw)
+    if abs(rotation.yaw_rad) > max(MEASURED_SIGMAS * doubt, math.radians(MIN_WARNING_DEG)):
         yaw_deg = math.degrees(rotation.yaw_rad)
-        if abs(yaw_deg) > max(WARNING_FACTOR * stated.yaw_deg, MIN_WARNING_DEG):
-            side = "right" if yaw_deg > 0 else "left"
-            warnings = (
-                f"the right camera seems to look {abs(yaw_deg):.3f} deg to the {side} of its calibration (vertical "
-                "disparity has the saddle of a yaw): all depths err alike, sigma is widened; calibrate the cameras",
-            )
+        side = "right" if yaw_deg > 0 else "left"
+        warnings = (
+            f"the right camera seems to look {abs(yaw_deg):.3f} deg to the {side} of its calibration (vertical "
+            "disparity has the saddle of a yaw): all depths err alike, sigma is widened; calibrate the cameras",
+        )
         yaw = math.hypot(yaw, rotation.yaw_rad)
-    if abs(rotation.pitch_rad) * rig.fy > MIN_ROLL_PX:
+    if abs(rotation.pitch_rad) * rig.fy > stated.distortion_px:
         pitch = math.hypot(pitch, rotation.pitch_rad)
-    return CalibrationSigma(yaw, pitch, roll, stated.focal_share, stated.baseline_share), warnings
+    distortion_px = min(rotation.vertical_px, max(stated.distortion_px, rotation.bent_px))
+    shares = stated.focal_share, stated.baseline_share
+    return CalibrationSigma(yaw, pitch, roll, *shares, distortion_px / rig.fx), warnings
 
 
 def total_sigma(
@@ -125,7 +129,8 @@ def total_sigma(
     """Return the standard deviation along the ray of each point `(N,)`, metres, with the calibration's part.
 
     With range r, disparity d and normalised coordinates (x, y) of the left pixel and (xr, y) of the right one the
-    variance is `sigma^2 + r^2 ((fx / d)^2 ((yaw (1 + xr^2))^2 + (pitch xr y)^2 + (roll y)^2) + focal^2 + baseline^2)`.
+    variance is
+    `sigma^2 + r^2 ((fx / d)^2 ((yaw (1 + xr^2))^2 + (pitch xr y)^2 + (roll y)^2 + distortion^2) + focal^2 + baseline^2)`.
 
     Poses of the left cameras are in the order of the points' `pair`.
     """
@@ -153,6 +158,7 @@ def _add_calibration(
 ) -> None:
     """Fill the total standard deviation of each point `(N,)`; axes and centres `(P, 3)` are the left cameras' in LM."""
     yaw, pitch, roll = calibration.yaw, calibration.pitch, calibration.roll
+    distortion = calibration.distortion * calibration.distortion
     scale = calibration.focal * calibration.focal + calibration.baseline * calibration.baseline
     for n in prange(len(total)):
         pair = pairs[n]
@@ -162,7 +168,7 @@ def _add_calibration(
         x, y = (us[n] - camera.cx) / camera.fx, (vs[n] - camera.cy) / camera.fy
         right = x - camera.baseline_m / depth
         by_yaw, by_pitch, by_roll = yaw * (1.0 + right * right), pitch * right * y, roll * y
-        angle = by_yaw * by_yaw + by_pitch * by_pitch + by_roll * by_roll
+        angle = by_yaw * by_yaw + by_pitch * by_pitch + by_roll * by_roll + distortion
         share = angle * (depth / camera.baseline_m) ** 2 + scale
         reach = depth * depth * (x * x + y * y + 1.0)
         total[n] = np.sqrt(np.float64(sigma[n]) * sigma[n] + reach * share)

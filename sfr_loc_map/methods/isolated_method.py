@@ -28,7 +28,7 @@ from sfr_loc_map.metrics.score import FindingKind, MethodRecord
 F = np.float32
 SYMMETRY = 1e-6  #: Largest asymmetry of a covariance, over its largest element.
 DISPARITY_SIGMA_PX = F(0.5)  #: Standard deviation that is assumed of a disparity of a matcher, which states none.
-NO_CALIBRATION = CalibrationSigma(0.0, 0.0, 0.0, 0.0, 0.0)
+NO_CALIBRATION = CalibrationSigma(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class IsolatedMethod:

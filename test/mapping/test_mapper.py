@@ -49,9 +49,28 @@ def test_plane_is_unbiased_and_dense_without_pixel_locking() -> None:
         assert abs(np.nanmean(error * wave) * 2.0) < 0.003
 
 
-@pytest.mark.parametrize("noise", [2.0, 5.0])
-def test_sigma_is_calibrated_on_hills(noise: float) -> None:
+def coarse(bits: int) -> Callable[[np.ndarray], np.ndarray]:
+    step = 256 >> bits
+    return lambda image: image // step * step + step // 2
+
+
+FILTERS: dict[str, tuple[Callable[[np.ndarray], np.ndarray], float]] = {
+    "none": (lambda image: image, 0.97),
+    "median": (lambda image: cv2.medianBlur(image, 5), 0.97),
+    "Gauss": (lambda image: cv2.GaussianBlur(image, (0, 0), 1.5), 0.97),
+    "JPEG": (lambda image: cv2.imdecode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 30])[1], 0), 0.97),
+    "3 bits": (coarse(3), 0.97),
+    "2 bits": (coarse(2), 0.97),
+}
+"""What images may have gone through, and the share of errors that must lie within three sigmas."""
+
+
+@pytest.mark.parametrize(("noise", "images"), [(2.0, "none"), *((5.0, name) for name in FILTERS)])
+def test_sigma_is_calibrated_on_hills(noise: float, images: str) -> None:
+    """Noise that filters and compression leave is correlated: it is smaller in a pixel than over several."""
     made = make_world(hills, width=512, height=384, noise=noise, seed=3)
+    change, within = FILTERS[images]
+    made = replace(made, pair=StereoPair(0, change(made.pair.left), change(made.pair.right)))
     result = mapped(made)
     cloud = result.cloud
     scale = made.rig.fx * made.rig.baseline_m
@@ -59,9 +78,9 @@ def test_sigma_is_calibrated_on_hills(noise: float) -> None:
     along = (scale / result.disparity_px - scale / made.disparity)[cloud.v, cloud.u] * rays
     inner = (cloud.u > 48) & (cloud.u < 496) & (cloud.v > 16) & (cloud.v < 368)
     size = np.abs(along / result.random_sigma)[inner]
-    assert 0.60 < (size < 1).mean() < 0.93
-    assert (size < 2).mean() > 0.90
-    assert (size < 3).mean() > 0.97
+    assert 0.60 < (size < 1).mean() < (0.99 if "bits" in images else 0.93)  # noise dithers coarse grey levels
+    assert (size < 2).mean() > within - 0.07
+    assert (size < 3).mean() > within
 
 
 @pytest.mark.parametrize("rows", [-0.5, 0.25, 0.5])
@@ -73,7 +92,7 @@ def test_vertical_disparity_and_unequal_exposure_are_measured_and_compensated(ro
     assert abs(errors(made, result).mean()) < 0.015
     assert errors(made, result).std() < 0.015
     told = [any(word in line for line in result.warnings) for word in ("vertical", "contrast")]
-    assert told == [abs(rows) > 0.3, True]
+    assert told == [False, True]  # rows: no more than typical left-over distortion
 
 
 @pytest.mark.parametrize(("noise", "blur"), [(1.2, 0.0), (2.5, 0.6)])

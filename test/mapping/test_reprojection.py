@@ -15,7 +15,7 @@ from sfr_loc_map.mapping.reprojection import CalibrationSigma, cloud_from_dispar
 SMALL = StereoRig(32, 24, 40.0, 44.0, 14.5, 12.25, 0.25)
 RIG = StereoRig(400, 300, 320.0, 320.0, 199.5, 149.5, 0.2)
 POSE = Transform(matrix_from_rotvec([0.2, -0.4, 0.3]), np.array([3.0, -1.0, 2.0]))
-NONE = CalibrationSigma(0.0, 0.0, 0.0, 0.0, 0.0)
+NONE = CalibrationSigma(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 ANGLE = 1e-4
 """Radians, and the share by which a length is wrong: small enough for the first order."""
 
@@ -67,7 +67,7 @@ def test_sigma_is_how_far_a_wrong_calibration_moves_the_points(name: str, wrong:
 def test_parts_add_as_variances_and_none_leaves_sigma_as_it_is() -> None:
     cloud = cloud_of(sigma_px=0.1)
     np.testing.assert_array_equal(total_sigma(cloud, [POSE], RIG, NONE), cloud.sigma)
-    parts = CalibrationSigma(1e-4, 2e-4, 3e-4, 1e-3, 2e-3)
+    parts = CalibrationSigma(1e-4, 2e-4, 3e-4, 1e-3, 2e-3, 4e-4)
     single = [total_sigma(cloud, [POSE], RIG, NONE._replace(**{n: v})) for n, v in parts._asdict().items()]
     variance = sum(np.square(s) - np.square(cloud.sigma) for s in single) + np.square(cloud.sigma)
     np.testing.assert_allclose(total_sigma(cloud, [POSE], RIG, parts), np.sqrt(variance), rtol=1e-4)

@@ -17,7 +17,7 @@ DERIVATIVE_NEAR = F(0.5 * (1.0 - 2.0 * 0.1065))
 DERIVATIVE_FAR = F(0.5 * 0.1065)
 SMOOTH_SIDE = F(0.1065)
 """Taps of a central difference after a Gaussian of 0.5 pixels, `exp(-2) / (1 + 2 exp(-2))` at one pixel."""
-MIN_NOISE = 0.3  #: Standard deviation that the rounding to whole grey levels alone gives a residual, about.
+ROUNDING_NOISE = 0.3  #: Standard deviation that rounding alone gives a residual, about, in steps of the grey levels.
 DEFAULT_VARIANCE = F(25.0)  #: Grey levels squared, where too few residuals are known to measure it.
 BINS, MIN_PER_BIN = 8, 50
 
@@ -196,14 +196,22 @@ def normal_equations(
     return NormalEquations(information, information_vector, chi2, weights)
 
 
-def overall_noise(residual: FloatImage) -> float:
-    """Return the robust standard deviation of a residual `(H, W)`, grey levels, at least `MIN_NOISE`."""
+def rounding_noise(image: FloatImage) -> float:
+    """Return the standard deviation that the steps between an image's grey levels give a residual, grey levels."""
+    steps = np.diff(np.unique(image[::4, ::4]))
+    return ROUNDING_NOISE * median(steps) if len(steps) else ROUNDING_NOISE
+
+
+def overall_noise(residual: FloatImage, least: float) -> float:
+    """Return the robust standard deviation of a residual `(H, W)`, grey levels, at least `least`."""
     sample = residual[::8, ::4]
     sample = sample[np.isfinite(sample)]
-    return max(mad_sigma(sample - median(sample)), MIN_NOISE) if len(sample) else MIN_NOISE
+    return max(mad_sigma(sample - median(sample)), least) if len(sample) else least
 
 
-def noise_variance(grey: FloatImage, order: IntArray, residual: FloatImage, offset: FloatImage) -> FloatImage:
+def noise_variance(
+    grey: FloatImage, order: IntArray, residual: FloatImage, offset: FloatImage, least: float
+) -> FloatImage:
     """Return the variance of a residual in each cell `(H/2, W/2)`: the best straight line over the grey level.
 
     A camera's noise has a constant part and one that grows with the light (photon noise). The grey level is the mean of
@@ -217,7 +225,7 @@ def noise_variance(grey: FloatImage, order: IntArray, residual: FloatImage, offs
         return np.full(offset.shape, DEFAULT_VARIANCE, F)
     centre = np.array([part.mean() for part in np.array_split(level, BINS)], np.float64)
     variance = np.array([(MAD_TO_SIGMA * median(part)) ** 2 for part in np.array_split(deviation, BINS)])
-    variance = np.maximum(variance, MIN_NOISE**2)
+    variance = np.maximum(variance, least**2)
     weight = 1.0 / np.square(variance)
     middle = np.average(centre, weights=weight)
     spread = float(np.average(np.square(centre - middle), weights=weight))

@@ -4,7 +4,8 @@ A camera that is rotated by the small angles `w` about its axes (x right, y down
 normalised, at `x - wy (1 + x^2) + wz y + wx x y`, `y + wx (1 + y^2) - wz x - wy x y` (first order). Along rows that is
 an error of the disparity, which no pair can tell from depth. Across rows it is vertical disparity, which can be
 measured: yaw as a saddle, roll as a tilt, pitch as an offset. An offset may as well be that of the principal point,
-which leaves rows alone.
+which leaves rows alone. What is left of a lens's distortion has any of these shapes as well. It errs along rows by
+about as much as across them.
 """
 
 from __future__ import annotations
@@ -155,6 +156,8 @@ class CameraRotation:
     yaw_sigma_rad: float  #: Standard deviation of the yaw.
     roll_rad: float  #: About z; positive turns it clockwise.
     pitch_rad: float  #: About x; positive turns it up. It is the rotation that the vertical offset amounts to.
+    vertical_px: float  #: Root mean square of the vertical disparity over the image.
+    bent_px: float  #: That of what is neither an offset nor a roll.
 
 
 def camera_rotation(
@@ -186,12 +189,18 @@ def camera_rotation(
         normal += 1e-12 * (np.trace(normal) + 1.0) * np.eye(5)
         inverse = np.linalg.inv(normal)
         fit, deviation = -(inverse @ (weighted.T @ r)), sigma * np.sqrt(np.diag(inverse))
-    offset_px, tilt_px, _ = vertical_px
+    offset_px, tilt_px, stretch_px = vertical_px
+    v, u = np.mgrid[-1.0:1.0:16j, -1.0:1.0:16j]  # type: ignore[misc]
+    x, y = 0.5 * rig.width * u / rig.fx, 0.5 * rig.height * v / rig.fy
+    bent = fit[2] * y + fit[3] * x * y + fit[4] * y * y + stretch_px * v
+    field = fit[0] + fit[1] * x + offset_px + tilt_px * u + bent
     return CameraRotation(
         yaw_rad=-float(fit[3]) / rig.fy,
         yaw_sigma_rad=float(deviation[3]) / rig.fy,
         roll_rad=-2.0 * tilt_px / rig.width - float(fit[1]) / rig.fy,
         pitch_rad=(offset_px + float(fit[0])) / rig.fy,
+        vertical_px=float(np.sqrt(np.mean(np.square(field)))),
+        bent_px=float(np.std(bent)),
     )
 
 

@@ -21,7 +21,13 @@ from numba import prange
 
 from sfr_loc_map.geometry.arrays import FloatImage, IntArray, median
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
-from sfr_loc_map.mapping.disparity.filters import box_mean, downsample_mean, second_differences, upsample_bilinear
+from sfr_loc_map.mapping.disparity.filters import (
+    box_mean,
+    downsample_mean,
+    mad_sigma,
+    second_differences,
+    upsample_bilinear,
+)
 from sfr_loc_map.mapping.disparity.photometric_residual import (
     NormalEquations,
     cell_means,
@@ -30,6 +36,7 @@ from sfr_loc_map.mapping.disparity.photometric_residual import (
     normal_equations,
     overall_noise,
     photometric_residual,
+    rounding_noise,
     slopes,
 )
 from sfr_loc_map.mapping.disparity.right_camera import RectificationCorrection, correct_rectification
@@ -73,12 +80,13 @@ class RefinedDisparity:
 def refine(left: FloatImage, right: FloatImage, initial_px: FloatImage) -> RefinedDisparity:
     """Return the disparity field that fits both images `(H, W)` best; the start is right to about a pixel, or NaN."""
     height, width = left.shape
+    least_noise = rounding_noise(left)
     left, right, cells = padded(left), padded(right), initial_cells(padded(initial_px))
     correction, right = correct_rectification(left, right, pixels_from_cells(cells, JUMP_PX))
     grey = downsample_mean(left, 2)
     order = np.argsort(grey[::4, ::2].ravel(), kind="stable")
     for warp in range(NOISY_WARPS + 1):
-        residual, offset, variance, equations = linearise(left, right, grey, order, cells)
+        residual, offset, variance, equations = linearise(left, right, grey, order, cells, least_noise)
         precise = warp == WARPS and median(equations.information) > NOISY_PX**-2
         if precise or warp == NOISY_WARPS:
             break
@@ -113,7 +121,7 @@ def initial_cells(initial_px: FloatImage) -> FloatImage:
 
 
 def linearise(
-    left: FloatImage, right: FloatImage, grey: FloatImage, order: IntArray, cells: FloatImage
+    left: FloatImage, right: FloatImage, grey: FloatImage, order: IntArray, cells: FloatImage, least_noise: float
 ) -> tuple[FloatImage, FloatImage, FloatImage, NormalEquations]:
     """Return residuals `(H, W)`, their brightness offset and variance, and the normal equations of each cell.
 
@@ -121,13 +129,16 @@ def linearise(
     the information is reduced by as much.
     """
     residual = photometric_residual(left, right, pixels_from_cells(cells, JUMP_PX))
-    noise = overall_noise(residual)
-    offset = box_mean(cell_means(residual, F(3.0 * noise)), BOX)
-    variance = noise_variance(grey, order, residual, offset)
+    noise = overall_noise(residual, least_noise)
+    means = cell_means(residual, F(3.0 * noise))
+    offset = box_mean(means, BOX)
+    variance = noise_variance(grey, order, residual, offset, least_noise)
+    blocks = downsample_mean((means - offset) / np.sqrt(variance), 2)
+    correlation = F(max(16.0 * mad_sigma(blocks[blocks != 0]) ** 2, 1.0))
     template = mean_template(left, residual, offset, F(4.0 * noise))
     found = normal_equations(slopes(template), residual, offset, F(1.0) / variance, TAIL)
     chi2_per_dof = box_mean(found.chi2, BOX) / np.maximum(box_mean(found.weight, BOX), F(0.1))
-    excess = np.maximum(chi2_per_dof, F(1.0))
+    excess = np.maximum(chi2_per_dof, correlation)
     scaled = found._replace(
         information=np.asarray(found.information / excess, F),
         information_vector=np.asarray(found.information_vector / excess, F),
