@@ -83,6 +83,8 @@ def map_cloud(
     for line in run.warnings:
         warn(line)
     say(f"{len(cloud)} points of {len(run.maps)} pairs: {output}", err=True)
+    if theirs is None:
+        say(parameters.calibration.assumption, err=True)
     for path in outputs.more:
         say(str(path), err=True)
     propose("sfr", "score", output, source, why="against the truth, if the source has it")

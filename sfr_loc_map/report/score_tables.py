@@ -412,7 +412,8 @@ def _consistency_table(score: Score) -> Table:
             rows.append((Cell.head(title), *figures, bounds, count, Cell(words)))
     columns = _headed("normalised error squared", "mean", "expected", "95 % of consistent ones", "n", "in words")
     note = "Above the interval the estimated sigma is too small (errors are larger than it says), below it too large. "
-    note += "n: sub-trajectories that share no frame, or points of blocks far apart."
+    note += "n: sub-trajectories that share no frame, or points of blocks far apart. Sigma of a map point assumes "
+    note += "baseline, focal length and yaw as exact as mapping.calibration states: no pair can show them."
     return Table("consistency", "Consistency of the estimated uncertainty (NEES)", columns, tuple(rows), note)
 
 
