@@ -129,8 +129,8 @@ def total_sigma(
     """Return the standard deviation along the ray of each point `(N,)`, metres, with the calibration's part.
 
     With range r, disparity d and normalised coordinates (x, y) of the left pixel and (xr, y) of the right one the
-    variance is
-    `sigma^2 + r^2 ((fx / d)^2 ((yaw (1 + xr^2))^2 + (pitch xr y)^2 + (roll y)^2 + distortion^2) + focal^2 + baseline^2)`.
+    variance is `sigma^2 + r^2 (a^2 (fx / d)^2 + focal^2 + baseline^2)`, where
+    `a^2 = (yaw (1 + xr^2))^2 + (pitch xr y)^2 + (roll y)^2 + distortion^2`.
 
     Poses of the left cameras are in the order of the points' `pair`.
     """
