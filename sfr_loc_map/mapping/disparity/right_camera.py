@@ -190,7 +190,7 @@ def camera_rotation(
         inverse = np.linalg.inv(normal)
         fit, deviation = -(inverse @ (weighted.T @ r)), sigma * np.sqrt(np.diag(inverse))
     offset_px, tilt_px, stretch_px = vertical_px
-    v, u = np.mgrid[-1.0:1.0:16j, -1.0:1.0:16j]  # type: ignore[misc]
+    v, u = np.mgrid[-1.0:1.0:16j, -1.0:1.0:16j]
     x, y = 0.5 * rig.width * u / rig.fx, 0.5 * rig.height * v / rig.fy
     bent = fit[2] * y + fit[3] * x * y + fit[4] * y * y + stretch_px * v
     field = fit[0] + fit[1] * x + offset_px + tilt_px * u + bent

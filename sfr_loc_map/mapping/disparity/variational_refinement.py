@@ -133,7 +133,7 @@ def linearise(
     means = cell_means(residual, F(3.0 * noise))
     offset = box_mean(means, BOX)
     variance = noise_variance(grey, order, residual, offset, least_noise)
-    blocks = downsample_mean((means - offset) / np.sqrt(variance), 2)
+    blocks = downsample_mean(np.asarray((means - offset) / np.sqrt(variance), F), 2)
     correlation = F(max(16.0 * mad_sigma(blocks[blocks != 0]) ** 2, 1.0))
     template = mean_template(left, residual, offset, F(4.0 * noise))
     found = normal_equations(slopes(template), residual, offset, F(1.0) / variance, TAIL)
