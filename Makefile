@@ -10,6 +10,9 @@ STAMP := $(VENV)/.installed
 DEV_STAMP := $(VENV)/.installed-dev
 DOCS_STAMP := $(VENV)/.installed-docs
 COMPILED := $(VENV)/.compiled
+# ROS comes as wheels, but for a shell in which a ROS installation has been sourced.
+ROS := $(if $(AMENT_PREFIX_PATH),,ros)
+COMMA := ,
 KERNELS := $(VENV)/.kernels-localisation $(VENV)/.kernels-mapping
 # uv is used where it is there. Bytecode is compiled once: where PYTHONDONTWRITEBYTECODE is set, each process would do it again.
 UV := $(shell command -v uv 2>/dev/null)
@@ -20,7 +23,7 @@ PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
 CAMPAIGN := PYTHONPATH=test/scenes:test/nodes $(BIN)/python test/campaign
 SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
 
-.PHONY: help demo sample test test-fast faults soak example-candidate fuzz random-faults lint types config format check docs figures traceability docs-test clean
+.PHONY: help demo sample test test-fast faults soak example-candidate fuzz random-faults lint types config format check docs figures traceability docs-test dist dist-test clean
 
 help:  ## Show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -87,6 +90,21 @@ traceability: $(BIN)/python  ## Write docs/traceability.md from the clauses and 
 docs-test: $(DEV_STAMP)  ## Run every command of the tutorials as it stands; some ten minutes
 	$(BIN)/python test/tutorial_runner.py
 
+dist: $(BIN)/python  ## Build the source distribution, with the sample, and the wheel into dist/
+	rm -rf build dist
+	$(BIN)/pip install --quiet --disable-pip-version-check setuptools wheel
+	$(BIN)/python -c "from setuptools import build_meta; build_meta.build_sdist('dist'); build_meta.build_wheel('dist')" > /dev/null
+	@ls -sh dist
+
+dist-test: dist  ## Install the wheel into a fresh environment and run it there, without the sources (PYTHON=python3.12)
+	rm -rf out/dist-test
+	$(PYTHON) -m venv out/dist-test/venv
+	out/dist-test/venv/bin/pip install --quiet --disable-pip-version-check "$$(echo dist/*.whl)[sim]"
+	cd out/dist-test && PATH=$(CURDIR)/out/dist-test/venv/bin:$$PATH && sfr --version \
+		&& sfr simulate drive --workers 1 --set terrain.coarseness=4 --set rocks.smallest_m=0.1 --set panorama.enabled=false \
+			--set drive.pairs=6 --set loc.width=256 --set loc.height=256 --set loc.focal_px=200 \
+		&& sfr localise drive -o estimate.csv --start truth && sfr score estimate.csv drive --condition frames=3 | tee score.txt && ! grep -E '[1-9] lost' score.txt
+
 check: lint types docs test  ## Style, types, documentation and all tests: what continuous integration runs
 
 $(BIN)/python:
@@ -99,11 +117,11 @@ $(CORE): $(BIN)/python $(SOURCES)
 	@touch $@
 
 $(STAMP): $(CORE)
-	$(INSTALL) "sfr_loc_map[ros]"
+	$(INSTALL) "sfr_loc_map[$(ROS)]"
 	@touch $@
 
 $(DEV_STAMP): $(STAMP)
-	$(INSTALL) "sfr_loc_map[ros,sim,dev]"
+	$(INSTALL) "sfr_loc_map[$(if $(ROS),ros$(COMMA))sim,dev]"
 	@touch $@
 
 # The kernels need no ROS: they are compiled on two cores while its wheels are fetched.
@@ -116,7 +134,7 @@ $(VENV)/.kernels-mapping: $(CORE)
 	@touch $@
 
 $(DOCS_STAMP): $(STAMP)
-	$(BIN)/pip install --quiet --disable-pip-version-check ".[ros,docs]"
+	$(BIN)/pip install --quiet --disable-pip-version-check ".[docs]"
 	@touch $@
 
 # All kernels compiled side by side; otherwise each test process compiles all of them.
