@@ -49,6 +49,9 @@ test-fast: $(COMPILED)  ## Run the tests that need neither running nodes nor sec
 faults: $(STAMP)  ## Inject one fault after the other into the nodes (FAULTS=); what was observed goes to out/faults.json
 	$(CAMPAIGN) faults $(FAULTS)
 
+recordings: $(STAMP)  ## Take recordings of all kinds from the bag to a verdict (RECORDINGS="zed oak_d ..."); out/recordings/recordings.md
+	PYTHONPATH=test/recordings $(BIN)/python test/recordings $(RECORDINGS)
+
 soak: $(STAMP)  ## Localise and map as fast as the nodes answer, and judge the growth of their memory (MINUTES=60)
 	$(CAMPAIGN) soak $(or $(MINUTES),60)
 
