@@ -13,7 +13,15 @@ import typer
 
 from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.options import ConditionOption, JudgeOptions, LimitsOption, NamespaceOption, require_ros
-from sfr_loc_map.errors import ConfigError, InterruptedRunError, MissingExtraError
+from sfr_loc_map.errors import (
+    ConfigError,
+    FailedVerdictError,
+    InterruptedRunError,
+    MissingExtraError,
+    NodeError,
+    NotJudgedError,
+)
+from sfr_loc_map.inputs import one_line
 
 if TYPE_CHECKING:
     from sfr_loc_map.live.foxglove import FoxgloveView
@@ -36,7 +44,7 @@ def require_live() -> None:
 def live_beside(wanted: bool, port: int, namespace: str = "", *, isolated: bool = False) -> Iterator[LivePage | None]:
     """Show what the `with` block runs on a page, if it is wanted; yield the page, None where none is wanted.
 
-    The page must be in the domain of a run that chooses one of its own (`isolated`).
+    The page of a replay (`isolated`) is in the domain that the run chooses, and is served after it until Ctrl-C.
     """
     if not wanted:
         yield None
@@ -48,7 +56,18 @@ def live_beside(wanted: bool, port: int, namespace: str = "", *, isolated: bool 
     if isolated:
         environment.isolate()
     with LivePage(("--port", str(port), "--namespace", namespace)) as page:
-        yield page
+        try:
+            yield page
+        except NodeError as error:
+            page.run_is_over(aborted=one_line(str(error)).partition(": ")[0])
+            if isolated:
+                page.stay(f"{one_line(str(error))}\n")
+            raise
+        except (FailedVerdictError, NotJudgedError):
+            page.stay()
+            raise
+        if isolated:
+            page.stay()
 
 
 @app.command(
@@ -114,14 +133,15 @@ def live(
         if source is None:
             from sfr_loc_map.nodes.live_feed import RosFeed
 
-            title = namespace or "live"
+            title = namespace
             stack.enter_context(RosFeed(state, namespace))
         else:
             from sfr_loc_map.live.playback import Player, open_recording
 
             recording, (parsed, _) = open_recording(source, truth), JudgeOptions(limits, condition).read()
-            title = recording.title
-            stack.enter_context(Player(state, recording, score_config(condition, {}), parsed, rate))
+            title, judged = recording.title, {} if condition else recording.settings
+            config_of = score_config(condition, judged)
+            stack.enter_context(Player(state, recording, config_of, parsed or recording.limits, rate))
         if view_of is not None:
             view = stack.enter_context(view_of(state, foxglove_port, title))
             print(f"foxglove: {view.url}", flush=True)

@@ -217,6 +217,8 @@ def replay(
                     present(score, None if out is None else str(files.report), None if out is None else files.page)
                 finally:
                     _say_where(source, result, files, out)
+                    if page is not None and out is not None:
+                        page.run_is_over(report=str(files.page))
         if interruption:
             raise InterruptedRunError(interruption)
         # what could not be judged is a warning where nobody asked for a verdict

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.transform import Transform, interpolated
-from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S
+from sfr_loc_map.geometry.transform import Transform, interpolated, propagated_covariance
+from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.live.updates import PoseSample, Track
 from sfr_loc_map.metrics.config import Condition, ConditionKind
 from sfr_loc_map.pipeline.reception import jumped_back
@@ -45,6 +45,8 @@ class PathRow:
     truth_m: Point | None
     error_m: Point | None
     distance_m: float  # along the true path, along the estimated one without truth
+    judged_m: float | None = None  # re-based error of the sub-trajectory that ends here, the length of a vector
+    judged_sigma_m: float | None = None  # of the same: by how much the covariance has grown over it
 
     def to_plain(self) -> list[Any]:
         """Return JSON values in the order of `ROW_FIELDS`; stamps have too many digits for a script."""
@@ -74,8 +76,9 @@ class LivePath:
         self._latest_ns: dict[Track, int] = {}
         self._truths: deque[tuple[int, Transform]] = deque(maxlen=MAX_TRUTHS)
         self._pending: deque[tuple[PoseSample, float | None]] = deque(maxlen=MAX_PENDING)
-        # where sub-trajectories start: row, frame, and what takes the estimate from there to the truth
-        self._starts: deque[tuple[PathRow, int, Transform]] = deque(maxlen=MAX_OPEN_STARTS)
+        # where sub-trajectories start: row, position and covariance as published, frame, and what takes the estimate
+        # from there to the truth
+        self._starts: deque[tuple[PathRow, Point, FloatArray | None, int, Transform]] = deque(maxlen=MAX_OPEN_STARTS)
         self._to_truth: Transform | None = None
         self._last: tuple[Point, float] | None = None
 
@@ -118,12 +121,12 @@ class LivePath:
         turned = np.eye(3)
         if self._to_truth is not None:
             estimate, turned = self._to_truth @ estimate, self._to_truth.rotation
-        lost, covariance_xy = False, None
+        lost, covariance_xy = sample.is_lost, None
+        if covariance is not None and (lost or not np.isfinite(covariance).all()):
+            covariance = None
         if covariance is not None:
-            lost = bool((np.diagonal(covariance) >= LOST_VARIANCE).all())
-            if not lost and np.isfinite(covariance).all():
-                part = turned @ covariance[:3, :3] @ turned.T
-                covariance_xy = float(part[0, 0]), float(part[1, 1]), float(part[0, 1])
+            part = turned @ covariance[:3, :3] @ turned.T
+            covariance_xy = float(part[0, 0]), float(part[1, 1]), float(part[0, 1])
         travelled = _point((estimate if truth is None else truth).translation)
         distance_m = 0.0 if self._last is None else self._last[1] + math.dist(self._last[0], travelled)
         self._last = (travelled, distance_m)
@@ -140,22 +143,25 @@ class LivePath:
             distance_m=distance_m,
         )
         if truth is not None:
-            self._follow(row, estimate, truth)
+            row = self._follow(row, sample, covariance, estimate, truth)
         self._count += 1
-        if row.n % self._every == 0 or lost:
+        if row.n % self._every == 0 or lost or row.judged_m is not None:
             self.rows.append(row)
             if len(self.rows) > MAX_ROWS:
                 self._every *= 2
                 self.rows = self.rows[::2]
                 self.version += 1
 
-    def _follow(self, row: PathRow, estimate: Transform, truth: Transform) -> None:
-        """Find the oldest sub-trajectory that has not ended, and its error now."""
+    def _follow(
+        self, row: PathRow, sample: PoseSample, covariance: FloatArray | None, estimate: Transform, truth: Transform
+    ) -> PathRow:
+        """Find the oldest sub-trajectory that has not ended and its error; return the row with those that ended."""
         if self._frames % self.spacing == 0:
-            self._starts.append((row, self._frames, truth @ estimate.inverse()))
+            start = row, sample.position, covariance
+            self._starts.append((*start, self._frames, truth @ estimate.inverse()))
         self.under_way = None
         while self._starts:
-            begin, frame, to_truth = self._starts[0]
+            begin, position, before, frame, to_truth = self._starts[0]
             done = {
                 ConditionKind.DISTANCE: row.distance_m - begin.distance_m,
                 ConditionKind.TIME: (row.stamp_ns - begin.stamp_ns) / NS_PER_S,
@@ -168,7 +174,20 @@ class LivePath:
                 self.under_way = found | {"error": error}
                 break
             self._starts.popleft()
+            error_m = float(np.linalg.norm((to_truth @ estimate).translation - truth.translation))
+            if row.judged_m is None or error_m > row.judged_m:  # where several end at once, the largest
+                moved = np.subtract(sample.position, position)
+                row = replace(row, judged_m=error_m, judged_sigma_m=_growth(before, covariance, moved))
         self._frames += 1
+        return row
+
+
+def _growth(before: FloatArray | None, after: FloatArray | None, moved: FloatArray) -> float | None:
+    """Return the standard deviation of a displacement, of all three directions; None where it is not known."""
+    if before is None or after is None:
+        return None
+    variance = float(np.trace((after - propagated_covariance(before, moved))[:3, :3]))
+    return math.sqrt(variance) if 0.0 < variance < math.inf else None
 
 
 def _point(values: FloatArray) -> Point:

@@ -21,12 +21,13 @@ from threading import Event, Lock, Thread
 
 import numpy as np
 
+from sfr_loc_map.config import parameters
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, SIDES, parse_json, read_table, read_text, refusing
+from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, SIDES, hash_path, parse_json, read_table, read_text, refusing
 from sfr_loc_map.io.bag import GROUND_TRUTH, ODOMETRY, Bag, read_trajectory
 from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.cloud_file import load_cloud
@@ -40,8 +41,8 @@ from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.cloud_error import PairTruth, ScoredMap, score_map
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig
-from sfr_loc_map.metrics.limits import Limits
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.limits import Limits, limits_of, load_limits
+from sfr_loc_map.metrics.score import InputFile, Score
 from sfr_loc_map.metrics.score_json import from_dict, to_json
 from sfr_loc_map.pipeline.call_stats import STATISTIC, STEP_NAMES, call_of, load_call_stats
 from sfr_loc_map.pipeline.monitor_score import MonitorScore
@@ -53,6 +54,7 @@ LOCALISATION_NODE, MAPPING_NODE = "localisation_node", "mapping_node"
 LEVELS = {TrackingState.DEGRADED.value: 1, TrackingState.LOST.value: 2}
 LOST = np.eye(6) * LOST_VARIANCE
 TICK_S, REPORT_PERIOD_S, TIME_LINE_PERIOD_S = 0.05, 1.0, 0.25
+MAX_HASHED = 2**28  #: Bytes of a file that is compared by its hash, which takes a tenth of a second for so many.
 IMAGES_BUDGET_S = 0.03  #: Of each tick, for reading images: figures do not wait for them.
 Moment = tuple[float, updates.Update]
 """Place, seconds since the begin of its task; the time of receipt is filled in when it is played."""
@@ -71,6 +73,17 @@ class Recording:
     truths: Sequence[PairTruth]  # of the pairs of the cloud
     begin_ns: tuple[int, int]  # first stamps of the drive and of the mapping pairs
     end_s: float
+    score: Score | None = None  # of the report beside it
+    limits: Limits | None = None  # that it was judged by
+    page: Path | None = None  # of the report
+    note: str = ""  # what was not found
+
+    @property
+    def settings(self) -> dict[str, object]:
+        """The settings that its report was scored with, as far as they are known here."""
+        made = None if self.score is None else self.score.provenance
+        known = {info.name for info in parameters(ScoreConfig)}
+        return {name: value for name, value in (made.configuration if made else {}).items() if name in known}
 
     def frames(self) -> Iterator[Frame]:
         """Yield the images in their order, read from the disk as they are asked for."""
@@ -89,8 +102,8 @@ class Recording:
 def open_recording(path: Path, truth: Path | None = None) -> Recording:
     """Return what is recorded in a folder of `sfr replay --out`, a bag or a data set.
 
-    Truth and images of a replay are those of the source `truth`; None: of the one that its report names. InputError if
-    there is nothing to play, or it is broken.
+    Truth and images of a replay are those of the source `truth`; None: of the one that its report names, as seen from
+    here or from the run. InputError if there is nothing to play, or it is broken.
     """
     files = ReplayFiles(path)
     if path.is_dir() and any(file.is_file() for file in (files.estimate, files.cloud)):
@@ -113,28 +126,51 @@ def open_recording(path: Path, truth: Path | None = None) -> Recording:
 
 def _replayed(files: ReplayFiles, truth: Path | None) -> Recording:
     """Return a finished replay, with the truth and the images of its source where that is known."""
+    score, note = None, ""
     if files.report.is_file():
         with refusing(f"cannot read the report '{files.report}'", "replay again"):
             report = parse_json(read_text(files.report, MAX_REPORT_CHARACTERS))
-            truth = truth or _source_of(from_dict(report, str(files.report)))
+            score = from_dict(report, str(files.report))
+        truth, note = (truth, "") if truth is not None else _source_of(score, files.folder)
     source = None if truth is None else open_source(truth)
     stats = [load_call_stats(files.stats)] if files.stats.is_file() else []
     estimates = load_estimates(files.estimate, stats) if files.estimate.is_file() else None
     cloud = load_cloud(files.cloud).cloud if files.cloud.is_file() else None
     said = list(_calls(files.stats)) if stats else []
-    return _recording(files.folder, estimates, _truth_of(source), said, source, cloud)
+    made = _recording(files.folder, estimates, _truth_of(source), said, source, cloud)
+    limits = None if score is None else _limits_of(score, files.folder)
+    return replace(made, score=score, limits=limits, page=files.page if files.page.is_file() else None, note=note)
 
 
-def _source_of(score: Score) -> Path | None:
-    """Return the source that a replay was made of, None where its score does not name it or it is gone."""
-    inputs = {} if score.provenance is None else score.provenance.inputs
-    for item in filter(None, (inputs.get("map_truth"), inputs.get("truth"))):
-        path = Path(item.path)
-        if path.name == "groundtruth.csv":
-            path = path.parent.parent if path.parent.name == "loc" else path.parent
-        if path.exists():
+def _found(item: InputFile | None, folder: Path) -> Path | None:
+    """Return a file that a score names, as seen from here or from the run; None where it is gone or another one."""
+    if item is None:
+        return None
+    for path in (base / item.path for base in (Path(), folder.resolve(), *folder.resolve().parents)):
+        if path.is_dir() or (path.is_file() and (path.stat().st_size > MAX_HASHED or hash_path(path) == item.sha256)):
             return path
     return None
+
+
+def _source_of(score: Score, folder: Path) -> tuple[Path | None, str]:
+    """Return the source that a replay was made of, None where it is not named or gone; and what is gone."""
+    inputs = {} if score.provenance is None else score.provenance.inputs
+    named = list(filter(None, (inputs.get("map_truth"), inputs.get("truth"))))
+    for item in named:
+        if (path := _found(item, folder)) is not None:
+            if path.name == "groundtruth.csv":
+                path = path.parent.parent if path.parent.name == "loc" else path.parent
+            return path, ""
+    gone = f"the truth of the run, '{named[0].path}', is not there or has changed: give --truth SRC" if named else ""
+    return None, gone
+
+
+def _limits_of(score: Score, folder: Path) -> Limits | None:
+    """Return the limits that a score was judged by: of their file where it is still the same, else of its verdicts."""
+    inputs = {} if score.provenance is None else score.provenance.inputs
+    if (path := _found(inputs.get("limits"), folder)) is not None:
+        return load_limits(path)
+    return limits_of(score.verdicts)
 
 
 def _truth_of(source: Source | None) -> Trajectory | None:
@@ -251,6 +287,15 @@ class Player:
     ) -> None:
         """Stand before the begin; the rate is a multiple of the recorded speed."""
         self._state, self._recording, self._settings, self._rate = state, recording, (config, limits), rate
+        state.place_s = 0.0
+        for place_s, update in recording.moments:
+            state.timeline.take(update, place_s)
+        state.timeline.end(recording.end_s)
+        if recording.page is not None:
+            with suppress(OSError):
+                state.report_page = recording.page.read_bytes()
+        if recording.note:
+            state.problems.append(recording.note)
         said = [update for _, update in recording.moments if isinstance(update, updates.Status)]
         self._silent = {status.node for status in said} - {s.node for s in said if s.kind is updates.StatusKind.HEALTH}
         self._map_score: ScoredMap | None = None
@@ -292,13 +337,15 @@ class Player:
 
     def advance(self, at_s: float) -> None:
         """Tell all up to a place."""
-        moments = self._recording.moments
+        moments, now_s = self._recording.moments, time.time()
+        self._state.place_s = at_s
         while self._next < len(moments) and moments[self._next][0] <= at_s:
-            update = moments[self._next][1]
+            place_s, update = moments[self._next]
             self._next += 1
             self._take_in(update)
             name = "received_s" if hasattr(update, "received_s") else "published_s"
-            self._state.put(replace(update, **{name: time.time()}))  # type: ignore[arg-type]
+            when_s = now_s - (at_s - place_s) / self._rate  # as if it had been played up to here
+            self._state.put(replace(update, **{name: when_s}))  # type: ignore[arg-type]
         self._at_s = at_s
 
     def report(self) -> None:

@@ -29,6 +29,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
 from operator import attrgetter
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -63,8 +64,19 @@ SHUTDOWN_S, LAST_MESSAGE_S = 1.0, 0.1
 """Time for requests under way when the server ends (a page that keeps its connection open keeps nobody), and for the
 last message to the pages."""
 TICK_S = 0.01  #: What comes within it goes out as one message.
+HEAD_TIMEOUT_S, MAX_HEAD_BYTES = 5.0, 65_536  #: Of a request, until it is let in.
+MAX_WAITING, MAX_CONNECTIONS, BACKLOG = 128, 256, 1024
+"""Connections that have not asked for anything yet (the oldest makes room), that have, that the kernel holds."""
+LOG_PERIOD_S = 60.0  #: One line of each kind of fault in this time.
+REPORT_HEADERS = {
+    "Content-Security-Policy": (
+        "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline' 'unsafe-eval'; img-src data: blob:; "
+        "sandbox allow-scripts allow-modals allow-downloads; frame-ancestors 'none'"
+    )
+}
+"""Of the report, which holds its own scripts: it cannot read this page."""
 SEND_TIMEOUT_S = 10.0  #: A page that takes nothing for so long is cut off.
-NODES_PERIOD_S = 0.5  #: At least so often the pages hear of the nodes, and by that of the server.
+NODES_PERIOD_S = 0.25  #: At least so often the pages hear of the nodes, and by that of the server.
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +104,8 @@ class LiveServer:
         self.state = state
         self.url = ""
         self.pages: list[Page] = []
-        self.report_text = self.nodes_text = self.end_text = ""  # the latest messages, empty before the first
+        self.report_text = self.nodes_text = self.events_text = ""  # the latest messages, empty before the first
+        self._events_version = -1
         self._config, self._title = config, title
         self._command_token = secrets.token_urlsafe(18)
         page = (files("sfr_loc_map.live") / "web").iterdir()
@@ -105,14 +118,18 @@ class LiveServer:
         """Serve until the task is cancelled; `ready` is called with the address once the page can be opened."""
         config, logger = self._config, logging.getLogger("sfr_loc_map.live")
         logger.addFilter(_is_fault)
+        for name in (logger.name, "asyncio"):  # which tells that descriptors are used up
+            logging.getLogger(name).addFilter(_Throttle())
         options: dict[str, Any] = {"access_log": None, "handle_signals": False, "logger": logger}
         app = web.Application(middlewares=[self._guard], client_max_size=MAX_MESSAGE_BYTES)
         routes = {"/healthz": self._healthz, "/state.json": self._state_json, "/ws": self._websocket}
+        routes["/report"] = self._report_page
         app.add_routes([web.get(path, handler) for path, handler in routes.items()])
         app.add_routes([web.post("/command", self._command), web.get("/{name:[^/]*}", self._file)])
         runner = web.AppRunner(app, shutdown_timeout=SHUTDOWN_S, **options)
         await runner.setup()
-        loop, news = asyncio.get_running_loop(), asyncio.Event()
+        loop, news, doors = asyncio.get_running_loop(), asyncio.Event(), dict[Door, None]()
+        listener: asyncio.Server | None = None
 
         def wake() -> None:
             if not news.is_set():
@@ -121,14 +138,16 @@ class LiveServer:
 
         try:
             try:
-                await web.TCPSite(runner, config.host, config.port).start()
+                listener = await loop.create_server(
+                    lambda: Door(runner.server, doors), config.host, config.port, backlog=BACKLOG
+                )
             except OSError as error:
                 place, reason = f"{config.host} port {config.port}", error.strerror or str(error)
                 hint = "choose another --port (0: a free one)"
                 raise NodeError(f"cannot listen on {place}: {reason}; {hint}") from error
             name = f"[{config.host}]" if ":" in config.host else config.host
             query = f"?token={config.token}" if config.token else ""
-            self.url = f"http://{name}:{runner.addresses[0][1]}/{query}"
+            self.url = f"http://{name}:{listener.sockets[0].getsockname()[1]}/{query}"
             self.state.on_change = wake
             ready(self.url)
             while True:
@@ -141,11 +160,17 @@ class LiveServer:
         finally:
             if self.state.operator is not None:
                 self.state.operator.close()
+            if listener is not None:
+                listener.close()
+            for door in list(doors):
+                door.close()
             await runner.cleanup()
 
     def end(self) -> None:
         """Tell the pages that the run is over: what is silent from now on is not missing."""
-        self.end_text = self.end_text or message("end", {"time_s": time.time()})
+        with self.state.lock:
+            self.state.ended = True
+        self._nodes_s = 0.0
         self.tell(time.time())
 
     def tell(self, now_s: float) -> None:
@@ -156,6 +181,9 @@ class LiveServer:
         if not 0.0 <= now_s - self._nodes_s < NODES_PERIOD_S:
             self._nodes_s = now_s
             self.nodes_text = message("nodes", self.state.live_to_plain(now_s) | {"actions": self.state.actions})
+        if self._events_version != (version := self.state.timeline.version):
+            self._events_version = version
+            self.events_text = message("events", {"events": self.state.events_to_plain()})
         for page in self.pages:
             page.news.set()
 
@@ -171,7 +199,8 @@ class LiveServer:
         except web.HTTPException as error:
             return web.Response(status=error.status, text=f"{error.reason}\n", headers=HEADERS)
         if not response.prepared:
-            response.headers.update(HEADERS)
+            for name, value in HEADERS.items():
+                response.headers.setdefault(name, value)
             if self._config.token and request.query.get("token"):
                 response.set_cookie(COOKIE, self._config.token, httponly=True, samesite="Strict")
         return response
@@ -203,6 +232,12 @@ class LiveServer:
         content = self.state.to_plain(now_s)
         content["live"] |= {"server": self._server(now_s)}
         return web.json_response(content, dumps=lambda value: json.dumps(value, allow_nan=False))
+
+    async def _report_page(self, request: web.Request) -> web.Response:
+        if not self.state.report_page:
+            raise web.HTTPNotFound
+        page = self.state.report_page
+        return web.Response(body=page, content_type="text/html", charset="utf-8", headers=REPORT_HEADERS)
 
     def _server(self, now_s: float) -> dict[str, Any]:
         """Return what is to be told of the server itself."""
@@ -295,7 +330,7 @@ class Page:
         self.news = asyncio.Event()
         self._server, self._state, self._channel = server, server.state, channel
         self._sent: dict[str, updates.Media] = {}  # of each topic the last; the topic that was sent last is the last
-        self._report = self._nodes = self._pong = self._end = ""
+        self._report = self._nodes = self._pong = self._events = ""
         self._version = -1  # of the path, which changes with each restart of a player
         self._next_row = self._next_call = 0
 
@@ -348,15 +383,15 @@ class Page:
         if whole or calls:
             self._next_call = calls[-1]["n"] + 1 if calls else self._next_call
             found.append(message("calls", {"calls": calls, "whole": whole}))
+        if server.events_text is not self._events:
+            self._events = server.events_text
+            found.append(self._events)
         if server.nodes_text is not self._nodes:
             self._nodes = server.nodes_text
             found.append(self._nodes)
         if self._pong:
             found.append(self._pong)
             self._pong = ""
-        if server.end_text is not self._end:
-            self._end = server.end_text
-            found.append(self._end)
         return found
 
     def _new_media(self) -> updates.Media | None:
@@ -374,11 +409,57 @@ class Page:
             await send
 
 
-async def serve_until_signal(server: LiveServer, *, open_browser: bool = False) -> None:
-    """Serve until SIGINT or SIGTERM; print the address when the page can be opened.
+class Door(asyncio.Protocol):
+    """Lets a connection in once the head of its request is there, so that one that says nothing costs nothing."""
 
-    SIGUSR1 says that the run is over: the pages are told, and can be opened still. SIGUSR2 says that it is over and
-    that images of its source have no pose.
+    def __init__(self, server: web.Server | None, waiting: dict[Door, None]) -> None:
+        """Stand among those that wait."""
+        self._server, self._waiting, self._head = server, waiting, bytearray()
+        self._transport: Any = None
+        self._timer: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Wait for the head; the one that has waited longest makes room."""
+        self._transport = transport
+        self._timer = asyncio.get_running_loop().call_later(HEAD_TIMEOUT_S, self.close)
+        self._waiting[self] = None
+        if len(self._waiting) > MAX_WAITING:
+            next(iter(self._waiting)).close()
+
+    def data_received(self, data: bytes) -> None:
+        """Hand the connection over to the server with the head."""
+        self._head += data
+        if b"\r\n\r\n" not in self._head and len(self._head) <= MAX_HEAD_BYTES:
+            return
+        self._leave()
+        if self._server is None or len(self._server.connections) >= MAX_CONNECTIONS:
+            self._transport.abort()
+            return
+        handler = self._server()
+        self._transport.set_protocol(handler)
+        handler.connection_made(self._transport)
+        handler.data_received(bytes(self._head))
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Wait no more."""
+        self._leave()
+
+    def close(self) -> None:
+        """Cut the connection."""
+        self._leave()
+        self._transport.abort()
+
+    def _leave(self) -> None:
+        self._waiting.pop(self, None)
+        if self._timer is not None:
+            self._timer.cancel()
+
+
+async def serve_until_signal(server: LiveServer, *, open_browser: bool = False, end_file: Path | None = None) -> None:
+    """Serve until SIGINT, SIGTERM or SIGHUP; print the address when the page can be opened.
+
+    SIGUSR1 says that the run is over: how stands in the file, as `nodes.processes.LivePage` writes it. The pages are
+    told, and can be opened still.
     """
 
     def announce(url: str) -> None:
@@ -390,15 +471,19 @@ async def serve_until_signal(server: LiveServer, *, open_browser: bool = False) 
         server.end()
         loop.call_later(LAST_MESSAGE_S, task.cancel)
 
-    def run_is_over(missing: str) -> None:
-        server.state.end(missing)
+    def run_is_over() -> None:
+        told: Any = {}
+        with suppress(OSError, ValueError):
+            told = {} if end_file is None else parse_json(end_file.read_text(encoding="utf-8"))
+        with suppress(OSError):
+            server.state.report_page = Path(told.get("report") or "").read_bytes()
+        server.state.end(told.get("missing", ""), told.get("aborted", ""), time.time())
         server.end()
 
     task, loop = asyncio.ensure_future(server.serve(announce)), asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         loop.add_signal_handler(number, end)
-    loop.add_signal_handler(signal.SIGUSR1, run_is_over, "")
-    loop.add_signal_handler(signal.SIGUSR2, run_is_over, "not every image of the source has a pose")
+    loop.add_signal_handler(signal.SIGUSR1, run_is_over)
     with suppress(asyncio.CancelledError):
         await task
 
@@ -423,6 +508,21 @@ def _split(url: str) -> tuple[str, str]:
 def _equal(given: str, wanted: str) -> bool:
     # Bytes of a header that are no UTF-8 come as halves of surrogate pairs.
     return hmac.compare_digest(given.encode(errors="surrogatepass"), wanted.encode())
+
+
+class _Throttle(logging.Filter):
+    """Lets one line of each kind through in a time."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._last_s: dict[str, float] = {}
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        kind, now_s = str(record.msg)[:40], time.monotonic()
+        if now_s - self._last_s.get(kind, -LOG_PERIOD_S) < LOG_PERIOD_S:
+            return False
+        self._last_s[kind] = now_s
+        return True
 
 
 def _is_fault(record: logging.LogRecord) -> bool:

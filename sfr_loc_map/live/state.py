@@ -15,8 +15,11 @@ from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.inputs import one_line, parse_json
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.path import ROW_FIELDS, LivePath
+from sfr_loc_map.live.timeline import LOCALISATION_NODE, EventKind, Timeline
+from sfr_loc_map.live.updates import LOCALISATION, REPORT
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import SCHEMA, from_dict, to_dict
+from sfr_loc_map.report.limit_bars import LimitBar, limit_bars
 from sfr_loc_map.report.page import Overall, overall_of
 from sfr_loc_map.report.score_tables import score_tables
 from sfr_loc_map.report.tables import Cell, Table
@@ -25,7 +28,7 @@ MAX_NODES, MAX_TOPICS, MAX_STAMPS, MAX_PROBLEMS, MAX_CALLS = 32, 32, 2000, 20, 6
 MAX_VALUES, MAX_LETTERS = 100, 300  #: Of the health of a node that are kept.
 MAX_REPORT_CHARACTERS = 8_000_000
 TOPIC_STALE_S = 1.7
-STALE_AFTER_S, STALE_PERIODS = 1.6, 1.6
+STALE_AFTER_S, STALE_PERIODS = 1.5, 1.6
 """A node reports its health each second; one that has not for so long, or for so many of its own periods, is stale."""
 LEVELS = ("ok", "warning", "error", "stale")
 CALL_TIMES = ("processing_time_s", "latency_transport_s", "latency_receive_to_publish_s")  #: Drawn, each apart.
@@ -110,6 +113,7 @@ class ReportView:
     score: Score
     overall: Overall
     tables: tuple[Table, ...]
+    bars: tuple[LimitBar, ...]
     received_s: float
 
     @classmethod
@@ -126,7 +130,8 @@ class ReportView:
     @classmethod
     def of(cls, score: Score, received_s: float) -> ReportView:
         """Return the report of a score."""
-        return cls(to_dict(score), score, overall_of(score), tuple(score_tables(score)), received_s)
+        bars = tuple(limit_bars(score))
+        return cls(to_dict(score), score, overall_of(score), tuple(score_tables(score)), bars, received_s)
 
     def ended(self, missing: str) -> ReportView:
         """Return the report of a run that is over, which may be incomplete; the figures stay as they are."""
@@ -143,6 +148,7 @@ class ReportView:
         return {
             "overall": asdict(self.overall),
             "tables": [_table_to_plain(table) for table in self.tables],
+            "limits": [asdict(bar) for bar in self.bars],
             "warnings": list(self.score.warnings),
             "received_s": self.received_s,
         }
@@ -179,8 +185,13 @@ class LiveState:
         self.lost: dict[str, int] = {}  # messages that did not arrive here, by topic
         self.time_line: updates.TimeLine | None = None  # of the player of a recorded run
         self.problems: deque[str] = deque(maxlen=MAX_PROBLEMS)  # what could not be read, the latest last
+        self.timeline = Timeline()
+        self.place_s: float | None = None  # of a recording that is played: what it tells is in the time line before
         self.ended = False  # a run that is under way is not incomplete
+        self.aborted: dict[str, Any] | None = None  # by what, and when, seconds
+        self.report_page = b""  # of a run that is over: HTML
         self._missing = ""  # what is known to be missing at the end
+        self._result_s = 0.0  # when the last result came that a verdict can be made of
         self._published: OrderedDict[int, float] = OrderedDict()
         self._call_count = 0
         self._heard_s = 0.0
@@ -214,10 +225,15 @@ class LiveState:
                 self.problems.append(one_line(str(error)))
         self.on_change()
 
-    def end(self, missing: str = "") -> None:
-        """Take note that the run is over: what its estimate does not cover, or is known to be missing, is missing."""
+    def end(self, missing: str = "", aborted: str = "", now_s: float = 0.0) -> None:
+        """Take note that the run is over, or was aborted by something: what its estimate does not cover is missing."""
         with self.lock:
+            if not self.ended:
+                self.timeline.end(now_s)
             self.ended, self._missing = True, missing
+            if aborted and self.aborted is None:
+                self.aborted = {"by": aborted, "at": now_s}
+                self.timeline.mark(now_s, EventKind.ABORTED, f"aborted: {aborted}")
             if self.report is not None:
                 self.report = self.report.ended(missing)
 
@@ -226,30 +242,40 @@ class LiveState:
         with self.lock:
             live, report = self.live_to_plain(now_s), self.report
         if report is None:
-            return {"schema": SCHEMA, "verdicts": [], "live": live | {"overall": None, "tables": []}}
+            nothing: dict[str, Any] = {"overall": None, "tables": [], "limits": [], "events": self.events_to_plain()}
+            return {"schema": SCHEMA, "verdicts": [], "live": live | nothing}
         shown, content = report.to_plain(), report.content
         drive = content.get("trajectory") or {}
         if not self.ended and content.get("incomplete") is None and drive.get("completeness"):
             so_far = {name: value for name, value in drive["completeness"].items() if name != "incomplete"}
             content = content | {"trajectory": drive | {"completeness": so_far}}
-        return content | {"live": live | {"overall": shown["overall"], "tables": shown["tables"]}}
+        live |= {name: shown[name] for name in ("overall", "tables", "limits")}
+        return content | {"live": live | {"events": self.events_to_plain()}}
 
     def live_to_plain(self, now_s: float) -> dict[str, Any]:
         """Return what `state.json` adds to the score, as JSON values, but for what changes with the report only."""
         with self.lock:
             if self.time_line is not None and not self.time_line.playing:  # while a player stands still, nothing ages
                 now_s = min(now_s, self._heard_s)
+            silent = {name: node.heard_s for name, node in self.nodes.items() if node.heard_s and node.is_stale(now_s)}
+            if not self.ended and self.place_s is None:
+                self.timeline.look(now_s, silent)
             report, rows, line = self.report, self.path.rows, self.time_line
             localisation = None
             if rows:
-                node = self.nodes.get("localisation_node")
+                node = self.nodes.get(LOCALISATION_NODE)
                 localisation = dict(zip(ROW_FIELDS, rows[-1].to_plain(), strict=True))
                 localisation["state"] = "" if node is None else node.state
             topics = {name: view.to_plain(now_s, self.lost.get(name, 0)) for name, view in sorted(self.topics.items())}
             return {
                 "schema": "sfr-live/1",
                 "time_s": now_s,
-                "stale": updates.LOCALISATION in topics and topics[updates.LOCALISATION]["stale"],
+                "stale": LOCALISATION in topics and topics[LOCALISATION]["stale"],
+                "age_s": None if report is None else round(now_s - min(report.received_s, self._result_s), 3),
+                "stale_reasons": self._stale_reasons(topics, silent, now_s),
+                "ended": self.ended,
+                "aborted": self.aborted,
+                "has_report": bool(self.report_page),
                 "report_age_s": None if report is None else round(now_s - report.received_s, 3),
                 "nodes": [node.to_plain(now_s) for _, node in sorted(self.nodes.items())],
                 "topics": topics,
@@ -262,6 +288,22 @@ class LiveState:
                 if line is None
                 else {"at_s": line.at_s, "end_s": line.end_s, "playing": line.playing},
             }
+
+    def events_to_plain(self) -> list[dict[str, Any]]:
+        """Return the events of the run as JSON values: times of the clock, of a recording places in it."""
+        with self.lock:
+            return self.timeline.to_plain()
+
+    def _stale_reasons(self, topics: dict[str, Any], silent: dict[str, float], now_s: float) -> list[str]:
+        """Say why what is shown is not of this moment; a run that is over has no reason to."""
+        if self.ended:
+            return []
+        words = ((LOCALISATION, "pose"), (REPORT, "figures"))
+        stopped = [(text, topics[name]) for name, text in words if name in topics and topics[name]["stale"]]
+        return [
+            *(f"no {text} for {topic['age_s']:.1f} s" for text, topic in stopped),
+            *(f"{name} silent for {now_s - since_s:.1f} s" for name, since_s in sorted(silent.items())),
+        ]
 
     def _note_topic(self, name: str, stamp_ns: int | None, received_s: float) -> None:
         period_s, before = 0.0, self.topics.get(name)
@@ -277,17 +319,25 @@ class LiveState:
         return self.nodes.get(name)
 
     def _take_in(self, update: updates.Update) -> None:
+        at_s = getattr(update, "received_s", 0.0) if self.place_s is None else self.place_s
+        if self.place_s is None and not self.ended:
+            self.timeline.take(update, at_s)
         match update:
             case updates.Report():
-                self._note_topic(updates.REPORT, None, update.received_s)
+                self._note_topic(REPORT, None, update.received_s)
                 report = ReportView.read(update.text, update.received_s)
                 self.report = report.ended(self._missing) if self.ended else report
+                judged = {bar.place: bar for bar in self.report.bars}
+                states = self.report.score.verdicts
+                self.timeline.judge(((item, judged[k].text) for k, item in enumerate(states) if k in judged), at_s)
                 if (part := self.report.score.trajectory) is not None:  # the first that is scored is that under way
                     self.path.condition = (part.several or (part.first,))[0].condition
                     self.path.spacing = part.first.spacing_frames or self.path.spacing
             case updates.PoseSample():
-                topic = updates.LOCALISATION if update.track is updates.Track.ESTIMATE else updates.TRUTH
+                topic = LOCALISATION if update.track is updates.Track.ESTIMATE else updates.TRUTH
                 self._note_topic(topic, update.stamp_ns, update.received_s)
+                if update.track is updates.Track.ESTIMATE:
+                    self._result_s = update.received_s
                 self.path.add(update, self._published.get(update.stamp_ns))
             case updates.Status():
                 if (node := self._node(update.node)) is None:
@@ -295,6 +345,7 @@ class LiveState:
                 node.add(update)
                 call = _call_to_plain(self._call_count, update) if update.kind is updates.StatusKind.CALL else None
                 if call is not None:
+                    self._result_s = update.received_s
                     self.calls.append(call)
                     self._call_count += 1
             case updates.Sampled():
@@ -314,7 +365,10 @@ class LiveState:
                     self.path.restart()
                     self.calls.clear()
                     self.media.clear()
+                    self.nodes.clear()
+                    self.topics.clear()
                     self.report = None
+                    self.timeline.forget(EventKind.LIMIT)
             case _:
                 before = self.media.get(update.topic)
                 if before is None and len(self.media) >= MAX_TOPICS:

@@ -12,11 +12,12 @@ from enum import StrEnum
 from typing import Annotated, ClassVar, Protocol
 
 import msgspec
+import numpy as np
 from msgspec import Meta
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, FloatArray32
-from sfr_loc_map.inputs import one_line
+from sfr_loc_map.inputs import LOST_VARIANCE, one_line
 
 LOCALISATION, TRUTH, REPORT = "localisation/odometry", "ground_truth/odometry", "metrics/report"
 POINTS, TRUE_POINTS, TRACKS = "mapping/points", "ground_truth/points", "localisation/tracks"
@@ -65,6 +66,11 @@ class PoseSample:
     quat_xyzw: tuple[float, float, float, float]
     received_s: float
     covariance: FloatArray | None = None
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether the covariance says that the pose is not known."""
+        return self.covariance is not None and bool((np.diagonal(self.covariance) >= LOST_VARIANCE).all())
 
 
 @dataclass(frozen=True, slots=True)

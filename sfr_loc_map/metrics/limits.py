@@ -157,6 +157,20 @@ def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
     return Limits(tuple(limits), minimum)
 
 
+def limits_of(verdicts: Collection[Verdict]) -> Limits | None:
+    """Return the limits that verdicts are on, None for none; fewest values and conditions are as by default."""
+    found = []
+    for item in verdicts:
+        key = item.metric.removeprefix("target ")
+        parts = (
+            [LimitPart.TARGET] if key != item.metric else [part for part in LimitPart if key in _PLACES.get(part, ())]
+        )
+        if parts:
+            requirement = {"id": item.id, "text": item.text, "certain": item.needs_certainty}
+            found.append(Limit(parts[0], key, item.limit, item.condition, **requirement))  # type: ignore[arg-type]
+    return Limits(tuple(found)) if found else None
+
+
 def _limits_of(part: LimitPart, block: object, origin: str, condition: Condition | None) -> list[Limit]:
     """Return the limits of a block; `id`, `text` and `certain` are of all of it, or of one limit `{limit: ...}`."""
     if not isinstance(block, Mapping):

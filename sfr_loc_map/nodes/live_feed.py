@@ -132,7 +132,7 @@ class RosFeed:
 
     def _receive(self, kind: type[Any], topic: str, callback: Callable[[Any, float], None], qos: QoSProfile) -> None:
         gaps = TransportGaps()
-        if kind is not DiagnosticArray:  # which has many publishers
+        if kind is Odometry:  # diagnostics have many publishers; of reports only the latest is kept for who is late
             self._gaps[topic] = gaps
 
         def received(message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401 - any message

@@ -7,6 +7,7 @@ import asyncio
 import os
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import SfrError
@@ -18,15 +19,14 @@ from sfr_loc_map.nodes.environment import configure_malloc
 NICENESS = 5  #: What only looks on gives way to what it looks at: a third of the weight of other processes.
 
 
-def serve_graph(config: LiveConfig, namespace: str, *, open_browser: bool = False) -> None:
+def serve_graph(config: LiveConfig, namespace: str, end_file: Path | None = None) -> None:
     """Serve the page of a running graph until SIGINT or SIGTERM, at a lower priority than its nodes."""
     from sfr_loc_map.nodes.live_feed import RosFeed
 
     os.nice(NICENESS)
     state = LiveState()
     with RosFeed(state, namespace):
-        server = LiveServer(config, state, namespace or "live")
-        asyncio.run(serve_until_signal(server, open_browser=open_browser))
+        asyncio.run(serve_until_signal(LiveServer(config, state, namespace), end_file=end_file))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -36,11 +36,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--host", default=DEFAULT_HOST)
     parser.add_argument("--port", type=int, default=DEFAULT_PORT)
     parser.add_argument("--token", default="")
+    parser.add_argument("--end-file", type=Path)
     options = parser.parse_args(arguments)
     configure_malloc()  # before there is another thread
     try:
         values = {"host": options.host, "port": options.port, "token": options.token}
-        serve_graph(build(LiveConfig, values, origin="sfr live"), options.namespace)
+        serve_graph(build(LiveConfig, values, origin="sfr live"), options.namespace, options.end_file)
     except KeyboardInterrupt:
         return 0
     except SfrError as error:

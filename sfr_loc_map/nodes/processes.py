@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import fcntl
+import json
 import os
 import re
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -19,6 +22,7 @@ from typing import Any
 
 from sfr_loc_map.child_process import child_environment, end_with_parent
 from sfr_loc_map.errors import ConfigError, NodeError
+from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.nodes import environment
 
 TASKS = ("localisation", "mapping", "monitor")
@@ -182,7 +186,9 @@ class LivePage:
 
     def __init__(self, arguments: Sequence[str]) -> None:
         """Start nothing yet; `arguments` is its command line."""
-        self._process = node_process("nodes.live_page", arguments)
+        self._folder = Path(tempfile.mkdtemp(prefix="sfr-live-"))
+        self._end_file, self._told = self._folder / "end.json", dict[str, str]()
+        self._process = node_process("nodes.live_page", (*arguments, "--end-file", str(self._end_file)))
 
     def __enter__(self) -> LivePage:
         with suppress(NodeError):  # too little memory for the page: the run goes on
@@ -191,16 +197,30 @@ class LivePage:
 
     def __exit__(self, *_: object) -> None:
         end_processes([self._process])
+        shutil.rmtree(self._folder, ignore_errors=True)
 
     @property
     def node_name(self) -> str:
         """Name of its node, which joins the graph after the page is served; empty where the page does not run."""
         return page_node_name(self._process.popen.pid) if self._process.is_running else ""
 
-    def run_is_over(self, *, whole: bool = True) -> None:
-        """Tell it, without waiting, that the run is over, before the nodes end; and whether the images have poses."""
+    def run_is_over(self, **told: str) -> None:
+        """Tell it, without waiting, that the run is over, before the nodes end.
+
+        `missing`: what the estimate is known to lack; `aborted`: by what; `report`: the page of the score.
+        """
+        self._told |= told
+        with suppress(OSError), atomic_path(self._end_file) as temporary:
+            temporary.write_text(json.dumps(self._told), encoding="utf-8")
         if self._process.is_running:
-            self._process.send(signal.SIGUSR1 if whole else signal.SIGUSR2)
+            self._process.send(signal.SIGUSR1)
+
+    def stay(self, words: str = "") -> None:
+        """Let it be served until Ctrl-C, SIGTERM, or its own end; say so after other words."""
+        if self._process.is_running:
+            print(f"{words}the run is over; its page is served until Ctrl-C", file=sys.stderr, flush=True)
+            with suppress(KeyboardInterrupt), sigterm_as_interrupt():
+                self._process.popen.wait()
 
 
 def page_node_name(pid: int) -> str:

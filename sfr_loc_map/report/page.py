@@ -21,6 +21,7 @@ from sfr_loc_map.metrics.config import ScoreConfig, VerdictState
 from sfr_loc_map.metrics.limits import finding_verdicts, value_at
 from sfr_loc_map.metrics.score import Score, Verdict
 from sfr_loc_map.metrics.score_json import from_json, to_plain
+from sfr_loc_map.report.limit_bars import share_of
 from sfr_loc_map.report.plots import Plot
 from sfr_loc_map.report.score_figures import error_sizes, parts_of, score_figures
 from sfr_loc_map.report.score_tables import glossary, limit_name, limit_unit, score_tables
@@ -299,10 +300,7 @@ def _worth_a_look(score: Score) -> Iterator[LookFirst]:
 
 
 def _use_of_limit(item: Verdict) -> float:
-    value, limit = abs(item.value or 0.0), item.limit
-    if item.metric.endswith("_min"):
-        value, limit = limit, value
-    return value / limit if limit else float("inf") if value else 0.0
+    return share_of(item, item.value or 0.0) or 0.0
 
 
 def _beside_limit(item: Verdict) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import re
+import time
 from collections.abc import Awaitable, Callable
 from typing import Any
 
@@ -19,6 +20,7 @@ aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed: pip i
 
 from page_server import Recorder, served  # noqa: E402 - needs aiohttp
 
+from sfr_loc_map.live import server  # noqa: E402 - as above
 from sfr_loc_map.live.server import LiveConfig, LiveServer  # noqa: E402 - as above
 
 
@@ -124,6 +126,42 @@ def test_bytes_that_are_no_request_are_refused_in_silence(capfd: pytest.CaptureF
     assert capfd.readouterr().err == ""
 
 
+def test_open_sockets_cost_nothing(capfd: pytest.CaptureFixture[str]) -> None:
+    """Of many connections that say nothing the oldest make room; a fresh client is answered at once."""
+
+    async def test(found: Served) -> None:
+        fill(found.state, 60)
+        opened = []
+        for number in range(500):
+            reader, writer = await asyncio.open_connection("127.0.0.1", found.port)
+            writer.write(b"GET /state.json HTTP/1.1\r\nHost: " if number % 2 else b"")
+            opened.append((reader, writer))
+            if number % 100 == 99:
+                begin_s = time.monotonic()
+                assert (await found.get("state.json", Connection="close"))[0] == 200
+                assert time.monotonic() - begin_s < 1.0
+        cut = [await asyncio.wait_for(reader.read(), 20) for reader, _ in opened[: 500 - server.MAX_WAITING]]
+        assert set(cut) == {b""}
+        await asyncio.wait_for(opened[-1][0].read(), 3 * server.HEAD_TIMEOUT_S)  # also the last ones, after a time
+        for _, writer in opened:
+            writer.close()
+
+    in_loop(test)
+    assert len(capfd.readouterr().err) < 500
+
+
+def test_the_report_of_a_run_is_served_apart_from_the_page() -> None:
+    async def test(found: Served) -> None:
+        assert (await found.get("report"))[0] == 404
+        found.state.report_page = b"<p>report</p>"
+        status, text, headers = await found.get("report")
+        assert (status, text) == (200, "<p>report</p>")
+        assert "sandbox" in headers["Content-Security-Policy"]
+        assert "allow-same-origin" not in headers["Content-Security-Policy"]
+
+    in_loop(test)
+
+
 def test_a_page_gets_all_that_is_known_and_then_what_changes() -> None:
     async def test(found: Served) -> None:
         fill(found.state, 10)
@@ -139,8 +177,8 @@ def test_a_page_gets_all_that_is_known_and_then_what_changes() -> None:
                         frames.append(message.data)
 
             await channel.send_json({"type": "want", "views": ["images", "clouds", "tracks", "nonsense"]})
-            await take(lambda: len(texts) >= 5 and len(frames) >= 5)
-            assert [text["type"] for text in texts][:5] == ["hello", "report", "path", "calls", "nodes"]
+            await take(lambda: len(texts) >= 6 and len(frames) >= 5)
+            assert [text["type"] for text in texts][:6] == ["hello", "report", "path", "calls", "events", "nodes"]
             assert len(texts[2]["rows"]) == 10
             assert found.state.wanted == {View.IMAGES, View.CLOUDS, View.TRACKS}
             for hostile in ('{"type":"ping","sent_ms":NaN}', '{"type":"ping","sent_ms":1e999}', "[" * 4000):

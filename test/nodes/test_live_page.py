@@ -3,12 +3,13 @@
 # ruff: noqa: E402 - aiohttp may be absent
 import asyncio
 import json
+import os
 import re
 import time
 import urllib.request
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from signal import SIGCONT, SIGINT, SIGSTOP
+from signal import SIGCONT, SIGINT, SIGKILL, SIGSTOP
 from typing import Any
 
 import numpy as np
@@ -111,19 +112,56 @@ def test_lost_poses_are_shown_and_the_last_state_is_the_final_report(
     with Process(tmp_path / "log", *COMMAND, "replay", str(source), *options) as replay, ThreadPoolExecutor(1) as pool:
         url = address(replay)
         shown, last = pool.submit(asyncio.run, lost_poses(url)), dict[str, Any]()
-        try:
-            while True:
-                last = json.loads(asked(url + "state.json"))
-                time.sleep(0.03)
-        except OSError:  # nobody serves it any more
-            assert replay.popen.wait(120) == 0, replay.text
+
+        def is_over() -> bool:
+            last.update(json.loads(asked(url + "state.json")))
+            return bool(last["live"]["has_report"])
+
+        wait_until(is_over, "a page that is served after the run, with the report")
+        page, code = asked(url + "report"), replay.end(SIGINT)
+    assert code == 0, replay.text
+    assert b"ocalisation and mapping report" in page
     assert shown.result() == [5 <= number < 8 for number in range(12)]
     assert last["trajectory"]["lost"] == 3
     live = last.pop("live")
-    assert live["poses"] == 12
+    assert (live["poses"], live["ended"], live["aborted"], live["stale_reasons"]) == (12, True, None, [])
+    assert "lost" in [event["kind"] for event in live["events"]]
     assert sum(value**2 for value in live["localisation"]["error_m"]) ** 0.5 < 0.1
     assert last == json.loads((out / "monitor.json").read_text())
     report = json.loads((out / "report.json").read_text())
     for part in ("position_m", "attitude_deg", "heading_deg", "count", "matched"):
         assert last["trajectory"][part] == report["trajectory"][part]
     assert (last["map"], last["timing"]) == (report["map"], report["timing"])
+
+
+def test_a_node_that_is_killed_aborts_the_run_and_one_that_is_stopped_makes_it_stale(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
+    source = write_folder(tmp_path / "source", 200, 0)
+    options = ("--start", "truth", "--rate", "1", "--condition", "frames=3", "--live", "--live-port", "0")
+    with Process(tmp_path / "log", *COMMAND, "replay", str(source), *options) as replay:
+        url = address(replay)
+
+        def live() -> dict[str, Any]:
+            return dict(json.loads(asked(url + "state.json"))["live"])
+
+        def node(name: str) -> int:
+            children = Path(f"/proc/{replay.popen.pid}/task/{replay.popen.pid}/children").read_text().split()
+            return next(int(pid) for pid in children if name in Path(f"/proc/{pid}/cmdline").read_text())
+
+        wait_until(lambda: live()["poses"] > 10, "poses")
+        os.kill(node("localisation_node"), SIGSTOP)
+        stopped_s = time.monotonic()
+        found = wait_until(lambda: live()["stale_reasons"], "a verdict that is not of this moment")
+        assert time.monotonic() - stopped_s < 4.0  # 2 s on an idle host
+        assert any("no pose" in reason or "localisation_node silent" in reason for reason in found)
+        os.kill(node("localisation_node"), SIGCONT)
+        wait_until(lambda: not live()["stale_reasons"], "a run that goes on")
+        os.kill(node("monitor_node"), SIGKILL)
+        killed_s = time.monotonic()
+        wait_until(lambda: live()["ended"], "the end")
+        assert time.monotonic() - killed_s < 4.0
+        assert live()["aborted"]["by"] == "monitor_node was killed by SIGKILL"
+        assert abs(live()["aborted"]["at"] - time.time()) < 10.0
+        assert replay.end(SIGINT) == 2, replay.text

@@ -21,6 +21,7 @@ export class Store {
     this.tracked = null;
     this.underWay = null;
     this.ended = false;
+    this.events = [];
     this.moments = [];
     this.thinned = { images: 0 };
   }
@@ -33,14 +34,13 @@ export class Store {
       path: () => this.addRows(message),
       calls: () => this.addCalls(message),
       nodes: () => this.addNodes(message),
-      end: () => (this.ended = true),
+      events: () => (this.events = message.events),
     })[message.type]?.();
   }
 
   begin(message) {
     this.server = message.server;
     this.fields = Object.fromEntries(message.row_fields.map((name, place) => [name, place]));
-    this.ended = false;
   }
 
   addRows(message) {
@@ -62,6 +62,7 @@ export class Store {
 
   addNodes(message) {
     this.nodes = message;
+    this.ended = message.ended;
     const last = this.moments.at(-1);
     if (last && message.time_s - last.time < MOMENT_S * 0.8) return;
     this.moments.push(this.moment());

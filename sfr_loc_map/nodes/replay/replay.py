@@ -247,7 +247,8 @@ def replay(
         if options.page is not None:
             images = 0 if source.loc is None else len(source.loc)
             posed = len({stamp_ns for stamp_ns, _, _ in results.rows})
-            options.page.run_is_over(whole=images - posed <= MISSING_SHARE * images)
+            whole = images - posed <= MISSING_SHARE * images
+            options.page.run_is_over(missing="" if whole else "not every image of the source has a pose")
         return results
 
 

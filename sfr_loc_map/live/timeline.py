@@ -1,0 +1,172 @@
+"""What has happened in a run, as intervals of time: how localisation stood, nodes, jumps of the stamps, limits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.live import updates
+from sfr_loc_map.metrics.score import Verdict
+from sfr_loc_map.pipeline.reception import jumped_back
+
+MAX_EVENTS, MAX_TEXT = 400, 200
+STALE_S, STALE_PERIODS = 1.6, 3.0
+"""What comes again and again is stale where it has not come for so long, or for so many of its own periods."""
+FLICKER_S = 0.5  #: Tracking between two such intervals of one kind that is shorter does not part them.
+GAP_S, GAP_PERIODS = 2.0, 20.0  #: A step of the stamps that is longer, and longer than so many usual ones, is told.
+LOCALISATION_NODE, POSE = "localisation_node", "pose"
+COMPILING = "compiling"  #: First word of what a node says while it does.
+
+
+class EventKind(StrEnum):
+    """What an event is about."""
+
+    TRACKING = "tracking"
+    DEGRADED = "degraded"
+    LOST = "lost"
+    STALE = "stale"
+    NODE = "node"
+    COMPILING = "compiling"
+    CLOCK = "clock"
+    LIMIT = "limit"
+    ABORTED = "aborted"
+
+
+@dataclass(slots=True)
+class Event:
+    """One interval, seconds; `to_s` is None while it goes on, and equal to `from_s` for what takes no time."""
+
+    lane: str
+    from_s: float
+    to_s: float | None
+    kind: EventKind
+    text: str
+
+
+class Timeline:
+    """Collects events; times are those of the caller: of the clock, or places in a recording. Its memory is bounded."""
+
+    def __init__(self) -> None:
+        self.version = 0  # changes with every event that begins or ends
+        self.events: list[Event] = []
+        self._open: dict[str, Event] = {}
+        self._word = ""  # of the localiser's last call
+        self._pose_s: float | None = None
+        self._stamp_ns: int | None = None
+        self._period_s = self._step_s = 0.0  # smoothed, of receipt and of stamps
+
+    def take(self, update: updates.Update, at_s: float) -> None:
+        """Take in what a pose or a status tells."""
+        if isinstance(update, updates.PoseSample) and update.track is updates.Track.ESTIMATE:
+            self._take_pose(update, at_s)
+        elif isinstance(update, updates.Status) and update.kind is updates.StatusKind.CALL:
+            if update.node == LOCALISATION_NODE:
+                self._word = update.message
+                if self._pose_s is not None and POSE in self._open:
+                    self._note_tracking(at_s, lost=self._open[POSE].kind is EventKind.LOST)
+        elif isinstance(update, updates.Status) and update.kind is updates.StatusKind.HEALTH:
+            if update.message.lower().startswith(COMPILING):
+                self.note(update.node, at_s, EventKind.COMPILING, f"{update.node}: {update.message}")
+            else:
+                bad = update.level == 2 and update.node != LOCALISATION_NODE  # what is lost is told as such
+                self.note(update.node, at_s, EventKind.NODE if bad else None, f"{update.node}: {update.message}")
+
+    def look(self, now_s: float, silent: Mapping[str, float]) -> None:
+        """Note what has not come up to now: poses, and nodes that are silent since a time."""
+        if self.is_stale(now_s) and self._pose_s is not None:
+            self.note(POSE, self._pose_s, EventKind.STALE, "no pose")
+        for node, since_s in silent.items():
+            self.note(node, since_s, EventKind.NODE, f"{node}: silent")
+
+    def judge(self, verdicts: Iterable[tuple[Verdict, str]], at_s: float) -> None:
+        """Note which limits are missed, each with what is said of it."""
+        for item, text in verdicts:
+            missed = EventKind.LIMIT if item.state == "fail" else None
+            self.note(f"limit {item.metric} {item.condition}", at_s, missed, text)
+
+    def is_stale(self, now_s: float) -> bool:
+        """Tell whether poses have stopped."""
+        known = self._pose_s is not None and self._period_s > 0.0
+        return known and now_s - (self._pose_s or 0.0) > max(STALE_S, STALE_PERIODS * self._period_s)
+
+    def note(self, lane: str, at_s: float, kind: EventKind | None, text: str = "") -> None:
+        """Let the event of a lane begin, go on with another text, or (None) end."""
+        now = self._open.get(lane)
+        if now is not None and now.kind is kind:
+            now.text = text[:MAX_TEXT]
+            return
+        if now is None and kind is None:
+            return
+        self.version += 1
+        if now is not None:
+            now.to_s = max(at_s, now.from_s)
+            del self._open[lane]
+        if kind is None:
+            return
+        before = [event for event in self.events[-8:] if event.lane == lane][-2:]
+        if (
+            len(before) == 2
+            and before[0].kind is kind
+            and before[1] is now
+            and now.kind is EventKind.TRACKING
+            and at_s - now.from_s < FLICKER_S
+        ):
+            self.events.remove(now)
+            before[0].to_s, self._open[lane] = None, before[0]
+            return
+        self._open[lane] = self._add(Event(lane, at_s, None, kind, text[:MAX_TEXT]))
+
+    def mark(self, at_s: float, kind: EventKind, text: str) -> None:
+        """Add an event that takes no time."""
+        self.version += 1
+        self._add(Event(kind, at_s, at_s, kind, text[:MAX_TEXT]))
+
+    def forget(self, kind: EventKind) -> None:
+        """Forget all events of a kind: a recording is judged anew."""
+        self.version += 1
+        self.events = [event for event in self.events if event.kind is not kind]
+        self._open = {lane: event for lane, event in self._open.items() if event.kind is not kind}
+
+    def end(self, at_s: float) -> None:
+        """End what goes on."""
+        for lane in list(self._open):
+            self.note(lane, at_s, None)
+
+    def to_plain(self) -> list[dict[str, Any]]:
+        """Return the events as JSON values, in the order of their begin."""
+        ordered = sorted(self.events, key=lambda event: event.from_s)
+        return [{"from": e.from_s, "to": e.to_s, "kind": e.kind.value, "text": e.text} for e in ordered]
+
+    def _add(self, event: Event) -> Event:
+        self.events.append(event)
+        if len(self.events) > MAX_EVENTS:
+            ended = next((event for event in self.events if event.to_s is not None), self.events[0])
+            self.events.remove(ended)
+            self._open = {lane: other for lane, other in self._open.items() if other is not ended}
+        return event
+
+    def _take_pose(self, pose: updates.PoseSample, at_s: float) -> None:
+        self.look(at_s, {})
+        if self._pose_s is not None and self._stamp_ns is not None:
+            passed_s, step_s = max(at_s - self._pose_s, 0.0), (pose.stamp_ns - self._stamp_ns) / NS_PER_S
+            if jumped_back(self._stamp_ns, pose.stamp_ns):
+                self.mark(at_s, EventKind.CLOCK, f"stamps go back by {-step_s:.1f} s")
+            elif step_s > max(GAP_S, GAP_PERIODS * self._step_s) and self._step_s > 0.0:
+                self.mark(at_s, EventKind.CLOCK, f"stamps go on by {step_s:.1f} s at once")
+            else:
+                self._step_s = step_s if self._step_s <= 0.0 else 0.8 * self._step_s + 0.2 * step_s
+            self._period_s = passed_s if not self._period_s else 0.8 * self._period_s + 0.2 * passed_s
+        self._pose_s, self._stamp_ns = at_s, pose.stamp_ns
+        self._note_tracking(at_s, lost=pose.is_lost)
+
+    def _note_tracking(self, at_s: float, *, lost: bool) -> None:
+        word = self._word
+        if lost:
+            self.note(POSE, at_s, EventKind.LOST, word if word.startswith("lost") else "lost")
+        elif word.startswith("degraded"):
+            self.note(POSE, at_s, EventKind.DEGRADED, word)
+        else:
+            self.note(POSE, at_s, EventKind.TRACKING, "tracking")
