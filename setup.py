@@ -6,6 +6,7 @@ package.xml.
 
 import re
 import subprocess
+from functools import partial
 from glob import glob
 from pathlib import Path
 
@@ -28,14 +29,16 @@ SUITE = ["distributed>=2025.1,<2027", "pyarrow>=17,<27", "fsspec[http]>=2025.2,<
 
 
 class BuildWithCommit(build_py):
-    """Puts the commit that is built into the package, for the provenance of reports; nothing where there is none."""
+    """Puts commit, branch and date of what is built into the package, for reports; nothing where there is none."""
 
     def run(self) -> None:
         """Build, then write `commit.txt`."""
         super().run()
-        describe = ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+        describe = "describe --always --dirty --abbrev=40 --exclude=*"
+        asked = (describe, "rev-parse --abbrev-ref HEAD", "show --no-patch --format=%cI")
+        run_git = partial(subprocess.run, cwd=ROOT, capture_output=True, text=True, check=True)
         try:
-            said = subprocess.run(describe, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+            said = "".join(run_git(["git", *arguments.split()]).stdout for arguments in asked)
         except (OSError, subprocess.CalledProcessError):
             return
         place = Path(self.build_lib) / PACKAGE / "commit.txt"

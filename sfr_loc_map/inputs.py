@@ -277,5 +277,6 @@ def one_line(text: str) -> str:
 
 
 _COMMIT_FILE = Path(__file__).with_name("commit.txt")  # setup.py writes it
-COMMIT = _COMMIT_FILE.read_text(encoding="utf-8").strip() if _COMMIT_FILE.is_file() else None
-"""Commit that the package was built from, `-dirty` if changed since; None where it is not known."""
+GIT = _COMMIT_FILE.read_text(encoding="utf-8").split() if _COMMIT_FILE.is_file() else []
+"""Commit that the package was built from, `-dirty` if changed since, its branch and date; empty where not known."""
+COMMIT = GIT[0] if GIT else None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Sequence
-from contextlib import closing
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -64,7 +64,7 @@ def run(
     settings, store = specification.settings, Store(out)
     with store.locked():
         planned, refusals = make_plan(specification, store.facts_of, store.cache)
-        store.plan(planned)
+        store.plan(planned, refusals)
         for refusal in refusals:
             say(f"sfr: warning: left out: {refusal.reason}", err=True)
         jobs = [
@@ -87,7 +87,7 @@ def run(
             from sfr_loc_map.suite.page import write_summary  # its imports take as long as all of the start
             from sfr_loc_map.suite.summary import summarise
 
-            summary = summarise(store, refusals)
+            summary = summarise(store)
             write_summary(summary, store)
     if interrupted:
         done = f"{summary.counts['done']} of {summary.tasks} tasks are done and reported"
@@ -97,13 +97,14 @@ def run(
 
 def _run_jobs(jobs: Sequence[Job], store: Store, settings: SuiteSettings, places: int, scheduler: str | None) -> None:
     """Run jobs and keep what comes of each; show a bar on a terminal, a line each elsewhere."""
-    from sfr_loc_map.suite.cluster import connected, run_jobs
+    from sfr_loc_map.suite.cluster import Crew, connected, run_jobs
 
-    with (
-        progress_bar("tasks") as bar,
-        connected(settings, workers=places, scheduler=scheduler) as client,
-        closing(run_jobs(client, jobs, settings.timeout_s, store.cache)) as outcomes,
-    ):
+    with ExitStack() as stack:
+        bar = stack.enter_context(progress_bar("tasks"))
+        client = stack.enter_context(connected(settings, workers=places, scheduler=scheduler))
+        crew = Crew(client, lambda text: say(f"sfr: warning: {one_line(text)}", err=True), settings.wait_s)
+        stack.callback(lambda: store.add_workers(list(crew.records.values())))
+        outcomes = stack.enter_context(closing(run_jobs(client, jobs, settings.timeout_s, store.cache, crew)))
         shown = bar.add_task("running", total=len(jobs))
         for done, (job, outcome) in enumerate(outcomes, 1):
             store.save(job, outcome)

@@ -14,14 +14,16 @@ import tempfile
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
+from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from sfr_loc_map.errors import InputError, MissingExtraError, SfrError
 from sfr_loc_map.suite.job import Job
+from sfr_loc_map.suite.proof import JOINED, code_facts, lacking, proof_plugin, resource_of, withdraw
 from sfr_loc_map.suite.specification import SuiteSettings
 
 if TYPE_CHECKING:
@@ -31,6 +33,9 @@ TRIES = 3
 MESSAGE_LENGTH = 500
 STARTED, OVER_TIME, OVER_MEMORY = "sfr-started", "sfr-over-time", "worker-restart-memory"
 """Topics of events: the first two are ours, the last is that of Dask's nanny."""
+ASK_EVERY_S = 1.0  #: How often the scheduler is asked for its workers.
+SAY_AFTER_S = 2.0  #: Time without a worker after which it is said.
+SHOWN = 10  #: Workers of which it is said what they lack.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -51,6 +56,8 @@ class JobOutcome:
     result: str | None = None  #: The score as JSON; None if it failed.
     cause: FailureCause | None = None  #: Why it failed.
     message: str = ""  #: The error, or the limit.
+    worker: str = ""  #: Address of the worker that ran it.
+    lacks: str = ""  #: What that worker lacks, so that it did not run it.
 
 
 @contextlib.contextmanager
@@ -69,7 +76,6 @@ def connected(settings: SuiteSettings, *, workers: int, scheduler: str | None) -
         "distributed.worker.memory.terminate": 1.0,
         # a worker may just be restarting when Dask looks for it; without any for long, jobs fail
         "distributed.deploy.lost-worker-timeout": "1000 days",
-        "distributed.scheduler.no-workers-timeout": "5 minutes",
         "distributed.worker.profile.enabled": False,
         "distributed.worker.preload": ["sfr_loc_map.suite.worker_start"],
         "distributed.nanny.pre-spawn-environ": dict.fromkeys(THREADS, settings.threads),
@@ -109,35 +115,138 @@ def _end(cluster: Any) -> None:  # noqa: ANN401 - distributed is typed in part
         cluster.close(timeout=5)
 
 
-def run_jobs(client: Client, jobs: Sequence[Job], timeout_s: float, cache: Path) -> Generator[tuple[Job, JobOutcome]]:
+@dataclass(slots=True, kw_only=True)
+class WorkerRecord:
+    """A worker of a suite: what it has, what it did, and why it got no more."""
+
+    worker: str  #: Its address.
+    host: str = ""
+    version: str = ""  #: Of sfr_loc_map.
+    python: str = ""
+    code: str = ""  #: Fingerprint of its code.
+    data_checked: int = 0  #: Sources whose hash it found to be that of the plan.
+    done: int = 0  #: Tasks.
+    set_aside: str | None = None  #: What it lacks.
+
+
+class Crew:
+    """The workers of a scheduler: those that have proved their code and saw other data nowhere, and the others."""
+
+    def __init__(self, client: Client, say: Callable[[str], None], wait_s: float) -> None:
+        expected = code_facts()
+        self.client, self.say, self.wait_s, self.resource = client, say, wait_s, resource_of(expected)
+        self.records: dict[str, WorkerRecord] = {}
+        self._data: set[tuple[str, str]] = set()
+        self._alone_since: float | None = time.monotonic()
+        self._said, self._asked, self._places = False, -ASK_EVERY_S, 0
+        self._read = len(client.get_events(JOINED))  # those of runs before
+        with contextlib.suppress(Exception):  # one that cannot even read it offers nothing
+            client.register_plugin(proof_plugin(expected))
+
+    def places(self) -> int:
+        """Return how many jobs run at a time on the workers that there are now; say if there is none.
+
+        InputError if there was none for the time that one waits for them.
+        """
+        now = time.monotonic()
+        if self._places and now - self._asked < ASK_EVERY_S:
+            return self._places
+        self._asked = now
+        workers = self.client.scheduler_info(n_workers=-1)["workers"]
+        events = self.client.get_events(JOINED)
+        for _, event in events[self._read :]:
+            if event["resource"] == self.resource:
+                record = self._record(event["worker"])
+                record.set_aside = event.get("lacks") or None
+                for name in ("host", "version", "python", "code"):
+                    setattr(record, name, event.get(name, ""))
+        self._read = len(events)
+        fit = [worker for worker in workers.values() if worker["resources"].get(self.resource, 0) > 0]
+        self._places = sum(int(worker["nthreads"]) for worker in fit)
+        if self._places:
+            self._alone_since, self._said = None, False
+            return self._places
+        self._alone_since = self._alone_since or now
+        waited, what = now - self._alone_since, self._lacks(list(workers))
+        if waited > self.wait_s:
+            raise InputError(f"{what}: none came in {self.wait_s:g} s; what was done is kept, the same command goes on")
+        if waited > SAY_AFTER_S and not self._said:
+            self._said = True
+            self.say(f"{what}: waiting {self.wait_s:g} s for one that may run a task")
+        return 0
+
+    def _record(self, worker: str) -> WorkerRecord:
+        return self.records.setdefault(worker, WorkerRecord(worker=worker))
+
+    def _lacks(self, workers: Sequence[str]) -> str:
+        if not workers:
+            return f"no worker at the scheduler {self.client.scheduler_info()['address']}"
+        unknown = WorkerRecord(worker="", set_aside="has told nothing of its code")
+        known = [self.records.get(worker, unknown) for worker in workers]
+        lacks = [f"{at.host} ({worker}): {at.set_aside}" for worker, at in zip(workers, known, strict=True)]
+        more = f"; and {len(lacks) - SHOWN} more" if len(lacks) > SHOWN else ""
+        return f"none of {len(lacks)} workers may run a task: {'; '.join(lacks[:SHOWN])}{more}"
+
+    def count(self, job: Job, outcome: JobOutcome) -> None:
+        """Count what a worker did."""
+        record = self._record(outcome.worker)
+        record.done += outcome.cause is None
+        if (seen := (outcome.worker, job.source.sha256)) not in self._data:
+            self._data.add(seen)
+            record.data_checked += 1
+
+    def set_aside(self, outcome: JobOutcome) -> None:
+        """Have a worker get no more tasks: it lacks what a job needs."""
+        record = self._record(outcome.worker)
+        record.set_aside, self._asked = outcome.lacks, -ASK_EVERY_S
+        self.say(f"worker set aside: {record.host} ({record.worker}): {outcome.lacks}")
+        with contextlib.suppress(Exception):  # it may just have gone
+            self.client.run(withdraw, self.resource, workers=[outcome.worker], on_error="ignore")
+
+
+def run_jobs(
+    client: Client, jobs: Sequence[Job], timeout_s: float, cache: Path, crew: Crew
+) -> Generator[tuple[Job, JobOutcome]]:
     """Yield each job with what came of it, as it is done.
 
-    As many are handed out as run at a time; on a running cluster, which may grow with them, twice as many. Workers that
-    do not see the cache of simulated sources use one of their own.
+    Twice as many are handed out as run at a time, so that no worker waits for the next one. Workers that do not see the
+    cache of simulated sources use one of their own.
     """
-    from distributed import as_completed
     from distributed.scheduler import KilledWorker
 
-    waiting, running = deque(jobs), as_completed(loop=client.loop, raise_errors=False)
+    waiting = deque(jobs)
     handed_out: dict[Future[JobOutcome], Job] = {}
+    done: SimpleQueue[Future[JobOutcome]] = SimpleQueue()
     tries: Counter[str] = Counter()
+    ended: set[str] = set()
     try:
         while waiting or handed_out:
-            while waiting and len(handed_out) < _places(client):
+            places = crew.places()
+            while waiting and len(handed_out) < 2 * places:
                 job = waiting.popleft()
-                key = (f"sfr-{job.kind}", job.key, time.time_ns())
-                arguments = (job, timeout_s, str(cache.absolute()))
-                future = client.submit(run_on_worker, *arguments, key=key, pure=False, retries=TRIES - 1)
+                future = client.submit(
+                    run_on_worker,
+                    *(job, job.key, timeout_s, str(cache.absolute())),
+                    key=(f"sfr-{job.kind}", job.key, time.time_ns()),
+                    resources={crew.resource: 1},
+                    retries=TRIES - 1,
+                    pure=False,
+                )
                 handed_out[future] = job
-                running.add(future)
-            future = next(running)
+                future.add_done_callback(done.put)
+            try:
+                future = done.get(timeout=ASK_EVERY_S)
+            except Empty:
+                continue
             job = handed_out.pop(future)
             error = future.exception() if future.status == "error" else None
             if isinstance(error, KilledWorker):
                 worker = error.last_worker.address
                 started = [event["key"] for _, event in client.get_events(STARTED) if event["worker"] == worker]
-                # a job that only waited there while one of the others ran is not to blame
-                if not started or started[-1] not in {other.key for other in handed_out.values()}:
+                # one of its jobs is to blame: that which ran, not those that only waited there
+                others = {other.key for other in handed_out.values()}
+                if worker not in ended and (not started or started[-1] not in others):
+                    ended.add(worker)
                     tries[job.key] += error.allowed_failures + 1
                 if tries[job.key] < TRIES:
                     waiting.appendleft(job)
@@ -150,9 +259,17 @@ def run_jobs(client: Client, jobs: Sequence[Job], timeout_s: float, cache: Path)
                 outcome = future.result()
             else:  # the scheduler has forgotten it
                 raise ConnectionError(future.status)
+            if outcome.lacks and not (changed := lacking(job, job.key)):
+                crew.set_aside(outcome)
+                waiting.appendleft(job)
+                continue
+            if outcome.lacks:  # here as well: the source is not what it was
+                outcome = JobOutcome(cause=FailureCause.BAD_INPUT, message=f"changed since the plan: {changed}")
+            elif outcome.worker:
+                crew.count(job, outcome)
             yield job, outcome
             future.release()
-    except (OSError, StopIteration) as error:
+    except OSError as error:
         raise InputError(
             f"the Dask scheduler is gone ({type(error).__name__}): what was done is kept; start it and give the same "
             "command again"
@@ -160,13 +277,6 @@ def run_jobs(client: Client, jobs: Sequence[Job], timeout_s: float, cache: Path)
     finally:
         with contextlib.suppress(Exception):
             client.cancel(list(handed_out), force=True)
-
-
-def _places(client: Client) -> int:
-    """Return how many jobs are handed out at a time; the workers of a running cluster come and go."""
-    workers = client.scheduler_info(n_workers=-1)["workers"].values()
-    threads = max(1, sum(int(worker["nthreads"]) for worker in workers))
-    return threads if client.cluster is not None else 2 * threads
 
 
 def _cause_of_death(client: Client, address: str) -> JobOutcome:
@@ -180,15 +290,20 @@ def _cause_of_death(client: Client, address: str) -> JobOutcome:
     return JobOutcome(cause=cause, message=message)
 
 
-def run_on_worker(job: Job, timeout_s: float, cache: str) -> JobOutcome:
-    """Run a job; bad input is an outcome. Beyond the time limit the process ends itself: a thread cannot be ended."""
+def run_on_worker(job: Job, key: str, timeout_s: float, cache: str) -> JobOutcome:
+    """Run a job where everything is as in the plan, before and after; bad input is an outcome.
+
+    Beyond the time limit the process ends itself: a thread cannot be ended.
+    """
     from distributed import get_worker
+    from distributed.utils import sync
 
     from sfr_loc_map.metrics.score_json import to_json
     from sfr_loc_map.suite.job_run import run_job
 
     worker = get_worker()
-    worker.log_event(STARTED, {"worker": worker.address, "key": job.key})
+    started = {"worker": worker.address, "key": job.key}
+    sync(worker.loop, worker.scheduler.log_event, topic=STARTED, msg=started)  # known before it can end the process
     place = Path(cache) if Path(cache).is_dir() else Path(worker.local_directory) / "sfr-cache"
 
     def end() -> None:
@@ -200,9 +315,15 @@ def run_on_worker(job: Job, timeout_s: float, cache: str) -> JobOutcome:
     timer.daemon = True
     timer.start()
     try:
-        with tempfile.TemporaryDirectory(dir=worker.local_directory) as scratch:
-            return JobOutcome(result=to_json(run_job(job, Path(scratch), place)))
-    except SfrError as error:
-        return JobOutcome(cause=FailureCause.BAD_INPUT, message=" ".join(str(error).split())[:MESSAGE_LENGTH])
+        if lacks := lacking(job, key):
+            return JobOutcome(worker=worker.address, lacks=lacks)
+        try:
+            with tempfile.TemporaryDirectory(dir=worker.local_directory) as scratch:
+                outcome = JobOutcome(worker=worker.address, result=to_json(run_job(job, Path(scratch), place)))
+        except SfrError as error:
+            message = " ".join(str(error).split())[:MESSAGE_LENGTH]
+            outcome = JobOutcome(worker=worker.address, cause=FailureCause.BAD_INPUT, message=message)
+        lacks = lacking(job, key)
+        return JobOutcome(worker=worker.address, lacks=lacks) if lacks else outcome
     finally:
         timer.cancel()

@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 import functools
-import hashlib
-import importlib.metadata
+import socket
+import subprocess
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from itertools import product
 from pathlib import Path
 
 from sfr_loc_map.config import build
-from sfr_loc_map.errors import ConfigError, InputError, SfrError
-from sfr_loc_map.inputs import hash_path
+from sfr_loc_map.errors import ConfigError, SfrError
+from sfr_loc_map.inputs import GIT, hash_path
 from sfr_loc_map.simulation.config import SimulationConfig
-from sfr_loc_map.suite.job import NO_CONFIGURATION, Job, JobKind, JobSource, SourceKind, digest
+from sfr_loc_map.suite.job import NO_CONFIGURATION, Job, JobKind, JobSource, SourceKind
+from sfr_loc_map.suite.proof import PACKAGE, code_fingerprint, data_hash
 from sfr_loc_map.suite.sources import fetch
-from sfr_loc_map.suite.specification import SuiteSpecification
+from sfr_loc_map.suite.specification import Refusal, SuiteSpecification
 
 READER_THREADS = 8
 """Sources that are hashed, or fetched, at a time: of many large ones this takes longer than their jobs."""
-LIBRARIES = ("numpy", "numba", "scipy", "opencv-python-headless", "simplejpeg")
-"""Libraries that can change a figure."""
-WITHOUT_EFFECT = frozenset({"cli", "report", "suite"})  #: Parts of the package that no figure of a job depends on.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,14 +32,6 @@ class SourceFacts:
     sha256: str
     pairs: int
     nav_pairs: int
-
-
-@dataclass(frozen=True, slots=True)
-class Refusal:
-    """A source that cannot be read, and why."""
-
-    path: str
-    reason: str
 
 
 def make_plan(
@@ -56,7 +47,7 @@ def make_plan(
     with ThreadPoolExecutor(READER_THREADS) as readers:
         found = [readers.submit(_known, source, facts_of, cache) for source in sources]
     jobs: dict[str, Job] = {}
-    refusals = []
+    refusals = list(specification.refusals)
     for source, facts in zip(sources, found, strict=True):
         try:
             jobs |= {job.key: job for job in _jobs(specification, *facts.result())}
@@ -72,11 +63,7 @@ def _known(
 ) -> tuple[JobSource, tuple[JobKind, ...]]:
     """Return a source that lies here, with its hash, and the kinds of jobs that it has the data for."""
     if source.kind is SourceKind.ESTIMATE:
-        for path in (source.path, source.truth):
-            if not Path(path).exists():
-                raise InputError(f"there is no '{path}': give an estimate and its truth")
-        hashes = digest([hash_path(Path(source.path)), hash_path(Path(source.truth))])
-        return replace(source, sha256=hashes), (JobKind.SCORE,)
+        return replace(source, sha256=data_hash(source)), (JobKind.SCORE,)
     if source.kind is SourceKind.SIMULATED:
         config = build(SimulationConfig, source.settings)
         drive, panorama = config.drive.enabled, config.panorama.enabled
@@ -126,19 +113,14 @@ def inspect_source(path: Path) -> SourceFacts:
     return SourceFacts(sha256=hash_path(path), pairs=pairs, nav_pairs=nav_pairs)
 
 
-@functools.cache
-def code_fingerprint() -> str:
-    """Return a hash of the code and of the versions of the libraries that can change a figure."""
-    root = Path(__file__).parents[1]
-    found = hashlib.sha256()
-    for path in sorted(root.rglob("*.py")):
-        place = path.relative_to(root)
-        if place.parts[0] not in WITHOUT_EFFECT:
-            found.update(f"{place.as_posix()}\0".encode() + path.read_bytes() + b"\0")
-    for name in LIBRARIES:
-        try:
-            version = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            version = "absent"
-        found.update(f"{name} {version}\n".encode())
-    return found.hexdigest()[:16]
+def about_run() -> dict[str, object]:
+    """Return by which code, where and when a suite is run; commit, branch and date are None where not known."""
+    git = GIT
+    if not git and (PACKAGE.parent / ".git").exists():  # run from its sources
+        describe = "describe --always --dirty --abbrev=40 --exclude=*"
+        asked = (describe, "rev-parse --abbrev-ref HEAD", "show --no-patch --format=%cI")
+        run_git = functools.partial(subprocess.run, cwd=PACKAGE, capture_output=True, text=True, check=False)
+        git = [run_git(["git", *arguments.split()]).stdout.strip() for arguments in asked]
+    commit, branch, date = (*(item or None for item in git), None, None, None)[:3]
+    time = datetime.now(UTC).isoformat(timespec="seconds")
+    return {"git": {"commit": commit, "branch": branch, "date": date}, "host": socket.gethostname(), "time": time}

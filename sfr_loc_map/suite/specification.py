@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from sfr_loc_map.config import build, flatten, load_yaml, param
-from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.inputs import Task, read_text
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
@@ -19,6 +19,7 @@ from sfr_loc_map.metrics.limits import parse_limits
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.faults import parse_fault
 from sfr_loc_map.suite.job import JobKind, JobSource, SourceKind, digest
+from sfr_loc_map.suite.proof import method_hash
 from sfr_loc_map.suite.sources import expand
 
 SECTIONS: Mapping[str, tuple[type[LocalisationConfig | MappingConfig], Task]] = {
@@ -51,6 +52,17 @@ class SuiteSettings:
         4000, unit="MB", doc="Resident memory at which the process of a task is ended.", low=500, high=10**6
     )
     timeout_s: float = param(3600.0, unit="s", doc="Time after which a task is ended.", low=0.1, high=1e7)
+    wait_s: float = param(
+        300.0, unit="s", doc="Time without any worker that may run a task before the suite ends.", low=0.1, high=1e7
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """A source that cannot be read, and why."""
+
+    path: str
+    reason: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +71,7 @@ class SuiteSpecification:
 
     path: Path  #: The file.
     sources: tuple[JobSource, ...]  #: One for each match and each seed; those of files without their hashes.
+    refusals: tuple[Refusal, ...]  #: Entries that match nothing, or whose server does not answer.
     perturb: tuple[str, ...]  #: Injected faults; the source without faults comes first, as an empty text.
     configurations: Mapping[str, Mapping[str, object]]  #: Parameters by dotted name, by the configuration's name.
     tasks: tuple[JobKind, ...] | None  #: What is done; None for what each source has.
@@ -84,14 +97,21 @@ def load_specification(path: Path) -> SuiteSpecification:
     for part in "+".join(map(str, lists["perturb"])).split("+") if lists["perturb"] else ():
         parse_fault(part)
     sources: list[JobSource] = []
+    refusals: list[Refusal] = []
     for number, entry in enumerate(lists["sources"], 1):
-        sources += _sources(entry, path.absolute().parent, f"{path}: source {number}")
+        try:
+            sources += list(_sources(entry, path.absolute().parent, f"{path}: source {number}"))
+        except InputError as error:
+            refusals.append(Refusal(str(entry), str(error)))
+    if not sources:
+        raise InputError(refusals[0].reason)
     named = [Condition.parse(str(text)) for text in lists["conditions"] or ["distance=5"]]
     named += parse_limits(limits, f"{path}: limits").conditions if limits else ()
     conditions = tuple(dict.fromkeys(item.setting for item in named))
     return SuiteSpecification(
         path=path,
         sources=tuple(sources),
+        refusals=tuple(refusals),
         perturb=("", *map(str, lists["perturb"])),
         configurations=_configurations(configurations, path),
         tasks=tasks,
@@ -104,12 +124,12 @@ def load_specification(path: Path) -> SuiteSpecification:
 def _sources(entry: object, folder: Path, origin: str) -> Iterator[JobSource]:
     if isinstance(entry, str) and "://" in entry:
         if not (urls := expand(entry)):
-            raise ConfigError(f"source '{entry}': nothing there matches; give an existing URL or glob")
+            raise InputError(f"source '{entry}': nothing there matches; give an existing URL or glob")
         yield from (_source(SourceKind.REMOTE, url) for url in urls)
     elif isinstance(entry, str) and entry:
         found = sorted(glob.glob(str(folder / entry), recursive=True))
         if not found:
-            raise ConfigError(f"source '{entry}': nothing in '{folder}' matches; give an existing path or glob")
+            raise InputError(f"source '{entry}': nothing in '{folder}' matches; give an existing path or glob")
         yield from (_source(SourceKind.FILE, path) for path in found)
     elif isinstance(entry, Mapping) and set(entry) == {"estimate", "truth"}:
         path, truth = (str(folder / str(entry[name])) for name in ("estimate", "truth"))
@@ -184,7 +204,7 @@ def _method(values: Mapping[str, object], task: Task, folder: Path) -> dict[str,
             raise ConfigError(f"'method_config: {path}' cannot be read ({error}): give a text file") from error
     if spec == OURS:
         return {}
-    return dict(zip(METHOD_KEYS, (spec, text, find_method(spec, task, text).sha256 or ""), strict=True))
+    return dict(zip(METHOD_KEYS, (spec, text, method_hash(spec, task, text)), strict=True))
 
 
 def chosen_method(section: Mapping[str, object], task: Task) -> Method | None:

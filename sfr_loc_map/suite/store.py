@@ -2,7 +2,8 @@
 
 DIR/results/KEY.json        score of a job (sfr-score/1)
 DIR/failures/KEY.json       why a job failed
-DIR/plan.json               what the sources of the suite's file hold, its jobs in their order
+DIR/plan.json               what the sources of the suite's file hold, its jobs in their order, its code
+DIR/workers.json            the workers of its runs, what they did, why they were set aside
 DIR/cache/                  simulated and fetched sources, may be deleted
 """
 
@@ -20,11 +21,13 @@ from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import RecordError, from_dict, from_plain, json_line, to_plain
-from sfr_loc_map.suite.cluster import FailureCause, JobOutcome
+from sfr_loc_map.suite.cluster import FailureCause, JobOutcome, WorkerRecord
 from sfr_loc_map.suite.job import Job
-from sfr_loc_map.suite.plan import SourceFacts, inspect_source
+from sfr_loc_map.suite.plan import SourceFacts, about_run, inspect_source
+from sfr_loc_map.suite.proof import stamp_of
+from sfr_loc_map.suite.specification import Refusal
 
-PLAN = "plan.json"
+PLAN, WORKERS = "plan.json", "workers.json"
 T = TypeVar("T")
 
 
@@ -54,7 +57,7 @@ class Store:
                 path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise OutputError(f"cannot make the folder '{folder}': {error.strerror}; check the rights") from error
-        self._plan: dict[str, Any] = {"sources": {}, "jobs": []}
+        self._plan: dict[str, Any] = {"sources": {}, "jobs": [], "refusals": [], "run": {}}
         if plan.exists():
             self._plan |= _read(plan)
 
@@ -69,13 +72,8 @@ class Store:
             yield
 
     def facts_of(self, path: Path) -> SourceFacts:
-        """Return what a source holds; it is read once as long as its size and time of change stay."""
-        try:
-            files = [path] if path.is_file() else [item for item in path.rglob("*") if item.is_file()]
-            stats = [item.stat() for item in files]
-        except OSError as error:
-            raise InputError(f"cannot read '{error.filename}': {error.strerror}; check the rights") from error
-        stamp = [sum(item.st_size for item in stats), max((item.st_mtime_ns for item in stats), default=0)]
+        """Return what a source holds; it is read once as long as its `stamp_of` stays."""
+        stamp = stamp_of(path)
         known = self._plan["sources"].get(str(path.absolute()))
         if known is not None and known["stamp"] == stamp:
             return _record(SourceFacts, known["facts"], self.folder / PLAN)
@@ -83,11 +81,32 @@ class Store:
         self._plan["sources"][str(path.absolute())] = {"stamp": stamp, "facts": to_plain(facts)}
         return facts
 
-    def plan(self, jobs: Sequence[Job]) -> None:
-        """Take the jobs of a suite's file as it is now."""
-        self._plan["jobs"] = to_plain(jobs)
+    def plan(self, jobs: Sequence[Job], refusals: Sequence[Refusal]) -> None:
+        """Take the jobs of a suite's file as it is now, and the sources that it cannot read."""
+        self._plan |= {"jobs": to_plain(jobs), "refusals": to_plain(refusals), "run": about_run()}
         with atomic_path(self.folder / PLAN) as temporary:
             temporary.write_text(json_line(self._plan), encoding="utf-8")
+
+    @property
+    def run(self) -> dict[str, Any]:
+        """By which code, where and when it was run last."""
+        return dict(self._plan["run"])
+
+    @property
+    def refusals(self) -> tuple[Refusal, ...]:
+        """Sources that could not be read when it was run last."""
+        return tuple(_record(Refusal, item, self.folder / PLAN) for item in self._plan["refusals"])
+
+    def workers(self) -> tuple[WorkerRecord, ...]:
+        """Return the workers of all its runs."""
+        path = self.folder / WORKERS
+        found = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
+        return tuple(_record(WorkerRecord, item, path) for item in found)
+
+    def add_workers(self, records: Sequence[WorkerRecord]) -> None:
+        """Keep the workers of a run beside those of the runs before."""
+        with atomic_path(self.folder / WORKERS) as temporary:
+            temporary.write_text(json_line([*self.workers(), *records]), encoding="utf-8")
 
     def is_done(self, key: str) -> bool:
         """Tell whether there is a result, and no later failure."""

@@ -8,7 +8,7 @@ means and sigmas of the drives give count, mean and sigma of all their values ex
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -34,8 +34,9 @@ from sfr_loc_map.metrics.limits import (
 from sfr_loc_map.metrics.score import ConditionScore, Interval, IntervalStatistic, Score, Statistic, Verdict
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.metrics.statistics import student_quantile
+from sfr_loc_map.suite.cluster import WorkerRecord
 from sfr_loc_map.suite.job import Job
-from sfr_loc_map.suite.plan import Refusal
+from sfr_loc_map.suite.specification import Refusal
 from sfr_loc_map.suite.store import JobFailure, Store
 
 SCHEMA = "sfr-suite/1"
@@ -120,6 +121,8 @@ class Summary:
     failures: tuple[JobFailure, ...]
     refusals: tuple[Refusal, ...]
     code: str  #: Fingerprint of the code.
+    workers: tuple[WorkerRecord, ...] = ()  #: Workers of all its runs.
+    run: Mapping[str, object] = field(default_factory=dict)  #: Commit, branch and date of the code, host, time.
 
     @property
     def counts(self) -> dict[str, int]:
@@ -142,7 +145,9 @@ class Summary:
 
     def to_dict(self) -> dict[str, object]:
         """Return it as JSON values; of each drive its key, names, verdicts, and where its score stands."""
-        parts = {name: to_plain(getattr(self, name)) for name in ("verdict", "groups", "failures", "refusals")}
+        parts = {
+            name: to_plain(getattr(self, name)) for name in ("verdict", "groups", "failures", "refusals", "workers")
+        }
         drives = [
             drive.names()
             | {"file": f"results/{drive.job.key}.json", "verdicts": to_plain(drive.score.verdicts)}
@@ -154,10 +159,10 @@ class Summary:
             for drive in self.drives
         ]
         head = {"schema": SCHEMA, "version": __version__, "code": self.code, "counts": self.counts}
-        return head | parts | {"drives": drives}
+        return {**head, **self.run, **parts, "drives": drives}
 
 
-def summarise(store: Store, refusals: Sequence[Refusal] = ()) -> Summary:
+def summarise(store: Store) -> Summary:
     """Return what follows from the results of a suite's folder."""
     entries = store.entries()
     limits = next((parse_limits(job.limits, "limits") for job, _ in entries if job.limits), None)
@@ -173,8 +178,10 @@ def summarise(store: Store, refusals: Sequence[Refusal] = ()) -> Summary:
         groups=tuple(groups_of(drives, limits)),
         drives=tuple(drives),
         failures=tuple(store.failure(job.key) for job, state in entries if state == "failed"),
-        refusals=tuple(refusals),
+        refusals=store.refusals,
         code=entries[0][0].code if entries else "",
+        workers=store.workers(),
+        run=store.run,
     )
 
 

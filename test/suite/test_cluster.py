@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("distributed", reason="needs the extra [suite]")
 from made_suites import JOB
 
-from sfr_loc_map.suite.cluster import FailureCause, connected, run_jobs
+from sfr_loc_map.suite.cluster import Crew, FailureCause, connected, run_jobs
 from sfr_loc_map.suite.specification import SuiteSettings
 
 EXPECTED = {
@@ -33,7 +33,8 @@ def test_each_fails_for_its_cause_and_no_other_with_it(tmp_path: Path) -> None:
     jobs = [replace(JOB, source=replace(JOB.source, name=name, sha256=name)) for name in EXPECTED]
     with connected(SuiteSettings(memory_mb=600), workers=2, scheduler=None) as client:
         client.register_plugin(Misbehaving())
-        found = {job.source.name: outcome for job, outcome in run_jobs(client, jobs, 5.0, tmp_path)}
+        crew = Crew(client, print, 60.0)
+        found = {job.source.name: outcome for job, outcome in run_jobs(client, jobs, 5.0, tmp_path, crew)}
     for name, (cause, tries, words) in EXPECTED.items():
         if name == "memory" and found[name].cause is FailureCause.DIED:
             continue  # on a busy host the word of Dask on why it ended the process comes too late
@@ -41,4 +42,5 @@ def test_each_fails_for_its_cause_and_no_other_with_it(tmp_path: Path) -> None:
         assert (found[name].result is None) == (cause is not None)
         assert words in found[name].message
         tried = (tmp_path / name).stat().st_size
-        assert tried == tries or (cause is None and tried > tries), name  # a busy host may be late once
+        # what only waited on a worker that another ended, or whose result was lost with it, is run once more
+        assert tried == tries or (name not in ("memory", "hang", "crash") and tried > tries), name
