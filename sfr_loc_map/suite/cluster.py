@@ -126,7 +126,7 @@ class WorkerRecord:
     code: str = ""  #: Fingerprint of its code.
     data_checked: int = 0  #: Sources whose hash it found to be that of the plan.
     done: int = 0  #: Tasks.
-    set_aside: str | None = None  #: What it lacks.
+    set_aside: str = ""  #: What it lacks, so that it gets no more; empty for one that may run tasks.
 
 
 class Crew:
@@ -138,7 +138,7 @@ class Crew:
         self.records: dict[str, WorkerRecord] = {}
         self._data: set[tuple[str, str]] = set()
         self._alone_since: float | None = time.monotonic()
-        self._said, self._asked, self._places = False, -ASK_EVERY_S, 0
+        self._said, self._asked, self._places = "", -ASK_EVERY_S, 0
         self._read = len(client.get_events(JOINED))  # those of runs before
         with contextlib.suppress(Exception):  # one that cannot even read it offers nothing
             client.register_plugin(proof_plugin(expected))
@@ -157,21 +157,21 @@ class Crew:
         for _, event in events[self._read :]:
             if event["resource"] == self.resource:
                 record = self._record(event["worker"])
-                record.set_aside = event.get("lacks") or None
+                record.set_aside = event["lacks"]
                 for name in ("host", "version", "python", "code"):
                     setattr(record, name, event.get(name, ""))
         self._read = len(events)
         fit = [worker for worker in workers.values() if worker["resources"].get(self.resource, 0) > 0]
         self._places = sum(int(worker["nthreads"]) for worker in fit)
         if self._places:
-            self._alone_since, self._said = None, False
+            self._alone_since, self._said = None, ""
             return self._places
         self._alone_since = self._alone_since or now
         waited, what = now - self._alone_since, self._lacks(list(workers))
         if waited > self.wait_s:
             raise InputError(f"{what}: none came in {self.wait_s:g} s; what was done is kept, the same command goes on")
-        if waited > SAY_AFTER_S and not self._said:
-            self._said = True
+        if waited > SAY_AFTER_S and what != self._said:
+            self._said = what
             self.say(f"{what}: waiting {self.wait_s:g} s for one that may run a task")
         return 0
 
@@ -198,6 +198,8 @@ class Crew:
     def set_aside(self, outcome: JobOutcome) -> None:
         """Have a worker get no more tasks: it lacks what a job needs."""
         record = self._record(outcome.worker)
+        if record.set_aside:
+            return  # it had more of them
         record.set_aside, self._asked = outcome.lacks, -ASK_EVERY_S
         self.say(f"worker set aside: {record.host} ({record.worker}): {outcome.lacks}")
         with contextlib.suppress(Exception):  # it may just have gone

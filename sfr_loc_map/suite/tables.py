@@ -86,6 +86,15 @@ MAPS: Columns = (
     ("mean + 3 sigma", MILLIMETRE, "map.point_error_m.mean_plus_3sigma"),
     ("result", FILE, "key"),
 )
+WORKERS: Columns = (
+    ("worker", HEAD, "worker"),
+    ("host", WORDS, "host"),
+    ("version", WORDS, "version"),
+    ("code", WORDS, "code"),
+    ("data checked", NONE, "data_checked"),
+    ("tasks done", NONE, "done"),
+    ("set aside", WORDS, "set_aside"),
+)
 FAILURES: Columns = (
     ("task", HEAD, "label"),
     ("cause", WORDS, "cause"),
@@ -166,6 +175,7 @@ def suite_tables(summary: Summary) -> list[Table]:
     counts = summary.counts | {"sources refused": len(summary.refusals)}
     of_verdicts = "Pooled: the sub-trajectories of all drives are one sample. Worst drive: the figure cannot be pooled."
     of_pooled = "95 % interval of mean + 3 sigma by resampling whole drives; it needs five of them."
+    of_workers = "Data checked: sources whose hash was that of the plan. One that was set aside got no more tasks."
     of_drives = "Errors over the sub-trajectories of the first condition."
     drives = [_row(drive, pages) for drive in worst_first(summary)]
     tables = (
@@ -176,6 +186,7 @@ def suite_tables(summary: Summary) -> list[Table]:
         _table("maps", "Maps, the worst first", MAPS, maps),
         _table("drives", "Drives, the worst first", DRIVES, drives, of_drives),
         _table("failures", "Failures", FAILURES, failures),
+        _table("workers", "Workers", WORKERS, map(to_plain, summary.workers), of_workers),
     )
     return [table for table in tables if table.rows]
 

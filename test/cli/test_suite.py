@@ -114,18 +114,27 @@ def test_two_suites_and_their_history(sfr: Sfr, serial: Path, tmp_path: Path) ->
 
 @pytest.mark.slow
 def test_what_fails_is_named_and_left_alone_until_it_is_asked_for(sfr: Sfr, tmp_path: Path) -> None:
-    suite = made_suite(tmp_path / "made of it", 1)
+    suite = made_suite(tmp_path / "made of it", 2)
     (tmp_path / "made of it" / "drive0.csv").write_text("stamp_ns\nnonsense\n")
+    suite.write_text(
+        yaml.safe_dump((content := yaml.safe_load(suite.read_text())) | {"sources": [*content["sources"], "gone"]})
+    )
     out = tmp_path / "out"
     done = sfr("suite", "run", suite, "--out", out)
     assert done.code == 2, done.err
-    assert "of 1 tasks" in done.err, done.err
+    assert "of 2 tasks" in done.err, done.err
+    assert "left out: source 'gone'" in done.err
+    found = json.loads((out / "suite.json").read_text())
+    assert (found["counts"]["done"], [item["path"] for item in found["refusals"]]) == (1, ["gone"])
+    assert {"commit", "branch", "date"} == set(found["git"])
+    assert sum(worker["done"] for worker in found["workers"]) == 1
+    assert sfr("suite", "report", out).code == 2, "what was refused is still known"
     (key,) = [path.stem for path in (out / "failures").iterdir()]
     assert "bad input" in done.err
     (failure,) = json.loads((out / "suite.json").read_text())["failures"]
     assert failure["key"] == key
-    assert sfr("suite", "run", suite, "--out", out, "--dry-run").out.startswith("0 of 1 tasks to run")
-    assert "1 of 1" in sfr("suite", "run", suite, "--out", out, "--dry-run", "--retry-failed").out
+    assert sfr("suite", "run", suite, "--out", out, "--dry-run").out.startswith("0 of 2 tasks to run")
+    assert "1 of 2" in sfr("suite", "run", suite, "--out", out, "--dry-run", "--retry-failed").out
 
 
 def test_usage_errors_are_one_line(sfr: Sfr, tmp_path: Path) -> None:

@@ -79,6 +79,12 @@ def test_what_is_wrong_is_one_line(change: dict[str, object], words: str, tmp_pa
     assert len(str(raised.value).splitlines()) == 1
 
 
+def test_a_source_that_is_gone_is_named_beside_those_that_are_there(tmp_path: Path) -> None:
+    made = load_specification(written(tmp_path, GOOD | {"sources": ["a.mcap", "gone*.mcap"]}))
+    assert [source.name for source in made.sources] == ["a.mcap"]
+    assert [(refusal.path, "nothing in" in refusal.reason) for refusal in made.refusals] == [("gone*.mcap", True)]
+
+
 @pytest.mark.parametrize("name", ["quick", "acceptance", "robustness"])
 def test_the_suites_that_come_along_can_be_read(name: str) -> None:
     folder = Path(__file__).parents[2] / "config" / "suites"

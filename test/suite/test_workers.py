@@ -1,0 +1,91 @@
+"""A cluster of workers of which some have other code or data, one is killed and one joins late: the serial results."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from made_suites import SFR, made_suite, results, save_trajectory, straight
+
+import sfr_loc_map
+
+DRIVES = 24
+MOUNTS = subprocess.run(["unshare", "-m", "true"], check=False, capture_output=True).returncode == 0
+
+
+def wait_for(condition: Callable[[], object], seconds: float = 60.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+@pytest.fixture
+def address() -> Iterator[str]:
+    distributed = pytest.importorskip("distributed", reason="needs the extra [suite]")
+    options = {"n_workers": 0, "processes": False, "protocol": "tcp://", "dashboard_address": None}
+    with distributed.LocalCluster(**options) as cluster:
+        yield cluster.scheduler_address
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(180)
+@pytest.mark.skipif(not MOUNTS, reason="needs the right to mount, for workers that see other data by the same path")
+def test_what_differs_is_set_aside_and_the_results_are_those_of_one_process(address: str, tmp_path: Path) -> None:
+    suite = made_suite(tmp_path / "drives", DRIVES)
+    serial, out, said = tmp_path / "serial", tmp_path / "out", tmp_path / "said"
+    subprocess.run([*SFR, "suite", "run", str(suite), "--out", str(serial), "--workers", "1"], check=True)
+    shutil.copytree(suite.parent, tmp_path / "others")
+    for path in (tmp_path / "others").glob("drive*.csv"):
+        save_trajectory(path, straight(60, 0.01, 99))
+    shutil.copytree(Path(sfr_loc_map.__file__).parent, tmp_path / "code" / "sfr_loc_map")
+    with (tmp_path / "code" / "sfr_loc_map" / "metrics" / "trajectory_error.py").open("a") as stream:
+        stream.write("\nOTHER = True\n")
+
+    with contextlib.ExitStack() as stack:
+
+        def start(*command: str, **variables: str) -> subprocess.Popen[str]:
+            environment, silent = os.environ | variables, subprocess.DEVNULL
+            process = subprocess.Popen(
+                command, cwd=tmp_path, env=environment, text=True, stdout=silent, stderr=said.open("a")
+            )
+            stack.callback(process.wait)
+            stack.callback(process.kill)
+            return process
+
+        def worker(name: str, mounted: Path | None = None, **variables: str) -> subprocess.Popen[str]:
+            command = f"{sys.executable} -m dask worker {address} --nthreads 1 --no-nanny --no-dashboard --name {name}"
+            command = f"exec {command} --local-directory {tmp_path / name} 2> {tmp_path / name}.log"
+            mount = f"mount --bind {mounted} {suite.parent} && " if mounted else ""
+            return start("unshare", "-m", "sh", "-c", mount + command, **variables)
+
+        begun = time.monotonic()
+        run = start(*SFR, "suite", "run", str(suite), "--out", str(out), "--scheduler", address)
+        wait_for(lambda: "no worker at the scheduler" in said.read_text())
+        assert time.monotonic() - begun < 15, "5 s after the start of Python and the plan, on a busy host"
+        (tmp_path / "empty").mkdir()
+        worker("none", tmp_path / "empty")
+        worker("other-drive", tmp_path / "others")
+        worker("other-code", PYTHONPATH=str(tmp_path / "code"))
+        wait_for(lambda: "none of 3 workers may run a task" in said.read_text())
+        killed = worker("killed")
+        wait_for(lambda: list((out / "results").glob("*.json")))
+        killed.send_signal(signal.SIGKILL)
+        worker("late")
+        assert run.wait(90) == 0, said.read_text()
+    assert results(out) == results(serial)
+    records = {record["set_aside"]: record for record in json.loads((out / "suite.json").read_text())["workers"]}
+    assert {lacks.partition(" '")[0].partition(":")[0] for lacks in records} == {
+        "", "there is no", "other data in", "other code",
+    }, records  # fmt: skip
+    assert all(record["done"] == 0 for lacks, record in records.items() if lacks)
+    assert all(record["host"] and record["code"] and record["version"] for record in records.values())
