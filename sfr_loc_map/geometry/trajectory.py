@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -11,7 +11,7 @@ import numpy as np
 from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, QUATERNION_SQUARES
-from sfr_loc_map.geometry.rotation import quat_conjugate
+from sfr_loc_map.geometry.rotation import quat_conjugate, quat_normalised, quat_rotate
 from sfr_loc_map.geometry.transform import Transform
 
 
@@ -80,6 +80,12 @@ class Trajectory:
             np.array([pose.translation for _, pose in items]).reshape(-1, 3),
             np.array([pose.quat_xyzw for _, pose in items]).reshape(-1, 4),
         )
+
+
+def at_point(poses: Trajectory, point_m: Sequence[float]) -> Trajectory:
+    """Return positions of a point given in RB, with the attitude of RB."""
+    moved = poses.positions + quat_rotate(quat_normalised(poses.quats_xyzw), np.asarray(point_m))
+    return Trajectory(poses.stamps_ns, moved, poses.quats_xyzw)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -21,7 +21,7 @@ from sfr_loc_map.geometry.rotation import (
     quat_normalised,
     quat_rotate,
 )
-from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth, at_point
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics.association import nearest_stamps, unique_rows
 from sfr_loc_map.metrics.config import AlignedErrorConfig, Condition, ConditionKind
@@ -60,7 +60,7 @@ def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedError
 
     MetricsError if no stamps are near enough, or the positions allow no alignment.
     """
-    poses = aligned_poses(estimate, truth, config)
+    poses, has_attitude = aligned_poses(estimate, truth, config), truth.has_attitude
     delta = Condition.parse(config.rpe_delta)
     length = f"{delta.label} of the estimate's path"
     if delta.kind is ConditionKind.FRAMES:
@@ -76,7 +76,8 @@ def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedError
     if (similarity := poses.similarity) is not None:
         quat, place = quat_from_matrix(similarity.rotation), tuple(similarity.translation.tolist())
         transform = AlignmentTransform(scale=similarity.scale, quat_xyzw=tuple(quat.tolist()), translation_m=place)
-    pairs = f"{len(poses.truth)} poses paired by the nearest stamp within {config.max_difference_s:g} s"
+    pairs = "" if has_attitude else "positions alone: relative errors are of displacements in DS, "
+    pairs += f"{len(poses.truth)} poses paired by the nearest stamp within {config.max_difference_s:g} s"
     for (name, (errors_m, true_quats, quats)), over in zip(errors.items(), (None, delta), strict=True):
         turns = quat_multiply(quat_conjugate(true_quats), quats)
         angles = 2.0 * np.arctan2(np.linalg.norm(turns[:, :3], axis=1), np.abs(turns[:, 3]))
@@ -89,7 +90,7 @@ def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedError
             count=len(errors_m),
             unit="m",
             translation=_statistics(errors_m),
-            rotation_deg=_statistics(np.degrees(angles)),
+            rotation_deg=_statistics(np.degrees(angles) if has_attitude else angles[:0]),
             transform=transform,
         )
         records.append(record)
@@ -99,8 +100,13 @@ def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedError
 def aligned_poses(estimate: Trajectory, truth: Trajectory, config: AlignedErrorConfig) -> AlignedPoses:
     """Return paired poses after the alignment.
 
-    MetricsError if no stamps are near enough, or the positions allow no alignment.
+    A truth without attitudes gets those of the aligned estimate. MetricsError if no stamps are near enough, or the
+    positions allow no alignment.
     """
+    if config.align == "origin" and not truth.has_attitude:
+        raise MetricsError("'--align origin' needs attitudes, the truth has none: use --align se3 or none")
+    if not truth.has_attitude and isinstance(truth, Truth):
+        estimate = at_point(estimate, truth.lever_arm_m)
     est_rows, gt_rows = unique_rows(estimate.stamps_ns), unique_rows(truth.stamps_ns)
     est_stamps, gt_stamps = estimate.stamps_ns[est_rows], truth.stamps_ns[gt_rows]
     estimate_is_longer = len(est_rows) > len(gt_rows)
@@ -117,7 +123,11 @@ def aligned_poses(estimate: Trajectory, truth: Trajectory, config: AlignedErrorC
             "no APE: give another --max-difference, or leave --align out"
         )
     est, true = (
-        Trajectory(each.stamps_ns[rows], each.positions[rows], quat_normalised(each.quats_xyzw[rows]))
+        Trajectory(
+            each.stamps_ns[rows],
+            each.positions[rows],
+            quat_normalised(each.quats_xyzw[rows]) if each.has_attitude else each.quats_xyzw[rows],
+        )
         for each, rows in ((estimate, est_rows[mine]), (truth, gt_rows[theirs]))
     )
     similarity = None
@@ -131,6 +141,8 @@ def aligned_poses(estimate: Trajectory, truth: Trajectory, config: AlignedErrorC
         turned = quat_multiply(quat_from_matrix(similarity.rotation), est.quats_xyzw)
         moved = (similarity.scale * est.positions) @ similarity.rotation.T + similarity.translation
         est = Trajectory(est.stamps_ns, np.asarray(moved), turned)
+    if not truth.has_attitude:
+        true = Trajectory(true.stamps_ns, true.positions, est.quats_xyzw)
     return AlignedPoses(est, true, similarity)
 
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.quaternion_kernels import slerp, unit_quats
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -70,7 +71,12 @@ class Frames(NamedTuple):
 def associate(
     estimate: Trajectory, truth: Trajectory, config: AssociationConfig
 ) -> tuple[Frames, AssociationCounts, AssociationMode]:
-    """Return the frames, what became of every pose, and how it was done: match or interpolate."""
+    """Return the frames, what became of every pose, and how it was done: match or interpolate.
+
+    MetricsError for an estimate without attitudes.
+    """
+    if not estimate.has_attitude:
+        raise MetricsError("the estimate has positions alone: give one with attitudes (unit quaternions)")
     both = estimate.stamps_ns, truth.stamps_ns
     est_rows, gt_rows = map(unique_rows, both)
     est_stamps, gt_stamps = estimate.stamps_ns[est_rows], truth.stamps_ns[gt_rows]

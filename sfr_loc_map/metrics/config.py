@@ -26,6 +26,7 @@ class Rebase(StrEnum):
     POSE = "pose"  #: The whole pose of the estimate at the start is taken away.
     DISPLACEMENT = "displacement"  #: The document to the letter: differences of displacement and of change of attitude.
     POSITION = "position"  #: Only its position is taken away.
+    YAW_ALIGNED = "yaw_aligned"  #: The same after a fit of yaw and translation, where the truth has no attitudes.
 
 
 class CallKind(StrEnum):

@@ -9,6 +9,8 @@ both sums taken to the origin of DS, C of `F S F^T` and G of `F g`,
 
 Where the steps are not known, Q is what the published covariance grew by, `P_end - F P_start F^T`; not usable where it
 shrank, as when a calibration was learnt. Only sub-trajectories that share no frame are taken: they are independent.
+The noise of the truth at both ends is added: `2 s^2` for positions, `s^2` for the attitude at the end and `F s^2 F^T`
+for that at the start, which turns the displacement.
 """
 
 from __future__ import annotations
@@ -46,9 +48,19 @@ def sums_of_steps(estimates: Estimates, steps: FloatArray, wanted: IntArray) -> 
 
 
 def nees_score(
-    frames: Frames, covariances: FloatArray, sums: Mapping[int, FloatArray], starts: IntArray, ends: IntArray
+    frames: Frames,
+    covariances: FloatArray,
+    sums: Mapping[int, FloatArray],
+    starts: IntArray,
+    ends: IntArray,
+    truth_sigmas: tuple[float, float] = (0.0, 0.0),
 ) -> NeesScore | None:
-    """Return the mean NEES of sub-trajectories from frames (going up) to frames, None where no covariance is known."""
+    """Return the mean NEES of sub-trajectories from frames (going up) to frames, None where no covariance is known.
+
+    The truth has standard deviations of position (m) and attitude (deg) along each axis.
+    """
+    of_position, of_attitude = truth_sigmas[0] ** 2, np.radians(truth_sigmas[1]) ** 2
+    noise = np.diag([2.0 * of_position] * 3 + [of_attitude] * 3)
     totals = np.zeros(len(PARTS))
     count = from_steps = not_usable = free_from = 0
     for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
@@ -65,6 +77,9 @@ def nees_score(
         if growth is None:
             growth = after - propagated_covariance(before, frames.est_pos[end] - frames.est_pos[start])
             growth = 0.5 * (growth + growth.T)
+        if of_attitude or of_position:
+            turned = np.diag([0.0] * 3 + [of_attitude] * 3)
+            growth = growth + noise + propagated_covariance(turned, frames.est_pos[end] - frames.est_pos[start])
         error = relative_error(frames, start, end)
         try:
             whitened = [np.linalg.solve(np.linalg.cholesky(growth[part, part]), error[part]) for part in PARTS]

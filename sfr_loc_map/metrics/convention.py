@@ -81,6 +81,8 @@ def diagnose(
     """
     from scipy.spatial.transform import Rotation  # slow to import, and seldom needed by a node
 
+    if not truth.has_attitude:  # every hypothesis is judged by attitudes too
+        return Diagnosis(disagreement=None, hypotheses=(), found=None)
     both = estimate, truth
     steps = max(1, len(estimate.stamps_ns) // MAX_POSES), 1
     rows = [unique_rows(each.stamps_ns)[::step] for each, step in zip(both, steps, strict=True)]

@@ -17,7 +17,7 @@ from sfr_loc_map.config import load_yaml, suggestion
 from sfr_loc_map.errors import ConfigError, MetricsError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.metrics.config import CallKind, Condition, ConditionKind, Rebase, VerdictState
+from sfr_loc_map.metrics.config import CallKind, Condition, ConditionKind, VerdictState
 from sfr_loc_map.metrics.score import Interval, Score, TrajectoryScore, Verdict
 
 
@@ -59,7 +59,7 @@ _PLACES: dict[LimitPart, dict[str, str]] = {
     },
     LimitPart.TRAJECTORY: {
         f"{error}_{statistic}_{unit}": f"{error}_{unit}.{statistic}"
-        for error, unit in (("position", "m"), ("attitude", "deg"), ("heading", "deg"))
+        for error, unit in (("position", "m"), ("attitude", "deg"), ("heading", "deg"), ("chord", "m"))
         for statistic in STATISTICS
     },
     LimitPart.MAP: {
@@ -290,13 +290,12 @@ def _by_reading(limit: Limit, score: Score, minimum_count: int) -> dict[str, Ver
     """Return whether the figure of each reading of the document meets a limit; the intervals are of one reading."""
     drive = score.trajectory
     owner = None if drive is None or limit.condition is None else drive.of(limit.condition)
-    if owner is None or owner.readings is None:
+    if owner is None or owner.readings is None or limit.key.startswith("chord"):  # that is the same in each
         return {}
-    found = {name: value_at(owner.readings, f"{name}.{_PLACES[limit.part][limit.key]}") for name in Rebase}
+    place = _PLACES[limit.part][limit.key]
+    found = {name: value_at(reading, place) for name, reading in vars(owner.readings).items()}
     loose = replace(limit, certain=False)
-    return {
-        str(name): verdict_on(loose, Figure(value, owner.count), minimum_count).state for name, value in found.items()
-    }
+    return {name: verdict_on(loose, Figure(value, owner.count), minimum_count).state for name, value in found.items()}
 
 
 def figure_of(limit: Limit, score: Score) -> Figure:

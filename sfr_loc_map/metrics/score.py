@@ -137,10 +137,13 @@ class ConditionScore(Record):
     #: How error from before N is kept out [4.1.2]: `T_gt(N) inv(T_est(N)) T_est(N+x)` is compared with `T_gt(N+x)`
     #: (pose); displacements in DS, and changes of attitude and heading since N, are compared (displacement); or only
     #: the position offset at N is taken away (position).
+    #: Where the truth has no attitudes, the yaw of the estimate is fitted to it over the drive, then as position
+    #: (yaw_aligned): heading error from before N counts.
     rebase: Rebase
     position_m: IntervalStatistic  #: Estimate less truth in DS: norms of mean vector and of sigmas [4.2.3.1].
     attitude_deg: IntervalStatistic  #: `2 atan2(|v|, |w|)` of the rotation (v, w) between both [4.2.3.2].
     heading_deg: IntervalStatistic  #: Of the RB x-axis, estimate less truth, in (-180, 180] [4.2.3.3].
+    chord_m: IntervalStatistic | None = None  #: Distance from N to N+x, estimate less truth: needs no attitudes.
     overlap: float  #: Starts within one sub-trajectory on average; n / overlap of them are independent.
     nees: NeesScore | None  #: Consistency of the covariance, None where none was published.
     components: ErrorComponents  #: Position error by directions.
@@ -207,6 +210,18 @@ class Completeness(Record):
     incomplete: str | None = None  #: Why the estimate is none of the whole drive; None where it is.
 
 
+class TruthRecord(Record):
+    """What is known of a truth that has noise, or positions alone."""
+
+    attitude: bool  #: Whether it has attitudes; without them attitude and heading errors are not known.
+    sigma_m: float | None  #: Standard deviation of its positions along each axis; None: taken as exact.
+    sigma_deg: float | None  #: Standard deviation of its attitudes about each axis; None: taken as exact.
+    path_excess: float | None = None  #: Share by which its noise lengthens its path, `2 (sigma / step)^2`.
+    lever_arm_m: tuple[float, ...] = ()  #: Point in RB that its positions are of; the estimate was taken there.
+    yaw_deg: float | None = None  #: Yaw that was fitted: turns the estimate.
+    translation_m: tuple[float, ...] = ()  #: Translation that was fitted, after the yaw.
+
+
 class TrajectoryScore(Record):
     """The errors of a trajectory."""
 
@@ -220,6 +235,7 @@ class TrajectoryScore(Record):
     discarded_starts: Annotated[int, Key("starts_given_up")] = 0  #: None since every pose is kept.
     association: AssociationScore  #: How estimates found their truth.
     completeness: Completeness | None = None  #: What of the drive is covered; None in scores before 0.2.
+    truth: TruthRecord | None = None  #: None of a truth with attitudes that is taken as exact.
     several: Annotated[tuple[ConditionScore, ...], Key("conditions")] = ()  #: All, where there are more than one.
     by_distance: tuple[DistanceScore, ...]  #: Error against distance.
 
@@ -608,6 +624,7 @@ class SubTrajectoryRows(Columns):
     z_m: Column  #: Position error, DS.
     attitude_deg: Column  #: Attitude error.
     heading_deg: Column  #: Heading error, with its sign.
+    chord_m: Column = ()  #: Straight distance, estimate less truth.
     along_m: Column  #: Position error along the true displacement.
     cross_m: Column  #: Position error to the left of it.
     vertical_m: Column  #: Position error along z of DS.
@@ -687,6 +704,7 @@ class InputFile(Record):
     path: str  #: As given.
     sha256: str  #: Hash of the content.
     data_sha256: str | None = None  #: Of a truth the hash of its values, whatever file they were read from.
+    read_from: str | None = None  #: Of a truth the topic, frame or file that it was read from, where it is said.
 
 
 class Provenance(Record):

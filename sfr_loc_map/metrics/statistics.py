@@ -54,7 +54,7 @@ def moments(values: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def statistic(count: int, mean: FloatArray, squares: FloatArray) -> Statistic:
     """Return the statistic of a vector from the `moments` of its columns [4.1.3, 4.2.3]; of one with its sign."""
-    if not count:
+    if not count or not np.isfinite(mean).all():  # attitudes are not known
         return Statistic(mean=None, sigma=None, mean_plus_3sigma=None)
     middle, sigma = float(mean[0]), float(np.sqrt(squares[0] / max(count - 1, 1)))
     if len(mean) > 1:  # summed one after the other, so that the last digit is always the same
@@ -159,7 +159,7 @@ def interval95(stretches: BlockSums, columns: slice, overlap: float, *, unsigned
     squares = stretches.rows[:, 1 + width :][:, columns]
     count = float(counts.sum())
     independent = count / max(overlap, 1.0)
-    if count < 2 or independent < MIN_INDEPENDENT:
+    if count < 2 or independent < MIN_INDEPENDENT or not np.isfinite(sums).all():
         return None
     mean = sums.sum(axis=0) / count
     centred = np.column_stack(

@@ -22,12 +22,23 @@ READINGS = {Rebase.POSE: WHOLE_POSE, Rebase.POSITION: ONLY_POSITION, Rebase.DISP
 MIN_DIRECTION_M = 1e-6  #: A horizontal displacement shorter than this has no direction: the rover's heading is taken.
 
 
-X, Y, Z, ATTITUDE, HEADING, ALONG, CROSS, VERTICAL, TRAVELLED = range(9)
+X, Y, Z, ATTITUDE, HEADING, CHORD, ALONG, CROSS, VERTICAL, TRAVELLED = range(10)
 """Columns of the errors of sub-trajectories."""
-COLUMNS = ("x_m", "y_m", "z_m", "attitude_deg", "heading_deg", "along_m", "cross_m", "vertical_m", "travelled_m")
+COLUMNS = (
+    "x_m",
+    "y_m",
+    "z_m",
+    "attitude_deg",
+    "heading_deg",
+    "chord_m",
+    "along_m",
+    "cross_m",
+    "vertical_m",
+    "travelled_m",
+)
 """The same by the names of the score's rows: estimate less truth along the axes of DS; angle between both attitudes
-[4.2.3.2]; heading, estimate less truth [4.2.3.3]; error along the horizontal true displacement, to the left of it and
-along z of DS; length of the true path."""
+[4.2.3.2]; heading, estimate less truth [4.2.3.3]; straight distance, estimate less truth; error along the horizontal
+true displacement, to the left of it and along z of DS; length of the true path."""
 
 
 class PoseRows(NamedTuple):
@@ -54,16 +65,17 @@ def wrapped_deg(angle: float) -> float:
 
 @jit
 def sub_trajectory_errors(poses: PoseRows, starts: IntArray, ends: IntArray, reading: int) -> FloatArray:
-    """Return the errors `(M, 9)` of sub-trajectories from rows to rows `(M,)` of the poses; `COLUMNS` names them.
+    """Return the errors `(M, 10)` of sub-trajectories from rows to rows `(M,)` of the poses; `COLUMNS` names them.
 
     Row by row, so that the bits of a row do not depend on how many are computed at once. `reading` is one of
     `READINGS`.
     """
-    out = np.empty((len(starts), 9))
+    out = np.empty((len(starts), 10))
     for m in range(len(starts)):
         i, j = starts[m], ends[m]
         true_move = row_difference(poses.gt_pos, j, poses.gt_pos, i)
         move = row_difference(poses.est_pos, j, poses.est_pos, i)
+        chord = np.sqrt(move[0] * move[0] + move[1] * move[1] + move[2] * move[2])
         attitude = row_quat(poses.est_quat, j)
         if reading == WHOLE_POSE:
             correction = product(row_quat(poses.gt_quat, i), conjugate(row_quat(poses.est_quat, i)))
@@ -77,7 +89,8 @@ def sub_trajectory_errors(poses: PoseRows, starts: IntArray, ends: IntArray, rea
             turn = product(conjugate(true_change), change)
         sine = np.sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
         true_heading = heading_rad(row_quat(poses.gt_quat, j))
-        horizontal = np.sqrt(true_move[0] * true_move[0] + true_move[1] * true_move[1])
+        level = true_move[0] * true_move[0] + true_move[1] * true_move[1]
+        horizontal = np.sqrt(level)
         if horizontal >= MIN_DIRECTION_M:
             east, north = true_move[0] / horizontal, true_move[1] / horizontal
         else:
@@ -89,6 +102,7 @@ def sub_trajectory_errors(poses: PoseRows, starts: IntArray, ends: IntArray, rea
         if reading == DISPLACEMENT:
             heading -= heading_rad(row_quat(poses.est_quat, i)) - heading_rad(row_quat(poses.gt_quat, i))
         out[m, HEADING] = wrapped_deg(np.degrees(heading))
+        out[m, CHORD] = chord - np.sqrt(level + true_move[2] * true_move[2])
         out[m, ALONG] = error[0] * east + error[1] * north
         out[m, CROSS] = error[1] * east - error[0] * north
         out[m, VERTICAL] = error[2]

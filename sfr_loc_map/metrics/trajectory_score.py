@@ -5,6 +5,7 @@ The same function scores a file and a live run; test/metrics/reference.py says i
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from typing import Any, NamedTuple
 
@@ -12,13 +13,22 @@ import numpy as np
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
-from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.rotation import quat_multiply, quat_rotate
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth, at_point
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.metrics.association import Estimates, associate
+from sfr_loc_map.metrics.association import Estimates, Frames, associate
 from sfr_loc_map.metrics.completeness import completeness
-from sfr_loc_map.metrics.config import Condition, ConditionKind, Rebase, TrajectoryScoreConfig
+from sfr_loc_map.metrics.config import (
+    AssociationConfig,
+    AssociationMode,
+    Condition,
+    ConditionKind,
+    Rebase,
+    TrajectoryScoreConfig,
+)
 from sfr_loc_map.metrics.consistency import nees_score, sums_of_steps
 from sfr_loc_map.metrics.score import (
+    AssociationCounts,
     AssociationScore,
     ConditionScore,
     DistanceScore,
@@ -30,10 +40,18 @@ from sfr_loc_map.metrics.score import (
     SubTrajectoryRows,
     TrajectoryDetails,
     TrajectoryScore,
+    TruthRecord,
 )
 from sfr_loc_map.metrics.statistics import block_sums, column, interval95, moments, statistic
 from sfr_loc_map.metrics.sub_trajectories import DISTANCE, KINDS, Progress, find_apart, find_ends, path_lengths
-from sfr_loc_map.metrics.trajectory_error import COLUMNS, HEADING, READINGS, PoseRows, sub_trajectory_errors
+from sfr_loc_map.metrics.trajectory_error import (
+    CHORD,
+    COLUMNS,
+    ONLY_POSITION,
+    READINGS,
+    PoseRows,
+    sub_trajectory_errors,
+)
 
 FIGURES = {"position_m": slice(0, 3), "attitude_deg": slice(3, 4), "heading_deg": slice(4, 5)}
 """Figures of the score and the columns of the errors that they are made of."""
@@ -74,10 +92,13 @@ def score_trajectory(
     conditions = [Condition.parse(text) for text in config.conditions]
     if not conditions:
         raise MetricsError("no condition of a sub-trajectory given: give at least one, such as distance=5")
-    if not (estimates.trajectory.has_attitude and truth.has_attitude):
-        raise MetricsError("estimate and truth need attitudes: give trajectories with quaternions")
-    frames, counts, mode = associate(estimates.trajectory, truth, config.association)
-    stamps_ns, count, reading = frames.stamps_ns, len(frames.stamps_ns), READINGS[Rebase(config.rebase)]
+    if truth.has_attitude:
+        frames, counts, mode = associate(estimates.trajectory, truth, config.association)
+        rebase, placed = Rebase(config.rebase), None
+    else:
+        estimates, frames, counts, mode, placed = associate_positions(estimates, truth, conditions, config.association)
+        rebase = Rebase.YAW_ALIGNED
+    stamps_ns, count, reading = frames.stamps_ns, len(frames.stamps_ns), READINGS.get(rebase, ONLY_POSITION)
     if not count and not under_way:
         spans = [
             f"{len(each)} poses"
@@ -91,6 +112,7 @@ def score_trajectory(
     lost, degraded = estimates.lost[frames.est_rows], estimates.degraded[frames.est_rows]
     counts = replace(counts, lost=int(np.count_nonzero(lost)), degraded=int(np.count_nonzero(degraded)))
     lengths = path_lengths(frames.gt_pos)
+    sigmas = (truth.sigma_m, truth.sigma_deg) if isinstance(truth, Truth) else (0.0, 0.0)
     poses = PoseRows(frames.gt_pos, frames.gt_quat, frames.est_pos, frames.est_quat, lengths)
     progress, pairs = Progress(stamps_ns, lengths), []
     for condition in conditions:
@@ -115,22 +137,22 @@ def score_trajectory(
     for condition, (starts, ends) in zip(conditions, pairs, strict=True):
         errors = sub_trajectory_errors(poses, starts, ends, reading)
         mean, squares = moments(errors)
-        stretches = block_sums(errors[:, : HEADING + 1])
+        stretches = block_sums(errors[:, : CHORD + 1])
         overlap = int(np.sum(-(-(ends - starts) // config.spacing))) / max(len(errors), 1)
         nees = None
         if estimates.covariance is not None:
-            nees = nees_score(frames, estimates.covariance, sums, starts, ends)
+            nees = nees_score(frames, estimates.covariance, sums, starts, ends, sigmas)
         figures: dict[str, Any] = {}
-        for name, which in FIGURES.items():
+        for name, which in (FIGURES | {"chord_m": slice(CHORD, CHORD + 1)}).items():
             plain = statistic(len(errors), mean[which], squares[which])
             interval = interval95(stretches, which, overlap, unsigned=name == "attitude_deg")
             figures[name] = IntervalStatistic(**vars(plain), mean_plus_3sigma_ci95=interval)
         readings = {}
-        for rebase, other in READINGS.items():
+        for name, other in READINGS.items() if placed is None else ():
             mean_of, squares_of = mean, squares
             if other != reading:
                 mean_of, squares_of = moments(sub_trajectory_errors(poses, starts, ends, other))
-            readings[str(rebase)] = ReadingScore(
+            readings[str(name)] = ReadingScore(
                 **{name: statistic(len(errors), mean_of[which], squares_of[which]) for name, which in FIGURES.items()}
             )
         columns = {item.name: [COLUMNS.index(item.name)] for item in fields(ErrorComponents)}
@@ -139,11 +161,11 @@ def score_trajectory(
             count=len(errors),
             condition=condition,
             spacing_frames=config.spacing,
-            rebase=Rebase(config.rebase),
+            rebase=rebase,
             overlap=overlap,
             nees=nees,
             components=ErrorComponents(**components),
-            readings=Readings(**readings),
+            readings=Readings(**readings) if readings else None,
             **figures,
         )
         scores.append(score)
@@ -187,6 +209,7 @@ def score_trajectory(
         completeness=completeness(
             estimates.trajectory, truth, counts, count, conditions, image_stamps_ns, round(tolerance_s * NS_PER_S)
         ),
+        truth=truth_record(truth, frames, placed) if placed or any(sigmas) else None,
         several=tuple(scores) if len(scores) > 1 else (),
         by_distance=tuple(by_distance),
     )
@@ -211,3 +234,52 @@ def score_trajectory(
         },
     )
     return ScoredTrajectory(score_of_all, TrajectoryDetails(path=path, sub_trajectories=tuple(rows)))
+
+
+class Placement(NamedTuple):
+    """The yaw that turns an estimate, deg, and the translation after it, m, that take it to the truth."""
+
+    yaw_deg: float
+    translation_m: tuple[float, ...]
+
+
+def associate_positions(
+    estimates: Estimates, truth: Trajectory, conditions: Sequence[Condition], config: AssociationConfig
+) -> tuple[Estimates, Frames, AssociationCounts, AssociationMode, Placement]:
+    """Return estimates of the point whose positions a truth has, and their frames, turned about z and moved to it.
+
+    Yaw and translation are fitted by least squares: what neither vision nor gravity tells (Zhang, Scaramuzza 2018,
+    section IV-B). MetricsError for a condition that needs attitudes.
+    """
+    if any(part.kind is ConditionKind.TURN for condition in conditions for part in condition.parts):
+        raise MetricsError("a condition turn=DEG needs attitudes of the truth, which has none: leave it out")
+    poses = estimates.trajectory
+    if isinstance(truth, Truth) and poses.has_attitude:
+        poses = at_point(poses, truth.lever_arm_m)
+    frames, counts, mode = associate(poses, truth, config)
+    yaw, translation = 0.0, np.zeros(3)
+    if len(frames.stamps_ns):
+        middle, true_middle = frames.est_pos.mean(axis=0), frames.gt_pos.mean(axis=0)
+        (x, y), (u, v) = (frames.est_pos - middle).T[:2], (frames.gt_pos - true_middle).T[:2]
+        yaw = float(np.arctan2((x * v - y * u).sum(), (x * u + y * v).sum()))
+        turn = np.array([0.0, 0.0, np.sin(0.5 * yaw), np.cos(0.5 * yaw)])
+        translation = true_middle - quat_rotate(turn, middle)
+        placed = quat_rotate(turn, frames.est_pos) + translation, quat_multiply(turn, frames.est_quat)
+        frames = frames._replace(est_pos=placed[0], est_quat=placed[1])
+    known = Estimates(poses, estimates.lost, estimates.degraded, None)  # its covariance says nothing of the fit
+    return known, frames, counts, mode, Placement(float(np.degrees(yaw)), tuple(translation.tolist()))
+
+
+def truth_record(truth: Trajectory, frames: Frames, placed: Placement | None) -> TruthRecord:
+    """Return what is known of a truth that has noise, or positions alone."""
+    known = truth if isinstance(truth, Truth) else Truth(truth.stamps_ns, truth.positions, truth.quats_xyzw)
+    steps = np.linalg.norm(np.diff(frames.gt_pos, axis=0), axis=1)
+    step = float(np.median(steps)) if len(steps) else 0.0
+    return TruthRecord(
+        attitude=truth.has_attitude,
+        sigma_m=known.sigma_m or None,
+        sigma_deg=known.sigma_deg or None,
+        path_excess=2.0 * (known.sigma_m / step) ** 2 if known.sigma_m and step else None,
+        lever_arm_m=known.lever_arm_m if any(known.lever_arm_m) else (),
+        **({} if placed is None else placed._asdict()),
+    )

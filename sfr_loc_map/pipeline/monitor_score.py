@@ -37,7 +37,7 @@ from sfr_loc_map.metrics.limits import Limits, verdicts
 from sfr_loc_map.metrics.score import Details, Provenance, Score
 from sfr_loc_map.metrics.score_json import SCHEMA
 from sfr_loc_map.metrics.statistics import block_sums
-from sfr_loc_map.metrics.trajectory_error import HEADING
+from sfr_loc_map.metrics.trajectory_error import CHORD
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.pipeline.call_stats import CallRecord
 from sfr_loc_map.pipeline.reception import jumped_back
@@ -296,7 +296,7 @@ def warm_up(config: ScoreConfig) -> None:
         live.add_call(CallRecord(stamp, 0.0, TrackingState.DEGRADED, None, None, step=np.zeros(STEP_SIZE)))
     live.result()
     # what so short a drive does not meet: a part of the columns of errors, truth between two stamps
-    block_sums(np.zeros((2, HEADING + 2))[:, : HEADING + 1])
+    block_sums(np.zeros((2, CHORD + 2))[:, : CHORD + 1])
     slerp(np.zeros((1, 4)), np.zeros((1, 4)), np.zeros(1))
 
 

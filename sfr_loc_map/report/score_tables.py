@@ -311,7 +311,7 @@ def readings_table(score: Score) -> Table:
     rows: list[Row] = []
     units = {"position_m": MILLIMETRE, "attitude_deg": DEGREE, "heading_deg": DEGREE}
     for key, part in keyed_conditions(score):
-        for rebase in Rebase if part.readings is not None else ():
+        for rebase in READINGS if part.readings is not None else ():
             figures = getattr(part.readings, rebase)
             cells = (
                 Cell.number(

@@ -87,6 +87,7 @@ class PooledCondition:
     position_m: IntervalStatistic
     attitude_deg: IntervalStatistic
     heading_deg: IntervalStatistic  #: The mean is taken without its sign.
+    chord_m: IntervalStatistic | None = None  #: Of the straight distance.
 
 
 class GroupVerdict(Verdict):
@@ -258,7 +259,10 @@ def _of_pooled(limit: Limit, part: PooledCondition | None) -> tuple[float | None
     if part is None:
         return None, None, 0
     error, _, rest = limit.key.partition("_")
-    statistic = {"position": part.position_m, "attitude": part.attitude_deg, "heading": part.heading_deg}[error]
+    figures = {"position": part.position_m, "attitude": part.attitude_deg, "heading": part.heading_deg}
+    statistic = figures.get(error, part.chord_m)
+    if statistic is None:
+        return None, None, 0
     name = rest.rpartition("_")[0]
     interval = statistic.mean_plus_3sigma_ci95 if name == "mean_plus_3sigma" else None
     return getattr(statistic, name), interval, part.count
@@ -274,12 +278,13 @@ def pool(scores: Sequence[ConditionScore]) -> PooledCondition:
         position_m=pooled_statistic([(n.count, (n.components.x_m, n.components.y_m, n.components.z_m)) for n in used]),
         attitude_deg=pooled_statistic([(item.count, (item.attitude_deg,)) for item in used]),
         heading_deg=pooled_statistic([(item.count, (item.heading_deg,)) for item in used]),
+        chord_m=pooled_statistic([(item.count, (item.chord_m,)) for item in used if item.chord_m is not None]),
     )
 
 
 def pooled_statistic(drives: Sequence[tuple[int, Sequence[Statistic]]]) -> IntervalStatistic:
     """Return mean, sigma and mean + 3 sigma of all values: of each drive its count and statistics by component."""
-    used = [(n, parts) for n, parts in drives if n > 1]
+    used = [(n, parts) for n, parts in drives if n > 1 and all(part.mean is not None for part in parts)]
     if not used:
         return IntervalStatistic(mean=None, sigma=None, mean_plus_3sigma=None, mean_plus_3sigma_ci95=None)
     count = np.array([float(n) for n, _ in used])

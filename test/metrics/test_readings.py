@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.config import Condition, Rebase, TrajectoryScoreConfig
+from sfr_loc_map.metrics.trajectory_error import READINGS
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 
 SECOND = 1_000_000_000
@@ -95,11 +96,11 @@ def oracle(estimate: Trajectory, truth: Trajectory, condition: str, spacing: int
 )
 def test_each_reading_is_that_of_the_oracle(seed: int, condition: str, spacing: int) -> None:
     estimate, truth = drive(seed)
-    for used in Rebase:
+    for used in map(Rebase, READINGS):
         config = TrajectoryScoreConfig(conditions=(condition,), spacing=spacing, rebase=used)
         first = score_trajectory(Estimates.of(estimate), truth, config).score.first
         assert first.rebase is used
-        for reading in Rebase:
+        for reading in map(Rebase, READINGS):
             expected = oracle(estimate, truth, condition, spacing, reading)
             assert first.count == expected.pop("count")
             for name, value in expected.items():
@@ -129,7 +130,7 @@ def test_the_worked_example_of_the_page_on_rebasing() -> None:
     first = score_trajectory(estimates, straight, TrajectoryScoreConfig()).score.first
     page = (Path(__file__).parents[2] / "docs/concepts/rebasing.md").read_text()
     assert f"{first.count} pieces of 5 m" in page
-    for reading in Rebase:
+    for reading in map(Rebase, READINGS):
         figures = getattr(first.readings, reading)
         position, *angles = (
             getattr(figures, name).mean_plus_3sigma for name in ("position_m", "attitude_deg", "heading_deg")

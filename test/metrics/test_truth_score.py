@@ -1,0 +1,147 @@
+"""Scores by a truth of positions alone, and by one with noise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from sfr_loc_map.errors import MetricsError
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth
+from sfr_loc_map.metrics.aligned_error import aligned_errors
+from sfr_loc_map.metrics.association import UPPER, Estimates
+from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationConfig, Rebase, TrajectoryScoreConfig
+from sfr_loc_map.metrics.convention import diagnose
+from sfr_loc_map.metrics.limits import parse_limits, verdicts
+from sfr_loc_map.metrics.score import Score, TrajectoryScore
+from sfr_loc_map.metrics.score_json import from_json, to_json
+from sfr_loc_map.metrics.trajectory_score import score_trajectory
+
+CONFIG = TrajectoryScoreConfig(("distance=2", "time=5"), spacing=5)
+COUNT = 400
+STAMPS = np.arange(COUNT) * 100_000_000
+
+
+def drive(seed: int = 1) -> tuple[Trajectory, Trajectory]:
+    """Return a curved drive and an estimate that drifts, in a frame of its own."""
+    rng = np.random.default_rng(seed)
+    s = np.linspace(0.0, 20.0, COUNT)
+    positions = np.column_stack((s, 2.0 * np.sin(0.5 * s), 0.2 * np.sin(s)))
+    turns = Rotation.from_euler("ZYX", np.column_stack((np.arctan(np.cos(0.5 * s)), 0.1 * np.sin(s), 0.05 * np.cos(s))))
+    drift = np.cumsum(rng.normal(0.0, 2e-3, (COUNT, 3)), axis=0)
+    turned = Rotation.from_rotvec(np.cumsum(rng.normal(0.0, 1e-4, (COUNT, 3)), axis=0)) * turns
+    return Trajectory(STAMPS, positions, turns.as_quat()), Trajectory(STAMPS, positions + drift, turned.as_quat())
+
+
+def alone(truth: Trajectory, lever: tuple[float, ...] = (0.0, 0.0, 0.0), **more: float) -> Truth:
+    """Return the positions of a point of RB, without attitudes."""
+    moved = truth.positions + Rotation.from_quat(truth.quats_xyzw).apply(lever)
+    return Truth(truth.stamps_ns, moved, np.zeros((len(truth), 4)), lever_arm_m=lever, **more)
+
+
+def scored(estimate: Trajectory, truth: Trajectory) -> TrajectoryScore:
+    return score_trajectory(Estimates.of(estimate), truth, CONFIG).score
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 1000), st.floats(-180.0, 180.0), st.floats(-50.0, 50.0))
+def test_positions_alone_keep_the_chords_and_know_no_yaw(seed: int, yaw_deg: float, offset: float) -> None:
+    """Chords are those of the full score; yaw and place of the estimate's frame change nothing; attitude is unknown."""
+    truth, estimate = drive(seed)
+    turn = Rotation.from_euler("z", yaw_deg, degrees=True)
+    elsewhere = Trajectory(
+        STAMPS, turn.apply(estimate.positions) + offset, (turn * Rotation.from_quat(estimate.quats_xyzw)).as_quat()
+    )
+    full, plain, turned = scored(estimate, truth), scored(estimate, alone(truth)), scored(elsewhere, alone(truth))
+    for whole, part, other in zip(full.conditions, plain.conditions, turned.conditions, strict=True):
+        for name in ("mean", "sigma", "mean_plus_3sigma"):
+            assert getattr(part.chord_m, name) == pytest.approx(getattr(whole.chord_m, name), abs=1e-9)
+            for figure in ("chord_m", "position_m"):
+                found = getattr(getattr(other, figure), name)
+                assert found == pytest.approx(getattr(getattr(part, figure), name), abs=1e-9)
+            assert getattr(part.attitude_deg, name) is None
+            assert getattr(part.heading_deg, name) is None
+        assert part.count == whole.count > 10
+        assert part.chord_m.mean_plus_3sigma <= part.position_m.mean_plus_3sigma
+        assert part.rebase is Rebase.YAW_ALIGNED
+        assert part.readings is None
+        assert part.nees is None
+    found = (turned.truth.yaw_deg - plain.truth.yaw_deg + yaw_deg + 180.0) % 360.0 - 180.0
+    assert found == pytest.approx(0.0, abs=1e-6)
+
+
+def test_the_position_error_after_a_fit_is_near_that_of_the_whole_pose() -> None:
+    """On a drive whose heading hardly drifts; the chord is the direct formula."""
+    truth, estimate = drive()
+    full, part = scored(estimate, truth).first, scored(estimate, alone(truth)).first
+    assert part.position_m.mean_plus_3sigma == pytest.approx(full.position_m.mean_plus_3sigma, rel=0.1)
+    rows = score_trajectory(Estimates.of(estimate), truth, CONFIG).details.sub_trajectories[0]
+    starts, ends = np.array(rows.start_frame), np.array(rows.end_frame)
+    chords = [np.linalg.norm(item.positions[ends] - item.positions[starts], axis=1) for item in (estimate, truth)]
+    np.testing.assert_allclose(rows.chord_m, chords[0] - chords[1], atol=1e-8)
+
+
+def test_a_prism_is_compared_where_it_is() -> None:
+    """The estimate is taken to the prism: a perfect one has no error there, and has one at RB."""
+    truth, _ = drive()
+    lever = (0.4, -0.3, 1.5)
+    right = scored(truth, alone(truth, lever))
+    assert right.first.position_m.mean_plus_3sigma == pytest.approx(0.0, abs=1e-9)
+    assert right.truth.lever_arm_m == lever
+    wrong = scored(truth, replace(alone(truth, lever), lever_arm_m=(0.0, 0.0, 0.0)))
+    assert wrong.first.position_m.mean_plus_3sigma > 0.1
+
+
+def test_what_needs_attitudes_is_refused_or_unknown() -> None:
+    truth, estimate = drive()
+    part = alone(truth)
+    limits = parse_limits(
+        {
+            "trajectory": [
+                {"condition": "distance=2", "heading_mean_plus_3sigma_deg": 5.0, "chord_mean_plus_3sigma_m": 1.0}
+            ]
+        },
+        "limits",
+    )
+    score = Score(trajectory=scored(estimate, part), verdicts=())
+    assert [str(item.state) for item in verdicts(limits, score)] == ["not enough data", "pass"]
+    assert from_json(to_json(score)) == score
+    with pytest.raises(MetricsError, match="turn=DEG needs attitudes"):
+        score_trajectory(Estimates.of(estimate), part, replace(CONFIG, conditions=("turn=20",)))
+    with pytest.raises(MetricsError, match="estimate has positions alone"):
+        scored(part, truth)
+    assert diagnose(estimate, part, AssociationConfig()).found is None
+    errors = aligned_errors(estimate, part, AlignedErrorConfig())
+    assert errors.ape.translation.rmse > errors.rpe.translation.rmse > 0.0
+    assert errors.ape.rotation_deg.rmse is errors.rpe.rotation_deg.rmse is None
+    with pytest.raises(MetricsError, match="origin"):
+        aligned_errors(estimate, part, AlignedErrorConfig(align="origin"))
+
+
+def test_the_noise_of_the_truth_is_in_the_consistency() -> None:
+    """A perfect estimate with a small covariance looks overconfident by a noisy truth, unless the noise is stated."""
+    rng = np.random.default_rng(5)
+    true, _ = drive()
+    sigma_m, sigma_deg = 0.02, 0.5
+    tilt = Rotation.from_rotvec(np.radians(rng.normal(0.0, sigma_deg, (COUNT, 3))))
+    noisy = Truth(
+        STAMPS,
+        true.positions + rng.normal(0.0, sigma_m, (COUNT, 3)),
+        (tilt * Rotation.from_quat(true.quats_xyzw)).as_quat(),
+    )
+    covariance = np.arange(1, COUNT + 1)[:, None] * (1e-10 * np.eye(6)[UPPER])
+    estimates = Estimates.of(true, covariance=covariance)
+    config = replace(CONFIG, conditions=("frames=5",), spacing=1)
+    exact = score_trajectory(estimates, noisy, config).score
+    stated = score_trajectory(estimates, replace(noisy, sigma_m=sigma_m, sigma_deg=sigma_deg), config).score
+    assert exact.first.nees.pose.mean > 1000.0
+    for name, degrees in (("pose", 6.0), ("position", 3.0), ("attitude", 3.0)):
+        part = getattr(stated.first.nees, name)
+        assert part.mean == pytest.approx(degrees, rel=0.25)
+    assert exact.truth is None
+    assert (stated.truth.sigma_m, stated.truth.sigma_deg, stated.truth.attitude) == (sigma_m, sigma_deg, True)
+    assert stated.truth.path_excess > 0.1
