@@ -95,12 +95,12 @@ def judge(row: Row, folder: Path, drive: Drive, plain: dict[str, float]) -> Outc
     bare, out = replay(made.source, folder, "without")  # first: nothing beside the recording yet
     without = f"exit {bare.code}"
     if bare.code in (0, 1):
-        error = error_of(row.figure, out, drive)
+        error = error_of(row.figure, out)
         same = error is not None and abs(error - plain.get(row.figure, error)) <= row.loses
         without = "nothing to fix" if same else f"SILENT: {error}"
     first = run(*init_words(folder, made))
     second, out = replay(made.source, folder, "out", "--config", folder / "mine" / "sfr.yaml")
-    error = error_of(row.figure, out, drive) if second.code in (0, 1) else None
+    error = error_of(row.figure, out) if second.code in (0, 1) else None
     said = first.said if first.code else second.said
     verdict = {0: "pass", 1: "fail"}.get(second.code, f"none, exit {second.code}")
     doctor = by_doctor(made, folder)
@@ -133,7 +133,7 @@ def main() -> int:
         outcome = judge(ROWS[name], options.out / name, drive, plain)
         if name == "plain":
             assert outcome.error is not None, outcome.said
-            plain = {"position": outcome.error, "chord": 0.0, "map": 0.0}
+            plain = {figure: error_of(figure, options.out / "plain" / "out") or 0.0 for figure in LIMITS}
         lines.append(outcome.line(plain) + "\n")
         (options.out / "recordings.md").write_text("".join(lines))
         found = outcome.fails(plain)

@@ -1,23 +1,22 @@
-"""The error of a replay, as its report has it, beside what an independent calculation says of its estimate."""
+"""The figure that recordings are compared by, as the report of a replay has it."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
 
-from drive import Drive
-
+_OVER_1_M = "minimum_count: 2\ntrajectory:\n  - {condition: distance=1, %s: 0.05}\n"
 LIMITS = {
-    "position": "minimum_count: 2\ntrajectory:\n  - {condition: distance=1, position_mean_plus_3sigma_m: 0.05}\n",
-    "chord": "minimum_count: 2\ntrajectory:\n  - {condition: distance=1, position_mean_plus_3sigma_m: 0.05}\n",
+    "position": _OVER_1_M % "position_mean_plus_3sigma_m",
+    "chord": _OVER_1_M % "chord_mean_plus_3sigma_m",
     "map": "map: {point_error_p95_m: 1.0}\n",
 }
 
 
-def error_of(figure: str, out: Path, drive: Drive) -> float | None:
-    """Return the error, mm, of a map the 95th percentile in m; None where the report has none."""
+def error_of(figure: str, out: Path) -> float | None:
+    """Return mean + 3 sigma of the error over 1 m, mm, of a map the 95th percentile, m; None where there is none."""
     report = json.loads((out / "report.json").read_text())
     if figure == "map":
         return None if report.get("map") is None else report["map"]["point_error_m"]["p95"]
-    found = report["trajectory"]["conditions"][0]["position_m"]["mean_plus_3sigma"]
+    found = (report["trajectory"]["conditions"][0].get(f"{figure}_m") or {}).get("mean_plus_3sigma")
     return None if found is None else 1e3 * found

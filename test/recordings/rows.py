@@ -127,7 +127,7 @@ def plain(folder: Path, drive: Drive) -> Made:
     recording.add("/tf_static", BEGIN_NS, T["tf2_msgs/msg/TFMessage"](edges))
     for stamp_ns, T_ds_rb in drive.truth():
         recording.add("/ground_truth/odometry", stamp_ns, odometry(header(stamp_ns, "ds"), "rb", T_ds_rb))
-    return Made(recording.write(folder / "bag"))
+    return Made(add_mapping(recording, drive, "/nav", "pose").write(folder / "bag"))
 
 
 @row(0.01, "bgra8 of a grey image is that image")
@@ -364,52 +364,55 @@ def deep_frames(folder: Path, drive: Drive) -> Made:
     return Made(camera_of(drive, *STEREO, links).write(folder / "deep"))
 
 
-def pan_tilt(drive: Drive, *, joints: bool) -> Recording:
-    """Return three mapping pairs of a head that pans; LM is RB."""
-    recording, angles = Recording(), PanoramaConfig()
-    T_head_sb = rig_extrinsics(NavCamerasConfig())
-    T_head_left = T_head_sb @ drive.nav_rig.T_sb_left
+def add_mapping(recording: Recording, drive: Drive, prefix: str, head_by: str) -> Recording:
+    """Add three mapping pairs of a head that pans, taken before the drive: LM is RB; `head_by`: pose, joints or tf."""
+    angles, T_head_sb = PanoramaConfig(), rig_extrinsics(NavCamerasConfig())
     turns = [*zip(np.radians(angles.pan_deg), np.radians(angles.tilt_deg), strict=True)]
     T_rb_lm = mast_head_in_rb(*turns[0]) @ T_head_sb @ drive.nav[0].T_lm_navsb.inverse()
-    for (pan, tilt), item in zip(turns, drive.nav, strict=True):
-        stamp_ns, T_rb_head = item.pair.stamp_ns, mast_head_in_rb(float(pan), float(tilt))
+    for k, ((pan, tilt), item) in enumerate(zip(turns, drive.nav, strict=True)):
+        stamp_ns, T_rb_head = BEGIN_NS + (k - 3) * 1_000_000_000, mast_head_in_rb(float(pan), float(tilt))
         at_rest = Transform(np.eye(3), T_rb_head.translation)
-        if joints:
-            names, values = ["wheel_left", "pan_joint", "tilt_joint"], np.array([0.3, pan, tilt])
-            state = T["sensor_msgs/msg/JointState"](header(stamp_ns, ""), names, values, np.zeros(0), np.zeros(0))
-            recording.add("/joint_states", stamp_ns, state)
-        else:
-            moved_head = transform(stamp_ns, "mast", "head", Transform(T_rb_head.rotation, np.zeros(3)))
-            recording.add("/tf", stamp_ns, T["tf2_msgs/msg/TFMessage"]([moved_head]))
+        for about_ns in (stamp_ns - 15_000_000, stamp_ns + 15_000_000):  # joints have stamps of their own
+            head = header(about_ns, "")
+            if head_by == "joints":
+                names, values = ["wheel_left", "pan_joint", "tilt_joint"], np.array([0.3, pan, tilt])
+                state = T["sensor_msgs/msg/JointState"](head, names, values, np.zeros(0), np.zeros(0))
+                recording.add("/joint_states", about_ns, state)
+            elif head_by == "tf":
+                turned = transform(about_ns, "mast", "head", Transform(T_rb_head.rotation, np.zeros(3)))
+                recording.add("/tf", about_ns, T["tf2_msgs/msg/TFMessage"]([turned]))
+        if head_by == "pose":
+            kind = T["geometry_msgs/msg/PoseStamped"]
+            recording.add("/nav/pose", stamp_ns, kind(header(stamp_ns, "lm"), pose(T_rb_head @ T_head_sb)))
         for side, grey in (("left", item.pair.left), ("right", item.pair.right)):
             head = header(stamp_ns, f"pancam_{side}_optical")
             p3 = -drive.nav_rig.fx * drive.nav_rig.baseline_m * (side == "right")
-            recording.add(f"/pancam/{side}/image_rect", stamp_ns, ENCODE["mono8"](grey, head))
-            recording.add(f"/pancam/{side}/camera_info", stamp_ns, camera_info(drive, head, p3, nav=True))
+            recording.add(f"{prefix}/{side}/image_rect", stamp_ns, ENCODE["mono8"](grey, head))
+            recording.add(f"{prefix}/{side}/camera_info", stamp_ns, camera_info(drive, head, p3, nav=True))
         assert item.truth is not None
-        known = np.ascontiguousarray(T_rb_lm.apply(item.truth.reshape(-1, 3)).astype("<f4").reshape(item.truth.shape))
+        known = np.ascontiguousarray(T_rb_lm.apply(item.truth.reshape(-1, 3)).astype("<f4"))
+        h, w = item.truth.shape[:2]
         fields = [T["sensor_msgs/msg/PointField"](name, 4 * k, 7, 1) for k, name in enumerate("xyz")]
-        h, w = known.shape[:2]
-        data = known.view(np.uint8).reshape(-1)
-        points = T["sensor_msgs/msg/PointCloud2"](
-            header(stamp_ns, "base_link"), h, w, fields, False, 12, 12 * w, data, False
-        )
+        layout = (h, w, fields, False, 12, 12 * w, known.view(np.uint8).reshape(-1), False)
+        points = T["sensor_msgs/msg/PointCloud2"](header(stamp_ns, "base_link"), *layout)
         recording.add("/ground_truth/points", stamp_ns, points)
-    edges = [("base_link", "mast", at_rest), ("head", "pancam_left_optical", T_head_left)]
-    recording.add("/tf_static", BEGIN_NS, T["tf2_msgs/msg/TFMessage"]([transform(BEGIN_NS, *e) for e in edges]))
+    if head_by != "pose":
+        T_head_left = T_head_sb @ drive.nav_rig.T_sb_left
+        edges = [("base_link", "mast", at_rest), ("head", "pancam_left_optical", T_head_left)]
+        recording.add("/tf_static", BEGIN_NS, T["tf2_msgs/msg/TFMessage"]([transform(BEGIN_NS, *e) for e in edges]))
     return recording
 
 
-@row(0.05, "the map in RB in place of LM: heights and grid lie elsewhere", figure="map")
+@row(0.001, "the same head, from its angles", figure="map")
 def pan_tilt_joints(folder: Path, drive: Drive) -> Made:
     cameras = NavCamerasConfig()
     place = {"frames.head_to_navsb_m": [cameras.x_m, cameras.y_m, cameras.z_m]}
-    return Made(pan_tilt(drive, joints=True).write(folder / "head"), settings=place)
+    return Made(add_mapping(stereo(drive), drive, "/pancam", "joints").write(folder / "head"), settings=place)
 
 
-@row(0.05, "the map in RB in place of LM: heights and grid lie elsewhere", figure="map")
+@row(0.001, "the same head, from its angles", figure="map")
 def pan_tilt_tf(folder: Path, drive: Drive) -> Made:
-    return Made(pan_tilt(drive, joints=False).write(folder / "head"))
+    return Made(add_mapping(stereo(drive), drive, "/pancam", "tf").write(folder / "head"))
 
 
 # ---- truths
@@ -479,6 +482,31 @@ def truth_nav_sat_fix(folder: Path, drive: Drive) -> Made:
     antenna, first = np.array(ANTENNA_M), drive.positions[0]
     recording = truth_by(drive, "/fix", lambda head, T_ds_rb: nav_sat_fix(head, T_ds_rb.apply(antenna) - first, 0.008))
     return Made(recording.write(folder / "bag"), settings={"truth.lever_arm_m": list(ANTENNA_M)})
+
+
+@row(2.0, "positions alone, of an antenna: chords have no direction", figure="chord")
+def nav2_rover(folder: Path, drive: Drive) -> Made:
+    names = [f"/front_stereo_camera/{side}/image_rect" for side in ("left", "right")]
+    frames = ("front_stereo_camera_left_optical", "front_stereo_camera_right_optical")
+    links = ("base_link", "chassis_link", "front_stereo_camera_link", "front_stereo_camera_left")
+    recording = camera_of(drive, *names, frames, links, encoding="rgb8", truth=False)
+    for stamp_ns, T_ds_rb in drive.truth(5):
+        wheels = Transform(T_ds_rb.rotation, 0.93 * T_ds_rb.translation)
+        recording.add("/odom", stamp_ns, odometry(header(stamp_ns, "odom"), "base_link", wheels))
+        moving = transform(stamp_ns, "odom", "base_link", wheels)
+        recording.add("/tf", stamp_ns, T["tf2_msgs/msg/TFMessage"]([moving]))
+        enu_m = T_ds_rb.apply(np.array(ANTENNA_M)) - drive.positions[0]
+        recording.add("/gps/fix", stamp_ns, nav_sat_fix(header(stamp_ns, "gps_link"), enu_m, 0.008))
+    own = {"truth.source": "/gps/fix", "truth.lever_arm_m": list(ANTENNA_M)}
+    return Made(recording.write(folder / "nav2"), settings=own)
+
+
+@row(0.3, "markers in single precision, their frame turned and moved")
+def motion_capture_lab(folder: Path, drive: Drive) -> Made:
+    T_rb_body, kind = Transform.from_quat(ANTENNA_M, MARKERS_XYZW), T["geometry_msgs/msg/PoseStamped"]
+    lever = {"truth.lever_arm_m": list(ANTENNA_M), "truth.lever_quat_xyzw": list(MARKERS_XYZW)}
+    by = "/vrpn_mocap/rover/pose", lambda head, T_ds_rb: kind(head, pose(T_ds_rb @ T_rb_body))
+    return Made(truth_by(drive, *by).write(folder / "lab"), settings=lever | {"truth.sigma_m": 0.001})
 
 
 def table(file: Path, heading: str, lines: Sequence[Sequence[Any]], separator: str = ",") -> Path:
