@@ -348,7 +348,7 @@ def localise(
         steps = ((estimate, record, about) for estimate, record in runs)
     else:
         chosen = find_method(method, Task.LOCALISATION, _text(config))
-        steps = offline.localise_with(chosen, drive, first.T_ds_rb, MethodLimits())
+        steps = offline.localise_with(chosen, drive, first.T_ds_rb, MethodLimits(), [opened.path])
     steps = _named(opened.path, steps)
     if live:
         return (estimate for estimate, _, _ in steps)
@@ -382,7 +382,7 @@ def map(
             raise ConfigError(f"refine_poses is of our mapper: leave it out with method {method}")
         else:
             chosen = find_method(method, Task.MAPPING, _text(config))
-            run, about = offline.map_pairs_with(chosen, panorama, MethodLimits())
+            run, about = offline.map_pairs_with(chosen, panorama, MethodLimits(), hidden=[opened.path])
     for line in run.warnings:
         warnings.warn(line, UserWarning, stacklevel=2)
     return PointCloud.of(run.fused.cloud if fuse else run.unfused, run.records, about)

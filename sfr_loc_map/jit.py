@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from typing import Any, TypeVar, cast
 
@@ -60,6 +60,11 @@ class _KernelCache(FunctionCache):
             except (ImportError, AttributeError):  # written before a struct moved: numba reads all, then looks how old
                 self._cache_file.flush()  # type: ignore[no-untyped-call]
                 return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:  # noqa: ANN401 - numba has no types
+        """Keep a kernel, where it may be written: the process of a method under test may not."""
+        with suppress(PermissionError):
+            super().save_overload(sig, data)  # type: ignore[no-untyped-call]
 
 
 def _cached(function: F, **options: Any) -> F:  # noqa: ANN401 - numba's

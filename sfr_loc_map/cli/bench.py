@@ -94,6 +94,7 @@ def localise(
             scoring,
             repeat=compared.repeat,
             rate_hz=rate,
+            hidden=[source],
             progress=lambda: bar.advance(shown),
         )
     _present({"source": str(source), **result, "missing": missing}, json_path)
@@ -120,7 +121,7 @@ def map_(
     with progress_bar("calls") as bar:
         shown = bar.add_task("measuring", total=len(sequence) * len(methods) * compared.repeat)
         result = compare_mappers(
-            sequence, methods, parameters, repeat=compared.repeat, progress=lambda: bar.advance(shown)
+            sequence, methods, parameters, repeat=compared.repeat, hidden=[source], progress=lambda: bar.advance(shown)
         )
     _present({"source": str(source), **result, "missing": missing}, json_path)
     _conclude(result)

@@ -79,7 +79,7 @@ def localise(
             with nullcontext(None) if video is None else track_video(video, sequence.rig) as watch:
                 done = _finished(localise_with_ours(sequence, parameters, first_pose, watch), len(sequence))
         else:
-            results = localise_with(theirs, sequence, first_pose.T_ds_rb, under_test.limits)
+            results = localise_with(theirs, sequence, first_pose.T_ds_rb, under_test.limits, [source])
             given = _finished(results, len(sequence))
             done, about = [(estimate, record) for estimate, record, _ in given], given[-1][2]
     records = [record for _, record in done]

@@ -76,7 +76,7 @@ def map_cloud(
         if theirs is None:
             run, about = map_pairs(sequence, parameters, progress), record_of_ours(Task.MAPPING)
         else:
-            run, about = map_pairs_with(theirs, sequence, limits, progress)
+            run, about = map_pairs_with(theirs, sequence, limits, progress, [source])
     cloud = save_map(run, sequence.rig.fx, outputs)
     if stats is not None:
         save_stats(stats, run.records, about)

@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -98,6 +99,7 @@ def compare_localisers(
     *,
     repeat: int = 3,
     rate_hz: float | None = None,
+    hidden: Sequence[Path] = (),
     progress: Callable[[], None] = lambda: None,
 ) -> Figures:
     """Return the figures of localisers, ours with its parameters first, on a drive; accuracy where it has truth.
@@ -127,7 +129,7 @@ def compare_localisers(
 
     given = PassInput(
         sequence.pairs,
-        lambda method: IsolatedMethod(method, rig, Transform.identity(), LIMITS, {"rate_hz": rate_hz}),
+        lambda method: IsolatedMethod(method, rig, Transform.identity(), LIMITS, {"rate_hz": rate_hz}, hidden),
         call,
         rate_hz / recorded_hz,
     )
@@ -177,6 +179,7 @@ def compare_mappers(
     config: MappingConfig,
     *,
     repeat: int = 3,
+    hidden: Sequence[Path] = (),
     progress: Callable[[], None] = lambda: None,
 ) -> Figures:
     """Return the figures of mappers, ours with its parameters first, on the pairs of a source, as maps of single pairs.
@@ -203,9 +206,9 @@ def compare_mappers(
                 found["accuracy"] |= {"mean": error.mean, "mean_plus_3sigma": error.mean_plus_3sigma}
         return found
 
-    given = PassInput(
-        sequence.pairs, lambda method: IsolatedMethod(method, rig, limits=LIMITS, setup={"disparities": count}), call
-    )
+    setup = {"disparities": count}
+    opening = partial(IsolatedMethod, rig=rig, limits=LIMITS, setup=setup, hidden=hidden)
+    given = PassInput(sequence.pairs, opening, call)
     ours, *others = methods
     mine = replace(ours, config=json.dumps(asdict(config)))
     return head | _compared([mine, *others], given, figures, repeat, progress)

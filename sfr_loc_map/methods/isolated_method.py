@@ -41,15 +41,16 @@ class IsolatedMethod:
         T_ds_rb: Transform | None = None,
         limits: MethodLimits | None = None,
         setup: Mapping[str, object] | None = None,
+        hidden: Sequence[Path] = (),
     ) -> None:
-        """Start it at a pose; `setup` is sent to its adapter besides rig and pose."""
-        self._method, self._rig, self._setup = method, rig, dict(setup or {})
+        """Start it at a pose; `setup` is sent to its adapter besides rig and pose; it cannot read what is hidden."""
+        self._method, self._rig, self._setup, self._hidden = method, rig, dict(setup or {}), hidden
         self._limits, self._starts = limits or MethodLimits(), 0
         self._T_rb_left = rig.T_rb_left if method.task is Task.LOCALISATION else Transform.identity()
         self._last, self._complete = T_ds_rb or Transform.identity(), True
         self._process: MethodProcess | None = None
         process = self._started()
-        self.record: MethodRecord = method.record(process.version)
+        self.record: MethodRecord = method.record(process.version, process.isolation)
         self.idle_bytes: int | None = process.idle_bytes  # resident after warm-up, None where that is not known
         self.maps_sets: bool = process.maps_sets  # in one call, which then is the only one of a mapper
 
@@ -78,7 +79,8 @@ class IsolatedMethod:
         if self._process is None:
             self._starts += 1
             self._T_ds_first_left = self._last @ self._T_rb_left
-            self._process = MethodProcess(self._method, self._rig, self._limits, self._last, self._setup)
+            given = (self._limits, self._last, self._setup, self._hidden)
+            self._process = MethodProcess(self._method, self._rig, *given)
         return self._process
 
     def _failed(self, error: MethodError) -> MethodCall:

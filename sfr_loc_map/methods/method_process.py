@@ -11,31 +11,59 @@ import signal
 import subprocess
 import tempfile
 import time
+from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
-from sfr_loc_map.child_process import child_environment
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.config import MAX_PAIRS
-from sfr_loc_map.methods.registry import Method, MethodLimits
+from sfr_loc_map.methods.isolation import ProcessTree, TreeUsage, environment_of, rules_of
+from sfr_loc_map.methods.registry import WORKERS, Method, MethodLimits
 from sfr_loc_map.metrics.calls import CallUsage
-from sfr_loc_map.metrics.score import FindingKind, MethodKind
+from sfr_loc_map.metrics.score import FindingKind
 
 EXIT_TIMEOUT_S = 10.0
 POLL_S = 0.05  #: How often the memory of a process that is at work is looked at.
 CAMERA = ("width", "height", "fx", "fy", "cx", "cy", "baseline_m")
 SHARED_MEMORY = Path("/dev/shm")
 MB = 1_000_000
-LEAKS = {10: 100 * MB, 50: 20 * MB}
-"""A method leaks that keeps more after each of so many calls, so much in all; a window that fills up does not."""
+LEAKS = {10: 80 * MB, 50: 16 * MB}
+"""A method leaks whose memory grows so much over so many calls: the least of each fifth of them is more than that of
+the fifth before, so that a saw-tooth does not hide it; a window that fills up is none."""
+LOG_BYTES, LOG_KEPT = 4_000_000, 100_000  #: Size at which its log is cut, and what of it is kept.
+LONGEST_ANSWER = 16_000_000
+
+
+def leak_in(resident: Sequence[int]) -> str:
+    """Return the finding of a leak in the memory after each of the last calls, empty where there is none."""
+    for calls, most in LEAKS.items():
+        if len(resident) >= calls:
+            least = np.array(resident)[-calls:].reshape(5, -1).min(axis=1)
+            grown = int(least[-1] - least[0])
+            if grown > most and (np.diff(least) > 0).all():
+                text = f"keeps {grown / (0.8 * calls) / MB:.1f} MB more after each of {calls} calls"
+                return f"{FindingKind.LEAKING}: {text}"
+    return ""
+
+
+def cut_log(log: Path) -> None:
+    """Keep the end of a log that has grown long."""
+    with suppress(OSError):
+        if log.stat().st_size > LOG_BYTES:
+            with log.open("r+b") as stream:
+                stream.seek(-LOG_KEPT, os.SEEK_END)
+                end = stream.read(LOG_KEPT)
+                stream.seek(0)
+                stream.write(end)
+                stream.truncate()
 
 
 class MethodFailureError(MethodError):
@@ -66,33 +94,46 @@ class MethodProcess:
     """
 
     def __init__(
-        self, method: Method, rig: StereoRig, limits: MethodLimits, T_ds_rb: Transform, setup: Mapping[str, object]
+        self,
+        method: Method,
+        rig: StereoRig,
+        limits: MethodLimits,
+        T_ds_rb: Transform,
+        setup: Mapping[str, object],
+        hidden: Sequence[Path] = (),
     ) -> None:
-        """Start it and wait until it is warmed up; the pose is that at the first pair."""
+        """Start it, shut in, and wait until it is warmed up; the pose is that at the first pair."""
         self._limits = limits
         shared = SHARED_MEMORY if os.access(SHARED_MEMORY, os.W_OK) else None
         self._folder = Path(tempfile.mkdtemp(prefix="sfr_method_", dir=shared))
         self._log, images = self._folder / "log", self._folder / "images"
         self.output = str(self._folder / "result")
         self._images = np.asarray(np.memmap(images, np.uint8, "w+", shape=(MAX_PAIRS, 2, rig.height, rig.width)))
-        with self._log.open("wb") as log:
+        work = self._folder / "work"
+        work.mkdir()
+        rules = json.dumps(rules_of(method, self._folder, hidden))
+        with self._log.open("ab") as log:  # appended to: it may be cut meanwhile
             self._process = subprocess.Popen(
-                method.command,
-                env=None if method.kind is MethodKind.PEER else child_environment(),
+                [str(method.python), "-ES", str(WORKERS / "shut_in.py"), rules, *method.command],
+                env=environment_of(method, work),
+                cwd=work,
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=log,
                 bufsize=0,
                 start_new_session=True,
             )
-        self._rest = b""
-        self._kept: list[int] = []  # resident bytes after each of the last calls that each kept more
+        self._rest, self._tree, self._peak_bytes = b"", None, 0
+        self._resident: deque[int] = deque(maxlen=max(LEAKS))
+        self._ended = TreeUsage()  # when the last call ended
         T_rb_left = None if rig.T_rb_sb is None else rig.T_rb_left
         transforms = {"start": T_ds_rb, "T_rb_sb": rig.T_rb_sb, "T_rb_left": T_rb_left}
         poses = {name: None if T is None else T.matrix.ravel().tolist() for name, T in transforms.items()}
         about = {"task": method.task.value, "target": method.target, "config": method.config, "images": str(images)}
         camera = {name: getattr(rig, name) for name in CAMERA}
         try:
+            shut_in = json.loads(self._line(limits.start_timeout_s))
+            self._tree = ProcessTree(self._process.pid, shut_in["levels"])
             hello = self._exchange(camera | poses | about | dict(setup) | dict(method.setup), limits.start_timeout_s)
         except BaseException as error:
             self.close()
@@ -101,6 +142,8 @@ class MethodProcess:
             raise
         self.version, self.idle_bytes = str(hello["version"]), hello["idle_bytes"]
         self.fuses, self.maps_sets = bool(hello["fuses"]), bool(hello["maps_sets"])
+        self.isolation = ", ".join(shut_in["isolated"] + [f"not {reason}" for reason in shut_in["missing"]])
+        self._ended = self._tree.usage()
 
     def call(self, pairs: Sequence[StereoPair], order: Mapping[str, object]) -> tuple[MethodCall, Mapping[str, Any]]:
         """Show it pairs, give an order and return what the call took, and what its adapter reports.
@@ -109,20 +152,35 @@ class MethodProcess:
         """
         for images, pair in zip(self._images, pairs, strict=False):
             images[0], images[1] = pair.left, pair.right
+        assert self._tree is not None
         about = {"output": self.output, "stamp_ns": pairs[-1].stamp_ns}
+        begun, self._peak_bytes = self._tree.usage(), 0
         answer = self._exchange(about | dict(order), self._limits.call_timeout_s)
-        peak, resident = answer["peak_bytes"], answer["resident_bytes"] or 0
-        self._check_limits(resident)
-        if "fault" in answer:
-            raise MethodFailureError(FindingKind(answer["fault"]), answer["text"])
+        now, last, self._ended = self._look(), self._ended, self._tree.usage()
+        cut_log(self._log)
+        try:
+            if "fault" in answer:
+                raise MethodFailureError(FindingKind(answer["fault"]), answer["text"])
+            peak, result, seconds = answer["peak_bytes"], dict(answer["result"]), float(answer["seconds"])
+        except (KeyError, TypeError, ValueError) as error:
+            raise MethodFailureError(FindingKind.INVALID_RESULT, f"no answer of its adapter: {error!r}") from error
+        if now.processes > 1 and peak is not None:
+            peak = max(peak, self._peak_bytes)
         above = None if peak is None or self.idle_bytes is None else max(peak - self.idle_bytes, 0)
-        result: dict[str, Any] = answer["result"]
-        usage = CallUsage(answer["seconds"], peak, above)
-        self._kept = [*self._kept, resident] if resident > (self._kept or [resident])[-1] else [resident]
-        calls, grown = len(self._kept) - 1, resident - self._kept[0]
-        leak = f"{FindingKind.LEAKING}: keeps {grown / max(calls, 1) / MB:.1f} MB more after each of {calls} calls"
-        finding = leak if grown > LEAKS.get(calls, math.inf) else ""
-        return MethodCall(usage, finding, statistics=result.get("statistics") or {}), result
+        taken = {
+            "cpu_s": round(self._ended.cpu_s - begun.cpu_s, 2),
+            "cpu_between_s": round(max(begun.cpu_s - last.cpu_s, 0.0), 2),
+            "threads": now.threads,
+            "processes": now.processes,
+        }
+        statistics = {**(result.get("statistics") or {}), **taken}
+        self._resident.append(now.rss_bytes)
+        finding = leak_in(self._resident)
+        if finding:
+            self._resident.clear()
+        elif strays := self._tree.new_strays():
+            finding = f"{FindingKind.STRAY}: {', '.join(strays)}: ended with the method"
+        return MethodCall(CallUsage(seconds, peak, above), finding, statistics=statistics), result
 
     def _exchange(self, order: Mapping[str, object], timeout_s: float) -> dict[str, Any]:
         assert self._process.stdin is not None
@@ -130,7 +188,11 @@ class MethodProcess:
             self._process.stdin.write(json.dumps(order).encode() + b"\n")
         except OSError:
             self._crashed()
-        answer: dict[str, Any] = json.loads(self._line(timeout_s))
+        line = self._line(timeout_s)
+        try:
+            answer: dict[str, Any] = dict(json.loads(line))
+        except (TypeError, ValueError) as error:
+            self._end(FindingKind.INVALID_RESULT, f"no answer of its adapter: {line[:80]!r}", error)
         return answer
 
     def _line(self, timeout_s: float) -> bytes:
@@ -140,41 +202,48 @@ class MethodProcess:
         answers.register(place, select.POLLIN)
         while b"\n" not in self._rest:
             if not answers.poll(1000 * POLL_S):
-                with suppress(FileNotFoundError, ProcessLookupError, IndexError):
-                    pages = Path(f"/proc/{self._process.pid}/statm").read_text("ascii").split()[1]
-                    self._check_limits(int(pages) * os.sysconf("SC_PAGE_SIZE"))
+                self._look()
+                cut_log(self._log)
                 if time.monotonic() > end:
-                    self.close()
-                    raise MethodFailureError(FindingKind.HANGING, f"has not answered for {timeout_s:g} s", ended=True)
+                    self._end(FindingKind.HANGING, f"has not answered for {timeout_s:g} s")
                 continue
             data = os.read(place, 65536)
             if not data:
                 self._crashed()
             self._rest += data
+            if len(self._rest) > LONGEST_ANSWER:
+                self._end(FindingKind.INVALID_RESULT, f"answered more than {LONGEST_ANSWER // MB} MB")
         line, _, self._rest = self._rest.partition(b"\n")
         return line
 
-    def _check_limits(self, resident: int) -> None:
-        limit = self._limits.memory_mb
-        if resident > limit * MB:
-            self.close()
-            text = f"has {resident // MB} MB resident, the limit is {limit} MB"
-            raise MethodFailureError(FindingKind.OUT_OF_MEMORY, text, ended=True)
+    def _look(self) -> TreeUsage:
+        """Return what its processes take; end them where that is more memory than they may have."""
+        usage, limit = TreeUsage() if self._tree is None else self._tree.usage(), self._limits.memory_mb
+        self._peak_bytes = max(self._peak_bytes, usage.rss_bytes)
+        if usage.rss_bytes > limit * MB:
+            text = f"has {usage.rss_bytes // MB} MB resident, the limit is {limit} MB"
+            self._end(FindingKind.OUT_OF_MEMORY, text)
+        return usage
 
-    def _crashed(self) -> None:
+    def _end(self, kind: FindingKind, text: str, error: Exception | None = None) -> NoReturn:
+        self.close()
+        raise MethodFailureError(kind, text, ended=True) from error
+
+    def _crashed(self) -> NoReturn:
         try:
             code = self._process.wait(EXIT_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             code = 0
         lines = [line.strip() for line in self._log.read_text("utf-8", "replace").splitlines() if line.strip()]
         last = (lines or ["its log is empty"])[-1][:300]
-        self.close()
         name = next((item.name for item in signal.Signals if item == -code), f"signal {-code}")
         how = f"with {code}" if code >= 0 else f"by {name}"
-        raise MethodFailureError(FindingKind.CRASHED, f"has ended {how}: {last}", ended=True)
+        self._end(FindingKind.CRASHED, f"has ended {how}: {last}")
 
     def close(self) -> None:
         """End the process and all that it has started, now."""
+        if self._tree is not None:
+            self._tree.kill()
         with suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()

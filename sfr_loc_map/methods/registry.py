@@ -55,12 +55,12 @@ class Method:
 
     @property
     def command(self) -> list[str]:
-        """Return the command that starts its process."""
+        """Return the command of its process."""
         return [str(self.python), str(WORKERS / "loop.py"), str(WORKERS / self.worker)]
 
-    def record(self, version: str | None) -> MethodRecord:
+    def record(self, version: str | None, isolation: str | None = None) -> MethodRecord:
         """Return what the score says of it."""
-        return MethodRecord(name=self.name, version=version, kind=self.kind, sha256=self.sha256)
+        return MethodRecord(name=self.name, version=version, kind=self.kind, sha256=self.sha256, isolation=isolation)
 
 
 OUR_MODULE, ABOUT_OURS = "sfr_loc_map.methods.ours", "this suite's own, the default"
@@ -122,7 +122,8 @@ def find_method(spec: str, task: Task, config: str = "") -> Method:
     sha256 = hash_path(place) if place.suffix == ".py" and place.is_file() else None
     if place.suffix == ".py" and sha256 is None:
         raise MethodError(f"method '{spec}': there is no file '{place}', give the file that has the class")
-    return Method(spec, task, MethodKind.PYTHON, CLASS_WORKER, spec, config, background=True, sha256=sha256)
+    target = spec if sha256 is None else f"{place.resolve()}:{spec.rpartition(':')[2]}"  # it has a folder of its own
+    return Method(spec, task, MethodKind.PYTHON, CLASS_WORKER, target, config, background=True, sha256=sha256)
 
 
 def find_peer(peer: Method, python: Path | None, vocabulary: Path | None = None) -> tuple[Method | None, str]:

@@ -474,6 +474,7 @@ class FindingKind(StrEnum):
     MISSING = "missing answer"  #: An external node did not answer a pair.
     LATE = "late answer"  #: An external node answered after its time to answer.
     DOUBLED = "doubled answer"  #: An external node answered a pair again.
+    STRAY = "stray process"  #: It left a process that runs on without it: in a session of its own, or an orphan.
     OTHER_FRAME = "another frame"  #: An answer of an external node names other frames.
     INVALID_RESULT = "invalid result"  #: Its result has another type, size or meaning than agreed.
 
@@ -490,6 +491,7 @@ class MethodRecord(Record):
     version: str | None  #: As it says itself, None where it does not.
     kind: MethodKind  #: How it is reached.
     sha256: str | None = None  #: Hash of the file that it was loaded from; None where it is not one file.
+    isolation: str | None = None  #: What its process was kept from; None where that is not known, or not needed.
 
 
 class FindingRecord(Record):
@@ -521,11 +523,13 @@ class AnswerCounts(Record):
 
 
 class ProcessUsage(Record):
-    """What the processes of an external node took, seen from outside."""
+    """What the processes of a method took, seen from outside."""
 
     cpu_s: float  #: Processor time of all of them, user and system, s.
+    cpu_between_s: float | None = None  #: That of it between calls; None of an external node.
     peak_rss_bytes: int  #: Largest sum of their resident memory.
     processes: int  #: Largest number of them.
+    threads: int | None = None  #: Largest number of their threads; None of an external node.
     method: str  #: How it was measured.
 
 
@@ -731,6 +735,7 @@ class Score(Record):
     map: MapScore | None = None  #: Errors of the map.
     timing: TimingScore | None = None  #: Times of the calls on this host.
     memory: MemoryScore | None = None  #: Memory of the calls on this host.
+    processes: ProcessUsage | None = None  #: What the processes of the method took; None where it had none of its own.
     target: TargetScore | None = None  #: Calls that were measured elsewhere.
     verdicts: tuple[
         Verdict, ...

@@ -22,11 +22,13 @@ from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.calls import Calls, CallUsage, stage_of
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.consistency import STEP_SIZE
-from sfr_loc_map.metrics.score import FindingKind, FindingRecord, MethodKind, MethodRecord
+from sfr_loc_map.metrics.score import FindingKind, FindingRecord, MethodKind, MethodRecord, ProcessUsage
 
 COVARIANCE_NAMES = tuple(f"cov_{i}{j}" for i, j in zip(*UPPER, strict=True))
 STEP_NAMES = (*(f"step_{name}" for name in COVARIANCE_NAMES), *(f"systematic_cov_{i}" for i in range(6)))
-METHOD_NAMES = ("method", "method_version", "method_kind", "method_sha256", "finding")
+METHOD_NAMES = ("method", "method_version", "method_kind", "method_sha256", "method_isolation", "finding")
+TAKEN = ("cpu_s", "cpu_between_s", "threads", "processes")  #: Of a method's processes, from outside.
+TREE = "of the method's processes and all that they started, at each call, from outside (psutil)"
 STATES = (*TrackingState, *MappingState)
 STATISTIC = "statistic."  #: Prefix of the names of a call's figures in a status.
 DEFAULT_STATE = {"localisation": TrackingState.TRACKING.value, "mapping": MappingState.MAPPED.value}
@@ -62,6 +64,7 @@ class CallStats:
     steps: FloatArray | None  # `(N, 27)` steps between the poses, likewise
     method: MethodRecord | None = None  # None if nobody says which was called
     findings: tuple[FindingRecord, ...] = ()  # what the method did wrong, one for each kind
+    processes: ProcessUsage | None = None  # what the processes of the method took; None where nobody looked
     has_stamps: bool = True  # whether the calls name their pairs; otherwise they are numbered
 
     @property
@@ -105,9 +108,26 @@ def stats_of(records: Sequence[CallRecord], method: MethodRecord | None = None) 
     covariances = [None if record.covariance is None else record.covariance[UPPER] for record in records]
     steps = [record.step for record in records]
     findings = findings_of([record.finding for record in records], calls.stamps_ns.tolist())
+    taken = [numbers(record.statistics.get(name) for record in records) for name in TAKEN]
+    about = (method, findings, _processes(taken, calls.peak_bytes))
     if all(item is None for item in (*covariances, *steps)):
-        return CallStats(calls, None, None, method, findings)
-    return CallStats(calls, rows(covariances, len(COVARIANCE_NAMES)), rows(steps, STEP_SIZE), method, findings)
+        return CallStats(calls, None, None, *about)
+    return CallStats(calls, rows(covariances, len(COVARIANCE_NAMES)), rows(steps, STEP_SIZE), *about)
+
+
+def _processes(taken: Sequence[FloatArray], peak_bytes: FloatArray) -> ProcessUsage | None:
+    """Return what the processes of a method took in all calls, by the columns of TAKEN."""
+    cpu_s, between_s, threads, processes = (values[np.isfinite(values)] for values in taken)
+    if not len(cpu_s):
+        return None
+    return ProcessUsage(
+        cpu_s=float(cpu_s.sum() + between_s.sum()),
+        cpu_between_s=float(between_s.sum()),
+        peak_rss_bytes=int(np.nanmax(np.append(peak_bytes, 0.0))),
+        processes=int(processes.max(initial=1)),
+        threads=int(threads.max(initial=1)),
+        method=TREE,
+    )
 
 
 def call_of_stages(stages: Sequence[CallRecord | CallUsage], seconds: float | None = None) -> CallUsage:
@@ -122,7 +142,10 @@ def call_of_stages(stages: Sequence[CallRecord | CallUsage], seconds: float | No
 
 def save_stats(path: Path, records: Sequence[CallRecord], method: MethodRecord | None = None) -> None:
     """Write one row a call; with a method every row names it and what it did wrong in the call."""
-    named = () if method is None else (method.name, method.version or "", method.kind.value, method.sha256 or "")
+    named: tuple[str, ...] = ()
+    if method is not None:
+        about = (method.name, method.version, method.kind.value, method.sha256, method.isolation)
+        named = tuple(text or "" for text in about)
     names = sorted({name for record in records for name in record.statistics})
     with_pose = any(record.covariance is not None for record in records)
     with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
@@ -174,14 +197,16 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
     )
     method = None
     if name := rows[0].get("method"):
-        kind, version, sha256 = (rows[0].get(key) or None for key in ("method_kind", "method_version", "method_sha256"))
+        version, kind, sha256, isolation = (rows[0].get(key) or None for key in METHOD_NAMES[1:5])
         if kind not in set(MethodKind):
             given, known = kind or "", ", ".join(MethodKind)
             raise InputError(f"statistics '{path}': method_kind is '{given}', must be one of {known}")
-        method = MethodRecord(name=name, version=version, kind=MethodKind(kind), sha256=sha256)
+        method = MethodRecord(name=name, version=version, kind=MethodKind(kind), sha256=sha256, isolation=isolation)
     findings = findings_of([row.get("finding") or "" for row in rows], stamps_ns.tolist())
     calls = Calls(stamps_ns, seconds, states, peak, above_idle, stages, heap, stack)
-    return CallStats(calls, covariance, steps, method, findings, has_stamps="stamp_ns" in rows[0])
+    taken = [_column(path, rows, name) for name in TAKEN] if TAKEN[1] in rows[0] else None
+    usage = None if taken is None else _processes(taken, peak)
+    return CallStats(calls, covariance, steps, method, findings, usage, has_stamps="stamp_ns" in rows[0])
 
 
 def _column(path: Path, rows: list[dict[str, str]], name: str) -> FloatArray:

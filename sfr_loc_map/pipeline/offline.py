@@ -95,12 +95,16 @@ def localise(
 
 
 def localise_with(
-    method: Method, sequence: LocSequence, T_ds_rb: Transform, limits: MethodLimits
+    method: Method, sequence: LocSequence, T_ds_rb: Transform, limits: MethodLimits, hidden: Sequence[Path] = ()
 ) -> Iterator[tuple[PoseEstimate, CallRecord, MethodRecord]]:
-    """Yield the estimate and the cost of each pair of a drive by a method under test, and whose they are."""
+    """Yield the estimate and the cost of each pair of a drive by a method under test, and whose they are.
+
+    It cannot read what is hidden from it: the source.
+    """
     first_ns, *later_ns = (pair.stamp_ns for pair in islice(sequence.pairs(), 2))
     step_s = next(((stamp_ns - first_ns) / NS_PER_S for stamp_ns in later_ns if stamp_ns > first_ns), DEFAULT_STEP_S)
-    with IsolatedMethod(method, sequence.rig, T_ds_rb, limits, {"rate_hz": 1.0 / step_s}) as localiser:
+    setup = {"rate_hz": 1.0 / step_s}
+    with IsolatedMethod(method, sequence.rig, T_ds_rb, limits, setup, hidden) as localiser:
         for pair in sequence.pairs():
             estimate, call = localiser.localise(pair, {"since_start_s": (pair.stamp_ns - first_ns) / NS_PER_S})
             cost = _cost(call.usage, estimate.state)
@@ -209,14 +213,18 @@ def map_pairs(sequence: NavSequence, config: MappingConfig, progress: Progress =
 
 
 def map_pairs_with(
-    method: Method, sequence: NavSequence, limits: MethodLimits, progress: Progress = lambda done: None
+    method: Method,
+    sequence: NavSequence,
+    limits: MethodLimits,
+    progress: Progress = lambda done: None,
+    hidden: Sequence[Path] = (),
 ) -> tuple[MapRun, MethodRecord]:
-    """Map the pairs of a source by a method under test; return the map and whose it is."""
+    """Map the pairs of a source by a method under test, which cannot read what is hidden; return map and method."""
     _check_count(sequence)
     maps: list[PairMap] = []
     records: list[CallRecord] = []
     searched = search_range(sequence.rig, MappingConfig()).count
-    with IsolatedMethod(method, sequence.rig, limits=limits, setup={"disparities": searched}) as mapper:
+    with IsolatedMethod(method, sequence.rig, limits=limits, setup={"disparities": searched}, hidden=hidden) as mapper:
         if mapper.maps_sets:
             maps, fused, call = mapper.map_set(list(sequence.pairs()))
             progress(len(maps))

