@@ -267,7 +267,7 @@ def score_run(
     others = [method for method in methods if method.kind is not MethodKind.BUILT_IN]  # beside ours it is under test
     method = run.method or next(iter([*others, *methods]), None)
     usage = next((item.processes for item in run.stats if item.processes is not None), None)
-    warnings += _of_process(method, usage)
+    warnings += () if method is None else _of_process(method, usage)
     score = Score(
         method=method,
         processes=usage,
@@ -300,9 +300,9 @@ def score_run(
     return replace(score, verdicts=judged, warnings=tuple(warnings))
 
 
-def _of_process(method: MethodRecord | None, usage: ProcessUsage | None) -> Iterator[str]:
+def _of_process(method: MethodRecord, usage: ProcessUsage | None) -> Iterator[str]:
     """Yield what is to be told of a method's process."""
-    if method is not None and "not " in (method.isolation or ""):
+    if "not " in (method.isolation or ""):
         yield f"method {method.name} was not shut in, it may have read what it liked: {method.isolation}"
     between_s = 0.0 if usage is None or usage.cpu_between_s is None else usage.cpu_between_s
     if usage is not None and between_s > max(BETWEEN_SHARE * usage.cpu_s, BETWEEN_S):
