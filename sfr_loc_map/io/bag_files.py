@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.inputs import check_regular, refusing
+from sfr_loc_map.inputs import check_regular, read_text, refusing
 
 STORAGE_SUFFIXES = (".mcap", ".db3")
 ROS1_MAGIC = b"#ROSBAG"
@@ -42,11 +43,18 @@ def reader_paths(path: Path) -> list[Path]:
     for file in files:
         with refusing(f"bag '{file}' cannot be read", "give a .mcap, .db3 or .bag file"):
             check_regular(file)
-    if not path.is_dir() or (path / "metadata.yaml").exists():
+    metadata = path / "metadata.yaml"
+    if not path.is_dir() or (metadata.exists() and not (files and _is_mixed(metadata))):
         return [path]
     if not files:
         raise InputError(f"folder '{path}' is not a bag: neither metadata.yaml nor a .mcap or .db3 file is in it")
     return files
+
+
+def _is_mixed(metadata: Path) -> bool:
+    """Tell whether a bag has topics that are not of ROS 2, for which the library refuses the folder, not the files."""
+    formats = re.findall(r"^ *serialization_format: *[\"']?(\w*)", read_text(metadata), re.MULTILINE)
+    return not {"cdr", ""}.issuperset(formats)
 
 
 def is_unfinished(path: Path) -> bool:

@@ -16,10 +16,10 @@ from typing import Any, TypeAlias
 
 from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 from rosbags import rosbag1
-from rosbags.interfaces import Connection
+from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat
 from rosbags.rosbag1.reader import ChunkInfo, decompressors
 from rosbags.rosbag1.reader import ReaderError as Ros1Error
-from rosbags.rosbag2 import Reader
+from rosbags.rosbag2 import Reader, storage_mcap
 from rosbags.rosbag2.errors import ReaderError
 from rosbags.rosbag2.reader import DirectoryReader
 from rosbags.rosbag2.storage_mcap import DECOMPRESSORS, McapReader, decompress
@@ -36,6 +36,7 @@ else:
 HEADER, CHUNK, DATA_END = 0x01, 0x06, 0x0F  #: Opcodes of mcap.
 RECORD_HEAD = 9  #: Opcode and length of a record of mcap.
 NEVER = 2**63 - 1
+CDR = "cdr"  #: How messages of ROS 2 are written; a file may have channels of other kinds, which are left out.
 METADATA = "rosbag2_bagfile_information"
 OLD_TYPES = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}  #: Older names of types of ROS 1 that are read.
 _ROS1, _ROS2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_JAZZY)
@@ -78,11 +79,23 @@ decompressors.update(
 )
 
 
+def _definition(schema: Any, read: Callable[[Any], MessageDefinition] = storage_mcap.get_msgdef) -> MessageDefinition:  # noqa: ANN401
+    """Return the definition of a schema; of one that is not of ROS (protobuf, JSON) none, where the library raises."""
+    try:
+        return read(schema)
+    except KeyError:
+        return MessageDefinition(MessageDefinitionFormat.NONE, "")
+
+
+storage_mcap.get_msgdef = _definition
+
+
 class _BoundedMcapReader(McapReader):
     """Reads a file whose chunks fit the memory, also where their times overlap: these are unpacked at the same time."""
 
     def _open(self) -> None:
         super()._open()
+        self.connections = [each for each in self.connections if getattr(each.ext, "serialization_format", "") == CDR]
         edges = [(c.message_start_time, c.uncompressed_size) for c in self.chunks]
         edges += [(c.message_end_time, -c.uncompressed_size) for c in self.chunks]
         at_once, limit = 0, max([2 * expansion_limit(0), *(c.uncompressed_size for c in self.chunks)])

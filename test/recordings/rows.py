@@ -315,14 +315,18 @@ def colmap(folder: Path, drive: Drive) -> Made:
     return Made(without_info(folder, drive, raw=False), place)
 
 
-@row(0.01, "rectified images with exact intrinsics")
-def rig_json(folder: Path, drive: Drive) -> Made:
+def write_rig(folder: Path, drive: Drive) -> Path:
     rig, file = drive.rig, folder / "rig.json"
     assert rig.T_rb_sb is not None
     values = {name: getattr(rig, name) for name in ("width", "height", "fx", "fy", "cx", "cy", "baseline_m")}
     mounted = {"translation_m": rig.T_rb_sb.translation.tolist(), "quat_xyzw": rig.T_rb_sb.quat_xyzw.tolist()}
     file.write_text(json.dumps(values | {"T_rb_locsb": mounted}))
-    return Made(without_info(folder, drive, raw=False), file)
+    return file
+
+
+@row(0.01, "rectified images with exact intrinsics")
+def rig_json(folder: Path, drive: Drive) -> Made:
+    return Made(without_info(folder, drive, raw=False), write_rig(folder, drive))
 
 
 def in_one_image(folder: Path, drive: Drive, join: Callable[[Sequence[Any]], Any]) -> Path:
@@ -336,8 +340,7 @@ def in_one_image(folder: Path, drive: Drive, join: Callable[[Sequence[Any]], Any
 
 for _name, _join in {"side_by_side": np.hstack, "top_bottom": np.vstack}.items():
     row(0.01, "the same grey images")(
-        lambda folder, drive, join=_join: Made(in_one_image(folder, drive, join), rig_json(folder, drive).calibration),
-        _name,
+        lambda folder, drive, join=_join: Made(in_one_image(folder, drive, join), write_rig(folder, drive)), _name
     )
 
 
