@@ -22,13 +22,14 @@ from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.pose_convention import PoseConvention
 from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.inputs import COMMIT, hash_arrays, hash_path, read_text
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.cloud_file import SUFFIXES as CLOUD_SUFFIXES
 from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud
 from sfr_loc_map.io.trajectory_file import ANNOUNCED, LoadedTrajectory, read_trajectory_file
+from sfr_loc_map.io.truth import TruthConfig, read_truth
 from sfr_loc_map.metrics.aligned_error import aligned_errors
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.calls import ScoredCalls, parts_of, score_calls, score_target, with_external
@@ -51,6 +52,7 @@ from sfr_loc_map.metrics.score import (
     TargetRecord,
     TargetScore,
     TimingScore,
+    TruthRecord,
 )
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.pipeline.call_stats import CallStats, load_call_stats
@@ -64,6 +66,7 @@ TARGET_FILE, TARGET_RESULTS = "target.json", ("estimate.csv", "cloud_0.ply")
 TARGET_SCHEMA = "sfr-target/1"
 FEW_TRUE_POSES = 0.5  #: Below so many true poses an image it is said that frames count true poses.
 BETWEEN_SHARE, BETWEEN_S = 0.5, 0.2  #: Processor time between calls from which it is said.
+MAX_EXCESS = 0.05  #: Share of the path of a truth that may be noise without a word.
 IN_MEMORY = "(in memory)"  #: Path of an input that is no file.
 NO_TRUTH = "'{}' has no true poses (groundtruth.csv, ground_truth/odometry): give a source with truth"
 
@@ -81,6 +84,7 @@ class ScoreInputs:
     target_name: str = ""  #: Name of the target.
     target_run: str | None = None  #: Which run its calls are of, where it is not that of the estimate.
     target_about: Path | None = None  #: What the target says of itself (`target.json`).
+    truth_config: TruthConfig | None = None  #: Where the truth is and what it is of; None: as its source says.
     limits: Path | None = None  #: File of the limits, for provenance.
     command: str | None = None  #: Command that scores them, for provenance.
 
@@ -222,6 +226,7 @@ def score_run(
         if mode is AssociationMode.MATCH and whole.truth_poses < FEW_TRUE_POSES * many:
             few = f"the truth has {whole.truth_poses} poses for {many} {what}: frames and spacing count true "
             warnings += [f"{few}poses; sfr score --frames images interpolates the truth to every image"]
+        warnings += [] if (about := parts["trajectory"].truth) is None else truth_warnings(about)
         incomplete = incomplete or whole.incomplete
         if aligned is not None:
             parts["aligned"] = aligned_errors(estimate, drive.truth, aligned)
@@ -261,6 +266,8 @@ def score_run(
             places = [item for item in (path / "groundtruth.csv", path / "loc" / "groundtruth.csv") if item.is_file()]
             path = places[0] if places else path
         files[name] = InputFile(path=str(path), sha256=hash_path(path), data_sha256=data.get(name))
+    if drive is not None and isinstance(drive.truth, Truth) and "truth" in files:
+        files["truth"] = replace(files["truth"], read_from=drive.truth.read_from or None)
     for name, sha256 in run.in_memory.items():
         files[name] = InputFile(path=IN_MEMORY, sha256=sha256, data_sha256=data.get(name))
     methods = [item.method for item in run.stats if item.method is not None]
@@ -310,6 +317,24 @@ def _of_process(method: MethodRecord, usage: ProcessUsage | None) -> Iterator[st
         yield f"the method works between its calls: {told}; no time of a call has them"
 
 
+def truth_warnings(about: TruthRecord) -> list[str]:
+    """Return what a score by this truth does not hold."""
+    said = []
+    if not about.attitude:
+        said += [
+            "the truth has positions alone: attitude and heading errors are not known; the estimate was turned by "
+            f"{about.yaw_deg or 0.0:.3g} deg about z and moved to fit it over the drive, so that heading errors from "
+            "before a sub-trajectory count in its position error (chord errors need no fit)"
+        ]
+    if about.path_excess is not None and about.path_excess > MAX_EXCESS:
+        said += [
+            f"the noise of the truth ({about.sigma_m:.3g} m) lengthens its path by about "
+            f"{100.0 * about.path_excess:.3g} %: a sub-trajectory distance=METRES ends too early; give "
+            "displacement=METRES, or a smoothed truth"
+        ]
+    return said
+
+
 def _scored_target(run: Run, calls: CallStats) -> TargetScore:
     """Return the score of the calls on a target."""
     name, about = run.inputs.target_name or "target", run.about
@@ -348,15 +373,15 @@ def load_run(
         stamps_ns = None if loaded.cloud is None else loaded.cloud.pair_stamps_ns
         run = replace(run, cloud=ScoredCloud(loaded, load_map_truth(inputs.map_truth, stamps_ns)))
 
-    in_memory, place, loc = Path(IN_MEMORY), inputs.truth, None
+    in_memory, place, loc, given = Path(IN_MEMORY), inputs.truth, None, inputs.truth_config
     if place is None and truth is not None:
         true = LoadedTrajectory(in_memory, truth)
     elif place is None:
         return run
-    elif is_bag(place):
-        true, loc = LoadedTrajectory(place, load_truth(place)), cameras_of(place)
+    elif is_bag(place) or (given is not None and given.source):
+        true, loc = LoadedTrajectory(place, read_truth(place, given or TruthConfig())), cameras_of(place)
     elif place.is_file():
-        true = read_trajectory_file(place)
+        true = read_trajectory_file(place, "" if given is None else given.columns)
     else:
         from sfr_loc_map.io.registry import open_source  # files of trajectories need no images
 
@@ -382,6 +407,8 @@ def load_run(
             estimates = estimates_of(found.trajectory, known)
     if true.by_index:
         true = true.with_stamps_of(found)
+    if given is not None:
+        true = replace(true, trajectory=given.applied(true.trajectory, read_from=true.text))
     notes = tuple(item.text for item in (found, true) if item.format in ANNOUNCED)
     rig, images = None, None
     if loc is not None:
@@ -431,18 +458,7 @@ def estimates_of(trajectory: Trajectory, stats: Sequence[CallStats] = ()) -> Est
 
 def load_truth(path: Path) -> Trajectory:
     """Read true poses of RB in DS from a trajectory file, a bag or a data set folder."""
-    if path.is_file() and not is_bag(path):
-        return read_trajectory_file(path).trajectory
-    if is_bag(path):
-        from sfr_loc_map.io.bag import GROUND_TRUTH, Bag, read_trajectory
-
-        truth = read_trajectory(Bag(path), GROUND_TRUTH)
-    else:
-        loc = _open_source(path).loc
-        truth = None if loc is None else loc.ground_truth
-    if truth is None or not len(truth):
-        raise InputError(NO_TRUTH.format(path))
-    return truth
+    return read_truth(path)
 
 
 def cameras_of(truth: Path) -> LocSequence | None:

@@ -24,7 +24,7 @@ from sfr_loc_map.metrics.score_json import from_json, to_plain
 from sfr_loc_map.report.limit_bars import share_of
 from sfr_loc_map.report.plots import Plot
 from sfr_loc_map.report.score_figures import error_sizes, parts_of, score_figures
-from sfr_loc_map.report.score_tables import glossary, limit_name, limit_unit, score_tables
+from sfr_loc_map.report.score_tables import EXACT, glossary, limit_name, limit_unit, score_tables, truth_text
 from sfr_loc_map.report.tables import METRE, OPEN, PERCENT, SHARE, UNKNOWN, VERDICTS, Table, fitting, number, to_html
 
 if TYPE_CHECKING:
@@ -283,9 +283,11 @@ def _worth_a_look(score: Score) -> Iterator[LookFirst]:
             yield _of_limit(item, f"There is not enough data to judge it by its limit{count_text}.")
     for condition in () if part is None else part.conditions:
         if condition.nees is not None and condition.nees.pose.consistent is False:
-            mean = number(condition.nees.pose.mean)
-            why = f"Over {condition.condition} the normalised squared error (NEES) is {mean} in place of 6."
-            yield LookFirst("the covariance of the odometry", why)
+            mean, low = condition.nees.pose.mean or 0.0, (condition.nees.pose.interval95 or (0.0, 0.0))[0]
+            why = f"Over {condition.condition} the normalised squared error (NEES) is {number(mean)} in place of 6. "
+            why += "" if part is None else truth_text(part) or EXACT
+            size = "large" if mean < low else "small"
+            yield LookFirst(f"the covariance of the odometry, which is too {size}", why.strip())
     met = [item for item in score.verdicts if item.state is VerdictState.PASS]
     if met:
         item = max(met, key=_use_of_limit)

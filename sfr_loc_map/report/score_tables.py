@@ -21,6 +21,7 @@ from sfr_loc_map.metrics.score import (
     Statistic,
     TargetScore,
     TimingScore,
+    TrajectoryScore,
 )
 from sfr_loc_map.report.tables import (
     ABSENT,
@@ -52,10 +53,13 @@ SUMMARY = (
 """Tables of the terminal; the verdicts stand last, where they are seen."""
 HOST = "host"  #: First word of the name of a clock of this machine.
 UNTOLD = "not told"
+EXACT = "The truth is taken as exact; --truth-sigma-m and --truth-sigma-deg state its noise."
 NO_INTERVAL = (
     "Only mean + 3 sigma over sub-trajectories has an interval, where two of them or more are independent; without one "
     "nothing is certain (-)."
 )
+FITTED = "position error, yaw and translation fitted,"
+"""How the position error is called where the truth has no attitudes."""
 STATISTIC = {"mean": "mean", "sigma": "sigma", "mean_plus_3sigma": "mean + 3 sigma"}
 READINGS = {
     Rebase.POSE: "the whole pose at the start is taken away, then poses are compared",
@@ -73,6 +77,8 @@ TERMS: Mapping[str, str] = {
     "position error": "estimated less true position at the end, as a vector; the mean is the length of the mean vector",
     "attitude error": "angle between the estimated and the true attitude at the end of a sub-trajectory",
     "heading error": "estimated less true heading (about the vertical) at the end, with its sign",
+    "chord error": "straight distance from start to end of a sub-trajectory, estimated less true: needs no attitudes",
+    "fitted": "one turn about the vertical and one move of the whole estimate, as the truth has positions alone",
     "mean + 3 sigma": "size of the mean plus three standard deviations: what the specification limits",
     "95 % interval": "range that holds the true mean + 3 sigma in 95 of 100 such drives",
     "not enough data": "the figure is not defined, or made of fewer values than the limits ask for",
@@ -243,12 +249,19 @@ def headline_table(score: Score) -> Table | None:
     note = "Statistic: the one that is limited, else mean + 3 sigma. n: sub-trajectories, map points or calls. "
     note += f"{NO_INTERVAL} "
     for key, condition in keyed_conditions(score):
-        for name, unit in (("position", METRE), ("attitude", DEGREE), ("heading", DEGREE)):
-            figure, title = f"{name}_{unit.symbol}", f"{name} error over {condition.condition}"
+        names = {"position": METRE, "chord": METRE, "attitude": DEGREE, "heading": DEGREE}
+        if condition.rebase is not Rebase.YAW_ALIGNED and not limits_on(score, "chord_m", condition.condition):
+            del names["chord"]
+        for name, unit in names.items():
+            fitted = name == "position" and condition.rebase is Rebase.YAW_ALIGNED
+            figure, title = (
+                f"{name}_{unit.symbol}",
+                f"{FITTED if fitted else f'{name} error'} over {condition.condition}",
+            )
             shown.append((title, unit, getattr(condition, figure), f"{key}.{figure}", _count(condition, key)))
     if part is not None:
         note += f"{part.matched} frames of {part.estimate_poses} estimates, {part.lost} lost, "
-        note += f"{part.degraded} degraded; re-based by {part.first.rebase}. "
+        note += f"{part.degraded} degraded; re-based by {part.first.rebase.replace('_', ' ')}. {truth_text(part)}"
     if (error := map_error(score.map)) is not None:
         shown.append((error.title, METRE, error.value, error.key, _count(error.value, error.key)))
     for kind, calls in () if score.timing is None else score.timing.kinds():
@@ -414,7 +427,24 @@ def _consistency_table(score: Score) -> Table:
     note = "Above the interval the estimated sigma is too small (errors are larger than it says), below it too large. "
     note += "n: sub-trajectories that share no frame, or points of blocks far apart. Sigma of a map point assumes "
     note += "baseline, focal length and yaw as exact as mapping.calibration states: no pair can show them."
+    note += "" if score.trajectory is None else f" {truth_text(score.trajectory) or EXACT}"
     return Table("consistency", "Consistency of the estimated uncertainty (NEES)", columns, tuple(rows), note)
+
+
+def truth_text(part: TrajectoryScore) -> str:
+    """Return what is known of a truth that has noise, or positions alone; nothing of any other."""
+    about, said = part.truth, []
+    if about is None:
+        return ""
+    if about.sigma_m or about.sigma_deg:
+        sigmas = ((about.sigma_m, "m"), (about.sigma_deg, "deg"))
+        named = ", ".join(f"{number(value)} {unit}" for value, unit in sigmas if value)
+        said.append(f"Noise of the truth: {named} (standard deviation along an axis), counted in NEES. ")
+    if not about.attitude:
+        said.append("The truth has positions alone")
+        said += [f" of a point at {', '.join(map(number, about.lever_arm_m))} m in RB"] * bool(about.lever_arm_m)
+        said.append(f": the estimate was turned by {number(about.yaw_deg)} deg and moved to it. ")
+    return "".join(said)
 
 
 def _association_table(score: Score) -> Table | None:
