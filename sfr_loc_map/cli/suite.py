@@ -138,7 +138,7 @@ def report(
 
 @app.command(
     epilog=examples("sfr suite compare runs/before runs/after --html comparison.html"),
-    hint="sfr history DIR...    # the first change that made it worse",
+    hint="sfr history DIR...    # when it became worse, and where",
 )
 def compare(
     first: Annotated[Path, typer.Argument(metavar="A", help="Folder of the suite that is the reference.")],
@@ -161,27 +161,32 @@ def compare(
 
 
 @root.command(
-    epilog=examples("sfr history runs/2026-01 runs/2026-02 runs/2026-03 --html history.html"),
-    hint="sfr suite compare A B    # two of these suites in full",
+    epilog=examples("sfr history nights/* --html history.html", "sfr history nights/* --bisect ./try_commit.sh"),
+    hint="sfr suite compare A B    # two of these nights in full",
 )
 def history(
     folders: Annotated[list[Path], typer.Argument(metavar="DIR", help="Folders of suites, in the order of time.")],
     output: OutputOptions,
+    bisect: Annotated[
+        str | None, typer.Option(metavar="CMD", help="Run `git bisect` here with this command: docs/suites.md.")
+    ] = None,
 ) -> None:
-    """Find the first suite that is certainly worse than what was before; exit code 1 if there is one."""
-    from sfr_loc_map.suite.comparison import HistoryRun, find_changes
+    """Find the nights at which figures changed, and the drives; exit code 1 if one is worse and stayed so."""
+    from sfr_loc_map.suite.history import Night, find_changes, find_commit
     from sfr_loc_map.suite.page import render_history
-    from sfr_loc_map.suite.summary import summarise
     from sfr_loc_map.suite.tables import history_tables
 
     output.check()
-    result = find_changes([HistoryRun.of(str(folder), summarise(_open_store(folder))) for folder in folders])
+    result = find_changes([Night.read(folder) for folder in folders])
     if output.html is not None:
         write_text(render_history(result), output.html)
     show(json.dumps(result.to_dict(), allow_nan=False) + "\n", output.json_path, history_tables(result))
-    if result.first_worse:
-        found = "; ".join(f"{kind}: {run}" for kind, run in result.first_worse.items())
-        raise FailedVerdictError(f"certainly worse than before: {found}")
+    for change in result.worse if bisect else ():
+        say(f"{change.figure}: first bad commit {find_commit(change, str(bisect), Path())}")
+    for change in result.worse:
+        say(change.text, err=True)
+    if result.worse:
+        raise FailedVerdictError(f"{len(result.worse)} figures became worse and stayed so: each is named above")
 
 
 def _open_store(folder: Path) -> Store:

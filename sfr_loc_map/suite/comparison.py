@@ -4,53 +4,30 @@ A figure is compared by the mean of its log ratios over the drives, with a sign-
 good, each log ratio is as likely positive as negative, so the mean is compared with its distribution over all choices
 of signs (Fisher 1935; exact for few drives, drawn for many). No distribution of the errors is assumed, and one bad
 drive decides nothing.
-
-In a history each run is compared with a baseline: the first run, later the last run that was certainly better. So a
-slow decline adds up instead of hiding in small steps.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
 
 import numpy as np
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.comparison import Outcome
-from sfr_loc_map.metrics.config import CallKind
-from sfr_loc_map.metrics.limits import value_at
 from sfr_loc_map.metrics.score import Interval, Score
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.metrics.statistics import holm
+from sfr_loc_map.suite.figures import FigureKind, FigureName, figures_of
 from sfr_loc_map.suite.summary import ScoredJob, Summary, drawn_weights
 
 SIGNIFICANCE = 0.05
-HISTORY_LEVEL = 0.01
-"""Largest probability of a false alarm in a whole history; shared by all runs and figures (Bonferroni)."""
-MIN_RATIO = 1.01  #: In a history less than one per cent is no finding, however certain.
 EXACT_DRIVES = 14
 DRAWS, MAX_DRAWS = 20000, 200000
 ENOUGH_EXCEEDED = 10
 SEED = 20260202
 MIN_TESTED = 6  #: With fewer drives no choice of signs has a probability under 0.03.
-
-
-class FigureKind(StrEnum):
-    """What a figure is about."""
-
-    ACCURACY = "accuracy"
-    MEMORY = "memory"
-
-
-@dataclass(frozen=True, slots=True, order=True)
-class FigureName:
-    """A figure, smaller is better: what it is about, and its name with unit, such as `position over 5 m, m`."""
-
-    kind: FigureKind
-    name: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,7 +43,7 @@ class DriveRatio:
 class FigureComparison:
     """One figure over the drives that two runs have in common; below 1 the other is better."""
 
-    runs: str  #: Task, configuration and faults; in a history the name of the run.
+    runs: str  #: Task, configuration and faults.
     baseline: str  #: Name of the run that it is compared with.
     kind: FigureKind
     figure: str  #: Name with unit.
@@ -74,7 +51,7 @@ class FigureComparison:
     ratio: float  #: Geometric mean over the drives of other over first.
     ci95: Interval | None  #: 95 % interval of the ratio, by resampling drives.
     p: float | None  #: Probability of such a ratio by chance (sign-flip test).
-    p_corrected: float | None  #: The same, corrected for the number of comparisons (Holm); not in a history.
+    p_corrected: float | None  #: The same, corrected for the number of comparisons (Holm).
     outcome: Outcome
     worst: DriveRatio  #: Drive with the largest ratio.
 
@@ -93,33 +70,6 @@ class SuiteComparison:
         return {"schema": "sfr-suite-comparison/1", **to_plain(self)}
 
 
-@dataclass(frozen=True, slots=True)
-class HistoryRun:
-    """One suite of a history: its name, and the figures of its drives by what they have in common with others."""
-
-    name: str
-    figures: Mapping[str, Mapping[FigureName, float]]
-
-    @classmethod
-    def of(cls, name: str, summary: Summary) -> HistoryRun:
-        """Return the run that a suite is."""
-        return cls(name, {key: figures_of(drive.score) for key, drive in _by_pairing(summary)[0].items()})
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class History:
-    """Runs in their order."""
-
-    runs: tuple[str, ...]  #: Names of the runs.
-    level: float  #: Level of one comparison.
-    points: tuple[FigureComparison, ...]  #: By figure and run, from the second run on.
-    first_worse: Mapping[str, str]  #: The first run of each kind of figure that is certainly worse, by kind.
-
-    def to_dict(self) -> dict[str, object]:
-        """Return it as JSON values."""
-        return {"schema": "sfr-history/1", **to_plain(self)}
-
-
 def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> SuiteComparison:
     """Return the comparison of two suites, of which the first is the reference; MetricsError if no drive is in both."""
     mine, theirs = _by_pairing(first, other)
@@ -130,8 +80,8 @@ def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> Su
         )
     pairs: dict[tuple[str, FigureName], list[DriveRatio]] = {}
     for drive, same in common:
-        others, runs = figures_of(same.score), ", ".join(part for part in drive.runs if part)
-        for name, value in figures_of(drive.score).items():
+        others, runs = compared_figures(same.score), ", ".join(part for part in drive.runs if part)
+        for name, value in compared_figures(drive.score).items():
             if name in others:
                 ratio = DriveRatio(label=drive.job.label, first=value, other=others[name])
                 pairs.setdefault((runs, name), []).append(ratio)
@@ -145,6 +95,12 @@ def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> Su
     return SuiteComparison(names=names, common=len(common), left_out=left_out, figures=tuple(judged))
 
 
+def compared_figures(score: Score) -> dict[FigureName, float]:
+    """Return the figures that are compared as ratios; times depend on what else the host did."""
+    kinds = (FigureKind.ACCURACY, FigureKind.MEMORY)
+    return {name: value for name, value in figures_of(score).items() if name.kind in kinds}
+
+
 def _by_pairing(*suites: Summary) -> list[dict[str, ScoredJob]]:
     """Return the drives of each suite by what they share with others; a name of the only configuration is no part."""
     one = all(len({drive.job.configuration for drive in suite.drives}) == 1 for suite in suites)
@@ -152,43 +108,6 @@ def _by_pairing(*suites: Summary) -> list[dict[str, ScoredJob]]:
         {drive.job.pairing + ("" if one else f" {drive.job.configuration}"): drive for drive in suite.drives}
         for suite in suites
     ]
-
-
-def find_changes(runs: Sequence[HistoryRun]) -> History:
-    """Return how the figures changed over runs in the order of time; MetricsError for fewer than two."""
-    if len(runs) < 2:
-        raise MetricsError(f"a history needs two suites or more, found {len(runs)}: give several folders")
-    names = sorted({name for run in runs for figures in run.figures.values() for name in figures})
-    level = HISTORY_LEVEL / max(1, len(names) * (len(runs) - 1))
-    points = [point for name in names for point in _points(name, runs, level)]
-    order = [run.name for run in runs]
-    worse: dict[str, str] = {}
-    for point in sorted(points, key=lambda item: order.index(item.runs)):
-        if point.outcome is Outcome.WORSE:
-            worse.setdefault(point.kind.value, point.runs)
-    return History(runs=tuple(order), level=level, points=tuple(points), first_worse=worse)
-
-
-def _points(name: FigureName, runs: Sequence[HistoryRun], level: float) -> Iterator[FigureComparison]:
-    """Yield one figure of each run after the first beside its baseline."""
-    baseline = runs[0]
-    for run in runs[1:]:
-        pairs = [
-            DriveRatio(label=key, first=baseline.figures[key][name], other=figures[name])
-            for key, figures in run.figures.items()
-            if name in figures and name in baseline.figures.get(key, {})
-        ]
-        if not pairs:
-            continue
-        point = _compared(name, run.name, baseline.name, pairs)
-        # where nothing could be found at this level, even if all drives agreed, there is not enough data
-        smallest = 2.0 ** (1 - len(pairs)) if len(pairs) <= EXACT_DRIVES else 1.0 / (1 + MAX_DRAWS)
-        outcome = _outcome(point, None if smallest > level else point.p, level)
-        if outcome in (Outcome.BETTER, Outcome.WORSE) and 1.0 / MIN_RATIO < point.ratio < MIN_RATIO:
-            outcome = Outcome.NO_DIFFERENCE
-        yield replace(point, outcome=outcome)
-        if outcome is Outcome.BETTER:
-            baseline = run
 
 
 def _compared(name: FigureName, runs: str, baseline: str, pairs: Sequence[DriveRatio]) -> FigureComparison:
@@ -218,22 +137,6 @@ def _outcome(item: FigureComparison, p: float | None, level: float) -> Outcome:
     if p >= level:
         return Outcome.NO_DIFFERENCE
     return Outcome.WORSE if item.ratio > 1.0 else Outcome.BETTER
-
-
-def figures_of(score: Score) -> dict[FigureName, float]:
-    """Return the figures of a score that are defined and positive; times depend on what else the host did."""
-    found: dict[FigureName, float | None] = {}
-    for part in () if score.trajectory is None else score.trajectory.conditions:
-        for error, unit in (("position", "m"), ("attitude", "deg"), ("heading", "deg")):
-            name = FigureName(FigureKind.ACCURACY, f"{error} over {part.condition.label}, {unit}")
-            found[name] = getattr(part, f"{error}_{unit}").mean_plus_3sigma
-    point_error = value_at(score, "map.errors.point_error_m.mean_plus_3sigma")
-    found[FigureName(FigureKind.ACCURACY, "map point error, m")] = point_error
-    coverage = value_at(score, "map.coverage")
-    found[FigureName(FigureKind.ACCURACY, "map not covered, share")] = None if coverage is None else 1.0 - coverage
-    for kind in (CallKind.LOCALISATION, CallKind.MAPPING):
-        found[FigureName(FigureKind.MEMORY, f"{kind} peak, bytes")] = value_at(score, f"memory.{kind}.peak_bytes")
-    return {name: value for name, value in found.items() if value is not None and value > 0.0}
 
 
 def sign_flip_p(log_ratios: FloatArray) -> float | None:

@@ -11,8 +11,8 @@ from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.score_json import json_line, to_plain
 from sfr_loc_map.report.page import render_overview, render_page
-from sfr_loc_map.report.plots import Column, Plot, axis, error_bars, error_scale, largest, marks, scaled
-from sfr_loc_map.suite.comparison import History
+from sfr_loc_map.report.plots import Column, Plot, axis, error_scale, largest, marks, scaled
+from sfr_loc_map.suite.history import History
 from sfr_loc_map.suite.store import Store
 from sfr_loc_map.suite.summary import ScoredJob, Summary
 from sfr_loc_map.suite.tables import PAGES, history_tables, linked, suite_tables
@@ -85,25 +85,17 @@ def _error_plots(summary: Summary, driven: Sequence[tuple[int, ScoredJob]]) -> l
 
 def render_history(history: History) -> str:
     """Return the page of a history as HTML."""
-    worse = "; ".join(f"{kind}: {run}" for kind, run in history.first_worse.items())
+    worse = [change.text for change in history.worse]
     state = VerdictState.FAIL if worse else VerdictState.PASS
-    text = f"First that is certainly worse: {worse}." if worse else "No run is certainly worse than its baseline."
-    figures = list(dict.fromkeys(point.figure for point in history.points))
-    plots = [_history_plot(number, name, history) for number, name in enumerate(figures)]
+    text = "; ".join(worse) or "No figure is certainly worse than before."
+    plots = [_history_plot(number, name, values) for number, (name, values) in enumerate(history.figures.items())]
     return render_overview("History of suites", state, text, history_tables(history), [("Figures", plots)])
 
 
-def _history_plot(number: int, figure: str, history: History) -> Plot:
-    points = [point for point in history.points if point.figure == figure]
-    bounds = [point.ci95 or (point.ratio, point.ratio) for point in points]
-    low, high = (
-        scaled([abs(bound[side] - point.ratio) for bound, point in zip(bounds, points, strict=True)], 1.0)
-        for side in (0, 1)
-    )
-    trace = marks("over baseline", _columns([(history.runs.index(it.runs), it.ratio) for it in points]), "@one")
-    trace["error_y"] = error_bars(high, low)
-    layout = {"xaxis": axis("run, in the order of the table", dtick=1), "yaxis": axis("over baseline")}
-    return Plot(f"history-{number}", figure, "Geometric mean over the drives, 95 % interval.", [trace], layout)
+def _history_plot(number: int, figure: str, values: Sequence[float | None]) -> Plot:
+    trace = marks("all drives", _columns([*enumerate(values, 1)]), "@one")
+    layout = {"xaxis": axis("night", dtick=None), "yaxis": axis(figure)}
+    return Plot(f"history-{number}", figure, "Mean over the drives; geometric but for counts.", [trace], layout)
 
 
 def _columns(rows: Sequence[tuple[int, float | None]], factor: float = 1.0) -> list[Column]:

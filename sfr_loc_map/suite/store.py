@@ -40,6 +40,8 @@ class JobFailure:
     source: str  #: Place of its source.
     cause: FailureCause
     message: str
+    configuration: str = ""
+    pairing: str = ""  #: What it has in common with the same job of other suites.
 
 
 class Store:
@@ -135,7 +137,9 @@ class Store:
             failed.unlink(missing_ok=True)
             return
         assert outcome.cause is not None
-        failure = JobFailure(job.key, job.label, job.source.path, outcome.cause, outcome.message)
+        failure = JobFailure(
+            job.key, job.label, job.source.path, outcome.cause, outcome.message, job.configuration, job.pairing
+        )
         with atomic_path(failed) as temporary:
             temporary.write_text(json_line(failure), encoding="utf-8")
 

@@ -35,6 +35,7 @@ from sfr_loc_map.metrics.score import ConditionScore, Interval, IntervalStatisti
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.metrics.statistics import student_quantile
 from sfr_loc_map.suite.cluster import WorkerRecord
+from sfr_loc_map.suite.figures import figures_of
 from sfr_loc_map.suite.job import Job
 from sfr_loc_map.suite.specification import Refusal
 from sfr_loc_map.suite.store import JobFailure, Store
@@ -151,7 +152,9 @@ class Summary:
         }
         drives = [
             drive.names()
-            | {"file": f"results/{drive.job.key}.json", "verdicts": to_plain(drive.score.verdicts)}
+            | {"path": drive.job.source.path, "pairing": drive.job.pairing, "file": f"results/{drive.job.key}.json"}
+            | {"figures": [[*to_plain(name).values(), value] for name, value in figures_of(drive.score).items()]}
+            | {"verdicts": to_plain(drive.score.verdicts)}
             | {
                 name: to_plain(value)
                 for name in ("incomplete", "contradiction", "findings")

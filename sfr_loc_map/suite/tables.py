@@ -21,7 +21,8 @@ from sfr_loc_map.report.tables import (
     Table,
     Unit,
 )
-from sfr_loc_map.suite.comparison import History, SuiteComparison
+from sfr_loc_map.suite.comparison import SuiteComparison
+from sfr_loc_map.suite.history import MIN_REFERENCE, History
 from sfr_loc_map.suite.job import NO_CONFIGURATION, SHORT_KEY
 from sfr_loc_map.suite.summary import ScoredJob, Summary
 
@@ -117,12 +118,17 @@ COMPARISON: Columns = (
     ("at", WORDS, "worst.label"),
 )
 HISTORY: Columns = (
-    ("figure", HEAD, "figure"),
-    ("run", WORDS, "runs"),
-    ("baseline", WORDS, "baseline"),
-    *RATIO,
+    ("since", HEAD, "night"),
+    ("commits", WORDS, "range"),
+    ("figure", WORDS, "figure"),
     ("is", WORDS, "outcome"),
+    ("drives", WORDS, "which"),
+    ("before", NONE, "before"),
+    ("after", NONE, "after"),
+    ("found", WORDS, "found"),
+    ("see", WORDS, "command"),
 )
+NAMED = 5  #: Drives of a change that are named in a table.
 
 
 def _table(name: str, title: str, columns: Columns, rows: Iterable[Mapping[str, Any]], note: str = "") -> Table:
@@ -231,6 +237,16 @@ def comparison_tables(result: SuiteComparison) -> list[Table]:
 
 
 def history_tables(history: History) -> list[Table]:
-    """Return the table of a history: every figure of every run beside its baseline."""
-    note = f"Certain: p below {history.level:.2g}, so that a history without a change gives an alarm once in 100 times."
-    return [_table("history", "Runs beside their baseline", HISTORY, map(to_plain, history.points), note)]
+    """Return the table of a history: every change of a figure."""
+    note = (
+        f"Nights: {len(history.nights)}. Before and after: means over the drives named. A night without a change gives "
+        f"an alarm once in {history.alarm:g} nights at most."
+    )
+    if len(history.nights) <= MIN_REFERENCE:
+        note += f" Of fewer than {MIN_REFERENCE + 1} nights only a change of most drives is found."
+    rows: list[dict[str, Any]] = []
+    for change in history.changes:
+        named = ", ".join(change.drives[:NAMED]) + (", ..." if len(change.drives) > NAMED else "")
+        which = f"{len(change.drives)} of {change.of}" + ("" if len(change.drives) == change.of else f": {named}")
+        rows.append(to_plain(change) | {"range": change.range, "which": which, "command": change.command})
+    return [_table("history", "Changes" if rows else "No figure changed", HISTORY, rows, note)]

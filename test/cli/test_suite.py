@@ -109,7 +109,7 @@ def test_two_suites_and_their_history(sfr: Sfr, serial: Path, tmp_path: Path) ->
     assert {item["outcome"] for item in figures if item["kind"] == "accuracy"} == {"equal"}
     page = tmp_path / "history.html"
     assert sfr("history", serial, serial, "--html", page).code == 0
-    assert "No run is certainly worse" in page.read_text()
+    assert "No figure is certainly worse" in page.read_text()
 
 
 @pytest.mark.slow

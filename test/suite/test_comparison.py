@@ -1,4 +1,4 @@
-"""Suites compared: paired by drive, decided over all of them. Drives of histories are drawn from simulated errors."""
+"""Suites compared: paired by drive, decided over all of them."""
 
 from __future__ import annotations
 
@@ -13,12 +13,10 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.metrics.comparison import Outcome
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.statistics import holm
-from sfr_loc_map.suite.comparison import FigureKind, FigureName, HistoryRun, compare_suites, find_changes, sign_flip_p
+from sfr_loc_map.suite.comparison import compare_suites, sign_flip_p
 from sfr_loc_map.suite.summary import ScoredJob, Summary
 
 POSITION = "position over 1 m, m"
-FIGURE = FigureName(FigureKind.ACCURACY, "position over 5 m, m")
-DRIVES, ROWS = 20, 30
 
 
 def scaled(score: Score, factor: float) -> Score:
@@ -77,60 +75,6 @@ def test_drives_of_one_suite_only_are_counted(score: Score) -> None:
     assert next(item for item in both.figures if item.figure == POSITION).outcome is Outcome.NOT_ENOUGH_DATA
     with pytest.raises(MetricsError, match="no drive in common"):
         compare_suites(summary(score, {"x": 1.0}), summary(score, {"y": 1.0}), ("a", "b"))
-
-
-def errors(rng: np.random.Generator) -> np.ndarray:
-    """Return errors `(drive, sub-trajectory, axis)`: drives differ, neighbours share most of their error."""
-    size = np.exp(rng.normal(np.log(0.003), 0.4, (DRIVES, 1, 1)))
-    steps = rng.normal(size=(DRIVES, ROWS + 4, 3))
-    return size * np.stack([steps[:, k : k + ROWS] for k in range(5)]).sum(axis=0) / np.sqrt(5.0)
-
-
-def run_of(name: str, rows: np.ndarray) -> HistoryRun:
-    figure = np.linalg.norm(rows.mean(axis=1), axis=1) + 3.0 * np.linalg.norm(rows.std(axis=1, ddof=1), axis=1)
-    return HistoryRun(name, {str(n): {FIGURE: float(value)} for n, value in enumerate(figure)})
-
-
-def changed(rng: np.random.Generator, rows: np.ndarray, factor: float) -> np.ndarray:
-    """Return the errors of other code: each differs by a tenth of the typical error of its drive, by chance."""
-    scatter = 0.1 * rows.std(axis=(1, 2), keepdims=True)
-    return factor * (rows + rng.normal(size=rows.shape) * scatter)
-
-
-@pytest.mark.parametrize(("factor", "seed", "least", "most"), [(1.0, 1, 0, 1), (1.1, 2, 95, 100)])
-def test_ten_per_cent_more_error_is_found_and_seldom_an_error_that_is_none(
-    factor: float, seed: int, least: int, most: int
-) -> None:
-    found = 0
-    for trial in range(100):
-        rng = np.random.default_rng([seed, trial])
-        rows = errors(rng)
-        runs = [run_of("before", rows), run_of("after", changed(rng, rows, factor))]
-        found += find_changes(runs).first_worse == {"accuracy": "after"}
-    assert least <= found <= most
-
-
-def test_the_first_worse_run_is_named_and_a_better_one_is_the_new_baseline() -> None:
-    rng = np.random.default_rng(3)
-    rows = errors(rng)
-    factors = {"a": 1.0, "b": 1.0, "c": 0.8, "d": 0.92, "e": 1.3}
-    history = find_changes([run_of(name, factor * rows) for name, factor in factors.items()])
-    by_run = {point.runs: point for point in history.points}
-    assert [by_run[name].outcome for name in "bcde"] == [*(Outcome.EQUAL, Outcome.BETTER, Outcome.WORSE, Outcome.WORSE)]
-    assert (by_run["c"].baseline, by_run["d"].baseline) == ("a", "c")
-    assert by_run["d"].ratio == pytest.approx(0.92 / 0.8)
-    assert history.first_worse == {"accuracy": "d"}
-    with pytest.raises(MetricsError, match="two suites"):
-        find_changes([run_of("a", rows)])
-
-
-@pytest.mark.parametrize(("drives", "runs", "found"), [(7, 2, False), (8, 2, True), (20, 201, True)])
-def test_what_so_few_drives_cannot_show_is_not_called_no_difference(drives: int, runs: int, found: bool) -> None:
-    rows = errors(np.random.default_rng(5))[:drives]
-    names = [str(number) for number in range(runs)]
-    factors = dict.fromkeys(names, 1.0) | {names[-1]: 1.3}
-    history = find_changes([run_of(name, factor * rows) for name, factor in factors.items()])
-    assert history.points[-1].outcome is (Outcome.WORSE if found else Outcome.NOT_ENOUGH_DATA)
 
 
 def test_exact_probability_is_that_of_all_signs() -> None:

@@ -1,0 +1,193 @@
+"""Changes of a history: the night, the figure, the drives, the commit; few of them where nothing changed."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_result import Sfr
+
+from sfr_loc_map.errors import InputError, MetricsError
+from sfr_loc_map.metrics.comparison import Outcome
+from sfr_loc_map.suite.figures import FigureKind, FigureName
+from sfr_loc_map.suite.history import (
+    ALARM,
+    MAX_FREEDOM,
+    SCALES,
+    History,
+    Night,
+    changes_of,
+    e_value,
+    find_changes,
+    find_commit,
+)
+
+DRIVES = [f"drive {number}" for number in range(45)]
+NAMES = {
+    FigureKind.ACCURACY: "position over 5 m, m",
+    FigureKind.LOST: "lost, frames",
+    FigureKind.TIME: "localisation mean, s",
+    FigureKind.NEES: "NEES over 5 m, over that expected",
+}
+
+
+def nights(count: int, seed: int = 0) -> dict[FigureKind, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    shape = (len(DRIVES), count)
+    level = np.exp(rng.normal(0.0, 0.5, (len(DRIVES), 1)))
+    return {
+        FigureKind.ACCURACY: 0.01 * level * np.exp(rng.normal(0.0, 0.03, shape)),
+        FigureKind.LOST: rng.poisson(0.5, shape) * 1.0,
+        FigureKind.TIME: 0.1 * np.exp(rng.normal(0.0, 0.02, shape) + rng.normal(0.0, 0.03, count)),
+        FigureKind.NEES: np.exp(rng.normal(0.0, 0.1, shape)),
+    }
+
+
+def found(tables: dict[FigureKind, np.ndarray], gone: tuple[int, int] | None = None) -> History:
+    """Return the changes of nights; of `gone` drives there is no result from a night on."""
+    made = []
+    for night in range(tables[FigureKind.ACCURACY].shape[1]):
+        there = DRIVES[gone[0] :] if gone and night >= gone[1] else DRIVES
+        figures = {
+            key: {FigureName(kind, NAMES[kind]): float(x[DRIVES.index(key), night]) for kind, x in tables.items()}
+            for key in there
+        }
+        labels = dict(zip(DRIVES, DRIVES, strict=True))
+        made.append(Night(f"night {night}", f"commit{night}", labels, labels, figures))
+    return find_changes(made)
+
+
+@pytest.mark.parametrize("worse", ["three drives", "one drive", "lost", "no result", "all drives", "nees"])
+def test_what_changed_at_night_13_of_20_is_named(worse: str) -> None:
+    tables, gone = nights(20), None
+    figure, drives = NAMES[FigureKind.ACCURACY], DRIVES
+    if worse == "three drives":
+        tables[FigureKind.ACCURACY][4:7, 12:] *= 5.0
+        drives = DRIVES[4:7]
+    elif worse == "one drive":
+        tables[FigureKind.ACCURACY][8, 12:] *= 10.0
+        drives = DRIVES[8:9]
+    elif worse == "all drives":
+        tables[FigureKind.ACCURACY][:, 12:] *= 1.1
+    elif worse == "lost":
+        tables[FigureKind.LOST][:, 12:] += 8.0
+        figure = NAMES[FigureKind.LOST]
+    elif worse == "nees":
+        tables[FigureKind.NEES][:, 12:] /= 3.0
+        figure = NAMES[FigureKind.NEES]
+    else:
+        gone, figure, drives = (15, 12), "drives without a result, share", DRIVES[:15]
+    history = found(tables, gone)
+    (change,) = history.worse
+    assert (change.figure, change.night, change.commits) == (figure, "night 12", ("commit11", "commit12"))
+    assert set(change.drives) == set(drives) or len(change.drives) > 0.9 * len(drives) == 0.9 * len(DRIVES)
+    assert change.command == "sfr suite compare night 11 night 12"
+    if worse == "three drives":
+        assert change.after / change.before == pytest.approx(5.0, rel=0.05)
+    if worse == "nees":
+        assert change.after < change.before, "a covariance that is too large is no better than one that is too small"
+
+
+def test_slower_calls_need_more_nights_since_nights_differ() -> None:
+    tables = nights(200)
+    tables[FigureKind.TIME][:, 100:] *= 1.3
+    (change,) = found(tables).worse
+    assert (change.figure, change.night) == (NAMES[FigureKind.TIME], "night 100")
+
+
+def test_what_was_mended_is_closed_and_the_new_level_is_the_reference() -> None:
+    tables = nights(60)
+    tables[FigureKind.ACCURACY][:, 20:40] *= 1.5
+    history = found(tables)
+    assert [(item.outcome, item.night) for item in history.changes] == [
+        (Outcome.WORSE, "night 20"), (Outcome.BETTER, "night 40"),
+    ]  # fmt: skip
+    assert not history.worse
+
+
+def test_false_alarms_do_not_grow_with_the_history() -> None:
+    scale, alarms = SCALES[FigureKind.ACCURACY], np.zeros(2, int)
+    for seed in range(30):
+        rng = np.random.default_rng([7, seed])
+        x = rng.standard_t(5, (20, 400)) * 0.1 + rng.normal(0.0, 0.05, 400)
+        for change in changes_of(x, scale, ALARM):
+            alarms[change.found // 200] += 1
+    assert alarms.max() <= 12, "200 nights of 30 histories are 16 years"
+
+
+def test_the_evidence_is_an_e_value() -> None:
+    rng, n0, n1 = np.random.default_rng(3), 12, 2
+    x = rng.normal(size=(400_000, n0 + n1))
+    before, after = x[:, :n0], x[:, n0:]
+    squares = n0 * before.var(axis=1) + n1 * after.var(axis=1)
+    freedom = np.full(len(x), n0 + n1 - 2.0)
+    counts = np.full(len(x), float(n0)), np.full(len(x), float(n1))
+    values = e_value(after.mean(axis=1) - before.mean(axis=1), squares / freedom, *counts, freedom)
+    assert freedom[0] > MAX_FREEDOM, "lighter tails than it takes: an expectation below one"
+    assert 0.2 < values.mean() < 1.0
+    for level in (10.0, 100.0):
+        assert np.mean(values >= level) <= 1.0 / level
+
+
+def test_few_nights_are_judged_by_the_scatter_of_drives() -> None:
+    tables = nights(4)
+    tables[FigureKind.ACCURACY][:, 2:] *= 1.3
+    tables[FigureKind.TIME][:, 2:] *= 1.3
+    (change,) = found(tables).worse
+    assert (change.kind, change.night) == (FigureKind.ACCURACY, "night 2"), "two hosts may differ in speed"
+    with pytest.raises(MetricsError, match="two suites"):
+        find_changes([Night("a", None, {}, {}, {})])
+
+
+def written(folder: Path, commits: list[str], tables: dict[FigureKind, np.ndarray]) -> list[Path]:
+    """Write the `suite.json` of nights."""
+    for night, commit in enumerate(commits):
+        drives = [
+            {
+                "label": key, "path": f"/data/{key}", "pairing": key, "configuration": "default",
+                "figures": [[kind.value, NAMES[kind], float(x[number, night])] for kind, x in tables.items()],
+            }
+            for number, key in enumerate(DRIVES)
+        ]  # fmt: skip
+        (folder / f"night{night:02}").mkdir()
+        content = {"git": {"commit": commit}, "drives": drives, "failures": []}
+        (folder / f"night{night:02}" / "suite.json").write_text(json.dumps(content))
+    return sorted(folder.glob("night*"))
+
+
+def test_bisect_finds_the_commit_on_the_drives_that_changed(
+    sfr: Sfr, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    repository = tmp_path / "code"
+    repository.mkdir()
+    git = ["git", "-c", "user.name=a", "-c", "user.email=a@b.example", "-c", "commit.gpgsign=false"]
+
+    def run(*arguments: str) -> str:
+        return subprocess.run([*git, *arguments], cwd=repository, check=True, capture_output=True, text=True).stdout
+
+    run("init", "-q")
+    commits = []
+    for number in range(8):
+        (repository / "gain").write_text(f"{1 if number < 5 else 2}\n{number}\n")
+        run("add", ".")
+        run("commit", "-qm", f"change {number}")
+        commits.append(run("rev-parse", "HEAD").strip())
+    tables = nights(20)
+    tables[FigureKind.ACCURACY][3:5, 12:] *= 6.0
+    folders = written(tmp_path, [commits[0]] * 12 + [f"{commits[7]}-dirty"] * 8, tables)
+    monkeypatch.chdir(repository)
+    command = f'echo "$SFR_DRIVES" > {tmp_path}/drives; test "$(head -1 gain)" = 1'
+    done = sfr("history", *folders, "--bisect", command)
+    assert done.code == 1
+    assert f"first bad commit {commits[5]} change 5" in done.out
+    assert f"since {folders[12]} ({commits[0][:9]}..{commits[7][:9]})" in done.err
+    assert (tmp_path / "drives").read_text().split("\n")[:2] == ["/data/drive 3", "/data/drive 4"]
+    assert run("rev-parse", "HEAD").strip() == commits[7]
+    (change,) = find_changes([Night.read(folder) for folder in folders]).worse
+    (repository / "gain").write_text("mine")
+    with pytest.raises(InputError, match="clean checkout"):
+        find_commit(change, "true", repository)
+    assert sfr("history", *folders, "--json", "-").out.startswith('{"schema": "sfr-history/2"')
