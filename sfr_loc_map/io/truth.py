@@ -36,16 +36,9 @@ WGS84_M, WGS84_FLATTENING = 6_378_137.0, 1.0 / 298.257223563
 
 
 @dataclass(frozen=True, slots=True)
-class TruthConfig:
-    """Where the truth is and what it is of."""
+class TrackedBody:
+    """What the poses of a truth are of, and how good they are."""
 
-    source: str = param("", doc="Topic of the bag, or file, with the truth; empty: as the source has it.")
-    frame: str = param(
-        "", doc="Frame whose poses on /tf are the truth, as CHILD (in the root of its tree) or PARENT:CHILD."
-    )
-    columns: str = param(
-        "", doc="Columns of a csv as NAME=HEADER[UNIT] with commas between, of t, x, y, z, qx, qy, qz, qw."
-    )
     lever_arm_m: tuple[float, ...] = param(
         NO_LEVER, unit="m", doc="Position of the tracked body (prism, antenna, marker) in RB.", low=-100.0, high=100.0
     )
@@ -74,11 +67,15 @@ class TruthConfig:
         if abs(float(np.linalg.norm(self.lever_quat_xyzw)) - 1.0) > 1e-2:
             raise ConfigError(f"truth.lever_quat_xyzw is {self.lever_quat_xyzw}: a unit quaternion is needed")
 
-    def applied(self, poses: Trajectory, covariance: FloatArray | None = None, read_from: str = "") -> Truth:
-        """Return poses of the tracked body as the truth of RB; `covariance`: `(N, 6, 6)`, NaN or 0 where not known."""
-        variances = np.full((len(poses), 6), np.nan)
-        if covariance is not None:
-            variances = np.diagonal(covariance, axis1=1, axis2=2)
+    def applied(self, poses: Trajectory, variances: FloatArray | None = None, read_from: str = "") -> Truth:
+        """Return poses of the tracked body as the truth of RB; `variances`: `(N, 6)`, NaN or 0 where not known.
+
+        What is a truth of RB already keeps its place, and takes a standard deviation that is given.
+        """
+        if isinstance(poses, Truth):
+            return replace(poses, sigma_m=self.sigma_m or poses.sigma_m, sigma_deg=self.sigma_deg or poses.sigma_deg)
+        if variances is None:
+            variances = np.full((len(poses), 6), np.nan)
         known = (variances[:, 3:] < LOST_VARIANCE).any(axis=1) & (variances[:, 3:] >= 0.0).all(axis=1)
         told = poses.has_attitude and bool(known.any() or np.isnan(variances[:, 3:]).any())
         has_attitude = {"yes": True, "no": False}.get(self.attitude, told)
@@ -99,6 +96,22 @@ class TruthConfig:
             lever_arm_m=tuple(lever.tolist()),
             read_from=read_from,
         )
+
+
+RB_ITSELF = TrackedBody()  #: The truth is of RB, as exact as its messages say.
+
+
+@dataclass(frozen=True, slots=True)
+class TruthConfig(TrackedBody):
+    """Where the truth is and what it is of."""
+
+    source: str = param("", doc="Topic of the bag, or file, with the truth; empty: as the source has it.")
+    frame: str = param(
+        "", doc="Frame whose poses on /tf are the truth, as CHILD (in the root of its tree) or PARENT:CHILD."
+    )
+    columns: str = param(
+        "", doc="Columns of a csv as NAME=HEADER[UNIT] with commas between, of t, x, y, z, qx, qy, qz, qw."
+    )
 
 
 def sigma_of(variances: FloatArray) -> float:
@@ -149,12 +162,12 @@ def truth_of_bag(bag: Bag, config: TruthConfig = TruthConfig()) -> Truth:
         could = f"; these could be: {', '.join(others)}" if others else ""
         raise InputError(f"bag '{bag.path}' has no true poses on '{GROUND_TRUTH}': name their topic (truth){could}")
     with refusing(f"'{topic.bag_name}' of bag '{bag.path}'", "record it again"):
-        poses, covariance = TRUTH_TYPES[topic.msgtype](bag, topic)
+        poses, variances = TRUTH_TYPES[topic.msgtype](bag, topic)
     if not len(poses):
         raise InputError(f"'{topic.bag_name}' of bag '{bag.path}' has no true pose: record it again")
     check_order(poses.stamps_ns, f"'{topic.bag_name}' of bag '{bag.path}'", strict=False)
     kind = topic.msgtype.rpartition("/")[2]
-    return config.applied(poses, covariance, f"{bag.path}, {topic.bag_name} ({kind}), {len(poses)} poses")
+    return config.applied(poses, variances, f"{bag.path}, {topic.bag_name} ({kind}), {len(poses)} poses")
 
 
 def _topics_named(place: Path, source: str, remap: Mapping[str, str] | None) -> list[str]:
@@ -180,7 +193,8 @@ def _with_pose(places: str, covariance: bool) -> Callable[[Bag, Topic], Poses]:
             rows.append(_row(message.header, found))
             if covariance:
                 covariances.append(owner.covariance)
-        return _trajectory(rows), np.array(covariances, np.float64).reshape(-1, 6, 6) if covariance else None
+        variances = np.diagonal(np.reshape(covariances, (-1, 6, 6)), axis1=1, axis2=2) if covariance else None
+        return _trajectory(rows), variances
 
     return read
 
@@ -211,17 +225,16 @@ def _last_path(bag: Bag, topic: Topic) -> Poses:
 
 def _fixes(bag: Bag, topic: Topic) -> Poses:
     """Return positions east, north, up of the first fix; messages without a fix are left out."""
-    stamps, places, covariances = [], [], []
+    stamps, places, variances = [], [], []
     for _, _, message in bag.messages([topic]):
         if message.status.status > NO_FIX:
             stamps.append(message.header.stamp.sec * NS_PER_S + message.header.stamp.nanosec)
             places.append((message.latitude, message.longitude, message.altitude))
             known = np.nan if message.position_covariance_type == 0 else 1.0
-            covariances.append(known * np.asarray(message.position_covariance, np.float64).reshape(3, 3))
-    covariance = np.full((len(stamps), 6, 6), np.nan)
-    covariance[:, :3, :3] = np.reshape(covariances, (-1, 3, 3))
+            variances.append([*(known * message.position_covariance[[0, 4, 8]]), np.nan, np.nan, np.nan])
     positions = enu_m(np.array(places, np.float64).reshape(-1, 3))
-    return Trajectory(np.array(stamps, np.int64), positions, np.zeros((len(stamps), 4))), covariance
+    poses = Trajectory(np.array(stamps, np.int64), positions, np.zeros((len(stamps), 4)))
+    return poses, np.reshape(variances, (-1, 6))
 
 
 def enu_m(places: FloatArray) -> FloatArray:

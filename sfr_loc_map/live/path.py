@@ -80,6 +80,7 @@ class LivePath:
         # from there to the truth
         self._starts: deque[tuple[PathRow, Point, FloatArray | None, int, Transform]] = deque(maxlen=MAX_OPEN_STARTS)
         self._to_truth: Transform | None = None
+        self._positions_alone = False
         self._last: tuple[Point, float] | None = None
 
     def add(self, sample: PoseSample, published_s: float | None = None) -> None:
@@ -92,7 +93,9 @@ class LivePath:
         if sample.track is Track.ESTIMATE:
             self._pending.append((sample, published_s))
         elif stamp_ns > latest_ns:
-            self._truths.append((stamp_ns, Transform.from_quat(sample.position, sample.quat_xyzw)))
+            self._positions_alone = not any(sample.quat_xyzw)
+            quat = (0.0, 0.0, 0.0, 1.0) if self._positions_alone else sample.quat_xyzw
+            self._truths.append((stamp_ns, Transform.from_quat(sample.position, quat)))
         while self._pending:
             estimate, published_s = self._pending[0]
             newest_ns = self._truths[-1][0] if self._truths else estimate.stamp_ns
@@ -114,6 +117,8 @@ class LivePath:
 
     def _add_row(self, sample: PoseSample, published_s: float | None, truth: Transform | None) -> None:
         estimate, covariance = Transform.from_quat(sample.position, sample.quat_xyzw), sample.covariance
+        if truth is not None and self._positions_alone:  # the estimate is moved to it, not turned
+            truth = Transform(estimate.rotation, truth.translation)
         if truth is not None and self._to_truth is None:
             to_truth = self._to_truth = truth @ estimate.inverse()
             self.version += 1

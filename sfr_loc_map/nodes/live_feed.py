@@ -146,7 +146,7 @@ class RosFeed:
         self._node.create_subscription(kind, topic, listener, qos, event_callbacks=NO_EVENTS)
 
     def _on_odometry(self, track: updates.Track, message: Odometry, now_s: float) -> None:
-        stamp_ns, position, quat = odometry_row(message)
+        stamp_ns, position, quat = odometry_row(message, positions_alone=track is updates.Track.TRUTH)
         covariance = covariance_of(message) if track is updates.Track.ESTIMATE else None
         self._state.put(updates.PoseSample(track, stamp_ns, position, quat, now_s, covariance))
 

@@ -38,7 +38,7 @@ from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.geometry.plausibility import MAX_VARIANCE, check_image_size, is_plausible_covariance
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S
+from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, refusing
 from sfr_loc_map.io.image_codec import (
     JPEG_MAGIC,
     PNG_MAGIC,
@@ -185,12 +185,19 @@ def _twist_msg(step: StepEstimate | None) -> TwistWithCovariance:
     return TwistWithCovariance(twist=twist, covariance=covariance.reshape(36))
 
 
-def odometry_row(message: Odometry) -> tuple[int, tuple[float, float, float], tuple[float, float, float, float]]:
-    """Return stamp (ns), position (m) and quaternion (x, y, z, w) of odometry, numbers as sent."""
+def odometry_row(
+    message: Odometry, *, positions_alone: bool = False
+) -> tuple[int, tuple[float, float, float], tuple[float, float, float, float]]:
+    """Return stamp (ns), position (m) and quaternion (x, y, z, w) of odometry, numbers as sent.
+
+    A quaternion of zeros, which says that there is no attitude, is refused unless `positions_alone`.
+    """
     stamp = stamp_of(message)
-    transform_from_pose(message.pose.pose, f"odometry of stamp {stamp}")
     p, q = message.pose.pose.position, message.pose.pose.orientation
-    return stamp, (p.x, p.y, p.z), (q.x, q.y, q.z, q.w)
+    place, quat = (p.x, p.y, p.z), (q.x, q.y, q.z, q.w)
+    with refusing(f"odometry of stamp {stamp}", "correct the publisher"):
+        Transform.from_quat(place, quat if any(quat) or not positions_alone else (0.0, 0.0, 0.0, 1.0))
+    return stamp, place, quat
 
 
 def covariance_of(message: Odometry) -> FloatArray:

@@ -14,6 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
@@ -27,6 +28,7 @@ from sfr_loc_map.errors import InputError, MetricsError, SfrError
 from sfr_loc_map.inputs import MAX_TEXT_BYTES, Side, parse_json
 from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import points_image, stamp_of
+from sfr_loc_map.io.truth import TrackedBody
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.config import ScoreConfig, VerdictState
 from sfr_loc_map.metrics.limits import load_limits
@@ -95,6 +97,7 @@ class MonitorNodeConfig(NodeConfig):
     )
     input_depth: int = param(1000, unit="messages", doc="Depth of the queues of poses and calls.", low=1, high=100000)
     score: ScoreConfig = field(default_factory=ScoreConfig)
+    truth: TrackedBody = field(default_factory=TrackedBody)
 
     def queue(self) -> tuple[Overload, int]:
         """Return that every message counts, as far as there is room."""
@@ -114,7 +117,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         config = self.config
         limits = load_limits(Path(config.limits_file)) if config.limits_file else None
         load_kernels("metrics", self.get_logger().info, self.context.ok)
-        self._score = MonitorScore(config.score, limits)
+        self._score = MonitorScore(config.score, limits, config.truth)
         self._report_file = ReportFile(config.save_file)
         self._report_file.check()
         add_publisher = self.endpoints.add_publisher
@@ -189,9 +192,9 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._note(stamp_ns)
 
     def _on_truth(self, message: Odometry) -> None:
-        stamp_ns, position, quat = odometry_row(message)
+        stamp_ns, position, quat = odometry_row(message, positions_alone=True)
         self._restart_if_back("truth", stamp_ns)
-        self._score.add_truth(stamp_ns, position, quat)
+        self._score.add_truth(stamp_ns, position, quat, np.diagonal(covariance_of(message)))
         self._note(stamp_ns)
 
     def _restart_if_back(self, kind: str, stamp_ns: int) -> None:

@@ -1,7 +1,7 @@
 """The score of a run from what comes over topics, without ROS.
 
 The rows that came are kept and scored by the very functions that score files, so that a live score has the bits of the
-score of a recording. A true pose takes 64 bytes, an estimate with its covariance 240, what the localiser says of its
+score of a recording. A true pose takes 112 bytes, an estimate with its covariance 240, what the localiser says of its
 step 240, a call 230 (docs/metrics.md, "While a run goes on").
 """
 
@@ -26,6 +26,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import LOST_VARIANCE, MAX_JSON_BYTES, parse_json, read_text
 from sfr_loc_map.io.atomic import atomic_path, check_output, output_target
+from sfr_loc_map.io.truth import RB_ITSELF, TrackedBody
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, unique_rows
@@ -46,6 +47,7 @@ T = TypeVar("T")
 MAX_STAGES = 16  #: Stages whose times are kept: their names come from the network.
 MAX_KEPT = 2 * MAX_PAIRS  #: True points, poses, sets of pairs and clouds that are kept until the others come.
 POSE = [("stamp_ns", np.int64), ("position", np.float64, 3), ("quat", np.float64, 4)]
+TRUE_POSE = [*POSE, ("variances", np.float64, 6)]
 ESTIMATE = [*POSE, ("covariance", np.float64, COVARIANCE_SIZE), ("lost", np.bool_)]
 STEP = [("stamp_ns", np.int64), ("step", np.float64, STEP_SIZE), ("degraded", np.bool_), ("known", np.bool_)]
 CALL: list[Any] = [("stamp_ns", np.int64), ("seconds", np.float64), ("state", "U16"), ("peak", np.float64)]
@@ -184,15 +186,15 @@ def _keep(kept: OrderedDict[int, T], stamp_ns: int, value: T) -> None:
 class MonitorScore:
     """Collects poses, truth, clouds and calls, and scores them; `map_score` is of the last map that could be scored."""
 
-    def __init__(self, config: ScoreConfig, limits: Limits | None) -> None:
-        """Start a run, judged by limits if there are any."""
+    def __init__(self, config: ScoreConfig, limits: Limits | None, body: TrackedBody = RB_ITSELF) -> None:
+        """Start a run, judged by limits if there are any; `body` is what the true poses are of."""
         self.map_inputs = MapInputs()
-        self._config, self._limits = config, limits
+        self._config, self._limits, self._body = config, limits, body
         self.restart()
 
     def restart(self) -> None:
         """Forget everything but the inputs of maps to come."""
-        self._estimates, self._truth, self._steps = _Rows(ESTIMATE), _Rows(POSE), _Rows(STEP)
+        self._estimates, self._truth, self._steps = _Rows(ESTIMATE), _Rows(TRUE_POSE), _Rows(STEP)
         self._calls = _CallRows()
         self.map_score: ScoredMap | None = None
         self._latest_ns: dict[str, int] = {}
@@ -208,14 +210,18 @@ class MonitorScore:
     ) -> None:
         """Add an estimated pose of RB in DS, orientation and covariance `(6, 6)` in ROS order."""
         _check(stamp_ns, position, quat_xyzw)
+        if not any(quat_xyzw):
+            raise InputError(f"the estimate of stamp {stamp_ns} has no attitude: its quaternion is zero")
         lost = covariance is not None and bool((np.diagonal(covariance) >= LOST_VARIANCE).all())
         triangle = UNKNOWN_COVARIANCE if covariance is None else covariance[UPPER]
         self._estimates.add(stamp_ns, position, quat_xyzw, triangle, lost)
 
-    def add_truth(self, stamp_ns: int, position: Sequence[float], quat_xyzw: Sequence[float]) -> None:
-        """Add a true pose of RB in DS."""
+    def add_truth(
+        self, stamp_ns: int, position: Sequence[float], quat_xyzw: Sequence[float], variances: FloatArray | None = None
+    ) -> None:
+        """Add a true pose of the tracked body in DS; a quaternion of zeros: its position alone. Variances `(6,)`."""
         _check(stamp_ns, position, quat_xyzw)
-        self._truth.add(stamp_ns, position, quat_xyzw)
+        self._truth.add(stamp_ns, position, quat_xyzw, np.nan if variances is None else variances)
 
     def add_call(self, record: CallRecord) -> None:
         """Add a call, before or after its pose; calls of the mapper say which pairs a cloud is made of."""
@@ -248,7 +254,8 @@ class MonitorScore:
             parts["map"], drawn["map"] = self.map_score
         if len(self._estimates) and len(self._truth):
             rows = self._truth.all()
-            truth = Trajectory(rows["stamp_ns"], rows["position"], rows["quat"])
+            poses = Trajectory(rows["stamp_ns"], rows["position"], rows["quat"])
+            truth = self._body.applied(poses, rows["variances"])
             config = self._config.trajectory
             parts["trajectory"], drawn["trajectory"] = score_trajectory(
                 self._given_estimates(), truth, config, image_stamps_ns=image_stamps_ns, details=details, under_way=True

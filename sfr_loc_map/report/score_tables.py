@@ -250,7 +250,8 @@ def headline_table(score: Score) -> Table | None:
     note += f"{NO_INTERVAL} "
     for key, condition in keyed_conditions(score):
         names = {"position": METRE, "chord": METRE, "attitude": DEGREE, "heading": DEGREE}
-        if condition.rebase is not Rebase.YAW_ALIGNED and not limits_on(score, "chord_m", condition.condition):
+        of_chord = condition.rebase is Rebase.YAW_ALIGNED or limits_on(score, "chord_m", condition.condition)
+        if condition.chord_m is None or not of_chord:
             del names["chord"]
         for name, unit in names.items():
             fitted = name == "position" and condition.rebase is Rebase.YAW_ALIGNED

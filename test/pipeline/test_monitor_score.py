@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sfr_loc_map.errors import MetricsError
+from sfr_loc_map.errors import InputError, MetricsError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import LOST_VARIANCE
+from sfr_loc_map.io.truth import TrackedBody
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.limits import parse_limits
@@ -165,3 +166,20 @@ def test_the_report_of_a_run_before_is_kept_once(tmp_path: Path) -> None:
     ReportFile(str(path)).keep_previous()
     assert (tmp_path / "score.before.json").read_text() == report("second")
     assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_a_live_score_by_positions_alone_is_that_of_the_file() -> None:
+    """A quaternion of zeros carries that there is no attitude; an estimate that has none is refused."""
+    estimates, truth = small_drive(3)
+    body = TrackedBody((0.2, 0.1, 1.5), clock_offset_s=0.25, sigma_m=0.01)
+    shifted = Trajectory(truth.stamps_ns - 250_000_000, truth.positions, np.zeros((len(truth), 4)))
+    offline = score_trajectory(estimates, body.applied(shifted), CONFIG)
+    monitor = MonitorScore(ScoreConfig(CONFIG), None, body)
+    for name, arguments in messages_of((estimates, shifted)):
+        getattr(monitor, name)(*arguments)
+    found = in_order(monitor.result())
+    assert found.trajectory == offline.score
+    assert offline.score.first.chord_m is not None
+    assert offline.score.first.attitude_deg.mean is None
+    with pytest.raises(InputError, match="no attitude"):
+        monitor.add_estimate(1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0), None)

@@ -11,8 +11,10 @@ import yaml
 
 from sfr_loc_map.config import flatten, load_yaml
 from sfr_loc_map.geometry.pose_convention import PoseConvention
+from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.truth import TrackedBody
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import StartPose
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
@@ -80,6 +82,11 @@ def node_arguments(source: Source, options: ReplayOptions, folder: Path) -> dict
     localisation = _changed("localisation", options.localisation)
     mapping = _changed("mapping", options.mapping) | {"pairs_per_map": pairs}
     monitor = _changed("score", options.score)
+    truth = None if source.loc is None else source.loc.ground_truth
+    if isinstance(truth, Truth):  # it comes as poses of RB, or positions of a point of it
+        attitude = "auto" if truth.has_attitude else "no"
+        body = TrackedBody(truth.lever_arm_m, sigma_m=truth.sigma_m, sigma_deg=truth.sigma_deg, attitude=attitude)
+        monitor |= _changed("truth", body)
     if options.limits is not None:
         monitor["limits_file"] = str(options.limits.resolve())
     if source.loc is not None and source.loc.rig.T_rb_sb is not None:
