@@ -23,7 +23,7 @@ PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
 CAMPAIGN := PYTHONPATH=test/scenes:test/nodes $(BIN)/python test/campaign
 SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
 
-.PHONY: help demo sample test test-fast faults soak example-candidate fuzz random-faults lint types config format check docs figures traceability docs-test dist dist-test clean
+.PHONY: help demo sample test test-fast faults signals soak example-candidate fuzz random-faults lint types config format check docs figures traceability docs-test dist dist-test clean
 
 help:  ## Show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -51,6 +51,9 @@ faults: $(STAMP)  ## Inject one fault after the other into the nodes (FAULTS=); 
 
 recordings: $(STAMP)  ## Take recordings of all kinds from the bag to a verdict (RECORDINGS="zed oak_d ..."); out/recordings/recordings.md
 	PYTHONPATH=test/recordings $(BIN)/python test/recordings $(RECORDINGS)
+
+signals: $(DEV_STAMP)  ## Send signals to every long command at random times (COUNT=100): is anything lost or left
+	$(CAMPAIGN) signals $(or $(COUNT),100)
 
 soak: $(STAMP)  ## Localise and map as fast as the nodes answer, and judge the growth of their memory (MINUTES=60)
 	$(CAMPAIGN) soak $(or $(MINUTES),60)

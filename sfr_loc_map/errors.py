@@ -23,7 +23,7 @@ class ExitCode(IntEnum):
     NOT_JUDGED = 3
     """Nothing could be judged; with `--lenient` 0."""
     INTERRUPTED = 130
-    """By SIGINT or SIGTERM; what was finished is reported."""
+    """By SIGINT, SIGTERM or SIGHUP; what was finished is reported."""
 
 
 class SfrError(Exception):

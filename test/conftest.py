@@ -3,11 +3,14 @@
 import os
 import signal
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import hypothesis
 import pytest
 from cli_result import Result, Sfr
+
+from sfr_loc_map.signals import END_SIGNALS
 
 os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")  # before any message class is imported
 
@@ -42,6 +45,15 @@ def own_domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "ros_log"))
     monkeypatch.setenv(environment.PROFILE_VARIABLE, str(environment.PROFILE))
     monkeypatch.delenv("ROS_LOCALHOST_ONLY", raising=False)
+
+
+@pytest.fixture(autouse=True)
+def _signals_as_before() -> Iterator[None]:
+    """A command handles signals, and at its end ignores them."""
+    before = {number: signal.getsignal(number) for number in END_SIGNALS}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 @pytest.fixture

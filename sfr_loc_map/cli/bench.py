@@ -23,7 +23,7 @@ from sfr_loc_map.cli.options import (
 from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, progress_bar, say, show
 from sfr_loc_map.cli.verdict import check_conditions
 from sfr_loc_map.config import read_config
-from sfr_loc_map.errors import FailedVerdictError, InputError
+from sfr_loc_map.errors import FailedVerdictError, InputError, InterruptedRunError
 
 app = App(help="Methods beside each other: same input, same run, own processes. Ours with injected faults.")
 app.callback(invoke_without_command=True)(help_without_command)
@@ -178,15 +178,16 @@ def _present(result: dict[str, Any], json_path: str | None) -> None:
     from sfr_loc_map.report.benchmark_tables import benchmark_tables
 
     show(json_line(result), json_path, benchmark_tables(result))
-    if json_path == STANDARD_OUTPUT:
-        return
-    for name, reason in result["missing"].items():
+    said = {} if json_path == STANDARD_OUTPUT else result
+    for name, reason in said.get("missing", {}).items():
         say(f"left out: {name}: {reason}")
-    for name, reason in result.get("failed", {}).items():
+    for name, reason in said.get("failed", {}).items():
         say(f"failed: {name}: {reason}")
-    for name, texts in result.get("findings", {}).items():
+    for name, texts in said.get("findings", {}).items():
         more = f" (and {len(texts) - 1} more)" if len(texts) > 1 else ""
         say(f"found: {name}: {texts[0]}{more}")
+    if "interrupted" in result:
+        raise InterruptedRunError(f"interrupted: {result['interrupted']} were done, and reported")
 
 
 def _conclude(result: dict[str, Any]) -> None:

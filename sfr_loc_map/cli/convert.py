@@ -83,9 +83,9 @@ def convert(
     if layout is not None and opened.loc is not None and opened.nav is not None:
         warn(f"the mapping pairs of '{source}' are left out: the layout of {layout} has none")
     parts = (opened.loc,) if layout is not None else (opened.loc, opened.nav)
-    with room, naming(source), progress_bar("pairs") as bar:
+    with room as place, naming(source), progress_bar("pairs") as bar:
         task = bar.add_task("converting", total=sum(len(part) for part in parts if part is not None))
-        count = run(opened, destination, options, lambda done: bar.update(task, completed=done))
+        count = run(opened, place, options, lambda done: bar.update(task, completed=done))
     say(f"{count} pairs: {destination}", err=True)
     propose("sfr", "doctor", destination, why="is it complete")
 
@@ -134,8 +134,8 @@ def _convert_trajectory(
         count = convert_trajectory(poses, destination)
         propose("sfr", "score", "EST", destination, why="an estimate against these poses")
     else:
-        with output_folder(destination, overwrite=overwrite, inputs=(source,)):
-            count = convert_trajectory(poses, destination)
+        with output_folder(destination, overwrite=overwrite, inputs=(source,)) as place:
+            count = convert_trajectory(poses, place)
         propose("sfr", "doctor", destination, why="is it complete")
     say(f"{count} poses: {destination}", err=True)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from contextlib import nullcontext
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
@@ -11,9 +11,10 @@ import typer
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import MethodOptions, OverwriteOption, RemapOption, SourceArgument, StartOption, open_drive
-from sfr_loc_map.cli.output import check_outputs, check_suffix, progress_bar, say, warn
+from sfr_loc_map.cli.output import beside, check_outputs, check_suffix, progress_bar, say, warn
 from sfr_loc_map.cli.verdict import conclude_findings
 from sfr_loc_map.errors import ConfigError, InterruptedRunError, naming
+from sfr_loc_map.signals import hold
 
 if TYPE_CHECKING:
     from sfr_loc_map.localisation.estimate import PoseEstimate
@@ -72,20 +73,23 @@ def localise(
     parameters = read_config(LocalisationConfig, under_test.config if theirs is None else None, "localisation")
     sequence = open_drive(source, remap)
     done: list[tuple[PoseEstimate, CallRecord]]
-    with naming(source):
+    with ExitStack() as film, naming(source):
         first_pose = start_pose(sequence, start)
         if theirs is None:
             about = record_of_ours(Task.LOCALISATION)
-            with nullcontext(None) if video is None else track_video(video, sequence.rig) as watch:
-                done = _finished(localise_with_ours(sequence, parameters, first_pose, watch), len(sequence))
+            watch = None if video is None else film.enter_context(track_video(video, sequence.rig))
+            done = _finished(localise_with_ours(sequence, parameters, first_pose, watch), len(sequence))
         else:
             results = localise_with(theirs, sequence, first_pose.T_ds_rb, under_test.limits, [source])
             given = _finished(results, len(sequence))
             done, about = [(estimate, record) for estimate, record, _ in given], given[-1][2]
-    records = [record for _, record in done]
-    save_trajectory(output, trajectory_of(estimate for estimate, _ in done))
+        records = [record for _, record in done]
+        save_trajectory(output, trajectory_of(estimate for estimate, _ in done))
+        with beside():
+            film.close()
     if stats is not None:
-        save_stats(stats, records, about)
+        with beside():
+            save_stats(stats, records, about)
     say(f"{len(done)} poses, {states_text(records)}: {output}", err=True)
     truth = source if sequence.ground_truth is not None else "TRUTH"
     propose("sfr", "score", output, truth, *(("--stats", stats) if stats is not None else ()), why="against the truth")
@@ -108,4 +112,6 @@ def _finished(results: Iterable[R], total: int) -> list[R]:
         except KeyboardInterrupt:
             if not done:
                 raise
+        finally:
+            hold()
     return done

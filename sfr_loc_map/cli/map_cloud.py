@@ -10,9 +10,10 @@ import typer
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import MethodOptions, OverwriteOption, RemapOption, SourceArgument, open_panorama
-from sfr_loc_map.cli.output import check_outputs, check_suffix, progress_bar, say, warn
+from sfr_loc_map.cli.output import beside, check_outputs, check_suffix, progress_bar, say, warn
 from sfr_loc_map.cli.verdict import conclude_findings
-from sfr_loc_map.errors import ConfigError, naming
+from sfr_loc_map.errors import ConfigError, InterruptedRunError, naming
+from sfr_loc_map.signals import hold, stopping
 
 
 @app.command(
@@ -67,19 +68,28 @@ def map_cloud(
     if refine_poses and theirs is not None:
         raise ConfigError(f"'--refine-poses' is of our mapper: leave it out with --method {theirs.name}")
     sequence = open_panorama(source, remap)
-    with naming(source), progress_bar("pairs") as bar:
+    done = 0
+
+    def progress(count: int) -> None:
+        nonlocal done
+        done = count
+        bar.update(task, completed=done)
+
+    def stop() -> None:
+        if not done:
+            raise KeyboardInterrupt
+
+    with naming(source), progress_bar("pairs") as bar, stopping(stop) as ended:
         task = bar.add_task("mapping", total=len(sequence))
-
-        def progress(done: int) -> None:
-            bar.update(task, completed=done)
-
         if theirs is None:
-            run, about = map_pairs(sequence, parameters, progress), record_of_ours(Task.MAPPING)
+            run, about = map_pairs(sequence, parameters, progress, ended), record_of_ours(Task.MAPPING)
         else:
-            run, about = map_pairs_with(theirs, sequence, limits, progress, [source])
-    cloud = save_map(run, sequence.rig.fx, outputs)
+            run, about = map_pairs_with(theirs, sequence, limits, progress, ended, [source])
+        hold()
+    cloud = save_map(run, sequence.rig.fx, outputs, beside)
     if stats is not None:
-        save_stats(stats, run.records, about)
+        with beside():
+            save_stats(stats, run.records, about)
     for line in run.warnings:
         warn(line)
     say(f"{len(cloud)} points of {len(run.maps)} pairs: {output}", err=True)
@@ -88,4 +98,6 @@ def map_cloud(
     for path in outputs.more:
         say(str(path), err=True)
     propose("sfr", "score", output, source, why="against the truth, if the source has it")
+    if len(run.maps) < len(sequence):
+        raise InterruptedRunError(f"interrupted: {len(run.maps)} of {len(sequence)} pairs were mapped, and written")
     conclude_findings(about, run.records)

@@ -7,7 +7,6 @@ file, or a folder that holds nothing but a data set or a bag, is ever replaced.
 from __future__ import annotations
 
 import shutil
-import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,7 +17,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from sfr_loc_map.cli.app import propose
-from sfr_loc_map.errors import OutputError
+from sfr_loc_map.errors import OutputError, SfrError
 from sfr_loc_map.inputs import one_line, printable
 
 if TYPE_CHECKING:
@@ -29,6 +28,7 @@ HTML_SUFFIXES = (".html", ".htm")
 DATA_SET_NAMES = {"rig.json", "pairs.csv", "groundtruth.csv", "simulation.yaml", "metadata.yaml"}
 DATA_SET_NAMES |= {"left", "right", "truth", "masks", "loc", "nav"}  #: What is in the folders that we write as a whole.
 BAG_SUFFIXES = (".mcap", ".db3")
+FAILED_BESIDE: list[str] = []  #: What went wrong with outputs of this command beside its main one.
 
 
 def check_suffix(path: Path | None, suffixes: tuple[str, ...]) -> None:
@@ -58,30 +58,46 @@ def check_outputs(*outputs: Path | str | None, overwrite: bool, inputs: Sequence
 
 
 @contextmanager
-def output_folder(path: Path, *, overwrite: bool, inputs: Sequence[Path] = ()) -> Iterator[None]:
-    """Make room for a folder (or a bag) that the block writes as a whole.
+def output_folder(
+    path: Path, *, overwrite: bool, inputs: Sequence[Path] = (), resumable: bool = False
+) -> Iterator[Path]:
+    """Give the block the place to write a folder (or a bag) to, as a whole.
 
-    With `overwrite` what is there is moved aside, and moved back where the block leaves nothing in its place.
+    With `overwrite` what is there stays until the block has ended well, and the new takes its place in one step. What
+    is resumable is written to `.NAME.unfinished`, which stays if the block does not end well.
     """
     place = path.resolve()
     if any(place in (item.resolve(), *item.resolve().parents) for item in inputs):
         raise OutputError(f"cannot write '{path}': it is not empty, an input of this command is in it")
     if not path.exists() or (path.is_dir() and not any(path.iterdir())):
-        yield
+        yield path
         return
     what = "a folder that is not empty" if path.is_dir() else "a file"
     if not overwrite:
         raise OutputError(f"cannot write '{path}': {what} is there; remove it, choose another name or give --overwrite")
     if path.is_dir() and not all(item.name in DATA_SET_NAMES or item.suffix in BAG_SUFFIXES for item in path.iterdir()):
         raise OutputError(f"cannot write '{path}': {what} is there, no data set or bag alone; remove it yourself")
-    aside = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".before", dir=path.parent))
-    path.rename(aside / path.name)
+    from sfr_loc_map.io.atomic import atomic_path, exchange, output_target
+
+    if not resumable:
+        with atomic_path(path, any_folder=True) as temporary:
+            yield temporary
+        return
+    target = output_target(path, any_folder=True)
+    new = target.with_name(f".{target.name}.unfinished")
+    yield new
+    exchange(new, target)
+    shutil.rmtree(new) if new.is_dir() else new.unlink(missing_ok=True)
+
+
+@contextmanager
+def beside() -> Iterator[None]:
+    """Let the failure of an output beside the main one end nothing else: it is a warning, and the command exits 2."""
     try:
         yield
-    finally:
-        if not path.exists():
-            (aside / path.name).rename(path)
-        shutil.rmtree(aside)
+    except (SfrError, OSError) as error:
+        warn(str(error))
+        FAILED_BESIDE.append(str(error))
 
 
 def make_folder(path: Path, option: str) -> None:
@@ -107,7 +123,8 @@ def show(json_text: str, place: str | None, tables: Iterable[Table]) -> None:
         typer.echo(json_text, nl=False)
         return
     if place is not None:
-        write_text(json_text, Path(place))
+        with beside():
+            write_text(json_text, Path(place))
     from sfr_loc_map.report.tables import print_tables
 
     print_tables(tables)

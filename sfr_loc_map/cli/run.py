@@ -11,7 +11,7 @@ from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.live import LiveOption, LivePortOption, live_beside
 from sfr_loc_map.cli.options import NamespaceOption, OverwriteOption, require_ros
 from sfr_loc_map.cli.output import output_folder, say
-from sfr_loc_map.errors import InputError
+from sfr_loc_map.errors import InputError, OutputError
 
 ROS_ARGS = "--ros-args"
 
@@ -53,7 +53,7 @@ def run(
     live: LiveOption = False,
     live_port: LivePortOption = 8080,
 ) -> None:
-    """Run the nodes, one process each, until Ctrl-C or SIGTERM; exit 2 if one ends before."""
+    """Run the nodes, one process each, until Ctrl-C, SIGTERM or SIGHUP; exit 2 if one ends before."""
     require_ros("run")
     from sfr_loc_map.nodes.processes import node_names, run_nodes
 
@@ -86,7 +86,7 @@ def record(
     everything: Annotated[bool, typer.Option("--all", help="All topics.")] = False,
     namespace: NamespaceOption = "",
     duration: Annotated[
-        float | None, typer.Option(min=0.0, metavar="S", help="How long; by default until Ctrl-C or SIGTERM.")
+        float | None, typer.Option(min=0.0, metavar="S", help="How long; by default until Ctrl-C.")
     ] = None,
     zstd: Annotated[bool, typer.Option("--zstd", help="Compress.")] = False,
     overwrite: OverwriteOption = False,
@@ -97,8 +97,12 @@ def record(
     from sfr_loc_map.nodes.record import record as run_recorder
 
     options = RecordOptions(tuple(topics or ()), everything, namespace, duration, zstd)
-    with output_folder(out, overwrite=overwrite):
-        counts = run_recorder(out, options, lambda text: say(text, err=True))
+    with output_folder(out, overwrite=overwrite, resumable=True) as place:
+        if place != out:
+            if place.exists():
+                raise OutputError(f"'{place}' is a recording that was killed: give it a name, or remove it")
+            say(f"records into {place}, which takes the place of {out} at the end", err=True)
+        counts = run_recorder(place, options, lambda text: say(text, err=True))
     count, lost = (sum(getattr(topic, name) for topic in counts.values()) for name in ("count", "lost"))
     propose("sfr", "doctor", out, why="is it complete")
     say(f"{out}: {count} messages of {sum(topic.count > 0 for topic in counts.values())} topics, {lost} lost")

@@ -20,7 +20,7 @@ from sfr_loc_map.cli.options import (
     RebaseOption,
     SpacingOption,
 )
-from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_suffix, say, show, warn, write_text
+from sfr_loc_map.cli.output import STANDARD_OUTPUT, beside, check_suffix, say, show, warn, write_text
 from sfr_loc_map.cli.verdict import conclude
 from sfr_loc_map.errors import ConfigError
 
@@ -142,9 +142,11 @@ def score(
     result = score_run(run, config, limits, aligned)
     present(result, output.json_path, output.html)
     if junit is not None:
-        write_text(junit_of([result]), junit)
+        with beside():
+            write_text(junit_of([result]), junit)
     if points is not None and cloud is not None and run.cloud is not None:
-        save_point_errors(points, cloud, run.cloud.truths)
+        with beside():
+            save_point_errors(points, cloud, run.cloud.truths)
     if output.json_path == STANDARD_OUTPUT:
         pass  # a program reads it
     elif result.incomplete is not None:
@@ -184,7 +186,8 @@ def present(score: Score, json_path: str | None, html: Path | None) -> None:
         for item in look_first(score)[:1]:
             say(f"look at this first: {item.what}. {item.why}")
     if html is not None:
-        write_page(score, html)
+        with beside():
+            write_page(score, html)
     for finding in score.findings:
         warn(f"method {score.method.name if score.method else 'under test'}: {finding}")
     for warning in score.warnings:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -56,13 +56,14 @@ def simulate(
         values["seed"] = seed
     config = build(SimulationConfig, values, origin=str(paths[0]) if len(paths) == 2 else "settings")
     out = paths[-1]
-    room = nullcontext() if can_continue(config, out) else output_folder(out, overwrite=overwrite, inputs=paths[:-1])
-    with room, progress_bar("images") as bar:
+    room: AbstractContextManager[Path] = output_folder(out, overwrite=overwrite, inputs=paths[:-1], resumable=True)
+    with nullcontext(out) if can_continue(config, out) else room as place, progress_bar("images") as bar:
         task = bar.add_task("rendering", total=None)
         try:
-            count = run(config, out, workers, lambda done, total: bar.update(task, completed=done, total=total))
+            count = run(config, place, workers, lambda done, total: bar.update(task, completed=done, total=total))
         except KeyboardInterrupt:
-            raise InterruptedRunError("interrupted: the images so far stay; the same command continues") from None
+            text = f"interrupted: the images so far stay in '{place}'; the same command continues"
+            raise InterruptedRunError(text) from None
     say(f"{count} pairs: {out}", err=True)
     propose("sfr", "replay", out, "--start", "truth", "--out", f"{out}_result", why="through the nodes, scored")
 
@@ -107,10 +108,10 @@ def perturb(
     opened = open_source(source, {})
     total = sum(len(part) for part in (opened.loc, opened.nav) if part is not None)
     room = output_folder(destination, overwrite=overwrite, inputs=(source,))
-    with room, naming(source), progress_bar("pairs") as bar:
+    with room as place, naming(source), progress_bar("pairs") as bar:
         task = bar.add_task("injecting faults", total=total)
         changed = faulty(opened, faults, seed)
-        count = convert(changed, destination, EXACT, lambda done: bar.update(task, completed=done))
+        count = convert(changed, place, EXACT, lambda done: bar.update(task, completed=done))
     say(f"{count} of {total} pairs: {destination}", err=True)
     name = destination.stem  # of its own: estimate.csv of the source without the fault is often there already
     words = ("localise", destination, "-o", f"{name}.csv", "--stats", f"{name}.stats.csv")

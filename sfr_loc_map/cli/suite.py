@@ -18,6 +18,7 @@ from sfr_loc_map.cli.output import check_outputs, progress_bar, say, show, write
 from sfr_loc_map.cli.verdict import not_judged
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError, InterruptedRunError
 from sfr_loc_map.inputs import one_line
+from sfr_loc_map.signals import hold
 
 if TYPE_CHECKING:
     from sfr_loc_map.suite.job import Job
@@ -84,6 +85,7 @@ def run(
         except KeyboardInterrupt:
             interrupted = True
         finally:  # whatever ended it, the suite reports what it has
+            hold()
             from sfr_loc_map.suite.page import write_summary  # its imports take as long as all of the start
             from sfr_loc_map.suite.summary import summarise
 

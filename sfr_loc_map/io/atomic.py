@@ -1,12 +1,14 @@
 """Outputs that are either whole or not there: one rule for every file and folder that the suite writes.
 
 What is written lies in a hidden folder `.NAME.xxxxxxxx.part` beside the output until it is whole, and takes its name in
-one step. Only a regular file or an empty folder is replaced, of a link what it points to. The folder that a killed
-process leaves is removed by the next one that writes to the same name: processes at work hold a lock on theirs.
+one step. Only a regular file or an empty folder is replaced, of a link what it points to; a full folder if that is
+wanted. The folder that a killed process leaves is removed by the next one that writes to the same name: processes at
+work hold a lock on theirs.
 """
 
 from __future__ import annotations
 
+import ctypes
 import fcntl
 import glob
 import os
@@ -20,20 +22,50 @@ from sfr_loc_map.errors import OutputError
 from sfr_loc_map.inputs import special_kind
 
 SUFFIX = ".part"
+BEFORE = "before"  #: Name, in the hidden folder, of what is about to be replaced.
 _RANDOM = "[a-z0-9_]" * 8  #: What `tempfile` puts into names.
+_AT_FDCWD, _RENAME_EXCHANGE = -100, 2
 
 
 @contextmanager
-def atomic_path(path: Path) -> Iterator[Path]:
-    """Yield a temporary path of the same file name; it becomes `path` if the block ends well, or nothing is left."""
-    target = output_target(Path(path))
+def atomic_path(path: Path, *, any_folder: bool = False) -> Iterator[Path]:
+    """Yield a temporary path of the same file name; it becomes `path` if the block ends well, or nothing is left.
+
+    With `any_folder` a folder that is not empty is replaced.
+    """
+    target = output_target(Path(path), any_folder=any_folder)
     try:
         with _scratch(target) as scratch:
             yield scratch / target.name
-            _check_free(target)
-            os.replace(scratch / target.name, target)
+            exchange(scratch / target.name, target) if any_folder else replace(scratch / target.name, target)
     except OSError as error:
         raise _cannot_write(path, error) from error
+
+
+def replace(new: Path, target: Path) -> None:
+    """Let a new file or folder take the place of a regular file, an empty folder or nothing."""
+    _check_free(target)
+    os.replace(new, target)
+
+
+def exchange(new: Path, target: Path) -> None:
+    """Let a new file or folder take the place of what is at the target, if anything, in one step; `new` is then that.
+
+    Where the system cannot (not Linux, some file systems) it is two steps; see `_scratch` for an end between them.
+    """
+    if not target.exists():
+        os.replace(new, target)
+        return
+    call = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
+    if call is None or call(_AT_FDCWD, os.fsencode(new), _AT_FDCWD, os.fsencode(target), _RENAME_EXCHANGE):
+        before = new.with_name(BEFORE)
+        os.rename(target, before)
+        try:
+            os.rename(new, target)
+        except OSError:
+            os.rename(before, target)
+            raise
+        os.rename(before, new)
 
 
 def check_output(path: Path) -> None:
@@ -46,7 +78,7 @@ def check_output(path: Path) -> None:
         raise _cannot_write(path, error) from error
 
 
-def output_target(path: Path) -> Path:
+def output_target(path: Path, *, any_folder: bool = False) -> Path:
     """Return what is written or replaced for an output: the path, or what the link there points to."""
     if path.is_symlink():
         try:
@@ -55,16 +87,23 @@ def output_target(path: Path) -> Path:
             raise OutputError(
                 f"cannot write '{path}': it is a link to nothing; remove it or choose another name"
             ) from error
-    _check_free(path)
+    if not (any_folder and path.is_dir()):
+        _check_free(path)
     return path
 
 
 @contextmanager
 def _scratch(target: Path) -> Iterator[Path]:
-    """Yield a new, locked, hidden folder beside an output, after those that nobody holds were removed."""
+    """Yield a new, locked, hidden folder beside an output, after those that nobody holds were removed.
+
+    What one of them has of an output that is gone, which it was about to replace, is put back first.
+    """
     for name in glob.glob(f".{glob.escape(target.name)}.{_RANDOM}{SUFFIX}", root_dir=target.parent):
-        with suppress(OSError), _locked(target.parent / name, fcntl.LOCK_EX | fcntl.LOCK_NB):  # else it is at work
-            shutil.rmtree(target.parent / name, ignore_errors=True)
+        left = target.parent / name
+        with suppress(OSError), _locked(left, fcntl.LOCK_EX | fcntl.LOCK_NB):  # else it is at work
+            if (left / BEFORE).exists() and not target.exists():
+                os.rename(left / BEFORE, target)
+            shutil.rmtree(left, ignore_errors=True)
     folder = Path(tempfile.mkdtemp(prefix=f".{target.name}.", suffix=SUFFIX, dir=target.parent))
     try:
         with _locked(folder, fcntl.LOCK_SH):

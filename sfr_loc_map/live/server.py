@@ -44,6 +44,7 @@ from sfr_loc_map.inputs import parse_json
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.path import ROW_FIELDS
 from sfr_loc_map.live.state import LiveState, ReportView
+from sfr_loc_map.signals import stopping
 
 DEFAULT_HOST, DEFAULT_PORT = "127.0.0.1", 8080
 KINDS = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
@@ -481,10 +482,8 @@ async def serve_until_signal(server: LiveServer, *, open_browser: bool = False, 
         server.end()
 
     task, loop = asyncio.ensure_future(server.serve(announce)), asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        loop.add_signal_handler(number, end)
     loop.add_signal_handler(signal.SIGUSR1, run_is_over)
-    with suppress(asyncio.CancelledError):
+    with stopping(lambda: loop.call_soon_threadsafe(end)), suppress(asyncio.CancelledError):
         await task
 
 

@@ -5,7 +5,6 @@ The strings are those of the tables. A verdict and a level are told by a word an
 
 from __future__ import annotations
 
-import signal
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
@@ -40,14 +39,11 @@ class Terminal:
         self._ended = False
 
     def show(self) -> None:
-        """Draw until q is pressed; KeyboardInterrupt on SIGINT and SIGTERM. The terminal is then as it was before."""
+        """Draw until q is pressed; KeyboardInterrupt by a signal. The terminal is then as it was before."""
         console, due_s = self._console, 0.0
         with suppress(AttributeError, ValueError):  # a terminal without these signs
             console.file.reconfigure(errors="replace")  # type: ignore[attr-defined]
         with ExitStack() as stack:
-            # SIGTERM must leave the terminal as SIGINT does
-            before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-            stack.callback(signal.signal, signal.SIGTERM, before)
             keyboard, screen = None, None
             if console.is_terminal:
                 keyboard = stack.enter_context(Keyboard())

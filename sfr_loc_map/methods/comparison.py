@@ -38,6 +38,7 @@ from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.cloud_error import PairTruth, score_map
 from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
+from sfr_loc_map.signals import hold
 
 SCHEMA = "sfr-bench/1"
 OURS = "ours"  #: Name of our method in tables.
@@ -245,19 +246,27 @@ def _compared(
     repeat: int,
     progress: Callable[[], None],
 ) -> Figures:
-    """Repeat the passes; a method that has failed is left out, but ours must run."""
+    """Repeat the passes; a method that has failed is left out, but ours must run. Interrupted, those that are done."""
     runs: dict[str, list[MethodRun]] = {}
     failed: dict[str, str] = {}
-    for _ in range(repeat):
-        for method in methods:
-            if method.name in failed:
-                continue
-            try:
-                runs.setdefault(method.name, []).append(run_pass(method, given, progress))
-            except MethodError as error:
-                if method.name == OURS:
-                    raise
-                failed[method.name] = str(error)
+    interrupted = {}
+    for number, method in enumerate(list(methods) * repeat):
+        if method.name in failed:
+            continue
+        try:
+            made = run_pass(method, given, progress)
+        except MethodError as error:
+            if method.name == OURS:
+                raise
+            failed[method.name] = str(error)
+        except KeyboardInterrupt:
+            if OURS not in runs:
+                raise
+            interrupted = {"interrupted": f"{number} of {len(methods) * repeat} runs"}
+            break
+        else:
+            runs.setdefault(method.name, []).append(made)
+    hold()
     entries, findings = {}, {}
     for name, mine in runs.items():
         if name in failed:
@@ -268,7 +277,7 @@ def _compared(
             findings[name] = texts
     ours = {part: entries[OURS].get(part, {}) for part in COMPARED}
     compared = {name: ratios(ours, entry) for name, entry in entries.items() if name != OURS}
-    return {"entries": entries, "ratios": compared, "failed": failed, "findings": findings}
+    return {"entries": entries, "ratios": compared, "failed": failed, "findings": findings, **interrupted}
 
 
 def _head(kind: str, pairs: int, repeat: int) -> Figures:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import ctypes
+import fcntl
 import os
 import random
 import socket
 import sys
+import time
 from collections import deque
 from collections.abc import MutableMapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +25,8 @@ DOMAINS = 101  #: Domains 1 to 101 have ports below the ephemeral range.
 PROBED_PARTICIPANTS = 10  #: The first of a domain may have ended while others run.
 HELD_PORT = 249  #: From the first port of a domain: that of participant 119, which no program reaches.
 KEPT = 16  #: Most domains that one process holds.
+SHARED_MEMORY = Path("/dev/shm")
+SEGMENT_AGE_S = 0.1  #: Fast DDS locks a lock file microseconds after it has made it.
 _held: deque[socket.socket] = deque()
 
 
@@ -81,6 +86,20 @@ def _bind(port: int) -> socket.socket | None:
     return probe
 
 
+def remove_dead_segments() -> None:
+    """Remove the shared memory of Fast DDS, 64 MB each by our profile, whose process was killed.
+
+    Fast DDS holds the lock file of each segment (`fastrtps_ID_el`) and port (`fastrtps_portN_el`) while it uses it.
+    """
+    for lock in SHARED_MEMORY.glob("fastrtps_*_el"):
+        with suppress(OSError), lock.open("rb") as stream:  # of another user, or in use
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if time.time() - lock.stat().st_ctime > SEGMENT_AGE_S:
+                name = lock.name.removesuffix("_el")
+                for path in (lock.with_name(name), lock.with_name(f"sem.{name}_mutex"), lock):
+                    path.unlink(missing_ok=True)
+
+
 def configure_malloc() -> None:
     """Make glibc return large blocks at once and use one arena for all small ones; does nothing elsewhere.
 
@@ -102,6 +121,7 @@ def start_ros(arguments: Sequence[str] = (), *, signals: bool = False) -> None:
     from rclpy.signals import SignalHandlerOptions
 
     options: dict[str, Any] = {} if signals else {"signal_handler_options": SignalHandlerOptions.NO}
+    remove_dead_segments()
     try:
         rclpy.init(args=list(arguments), **options)
     except Exception as error:  # rclpy's classes for these share no root

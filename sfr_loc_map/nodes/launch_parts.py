@@ -75,7 +75,7 @@ def nodes(context: LaunchContext, files: dict[str, str]) -> list[Any]:
             arguments=["--ros-args", "--log-level", value("log_level")],
             respawn=respawn,
             respawn_delay=1.0,
-            on_exit=[] if respawn else [Shutdown(reason=f"{task}_node has ended")],
+            on_exit=None if respawn else [Shutdown(reason=f"{task}_node has ended")],  # an empty list ends the launch
             output="screen",
         )
         made.append(node)

@@ -15,12 +15,13 @@ from sfr_loc_map.inputs import one_line
 from sfr_loc_map.live.server import DEFAULT_HOST, DEFAULT_PORT, LiveConfig, LiveServer, serve_until_signal
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.nodes.environment import configure_malloc
+from sfr_loc_map.signals import handle_signals
 
 NICENESS = 5  #: What only looks on gives way to what it looks at: a third of the weight of other processes.
 
 
 def serve_graph(config: LiveConfig, namespace: str, end_file: Path | None = None) -> None:
-    """Serve the page of a running graph until SIGINT or SIGTERM, at a lower priority than its nodes."""
+    """Serve the page of a running graph until a signal, at a lower priority than its nodes."""
     from sfr_loc_map.nodes.live_feed import RosFeed
 
     os.nice(NICENESS)
@@ -31,6 +32,7 @@ def serve_graph(config: LiveConfig, namespace: str, end_file: Path | None = None
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the page beside a replay or the nodes; return the exit code."""
+    handle_signals()
     parser = argparse.ArgumentParser()
     parser.add_argument("--namespace", default="")
     parser.add_argument("--host", default=DEFAULT_HOST)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
-import re
 import shlex
 import shutil
 import signal
@@ -17,13 +15,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from types import FrameType
-from typing import Any
 
 from sfr_loc_map.child_process import child_environment, end_with_parent
 from sfr_loc_map.errors import ConfigError, NodeError
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.nodes import environment
+from sfr_loc_map.signals import hold, stopping
 
 TASKS = ("localisation", "mapping", "monitor")
 EVERYTHING = "all"
@@ -32,7 +29,6 @@ ESCALATION = ((signal.SIGINT, 5.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0)
 CANNOT_START = 2  #: Exit code of a node that cannot work with its arguments and settings.
 WATCH_S = 0.2
 RESTART_PAUSE_S = 1.0  #: Pause after a restart, so that a node that crashes at once does not occupy the host.
-SEGMENT_LOCK = re.compile(r"/dev/shm/fastrtps_[0-9a-f]+_el")
 
 
 class ChildProcess:
@@ -48,7 +44,6 @@ class ChildProcess:
         self.name, self.words = name, words
         self._log, self._variables = log, variables
         self._popen: subprocess.Popen[bytes] | None = None
-        self._segments: set[Path] = set()
 
     def start(self) -> None:
         """Start it, for the first time or again."""
@@ -124,28 +119,6 @@ class ChildProcess:
             self.send(signal.SIGKILL)
             self._popen.wait()
 
-    def note_segments(self) -> None:
-        """Note which segments of shared memory it has; only while it runs the system tells that.
-
-        Fast DDS holds the lock file of each of its own segments open and locked while it lives; a process that crashes
-        or is killed leaves both files behind, 64 MB each by our profile.
-        """
-        if self.is_running:
-            with suppress(OSError):
-                for entry in os.scandir(f"/proc/{self.popen.pid}/fd"):
-                    with suppress(OSError):  # closed meanwhile
-                        if SEGMENT_LOCK.fullmatch(name := os.readlink(entry.path)):
-                            self._segments.add(Path(name))
-
-    def remove_segments(self) -> None:
-        """Remove those of the noted segments that it has left; what somebody holds stays."""
-        for lock in self._segments:
-            with suppress(OSError), lock.open("rb") as stream:
-                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                lock.with_name(lock.name.removesuffix("_el")).unlink(missing_ok=True)
-                lock.unlink(missing_ok=True)
-        self._segments.clear()
-
 
 def node_process(
     module: str, arguments: Sequence[str] = (), folder: Path | None = None, variables: Mapping[str, str] | None = None
@@ -216,11 +189,12 @@ class LivePage:
             self._process.send(signal.SIGUSR1)
 
     def stay(self, words: str = "") -> None:
-        """Let it be served until Ctrl-C, SIGTERM, or its own end; say so after other words."""
+        """Let it be served until a signal or its own end; say so after other words."""
         if self._process.is_running:
             print(f"{words}the run is over; its page is served until Ctrl-C", file=sys.stderr, flush=True)
-            with suppress(KeyboardInterrupt), sigterm_as_interrupt():
-                self._process.popen.wait()
+            with suppress(KeyboardInterrupt), stopping() as ended:
+                while self._process.is_running and not ended():
+                    time.sleep(WATCH_S)
 
 
 def page_node_name(pid: int) -> str:
@@ -254,11 +228,6 @@ class Supervisor:
                 line = process.last_log_line
                 raise NodeError(f"{process.name} {process.ending}: {line}; correct that and start again")
 
-    def note_segments(self) -> None:
-        """Note the shared memory of all nodes, so that it can be removed if they crash."""
-        for process in self.processes.values():
-            process.note_segments()
-
     def restart_crashed(self) -> list[str]:
         """Start the nodes again that have crashed; return how each of them ended."""
         endings = []
@@ -267,66 +236,25 @@ class Supervisor:
                 self.check()
             if process.exit_code is not None:
                 endings.append(f"{process.name} {process.ending}")
-                process.remove_segments()
+                environment.remove_dead_segments()
                 process.start()
         return endings
 
 
 def end_processes(processes: Sequence[ChildProcess]) -> None:
-    """End processes together: SIGINT, then SIGTERM, then SIGKILL; returns when none is left, nor their memory."""
+    """End processes together: SIGINT, then SIGTERM, then SIGKILL; return when none is left, nor their memory.
+
+    It is the end of what started them, which no further signal cuts short.
+    """
+    hold()
     for number, timeout_s in ESCALATION:
         running = [process for process in processes if process.is_running]
         for process in running:
-            process.note_segments()
             process.send(number)
         deadline = time.monotonic() + timeout_s
         for process in running:
             process.wait(deadline - time.monotonic())
-    for process in processes:
-        process.remove_segments()
-
-
-@contextmanager
-def sigterm_as_interrupt() -> Iterator[None]:
-    """Turn SIGTERM into KeyboardInterrupt, so that the nodes are ended; more signals are ignored while that is done."""
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        for other in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(other, signal.SIG_IGN)
-        raise KeyboardInterrupt
-
-    before = {number: signal.signal(number, interrupt) for number in (signal.SIGTERM, signal.SIGINT)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-@contextmanager
-def first_signal_stops(stop: Callable[[], None]) -> Iterator[Callable[[], bool]]:
-    """Let the first SIGINT or SIGTERM call `stop`, so that a run ends in good order; the next one does as before.
-
-    What is given tells whether there was a signal.
-    """
-    before: dict[int, Any] = {}
-    received = []
-
-    def restore() -> None:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-    def handle(number: int, frame: FrameType | None) -> None:
-        received.append(number)
-        restore()
-        stop()
-
-    before.update({number: signal.signal(number, handle) for number in (signal.SIGTERM, signal.SIGINT)})
-    try:
-        yield lambda: bool(received)
-    finally:
-        if not received:  # otherwise that is done, and the next signal may have changed what follows it
-            restore()
+    environment.remove_dead_segments()
 
 
 def node_names(tasks: Sequence[str]) -> list[str]:
@@ -341,18 +269,17 @@ def node_names(tasks: Sequence[str]) -> list[str]:
 
 
 def run_nodes(nodes: Sequence[str], arguments: Sequence[str], say: Callable[[str], None], *, respawn: bool) -> None:
-    """Run nodes, one process each with the same arguments, until SIGINT or SIGTERM.
+    """Run nodes, one process each with the same arguments, until a signal ends them.
 
     One that crashes is started again if wanted (`say` tells so); where one ends otherwise a `NodeError` ends all.
     """
     environment.prepare()
     try:
-        with sigterm_as_interrupt(), Supervisor() as supervisor:
+        with Supervisor() as supervisor:
             for node in nodes:
                 supervisor.start(node, arguments)
             while True:
                 time.sleep(WATCH_S)
-                supervisor.note_segments()
                 if not respawn:
                     supervisor.check()
                     continue

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import signal
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -25,6 +24,7 @@ from sfr_loc_map.io.bag_writer import BagRecorder
 from sfr_loc_map.nodes import environment
 from sfr_loc_map.nodes.messages import message_type
 from sfr_loc_map.pipeline.reception import TransportGaps
+from sfr_loc_map.signals import hold, stopping
 
 CAMERAS = tuple(f"{task}/{side}" for task in ("loc", "nav") for side in SIDES)
 IMAGES = ("image_rect", "image_rect/compressed", "image_raw", "image_raw/compressed", "camera_info")
@@ -40,7 +40,6 @@ TOPICS = (
 DEPTH = 200
 DISCOVERY_S = 0.25
 FLUSH_S = 0.5
-END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +50,7 @@ class RecordOptions:
     topics: Sequence[str] = ()
     everything: bool = False  #: All topics instead, except hidden ones.
     namespace: str = ""  #: Of the rover.
-    duration_s: float | None = None  #: How long; None: until SIGINT, SIGTERM or SIGHUP.
+    duration_s: float | None = None  #: How long; None: until a signal.
     zstd: bool = False  #: Whether chunks are compressed.
 
 
@@ -74,27 +73,24 @@ def record(path: Path, options: RecordOptions, say: Callable[[str], None]) -> di
     Where no message was received no bag is left.
     """
     environment.prepare()
-    ended = []
-    before = {number: signal.signal(number, lambda number, _: ended.append(number)) for number in END_SIGNALS}
     environment.start_ros()
     try:
-        with BagRecorder(path, zstd=options.zstd) as bag:
+        with stopping() as ended, BagRecorder(path, zstd=options.zstd) as bag:
             recorder = _Recorder(bag, options, say)
             begin = flushed = time.monotonic()
-            while not ended:
+            while not ended():
                 recorder.discover()
                 now = time.monotonic()
-                while not ended and time.monotonic() - now < DISCOVERY_S:
+                while not ended() and time.monotonic() - now < DISCOVERY_S:
                     recorder.executor.spin_once(timeout_sec=DISCOVERY_S)
                 if now - flushed > FLUSH_S:
                     bag.flush()
                     flushed = now
                 if options.duration_s is not None and now - begin > options.duration_s:
                     break
+            hold()
     finally:
         try_shutdown()
-        for number, handler in before.items():
-            signal.signal(number, handler)
     if not bag.count:
         shutil.rmtree(path)
         domain = os.environ.get("ROS_DOMAIN_ID") or "0"

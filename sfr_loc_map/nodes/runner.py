@@ -21,7 +21,7 @@ from sfr_loc_map.nodes.start import SIGNALS
 
 
 def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
-    """Run one node until SIGINT or SIGTERM, which end it with 0; 2 where it cannot go on (one line says why)."""
+    """Run one node until a signal, which ends it with 0; 2 where it cannot go on (one line says why)."""
     node: Node | None = None
     has_ros_started = False
 
@@ -30,6 +30,8 @@ def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> 
         # code in a callback from C, where it is discarded, and then calls a kernel that is not loaded (SIGSEGV).
         if not has_ros_started:
             raise KeyboardInterrupt
+        if number == signal.SIGHUP:  # which ROS does not handle
+            signal.raise_signal(signal.SIGTERM)
 
     _set_handlers(interrupt)
     try:

@@ -22,6 +22,7 @@ from typing import Any
 from numba.core import event
 
 from sfr_loc_map.child_process import child_environment, end_with_parent
+from sfr_loc_map.signals import END_SIGNALS
 
 COMPILE = "numba:compile"  # event: a kernel is compiled; none for one that is loaded from the cache
 POLL_S = 0.1
@@ -72,9 +73,9 @@ def load_kernels(
 ) -> None:
     """Load all kernels of a part, so that no later call pays for it.
 
-    SIGINT and SIGTERM, where Python handles them, take effect when that is done. Kernels that had to be compiled and
-    are wanted no more end in KeyboardInterrupt: `is_wanted` says so where no exception does, as in a ROS node, and the
-    handlers of signals are then left as they are.
+    Signals that end a program take effect, where Python handles them, when that is done. Kernels that had to be
+    compiled and are wanted no more end in KeyboardInterrupt: `is_wanted` says so where no exception does, as in a ROS
+    node, and the handlers of signals are then left as they are.
     """
 
     def refuse() -> None:
@@ -131,7 +132,7 @@ def announce_compilation(say: Say) -> Iterator[None]:
 
 @contextmanager
 def _signals_deferred() -> Iterator[Callable[[], bool]]:
-    """Call Python's handlers of SIGINT and SIGTERM afterwards; yield what tells whether there was no such signal.
+    """Call Python's handlers of `END_SIGNALS` afterwards; yield what tells whether there was no such signal.
 
     numba loads compiled code in a callback from C. An exception of a handler there is discarded, and numba then calls a
     kernel that is not loaded (SIGSEGV).
@@ -139,7 +140,7 @@ def _signals_deferred() -> Iterator[Callable[[], bool]]:
     received: list[int] = []
     before: dict[int, Callable[[int, FrameType | None], Any]] = {}
     if threading.current_thread() is threading.main_thread():  # no other may set handlers, or runs them
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in END_SIGNALS:
             if callable(handler := signal.getsignal(number)):
                 before[number] = handler
                 signal.signal(number, lambda number, frame: received.append(number))

@@ -5,7 +5,8 @@ One grid, that of the topics, is in all files of an elevation model.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -50,8 +51,13 @@ class MapOutputs:
         return [*self.dem, *([self.cloud.with_suffix(".covariance.npz")] * self.covariance)]
 
 
-def save_map(run: MapRun, focal_px: float, outputs: MapOutputs) -> PointCloud:
-    """Write the files of a map, and return the cloud."""
+def save_map(
+    run: MapRun,
+    focal_px: float,
+    outputs: MapOutputs,
+    beside: Callable[[], AbstractContextManager[object]] = nullcontext,
+) -> PointCloud:
+    """Write the files of a map, and return the cloud; each of the others is written within a `beside`."""
     cloud = run.fused.cloud if outputs.fuse else run.unfused
     save_cloud(outputs.cloud, cloud)
     if not outputs.more:
@@ -59,12 +65,14 @@ def save_map(run: MapRun, focal_px: float, outputs: MapOutputs) -> PointCloud:
     T_lm_left = run.fused.T_lm_left if outputs.fuse else tuple(item.view.T_lm_left for item in run.maps)
     random_sigma = run.fused.random_sigma if outputs.fuse else run.unfused_random_sigma
     if outputs.dem:
-        load_kernels("terrain")
-        grid = elevation_grid(cloud, outputs.terrain, T_lm_left, random_sigma)
-        for path in outputs.dem:
-            save_dem(path, grid)
+        with beside():
+            load_kernels("terrain")
+            grid = elevation_grid(cloud, outputs.terrain, T_lm_left, random_sigma)
+            for path in outputs.dem:
+                with beside():
+                    save_dem(path, grid)
     if outputs.covariance:
-        with atomic_path(outputs.more[-1]) as temporary:
+        with beside(), atomic_path(outputs.more[-1]) as temporary:
             covariances = point_covariances(cloud, T_lm_left, focal_px)
             np.savez_compressed(temporary, covariance_m2=covariances, random_sigma_m=random_sigma)
     return cloud

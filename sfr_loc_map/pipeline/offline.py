@@ -5,6 +5,7 @@ The calls of `process` are those that the nodes make.
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -127,17 +128,27 @@ def track_video(path: Path, rig: StereoRig) -> Iterator[FrameObserver]:
     """Give an observer that appends an image of the tracks of each pair to a film, which is there if all ends well."""
     if path.suffix not in CODECS:
         raise OutputError(f"'{path}' is not the name of a video: give one that ends in {' or '.join(CODECS)}")
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # quiet, both: what is wrong is told in one line
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     with atomic_path(path) as temporary:
         code = cv2.VideoWriter.fourcc(*CODECS[path.suffix])
         writer = cv2.VideoWriter(str(temporary), code, FRAMES_PER_SECOND, (rig.width, rig.height + STRIP))
         if not writer.isOpened():
             raise OutputError(f"cannot write '{path}': this OpenCV has no coder {CODECS[path.suffix]}")
+        count = 0
+
+        def add(pair: StereoPair, estimate: PoseEstimate, localiser: Localiser) -> None:
+            nonlocal count
+            writer.write(draw_tracks(pair.left, localiser.last_result, estimate))
+            count += 1
+
         try:
-            yield lambda pair, estimate, localiser: writer.write(
-                draw_tracks(pair.left, localiser.last_result, estimate)
-            )
+            yield add
         finally:
             writer.release()
+        film = cv2.VideoCapture(str(temporary))  # the writer does not tell when the disk is full
+        if (found := round(film.get(cv2.CAP_PROP_FRAME_COUNT))) < count:
+            raise OutputError(f"cannot write '{path}': {max(found, 0)} of {count} frames were kept; is the disk full?")
 
 
 def states_text(records: Sequence[CallRecord]) -> str:
@@ -188,8 +199,13 @@ class MapRun:
         return [*pairs, *self.fused.warnings]
 
 
-def map_pairs(sequence: NavSequence, config: MappingConfig, progress: Progress = lambda done: None) -> MapRun:
-    """Map the pairs of a source and fuse them."""
+def map_pairs(
+    sequence: NavSequence,
+    config: MappingConfig,
+    progress: Progress = lambda done: None,
+    ended: Callable[[], bool] = lambda: False,
+) -> MapRun:
+    """Map the pairs of a source and fuse them; those that are done when it `ended`."""
     _check_count(sequence)
     mapper = Mapper(sequence.rig, config)
     load_kernels("mapping")
@@ -204,6 +220,8 @@ def map_pairs(sequence: NavSequence, config: MappingConfig, progress: Progress =
             maps.append(done)
             records.append(CallRecord(item.pair.stamp_ns, *_cost(usage, MappingState.MAPPED), done.statistics))
             progress(index + 1)
+            if ended():
+                break
         with meter.measure() as usage:
             fused = mapper.fuse(maps)
         records.append(CallRecord(maps[-1].stamp_ns, *_cost(usage, MappingState.FUSED), fused.statistics))
@@ -217,9 +235,13 @@ def map_pairs_with(
     sequence: NavSequence,
     limits: MethodLimits,
     progress: Progress = lambda done: None,
+    ended: Callable[[], bool] = lambda: False,
     hidden: Sequence[Path] = (),
 ) -> tuple[MapRun, MethodRecord]:
-    """Map the pairs of a source by a method under test, which cannot read what is hidden; return map and method."""
+    """Map the pairs of a source by a method under test, which cannot read what is hidden; return map and method.
+
+    `ended` is as of `map_pairs`.
+    """
     _check_count(sequence)
     maps: list[PairMap] = []
     records: list[CallRecord] = []
@@ -238,6 +260,8 @@ def map_pairs_with(
             cost = _cost(call.usage, MappingState.MAPPED)
             records.append(CallRecord(stamp_ns, *cost, done.statistics, finding=call.finding))
             progress(index + 1)
+            if ended():
+                break
         fused, fusion = mapper.fuse(maps, item.pair)
         if fusion is not None:
             cost = _cost(fusion.usage, MappingState.FUSED)

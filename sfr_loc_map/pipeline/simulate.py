@@ -30,6 +30,7 @@ from sfr_loc_map.io.bag_writer import STORAGE_BY_SUFFIX
 from sfr_loc_map.io.folder import LOC_COLUMNS, NAV_COLUMNS, TRUTH_COLUMN, rig_json
 from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.io.trajectory_file import trajectory_text
+from sfr_loc_map.signals import kept_from_children
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.drive import Plan
 from sfr_loc_map.simulation.renderer import require_tracer
@@ -137,12 +138,14 @@ def _render(plan: Plan, out: Path, jobs: list[RenderJob], workers: int, progress
     others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(min(workers, len(jobs)), context, _prepare, (text, out))
     try:
-        for done, future in enumerate(as_completed([pool.submit(_run, job) for job in jobs]), start=1):
+        with kept_from_children():  # signals may go to a whole group; this process ends its workers
+            futures = [pool.submit(_run, job) for job in jobs]
+        for done, future in enumerate(as_completed(futures), start=1):
             future.result()
             progress(done)
     except KeyboardInterrupt:  # what a worker is at takes up to half a minute, and is made again anyway
         for worker in set(multiprocessing.active_children()) - others:
-            worker.terminate()
+            worker.kill()
         raise
     except BrokenProcessPool as error:
         raise OutputError(
@@ -158,7 +161,6 @@ _worker: tuple[World, dict[Task, Path]] | None = None
 def _prepare(text: str, out: Path, *, is_worker: bool = True) -> None:
     global _worker
     if is_worker:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
         end_with_parent(signal.SIGKILL)
     plan = Plan.make(build(SimulationConfig, yaml.safe_load(text)))
     _worker = World(plan), task_folders(plan, out)

@@ -22,6 +22,7 @@ from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.pipeline.convert import FaultyLoc
 from sfr_loc_map.pipeline.offline import localise, start_pose, trajectory_of
+from sfr_loc_map.signals import hold
 from sfr_loc_map.simulation.faults import parse_fault
 
 FAULTS = (
@@ -101,18 +102,28 @@ def benchmark_faults(
     seed: int = 0,
     progress: Callable[[], None] = lambda: None,
 ) -> dict[str, Any]:
-    """Return the localiser's figures on a drive with truth, for `none` and each fault (several: joined by `+`)."""
+    """Return the localiser's figures on a drive with truth, for `none` and each fault (several: joined by `+`).
+
+    Interrupted, those of the faults that are done.
+    """
     truth = sequence.ground_truth
     assert truth is not None
     parsed = {"none": [], **{text: [parse_fault(part) for part in text.split("+")] for text in faults}}
-    entries = {}
-    for name, injected in parsed.items():
-        drive = FaultyLoc(sequence, injected, seed)
-        made = [estimate for estimate, _ in localise(drive, config, start_pose(sequence, "truth"))]
-        entries[name] = fault_figures(made, truth, scoring)
-        progress()
+    entries: dict[str, Any] = {}
+    try:
+        for name, injected in parsed.items():
+            drive = FaultyLoc(sequence, injected, seed)
+            made = [estimate for estimate, _ in localise(drive, config, start_pose(sequence, "truth"))]
+            entries[name] = fault_figures(made, truth, scoring)
+            progress()
+    except KeyboardInterrupt:
+        if not entries:
+            raise
+    finally:
+        hold()
     head = {"schema": SCHEMA, "kind": "faults", "condition": scoring.conditions[0], "seed": seed, "limit": LIMIT}
-    return head | {"entries": entries, "missing": {}}
+    interrupted = {"interrupted": f"{len(entries)} of {len(parsed)} runs"} if len(entries) < len(parsed) else {}
+    return head | {"entries": entries, "missing": {}, **interrupted}
 
 
 def silent_faults(result: dict[str, Any]) -> list[str]:

@@ -5,5 +5,6 @@ import signal
 from sfr_loc_map.suite import job_run
 
 assert job_run  # imported now, so that the time of the first job does not count it
-# Ctrl-C goes to all processes of a terminal; the client ends the workers. Ignored signals would be inherited.
-signal.signal(signal.SIGINT, lambda *_: None)
+# These go to all processes of a terminal; the client ends the workers. Ignored signals would be inherited.
+for number in (signal.SIGINT, signal.SIGHUP):
+    signal.signal(number, lambda *_: None)

@@ -2,6 +2,7 @@
 
 python test/campaign faults [NAME ...] [--out FOLDER]    one fault after the other; FOLDER/faults.json
 python test/campaign soak [MINUTES]
+python test/campaign signals [COUNT [COMMAND ...]]
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from pathlib import Path
 
 from long_runs import soak
 from node_faults import FAULTS, Row, inject
+from signal_runs import COMMANDS, end_many
 
 from sfr_loc_map.nodes import environment
 
@@ -33,8 +35,8 @@ def inject_all(names: list[str], out: Path, scratch: Path) -> list[str]:
 def main() -> int:
     """Run a campaign."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("campaign", choices=("faults", "soak"))
-    parser.add_argument("what", nargs="*", help="names of faults (all), or minutes")
+    parser.add_argument("campaign", choices=("faults", "soak", "signals"))
+    parser.add_argument("what", nargs="*", help="names of faults (all), minutes, or a count")
     parser.add_argument("--out", type=Path, default=Path("out"))
     options = parser.parse_args()
     if options.campaign == "faults" and (unknown := sorted({*options.what} - FAULTS.keys())):
@@ -44,6 +46,9 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix="sfr_campaign.") as folder:
         if options.campaign == "faults":
             failures = inject_all(options.what or list(FAULTS), options.out, Path(folder))
+        elif options.campaign == "signals":
+            count, *names = options.what or ["100"]
+            failures = end_many(Path(folder), int(count), names=tuple(names or COMMANDS))
         else:
             failures = soak(Path(folder), *map(float, options.what))
     print(f"not as expected: {'; '.join(failures)}" if failures else "all as expected")

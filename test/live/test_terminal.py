@@ -21,6 +21,7 @@ from rich.console import Console
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.terminal import Terminal, one_line_of
 from sfr_loc_map.live.updates import Report, TimeLine
+from sfr_loc_map.signals import handle_signals
 
 BEGIN_S, COUNT = 1_700_000_000.0, 200
 END_S = BEGIN_S + 0.1 * COUNT
@@ -84,6 +85,7 @@ def on_terminal(end: Any) -> tuple[str, int]:
         for name in ("COLUMNS", "LINES"):  # which processes of pytest-xdist have
             os.environ.pop(name, None)
         sys.stdin, sys.stdout = os.fdopen(0), os.fdopen(1, "w")  # of this process, not those of the tests
+        handle_signals()
         try:
             Terminal(LiveState(), "rover1", Console(highlight=False, force_terminal=True)).show()
         except KeyboardInterrupt:
@@ -104,7 +106,7 @@ def on_terminal(end: Any) -> tuple[str, int]:
     ("end", "expected"),
     [
         (lambda _, terminal: os.write(terminal, b"q"), 0),
-        (lambda pid, _: os.kill(pid, signal.SIGTERM), 130),  # which does what SIGINT does
+        (lambda pid, _: os.kill(pid, signal.SIGHUP), 130),  # which does what SIGINT does
     ],
 )
 def test_q_and_signals_end_it_and_the_terminal_is_restored(end: Any, expected: int) -> None:

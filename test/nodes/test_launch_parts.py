@@ -107,7 +107,7 @@ def test_values_of_arguments_reach_the_nodes(described: Any, name: str, file: st
     values |= {file: str(tmp_path / "p.yaml"), "frame_prefix": "rover1/", "autostart": "false"}
     values["remaps"] = "loc/left/image_rect:=/eye/left  loc/right/image_rect:=/eye/right"
     node = described(name, **values)["Node"][0].options
-    assert (node["namespace"], node["respawn"], node["on_exit"]) == ("rover1", True, [])
+    assert (node["namespace"], node["respawn"], node["on_exit"]) == ("rover1", True, None)
     shared = {"use_sim_time": True, "autostart": False, "frame_prefix": "rover1/"}
     assert node["parameters"] == [str(tmp_path / "p.yaml"), shared]
     assert node["arguments"] == ["--ros-args", "--log-level", "debug"]

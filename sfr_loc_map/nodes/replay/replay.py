@@ -23,6 +23,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from std_srvs.srv import SetBool, Trigger
 
+from sfr_loc_map import signals
 from sfr_loc_map.errors import InputError, MappingError
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.localisation.estimate import StartPose
@@ -31,7 +32,7 @@ from sfr_loc_map.metrics.completeness import MISSING_SHARE
 from sfr_loc_map.nodes import environment
 from sfr_loc_map.nodes.extrinsics import publish_extrinsics
 from sfr_loc_map.nodes.messages import header_msg, message_type, pose_msg
-from sfr_loc_map.nodes.processes import Supervisor, first_signal_stops, sigterm_as_interrupt, user_command
+from sfr_loc_map.nodes.processes import Supervisor, user_command
 from sfr_loc_map.nodes.replay.collector import ResultCollector
 from sfr_loc_map.nodes.replay.external import external_node
 from sfr_loc_map.nodes.replay.graph_node import ANSWER_TIMEOUT_S, SPIN_S, ReplayNode
@@ -208,7 +209,7 @@ def replay(
     """Replay a source through the nodes as processes of their own.
 
     Returns what they have published in the last run that was played to its end, without one in the last that has a
-    result. The first SIGINT or SIGTERM while it plays ends it as the operator's key does.
+    result. The first signal while it plays ends it as the operator's key does.
     """
     end_s, external = check_source(source, options.offset_s), options.external
     environment.isolate()
@@ -217,7 +218,6 @@ def replay(
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="sfr-replay-")))
         os.environ.setdefault("ROS_LOG_DIR", str(folder / "log"))
-        stack.enter_context(sigterm_as_interrupt())
         supervisor = stack.enter_context(Supervisor(folder))
         for node_name, arguments in node_arguments(source, options, folder).items():
             supervisor.start(node_name, arguments)
@@ -234,14 +234,14 @@ def replay(
         if options.page is not None and not node.wait_for_page(options.page):
             say("the page is not connected yet: what is played before is missing there")
         player.wait_until_ready()
-        supervisor.note_segments()
         if keyboard.is_there:
             say(HELP)
-        with first_signal_stops(controls.stop) as interrupted:
+        with signals.stopping(controls.stop) as interrupted:
             _play(source, options, player, progress, say)
             say("collecting")
             results = player.collector.finish(_pairs_per_map(source), has_map_truth=POINTS_TOPIC in topics)
             results.interrupted = interrupted()
+            signals.hold()  # what was played is there to be scored
         if other is not None:
             other.observe(results)
         if options.page is not None:

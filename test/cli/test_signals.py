@@ -1,0 +1,82 @@
+"""Signals end a command in good order: what was finished is written, what was there stays, nothing is left."""
+
+# ruff: noqa: E402 - the paths of helpers come first
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from cli_result import Sfr
+from made_scene import write_folder
+
+sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("campaign", "nodes")]
+from processes import Process, wait_until
+from signal_runs import SFR, end_at_random
+
+from sfr_loc_map.io.registry import open_source
+
+END = [signal.SIGTERM, signal.SIGHUP, signal.SIGINT]
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_folder(tmp_path_factory.mktemp("drive") / "source", 120, 3)
+
+
+@pytest.mark.parametrize("number", END)
+def test_localise_writes_the_poses_that_were_finished(source: Path, tmp_path: Path, number: signal.Signals) -> None:
+    out, film = tmp_path / "y.csv", tmp_path / "v.avi"
+    words = ("-c", SFR, "localise", str(source), "-o", str(out), "--video", str(film))
+    with Process(tmp_path / "log", *words) as run:
+        wait_until(lambda: any(path.stat().st_size > 1e5 for path in tmp_path.glob(".v.avi.*/*")), "some frames")
+        assert run.end(number, number, pause_s=0.0) == 130, run.text
+    count = int(run.text.split(" poses, ")[0].splitlines()[-1])
+    assert 1 <= count < 120
+    assert len(out.read_text().splitlines()) == count + 1
+    assert f"{count} of 120 pairs were localised, and written" in run.text
+    assert film.stat().st_size > 1e5
+
+
+@pytest.mark.parametrize("number", [*END[:2], signal.SIGKILL])
+def test_what_is_overwritten_stays_until_the_new_one_is_whole(
+    source: Path, tmp_path: Path, sfr: Sfr, number: signal.Signals
+) -> None:
+    place = write_folder(tmp_path / "old", 5, 0)
+    with Process(tmp_path / "log", "-c", SFR, "convert", str(source), str(place), "--overwrite") as run:
+        wait_until(lambda: list(tmp_path.glob(".old.*.part/*")), "the new one")
+        assert len(open_source(place).loc or ()) == 5
+        assert run.end(number) == (130 if number is not signal.SIGKILL else -number)
+    assert len(open_source(place).loc or ()) == 5
+    assert sfr("convert", source, place, "--overwrite").code == 0
+    assert len(open_source(place).loc or ()) == 120
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["log", "old"]
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root mounts a small disk")
+def test_a_film_on_a_full_disk_costs_the_film_alone(source: Path, tmp_path: Path) -> None:
+    small, out = tmp_path / "small", tmp_path / "y.csv"
+    small.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=120k", "none", small], check=False).returncode:
+        pytest.skip("no disk can be mounted here")
+    try:
+        words = ["localise", str(source), "-o", str(out), "--video", str(small / "v.avi")]
+        done = subprocess.run([sys.executable, "-c", SFR, *words], capture_output=True, text=True, check=False)
+        assert not list(small.iterdir())
+    finally:
+        subprocess.run(["umount", small], check=True)
+    assert done.returncode == 2
+    assert len(out.read_text().splitlines()) == 121
+    assert "frames were kept; is the disk full?" in done.stderr
+    assert len(done.stderr.splitlines()) < 6
+
+
+@pytest.mark.slow
+def test_signals_at_random_times_lose_and_leave_nothing(source: Path, tmp_path: Path) -> None:
+    rng = random.Random(int.from_bytes(os.urandom(2), "big"))
+    found = [end_at_random(name, source, tmp_path / name, rng) for name in ("map", "perturb", "simulate")]
+    assert [ending for ending in found if ending.problem] == []
