@@ -8,7 +8,7 @@ import sfr_loc_map
 PACKAGE = Path(sfr_loc_map.__file__).parent
 NAME = PACKAGE.name
 FLOORS = (
-    {"__init__", "errors", "inputs", "config", "jit", "child_process"},
+    {"__init__", "errors", "inputs", "config", "jit", "child_process", "signals"},
     {"geometry"},
     {"io", "localisation", "mapping", "metrics", "simulation"},
     {"methods", "report"},
