@@ -24,6 +24,7 @@ TEST = ["hypothesis>=6.100,<7", "pytest>=8,<10", "pytest-timeout>=2.3,<3", "pyte
 LIVE = ["aiohttp>=3.10,<4"]
 FOXGLOVE = ["foxglove-sdk>=0.30,<0.40"]
 PLOT = ["matplotlib>=3.8,<4"]
+NOTEBOOK = [*PLOT, "pandas>=2.2,<4"]
 DEM = ["rasterio>=1.3,<2"]
 SUITE = ["distributed>=2025.1,<2027", "pyarrow>=17,<27", "fsspec[http]>=2025.2,<2027"]
 
@@ -115,6 +116,7 @@ setup(
         "docs": DOCS,  # the documentation site
         "dem": DEM,  # BSD-3; bundles GDAL, MIT; elevation models as GeoTIFF
         "plot": PLOT,  # PSF-like; PNG of sfr plot
+        "notebook": NOTEBOOK,  # PSF-like, BSD-3; to_pandas of trajectories and scores, and figures of their tables
         "test": TEST,
         # cyclonedds: EPL-2.0 or BSD-3; a DDS client that is not ROS, for tests
         "dev": [
@@ -123,13 +125,12 @@ setup(
             *LIVE,
             *FOXGLOVE,
             *DEM,
-            *PLOT,
+            *NOTEBOOK,
             "colcon-common-extensions>=0.3,<1",  # Apache-2.0; builds the package as a ROS workspace does, for tests
             "cyclonedds>=11,<12",
             "ipykernel>=6.29,<8",  # BSD-3; with nbclient it runs the notebook, for a test
             "mypy>=1.13,<3",
             "nbclient>=0.10,<0.12",  # BSD-3
-            "pandas>=2.2,<4",  # BSD-3; for the test of to_pandas
             "pre-commit>=4,<6",  # MIT
             "ruff>=0.8,<0.18",
             "scipy-stubs",

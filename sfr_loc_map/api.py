@@ -6,13 +6,14 @@ Every public name stands in `sfr_loc_map` itself. What goes wrong is an `SfrErro
 from __future__ import annotations
 
 import os
+import sys
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, Self, TypedDict, TypeVar, Unpack, overload
+from typing import TYPE_CHECKING, Any, Literal, Self, TypedDict, TypeVar, Unpack, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from sfr_loc_map.errors import ConfigError, InputError, MissingExtraError, namin
 from sfr_loc_map.geometry import cloud as cloud_base
 from sfr_loc_map.geometry import trajectory as trajectory_base
 from sfr_loc_map.geometry.pose_convention import PoseConvention
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S, Task, hash_arrays, printable, read_text
 from sfr_loc_map.io import registry, sequence
@@ -36,7 +38,7 @@ from sfr_loc_map.methods.registry import OURS, MethodLimits, find_method, record
 from sfr_loc_map.metrics import score as score_base
 from sfr_loc_map.metrics.config import AlignedErrorConfig, aligned_error_config, score_config
 from sfr_loc_map.metrics.limits import Limits, load_limits, parse_limits
-from sfr_loc_map.metrics.score import MethodRecord
+from sfr_loc_map.metrics.score import MethodRecord, Statistic
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.pipeline import offline
 from sfr_loc_map.pipeline.call_stats import CallRecord, CallStats, save_stats, stats_of
@@ -55,7 +57,7 @@ from sfr_loc_map.report.page import load_score, overall_of, write_page
 from sfr_loc_map.report.path_figure import curves_of, path_figure
 from sfr_loc_map.report.plots import to_figure
 from sfr_loc_map.report.score_figures import score_figures
-from sfr_loc_map.report.score_tables import score_markdown, summary_tables
+from sfr_loc_map.report.score_tables import STATISTIC, keyed_conditions, map_error, score_markdown, summary_tables
 from sfr_loc_map.report.tables import UNKNOWN, to_html
 
 if TYPE_CHECKING:
@@ -63,6 +65,7 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 C = TypeVar("C")
+CI95 = "mean_plus_3sigma_ci95"
 PathLike = str | os.PathLike[str]
 SourceLike = PathLike | sequence.Source
 Start = str | Transform | StartPose  #: Where a drive starts: `identity`, `truth`, or a pose of RB in DS.
@@ -96,7 +99,7 @@ class _Shown:
 class Trajectory(_Shown, trajectory_base.Trajectory):
     """Poses of RB in DS at stamps: `stamps_ns` `(N,)`, `positions` `(N, 3)` m, `quats_xyzw` `(N, 4)` as in ROS.
 
-    Iterating gives `(stamp_ns, pose)`.
+    Iterating and `poses[3]` give `(stamp_ns, pose)`; `poses[10:20]`, or a mask, a trajectory.
     """
 
     #: The calls that gave the poses: time, memory, state, covariance; empty for poses from elsewhere.
@@ -149,6 +152,21 @@ class Trajectory(_Shown, trajectory_base.Trajectory):
         """Yield stamp (ns) and pose `T_ds_rb` of each pose."""
         for index, stamp_ns in enumerate(self.stamps_ns.tolist()):
             yield stamp_ns, self.pose(index)
+
+    @overload
+    def __getitem__(self, key: int) -> tuple[int, Transform]: ...
+
+    @overload
+    def __getitem__(self, key: slice | Sequence[int] | NDArray[np.generic]) -> Self: ...
+
+    def __getitem__(self, key: Any) -> tuple[int, Transform] | Self:
+        """Return stamp (ns) and pose of a number; of a slice, numbers or a mask a trajectory."""
+        if isinstance(key, int | np.integer):
+            return int(self.stamps_ns[key]), self.pose(int(key))
+        rows = np.arange(len(self))[key]
+        records = [self.records[row] for row in rows] if len(self.records) == len(self) else []
+        poses = trajectory_base.Trajectory(self.stamps_ns[rows], self.positions[rows], self.quats_xyzw[rows])
+        return self.of(poses, records, self.method)
 
     def _facts(self) -> dict[str, str]:
         duration_s = float(np.ptp(self.stamps_ns)) / NS_PER_S if len(self) else 0.0
@@ -214,6 +232,16 @@ class Source(_Shown, sequence.Source):
         found = None if self.loc is None else self.loc.ground_truth
         return None if found is None or not len(found) else Trajectory.of(found)
 
+    def pairs(self) -> Iterator[StereoPair | PosedStereoPair]:
+        """Yield the pairs of the drive one by one, in grey; without a drive those for mapping, with their poses."""
+        found = self.loc if self.loc is not None else self.nav
+        return iter(()) if found is None else found.pairs()
+
+    __iter__ = pairs
+
+    def __len__(self) -> int:
+        return len(self.loc or self.nav or ())
+
     def __repr__(self) -> str:
         """Return path, format and what there is."""
         return f"Source({str(self.path)!r}, {self._facts()['holds']})"
@@ -265,6 +293,40 @@ class Score(score_base.Score):
         """Return all tables as Markdown."""
         return score_markdown(self)
 
+    def to_pandas(self, table: str = "figures") -> pandas.DataFrame:
+        """Return a pandas table: `figures`, one row a figure, or `sub_trajectories`, one row each."""
+        if table == "sub_trajectories":
+            rows = (
+                ()
+                if self.details is None or self.details.trajectory is None
+                else self.details.trajectory.sub_trajectories
+            )
+            columns = [{**vars(item), "condition": [item.condition.label] * len(item.start_frame)} for item in rows]
+            names = [name for name in (columns or [{}])[0] if name != "every"]
+            return _data_frame({name: [value for item in columns for value in item[name]] for name in names})
+        if table != "figures":
+            raise ConfigError(f"table is '{table}': must be figures or sub_trajectories")
+        found: dict[tuple[str, str], Any] = {}
+        for _, part in keyed_conditions(self):
+            values = {name: value for name, value in vars(part).items() if isinstance(value, Statistic)}
+            found |= {(part.condition.label, name): (value, part.count) for name, value in values.items()}
+        if (error := map_error(self.map)) is not None:
+            found["map", error.key.rpartition(".")[2]] = error.value, error.value.count
+        for kind, calls in () if self.timing is None else self.timing.kinds():
+            found[kind, "seconds"] = calls, calls.count
+        frame = _data_frame(
+            {
+                **{name: [getattr(value, name) for value, _ in found.values()] for name in STATISTIC},
+                **{
+                    f"ci95_{side}": [(getattr(value, CI95, None) or (None, None))[k] for value, _ in found.values()]
+                    for k, side in enumerate(("low", "high"))
+                },
+                "count": [count for _, count in found.values()],
+            }
+        )
+        frame.index = sys.modules["pandas"].MultiIndex.from_tuples(list(found), names=("of", "figure"))
+        return frame
+
     def plot(self, name: str | None = None) -> Figure:
         """Return a figure of the report, by default the first, as a plotly figure, which a notebook shows."""
         plots = {plot.name: plot for _, plots in score_figures(self) for plot in plots}
@@ -296,6 +358,7 @@ def open(source: SourceLike, remap: Mapping[str, str] | None = None) -> Source:
     """
     if isinstance(source, Source):
         return source
+    _check("source", source, sequence.Source)
     found = source if isinstance(source, sequence.Source) else registry.open_source(Path(source), remap)
     return Source(found.path, found.format, found.loc, found.nav, found.left_out)
 
@@ -430,7 +493,7 @@ def score(
     known = ScoreSettings.__annotations__
     if unknown := sorted(set(settings) - set(known)):
         raise ConfigError(f"sfr.score has no setting '{unknown[0]}': it has {', '.join(known)}")
-    convention = PoseConvention.parse(_texts(settings.get("convention", ())))
+    convention = PoseConvention.parse(_texts("convention", settings.get("convention", ())))
     correction = Correction(convention, settings.get("apply_diagnosis", False))
     low, high = settings.get("scored_range", (0.0, 10.0))
     named = {f"trajectory.{CONFIG_NAMES[name]}": value for name, value in settings.items() if name in CONFIG_NAMES}
@@ -439,7 +502,7 @@ def score(
         raise ConfigError(f"frames is '{frames}': must be truth or images")
     if frames == "images":
         named["trajectory.association.truth"] = "interpolate"
-    config = score_config(conditions and _texts(conditions), named)
+    config = score_config(conditions and _texts("conditions", conditions), named)
     files = [stats] if isinstance(stats, (str, Path)) else stats
     run = _run(estimate, truth, tuple(Path(file) for file in files), settings.get("fused"))
     if correction.is_wanted and run.drive is None:
@@ -449,12 +512,15 @@ def score(
     if isinstance(limits, Mapping):
         limits = parse_limits(limits, "limits")
     elif limits is not None and not isinstance(limits, Limits):
+        _check("limits", limits, dict)
         limits = load_limits(Path(limits))
     return Score.of(score_run(converted_run(run, config, correction), config, limits, aligned))
 
 
 def _run(estimate: Estimate, truth: Truth, stats: tuple[Path, ...], fused: bool | None) -> Run:
     """Return what there is to score: files are read as the command reads them."""
+    _check("estimate", estimate, trajectory_base.Trajectory, cloud_base.PointCloud)
+    _check("truth", truth, trajectory_base.Trajectory, sequence.Source)
     place = truth.path if isinstance(truth, sequence.Source) else truth
     if isinstance(estimate, cloud_base.PointCloud):
         if isinstance(place, trajectory_base.Trajectory):
@@ -492,9 +558,22 @@ def _named(path: Path, steps: Iterator[Step]) -> Iterator[Step]:
         yield from steps
 
 
-def _texts(items: Sequence[str]) -> Sequence[str]:
-    """Return texts; a single one is one, not its letters."""
-    return [items] if isinstance(items, str) else items
+def _texts(name: str, items: Sequence[str]) -> Sequence[str]:
+    """Return the texts of an argument; a single one is one, not its letters."""
+    texts = [items] if isinstance(items, str) else items
+    wrong = [items] if not isinstance(texts, Iterable) else [text for text in texts if not isinstance(text, str)]
+    if wrong:
+        raise ConfigError(
+            f"{name} has {wrong[0]!r:.60}: texts are needed, such as 'distance=5' or 'frame=left_optical'"
+        )
+    return texts
+
+
+def _check(name: str, value: object, *kinds: type) -> None:
+    """Raise ConfigError, which names the argument, if its value is neither a path nor of these kinds."""
+    if not isinstance(value, (str, os.PathLike, *kinds)):
+        known = " or ".join(kind.__name__ for kind in kinds)
+        raise ConfigError(f"{name} is of type {type(value).__name__}: a path or a {known} is needed")
 
 
 def _parameters(kind: type[C], config: object, section: str) -> C:
@@ -514,9 +593,9 @@ def _text(config: object) -> str:
         raise ConfigError(f"config '{config}' cannot be read ({error}): give a text file") from error
 
 
-def _data_frame(columns: Mapping[str, NDArray[np.generic]]) -> pandas.DataFrame:
+def _data_frame(columns: Mapping[str, Any]) -> pandas.DataFrame:
     try:
         import pandas
     except ImportError as error:
-        raise MissingExtraError("to_pandas() needs pandas: pip install pandas") from error
+        raise MissingExtraError("to_pandas() needs pandas: pip install 'sfr_loc_map[notebook]'") from error
     return pandas.DataFrame(dict(columns))

@@ -63,7 +63,9 @@ class Trajectory:
         return quat_conjugate(self.quats_xyzw)
 
     def pose(self, index: int) -> Transform:
-        """Return `T_ds_rb` of one pose."""
+        """Return `T_ds_rb` of one pose; GeometryError if there is no attitude."""
+        if not self.quats_xyzw[index].any():
+            raise GeometryError("the truth has positions alone, no poses: start at the identity")
         return Transform.from_quat(self.positions[index], self.quats_xyzw[index])
 
     @classmethod

@@ -132,7 +132,54 @@ def test_wrong_calls_say_what_to_do(folder: Path, cloud: suite.PointCloud) -> No
         (lambda: suite.score(folder, folder, spacin=3), "no setting 'spacin'"),  # type: ignore[call-arg]
         (lambda: suite.score(folder, folder, frames="odd"), "must be truth or images"),
         (lambda: suite.score(cloud, folder, apply_diagnosis=True), "leave them out for a cloud"),
+        (lambda: suite.score(cloud, folder, [5]), "conditions has 5: texts are needed"),  # type: ignore[list-item]
+        (lambda: suite.score(cloud, folder, 5), "conditions has 5: texts are needed"),  # type: ignore[arg-type]
+        (lambda: suite.score(3, folder), "estimate is of type int: a path or a Trajectory or PointCloud"),  # type: ignore[arg-type]
+        (lambda: suite.score(cloud, [1]), "truth is of type list"),  # type: ignore[arg-type]
+        (lambda: suite.score(cloud, folder, limits=[1]), "limits is of type list"),  # type: ignore[arg-type]
+        (lambda: suite.open(None), "source is of type NoneType"),  # type: ignore[arg-type]
     ]
     for call, words in calls:
         with pytest.raises((ConfigError, InputError), match=words):
             call()
+
+
+def test_a_trajectory_is_a_sequence(estimate: suite.Trajectory) -> None:
+    stamp_ns, pose = estimate[-1]
+    assert stamp_ns == estimate.stamps_ns[-1]
+    np.testing.assert_array_equal(pose.translation, estimate.positions[-1])
+    half = estimate[1::2]
+    assert isinstance(half, suite.Trajectory)
+    assert [stamp for stamp, _ in half] == estimate.stamps_ns[1::2].tolist()
+    assert [record.stamp_ns for record in half.records] == half.stamps_ns.tolist()
+    assert len(estimate[estimate.stamps_ns > stamp_ns]) == 0
+    with pytest.raises(IndexError):
+        estimate[len(estimate)]
+
+
+def test_scores_are_tables_of_pandas(estimate: suite.Trajectory, cloud: suite.PointCloud, folder: Path) -> None:
+    pytest.importorskip("pandas", reason="pandas is not installed")
+    scored = suite.score(estimate, folder, ["frames=2", "frames=3"], spacing=1)
+    table = scored.to_pandas()
+    first = scored.trajectory.several[1].position_m
+    assert table.loc[("3 frames", "position_m"), "mean_plus_3sigma"] == first.mean_plus_3sigma
+    assert table.loc[("3 frames", "heading_deg"), "count"] == scored.trajectory.several[1].count
+    assert table.loc[("localisation", "seconds"), "mean"] == scored.timing.localisation.mean
+    rows = scored.to_pandas("sub_trajectories")
+    assert len(rows) == sum(item.count for item in scored.trajectory.several)
+    moments = rows[rows.condition == "3 frames"]["heading_deg"]
+    assert moments.std() == pytest.approx(scored.trajectory.several[1].heading_deg.sigma, rel=1e-6)
+    of_map = suite.score(cloud, folder)
+    assert of_map.to_pandas().loc[("map", "point_error_m"), "count"] == of_map.map.errors.point_error_m.count
+    assert len(of_map.to_pandas("sub_trajectories")) == 0
+    with pytest.raises(ConfigError, match="must be figures or sub_trajectories"):
+        scored.to_pandas("all")
+
+
+def test_a_source_gives_its_pairs(folder: Path) -> None:
+    source = suite.open(folder)
+    assert [pair.stamp_ns for pair in source.pairs()] == list(source.loc.stamps_ns) == [p.stamp_ns for p in source]
+    assert len(source) == 6
+    maps = replace(source, loc=None)
+    assert [item.T_lm_navsb is not None for item in maps.pairs()] == [True, True]
+    assert list(replace(maps, nav=None)) == []
