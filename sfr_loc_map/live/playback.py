@@ -147,7 +147,10 @@ def _found(item: InputFile | None, folder: Path) -> Path | None:
     if item is None:
         return None
     for path in (base / item.path for base in (Path(), folder.resolve(), *folder.resolve().parents)):
-        if path.is_dir() or (path.is_file() and (path.stat().st_size > MAX_HASHED or hash_path(path) == item.sha256)):
+        if not path.exists():
+            continue
+        files = (file for file in path.rglob("*") if file.is_file()) if path.is_dir() else (path,)
+        if sum(file.stat().st_size for file in files) > MAX_HASHED or hash_path(path) == item.sha256:
             return path
     return None
 

@@ -18,6 +18,7 @@ STALE_S, STALE_PERIODS = 1.6, 3.0
 FLICKER_S = 0.5  #: Tracking between two such intervals of one kind that is shorter does not part them.
 GAP_S, GAP_PERIODS = 2.0, 20.0  #: A step of the stamps that is longer, and longer than so many usual ones, is told.
 LOCALISATION_NODE, POSE = "localisation_node", "pose"
+SILENT = "{}: silent"
 COMPILING = "compiling"  #: First word of what a node says while it does.
 
 
@@ -63,6 +64,8 @@ class Timeline:
         if isinstance(update, updates.PoseSample) and update.track is updates.Track.ESTIMATE:
             self._take_pose(update, at_s)
         elif isinstance(update, updates.Status) and update.kind is updates.StatusKind.CALL:
+            if (now := self._open.get(update.node)) is not None and now.text == SILENT.format(update.node):
+                self.note(update.node, at_s, None)
             if update.node == LOCALISATION_NODE:
                 self._word = update.message
                 if self._pose_s is not None and POSE in self._open:
@@ -79,7 +82,7 @@ class Timeline:
         if self.is_stale(now_s) and self._pose_s is not None:
             self.note(POSE, self._pose_s, EventKind.STALE, "no pose")
         for node, since_s in silent.items():
-            self.note(node, since_s, EventKind.NODE, f"{node}: silent")
+            self.note(node, since_s, EventKind.NODE, SILENT.format(node))
 
     def judge(self, verdicts: Iterable[tuple[Verdict, str]], at_s: float) -> None:
         """Note which limits are missed, each with what is said of it."""

@@ -89,10 +89,10 @@ class Browser:
         assert "exceptionDetails" not in found, found["exceptionDetails"]
         return found["result"].get("value")
 
-    async def wait_for(self, expression: str, timeout_s: float = 90.0) -> None:
+    async def wait_for(self, expression: str, timeout_s: float = 60.0) -> None:
         end, guarded = time.monotonic() + timeout_s, f"try {{ return !!({expression}); }} catch {{ return false; }}"
         while not await self.value(f"(() => {{ {guarded} }})()"):
-            assert time.monotonic() < end, f"never: {expression}; {self.complaints()}"
+            assert time.monotonic() < end, f"never: {expression}; {self.complaints()[:3]}"
             await asyncio.sleep(0.05)
 
     def complaints(self) -> list[str]:

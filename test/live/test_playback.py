@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -23,7 +24,8 @@ from sfr_loc_map.live.playback import Player, open_recording
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import Action, CloudSample, Command, ElevationSample, TimeLine, View
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.score_json import to_dict
+from sfr_loc_map.metrics.limits import parse_limits
+from sfr_loc_map.metrics.score_json import to_dict, to_json
 from sfr_loc_map.pipeline.call_stats import CallRecord, save_stats
 from sfr_loc_map.pipeline.scoring import ScoreInputs, score_files
 
@@ -185,6 +187,39 @@ def test_player_has_the_figures_of_its_place_pauses_jumps_back_and_ends(source: 
         with pytest.raises(InputError, match="no nodes"):
             player.run(Command(Action.RESET, "mapping_node"))
     assert "recording" not in state.nodes
+
+
+def test_a_run_brings_its_truth_and_limits_wherever_it_is_opened(
+    source: Path, out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    moved = tmp_path / "campaign"
+    shutil.copytree(source, moved / "data")
+    shutil.copytree(out, moved / "runs" / "out")
+    monkeypatch.chdir(moved)
+    limits = parse_limits({"trajectory": [{"condition": "frames=5", "position_mean_plus_3sigma_m": 1e-6}]}, "x")
+    inputs = ScoreInputs.of(Path("runs/out/estimate.csv"), Path("data"), ())
+    (moved / "runs" / "out" / "report.json").write_text(to_json(score_files(inputs, CONFIG, limits)))
+    for folder in (moved, tmp_path, moved / "runs" / "out"):
+        monkeypatch.chdir(folder)
+        recording = open_recording(moved / "runs" / "out")
+        assert recording.source is not None
+        assert recording.limits is not None
+        assert (recording.note, recording.limits.limits) == ("", limits.limits)
+        assert recording.settings["trajectory.spacing"] == 3
+    state = LiveState()
+    player = Player(state, recording, build(ScoreConfig, recording.settings), recording.limits)
+    assert {"tracking", "degraded", "lost"} == {event["kind"] for event in state.events_to_plain()}
+    player.advance(2.0)
+    player.report()
+    assert state.report is not None
+    assert state.report.overall.state == "fail"
+    assert state.to_plain(time.time())["trajectory"]["estimate_poses"] == 21, "as of then"
+    assert "limit" in [event["kind"] for event in state.events_to_plain()]
+    assert all(
+        topic["rate_hz"] is None or topic["rate_hz"] < 11 for topic in state.to_plain(0.0)["live"]["topics"].values()
+    )
+    (moved / "data" / "loc" / "groundtruth.csv").write_text("changed")
+    assert "give --truth" in open_recording(moved / "runs" / "out").note
 
 
 def test_a_data_set_shows_images_and_truth_and_nothing_else_is_refused(source: Path, tmp_path: Path) -> None:

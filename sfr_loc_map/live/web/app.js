@@ -2,29 +2,33 @@
 
 import { offerTurning, showCloud } from "./cloud_view.js";
 import { Connection, command } from "./connection.js";
-import { byId, clockTime, setPill, setText } from "./dom.js";
-import { showReport } from "./figures.js";
+import { byId, setText } from "./dom.js";
+import { showLimits, showReport } from "./figures.js";
+import { showHeader } from "./header.js";
 import { showImages } from "./images_view.js";
 import { Lag } from "./lag.js";
 import { showMap } from "./map_view.js";
 import { showNodes } from "./nodes_view.js";
 import { Panels } from "./panels.js";
 import { showError, showPath } from "./path_view.js";
-import { offerPlayer, showPlayer } from "./player.js";
 import { showCalls } from "./plot.js";
 import { Store } from "./store.js";
 import { dressAllHelp } from "./terms.js";
+import { moment as timeText, offerTimeline, showMoment, showTimeline } from "./timeline.js";
+import { View } from "./view.js";
 
-const FRAME_MS = 40, THEME_KEY = "sfr-live-theme";
+const FRAME_MS = 40, THEME_KEY = "sfr-live-theme", SEEK_S = 5;
+const CHOICES = ["rig", "layer", "colour", "gain"], SWITCHES = ["follow", "tracks"];
 const store = new Store(), lag = new Lag();
 let chosen = null; // the moment that is shown; null: the latest
-let dirty = true, drawnMs = -FRAME_MS, connected = false, lostAt = 0;
+let dirty = true, drawnMs = -FRAME_MS, connected = false, lostAt = 0; // since when there is no connection
 
 const connection = new Connection({
   figures(message) {
     store.apply(message);
     if (message.type === "hello") lag.begin(message.server.time_s);
     if (message.type === "path") lag.expect(store.rows.at(-1));
+    if (message.type === "nodes") goToWanted();
     redraw();
   },
   image(header, blob) {
@@ -37,7 +41,7 @@ const connection = new Connection({
   },
   state(open) {
     if (open !== connected || !open) {
-      if (connected && !open) lostAt = connection.now();
+      lostAt = open ? 0 : lostAt || connection.now();
       connected = open;
       redraw();
     }
@@ -48,15 +52,21 @@ const choice = (id) => byId(id).value;
 const cloudOf = (moment) => moment.clouds.get("mapping/points") ?? [...moment.clouds.values()][0];
 let turned = 0; // changes with the view of the cloud
 
+const views = {};
+for (const id of ["path", "map"]) views[`${id}-canvas`] = new View(byId(`${id}-canvas`), redraw);
+for (const id of ["error", "time", "transport", "receive", "memory"]) views[`${id}-canvas`] = new View(byId(`${id}-canvas`), redraw, false);
+const seen = (...ids) => ids.map((id) => views[`${id}-canvas`].version).join(" ");
+
 const panels = new Panels(redraw);
-panels.add("figures", (moment) => showReport(moment.report), (moment) => [moment.report]);
-panels.add("path", showPath, (moment) => [moment.rowCount, moment.rows, choice("gain"), byId("follow").checked]);
-panels.add("growth", showError, (moment) => [moment.rowCount, moment.rows, moment.underWay], true);
+panels.add("figures", (moment) => showLimits(moment.report), (moment) => [moment.report]);
+panels.add("path", (moment) => showPath(moment, views["path-canvas"]), (moment) => [moment.rowCount, moment.rows, choice("gain"), byId("follow").checked, seen("path")]);
+panels.add("growth", (moment) => showError(moment, views["error-canvas"]), (moment) => [moment.rowCount, moment.rows, moment.underWay, moment.report, seen("error")], true);
 panels.add("cameras", (moment) => showImages(moment, choice("rig"), byId("tracks").checked, noteImage), imagesKey);
-panels.add("elevation", (moment) => showMap(moment.elevation, choice("layer"), currentTheme()), (moment) => [moment.elevation, choice("layer")]);
+panels.add("elevation", (moment) => showMap(moment.elevation, choice("layer"), currentTheme(), views["map-canvas"]), (moment) => [moment.elevation, choice("layer"), seen("map")]);
 panels.add("cloud", (moment) => showCloud(cloudOf(moment), choice("colour"), currentTheme()), (moment) => [cloudOf(moment), choice("colour")]);
-panels.add("calls", (moment) => showCalls(moment.calls, Boolean(store.nodes?.time_line)), (moment) => [moment.calls], true);
-panels.add("health", (moment) => showNodes(moment.nodes, moment.ended || store.ended), (moment) => [moment.nodes, store.ended]);
+panels.add("calls", (moment) => showCalls(moment.calls, Boolean(store.nodes?.time_line), moment.report?.limits ?? [], views), (moment) => [moment.calls, moment.report, seen("time", "transport", "receive", "memory")], true);
+panels.add("numbers", (moment) => showReport(moment.report), (moment) => [moment.report]);
+panels.add("health", (moment) => showNodes(moment.nodes, store.ended), (moment) => [moment.nodes, store.ended]);
 
 function imagesKey(moment) {
   const lost = moment.rowCount > 0 && moment.rows[moment.rowCount - 1].lost;
@@ -88,59 +98,32 @@ function redraw() {
 function draw() {
   dirty = false;
   drawnMs = performance.now();
-  const moment = chosen ?? store.moment(), theme = currentTheme();
+  const moment = { ...(chosen ?? store.moment()), live: chosen === null }, theme = currentTheme();
   panels.draw(moment, [theme, innerWidth, turned]);
-  showHeader(moment);
+  setText(byId("title"), store.server.title ?? "");
+  showHeader(moment, store, connection.now(), lostAt);
   showTime();
-  showPlayer(store.nodes?.time_line);
   lag.drawn(() => connection.now(), chosen === null);
   showFooter(cloudOf(moment));
   document.documentElement.dataset.drawn = String(moment.rowCount);
 }
 
-function showHeader(moment) {
-  setText(byId("title"), store.server.title ?? "");
-  const row = moment.rows[moment.rowCount - 1], node = moment.nodes?.nodes.find((item) => item.name === "localisation_node");
-  const stale = Boolean(moment.nodes?.stale || node?.stale) && !store.ended;
-  if (!connected && !store.ended) setPill(byId("state"), "stale", "○", "not known");
-  else if (!row) setPill(byId("state"), "open", "…", "no pose yet");
-  else if (stale) setPill(byId("state"), "stale", "○", `stale: no pose for ${(moment.nodes.topics["localisation/odometry"]?.age_s ?? 0).toFixed(1)} s`);
-  else if (row.lost) setPill(byId("state"), "fail", "✖", node?.state || "lost");
-  else setPill(byId("state"), node?.state.startsWith("degraded") ? "open" : "pass", "✔", node?.state || "tracking");
-  if (store.ended) setPill(byId("connection"), "open", "■", "the run has ended");
-  else if (connected) setPill(byId("connection"), "pass", "●", "connected");
-  else setPill(byId("connection"), "fail", "✖", lostAt ? `no connection since ${clockTime(lostAt)}` : "connecting");
-  showNodesPill(moment.nodes);
-  const problems = moment.nodes?.problems ?? [], notice = byId("notice");
-  notice.hidden = !problems.length;
-  setText(notice, problems.at(-1) ?? "");
-  document.body.classList.toggle("cut", !connected && !store.ended);
-}
-
-function showNodesPill(nodes) {
-  const pill = byId("nodes-pill"), all = nodes?.nodes ?? [], name = (node) => node.name.replace("_node", "");
-  const stale = store.ended ? [] : all.filter((node) => node.stale), bad = all.filter((node) => node.level === "error" && !node.stale);
-  const warned = all.filter((node) => node.level === "warning");
-  if (!all.length) setPill(pill, "open", "…", "no node yet");
-  else if (!connected && !store.ended) setPill(pill, "stale", "○", "nodes not known");
-  else if (bad.length) setPill(pill, "fail", "✖", `${bad.map(name).join(", ")}: error`, bad[0].message);
-  else if (stale.length) setPill(pill, "stale", "○", `${stale.map(name).join(", ")}: silent`);
-  else if (warned.length) setPill(pill, "open", "!", `${warned.map(name).join(", ")}: warning`, warned[0].message);
-  else setPill(pill, "pass", "✔", `${all.length} nodes`);
-}
-
+/** Show where in time it is: the bar spans the recording, or the run as far as it is known. */
 function showTime() {
-  const scrub = byId("scrub"), last = store.moments.length - 1;
-  scrub.max = String(Math.max(last, 0));
-  const place = chosen === null ? last : store.moments.indexOf(chosen);
-  scrub.value = String(Math.max(place, 0));
-  const paused = chosen !== null;
-  byId("pause").setAttribute("aria-pressed", String(paused));
-  setText(byId("pause"), paused ? "Go on" : "Pause");
-  byId("live").disabled = !paused;
-  document.body.classList.toggle("paused", paused);
-  const now = store.moments.at(-1)?.time ?? 0;
-  setText(byId("moment"), paused ? `${clockTime(chosen.time)}, ${(now - chosen.time).toFixed(0)} s ago` : "live");
+  const line = store.nodes?.time_line, now = store.nodes?.time_s ?? 0, events = store.events;
+  if (line) {
+    const state = line.playing ? "" : line.at_s >= line.end_s ? ", at its end" : ", paused";
+    showTimeline({ begin: 0, end: line.end_s, at: line.at_s, events, recorded: true });
+    showMoment(`${timeText(line.at_s)} of ${timeText(line.end_s)}${state}`, line.playing, false);
+  } else {
+    const begin = Math.min(store.moments[0]?.time ?? now, events[0]?.from ?? now);
+    const last = store.ended ? Math.max(...events.map((event) => event.to ?? event.from), begin) : now, end = Math.max(last, begin + 1);
+    showTimeline({ begin, end, at: chosen ? chosen.time : end, events, recorded: false });
+    const words = chosen ? `${timeText(chosen.time)}, ${(now - chosen.time).toFixed(0)} s ago` : store.ended ? "ended" : "live";
+    showMoment(words, !chosen, Boolean(chosen));
+  }
+  document.body.classList.toggle("paused", Boolean(chosen));
+  writeHash(line ? (line.playing ? null : line.at_s) : (chosen?.time ?? null));
 }
 
 function showFooter(cloud) {
@@ -151,14 +134,24 @@ function showFooter(cloud) {
   setText(byId("thinned"), parts.length ? `Thinned: ${parts.join("; ")}.` : "Nothing thinned.");
 }
 
-function choose(place) {
-  if (!store.moments.length) return;
-  chosen = store.moments[Math.min(Math.max(place, 0), store.moments.length - 1)];
+/** Go to a time: a recording is asked for it once it is `final`, of a run under way the moment is shown. */
+function goTo(time, final = true) {
+  if (store.nodes?.time_line) {
+    if (final) ask({ action: "seek", at_s: Math.max(time, 0) });
+    return;
+  }
+  const last = store.moments.at(-1);
+  chosen = !last || time >= last.time ? null : store.momentAt(time);
   redraw();
 }
 
 function step(by) {
-  choose((chosen === null ? store.moments.length - 1 : store.moments.indexOf(chosen)) + by);
+  const line = store.nodes?.time_line;
+  if (line) return goTo(Math.min(Math.max(line.at_s + by * SEEK_S, 0), line.end_s));
+  const at = chosen ? store.moments.findLastIndex((moment) => moment.time <= chosen.time) : store.moments.length - 1;
+  const found = store.moments[Math.min(Math.max(at + by, 0), store.moments.length - 1)];
+  if (found) chosen = store.momentAt(found.time);
+  redraw();
 }
 
 function now() {
@@ -166,7 +159,20 @@ function now() {
   redraw();
 }
 
-const pause = () => (chosen === null ? choose(store.moments.length - 1) : now());
+function pause() {
+  const line = store.nodes?.time_line;
+  if (line) ask({ action: line.playing ? "pause" : "play" });
+  else if (chosen) now();
+  else step(0);
+}
+
+async function ask(content) {
+  try {
+    await command(content);
+  } catch (error) {
+    showMoment(error.message, false, false);
+  }
+}
 
 async function bookmark() {
   const button = byId("bookmark"), row = (chosen ?? store.moment()).rows.at(-1);
@@ -187,27 +193,56 @@ function tellViews() {
 
 const KEYS = { " ": pause, ArrowLeft: () => step(-1), ArrowRight: () => step(1), l: now, b: bookmark, t: changeTheme, "?": () => byId("keys-dialog").showModal() };
 document.addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest("input, select, button, dialog") || !KEYS[event.key]) return;
+  const own = event.target.closest("select, dialog") || (event.key === " " && event.target.closest("button, input[type=checkbox]"));
+  if (event.ctrlKey || event.metaKey || event.altKey || own || !KEYS[event.key]) return;
   event.preventDefault();
   KEYS[event.key]();
 });
+// What was pressed with the pointer gives the keys back to the page.
+for (const kind of ["pointerup", "change"]) document.addEventListener(kind, () => setTimeout(() => document.activeElement?.matches("button, input, select:not(:open)") && document.activeElement.blur()));
+
+// The view, and the moment where it is not the latest, stand in the address: a reload or a link shows them again.
+let wanted = Number(new URLSearchParams(location.hash.slice(1)).get("t")) || null;
+
+function readHash() {
+  const given = new URLSearchParams(location.hash.slice(1));
+  for (const id of CHOICES) if ([...byId(id).options].some((option) => option.value === given.get(id))) byId(id).value = given.get(id);
+  for (const id of SWITCHES) if (given.has(id)) byId(id).checked = given.get(id) === "1";
+}
+
+function writeHash(time) {
+  if (wanted !== null) return;
+  const kept = new URLSearchParams(time === null ? {} : { t: time.toFixed(1) });
+  for (const id of CHOICES) if (!byId(id).options[0].selected) kept.set(id, choice(id));
+  for (const id of SWITCHES) if (byId(id).checked !== byId(id).defaultChecked) kept.set(id, byId(id).checked ? "1" : "0");
+  const hash = kept.size ? `#${kept}` : location.pathname + location.search;
+  if (location.hash.slice(1) !== String(kept)) history.replaceState(null, "", hash);
+}
+
+/** Go to the moment of the address once it is known what there is. */
+function goToWanted() {
+  if (wanted === null || !store.nodes || (!store.nodes.time_line && !store.moments.length)) return;
+  goTo(wanted);
+  wanted = null;
+}
 
 byId("pause").addEventListener("click", pause);
 byId("live").addEventListener("click", now);
-byId("scrub").addEventListener("input", (event) => choose(Number(event.target.value)));
 byId("bookmark").addEventListener("click", bookmark);
 byId("keys").addEventListener("click", KEYS["?"]);
 byId("tracks").addEventListener("change", () => (tellViews(), redraw()));
-for (const id of ["rig", "layer", "colour", "gain", "follow"]) byId(id).addEventListener("change", redraw);
+for (const id of [...CHOICES, "follow"]) byId(id).addEventListener("change", redraw);
 document.addEventListener("visibilitychange", tellViews);
 window.addEventListener("resize", redraw);
 if (/^(light|dark)$/.test(localStorage.getItem(THEME_KEY))) document.documentElement.dataset.theme = localStorage.getItem(THEME_KEY);
 byId("theme").addEventListener("click", changeTheme);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
 offerTurning(() => ((turned += 1), redraw()));
-offerPlayer();
+offerTimeline(goTo);
 dressAllHelp();
+readHash();
 tellViews();
+setInterval(() => lostAt && redraw(), 1000);
 dirty = false;
 redraw();
 Object.assign(window, { sfrLive: { store, lag, connection } }); // for tests

@@ -2,7 +2,7 @@
 
 const PING_MS = 5000;
 const LONGEST_WAIT_MS = 2000;
-const SILENT_MS = 2000;
+const SILENT_MS = 1500;
 
 export class Connection {
   /** Connect. `on` has figures(message), image(header, blob), values(header, values), state(connected, since). */

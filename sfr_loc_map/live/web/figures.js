@@ -1,19 +1,52 @@
 // Tables of the score: the strings are those that the server's table model made.
 
-import { byId, element, setPill, setText } from "./dom.js";
+import { byId, element } from "./dom.js";
 import { TERMS, helpButton } from "./terms.js";
 
 const STYLES = { pass: "pass", fail: "fail" };
 const FIRST = ["headline", "verdicts", "covered", "map-covered", "readings"]; // beside the path; the others are folded below
+const MOST = 1.5; // share of a limit at the end of its bar
 let shown = null;
 
-/** Show the verdict and all tables of a report. */
+/** Show every limit as a bar: the value as a share of it, its interval, the margin; the worst first. */
+export function showLimits(report) {
+  const limits = report?.limits ?? [];
+  const empty = report ? "No limits were given: there is no verdict." : "The monitor has not reported yet: there are no figures.";
+  byId("limits").replaceChildren(...(limits.length ? limits.map(barOf) : [element("p", "note", empty)]));
+}
+
+function barOf(limit) {
+  const sign = element("span", `sign ${limit.style}`, limit.icon), bar = element("span", "bar"), place = (share) => `${Math.min(share / MOST, 1) * 100}%`;
+  if (limit.share === null) {
+    bar.className = "bar undefined";
+    bar.textContent = limit.value;
+  } else {
+    const fill = element("i", `fill ${limit.style}`);
+    fill.style.width = place(limit.share);
+    bar.append(fill);
+  }
+  if (limit.low !== null) {
+    const whisker = element("i", "whisker");
+    whisker.style.left = place(limit.low);
+    whisker.style.width = `${Math.max(Math.min(limit.high, MOST) - Math.min(limit.low, MOST), 0) / MOST * 100}%`;
+    bar.append(whisker);
+  }
+  const line = element("i", "line");
+  line.style.left = place(1);
+  if (limit.share !== null) bar.append(line);
+  bar.title = limit.interval ? `${limit.text}; 95 % interval ${limit.interval}` : limit.text;
+  const words = [["name", limit.name], ["value", limit.share === null ? "–" : limit.value], ["bound", limit.limit], ["margin", limit.margin || "–"]].map(([name, text]) => element("span", name, text));
+  const row = element("div", "limit", "", sign, words[0], bar, ...words.slice(1));
+  row.setAttribute("role", "listitem");
+  row.setAttribute("aria-label", `${limit.state}: ${bar.title}`);
+  row.dataset.metric = limit.metric;
+  return row;
+}
+
+/** Show all tables of a report. */
 export function showReport(report) {
   if (report === shown) return;
   shown = report;
-  const overall = report?.overall;
-  setPill(byId("verdict"), overall?.style ?? "open", overall?.icon ?? "–", overall?.state ?? "no report yet", overall?.text);
-  setText(byId("overall"), overall?.text ?? "The monitor has not reported yet: there are no figures.");
   const tables = report?.tables ?? [];
   const first = tables.filter((table) => FIRST.includes(table.name));
   byId("figure-table").replaceChildren(...first.flatMap((table) => [tableOf(table, true), element("p", "note", table.note)]));

@@ -1,16 +1,17 @@
 // The map from above: cells with layers, coloured by one of them.
 
 import { byId, colour, drawScale, fitted, length, percentiles, setText, shade, short } from "./dom.js";
+import { label } from "./view.js";
 
 const WRITE = { hazard: (value) => `${short(value)} %`, slope: (value) => `${short((value * 180) / Math.PI)} deg`, count: short };
 let drawn = "";
 
 /** Show the map of a moment. */
-export function showMap(grid, layer, theme) {
-  const canvas = byId("map-canvas"), key = [grid?.stamp_ns, grid?.names, grid?.published_s, layer, theme, canvas.clientWidth].join(" ");
+export function showMap(grid, layer, theme, view) {
+  const canvas = byId("map-canvas"), key = [grid?.stamp_ns, grid?.names, grid?.published_s, layer, theme, canvas.clientWidth, view.version].join(" ");
   if (key === drawn) return;
   drawn = key;
-  const { context, width, height, ratio } = fitted(canvas);
+  const { context, width, height } = fitted(canvas);
   canvas.dataset.cells = "0";
   const cells = grid?.names.includes(layer) ? cellsOf(grid, layer) : null;
   if (!cells || !cells.filled) {
@@ -20,9 +21,10 @@ export function showMap(grid, layer, theme) {
     return;
   }
   canvas.dataset.cells = String(cells.filled);
-  const [low, high] = paint(context, cells, width, height, ratio), write = WRITE[layer] ?? length;
+  const [low, high] = paint(context, cells, width, height, view), write = WRITE[layer] ?? length;
   axes(context, cells, width, height);
   drawScale(context, width, height, write(low), write(high), colour("text"), colour("backing"));
+  if (view.pointer) drawPointed(context, cells, view.pointer, write, width);
   const thinned = grid.every > 1 ? ` (${grid.every} × ${grid.every} of the map's, thinned)` : "";
   setText(byId("map-note"), `${cells.filled} cells of ${length(grid.cell_m)}${thinned}, ${layer} from ${write(low)} to ${write(high)}; stamp ${grid.stamp_ns}`);
 }
@@ -50,7 +52,15 @@ function cellsOf(grid, layer) {
   return { values: shown, wide, tall, filled, size: grid.cell_m, left: grid.origin_m[0] + left * grid.cell_m, low: grid.origin_m[1] + top * grid.cell_m };
 }
 
-function paint(context, cells, width, height, ratio) {
+/** Write the value of the cell under the pointer. */
+function drawPointed(context, cells, pointer, write, width) {
+  const column = Math.floor((pointer[0] - cells.at[0]) / cells.scale), row = cells.tall - 1 - Math.floor((pointer[1] - cells.at[1]) / cells.scale);
+  if (column < 0 || row < 0 || column >= cells.wide || row >= cells.tall) return;
+  const value = cells.values[row * cells.wide + column], place = [cells.left + (column + 0.5) * cells.size, cells.low + (row + 0.5) * cells.size];
+  label(context, pointer, `${place.map((metres) => metres.toFixed(2)).join(", ")} m: ${Number.isFinite(value) ? write(value) : "not known"}`, width, { text: colour("text"), card: colour("card") });
+}
+
+function paint(context, cells, width, height, view) {
   const known = cells.values.filter(Number.isFinite), [low, high] = percentiles(known, 2, 98);
   const image = new ImageData(cells.wide, cells.tall), span = high - low || 1;
   for (let y = 0; y < cells.tall; y++) for (let x = 0; x < cells.wide; x++) {
@@ -61,9 +71,9 @@ function paint(context, cells, width, height, ratio) {
   }
   const small = new OffscreenCanvas(cells.wide, cells.tall);
   small.getContext("2d").putImageData(image, 0, 0);
-  const scale = Math.min(width / cells.wide, height / cells.tall);
+  const whole = Math.min(width / cells.wide, height / cells.tall), scale = whole * view.zoom;
   cells.scale = scale;
-  cells.at = [(width - cells.wide * scale) / 2, (height - cells.tall * scale) / 2];
+  cells.at = view.at((width - cells.wide * whole) / 2, (height - cells.tall * whole) / 2, width, height);
   context.imageSmoothingEnabled = false;
   context.drawImage(small, ...cells.at, cells.wide * scale, cells.tall * scale);
   return [low, high];

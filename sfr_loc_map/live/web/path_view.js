@@ -1,27 +1,28 @@
 // The path from above: estimate, truth, error enlarged, 3-sigma ellipse, the sub-trajectory under way; error over distance.
 
 import { byId, colour, element, fitted, length, setText, short } from "./dom.js";
-import { drawPlot, extent, ticks } from "./plot.js";
+import { drawPlot, ticks } from "./plot.js";
+import { label } from "./view.js";
 
 const MARGIN = 42;
 const FOLLOW_M = 6;
-const ERROR_LINES = 120;
+const ERROR_LINES = 120, REACH = 30;
 let lastFacts = "";
 
 /** Show the path of a moment. */
-export function showPath(moment) {
+export function showPath(moment, view) {
   const rows = moment.rows.slice(0, moment.rowCount);
-  drawTop(rows, moment.underWay);
+  drawTop(rows, moment.underWay, view);
   showFacts(rows);
 }
 
-/** Show the error over distance of a moment, and the sub-trajectory under way. */
-export function showError(moment) {
-  drawError(moment.rows.slice(0, moment.rowCount));
+/** Show the errors that are judged, with their limits, and the sub-trajectory under way. */
+export function showError(moment, view) {
+  drawError(moment.rows.slice(0, moment.rowCount), moment.report?.limits ?? [], moment.underWay, view);
   showUnderWay(moment.underWay);
 }
 
-function drawTop(rows, underWay) {
+function drawTop(rows, underWay, pointed) {
   const canvas = byId("path-canvas"), { context, width, height } = fitted(canvas);
   canvas.dataset.poses = String(rows.length);
   context.font = "11px system-ui, sans-serif";
@@ -31,7 +32,7 @@ function drawTop(rows, underWay) {
     context.fillText("no pose yet", width / 2, height / 2);
     return;
   }
-  const view = viewOf(rows, width, height);
+  const view = viewOf(rows, width, height, pointed);
   drawGrid(context, view, width, height);
   const gain = gainOf(rows, view);
   setText(byId("gain-text"), gain ? `× ${short(gain)}` : "");
@@ -41,18 +42,39 @@ function drawTop(rows, underWay) {
   trace(context, rows, (row) => row.at, view, colour("estimate"), 3, []);
   trace(context, rows.filter((row) => row.truth), (row) => row.truth, view, colour("truth"), 1.2, [4, 6]);
   drawMarks(context, rows, view);
+  if (pointed.pointer) drawPointed(context, rows, view, pointed.pointer, width);
 }
 
-function viewOf(rows, width, height) {
+/** Write where the pose nearest to the pointer is, and its error. */
+function drawPointed(context, rows, view, [x, y], width) {
+  const far = (row) => Math.hypot(view.to(row.at)[0] - x, view.to(row.at)[1] - y);
+  const near = rows.reduce((best, row) => (far(row) < far(best) ? row : best));
+  if (far(near) > REACH) return;
+  const error = near.error ? `, error ${length(Math.hypot(...near.error))}` : "";
+  context.fillStyle = colour("text");
+  context.beginPath(), context.arc(...view.to(near.at), 4, 0, 7), context.fill();
+  const text = `pose ${near.n + 1}${near.lost ? " (lost)" : ""}: ${near.at.map((value) => value.toFixed(2)).join(", ")} m${error}`;
+  label(context, view.to(near.at), text, width, { text: colour("text"), card: colour("card") });
+}
+
+/** Return the range of values without what lies far outside of the most of them. */
+function usual(values) {
+  const sorted = Float64Array.from(values).sort(), cut = sorted.length < 10 ? 0 : Math.max(Math.floor(sorted.length / 50), 1);
+  const low = sorted[cut], high = sorted[sorted.length - 1 - cut], spare = (high - low) / 2;
+  return [Math.max(sorted[0], low - spare), Math.min(sorted.at(-1), high + spare)];
+}
+
+function viewOf(rows, width, height, pointed) {
   const points = rows.map((row) => row.at).concat(rows.flatMap((row) => (row.truth ? [row.truth] : [])));
-  let [left, right] = extent(points.map((point) => point[0])), [low, high] = extent(points.map((point) => point[1]));
+  let [left, right] = usual(points.map((point) => point[0])), [low, high] = usual(points.map((point) => point[1]));
   if (byId("follow").checked) {
     const [x, y] = rows.at(-1).at;
     [left, right, low, high] = [x - FOLLOW_M / 2, x + FOLLOW_M / 2, y - FOLLOW_M / 2, y + FOLLOW_M / 2];
   }
   const scale = Math.min((width - 2 * MARGIN) / Math.max(right - left, 0.2), (height - 2 * MARGIN) / Math.max(high - low, 0.2));
-  const middle = [(left + right) / 2, (low + high) / 2];
-  return { scale, middle, to: ([x, y]) => [width / 2 + (x - middle[0]) * scale, height / 2 - (y - middle[1]) * scale] };
+  const middle = [(left + right) / 2, (low + high) / 2], zoomed = scale * pointed.zoom;
+  const seen = [middle[0] - pointed.x / zoomed, middle[1] + pointed.y / zoomed];
+  return { scale: zoomed, middle: seen, to: ([x, y]) => [width / 2 + (x - seen[0]) * zoomed, height / 2 - (y - seen[1]) * zoomed] };
 }
 
 function drawGrid(context, view, width, height) {
@@ -83,7 +105,7 @@ function drawGrid(context, view, width, height) {
 function gainOf(rows, view) {
   const chosen = Number(byId("gain").value);
   if (chosen) return chosen;
-  const largest = Math.max(0, ...rows.map((row) => (row.error ? Math.hypot(row.error[0], row.error[1]) : 0)));
+  const [, largest] = rows.some((row) => row.error) ? usual(rows.flatMap((row) => (row.error ? [Math.hypot(row.error[0], row.error[1])] : []))) : [0, 0];
   if (!largest) return 0;
   const wanted = 60 / view.scale / largest, power = 10 ** Math.floor(Math.log10(wanted));
   return Math.max([5, 2, 1].find((factor) => factor * power <= wanted) * power, 1);
@@ -145,12 +167,15 @@ function drawEllipse(context, [xx, yy, xy], x, y, scale) {
   }
 }
 
-function drawError(rows) {
-  const known = rows.filter((row) => row.error), size = (error) => Math.hypot(...error) * 1000;
-  const series = [{ name: "error", colour: "error", points: known.map((row) => [row.distance, size(row.error)]) }];
-  const sigma = known.filter((row) => row.covariance);
-  series.push({ name: "3 sigma (x, y)", colour: "estimate", points: sigma.map((row) => [row.distance, 3000 * Math.sqrt(row.covariance[0] + row.covariance[1])]) });
-  drawPlot(byId("error-canvas"), { series, x: "path travelled, m", y: "mm", empty: rows.length ? "no truth: the error is not known" : "no pose yet" });
+function drawError(rows, limits, underWay, view) {
+  const judged = rows.filter((row) => row.judged !== null), sigma = judged.filter((row) => row.judgedSigma !== null);
+  const series = [{ name: "error of a sub-trajectory", colour: "error", dots: judged.length < 60, points: judged.map((row) => [row.distance, row.judged * 1000]) }];
+  series.push({ name: "3 sigma, growth of the covariance", colour: "estimate", points: sigma.map((row) => [row.distance, 3000 * row.judgedSigma]) });
+  const on = limits.filter((limit) => limit.metric.startsWith("position_") && (!underWay || limit.over === underWay.condition));
+  const marks = on.map((limit) => ({ y: limit.bound * 1000, name: `limit of ${limit.name}: ${limit.limit}` }));
+  for (const limit of on.filter((item) => item.share && item.share < 10)) marks.push({ y: limit.share * limit.bound * 1000, name: `${limit.name}: ${limit.value}`, colour: "muted", dash: [2, 3] });
+  const none = rows.some((row) => row.truth) ? "no sub-trajectory has ended yet" : "no truth: the error is not known";
+  drawPlot(byId("error-canvas"), { series: series.filter((item) => item.points.length), marks, view, x: "path travelled, m", y: "mm", empty: rows.length ? none : "no pose yet" });
 }
 
 function showUnderWay(underWay) {
@@ -166,7 +191,7 @@ function showFacts(rows) {
   const facts = last ? [
     ["poses", String(last.n + 1)],
     ["path travelled", `${last.distance.toFixed(2)} m`],
-    ["position", last.at.map((value) => value.toFixed(3)).join(", ") + " m"],
+    ["position", last.at.map((value) => value.toFixed(2)).join(", ") + " m"],
     ["error now", last.error ? length(Math.hypot(...last.error)) : "no truth"],
     ["sigma (x, y)", last.covariance ? length(Math.sqrt(last.covariance[0] + last.covariance[1])) : "not known"],
   ] : [];

@@ -51,9 +51,26 @@ export class Store {
         n: row[place.n], stamp: row[place.stamp_ns], received: row[place.received_s], published: row[place.published_s],
         at: row[place.position_m], covariance: row[place.covariance_xy_m2], lost: row[place.lost],
         truth: row[place.truth_m], error: row[place.error_m], distance: row[place.distance_m],
+        judged: row[place.judged_m], judgedSigma: row[place.judged_sigma_m],
       });
     }
+    if (!this.moments.length && message.whole) this.fillPast();
     this.underWay = message.under_way;
+  }
+
+  /** Make moments of what was before the page was loaded: path and calls are known of them, figures are not. */
+  fillPast() {
+    this.rows.forEach((row, place) => {
+      if (row.received - (this.moments.at(-1)?.time ?? 0) < MOMENT_S) return;
+      this.moments.push({ time: row.received, rows: this.rows, rowCount: place + 1, calls: [], report: null, nodes: null, images: new Map(), clouds: new Map(), elevation: null, tracked: null, underWay: null, kept: false });
+    });
+    this.moments = this.moments.slice(-MAX_MOMENTS);
+  }
+
+  /** Return the moment that was shown at a time. */
+  momentAt(time) {
+    const found = this.moments.findLast((moment) => moment.time <= time) ?? this.moments[0];
+    return found && { ...found, calls: found.kept ? found.calls : this.calls.filter((call) => call.received_s <= found.time) };
   }
 
   addCalls(message) {
@@ -101,8 +118,7 @@ export class Store {
     return {
       time: this.nodes ? this.nodes.time_s : 0, rows: this.rows, rowCount: this.rows.length, calls: this.calls,
       report: this.report, nodes: this.nodes, images: new Map(this.images), clouds: new Map(this.clouds),
-      elevation: this.elevation, tracked: this.latestTracked(),
-      underWay: this.underWay, ended: this.ended,
+      elevation: this.elevation, tracked: this.latestTracked(), underWay: this.underWay, kept: true,
     };
   }
 }

@@ -1,0 +1,64 @@
+"""What happened when: each state of localisation, silence, jumps of the stamps, limits; a run that is over ends all."""
+
+from __future__ import annotations
+
+from live_run import STEP_NS, call, health, pose_pair
+from made_scores import whole_score
+
+from sfr_loc_map.live.state import LiveState
+from sfr_loc_map.live.timeline import MAX_EVENTS, EventKind, Timeline
+from sfr_loc_map.live.updates import PoseSample, Report
+from sfr_loc_map.metrics.score_json import to_json
+
+
+def drive(state: LiveState, numbers: range, offset_s: float = 0.0, word: str = "tracking", jump_s: float = 0.0) -> None:
+    for number in numbers:
+        for pose in pose_pair(number, 0.1 * number + offset_s, lost=word == "lost"):
+            stamp_ns = pose.stamp_ns + round(jump_s * 1e9)
+            state.put(PoseSample(pose.track, stamp_ns, pose.position, pose.quat_xyzw, pose.received_s, pose.covariance))
+        state.put(call(number, 0.1 * number + offset_s, word))
+
+
+def test_what_happened_is_told_with_its_times() -> None:
+    state = LiveState()
+    drive(state, range(20))
+    drive(state, range(20, 30), word="degraded: few_landmarks")
+    drive(state, range(30, 31))  # one frame between does not part them
+    drive(state, range(31, 40), word="degraded: few_landmarks")
+    drive(state, range(40, 45), word="lost")
+    drive(state, range(45, 50))
+    assert state.live_to_plain(4.9)["stale_reasons"] == []
+    late = state.live_to_plain(8.0)
+    assert late["stale_reasons"] == ["no pose for 3.1 s", "localisation_node silent for 3.1 s"]
+    drive(state, range(50, 60), offset_s=4.0)
+    drive(state, range(60, 70), offset_s=4.0, jump_s=3600.0)
+    drive(state, range(70, 80), offset_s=4.0)
+    state.put(health("mapping_node", 12.0, 2, "out of memory"))
+    state.put(Report(to_json(whole_score(100, 48, 2)), 12.0))
+    state.end("", "monitor_node was killed by SIGKILL", 13.0)
+    told = [
+        (event["kind"], round(event["from"], 1), event["to"])
+        for event in state.events_to_plain()
+        if event["kind"] != "node"
+    ]
+    kinds = [kind for kind, *_ in told]
+    assert kinds[:6] == ["tracking", "degraded", "lost", "tracking", "stale", "tracking"]
+    assert [begin for _, begin, _ in told[:6]] == [0.0, 2.0, 4.0, 4.5, 4.9, 9.0]
+    texts = " ".join(event["text"] for event in state.events_to_plain())
+    for expected in ("stamps go on by 3600.1 s at once", "stamps go back by 3599.9 s", "mapping_node: out of memory"):
+        assert expected in texts
+    assert ": 27.9 mm, limit ≤ 0.001 mm, margin -27.9 mm" in texts
+    assert all(end is not None for *_, end in told)
+    ended = state.live_to_plain(20.0)
+    assert (ended["ended"], ended["aborted"]) == (True, {"by": "monitor_node was killed by SIGKILL", "at": 13.0})
+    assert ended["stale_reasons"] == []
+
+
+def test_events_are_bounded() -> None:
+    line = Timeline()
+    for number in range(3 * MAX_EVENTS):
+        line.note("node", float(number), EventKind.NODE if number % 2 else None, "silent")
+        line.mark(float(number), EventKind.CLOCK, "jump")
+    assert len(line.to_plain()) == MAX_EVENTS
+    assert line.to_plain()[-1]["from"] == 3 * MAX_EVENTS - 1
+    assert STEP_NS == 10**8
