@@ -23,7 +23,7 @@ PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
 CAMPAIGN := PYTHONPATH=test/scenes:test/nodes $(BIN)/python test/campaign
 SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
 
-.PHONY: help demo sample test test-fast faults signals soak example-candidate fuzz random-faults lint types config format check docs figures traceability docs-test dist dist-test clean
+.PHONY: help demo sample test test-fast faults misbehaviour signals soak example-candidate fuzz random-faults lint types config format check docs figures traceability docs-test dist dist-test clean
 
 help:  ## Show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -48,6 +48,9 @@ test-fast: $(COMPILED)  ## Run the tests that need neither running nodes nor sec
 
 faults: $(STAMP)  ## Inject one fault after the other into the nodes (FAULTS=); what was observed goes to out/faults.json
 	$(CAMPAIGN) faults $(FAULTS)
+
+misbehaviour: $(STAMP)  ## Run 37 methods that misbehave, and print the table of docs/candidates.md (CASES="crash hang")
+	PYTHONPATH=test/scenes:test/nodes $(BIN)/python test/methods/misbehaviour.py $(CASES)
 
 recordings: $(STAMP)  ## Take recordings of all kinds from the bag to a verdict (RECORDINGS="zed oak_d ..."); out/recordings/recordings.md
 	PYTHONPATH=test/recordings $(BIN)/python test/recordings $(RECORDINGS)

@@ -526,7 +526,8 @@ class ProcessUsage(Record):
     """What the processes of a method took, seen from outside."""
 
     cpu_s: float  #: Processor time of all of them, user and system, s.
-    cpu_between_s: float | None = None  #: That of it between calls; None of an external node.
+    #: That of it between the calls, and beyond what all threads could do within them; None of an external node.
+    cpu_outside_s: float | None = None
     peak_rss_bytes: int  #: Largest sum of their resident memory.
     processes: int  #: Largest number of them.
     threads: int | None = None  #: Largest number of their threads; None of an external node.

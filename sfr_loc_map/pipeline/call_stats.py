@@ -28,6 +28,7 @@ COVARIANCE_NAMES = tuple(f"cov_{i}{j}" for i, j in zip(*UPPER, strict=True))
 STEP_NAMES = (*(f"step_{name}" for name in COVARIANCE_NAMES), *(f"systematic_cov_{i}" for i in range(6)))
 METHOD_NAMES = ("method", "method_version", "method_kind", "method_sha256", "method_isolation", "finding")
 TAKEN = ("cpu_s", "cpu_between_s", "threads", "processes")  #: Of a method's processes, from outside.
+ADAPTER_S = 0.015  #: Processor time that the adapter of a method may take for a call, and what its steps of 0.01 hide.
 TREE = "of the method's processes and all that they started, at each call, from outside (psutil)"
 STATES = (*TrackingState, *MappingState)
 STATISTIC = "statistic."  #: Prefix of the names of a call's figures in a status.
@@ -109,23 +110,25 @@ def stats_of(records: Sequence[CallRecord], method: MethodRecord | None = None) 
     steps = [record.step for record in records]
     findings = findings_of([record.finding for record in records], calls.stamps_ns.tolist())
     taken = [numbers(record.statistics.get(name) for record in records) for name in TAKEN]
-    about = (method, findings, _processes(taken, calls.peak_bytes))
+    about = (method, findings, _processes(taken, calls))
     if all(item is None for item in (*covariances, *steps)):
         return CallStats(calls, None, None, *about)
     return CallStats(calls, rows(covariances, len(COVARIANCE_NAMES)), rows(steps, STEP_SIZE), *about)
 
 
-def _processes(taken: Sequence[FloatArray], peak_bytes: FloatArray) -> ProcessUsage | None:
+def _processes(taken: Sequence[FloatArray], calls: Calls) -> ProcessUsage | None:
     """Return what the processes of a method took in all calls, by the columns of TAKEN."""
-    cpu_s, between_s, threads, processes = (values[np.isfinite(values)] for values in taken)
-    if not len(cpu_s):
+    known = np.isfinite(taken[0]) & np.isfinite(taken[1])
+    if not known.any():
         return None
+    cpu_s, between_s, threads, processes = (np.nan_to_num(values[known]) for values in taken)
+    within_s = threads * np.nan_to_num(calls.seconds[known]) + ADAPTER_S
     return ProcessUsage(
         cpu_s=float(cpu_s.sum() + between_s.sum()),
-        cpu_between_s=float(between_s.sum()),
-        peak_rss_bytes=int(np.nanmax(np.append(peak_bytes, 0.0))),
-        processes=int(processes.max(initial=1)),
-        threads=int(threads.max(initial=1)),
+        cpu_outside_s=float(between_s.sum() + np.maximum(cpu_s - within_s, 0.0).sum()),
+        peak_rss_bytes=int(np.nanmax(np.append(calls.peak_bytes, 0.0))),
+        processes=int(processes.max()),
+        threads=int(threads.max()),
         method=TREE,
     )
 
@@ -205,7 +208,7 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
     findings = findings_of([row.get("finding") or "" for row in rows], stamps_ns.tolist())
     calls = Calls(stamps_ns, seconds, states, peak, above_idle, stages, heap, stack)
     taken = [_column(path, rows, name) for name in TAKEN] if TAKEN[1] in rows[0] else None
-    usage = None if taken is None else _processes(taken, peak)
+    usage = None if taken is None else _processes(taken, calls)
     return CallStats(calls, covariance, steps, method, findings, usage, has_stamps="stamp_ns" in rows[0])
 
 

@@ -46,7 +46,6 @@ from sfr_loc_map.metrics.score import (
     MemoryScore,
     MethodKind,
     MethodRecord,
-    ProcessUsage,
     Provenance,
     Score,
     TargetRecord,
@@ -65,7 +64,7 @@ TARGET_FILE, TARGET_RESULTS = "target.json", ("estimate.csv", "cloud_0.ply")
 """In a folder of results of a target: what it says of itself, and what it may have estimated."""
 TARGET_SCHEMA = "sfr-target/1"
 FEW_TRUE_POSES = 0.5  #: Below so many true poses an image it is said that frames count true poses.
-BETWEEN_SHARE, BETWEEN_S = 0.5, 0.2  #: Processor time between calls from which it is said.
+OUTSIDE_SHARE, OUTSIDE_S = 0.5, 0.2  #: Processor time that is of no call from which it is said: share of all, s.
 MAX_EXCESS = 0.05  #: Share of the path of a truth that may be noise without a word.
 IN_MEMORY = "(in memory)"  #: Path of an input that is no file.
 NO_TRUTH = "'{}' has no true poses (groundtruth.csv, ground_truth/odometry): give a source with truth"
@@ -273,11 +272,10 @@ def score_run(
     methods = [item.method for item in run.stats if item.method is not None]
     others = [method for method in methods if method.kind is not MethodKind.BUILT_IN]  # beside ours it is under test
     method = run.method or next(iter([*others, *methods]), None)
-    usage = next((item.processes for item in run.stats if item.processes is not None), None)
-    warnings += () if method is None else _of_process(method, usage)
+    warnings += () if method is None else _of_process(method, run.stats)
     score = Score(
         method=method,
-        processes=usage,
+        processes=next((item.processes for item in run.stats if item.processes is not None), None),
         findings=(*run.findings, *(finding for item in run.stats for finding in item.findings)),
         external=run.external,
         convention=convention,
@@ -307,14 +305,15 @@ def score_run(
     return replace(score, verdicts=judged, warnings=tuple(warnings))
 
 
-def _of_process(method: MethodRecord, usage: ProcessUsage | None) -> Iterator[str]:
+def _of_process(method: MethodRecord, stats: Sequence[CallStats]) -> Iterator[str]:
     """Yield what is to be told of a method's process."""
     if "not " in (method.isolation or ""):
         yield f"method {method.name} was not shut in, it may have read what it liked: {method.isolation}"
-    between_s = 0.0 if usage is None or usage.cpu_between_s is None else usage.cpu_between_s
-    if usage is not None and between_s > max(BETWEEN_SHARE * usage.cpu_s, BETWEEN_S):
-        told = f"{between_s:.3g} s of its {usage.cpu_s:.3g} s of processor time"
-        yield f"the method works between its calls: {told}; no time of a call has them"
+    for usage in (item.processes for item in stats if item.processes is not None):
+        outside_s = usage.cpu_outside_s or 0.0
+        if outside_s > max(OUTSIDE_SHARE * usage.cpu_s, OUTSIDE_S):
+            told = f"{outside_s:.3g} s of its {usage.cpu_s:.3g} s of processor time"
+            yield f"the method works outside its calls: {told}; no time of a call has them"
 
 
 def truth_warnings(about: TruthRecord) -> list[str]:

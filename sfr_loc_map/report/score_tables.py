@@ -566,7 +566,7 @@ def _method_table(score: Score) -> Table:
         if method.isolation is not None:
             facts["shut off from"] = method.isolation
     if (usage := score.processes) is not None:
-        facts["processor time"] = f"{usage.cpu_s:.3g} s, {usage.cpu_between_s or 0.0:.3g} s of it between calls"
+        facts["processor time"] = f"{usage.cpu_s:.3g} s, {usage.cpu_outside_s or 0.0:.3g} s of it outside the calls"
         facts["at most"] = f"{usage.threads} threads in {usage.processes} processes"
     if score.convention is not None:
         facts["converted"] = convention_text(score.convention)

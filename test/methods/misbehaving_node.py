@@ -1,0 +1,39 @@
+"""A localiser as a node that stands still and misbehaves: `python misbehaving_node.py HOW`."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import rclpy
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from sensor_msgs.msg import Image
+
+
+class Misbehaving(Node):
+    def __init__(self, how: str) -> None:
+        super().__init__("misbehaving")
+        self.how, self.count = how, 0
+        self.publisher = self.create_publisher(Odometry, "localisation/odometry", 10)
+        self.create_subscription(Image, "loc/left/image_rect", lambda message: None, 10)
+        self.create_subscription(Image, "loc/right/image_rect", self.answer, 10)  # the last image of a pair
+
+    def answer(self, message: Image) -> None:
+        self.count += 1
+        if (self.how == "dies" and self.count == 25) or self.how == "hangs":
+            os._exit(3) if self.how == "dies" else self.destroy_publisher(self.publisher)
+            return
+        if self.how == "leaves out" and self.count % 3 == 0:
+            return
+        out = Odometry()
+        out.header, out.child_frame_id = message.header, "rb"
+        out.header.frame_id = "ds"
+        out.header.stamp.nanosec += 7 if self.how == "other stamps" else 0
+        out.pose.pose.orientation.w = 1.0 if self.how != "not finite" else float("nan")
+        for _ in range(2 if self.how == "doubled" else 1):
+            self.publisher.publish(out)
+
+
+rclpy.init()
+rclpy.spin(Misbehaving(sys.argv[1]))
