@@ -19,13 +19,14 @@ from rich.text import Text
 
 from sfr_loc_map.inputs import one_line, printable
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.live.updates import LOCALISATION, REPORT, Action, Command
+from sfr_loc_map.live.updates import Action, Command
 from sfr_loc_map.pipeline.controls import SEEK_STEP_S, Keyboard
-from sfr_loc_map.report.tables import ABSENT, METRE, MIB, MILLISECOND, OPEN, VERDICTS, number, to_rich
+from sfr_loc_map.report.tables import ABSENT, METRE, MIB, MILLISECOND, OPEN, VERDICTS, fitting, number, to_rich
 
 PERIOD_S, LINE_PERIOD_S, KEY_PERIOD_S = 0.5, 1.0, 0.05
 """Time between two drawings of the screen, two lines, two looks at the keys."""
 LEVELS = {"ok": ("✔", "green"), "warning": ("!", "yellow"), "error": ("✖", "bold red"), "stale": ("?", "bold yellow")}
+BAD, WIDE = "bold red", 80  #: Style of what went wrong; columns from which on all of a node is shown.
 WAITING = "no figures yet: waiting for metrics/report of the monitor"
 
 
@@ -66,7 +67,7 @@ class Terminal:
         """Return the whole screen, the most important first."""
         with self._state.lock:
             live = self._state.live_to_plain(now_s)
-            body = Group(*_parts(self._state, live, now_s, self._title))
+            body = Group(*_parts(self._state, live, now_s, self._title, self._console.width))
         words = "q ends"
         if (line := live["time_line"]) is not None:
             state = "playing" if line["playing"] else "at its end" if line["at_s"] >= line["end_s"] else "paused"
@@ -92,11 +93,11 @@ class Terminal:
 
 
 def one_line_of(state: LiveState, now_s: float) -> str:
-    """Return what is shown in one line: verdict, headline figures, state, nodes, what is stale."""
+    """Return what is shown in one line: verdict with its age or end, headline figures, state, nodes."""
     with state.lock:
         live, report = state.live_to_plain(now_s), state.report
-        parts = [_clock(now_s), *(f"STALE: {words}" for words in _stale(live))]
-        parts.append(WAITING if report is None else f"{report.overall.state}: {report.overall.text.rstrip('.')}")
+        word, text, _ = _verdict(state, live)
+        parts = [_clock(now_s), f"{word}: {text.rstrip('.')}"]
         headline = next((table for table in report.tables if table.name == "headline"), None) if report else None
         for row in headline.rows if headline else ():
             mean, sigma, name, bound, interval, count = (cell.text for cell in row[2:8])
@@ -109,28 +110,55 @@ def one_line_of(state: LiveState, now_s: float) -> str:
     return printable(" ".join("; ".join(parts).split()))
 
 
-def _parts(state: LiveState, live: dict[str, Any], now_s: float, title: str) -> Iterator[RenderableType]:
+def _verdict(state: LiveState, live: dict[str, Any]) -> tuple[str, str, str]:
+    """Return the verdict with its sign, age or end; what is to be said of it; its style."""
+    report, aborted = state.report, live["aborted"]
+    style, word, text = OPEN.colour, "waiting", WAITING
+    if report is not None:
+        style = VERDICTS.get(report.overall.state, OPEN).colour
+        word, text = f"{report.overall.icon} {report.overall.state}", report.overall.text
+        if report.bars and report.bars[0].margin:
+            bar = report.bars[0]
+            text += f" {'Worst' if bar.state == 'fail' else 'Least margin'}: {bar.text}."
+    if aborted is not None:
+        return (
+            "■ aborted",
+            f"{aborted['by']} at {_clock(aborted['at'])}. Verdict on what there was: {word}. {text}",
+            BAD,
+        )
+    if live["ended"]:
+        return f"{word}, ended", text, style
+    if live["stale_reasons"]:
+        age = "" if live["age_s"] is None else f", {live['age_s']:.0f} s old"
+        return f"STALE {word}{age}", f"{', '.join(live['stale_reasons'])}. {text}", "bold yellow"
+    return word, text, style
+
+
+def _parts(state: LiveState, live: dict[str, Any], now_s: float, title: str, width: int) -> Iterator[RenderableType]:
     head = Grid.grid(Column(ratio=1, no_wrap=True), Column(justify="right", no_wrap=True), expand=True)
-    stale = ", ".join(_stale(live))
-    right = Text.assemble((f" STALE: {stale} ", "reverse bold yellow"), " ") if stale else Text()
-    head.add_row(Text(f"sfr live  {one_line(title)}", "bold"), right + Text(_clock(now_s)))
+    head.add_row(Text(f"sfr live  {one_line(title)}", "bold"), _clock(now_s))
     yield head
-    if state.report is None:
-        yield Text(f" {WAITING}", "italic")
-    else:
-        overall = state.report.overall
-        style = VERDICTS.get(overall.state, OPEN).colour
-        yield Text.assemble((f" {overall.icon} {overall.state} ", f"reverse {style}"), f" {overall.text}")
-    yield from _tables(state, "headline")
+    word, text, style = _verdict(state, live)
+    yield Text.assemble((f" {word} ", f"reverse {style}"), f" {one_line(text)}")
     yield from map(Text, _now(live))
     if live["nodes"]:
-        names = ("node", "health", "state", "call", "memory", "dropped", "heard")
+        wide = width >= WIDE
+        names = ("node", "health", "state", "call", *(("memory", "dropped") if wide else ()), "heard")
         nodes = Grid(*names, box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
         for node in live["nodes"]:
-            nodes.add_row(*_node_words(node, live))
+            words = _node_words(node, live)
+            nodes.add_row(*(words if wide else (*words[:4], words[-1])))
         yield nodes
-    yield from _tables(state, "verdicts")
+    if state.report is not None and state.report.bars:
+        limits = Grid("verdict", "of", box=None, pad_edge=False, padding=(0, 1, 0, 0))
+        for name in ("value", "limit", "margin"):
+            limits.add_column(name, justify="right", no_wrap=True)
+        for bar in state.report.bars:
+            style = VERDICTS.get(bar.state, OPEN).colour
+            limits.add_row(Text(f"{bar.icon} {bar.state}", style), bar.name, bar.value, bar.limit, bar.margin)
+        yield limits
     yield from map(Text, _notes(state, live))
+    yield from _tables(state, "headline")
 
 
 def _tables(state: LiveState, name: str) -> Iterator[Grid]:
@@ -149,7 +177,14 @@ def _node_words(node: dict[str, Any], live: dict[str, Any]) -> list[Text | str]:
         health.append(f", {one_line(node['lifecycle'])}")
     heard = "never" if node["age_s"] is None else f"{node['age_s']:.1f} s"
     dropped = str(sum(_drops(node).values()))
-    return [one_line(node["name"]), health, one_line(node["state"]), *_costs(node, live), dropped, heard]
+    return [
+        one_line(node["name"]).removesuffix("_node"),
+        health,
+        one_line(node["state"]),
+        *_costs(node, live),
+        dropped,
+        heard,
+    ]
 
 
 def _costs(node: dict[str, Any], live: dict[str, Any]) -> tuple[str, str]:
@@ -162,23 +197,20 @@ def _costs(node: dict[str, Any], live: dict[str, Any]) -> tuple[str, str]:
     )
 
 
-def _stale(live: dict[str, Any]) -> list[str]:
-    """Say what is not of this moment any more."""
-    topics = ((words, live["topics"].get(name)) for name, words in ((LOCALISATION, "pose"), (REPORT, "figures")))
-    return [f"no {words} for {topic['age_s']:.1f} s" for words, topic in topics if topic is not None and topic["stale"]]
-
-
 def _now(live: dict[str, Any]) -> Iterator[str]:
     """Say where the rover is and how the sub-trajectory under way stands."""
     if (row := live["localisation"]) is not None:
         word = "lost" if row["lost"] else one_line(row["state"]) or "state unknown"
-        place = " ".join(f"{value:.3f}" for value in row["position_m"])
+        place = " ".join(f"{value:.2f}" for value in row["position_m"])
         yield f"pose {row['n'] + 1}: {word}, at {place} m, {number(row['distance_m'], unit=METRE)} m driven"
-        if row["error_m"] is not None:
-            yield f"error x y z: {' '.join(number(value, signed=True) for value in row['error_m'])} m"
+        if (error := row["error_m"]) is not None:
+            unit = fitting(METRE, *error)
+            yield f"error x y z: {' '.join(number(value, unit=unit, signed=True) for value in error)} {unit.symbol}"
     if (found := live["under_way"]) is not None:
-        size = number(sum(value * value for value in found["error"]) ** 0.5)
-        yield f"under way: {found['condition']}, {found['progress']:.0%}, error {size} m"
+        size = sum(value * value for value in found["error"]) ** 0.5
+        unit = fitting(METRE, size)
+        text = f"{number(size, unit=unit)} {unit.symbol}"
+        yield f"under way: {found['condition']}, {found['progress']:.0%}, error {text}"
 
 
 def _notes(state: LiveState, live: dict[str, Any]) -> Iterator[str]:

@@ -15,7 +15,7 @@ from contextlib import suppress
 from typing import Any
 
 import pytest
-from live_run import health, pose_pair, report, updates
+from live_run import NODES, health, pose_pair, report, updates
 from rich.console import Console
 
 from sfr_loc_map.live.state import LiveState
@@ -32,11 +32,13 @@ def recorded() -> list[Any]:
     return list(updates(COUNT, BEGIN_S))
 
 
-def drawn(records: list[Any], now_s: float) -> str:
+def drawn(records: list[Any], now_s: float, width: int = 80, height: int = 50, aborted: str = "") -> str:
     state, text = LiveState(), io.StringIO()
-    console = Console(file=text, width=80, height=50, highlight=False, force_terminal=True, color_system=None)
+    console = Console(file=text, width=width, height=height, highlight=False, force_terminal=True, color_system=None)
     for record in records:
         state.put(record)
+    if aborted:
+        state.end("", aborted, now_s)
     console.print(Terminal(state, "rover1", console).drawing(now_s), end="")
     return text.getvalue()
 
@@ -53,20 +55,35 @@ def test_every_figure_is_shown_as_the_tables_have_it(recorded: list[Any]) -> Non
     for row in tables["headline"].rows:
         assert all(part in words for cell in row[2:8] for part in cell.text.split()), row
         assert all(cell.text in one for cell in row[2:8])
-    for row in tables["verdicts"].rows:
-        assert all(part in words for cell in (row[0], row[4]) for part in cell.text.split())
+    for bar in state.report.bars:
+        assert all(part in words for text in (bar.state, bar.value, bar.margin) for part in text.split())
     for expected in ("pose 200: tracking", "under way: 5 m", "35.1 ms", "3 in transport", "2 of loc/left/image_rect"):
         assert expected in words, words
     assert state.report.overall.text in words
     assert "\n" not in one
 
 
+@pytest.mark.parametrize(("width", "height"), [(60, 15), (80, 24)])
+def test_small_terminals_show_verdict_state_nodes_and_the_worst_limit(
+    recorded: list[Any], width: int, height: int
+) -> None:
+    text = drawn(recorded, END_S + 0.1, width, height)
+    assert len(text.splitlines()) <= height
+    words = " ".join(text.split())
+    for expected in ("of 4 limits met", "pose 200: tracking", "localisation ✔ ok", "monitor ✔ ok", "margin", " mm"):
+        assert expected in words, text
+    ended = " ".join(drawn(recorded, END_S + 0.1, width, height, "monitor_node was killed by SIGKILL").split())
+    assert "■ aborted" in ended
+    assert "monitor_node was killed by SIGKILL at" in ended
+
+
 def test_what_is_stale_lost_or_hostile_is_said_in_words(recorded: list[Any]) -> None:
     assert "STALE" not in drawn(recorded, END_S + 0.5)
     later = drawn(recorded, END_S + 7.0)
-    assert "STALE: no pose for 7.1 s" in later
+    assert re.search(r"STALE . [\w ]+, 7 s old  no pose for 7.1 s", later)
     assert len(re.findall(r"\? stale", later)) == 3
-    silent = [*recorded, health("localisation_node", END_S + 7.0, 2, "lost: no_features")]
+    silent = [*recorded, *(health(node, END_S + 7.0) for node in NODES)]
+    silent.append(health("localisation_node", END_S + 7.0, 2, "lost: no_features"))
     silent += [pose_pair(COUNT + 20, END_S + 7.0, lost=True)[1], report(COUNT, END_S + 7.0)]
     back = drawn(silent, END_S + 7.1)
     assert "STALE" not in back
