@@ -9,7 +9,8 @@ from enum import StrEnum
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec
+from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.inputs import LOST_VARIANCE
 
 
@@ -87,11 +88,27 @@ class StepEstimate:
     covariance: FloatArray  #: `(6, 6)` of it, ROS order, independent from step to step.
     #: `(6,)` one standard deviation of the error that all steps have alike: those of several steps add up.
     systematic: FloatArray
+    noise: FloatArray  #: `(6, 6)` white noise of the pose itself, in RB there: the step that follows takes it back.
+    noise_before: FloatArray  #: The same of the pose before, in RB there.
+    #: `(6, 6)` of what the motion may have been in an interval of this length: after a stretch that no image showed
+    #: the mean velocity is not that at its end. Zero elsewhere.
+    unsteady: FloatArray
 
     @property
     def uncertainty(self) -> FloatArray:
-        """Covariance and systematic part as `(27,)`: the upper triangle, then the vector."""
-        return np.concatenate((self.covariance[np.triu_indices(6)], self.systematic))
+        """Its parts as `(48,)`: upper triangle of the covariance, systematic vector, upper triangle of the noise."""
+        upper = np.triu_indices(6)
+        return np.concatenate((self.covariance[upper], self.systematic, self.noise[upper]))
+
+    @property
+    def motion_covariance(self) -> FloatArray:
+        """Covariance `(6, 6)` of the motion if it goes on: of the step, both poses, the calibration, a speed that changed."""
+        T_before_now = Transform(matrix_from_rotvec(self.motion[3:]), self.motion[:3])
+        before = propagated_covariance(self.noise_before, T_before_now.translation)
+        turn = np.kron(np.eye(2), T_before_now.rotation)
+        systematic = np.outer(self.systematic, self.systematic)
+        total = self.covariance + before + turn @ self.noise @ turn.T + systematic + self.unsteady
+        return np.asarray(0.5 * (total + total.T))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

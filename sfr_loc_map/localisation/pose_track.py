@@ -65,6 +65,9 @@ FACTOR_SHARE: Final = 0.1
 MIN_FACTOR: Final = 0.2  #: Smallest variance factor: below it errors dominate that a residual does not show.
 STEP_INFLATION: Final = 1.5
 """Factor on `INFLATION` where the variance factor is known: what neighbours have alike is in no residual."""
+WHITE_SHARE: Final = 0.5
+"""Share of the covariance of a pose given its landmarks that is independent from pair to pair: the noise of the images.
+The rest is the error of the landmarks, which neighbouring pairs share."""
 FIRST_VARIANCE: Final = 1e-12  #: Keeps each covariance of a step positive definite (m^2, rad^2).
 NOTHING: Final = np.zeros((6, 6))
 
@@ -118,7 +121,7 @@ class PoseTrack:
         self._tracked_ns, self._period_ns = 0, 0
         # the last pose that was given out, what no image showed of the motion to it, in RB, and the variance factor
         self._given_out: tuple[int, Transform] | None = None
-        self._unseen_to_given = NOTHING
+        self._unseen_to_given = self._noise = NOTHING
         self._variance_factor: float | None = None
         self._window, self._doubt = 0, np.zeros(2)
         self._bias = self._corrected_bias = np.zeros(3)
@@ -215,6 +218,10 @@ class PoseTrack:
         covariance = 0.5 * (covariance + covariance.T) + FIRST_VARIANCE * np.eye(6) + self._unseen_to_given + unseen
         if doubt is not None:
             covariance = covariance + covariance_of_doubt(doubt)
+        # white noise of this pose, in RB
+        white = WHITE_SHARE * (1.0 if factor is None else max(factor, MIN_FACTOR)) * of_pose
+        white = propagated_covariance(white, -T_rb_left.translation, T_rb_left.rotation @ now.rotation.T)
+        noise_before, self._noise = self._noise, 0.5 * (white + white.T)
         # one standard deviation of what the common error of all disparities adds
         remaining = calibration.target_u - calibration.constant_u
         sigma_px = np.sqrt(COMMON_DISPARITY_PX**2 + calibration.sigma_u**2 + remaining**2)
@@ -230,7 +237,9 @@ class PoseTrack:
         )
         vector = np.concatenate((of_rb.translation, rotvec_from_matrix(of_rb.rotation)))
         systematic = np.concatenate((to_rb @ systematic, np.zeros(3)))
-        return StepEstimate((stamp_ns - before_ns) / NS_PER_S, vector, covariance, systematic)
+        seconds = (stamp_ns - before_ns) / NS_PER_S
+        unsteady = NOTHING if follows else self._unseen_in(seconds)
+        return StepEstimate(seconds, vector, covariance, systematic, self._noise, noise_before, unsteady)
 
     def adjusted(self, pose: Pose, covariance: FloatArray) -> bool:
         """Go on from the adjusted pose of the last pair and its covariance `(6, 6)`; tell whether it is plausible."""
@@ -335,7 +344,7 @@ class PoseTrack:
         before, self._unseen_to_given = self._unseen_to_given, self._unseen_in(self.unseen_s(stamp_ns))
         self._given_out = stamp_ns, self.T_world_left
         more = self._unseen_to_given - before + FIRST_VARIANCE * np.eye(6)
-        return StepEstimate(seconds, np.zeros(6), more, np.zeros(6))
+        return StepEstimate(seconds, np.zeros(6), more, np.zeros(6), self._noise, self._noise, NOTHING)
 
     def _add_doubt(self, position: FloatArray, step: tuple[float, float]) -> None:
         """Allow for a motion that may have been another one: it may err by metres and radians, always the same way."""

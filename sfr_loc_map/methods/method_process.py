@@ -83,7 +83,7 @@ class MethodCall:
     reason: str = ""  # why its pose is degraded or lost
     statistics: Mapping[str, float] = field(default_factory=dict)
     covariance: FloatArray | None = None  # of the pose
-    step: FloatArray | None = None  # `(27,)` uncertainty of the step
+    step: FloatArray | None = None  # `(48,)` uncertainty of the step
 
 
 class MethodProcess:

@@ -34,7 +34,7 @@ class Estimates:
     degraded: Mask  #: `(N,)` bool, the localiser had a reason to doubt the pose.
     #: `(N, 21)` float64, upper triangle, ROS order (m^2, rad^2), NaN where not known; None if known of none.
     covariance: FloatArray | None
-    #: `(N, 27)` float64, step to each pose (see `metrics.consistency`), alike.
+    #: `(N, 48)` float64, step to each pose (see `metrics.consistency`), alike.
     steps: FloatArray | None = None
 
     @classmethod

@@ -2,10 +2,11 @@
 
 Q, the covariance of the end given the start, comes from the steps between them. A step is the motion since the pose
 before, with a covariance that is independent from step to step and a vector: one standard deviation of the error that
-all steps have alike. An error of a pose moves what comes after it, by F of `geometry.transform.propagation`, so with
-both sums taken to the origin of DS, C of `F S F^T` and G of `F g`,
+all steps have alike. Each pose has white noise N besides. An error of a pose moves what comes after it, by F of
+`geometry.transform.propagation`, so with both sums taken to the origin of DS, C of `F S F^T` and G of `F g`, and W =
+`F N F^T` likewise,
 
-    Q(i, j) = F(p_j) (C_j - C_i + (G_j - G_i) (G_j - G_i)^T) F(p_j)^T
+    Q(i, j) = F(p_j) (C_j - C_i + W_i + W_j + (G_j - G_i) (G_j - G_i)^T) F(p_j)^T
 
 Where the steps are not known, Q is what the published covariance grew by, `P_end - F P_start F^T`; not usable where it
 shrank, as when a calibration was learnt. Only sub-trajectories that share no frame are taken: they are independent.
@@ -21,7 +22,7 @@ from typing import Final
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
-from sfr_loc_map.geometry.quaternion_kernels import rotated, row_quat, unit_quats
+from sfr_loc_map.geometry.quaternion_kernels import Quat, rotated, row_quat, unit_quats
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_multiply, quat_normalised, quat_rotate
 from sfr_loc_map.geometry.small_linalg import copy_row
 from sfr_loc_map.geometry.transform import propagated_covariance, propagation
@@ -32,12 +33,15 @@ from sfr_loc_map.metrics.score import NeesPart, NeesScore
 from sfr_loc_map.metrics.statistics import chi2_interval95
 
 PARTS = (slice(0, 6), slice(0, 3), slice(3, 6))  #: Pose, position, attitude.
-STEP_SIZE: Final = 27  #: Numbers of a step: upper triangle of its covariance, then the systematic vector.
+STEP_SIZE: Final = 48
+"""Numbers of a step: upper triangle of its covariance, systematic vector, upper triangle of the noise of its pose."""
+WITHOUT_NOISE: Final = 27  #: Of a step without the last of these.
+SUMS_SIZE: Final = 79  #: Numbers of the sums up to a pose: C, G, count of unknown steps, W of the pose.
 AXES: Final = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 def sums_of_steps(estimates: Estimates, steps: FloatArray, wanted: IntArray) -> dict[int, FloatArray]:
-    """Return the sums `(43,)` of the steps `(E, 27)` of the estimates up to each that is wanted, by its row."""
+    """Return the sums `(79,)` of the steps `(E, 48)` of the estimates up to each that is wanted, by its row."""
     poses = estimates.trajectory
     rows = unique_rows(poses.stamps_ns)
     positions, quats = np.ascontiguousarray(poses.positions[rows]), unit_quats(poses.quats_xyzw[rows])
@@ -121,7 +125,8 @@ def relative_covariance(start: FloatArray, end: FloatArray, position: FloatArray
         return None
     carried = propagation(position)
     systematic = carried @ between[36:42]
-    covariance = carried @ between[:36].reshape(6, 6) @ carried.T + np.outer(systematic, systematic)
+    parts = between[:36] + start[43:] + end[43:]
+    covariance = carried @ parts.reshape(6, 6) @ carried.T + np.outer(systematic, systematic)
     return np.asarray(0.5 * (covariance + covariance.T))
 
 
@@ -129,53 +134,66 @@ def relative_covariance(start: FloatArray, end: FloatArray, position: FloatArray
 def accumulated(
     steps: FloatArray, lost: Mask, positions: FloatArray, quats: FloatArray, wanted: IntArray
 ) -> FloatArray:
-    """Return the sums `(W, 43)` at rows that go up, of steps `(N, 27)` to poses in the order of their stamps.
+    """Return the sums `(W, 79)` at rows that go up, of steps `(N, 48)` to poses in the order of their stamps.
 
     Steps are NaN where not known; a lost pose repeats the one before and has none. Metres, DS; unit quaternions.
     """
-    result, found = np.empty((len(wanted), 43)), 0
-    total, before = np.zeros(43), (0.0, 0.0, 0.0, 1.0)
-    step, carried = np.empty((6, 6)), np.zeros((6, 6))
+    result, found = np.empty((len(wanted), SUMS_SIZE)), 0
+    total, before = np.zeros(SUMS_SIZE), (0.0, 0.0, 0.0, 1.0)
+    part, carried = np.empty((6, 6)), np.zeros((6, 6))
     for k in range(len(steps)):
         known = True
         for value in steps[k]:  # `.all()` would load the compiler's parts with the kernel
             known = known and np.isfinite(value)
+        now = row_quat(quats, k)
         if not known and not lost[k]:
             total[42] += 1.0
         elif not lost[k]:
-            column = 0
-            x, y, z = positions[k, 0], positions[k, 1], positions[k, 2]
-            for j in range(6):
-                for i in range(j, 6):
-                    step[i, j] = step[j, i] = steps[k, column]
-                    column += 1
-                if j < 3:  # what takes an error at the position, in the axes of RB before, to the origin of DS
-                    a, b, c = rotated(before, AXES[j])
-                    carried[0, j], carried[1, j], carried[2, j] = a, b, c
-                    carried[3, j + 3], carried[4, j + 3], carried[5, j + 3] = a, b, c
-                    carried[0, j + 3], carried[1, j + 3], carried[2, j + 3] = (
-                        y * c - z * b,
-                        z * a - x * c,
-                        x * b - y * a,
-                    )
-            _add(total, carried, step, steps[k])
-        before = row_quat(quats, k)
+            _carry(before, positions[k], carried)
+            _fill(part, steps[k], 0)
+            _add(total, 0, carried, part)
+            for i in range(6):
+                for a in range(6):
+                    total[36 + i] += carried[i, a] * steps[k, 21 + a]
+        before = now
         if found < len(wanted) and wanted[found] == k:
+            total[43:] = 0.0
+            if known and not lost[k]:
+                _carry(now, positions[k], carried)
+                _fill(part, steps[k], WITHOUT_NOISE)
+                _add(total, 43, carried, part)
             copy_row(total, result[found])
             found += 1
     return result
 
 
 @jit
-def _add(total: FloatArray, carried: FloatArray, step: FloatArray, row: FloatArray) -> None:
+def _carry(quat: Quat, position: FloatArray, carried: FloatArray) -> None:
+    """Fill what takes an error at a position `(3,)`, in axes that a quaternion turns to DS, to the origin of DS."""
+    x, y, z = position[0], position[1], position[2]
+    for j in range(3):
+        a, b, c = rotated(quat, AXES[j])
+        carried[0, j], carried[1, j], carried[2, j] = a, b, c
+        carried[3, j + 3], carried[4, j + 3], carried[5, j + 3] = a, b, c
+        carried[0, j + 3], carried[1, j + 3], carried[2, j + 3] = y * c - z * b, z * a - x * c, x * b - y * a
+
+
+@jit
+def _fill(matrix: FloatArray, row: FloatArray, column: int) -> None:
+    """Fill a symmetric matrix `(6, 6)` from its upper triangle in a row, from a column on."""
+    for j in range(6):
+        for i in range(j, 6):
+            matrix[i, j] = matrix[j, i] = row[column]
+            column += 1
+
+
+@jit
+def _add(total: FloatArray, first: int, carried: FloatArray, part: FloatArray) -> None:
+    """Add `carried part carried^T` to the 36 totals from the first on."""
     for i in range(6):
         for j in range(6):
             value = 0.0
             for a in range(6):
                 for b in range(6):
-                    value += carried[i, a] * step[a, b] * carried[j, b]
-            total[6 * i + j] += value
-        systematic = 0.0
-        for a in range(6):
-            systematic += carried[i, a] * row[21 + a]
-        total[36 + i] += systematic
+                    value += carried[i, a] * part[a, b] * carried[j, b]
+            total[first + 6 * i + j] += value

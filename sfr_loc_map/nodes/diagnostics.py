@@ -105,7 +105,7 @@ class Call:
     statistics: Mapping[str, float]
     times: Mapping[str, float] = field(default_factory=dict)  #: Times around it, seconds, by name.
     reason: str = ""  #: Why it is degraded or lost, in one word; empty otherwise.
-    step: FloatArray | None = None  #: `(27,)` of the localiser, as in `CallRecord`; None where there is none.
+    step: FloatArray | None = None  #: `(48,)` of the localiser, as in `CallRecord`; None where there is none.
 
     @property
     def result(self) -> str:

@@ -179,7 +179,7 @@ def _twist_msg(step: StepEstimate | None) -> TwistWithCovariance:
         return TwistWithCovariance(covariance=(np.eye(6) * LOST_VARIANCE).reshape(36))
     velocity, covariance = np.zeros(6), np.eye(6) * FIRST_VELOCITY_VARIANCE
     if step.seconds > 0.0:
-        velocity, covariance = step.motion / step.seconds, step.covariance / step.seconds**2
+        velocity, covariance = step.motion / step.seconds, step.motion_covariance / step.seconds**2
     x, y, z, roll, pitch, yaw = velocity.tolist()
     twist = Twist(linear=Vector3(x=x, y=y, z=z), angular=Vector3(x=roll, y=pitch, z=yaw))
     return TwistWithCovariance(twist=twist, covariance=covariance.reshape(36))

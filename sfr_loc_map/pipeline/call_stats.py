@@ -21,11 +21,15 @@ from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.calls import Calls, CallUsage, stage_of
 from sfr_loc_map.metrics.config import MappingState
-from sfr_loc_map.metrics.consistency import STEP_SIZE
+from sfr_loc_map.metrics.consistency import STEP_SIZE, WITHOUT_NOISE
 from sfr_loc_map.metrics.score import FindingKind, FindingRecord, MethodKind, MethodRecord, ProcessUsage
 
 COVARIANCE_NAMES = tuple(f"cov_{i}{j}" for i, j in zip(*UPPER, strict=True))
-STEP_NAMES = (*(f"step_{name}" for name in COVARIANCE_NAMES), *(f"systematic_cov_{i}" for i in range(6)))
+STEP_NAMES = (
+    *(f"step_{name}" for name in COVARIANCE_NAMES),
+    *(f"systematic_cov_{i}" for i in range(6)),
+    *(f"noise_{name}" for name in COVARIANCE_NAMES),
+)
 METHOD_NAMES = ("method", "method_version", "method_kind", "method_sha256", "method_isolation", "finding")
 TAKEN = ("cpu_s", "cpu_between_s", "threads", "processes")  #: Of a method's processes, from outside.
 ADAPTER_S = 0.015  #: Processor time that the adapter of a method may take for a call, and what its steps of 0.01 hide.
@@ -51,8 +55,8 @@ class CallRecord:
     covariance: FloatArray | None = None  # `(6, 6)` of the pose (ROS order), None for mapping
     reason: str = ""  # why it is degraded or lost, in one word
     step: FloatArray | None = None
-    """`(27,)` upper triangle of the covariance of the motion since the pose before, in RB there, then one standard
-    deviation of the error that all such motions have alike; None where not known."""
+    """`(48,)` upper triangle of the covariance of the motion since the pose before, in RB there, one standard deviation
+    of the error that all such motions have alike, upper triangle of the pose's own noise; None where not known."""
     finding: str = ""  # what the method did wrong in this call, `KIND: text`
 
 
@@ -62,7 +66,7 @@ class CallStats:
 
     calls: Calls
     covariance: FloatArray | None  # `(N, 21)` upper triangles, NaN where not known; None if none is
-    steps: FloatArray | None  # `(N, 27)` steps between the poses, likewise
+    steps: FloatArray | None  # `(N, 48)` steps between the poses, likewise
     method: MethodRecord | None = None  # None if nobody says which was called
     findings: tuple[FindingRecord, ...] = ()  # what the method did wrong, one for each kind
     processes: ProcessUsage | None = None  # what the processes of the method took; None where nobody looked
@@ -195,9 +199,11 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
     seconds, peak, above_idle, heap, stack = (_column(path, rows, name) for name in costs)
     stages = {stage: _column(path, rows, name) for name in rows[0] if (stage := stage_of(name or ""))}
     covariance, steps = (
-        np.column_stack([_column(path, rows, name) for name in names]) if rows[0].keys() >= set(names) else None
-        for names in (COVARIANCE_NAMES, STEP_NAMES)
+        np.column_stack([_column(path, rows, name) for name in names]) if rows[0].keys() >= set(needed) else None
+        for names, needed in ((COVARIANCE_NAMES,) * 2, (STEP_NAMES, STEP_NAMES[:WITHOUT_NOISE]))
     )
+    if steps is not None and STEP_NAMES[-1] not in rows[0]:
+        steps[:, WITHOUT_NOISE:] = 0.0
     method = None
     if name := rows[0].get("method"):
         version, kind, sha256, isolation = (rows[0].get(key) or None for key in METHOD_NAMES[1:5])

@@ -82,7 +82,9 @@ QUATS = Rotation.from_quat(RNG.normal(0.0, 1.0, (COUNT, 4))).as_quat()
 ROOTS = RNG.normal(0.0, 0.01, (COUNT, 6, 6))
 SYSTEMATIC = RNG.normal(0.0, 0.01, (COUNT, 6))
 COVARIANCES = ROOTS @ ROOTS.transpose(0, 2, 1)
-STEPS = np.column_stack((COVARIANCES[:, *UPPER], SYSTEMATIC))
+NOISE = RNG.normal(0.0, 0.01, (COUNT, 6, 6))
+NOISE = NOISE @ NOISE.transpose(0, 2, 1)
+STEPS = np.column_stack((COVARIANCES[:, *UPPER], SYSTEMATIC, NOISE[:, *UPPER]))
 
 
 def test_steps_are_composed_as_one_after_the_other() -> None:
@@ -92,6 +94,9 @@ def test_steps_are_composed_as_one_after_the_other() -> None:
         in_ds = np.kron(np.eye(2), matrix_from_quat(QUATS[k - 1]))
         composed = propagated_covariance(composed, move) + in_ds @ COVARIANCES[k] @ in_ds.T
         systematic = propagation(move) @ systematic + in_ds @ SYSTEMATIC[k]
+    for k in (4, 20):  # the noise of the poses at both ends
+        in_ds = np.kron(np.eye(2), matrix_from_quat(QUATS[k]))
+        composed += propagated_covariance(in_ds @ NOISE[k] @ in_ds.T, POSITIONS[20] - POSITIONS[k])
     steps = STEPS.copy()
     steps[25] = np.nan
     sums = accumulated(steps, np.zeros(COUNT, np.bool_), POSITIONS, QUATS, np.arange(COUNT))

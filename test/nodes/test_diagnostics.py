@@ -20,7 +20,7 @@ from sfr_loc_map.nodes.diagnostics import (
     values_of,
 )
 
-STEP = np.random.default_rng(0).normal(size=27) / 3.0
+STEP = np.random.default_rng(0).normal(size=48) / 3.0
 
 
 def published(usage: CallUsage) -> DiagnosticStatus:

@@ -83,7 +83,7 @@ def test_the_velocity_integrates_to_the_path() -> None:
         found = integrated(found, before, message)
         np.testing.assert_allclose(found.matrix, estimate.T_ds_rb.matrix, atol=1e-9)
         step = estimate.step
-        np.testing.assert_array_equal(message.twist.covariance, (step.covariance / step.seconds**2).reshape(36))
+        np.testing.assert_array_equal(message.twist.covariance, (step.motion_covariance / step.seconds**2).reshape(36))
 
 
 @given(

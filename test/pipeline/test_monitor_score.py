@@ -37,7 +37,8 @@ def small_drive(seed: int) -> Drive:
     quats = np.column_stack((0 * half, 0 * half, np.sin(half), np.cos(half)))
     roots = rng.normal(0, 0.01, (COUNT, 6, 6))
     covariance = np.cumsum(roots @ roots.transpose(0, 2, 1), axis=0)
-    steps = np.column_stack(((roots @ roots.transpose(0, 2, 1))[:, *UPPER], rng.normal(0, 0.01, (COUNT, 6))))
+    upper = (roots @ roots.transpose(0, 2, 1))[:, *UPPER]
+    steps = np.column_stack((upper, rng.normal(0, 0.01, (COUNT, 6)), upper[::-1]))
     steps[rng.random(COUNT) < 0.1] = np.nan
     lost, degraded = rng.random(COUNT) < 0.05, rng.random(COUNT) < 0.1
     covariance[lost], steps[lost] = LOST_VARIANCE * np.eye(6), np.nan

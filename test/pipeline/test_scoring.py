@@ -136,7 +136,7 @@ def recorded(path: Path, *statuses: object) -> Path:
 
 
 def test_a_bag_has_the_states_and_steps_of_its_node(tmp_path: Path) -> None:
-    step = np.random.default_rng(0).normal(size=27) / 3.0
+    step = np.random.default_rng(0).normal(size=48) / 3.0
     text = " ".join(map(repr, step.tolist()))
     bag = recorded(
         tmp_path / "bag",
@@ -148,7 +148,7 @@ def test_a_bag_has_the_states_and_steps_of_its_node(tmp_path: Path) -> None:
     )
     found = load_estimates(bag)
     assert found.degraded.tolist() == [False, False, True]
-    np.testing.assert_array_equal(found.steps, [np.full(27, np.nan)] * 2 + [step])
+    np.testing.assert_array_equal(found.steps, [np.full(48, np.nan)] * 2 + [step])
     silent = load_estimates(recorded(tmp_path / "silent"))
     assert (silent.degraded.any(), silent.steps) == (False, None)
     with pytest.raises(InputError, match="'rover/localisation_node: call' of '/diagnostics'"):
