@@ -102,7 +102,7 @@ class StepEstimate:
 
     @property
     def motion_covariance(self) -> FloatArray:
-        """Covariance `(6, 6)` of the motion if it goes on: of the step, both poses, the calibration, a speed that changed."""
+        """Covariance `(6, 6)` of the motion by itself: step, noise of both poses, calibration, a speed that changed."""
         T_before_now = Transform(matrix_from_rotvec(self.motion[3:]), self.motion[:3])
         before = propagated_covariance(self.noise_before, T_before_now.translation)
         turn = np.kron(np.eye(2), T_before_now.rotation)
