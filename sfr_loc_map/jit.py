@@ -37,6 +37,7 @@ from numba.core.runtime import nrt
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+KERNELS: set[Any] = set()  #: Those of the modules that are loaded.
 FAST = {"reassoc", "contract", "nsz", "arcp"}
 """Sums in any order; the result depends on the machine, not on the run."""
 _KERNEL: dict[str, Any] = {"nogil": True, "no_cfunc_wrapper": True}
@@ -71,6 +72,7 @@ def _cached(function: F, **options: Any) -> F:  # noqa: ANN401 - numba's
     """Compile with options of numba, and keep the compiled code."""
     kernel: Any = njit(**options)(function)
     if kernel is not function:  # NUMBA_DISABLE_JIT leaves the function
+        KERNELS.add(kernel)
         kernel._cache = _KernelCache(function)  # type: ignore[no-untyped-call]
         kernel._compilation_chain_init_hook = _nothing
     return cast(F, kernel)

@@ -42,6 +42,16 @@ LATENCY_WINDOW = 200  #: Calls over which the percentile of a latency is taken.
 MAX_MOMENTS = 10_000  #: Arrivals or calls within the window that a rate is taken over.
 MAX_REASONS = 4  #: Reasons that a message names.
 MB = 1_000_000
+DROPS = {
+    "dropped_overload": "came faster than they are processed: slow them down, or give this host more to work with",
+    "dropped_in_transport": "were lost between their publisher and this node",
+    "dropped_unpaired": "of one side had none of the other within the tolerance of stamps",
+    "dropped_rejected": "could not be used",
+    "dropped_stale": "were not newer than the ones before",
+    "dropped_without_camera_info": "came without a usable camera_info",
+    "dropped_without_pose": "had no nav/pose of their stamp",
+}
+"""What is logged of counts that grow."""
 OFFSETS = {
     "vertical_offset_px": (0.3, "vertical disparity of more than {:g} px"),
     "roll_offset_px": (0.5, "vertical disparity grows by more than {:g} px over the focal length"),
@@ -284,6 +294,7 @@ class StatusReporter:
         self._node, self._task, self._activity = node, task, activity
         self._last_kind: tuple[str, ...] = ()
         self._meter: CallMeter | None = None
+        self.calls = 0
         self.health = Health(config)
         self.publisher = node.create_publisher(DiagnosticArray, TOPIC, QoSProfile(depth=QUEUE_DEPTH))
         self._timer = self._start_timer(config.period_s)
@@ -309,6 +320,7 @@ class StatusReporter:
 
     def call(self, call: Call, counts: Mapping[str, int]) -> None:
         """Publish a measured call with the counts since the start of the node, and note it in the health."""
+        self.calls += 1
         took = call.took()
         values: dict[str, Value] = {
             "task": self._task,

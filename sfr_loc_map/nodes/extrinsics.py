@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import Quaternion, TransformStamped, Vector3
@@ -13,6 +14,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import ConfigError, GeometryError
+from sfr_loc_map.geometry.extrinsics import rig_in_body
 from sfr_loc_map.geometry.transform import FrameTree, Transform
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
 from sfr_loc_map.nodes.messages import header_msg, tf_message_type
@@ -30,7 +32,8 @@ class ExtrinsicsConfig:
     quat_xyzw: tuple[float, ...] = param(
         (0.0, 0.0, 0.0, 0.0),
         doc="Orientation of LOCSB in RB: x, y, z, w; takes components in LOCSB to RB. All zero: not given, the "
-        "extrinsics are then taken from /tf_static (rb_frame to locsb_frame) where tf2_msgs is installed.",
+        "extrinsics are then taken from /tf_static where tf2_msgs is installed: of locsb_frame, or of the frame that "
+        "the left camera_info names, in rb_frame (or base_link, base_footprint, ... while that is rb).",
         low=-10.0,
         high=10.0,
     )
@@ -62,27 +65,33 @@ def add_static_transforms(message: Any, tree: FrameTree) -> None:  # noqa: ANN40
 
 
 class Extrinsics:
-    """The extrinsics, from the parameters or else from /tf_static once it joins the frames."""
+    """The extrinsics, from the parameters or else from /tf_static once it joins the frames; for one thread.
 
-    def __init__(self, config: ExtrinsicsConfig, rb_frame: str, sb_frame: str) -> None:
-        """Take the parameters, and the names of the frames in /tf_static."""
+    The worker reads `T_rb_sb`, which changes once.
+    """
+
+    def __init__(self, config: ExtrinsicsConfig, base_frame: str, sb_frame: str) -> None:
+        """Take the parameters, and the names of the frames in /tf_static; an empty base is one of `BASE_FRAMES`."""
         self.T_rb_sb = config.transform()
-        self._rb_frame, self._sb_frame, self._tree = rb_frame, sb_frame, FrameTree()
+        self._base_frame, self._sb_frame, self._tree = base_frame, sb_frame, FrameTree()
 
-    def subscribe(self, endpoints: Endpoints, warn: Callable[[str], object]) -> None:
+    def subscribe(self, endpoints: Endpoints, say: Callable[[str], object]) -> None:
         """Subscribe to /tf_static if they are not known, and say so."""
         if self.T_rb_sb is not None:
             return
         kind = tf_message_type()
         if kind is not None:
-            endpoints.add_subscription(kind, "/tf_static", self._on_transforms, TF_STATIC)
+            endpoints.add_subscription(kind, "/tf_static", partial(add_static_transforms, tree=self._tree), TF_STATIC)
         source = "/tf_static is awaited" if kind else "tf2_msgs for /tf_static is not installed"
-        warn(f"the extrinsics of the stereo rig (parameters T_rb_locsb) are not given: {source}")
+        say(f"the extrinsics of the stereo rig (parameters T_rb_locsb) are not given: {source}")
 
-    def _on_transforms(self, message: Any) -> None:  # noqa: ANN401 - tf2_msgs need not be there
-        add_static_transforms(message, self._tree)
+    def look(self, camera_frame: str, baseline_m: float, say: Callable[[str], object]) -> None:
+        """Look for them by the frame of the left camera, and say where they are from."""
         if self.T_rb_sb is None:
-            self.T_rb_sb = self._tree.find(self._rb_frame, self._sb_frame)
+            found = rig_in_body(self._tree, camera_frame, baseline_m, self._base_frame, self._sb_frame)
+            if found is not None:
+                self.T_rb_sb = found.T_rb_sb
+                say(f"extrinsics of the stereo rig from /tf_static: {found.text}")
 
 
 def publish_extrinsics(node: Node, T_rb_sb: Transform) -> Any:  # noqa: ANN401 - rclpy has no types

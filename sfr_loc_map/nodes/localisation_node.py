@@ -51,11 +51,11 @@ from sfr_loc_map.nodes.messages import (
 from sfr_loc_map.nodes.motion_prior import MotionPriorConfig, OdometryBuffer
 from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig, ReceivedPair
 from sfr_loc_map.nodes.runner import run
-from sfr_loc_map.pipeline.kernels import load_kernels
 from sfr_loc_map.pipeline.localisation_session import LocalisationSession, PoseFile
 from sfr_loc_map.pipeline.reception import ThinnedPath
 
 OUTPUT_DEPTH = 1000  #: Odometry messages that are kept for a slow subscriber.
+RB_FRAME = "rb"
 LEVELS = {
     TrackingState.INITIALISING: Level.WARN,
     TrackingState.TRACKING: Level.OK,
@@ -69,7 +69,7 @@ class LocalisationNodeConfig(PairNodeConfig):
     """Parameters of the localisation node."""
 
     ds_frame: str = param("ds", doc="Name of the world frame DS: parent of the odometry.")
-    rb_frame: str = param("rb", doc="Name of the frame RB of the rover: child of the odometry.")
+    rb_frame: str = param(RB_FRAME, doc="Name of the frame RB of the rover: child of the odometry.")
     locsb_frame: str = param("locsb", doc="Name of the frame LOCSB of the stereo rig in /tf_static.")
     publish_tf: bool = param(True, doc="Publish ds to rb on /tf, where tf2_msgs is installed.")
     resume_file: str = param(
@@ -115,13 +115,14 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         """Load compiled code, create publishers."""
         config, add_publisher = self.config, self.endpoints.add_publisher
         # Before the first pair: no call pays for it.
-        load_kernels("localisation", self.get_logger().info, self.context.ok)
+        self.load_kernels("localisation")
         pose_file = PoseFile(Path(config.resume_file), config.resume_max_age_s) if config.resume_file else None
         if pose_file is not None:
             pose_file.check()
         self._session = LocalisationSession(config.localisation, pose_file, self.status.warn)
         self._rb_frame = config.frame(config.rb_frame)
-        self._extrinsics = Extrinsics(config.T_rb_locsb, self._rb_frame, config.frame(config.locsb_frame))
+        base = "" if config.rb_frame == RB_FRAME else self._rb_frame
+        self._extrinsics = Extrinsics(config.T_rb_locsb, base, config.frame(config.locsb_frame))
         self._motion_prior = OdometryBuffer()
         self.status.mark_idle()
         self._odometry = add_publisher(Odometry, "localisation/odometry", OUTPUT_DEPTH)
@@ -136,13 +137,15 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         add_subscription, depth = self.endpoints.add_subscription, self.config.input.queue_depth
         # First, so that a pose sent before the first pair is handled before it.
         add_subscription(PoseWithCovarianceStamped, "initialpose", self._on_initial_pose, QoSProfile(depth=1))
-        self._extrinsics.subscribe(self.endpoints, self.get_logger().warning)
+        self._extrinsics.subscribe(self.endpoints, self.get_logger().info)
         add_subscription(Odometry, "motion_prior", self._on_wheel_odometry, profile("best_effort", depth))
-        self.subscribe_images(
-            on_pair=lambda pair: self.worker.enqueue_droppable(lambda: self._process(pair)),
-            on_rig=lambda rig: self.worker.enqueue(lambda: self._set_rig(rig)),
-        )
+        self.subscribe_images(on_pair=self._on_pair, on_rig=lambda rig: self.worker.enqueue(lambda: self._set_rig(rig)))
         self.add_service("~/reset", self._reset, first=self.forget_waiting)
+
+    @property
+    def extrinsics_known(self) -> bool:  # type: ignore[override]
+        """Whether the parameters or /tf_static have given them."""
+        return self._extrinsics.T_rb_sb is not None
 
     def teardown(self) -> None:
         """Forget everything."""
@@ -166,6 +169,10 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
             self._stereo.restart()
         self.get_logger().warning(f"{reason}: localisation restarts at its first pose")
         self.worker.enqueue(self._session.restart)
+
+    def _on_pair(self, pair: ReceivedPair) -> None:
+        self._extrinsics.look(pair.frame_id, pair.rig.baseline_m, self.get_logger().info)
+        self.worker.enqueue_droppable(lambda: self._process(pair))
 
     def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
         frame, wanted = message.header.frame_id, self.config.frame(self.config.ds_frame)

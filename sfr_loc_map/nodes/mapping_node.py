@@ -38,10 +38,9 @@ from sfr_loc_map.nodes.messages import (
     header_msg,
     transform_from_pose,
 )
-from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig, ReceivedPair
+from sfr_loc_map.nodes.pair_node import RECENT, PairNode, PairNodeConfig, ReceivedPair
 from sfr_loc_map.nodes.runner import run
 from sfr_loc_map.pipeline.call_stats import call_of_stages
-from sfr_loc_map.pipeline.kernels import load_kernels
 from sfr_loc_map.pipeline.mapping_session import MappingSession, PoseMatching
 
 POSE_DEPTH, OUTPUT_DEPTH = 100, 10  #: Queues of nav/pose and of the disparity; clouds and grids are latched.
@@ -82,8 +81,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
     def setup(self) -> None:
         """Load compiled code, create publishers."""
         config = self.config
-        for part in ("mapping", "terrain"):
-            load_kernels(part, self.get_logger().info, self.context.ok)
+        self.load_kernels("mapping", "terrain")
         self._session = MappingSession(config.mapping)
         self._stages: deque[CallUsage] = deque(maxlen=MAX_PAIRS)  # what mapping the last pairs took
         self.status.mark_idle()
@@ -108,6 +106,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
         """Forget everything."""
         config = self.config
         self._stereo = None
+        self._pose_stamps: deque[int] = deque(maxlen=RECENT)
         self._session = MappingSession(config.mapping)
         self._matching: PoseMatching[ReceivedPair] = PoseMatching(
             config.input.stamp_tolerance_ns, config.pose_wait_s, self._report_without_pose
@@ -120,6 +119,12 @@ class MappingNode(PairNode[MappingNodeConfig]):
     def expects_input(self) -> bool:
         """Tell whether a map is begun: between maps silence is no sign."""
         return len(self._session) > 0
+
+    def take_seen(self) -> dict[str, tuple[list[int], tuple[Any, ...]]]:
+        """Return what has been received since the last time, poses too."""
+        stamps_ns = [*self._pose_stamps]
+        self._pose_stamps.clear()
+        return super().take_seen() | {"nav/pose": (stamps_ns, tuple(stamps_ns[:1]))}
 
     def counts(self) -> dict[str, int]:
         """Return what was dropped since the start, by name."""
@@ -152,6 +157,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
 
     def _on_pose(self, message: PoseStamped) -> None:
         stamp_ns = stamp_of(message)
+        self._pose_stamps.append(stamp_ns)
         frame, wanted = message.header.frame_id, self.config.frame(self.config.lm_frame)
         try:
             pose = transform_from_pose(message.pose, f"nav/pose of stamp {stamp_ns}")

@@ -65,6 +65,9 @@ POINT_TYPES: dict[type[np.generic], int] = {
 """Codes of sensor_msgs/PointField."""
 
 
+POINT_ALIGNMENT = 4  #: Bytes; a float of each point then lies where processors and graphics cards want it.
+
+
 def time_msg(stamp_ns: int) -> Time:
     """Return nanoseconds as a ROS time, exactly."""
     sec, nanosec = divmod(int(stamp_ns), NS_PER_S)
@@ -84,7 +87,15 @@ def byte_array(values: NDArray[Any]) -> array[int]:
 
 
 def points_msg(records: NDArray[np.void], header: Header) -> PointCloud2:
-    """Return structured points `(N,)` or `(H, W)` as a message, not said to be dense."""
+    """Return structured points `(N,)` or `(H, W)` as a message, not said to be dense; a point ends at a word."""
+    if records.dtype.itemsize % POINT_ALIGNMENT:
+        names = records.dtype.names or ()
+        layout: Mapping[str, Any] = records.dtype.fields or {}
+        formats, offsets = [layout[name][0] for name in names], [layout[name][1] for name in names]
+        size = records.dtype.itemsize + -records.dtype.itemsize % POINT_ALIGNMENT
+        tight, kind = records, np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size})
+        records = np.zeros(tight.shape, kind)
+        records[...] = tight
     dtype, shape = records.dtype, (1, *records.shape)[-2:]
     fields = [
         PointField(name=name, offset=int(dtype.fields[name][1]), datatype=POINT_TYPES[dtype[name].type], count=1)

@@ -42,7 +42,6 @@ from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.worker import Overload
 from sfr_loc_map.nodes.messages import cloud_from_msg, covariance_of, header_msg, odometry_row, transform_from_pose
 from sfr_loc_map.nodes.runner import run
-from sfr_loc_map.pipeline.kernels import load_kernels
 from sfr_loc_map.pipeline.monitor_score import MonitorScore, ReportFile
 from sfr_loc_map.pipeline.reception import TransportGaps
 
@@ -116,7 +115,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         """Read the limits, load compiled code, create publishers."""
         config = self.config
         limits = load_limits(Path(config.limits_file)) if config.limits_file else None
-        load_kernels("metrics", self.get_logger().info, self.context.ok)
+        self.load_kernels("metrics")
         self._score = MonitorScore(config.score, limits, config.truth)
         self._report_file = ReportFile(config.save_file)
         self._report_file.check()

@@ -20,7 +20,7 @@ from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig
 from sfr_loc_map.io.stamp_pairing import STAMP_TOLERANCE_S, StampPairing
-from sfr_loc_map.nodes.diagnostics import StatusReporter
+from sfr_loc_map.nodes.diagnostics import Level, StatusReporter
 from sfr_loc_map.nodes.environment import EXPORT_LINE
 from sfr_loc_map.nodes.lifecycle.endpoints import RELIABILITIES, Endpoints, profile
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
@@ -29,6 +29,7 @@ from sfr_loc_map.nodes.lifecycle.worker import Overload
 from sfr_loc_map.nodes.messages import check_image, grey_from_image
 from sfr_loc_map.pipeline.reception import LossWatch, MessageTimes, TransportGaps, jumped_back, latencies
 
+RECENT = 200  #: Stamps that are kept of each topic, to say why no pair comes of them.
 ReceivedImage = tuple[Any, MessageTimes]  #: sensor_msgs/Image or CompressedImage, and when it was sent and received.
 
 
@@ -125,6 +126,8 @@ class StereoInput:
         self._pairing: StampPairing[ReceivedImage] = StampPairing(config.stamp_tolerance_ns, config.queue_depth)
         self._without_rig: deque[tuple[ReceivedImage, ReceivedImage]] = deque()
         self._gaps: list[TransportGaps] = []
+        self._recent_ns: dict[Side, deque[int]] = {side: deque(maxlen=RECENT) for side in SIDES}
+        self._unused: dict[Side, Any] = {}  # the last image of a side, while it makes no pair
 
     def subscribe(self, endpoints: Endpoints, status: StatusReporter) -> None:
         """Subscribe to images and camera_info of both cameras."""
@@ -161,6 +164,19 @@ class StereoInput:
             "dropped_without_camera_info": self.dropped["without_camera_info"],
         }
 
+    def take_seen(self) -> dict[str, tuple[list[int], tuple[Any, ...]]]:
+        """Return stamps and a message of each topic, of what has been received since the last time."""
+        image, transport = "image_raw" if self._config.rectify else "image_rect", self._config.image_transport
+        found: dict[str, tuple[list[int], tuple[Any, ...]]] = {}
+        ends = [""] * (transport != "compressed") + ["/compressed"] * (transport != "raw")
+        for side in SIDES:
+            images = [*self._recent_ns[side]], (self._unused[side],) if side in self._unused else ()
+            found |= {f"{self._name}/{side}/{image}{end}": images for end in ends}
+            infos: tuple[list[int], tuple[Any, ...]] = [], (self._infos[side],) if side in self._infos else ()
+            found[f"{self._name}/{side}/camera_info"] = infos
+            self._recent_ns[side].clear()
+        return found
+
     def restart(self) -> None:
         """Forget what waits and which stamp was last."""
         self._pairing.clear()
@@ -195,6 +211,8 @@ class StereoInput:
 
     def add_image(self, side: Side, image: ReceivedImage) -> None:
         """Take an image, and hand over the pair that it completes."""
+        self._recent_ns[side].append(stamp_of(image[0]))
+        self._unused[side] = image[0]
         add = self._pairing.add_left if side == "left" else self._pairing.add_right
         images = add(stamp_of(image[0]), image)
         if images is None:
@@ -223,6 +241,7 @@ class StereoInput:
                 return
             self._on_jump_back()
         self._last_ns = stamp_ns
+        self._unused.clear()
         frame_id = str(self._infos["left"].header.frame_id)
         self._on_pair(ReceivedPair(stamp_ns, rig, frame_id, images, self._rectifier))
 
@@ -270,6 +289,8 @@ class PairNode(ManagedNode[P]):
     """A managed node whose worker processes the pairs of one rig."""
 
     rig_name: ClassVar[str]
+    extrinsics_known = True  #: Whether the pose of the rig is known, as far as the node needs it.
+    _calls_before = 0
     _stereo: StereoInput | None = None
 
     def restart(self, reason: str) -> None:
@@ -287,6 +308,25 @@ class PairNode(ManagedNode[P]):
             self.status.error,
         )
         self._stereo.subscribe(self.endpoints, self.status)
+
+    def look_around(self) -> None:
+        """Log what was dropped, and where no result came meanwhile, what the node waits for, as the doctor finds it."""
+        super().look_around()
+        calls, before = self.status.calls, self._calls_before
+        self._calls_before, seen = calls, self.take_seen()
+        silent = not any(stamps_ns for stamps_ns, _ in seen.values())
+        if calls > before or not self.worker.is_idle or (silent and not self.expects_input()):
+            return
+        from sfr_loc_map.nodes.waiting import waits_for
+
+        self.status.mark_idle()  # with the memory of this import
+        for text in waits_for(self, seen):
+            self.get_logger().warning(f"waits: {text}")
+            self.status.health.note_problem(Level.WARN, f"waits: {text}")
+
+    def take_seen(self) -> dict[str, tuple[list[int], tuple[Any, ...]]]:
+        """Return stamps and a message of each topic, of what has been received since the last time."""
+        return {} if self._stereo is None else self._stereo.take_seen()
 
     def clock_jumped_back(self) -> None:
         """Start a new run, unless its pairs have come already."""

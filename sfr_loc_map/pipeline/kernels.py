@@ -22,10 +22,12 @@ from typing import Any
 from numba.core import event
 
 from sfr_loc_map.child_process import child_environment, end_with_parent
+from sfr_loc_map.jit import KERNELS
 from sfr_loc_map.signals import END_SIGNALS
 
 COMPILE = "numba:compile"  # event: a kernel is compiled; none for one that is loaded from the cache
 POLL_S = 0.1
+PERIOD_S = 3.0  # of lines that say how far a compilation is
 SIGNAL_S = 1.0  # how long after a signal has ended the compiling process this one may still learn of it
 Say = Callable[[str], None]
 _ONE_AT_A_TIME = threading.Lock()
@@ -78,10 +80,10 @@ def load_kernels(
     node, and the handlers of signals are then left as they are.
     """
 
-    def refuse() -> None:
+    def refuse(_: object) -> None:
         raise _NotCompiledError
 
-    def end_when_unwanted() -> None:
+    def end_when_unwanted(_: object) -> None:
         if not goes_on():
             raise KeyboardInterrupt
 
@@ -102,13 +104,13 @@ class _NotCompiledError(Exception):
 
 
 class _Listener(event.Listener):
-    """Calls a function before each compilation, which an exception of it ends."""
+    """Calls a function with the kernel before each compilation, which an exception of it ends."""
 
-    def __init__(self, before: Callable[[], None]) -> None:
+    def __init__(self, before: Callable[[object], None]) -> None:
         self._before = before
 
     def on_start(self, event: event.Event) -> None:
-        self._before()
+        self._before(event.data["dispatcher"])
 
     def on_end(self, event: event.Event) -> None:
         pass
@@ -116,18 +118,28 @@ class _Listener(event.Listener):
 
 @contextmanager
 def announce_compilation(say: Say) -> Iterator[None]:
-    """Say that kernels are compiled within the `with` block, and how long it took; where none is, nothing."""
-    begin: list[float] = []
+    """Say which of how many kernels is compiled within the `with` block, and how long it took; where none is, nothing.
 
-    def before() -> None:
-        if not begin:
+    Of those of the modules that are loaded a part uses nearly all.
+    """
+    begin_s = said_s = 0.0
+    done: set[object] = set()
+
+    def before(kernel: object) -> None:
+        nonlocal begin_s, said_s
+        now_s = time.monotonic()
+        done.update({kernel} & KERNELS)
+        if not begin_s:
+            begin_s = said_s = now_s
             say("compiles its kernels, once after an installation: this takes about a minute")
-        begin.append(time.monotonic())
+        elif now_s - said_s >= PERIOD_S:
+            said_s = now_s
+            say(f"compiling: kernel {len(done)} of at most {len(KERNELS)}")
 
     with event.install_listener(COMPILE, _Listener(before)):
         yield
-    if begin:
-        say(f"{len(begin)} kernels compiled in {time.monotonic() - begin[0]:.0f} s; later starts load them")
+    if begin_s:
+        say(f"{len(done)} kernels compiled in {time.monotonic() - begin_s:.0f} s; later starts load them")
 
 
 @contextmanager

@@ -201,7 +201,7 @@ def test_points_of_any_float_layout_are_read(kind: str, code: int, order: str) -
         (lambda m: setattr(m, "data", m.data[:-1]), "too few"),
         (lambda m: setattr(m, "height", 2**31), "too few"),
         (lambda m: m.fields.pop(), "no field 'pair' of uint8"),
-        (lambda m: setattr(m.fields[0], "offset", 22), "beyond the 25 byte point"),
+        (lambda m: setattr(m.fields[0], "offset", 25), "beyond the 28 byte point"),
         (lambda m: setattr(m, "row_step", 1), "too few"),
     ],
 )

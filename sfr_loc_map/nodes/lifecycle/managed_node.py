@@ -16,20 +16,23 @@ import traceback
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import JumpThreshold, ROSClock
 from rclpy.duration import Duration
 from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter
 from rclpy.task import Future
 from std_msgs.msg import String
 
 from sfr_loc_map.errors import ConfigError, NodeError, SfrError
 from sfr_loc_map.inputs import JUMP_BACK_NS
-from sfr_loc_map.nodes.diagnostics import Level, NodeActivity, State, StatusReporter
+from sfr_loc_map.nodes.diagnostics import DROPS, LOG_PERIOD_S, Level, NodeActivity, State, StatusReporter
 from sfr_loc_map.nodes.lifecycle.endpoints import Answer, Endpoints
-from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig, Parameters
+from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig, Parameters, as_list
 from sfr_loc_map.nodes.lifecycle.worker import Worker
+from sfr_loc_map.pipeline.kernels import load_kernels
 
 C = TypeVar("C", bound=NodeConfig)
 
@@ -61,6 +64,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
             self, config_type, live=live, state=lambda: self.state, check=self.check_config, changed=self._on_change
         )
         self._last_error: Exception | None = None
+        self._counts_before: dict[str, int] = {}
         self._quiet = False  # a failed transition is left to the caller to report
         self.status = StatusReporter(self, task, self.config.health, self._activity)
         self.endpoints = Endpoints(self, self.config.output_reliability, self.status.warn)
@@ -94,6 +98,15 @@ class ManagedNode(LifecycleNode, Generic[C]):
         """Return what was dropped since the start, by name."""
         return {"dropped_overload": self._worker.dropped if self._worker is not None else 0}
 
+    def look_around(self) -> None:
+        """Log what was dropped since the last time; called every 5 s while active."""
+        counts, before = self.counts(), self._counts_before
+        self._counts_before = counts
+        for name, count in counts.items():
+            if (more := count - before.get(name, 0)) > 0:
+                text = f"{more} messages {DROPS.get(name, name)} in {LOG_PERIOD_S:g} s ({name} {count})"
+                self.get_logger().warning(text)
+
     def restart_after_fault(self) -> None:
         """Restart after an exception that was not foreseen; called in the worker's thread."""
 
@@ -115,6 +128,17 @@ class ManagedNode(LifecycleNode, Generic[C]):
         if self._worker is None:
             raise NodeError(f"{self.get_fully_qualified_name()} is {self.state}: configure it first")
         return self._worker
+
+    def load_kernels(self, *parts: str) -> None:
+        """Load compiled code, so that no call pays for it; say in log and health how far a compilation is."""
+
+        def say(line: str) -> None:
+            self.get_logger().info(line)
+            self.status.health.note_problem(Level.WARN, line, "compiling")
+            self.status.publish_health()
+
+        for part in parts:
+            load_kernels(part, say, self.context.ok)
 
     def config_json(self) -> str:
         """Return the active configuration by dotted names."""
@@ -191,6 +215,17 @@ class ManagedNode(LifecycleNode, Generic[C]):
         self.status.health.note_problem(Level.ERROR, f"a transition broke: {broke}")
         return result
 
+    def _set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """Set what changes: of the others, as in a dump of this node, ROS refuses those that are read-only."""
+        changes = [new for new in parameter_list if not self._has(new)]
+        if parameter_list and not changes:
+            return SetParametersResult(successful=True)
+        return super()._set_parameters_atomically(changes)
+
+    def _has(self, new: Parameter) -> bool:
+        now = self.get_parameter(new.name) if self.has_parameter(new.name) else None
+        return now is not None and now.type_ == new.type_ and as_list(now.value) == as_list(new.value)
+
     def destroy_node(self) -> None:
         """End the thread and leave the graph."""
         if self._worker is not None:
@@ -234,6 +269,8 @@ class ManagedNode(LifecycleNode, Generic[C]):
         self.endpoints.at_deactivate(handle.unregister)
         self.get_logger().info(self.endpoints.summary(self.status.publisher.topic_name))
         self._publish_config()
+        self._counts_before = self.counts()
+        self.endpoints.add_timer(LOG_PERIOD_S, self.look_around)
 
     def _deactivate(self) -> None:
         self.endpoints.destroy_active()

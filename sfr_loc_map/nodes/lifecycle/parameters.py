@@ -62,22 +62,22 @@ class Parameters(Generic[C]):
         self._type, self._state, self._check, self._changed = config_type, state, check, changed
         self._origin = f"parameters of {node.get_fully_qualified_name()}"
         self._infos = {info.name: info for info in parameters(config_type)}
-        given = {n: _as_list(p.value) for n, p in node._parameter_overrides.items() if not n.startswith(BUILT_IN)}
+        given = {n: as_list(p.value) for n, p in node._parameter_overrides.items() if not n.startswith(BUILT_IN)}
         self.config = build(config_type, given, origin=self._origin)
         check(self.config)
         values = flatten(self.config)
         self._live = {name for name, info in self._infos.items() if info.live or name.startswith(live or ("\0",))}
         for name, info in self._infos.items():
-            node.declare_parameter(name, _as_list(values[name]), _descriptor(info), ignore_override=True)
+            node.declare_parameter(name, as_list(values[name]), _descriptor(info), ignore_override=True)
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._on_changed)
 
     def to_json(self) -> str:
         """Return the active configuration by dotted names."""
-        return json.dumps({name: _as_list(value) for name, value in flatten(self.config).items()})
+        return json.dumps({name: as_list(value) for name, value in flatten(self.config).items()})
 
     def _with(self, changes: Sequence[Parameter]) -> C:
-        values = flatten(self.config) | {p.name: _as_list(p.value) for p in changes if p.name in self._infos}
+        values = flatten(self.config) | {p.name: as_list(p.value) for p in changes if p.name in self._infos}
         return build(self._type, values, origin=self._origin)
 
     def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
@@ -113,6 +113,6 @@ def _descriptor(info: ParamInfo) -> ParameterDescriptor:
     return message
 
 
-def _as_list(value: Any) -> Any:  # noqa: ANN401 - any parameter type
+def as_list(value: Any) -> Any:  # noqa: ANN401 - any parameter type
     """Return arrays of any kind as lists."""
     return list(value) if hasattr(value, "__iter__") and not isinstance(value, (str, bytes)) else value

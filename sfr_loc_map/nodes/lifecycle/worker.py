@@ -54,6 +54,11 @@ class Worker:
                 self._drop_oldest(1)
             self._add(job, size_bytes)
 
+    @property
+    def is_idle(self) -> bool:
+        """Tell whether no job waits or runs."""
+        return not self._busy and not self._jobs
+
     def clear(self) -> int:
         """Drop the droppable jobs that wait; return how many (they do not count as dropped)."""
         with self._changed:

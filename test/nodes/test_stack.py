@@ -1,0 +1,156 @@
+"""Our nodes among those of others: cameras not quite synchronous, frames as drivers name them, tools of ROS."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from itertools import pairwise
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseStamped
+from made_scene import LOC_RIG, NAV_RIG, PERIOD_NS, T_RB_LOCSB, loc_pair, nav_pair
+from nav_msgs.msg import Odometry
+from peers import Capture, LocalNode, Manager, localised
+from rcl_interfaces.msg import Parameter as ParameterMsg
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
+from scenes import MOUNT, params, raw, send_infos, send_pair
+from sensor_msgs.msg import Image, PointCloud2
+from std_msgs.msg import String
+
+from sfr_loc_map.geometry.extrinsics import OPTICAL_IN_SB
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import Side
+from sfr_loc_map.io import bag_messages
+from sfr_loc_map.nodes.diagnostics import Level
+from sfr_loc_map.nodes.extrinsics import Extrinsics, ExtrinsicsConfig, add_static_transforms
+from sfr_loc_map.nodes.lifecycle import managed_node
+from sfr_loc_map.nodes.localisation_node import LocalisationNode
+from sfr_loc_map.nodes.mapping_node import MappingNode
+from sfr_loc_map.nodes.monitor_node import MonitorNode
+
+SFR = "from sfr_loc_map.cli.main import main; raise SystemExit(main())"
+
+
+def send_image(peer: Manager, index: int, side: Side, late_ns: int = 0) -> None:
+    pair = loc_pair(index)
+    image = pair.left if side == "left" else pair.right
+    message = raw(bag_messages.image(pair.stamp_ns + late_ns, image, "loc", side))
+    peer.publish(Image, f"loc/{side}/image_rect", message)
+
+
+@pytest.mark.slow
+def test_two_cameras_that_are_8_ms_apart_are_localised_and_those_further_apart_named_as_by_the_doctor(
+    ros: None, capfd: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(managed_node, "LOG_PERIOD_S", 1.0)
+    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT) as node:
+        node.wait_for(
+            "/loc/left/image_rect, /loc/left/camera_info, /loc/right/image_rect, /loc/right/camera_info: it has"
+        )
+        send_infos(peer, "loc", LOC_RIG)
+        for index, late_ms in enumerate((0.0, 0.1, -3.0, 8.0)):
+            send_image(peer, index, "left")
+            send_image(peer, index, "right", int(late_ms * 1e6))
+            peer.until(lambda n=index + 1: len(peer.odometry) == n, "odometry")
+        assert peer.positions() == localised([0, 1, 2, 3])
+        doctor = subprocess.Popen(
+            [sys.executable, "-c", SFR, "doctor", "--graph", "--seconds", "1", "--json", "-"],
+            stdout=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        for index in range(4, 100):
+            for side, late_ns in (("left", 0), ("right", PERIOD_NS // 2)):
+                send_image(peer, index, side, late_ns)
+            peer.spin(0.1)
+            if doctor.poll() is not None and "let one trigger" in node.text:
+                break
+        assert len(peer.odometry) == 4
+        assert doctor.stdout is not None
+        found = {item["cause"]: item for item in json.loads(doctor.stdout.read())["findings"]}["unsynchronised"]
+        assert f"waits: {found['where']}: {found['text']}; {found['cure']}" in node.text
+        peer.well(Level.WARN, "let one trigger stamp both")
+
+
+def test_a_dump_of_the_node_is_taken_back_and_a_change_is_refused(ros: None, capfd: Capture) -> None:
+    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT):
+        names = peer.ask(ListParameters, "list_parameters", ListParameters.Request()).result.names
+        values = peer.ask(GetParameters, "get_parameters", GetParameters.Request(names=names)).values
+        dump = [ParameterMsg(name=name, value=value) for name, value in zip(names, values, strict=True)]
+        results = peer.ask(SetParameters, "set_parameters", SetParameters.Request(parameters=dump)).results
+        assert [result.reason for result in results if not result.successful] == []
+        assert {"autostart", "use_sim_time", "queue_size", "T_rb_locsb.quat_xyzw"} <= set(names)
+        assert "'queue_size' is read-only while the node is active" in peer.set(queue_size=7)
+        assert "read-only" in peer.set(autostart=False)
+
+
+def tf(parent: str, child: str, xyz: tuple[float, float, float], q: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0)) -> object:
+    """Return what a tf2_msgs/TFMessage with one transform has."""
+    names = ("x", "y", "z", "w")
+    transform = SimpleNamespace(
+        translation=SimpleNamespace(**dict(zip(names, xyz, strict=False))),
+        rotation=SimpleNamespace(**dict(zip(names, q, strict=True))),
+    )
+    item = SimpleNamespace(header=SimpleNamespace(frame_id=parent), child_frame_id=child, transform=transform)
+    return SimpleNamespace(transforms=[item])
+
+
+OPTICAL = (-0.5, 0.5, -0.5, 0.5)
+DRIVERS = {
+    "zed": ("zed_camera_link", "zed_camera_center", "zed_left_camera_frame", "zed_left_camera_optical_frame"),
+    "realsense": ("camera_link", "camera_infra1_frame", "camera_infra1_optical_frame"),
+    "oak-d": ("oak-d-base-frame", "oak-d_frame", "oak_left_camera_frame", "oak_left_camera_optical_frame"),
+}
+
+
+@pytest.mark.parametrize("driver", DRIVERS)
+def test_extrinsics_follow_from_the_frames_of_drivers(driver: str) -> None:
+    said: list[str] = []
+    extrinsics = Extrinsics(ExtrinsicsConfig(), "", "locsb")
+    chain = ("base_footprint", "base_link", "mast", *DRIVERS[driver])
+    for parent, child in pairwise(chain):
+        extrinsics.look(chain[-1], 0.12, said.append)
+        assert extrinsics.T_rb_sb is None
+        turn = OPTICAL if child == chain[-1] else (0.0, 0.0, 0.0, 1.0)
+        xyz = (0.1, 0.06, 0.5) if child == "mast" else (0.0, 0.0, 0.0)
+        add_static_transforms(tf(parent, child, xyz, turn), extrinsics._tree)
+    extrinsics.look(chain[-1], 0.12, said.append)
+    assert said == [f"extrinsics of the stereo rig from /tf_static: base_link to {chain[-1]}"]
+    assert extrinsics.T_rb_sb is not None
+    np.testing.assert_allclose(extrinsics.T_rb_sb.translation, (0.1, 0.0, 0.5), atol=1e-12)  # half a baseline right
+    np.testing.assert_allclose(extrinsics.T_rb_sb.rotation, np.eye(3), atol=1e-12)
+    assert Transform.from_quat((0, 0, 0), OPTICAL).rotation == pytest.approx(OPTICAL_IN_SB)
+
+
+@pytest.mark.slow
+def test_three_nodes_in_one_process_localise_map_and_score(ros: None, capfd: Capture) -> None:
+    arguments = params("input.reliability:=reliable", "pairs_per_map:=2")
+    with (
+        Manager() as peer,
+        LocalNode(peer, capfd, LocalisationNode, *MOUNT),
+        LocalNode(peer, capfd, MappingNode, *arguments),
+        LocalNode(peer, capfd, MonitorNode, *params("publish_period_s:=0.2")),
+    ):
+        clouds, reports = (
+            peer.listen(PointCloud2, "mapping/points", latched=True),
+            peer.listen(String, "metrics/report"),
+        )
+        send_infos(peer, "loc", LOC_RIG)
+        for index in range(3):
+            true = bag_messages.odometry(loc_pair(index).stamp_ns, T_RB_LOCSB.translation, T_RB_LOCSB.quat_xyzw)
+            peer.publish(Odometry, "ground_truth/odometry", raw(true))
+            peer.play(index)
+        for index in range(2):
+            item = nav_pair(index)
+            send_infos(peer, "nav", NAV_RIG)
+            peer.publish(PoseStamped, "nav/pose", raw(bag_messages.pose(item.pair.stamp_ns, item.T_lm_navsb)))
+            send_pair(peer, "nav", item.pair)
+        peer.until(lambda: clouds and clouds[-1].width > 1000, "a cloud")
+        assert clouds[-1].point_step % 4 == 0
+        for count, task in ((3, "localisation_s"), (2, "mapping_s")):
+            peer.until(lambda n=count, t=task: timing(reports).get(t, {}).get("count") == n, f"{count} of {task}")
+
+
+def timing(reports: list[String]) -> dict:
+    return json.loads(reports[-1].data)["timing"] if reports else {}
