@@ -320,7 +320,9 @@ class PairNode(ManagedNode[P]):
         from sfr_loc_map.nodes.waiting import waits_for
 
         self.status.mark_idle()  # with the memory of this import
-        for text in waits_for(self, seen):
+        config = self.config.input
+        about = {"stamp_tolerance_ns": config.stamp_tolerance_ns, "rectifies": config.rectify, "task": self.rig_name}
+        for text in waits_for(self, seen, config.reliability, extrinsics=self.extrinsics_known, **about):
             self.get_logger().warning(f"waits: {text}")
             self.status.health.note_problem(Level.WARN, f"waits: {text}")
 

@@ -69,7 +69,7 @@ def test_two_cameras_that_are_8_ms_apart_are_localised_and_those_further_apart_n
         assert len(peer.odometry) == 4
         assert doctor.stdout is not None
         found = {item["cause"]: item for item in json.loads(doctor.stdout.read())["findings"]}["unsynchronised"]
-        assert f"waits: {found['where']}: {found['text']}; {found['cure']}" in node.text
+        assert f"waits: {found['where']}: {found['text']}; {[*found.values()][-1]}" in node.text
         peer.well(Level.WARN, "let one trigger stamp both")
 
 
