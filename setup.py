@@ -27,6 +27,8 @@ PLOT = ["matplotlib>=3.8,<4"]
 NOTEBOOK = [*PLOT, "pandas>=2.2,<4"]
 DEM = ["rasterio>=1.3,<2"]
 SUITE = ["distributed>=2025.1,<2027", "pyarrow>=17,<27", "fsspec[http]>=2025.2,<2027"]
+S3 = ["flask>=3,<4", "flask-cors>=5,<7", "moto>=5,<6", "s3fs>=2025.2,<2027"]
+MLFLOW = ["mlflow-skinny>=2.20,<4"]
 
 
 class BuildWithCommit(build_py):
@@ -117,6 +119,7 @@ setup(
         "dem": DEM,  # BSD-3; bundles GDAL, MIT; elevation models as GeoTIFF
         "plot": PLOT,  # PSF-like; PNG of sfr plot
         "notebook": NOTEBOOK,  # PSF-like, BSD-3; to_pandas of trajectories and scores, and figures of their tables
+        "mlflow": MLFLOW,  # Apache-2.0; sfr suite report --mlflow
         "test": TEST,
         # cyclonedds: EPL-2.0 or BSD-3; a DDS client that is not ROS, for tests
         "dev": [
@@ -126,6 +129,8 @@ setup(
             *FOXGLOVE,
             *DEM,
             *NOTEBOOK,
+            *MLFLOW,
+            *S3,  # BSD-3, MIT, Apache-2.0, BSD-3; a server of object storage, and what reads it, for tests
             "colcon-common-extensions>=0.3,<1",  # Apache-2.0; builds the package as a ROS workspace does, for tests
             "cyclonedds>=11,<12",
             "ipykernel>=6.29,<8",  # BSD-3; with nbclient it runs the notebook, for a test

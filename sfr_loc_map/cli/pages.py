@@ -53,7 +53,7 @@ def report(
         check_outputs(test_report, junit, overwrite=overwrite, inputs=scores)
         all_scores = [load_score(path) for path in scores]
         if junit is not None:
-            write_text(junit_of(all_scores), junit)
+            write_text(junit_of({f"score {n}": score for n, score in enumerate(all_scores, 1)}), junit)
         if test_report is not None:
             write_test_report(all_scores, test_report, title)
             say(f"test report: {test_report}")

@@ -143,7 +143,7 @@ def score(
     present(result, output.json_path, output.html)
     if junit is not None:
         with beside():
-            write_text(junit_of([result]), junit)
+            write_text(junit_of({"score 1": result}), junit)
     if points is not None and cloud is not None and run.cloud is not None:
         with beside():
             save_point_errors(points, cloud, run.cloud.truths)

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 app = App(help="Suites of runs: many sources, configurations and faults, resumed where they stopped.")
 app.callback(invoke_without_command=True)(help_without_command)
 
+JunitOption = Annotated[Path | None, typer.Option(metavar="F.xml", help="Write verdicts and failures as JUnit XML.")]
+MlflowOption = Annotated[str | None, typer.Option(metavar="URI", help="Log it as a run of MLflow (extra [mlflow]).")]
 FolderArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a suite, as made by sfr suite run.")]
 
 
@@ -50,6 +52,8 @@ def run(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be done.")] = False,
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Try again what failed before.")] = False,
     json_path: JsonOption = None,
+    junit: JunitOption = None,
+    mlflow: MlflowOption = None,
     overwrite: OverwriteOption = False,
     lenient: LenientOption = False,
 ) -> None:
@@ -58,7 +62,7 @@ def run(
     from sfr_loc_map.suite.specification import load_specification
     from sfr_loc_map.suite.store import Store
 
-    check_outputs(json_path, overwrite=overwrite)
+    check_outputs(json_path, junit, overwrite=overwrite)
     if scheduler is not None and workers is not None:
         raise ConfigError("'--workers' and '--scheduler': give one of them; a running scheduler has its own workers")
     specification = load_specification(suite)
@@ -94,7 +98,7 @@ def run(
     if interrupted:
         done = f"{summary.counts['done']} of {summary.tasks} tasks are done and reported"
         raise InterruptedRunError(f"interrupted: {done}; the same command goes on")
-    _present(summary, store, json_path, lenient=lenient)
+    _present(summary, store, json_path, junit, mlflow, lenient=lenient)
 
 
 def _run_jobs(jobs: Sequence[Job], store: Store, settings: SuiteSettings, places: int, scheduler: str | None) -> None:
@@ -124,6 +128,8 @@ def _run_jobs(jobs: Sequence[Job], store: Store, settings: SuiteSettings, places
 def report(
     folder: FolderArgument,
     json_path: JsonOption = None,
+    junit: JunitOption = None,
+    mlflow: MlflowOption = None,
     overwrite: OverwriteOption = False,
     lenient: LenientOption = False,
 ) -> None:
@@ -131,11 +137,11 @@ def report(
     from sfr_loc_map.suite.page import write_summary
     from sfr_loc_map.suite.summary import summarise
 
-    check_outputs(json_path, overwrite=overwrite)
+    check_outputs(json_path, junit, overwrite=overwrite)
     store = _open_store(folder)
     summary = summarise(store)
     write_summary(summary, store)
-    _present(summary, store, json_path, lenient=lenient)
+    _present(summary, store, json_path, junit, mlflow, lenient=lenient)
 
 
 @app.command(
@@ -200,11 +206,18 @@ def _open_store(folder: Path) -> Store:
     return Store(folder)
 
 
-def _present(summary: Summary, store: Store, json_path: str | None, *, lenient: bool) -> None:
+def _present(
+    summary: Summary, store: Store, json_path: str | None, junit: Path | None, mlflow: str | None, *, lenient: bool
+) -> None:
     """Print the tables and say how it ended: raise an error if a limit was missed, a job failed, or is not judged."""
     from sfr_loc_map.metrics.config import VerdictState
+    from sfr_loc_map.suite.export import log_to_mlflow, suite_junit
     from sfr_loc_map.suite.tables import suite_tables
 
+    if junit is not None:
+        write_text(suite_junit(summary), junit)
+    if mlflow is not None:
+        say(f"MLflow run {log_to_mlflow(summary, store.folder, mlflow)}", err=True)
     show(json.dumps(summary.to_dict(), allow_nan=False) + "\n", json_path, suite_tables(summary))
     say(f"report: {store.folder / 'report.html'}", err=True)
     for failure in summary.failures:

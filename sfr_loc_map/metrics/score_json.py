@@ -44,7 +44,8 @@ class _Field(NamedTuple):
 
 
 @cache
-def _fields_of(record: type) -> tuple[_Field, ...]:
+def fields_of(record: type) -> tuple[_Field, ...]:
+    """Return how the fields of a record are written."""
     found = []
     hints = get_type_hints(record, include_extras=True)
     for item in fields(cast(Any, record)):
@@ -57,7 +58,7 @@ def _fields_of(record: type) -> tuple[_Field, ...]:
             elif isinstance(note, Inline):
                 inner = next(part for part in (kind, *get_args(kind)) if is_dataclass(part))
                 prefix = note.prefix
-                keys = tuple(prefix + key for each in _fields_of(cast(type, inner)) for key in each.keys)
+                keys = tuple(prefix + key for each in fields_of(cast(type, inner)) for key in each.keys)
         omitted = item.default is None or item.default == () or item.default_factory is not MISSING
         has_default = omitted or item.default is not MISSING
         found.append(_Field(item.name, kind, keys, prefix, omitted, has_default))
@@ -77,7 +78,7 @@ def to_plain(value: Any) -> Any:  # noqa: ANN401 - any value of a record
     if hasattr(value, "to_plain"):
         return value.to_plain()
     plain: dict[str, Any] = {}
-    for item in _fields_of(cast(Any, type(value))):
+    for item in fields_of(cast(Any, type(value))):
         part = getattr(value, item.name)
         if item.left_out_if_empty and (part is None or (isinstance(part, (tuple, Mapping)) and not part)):
             continue
@@ -131,10 +132,10 @@ def _read(kind: Any, value: Any, place: str) -> Any:  # noqa: ANN401 - any type 
 def _read_fields(kind: type, content: Any, place: str) -> Iterator[tuple[str, Any]]:  # noqa: ANN401 - any JSON
     if not isinstance(content, Mapping):
         raise ValueError("an object is needed")
-    known = [key for item in _fields_of(kind) for key in item.keys]
+    known = [key for item in fields_of(kind) for key in item.keys]
     if unknown := [key for key in content if key not in known]:
         raise RecordError(f"{place or 'it'} has an unknown key '{unknown[0]}'{suggestion(str(unknown[0]), known)}")
-    for item in _fields_of(kind):
+    for item in fields_of(kind):
         present = [key for key in item.keys if key in content]
         if not present and item.has_default:
             continue

@@ -7,7 +7,7 @@ deviations, anomalies, open points, signatures.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -242,12 +242,16 @@ JUNIT = {
 """By what is no pass: the element of a test case, and the attribute of a suite that counts them."""
 
 
-def junit(scores: Sequence[Score]) -> str:
-    """Return the verdicts as JUnit XML, a test case for each limit."""
+def junit(scores: Mapping[str, Score], without: Mapping[str, str] | None = None) -> str:
+    """Return the verdicts as JUnit XML, a test case for each limit, and one for what has no score, and why."""
     root = ET.Element("testsuites", name="sfr_loc_map")
-    for index, score in enumerate(scores):
+    for name, reason in (without or {}).items():
+        suite = ET.SubElement(root, "testsuite", name=printable(name), tests="1", failures="0", errors="1", skipped="0")
+        case = ET.SubElement(suite, "testcase", classname="sfr.result", name="has a result")
+        ET.SubElement(case, "error", message=printable(reason))
+    for name, score in scores.items():
         states = [item.state if score.contradiction is None else NOT_JUDGED for item in score.verdicts]
-        suite = ET.SubElement(root, "testsuite", name=f"score {index + 1}", tests=str(len(states)))
+        suite = ET.SubElement(root, "testsuite", name=printable(name), tests=str(len(states)))
         for _, counted in JUNIT.values():
             suite.set(counted, str(sum(JUNIT.get(state, ("", ""))[1] == counted for state in states)))
         if score.provenance is not None and score.provenance.time:

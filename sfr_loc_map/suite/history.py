@@ -1,11 +1,11 @@
 """Where the figures of a suite changed, night by night (docs/decisions/0008-history.md).
 
-Of each figure, the last 1, 2, 4 and 8 nights are compared with up to 30 nights before them: the mean over all drives,
-which shows a small change of all, and each drive by itself, which shows a large change of a few. Each comparison gives
-an e-value, a number whose expectation is at most one while nothing changes: the Bayes factor of Student's t (Gönen,
-Johnson, Lu, Westfall 2005; an e-value by Pérez-Ortiz, Lardy, de Heide, Grünwald 2024). Their mean is one as well,
-whatever their dependence (Vovk, Wang 2021), so that it exceeds 365 in one of 365 nights at most (Markov), however long
-the history is.
+Of each figure the last 1, 2, 4, 8 and 16 nights are compared with up to 30 nights before them: the mean over all
+drives, which shows a small change of all, and each drive by itself, which shows a large change of a few. Each
+comparison gives an e-value, a number whose expectation is at most one while nothing changes: the Bayes factor of
+Student's t (Gönen, Johnson, Lu, Westfall 2005; an e-value by Pérez-Ortiz, Lardy, de Heide, Grünwald 2024). Their mean
+is one as well, whatever their dependence (Vovk, Wang 2021), so that it exceeds 365 in one of 365 nights at most
+(Markov), however long the history is.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.suite.figures import FigureKind, FigureName
 
 ALARM = 365.0  #: Least mean e-value of a change: nights between two false alarms, at least, on average.
-WINDOWS = (1, 2, 4, 8)  #: Nights that are compared with those before.
-LOCATED_WITHIN = 16  #: Nights before an alarm among which the change is looked for.
+WINDOWS = (1, 2, 4, 8, 16)  #: Nights that are compared with those before.
+LOCATED_WITHIN = 32  #: Nights before an alarm among which the change is looked for.
 REFERENCE = 30  #: Nights before, at most.
 MIN_REFERENCE = 5  #: With fewer, how much nights differ is not known.
 MIN_DRIVES = 6  #: With so many drives, their scatter stands for that of nights where those are few.
@@ -117,7 +117,7 @@ class Change:
     kind: FigureKind
     figure: str  #: Name with unit.
     outcome: Outcome
-    drives: tuple[str, ...]  #: Drives that changed; all if none shows it by itself.
+    drives: tuple[str, ...]  #: Drives that changed; all if none shows it by itself, or more than half do.
     paths: tuple[str, ...]  #: Their sources.
     of: int  #: Drives that have the figure.
     before: float  #: Mean over these drives before; geometric but for counts and shares.
@@ -250,7 +250,8 @@ def changes_of(x: FloatArray, scale: Scale, alarm: float) -> list[FoundChange]:
         there = np.flatnonzero(np.isfinite(after - before))
         ranked = np.sort(each := within[window - 1][1][there, -1])[::-1]
         enough = np.flatnonzero(ranked * np.arange(1, len(ranked) + 1) >= len(there) / FALSE_DRIVES)  # e-BH
-        drives = there[each >= ranked[enough[-1]]] if enough.size else there
+        alone = int(enough[-1]) + 1 if enough.size else 0
+        drives = there[each >= ranked[alone - 1]] if 0 < alone <= len(there) / 2 else there
         means = float(before[drives].mean()), float(after[drives].mean())
         found.append(
             FoundChange(start + first, start + at, tuple(drives.tolist()), len(there), *means, float(total[at]))

@@ -5,13 +5,13 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Sequence
 from contextlib import closing
-from pathlib import Path
 
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.score_json import json_line, to_plain
+from sfr_loc_map.metrics.score_json import json_line
 from sfr_loc_map.report.page import render_overview, render_page
 from sfr_loc_map.report.plots import Column, Plot, axis, error_scale, largest, marks, scaled
+from sfr_loc_map.suite.export import write_parquet
 from sfr_loc_map.suite.history import History
 from sfr_loc_map.suite.store import Store
 from sfr_loc_map.suite.summary import ScoredJob, Summary
@@ -38,22 +38,7 @@ def write_summary(summary: Summary, store: Store) -> None:
             what = (job.faults, job.configuration, job.repeat, job.pairing)
             row = (job.key, place, job.label, job.kind, *source, *what, state)
             index.execute(f"INSERT INTO tasks VALUES ({', '.join('?' * len(row))})", row)
-    _write_parquet(summary, folder / "results.parquet")
-
-
-def _write_parquet(summary: Summary, path: Path) -> None:
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError:
-        return
-    parts = ("trajectory", "map", "timing", "memory")
-    rows = [drive.names() | {part: to_plain(getattr(drive.score, part)) for part in parts} for drive in summary.drives]
-    table = pyarrow.Table.from_pylist(rows)
-    while any(pyarrow.types.is_struct(column.type) for column in table.columns):
-        table = table.flatten()
-    with atomic_path(path) as temporary:
-        pyarrow.parquet.write_table(table, temporary)
+    write_parquet(summary, folder / "results.parquet")
 
 
 def render_summary(summary: Summary) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-import importlib.util
+import logging
 import threading
 from collections.abc import Iterator
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -13,7 +13,7 @@ from typing import ClassVar
 import pytest
 
 from sfr_loc_map.errors import InputError, MissingExtraError
-from sfr_loc_map.suite.sources import fetch
+from sfr_loc_map.suite.sources import expand, fetch
 
 fsspec = pytest.importorskip("fsspec", reason="needs the extra [suite]")
 CONTENT = b"a" * 1000
@@ -64,12 +64,35 @@ def test_a_file_is_fetched_once_and_again_when_it_has_changed(url: str, tmp_path
         ("http://127.0.0.1:1/a", InputError, "check the URL, the network"),
         ("memory://nothing", InputError, "check the URL, the network"),
         ("odd://a/b", InputError, "give a path, or a URL"),
-        ("s3://bucket/a", MissingExtraError, "for s3:// also s3fs"),
+        ("gs://bucket/a", MissingExtraError, "for s3:// also s3fs"),
     ],
 )
 def test_what_cannot_be_read_is_told_in_one_line(url: str, error: type[InputError], words: str, tmp_path: Path) -> None:
-    if url.startswith("s3") and importlib.util.find_spec("s3fs") is not None:
-        pytest.skip("s3fs is installed")
     with pytest.raises(error, match=words):
         fetch(url, tmp_path)
     assert not [path for path in tmp_path.rglob("*") if path.suffix != ".lock" and path.name != "fetched"]
+
+
+def test_object_storage_is_read_as_any_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("s3fs", reason="needs s3fs")
+    server = pytest.importorskip("moto.server", reason="needs moto").ThreadedMotoServer("127.0.0.1", 0, verbose=False)
+    logging.getLogger("werkzeug").setLevel(logging.ERROR)
+    server.start()
+    host, port = server.get_host_and_port()
+    keys = {"ENDPOINT_URL": f"http://{host}:{port}", "ACCESS_KEY_ID": "a", "SECRET_ACCESS_KEY": "b"}
+    for name, value in (keys | {"DEFAULT_REGION": "us-east-1"}).items():
+        monkeypatch.setenv(f"AWS_{name}", value)
+    try:
+        storage = fsspec.filesystem("s3", skip_instance_cache=True)
+        storage.mkdir("drives")
+        storage.pipe({"drives/one.mcap": b"one", "drives/two/rig.json": b"{}", "drives/two/left/0.png": b"0"})
+        assert expand("s3://drives/*") == ["s3://drives/one.mcap", "s3://drives/two"]
+        assert fetch("s3://drives/one.mcap", tmp_path).read_bytes() == b"one"
+        folder = fetch("s3://drives/two", tmp_path)
+        assert sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*.*")) == ["left/0.png", "rig.json"]
+        storage.pipe("drives/one.mcap", b"other")
+        assert fetch("s3://drives/one.mcap", tmp_path).read_bytes() == b"other"
+        with pytest.raises(InputError, match="cannot read 's3://none/x'"):
+            fetch("s3://none/x", tmp_path)
+    finally:
+        server.stop()

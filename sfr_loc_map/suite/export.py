@@ -1,0 +1,126 @@
+"""A suite for other programs: JUnit XML, a run of MLflow, a table of its results as Parquet."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import is_dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, Union, get_args, get_origin
+
+from sfr_loc_map import __version__
+from sfr_loc_map.errors import MissingExtraError, OutputError
+from sfr_loc_map.inputs import one_line
+from sfr_loc_map.io.atomic import atomic_path
+from sfr_loc_map.metrics.score import MapScore, MemoryScore, Score, TimingScore, TrajectoryScore
+from sfr_loc_map.metrics.score_json import fields_of, to_plain
+from sfr_loc_map.report.test_report import junit
+from sfr_loc_map.suite.figures import figures_of
+from sfr_loc_map.suite.summary import Summary
+
+EXPERIMENT = "sfr suite"  #: Of MLflow.
+PARTS = {"trajectory": TrajectoryScore, "map": MapScore, "timing": TimingScore, "memory": MemoryScore}
+TYPES = {int: "int64", float: "float64", str: "string", bool: "bool"}  #: Of columns, by those of fields.
+
+
+def suite_junit(summary: Summary) -> str:
+    """Return a test case for each limit over all drives and of each drive, and one for each without a result."""
+    scores = {"all drives, " + ", ".join(filter(None, (item.task, item.configuration, item.faults))): item
+              for item in summary.groups}  # fmt: skip
+    failed = {item.label: f"{item.cause}: {item.message}" for item in summary.failures}
+    refused = {item.path: item.reason for item in summary.refusals}
+    judged = {name: Score(verdicts=group.verdicts) for name, group in scores.items()}
+    return junit(judged | {drive.job.label: drive.score for drive in summary.drives}, failed | refused)
+
+
+def parquet_columns(record: type, prefix: str) -> Iterator[tuple[str, str]]:
+    """Yield name and type of the column of each single value of a record, and of those within it."""
+    for item in fields_of(record):
+        kind, name = item.kind, prefix + item.keys[0]
+        if get_origin(kind) in (Union, type(int | None)):
+            kind = next(part for part in get_args(kind) if part is not type(None))
+        if kind in TYPES or hasattr(kind, "to_plain") or (isinstance(kind, type) and issubclass(kind, StrEnum)):
+            yield name, TYPES.get(kind, "string")
+        elif is_dataclass(kind) and isinstance(kind, type):
+            yield from parquet_columns(kind, f"{name}." if item.prefix is None else prefix + item.prefix)
+
+
+def write_parquet(summary: Summary, path: Path) -> None:
+    """Write a row a result, a column a single value of its score; nothing without pyarrow."""
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:
+        return
+    columns = dict(column for part, record in PARTS.items() for column in parquet_columns(record, f"{part}."))
+    head = {**dict.fromkeys(("key", "label", "task", "source", "configuration", "faults"), "string"), "repeat": "int64"}
+    rows = [
+        drive.names() | _flat({part: to_plain(getattr(drive.score, part)) for part in PARTS}, columns)
+        for drive in summary.drives
+    ]
+    schema = pyarrow.schema([(name, kind) for name, kind in (head | columns).items()])
+    with atomic_path(path) as temporary:
+        pyarrow.parquet.write_table(pyarrow.Table.from_pylist(rows, schema=schema), temporary)
+
+
+def _flat(values: Mapping[str, Any], columns: Mapping[str, str], prefix: str = "") -> dict[str, object]:
+    found: dict[str, object] = {}
+    for key, value in values.items():
+        name = prefix + key
+        if name in columns:
+            found[name] = json.dumps(value) if isinstance(value, dict) else value
+        elif isinstance(value, dict):
+            found |= _flat(value, columns, f"{name}.")
+    return found
+
+
+def log_to_mlflow(summary: Summary, folder: Path, uri: str) -> str:
+    """Log a suite as a run of MLflow and return its number: pooled errors and counts, tags, the files of its folder."""
+    try:
+        from mlflow.entities import Metric, RunTag
+        from mlflow.exceptions import MlflowException
+        from mlflow.tracking import MlflowClient
+    except ImportError as absent:
+        raise MissingExtraError(f"'--mlflow' needs MLflow ({absent}): pip install 'sfr_loc_map[mlflow]'") from absent
+    values = {name: float(value) for name, value in summary.counts.items()}
+    means: dict[str, list[float]] = {}
+    for drive in summary.drives:
+        for figure, value in figures_of(drive.score).items():
+            means.setdefault("/".join((*filter(None, drive.runs), f"drive mean of {figure.name}")), []).append(value)
+    values |= {name: sum(of_drives) / len(of_drives) for name, of_drives in means.items()}
+    for group in summary.groups:
+        for part in group.conditions:
+            for error in ("position_m", "attitude_deg", "heading_deg"):
+                runs = "/".join(
+                    filter(None, (group.task, group.configuration, group.faults, part.condition.label, error))
+                )
+                values |= {f"{runs}/{key}": value for key, value in to_plain(getattr(part, error)).items()}
+    when = time.time_ns() // 10**6
+    metrics = [
+        Metric(re.sub(r"[^\w\-. :/]", "_", name), value, when, 0)
+        for name, value in values.items()
+        if isinstance(value, float)
+    ]
+    about = {"verdict": summary.verdict, "code": summary.code, "version": __version__, **summary.run}
+    try:
+        client = MlflowClient(uri)
+        experiment = client.get_experiment_by_name(EXPERIMENT)
+        number = client.create_experiment(EXPERIMENT) if experiment is None else experiment.experiment_id
+        run: str = client.create_run(number, run_name=folder.name).info.run_id
+        tags = [
+            RunTag(f"sfr.{name}", value if isinstance(value, str) else json.dumps(value))
+            for name, value in about.items()
+            if value is not None
+        ]
+        for first in range(0, len(metrics), 500):
+            client.log_batch(run, metrics=metrics[first : first + 500], tags=tags)
+        for name in ("suite.json", "report.html", "results.parquet"):
+            if (folder / name).exists():
+                client.log_artifact(run, str(folder / name))
+        client.set_terminated(run, "FAILED" if summary.failures or summary.refusals else "FINISHED")
+    except (MlflowException, OSError) as reason:
+        raise OutputError(f"MLflow at '{uri}' took no run: {one_line(str(reason))}; check the address") from reason
+    return run
