@@ -92,7 +92,7 @@ def compare(
 ) -> None:
     """Compare scores of the same data, of one method or of several, paired by sub-trajectory."""
     from sfr_loc_map.metrics.comparison import compare_scores
-    from sfr_loc_map.report.comparison import comparison_tables, methods_figures, methods_tables
+    from sfr_loc_map.report.comparison import comparison_tables, methods_figures, methods_tables, summary_of
     from sfr_loc_map.report.page import load_score, render_overview
 
     output.check(inputs=scores)
@@ -101,8 +101,9 @@ def compare(
     result = compare_scores(loaded, names)
     tables = [*methods_tables(loaded, names), *comparison_tables(result)]
     if output.html is not None:
-        text = f"{len(names)} scores of the same data; the reference is {names[0]}."
-        page = render_overview("Comparison of scores", None, text, tables, methods_figures(loaded, names))
+        heading, text = summary_of(result)
+        figures = methods_figures(loaded, names)
+        page = render_overview("Comparison of scores", None, text, tables, figures, heading=heading)
         write_text(page, output.html)
         propose(f"open {output.html} in a browser")
     shown = [table for table in tables if table.name != "provenance"]  # too wide for a terminal; the page has it

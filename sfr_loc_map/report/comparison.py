@@ -8,11 +8,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from sfr_loc_map.metrics.comparison import SIGNIFICANT, Comparison
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.limits import value_at
 from sfr_loc_map.metrics.score import PathRows, Score
+from sfr_loc_map.report.page import overall_of
 from sfr_loc_map.report.plots import (
     COLORS,
     TRAVELLED,
@@ -36,6 +38,7 @@ from sfr_loc_map.report.score_tables import UNTOLD, convention_text, map_error
 from sfr_loc_map.report.tables import (
     ABSENT,
     DEGREE,
+    MARKS,
     MIB,
     MILLIMETRE,
     MILLISECOND,
@@ -49,6 +52,7 @@ from sfr_loc_map.report.tables import (
     number,
 )
 
+NEUTRAL = ("frames",)  #: Columns whose figures are neither good nor bad.
 POSITION = "trajectory.first.position_m.mean_plus_3sigma"
 SYMBOLS = ("circle", "square", "diamond")
 KINDS = (CallKind.LOCALISATION, CallKind.MAPPING)
@@ -103,10 +107,40 @@ def methods_tables(scores: Sequence[Score], names: Sequence[str]) -> list[Table]
     return [_methods(named), _provenance(named)]
 
 
+def summary_of(result: Comparison) -> tuple[str, str]:
+    """Return in a word and in a sentence how the others stand beside the reference, the worse first."""
+    first, outcomes = result.names[0], dict[str, dict[str, list[str]]]()
+    for pair in result.pairs:
+        figure = f"{pair.figure.partition('_')[0]} over {pair.condition.label}"
+        outcomes.setdefault(pair.name, {}).setdefault(pair.outcome.value, []).append(figure)
+    counts, parts = {"worse": 0, "better": 0}, []
+    for name, found in sorted(outcomes.items(), key=lambda item: "worse" not in item[1]):
+        told = [f"{word} in {', '.join(found[word])}" for word in counts if word in found]
+        parts.append(f"{name}: {'; '.join(told) or 'no difference is certain'}")
+        counts = {word: count + (word in found) for word, count in counts.items()}
+    heading = ", ".join(f"{count} of {len(outcomes)} {word}" for word, count in counts.items() if count)
+    against = f"{len(result.names)} scores of the same data; the reference is {first}."
+    return heading or "no difference", " ".join((f"{'. '.join(parts)}." if parts else "", against)).strip()
+
+
+def _marked(column: Column, cells: list[Cell]) -> list[Cell]:
+    """Mark the best and the worst figure of a column."""
+    if column.words or column.title in NEUTRAL:
+        return cells
+    known = {float(cell.value) for cell in cells if isinstance(cell.value, (int, float))}
+    if len(known) < 2:
+        return cells
+    best, worst = (max(known), min(known)) if column.title == "coverage" else (min(known), max(known))
+    return [replace(cell, mark={best: "best", worst: "worst"}.get(cell.value, "")) for cell in cells]  # type: ignore[call-overload]
+
+
 def _methods(named: Named) -> Table:
     over = next((s.trajectory.first.condition.label for _, s in named if s.trajectory is not None), "")
-    kind = Column("kind", words=True)
-    shown: list[tuple[Column, Callable[[Score], Cell]]] = [(kind, lambda s: Cell(value_at(s, "method.kind") or ABSENT))]
+    kind, verdict = Column("kind", words=True), Column("verdict", words=True)
+    shown: list[tuple[Column, Callable[[Score], Cell]]] = [
+        (verdict, lambda s: Cell.verdict(overall_of(s).state)),
+        (kind, lambda s: Cell(value_at(s, "method.kind") or ABSENT)),
+    ]
     if any(score.trajectory is not None for _, score in named):
         shown += [
             (Column(f"position over {over}", MILLIMETRE), _position),
@@ -126,10 +160,13 @@ def _methods(named: Named) -> Table:
         (Column("memory", MIB), lambda score: _of_kinds(score, "memory", "peak_bytes", MIB)),
         (Column("findings"), lambda score: Cell.number(sum(item.count for item in score.findings))),
     ]
-    rows = tuple((Cell.head(name), *(cell_of(score) for _, cell_of in shown)) for name, score in named)
+    ordered = sorted(named, key=lambda item: value_at(item[1], POSITION) or _map_error(item[1]) or float("inf"))
+    columns = [_marked(column, [cell_of(score) for _, score in ordered]) for column, cell_of in shown]
+    rows = tuple((Cell.head(name), *cells) for (name, _), *cells in zip(ordered, *columns, strict=True))
     note = (
         "Errors: mean + 3 sigma, of position with its 95 % interval. Time per call: localisation / mapping; a latency "
-        "is marked, it has transport and waiting in it, and is not a time per call. Memory: largest peak."
+        "is marked, it has transport and waiting in it, and is not a time per call. Memory: largest peak. "
+        f"{MARKS['best']} best, {MARKS['worst']} worst of its column."
     )
     return Table("counts", "Methods", (Column("method", words=True), *(column for column, _ in shown)), rows, note)
 
@@ -159,8 +196,9 @@ def _times(score: Score, name: str) -> Cell:
 
 
 def _of_kinds(score: Score, part: str, name: str, unit: Unit) -> Cell:
-    values = (value_at(score, f"{part}.{kind}.{name}") for kind in KINDS)
-    return Cell(" / ".join(number(value, unit=unit) for value in values if value is not None) or ABSENT)
+    values = [value for kind in KINDS if (value := value_at(score, f"{part}.{kind}.{name}")) is not None]
+    text = " / ".join(number(value, unit=unit) for value in values)
+    return Cell(text or ABSENT, values[0] if len(values) == 1 else None)
 
 
 def _provenance(named: Named) -> Table:

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 TITLE = "Localisation and mapping report"
 FIRST_TABLES = (
     "verdicts",
+    "pairs",
+    "failures",
     "headline",
     "covered",
     "map-covered",
@@ -96,6 +98,7 @@ def render_overview(
         overall=_overall(heading or state, text, NO_VERDICT_ICON),
         provenance=None,
         every=1,
+        sortable=True,
     )
 
 

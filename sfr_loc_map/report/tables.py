@@ -100,6 +100,7 @@ class Cell:
     key: str = ""  #: Where it comes from, such as `trajectory.position_m.mean`; empty for words.
     kind: CellKind = CellKind.PLAIN
     link: str = ""  #: Place of a page about it, relative to the page that the table stands in; empty for none.
+    mark: str = ""  #: One of `MARKS`, empty for none.
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "text", printable(self.text))
@@ -144,6 +145,8 @@ class VerdictStyle(NamedTuple):
     colour: str
 
 
+MARKS = {"best": "▲", "worst": "▼"}  #: Of the figures of a column, by their sign.
+LEAN_ROWS = 300  #: A table with more rows shows its figures alone, so that a page of thousands stays small.
 VERDICTS = {"pass": VerdictStyle("✔", "pass", "green"), "fail": VerdictStyle("✖", "fail", "bold red")}
 OPEN = VerdictStyle("?", "open", "yellow")  #: Of every other verdict.
 Row = tuple[Cell, ...]
@@ -196,7 +199,8 @@ def to_rich(table: Table) -> RichTable:
         shown.add_column(Text(column.heading), justify="left" if column.words else "right", overflow="fold")
     for row in table.rows:
         styles = (VERDICTS.get(cell.text, OPEN).colour if cell.kind is CellKind.VERDICT else "" for cell in row)
-        shown.add_row(*(Text(cell.text, style) for cell, style in zip(row, styles, strict=True)))
+        texts = (f"{MARKS[cell.mark]} {cell.text}" if cell.mark else cell.text for cell in row)
+        shown.add_row(*(Text(text, style) for text, style in zip(texts, styles, strict=True)))
     return shown
 
 
@@ -206,7 +210,11 @@ WORDS = ' class="words"'  #: Attribute of words and of the heading over them: th
 def to_html(table: Table) -> str:
     """Return a section with title, table and note, every text escaped; figures keep value and key as attributes."""
     heads = "".join(f'<th scope="col"{WORDS * column.words}>{escape(column.heading)}</th>' for column in table.columns)
-    rows = "\n".join(f"<tr>{''.join(map(_html_cell, row, table.columns))}</tr>" for row in table.rows)
+    lean = len(table.rows) > LEAN_ROWS
+    rows = "\n".join(
+        f"<tr>{''.join(_html_cell(*pair, lean=lean) for pair in zip(row, table.columns, strict=True))}</tr>"
+        for row in table.rows
+    )
     note = f'\n<p class="note">{escape(table.note)}</p>' if table.note else ""
     return (
         f'<div class="table" id="table-{escape(table.name)}">\n<h3>{escape(table.title)}</h3>\n'
@@ -215,7 +223,7 @@ def to_html(table: Table) -> str:
     )
 
 
-def _html_cell(cell: Cell, column: Column) -> str:
+def _html_cell(cell: Cell, column: Column, *, lean: bool) -> str:
     text = escape(cell.text)
     if cell.link:
         text = f'<a href="{escape(quote(cell.link))}">{text}</a>'
@@ -224,8 +232,11 @@ def _html_cell(cell: Cell, column: Column) -> str:
     if cell.kind is CellKind.VERDICT:
         css = VERDICTS.get(cell.text, OPEN).css
         return f'<td class="verdict {css}"><span class="icon" aria-hidden="true">{cell.icon}</span> {text}</td>'
-    place = f' data-key="{escape(cell.key)}"' if cell.key else ""
-    if isinstance(cell.value, (int, float)):
+    place = f' data-key="{escape(cell.key)}"' if cell.key and not lean else ""
+    if cell.mark:
+        place += f' class="{cell.mark}"'
+        text = f'<span title="{cell.mark} of its column">{MARKS[cell.mark]}</span> {text}'
+    if isinstance(cell.value, (int, float)) and not lean:
         place += f' data-value="{cell.value}" title="{escape(cell.key)} = {cell.value}"'
     return f"<td{WORDS * column.words}{place}>{text}</td>"
 

@@ -44,7 +44,13 @@ def write_summary(summary: Summary, store: Store) -> None:
 def render_summary(summary: Summary) -> str:
     """Return the page of a suite as HTML."""
     counts = summary.counts
-    text = f"{counts['done']} of {counts['tasks']} tasks done, {counts['failed']} failed, {counts['waiting']} waiting."
+    states = [item.state for group in summary.groups for item in group.verdicts]
+    missed = sum(state is VerdictState.FAIL for state in states)
+    text = f"{missed} of {len(states)} limits missed, " if states else ""
+    if unclear := sum(state not in (VerdictState.FAIL, VerdictState.PASS) for state in states):
+        text += f"{unclear} not judged, "
+    text += f"{counts['done']} of {counts['tasks']} tasks done, {counts['failed']} failed, {counts['waiting']} waiting"
+    text += f", {len(summary.refusals)} sources refused." if summary.refusals else "."
     # no text of a user is in the figures: runs stand as their number in the table `groups`
     numbers = {(group.task, group.configuration, group.faults): n for n, group in enumerate(summary.groups, 1)}
     driven = sorted(((numbers[drive.runs], drive) for drive in summary.drives), key=lambda item: item[0])

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from sfr_loc_map.metrics.score_json import to_plain
+from sfr_loc_map.report.score_tables import limit_name, limit_unit
 from sfr_loc_map.report.tables import (
     ABSENT,
     DEGREE,
@@ -16,10 +17,12 @@ from sfr_loc_map.report.tables import (
     MILLISECOND,
     NONE,
     PERCENT,
+    SHARE,
     Cell,
     Column,
     Table,
     Unit,
+    fitting,
 )
 from sfr_loc_map.suite.comparison import SuiteComparison
 from sfr_loc_map.suite.history import MIN_REFERENCE, History
@@ -42,15 +45,16 @@ GROUPS: Columns = (
     ("lost", NONE, "lost"),
 )
 VERDICTS: Columns = (
+    ("verdict", VERDICT, "verdict"),
     ("runs", HEAD, "runs"),
     ("figure", WORDS, "figure"),
-    ("limit", NONE, "limit"),
-    ("value", NONE, "value"),
+    ("unit", WORDS, "unit"),
+    ("value", SHOWN, "value"),
+    ("limit", SHOWN, "limit"),
     ("95 % interval", INTERVAL, "ci95"),
     ("of", WORDS, "over"),
     ("n", NONE, "count"),
     ("drives that miss it", NONE, "missed_by"),
-    ("verdict", VERDICT, "verdict"),
 )
 POOLED: Columns = (
     ("runs", HEAD, "runs"),
@@ -128,6 +132,7 @@ HISTORY: Columns = (
     ("found", WORDS, "found"),
     ("see", WORDS, "command"),
 )
+WORST = ("fail", "incomplete", "not enough data")  #: Verdicts that stand first.
 NAMED = 5  #: Drives of a change that are named in a table.
 
 
@@ -165,8 +170,13 @@ def suite_tables(summary: Summary) -> list[Table]:
         row = {**to_plain(group), **head, "number": number, "faults": group.faults or "none"}
         groups.append(row if group.conditions else row | {"matched": None, "lost": None})  # maps have no frames
         for item in group.verdicts:
-            figure = item.metric if item.condition is None else f"{item.metric} over {item.condition.label}"
-            verdicts.append({**to_plain(item), **head, "figure": figure})
+            figure = limit_name(item.metric) + ("" if item.condition is None else f" over {item.condition.label}")
+            unit = fitting(limit_unit(item.metric), item.limit, item.value, *(item.ci95 or ()))
+            unit = PERCENT if unit is SHARE else unit
+            verdicts.append({**to_plain(item), **head, "figure": figure, "unit": unit.symbol, "shown": unit})
+    verdicts.sort(key=lambda row: WORST.index(row["verdict"]) if row["verdict"] in WORST else len(WORST))
+    for group in summary.groups:
+        head = {"runs": _joined(group.task, group.configuration, group.faults), "link": "suite.json"}
         for part in group.conditions:
             for key, unit in (("position_m", METRE), ("attitude_deg", DEGREE), ("heading_deg", DEGREE)):
                 figures = to_plain(getattr(part, key))
@@ -185,13 +195,13 @@ def suite_tables(summary: Summary) -> list[Table]:
     of_drives = "Errors over the sub-trajectories of the first condition."
     drives = [_row(drive, pages) for drive in worst_first(summary)]
     tables = (
-        _table("counts", "Tasks", tuple((name, NONE, name) for name in counts), [counts]),
         _table("verdicts", "Verdicts over all drives", VERDICTS, verdicts, of_verdicts),
+        _table("failures", "Tasks without a result", FAILURES, failures),
+        _table("counts", "Tasks", tuple((name, NONE, name) for name in counts), [counts]),
         _table("groups", "Runs", GROUPS, groups, "Drives of one number were run alike."),
         _table("pooled", "Errors over the sub-trajectories of all drives", POOLED, pooled, of_pooled),
         _table("maps", "Maps, the worst first", MAPS, maps),
         _table("drives", "Drives, the worst first", DRIVES, drives, of_drives),
-        _table("failures", "Failures", FAILURES, failures),
         _table("workers", "Workers", WORKERS, map(to_plain, summary.workers), of_workers),
     )
     return [table for table in tables if table.rows]
