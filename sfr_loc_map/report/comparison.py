@@ -131,7 +131,8 @@ def _marked(column: Column, cells: list[Cell]) -> list[Cell]:
     if len(known) < 2:
         return cells
     best, worst = (max(known), min(known)) if column.title == "coverage" else (min(known), max(known))
-    return [replace(cell, mark={best: "best", worst: "worst"}.get(cell.value, "")) for cell in cells]  # type: ignore[call-overload]
+    marks: dict[object, str] = {best: "best", worst: "worst"}
+    return [replace(cell, mark=marks.get(cell.value, "")) for cell in cells]
 
 
 def _methods(named: Named) -> Table:
