@@ -221,6 +221,8 @@ class MonitorScore:
     ) -> None:
         """Add a true pose of the tracked body in DS; a quaternion of zeros: its position alone. Variances `(6,)`."""
         _check(stamp_ns, position, quat_xyzw)
+        if len(self._truth) and any(quat_xyzw) != self._truth.all()["quat"][0].any():
+            raise InputError(f"true pose of stamp {stamp_ns}: all poses of a truth have an attitude, or none has one")
         self._truth.add(stamp_ns, position, quat_xyzw, np.nan if variances is None else variances)
 
     def add_call(self, record: CallRecord) -> None:

@@ -40,7 +40,7 @@ def test_ten_lines_end_with_a_figure_and_a_verdict(monkeypatch: pytest.MonkeyPat
     nbclient.NotebookClient(notebook, timeout=280, resources={"metadata": {"path": str(ROOT / "examples")}}).execute()
     assert not [item for cell in code for item in cell.outputs if item.output_type in ("error", "stream")]
     shown = [cell.outputs[0].data for cell in code]
-    assert "100 localisation pairs" in shown[0]["text/html"]
+    assert "210 localisation pairs" in shown[0]["text/html"]
     assert "<table" in shown[2]["text/html"]
     assert shown[3][FIGURE]["data"][0]["name"] == "truth"
     assert shown[4]["text/plain"] == "'pass'"
