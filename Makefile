@@ -23,7 +23,7 @@ PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
 CAMPAIGN := PYTHONPATH=test/scenes:test/nodes $(BIN)/python test/campaign
 SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
 
-.PHONY: help demo sample test test-fast faults misbehaviour signals soak example-candidate fuzz random-faults history-power suite-overhead lint types config format check docs figures traceability docs-test dist dist-test clean
+.PHONY: help demo sample test test-fast faults misbehaviour signals soak example-candidate fuzz random-faults history-power suite-overhead lint types config format check docs docs-check figures screens traceability docs-test dist dist-test clean
 
 help:  ## Show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -96,8 +96,14 @@ format: $(DEV_STAMP)  ## Format the code
 docs: $(DOCS_STAMP)  ## Build the documentation site, warnings are errors; it is out/docs/index.html
 	PYTHONPATH=. $(BIN)/sphinx-build -q -W --keep-going -j auto docs out/docs
 
+docs-check: docs $(DEV_STAMP)  ## Open every page of the site in a browser, at 1280 and 390 px, and search: needs chromium
+	$(BIN)/python test/site_check.py
+
 figures: $(DOCS_STAMP)  ## Draw the figures of the concept pages again
 	PYTHONPATH=. $(BIN)/python docs/_figures/draw.py
+
+screens: $(DEV_STAMP)  ## Film and photograph the pages of the suite for the site: needs chromium
+	PYTHONPATH=.:test/live $(BIN)/python docs/_figures/screens.py
 
 traceability: $(BIN)/python  ## Write docs/traceability.md from the clauses and the markers of the tests
 	$(BIN)/python docs/_ext/traceability.py

@@ -1,5 +1,6 @@
 """The commands of the tutorials work, on a tiny drive; `make docs-test` runs them as they stand."""
 
+import os
 import re
 import shlex
 import subprocess
@@ -40,14 +41,16 @@ def run_shell(code: str, sfr: Sfr) -> None:
         Path(name).write_text(text, encoding="utf-8")
     for line in HEREDOC.sub("", code).replace("\\\n", "").splitlines():
         command, _, tolerant = line.partition("||")
-        if not command.startswith("sfr "):
+        if command.startswith("cd "):
+            os.chdir(command.removeprefix("cd "))
+        elif not command.startswith("sfr "):
             subprocess.run(["sh", "-ec", line], check=True)
-            continue
-        words = shlex.split(command)[1:]
-        if words[0] == "simulate":
-            words += ["--workers", "1", *(w for name, value in TINY.items() for w in ("--set", f"{name}={value}"))]
-        result = sfr(*words)
-        assert result.code == 0 or (tolerant.strip() == "true" and result.code == 1), (line, result.err)
+        else:
+            words = shlex.split(command)[1:]
+            if words[0] == "simulate":
+                words += ["--workers", "1", *(w for name, value in TINY.items() for w in ("--set", f"{name}={value}"))]
+            result = sfr(*words)
+            assert result.code == 0 or (tolerant.strip() == "true" and result.code == 1), (line, result.err)
 
 
 @pytest.mark.slow

@@ -34,7 +34,7 @@ nothing to go on: not used as a reference
 machine code: compiled code
 """
 """What is not said, and what is said instead."""
-PUBLIC = re.compile(r"[\"`](cure|picture_size)[\"`]")
+PUBLIC = re.compile(r"[\"`\[#](cure|picture_size)\b")
 """Names that programs read: JSON keys and codes of `sfr doctor`."""
 WORDS = [word for line in BANNED.split("\n") for word in line.partition(":")[0].split(", ") if word]
 PATTERN = re.compile("(?<![a-z])(" + "|".join(WORDS).replace(" ", r"\s+") + ")(?![a-z])", re.IGNORECASE)

@@ -1,7 +1,8 @@
 """The commands of the tutorials: read from the pages, run as they stand by `make docs-test`.
 
-A block ```sh or ```python is run in the order of the page, in one folder a page, in which `sample`, `config` and
-`examples` are those of the repository and `data` is the sample as a folder. A comment before a block says what is
+A block ```sh or ```python is run in the order of the page. All pages are run one after the other in one folder, as by
+a user in one clone: `sample`, `config` and `examples` are those of the repository. A page begins at its top and works
+where it changes to (`cd`). For docs/python.md `data` is the sample as a folder. A comment before a block says what is
 special about it: `<!-- slow -->` leaves it out of the quick test (test_tutorials.py), `<!-- until Ctrl-C -->` marks a
 command that ends when it is interrupted: it is, at the end of the page. What needs other software (```console) is not
 run.
@@ -41,8 +42,6 @@ def blocks(page: Path) -> list[Block]:
 
 def run_page(page: Path, folder: Path) -> None:
     """Run all blocks of a page as they stand; a RuntimeError names the one that fails."""
-    for name in ("sample", "config", "examples"):
-        (folder / name).symlink_to(ROOT / name)
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     environment = os.environ | {"PATH": path, "ROS_DOMAIN_ID": str(free_domain())}
     if '"data"' in page.read_text(encoding="utf-8"):
@@ -62,9 +61,11 @@ def run_page(page: Path, folder: Path) -> None:
                 if running[-1][1].poll() is not None:
                     raise RuntimeError(f"{page.name}: ended by itself: {block.code}")
             else:
-                done = subprocess.run(["bash", "-euc", block.code], env=environment, timeout=BLOCK_S)
+                code = f"{block.code}\npwd > {folder}/.place"
+                done = subprocess.run(["bash", "-euc", code], env=environment, timeout=BLOCK_S)
                 if done.returncode:
                     raise RuntimeError(f"{page.name}: exit code {done.returncode}: {block.code}")
+                os.chdir((folder / ".place").read_text().strip())
             print(f"{page.name}: {time.monotonic() - began:.1f} s: {block.code.splitlines()[0]}", flush=True)
     finally:
         for block, process in reversed(running):
@@ -82,8 +83,11 @@ def main() -> int:
     parser.add_argument("page", nargs="*", type=Path, help="pages; by default all tutorials")
     failed = []
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job ignores it, and so would what it starts
-    for page in [path.resolve() for path in parser.parse_args().page] or PAGES:
-        with tempfile.TemporaryDirectory(prefix="tutorial-") as folder:
+    pages = [path.resolve() for path in parser.parse_args().page] or PAGES
+    with tempfile.TemporaryDirectory(prefix="tutorial-") as folder:
+        for name in ("sample", "config", "examples"):
+            (Path(folder) / name).symlink_to(ROOT / name)
+        for page in pages:
             try:
                 run_page(page, Path(folder))
             except Exception as error:  # the next page is still of interest
