@@ -12,6 +12,7 @@ import io
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -120,8 +121,9 @@ def make_film() -> None:
         assert replay.stdout is not None
         url = next(found[0] for line in replay.stdout if (found := re.search(r"http://\S+", line)))
         frames = asyncio.run(film(url))
+        replay.send_signal(signal.SIGINT)  # the page of an ended run is served until then
         replay.stdout.read()
-    if replay.returncode:
+    if replay.returncode not in (0, 130):
         raise SystemExit(f"sfr replay: exit code {replay.returncode}")
     place = IMAGES / "live.webp"
     duration = round(1000 * FILM_S / FRAMES)
