@@ -33,8 +33,7 @@ LARGEST_FILM_BYTES = 3_000_000
 
 FILMED = """
 const sheet = new CSSStyleSheet();
-sheet.replaceSync("main > section:not(#figures, #path, #growth, #cameras) { display: none } " +
-  "#figures { height: 1px; overflow: hidden; padding: 0; border: 0; margin: -14px 0 }");
+sheet.replaceSync("main > section:not(#figures, #path, #growth, #cameras) { display: none }");
 document.adoptedStyleSheets.push(sheet);
 """
 RUN = """
