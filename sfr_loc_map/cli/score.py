@@ -95,14 +95,21 @@ def score(
         str | None,
         typer.Option(metavar="frames=N|distance=M", help="Length of a relative error.", show_default="frames=1"),
     ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="truth.KEY=VALUE", help="Of the truth, as truth.sigma_m=0.02; repeatable."),
+    ] = None,
 ) -> None:
     """Score an estimate against the truth: exit 1 if a limit is missed, 3 if something could not be judged."""
+    from sfr_loc_map.cli.simulate import parse_settings
+    from sfr_loc_map.config import build
+    from sfr_loc_map.io.truth import TruthConfig
     from sfr_loc_map.metrics.config import aligned_error_config, score_config
     from sfr_loc_map.pipeline.scoring import ScoreInputs, converted_run, load_run, save_point_errors, score_run
     from sfr_loc_map.report.test_report import junit as junit_of
 
     limits, asked = judge.read()
-    settings: dict[str, object] = {
+    of_score: dict[str, object] = {
         "trajectory.spacing": spacing,
         "trajectory.rebase": rebase,
         "trajectory.partial": partial,
@@ -113,10 +120,13 @@ def score(
     }
     if frames == "images" and associate == "match":
         raise ConfigError("'--frames images' interpolates the truth, '--associate match' does not: leave one out")
-    config = score_config(judge.condition, settings)
+    config = score_config(judge.condition, of_score)
     if (target is None) != (target_timing is None):
         raise ConfigError("'--target' and '--target-timing' belong together: give the name and the file")
     inputs = ScoreInputs.of(estimate, truth, stats or ())
+    if settings:
+        given = {key.removeprefix("truth."): value for key, value in parse_settings(settings).items()}
+        inputs = replace(inputs, truth_config=build(TruthConfig, given, origin="--set truth.KEY=VALUE"))
     if target_timing is not None:
         inputs = replace(inputs, target=target_timing, target_about=None, target_name=target or "")
     if target_run is not None and inputs.target is None:

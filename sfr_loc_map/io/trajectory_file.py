@@ -222,7 +222,7 @@ def _parse_columns(path: Path, data: bytes, name: str, columns: str) -> LoadedTr
         raise InputError(
             f"{name} line {first + 1} is '{header[:80]}': the header '{CSV_HEADER}' is needed, or one with columns and "
             f"units of t, x, y, z ({', '.join(wrong)} not found, or without a unit), or their names: "
-            "--truth-columns 't=HEADER[s],x=HEADER[m],y=HEADER[m],z=HEADER[m]'"
+            "sfr score --set 'truth.columns=t=HEADER[s],x=HEADER[m],y=HEADER[m],z=HEADER[m]'"
         )
     quats = [f"q{axis}" for axis in "xyzw"]
     keys = ["x", "y", "z", *(quats if all(key in found for key in quats) else ())]

@@ -53,7 +53,7 @@ SUMMARY = (
 """Tables of the terminal; the verdicts stand last, where they are seen."""
 HOST = "host"  #: First word of the name of a clock of this machine.
 UNTOLD = "not told"
-EXACT = "The truth is taken as exact; --truth-sigma-m and --truth-sigma-deg state its noise."
+EXACT = "The truth is taken as exact; --set truth.sigma_m=M and truth.sigma_deg=DEG of sfr score state its noise."
 NO_INTERVAL = (
     "Only mean + 3 sigma over sub-trajectories has an interval, where two of them or more are independent; without one "
     "nothing is certain (-)."

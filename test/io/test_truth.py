@@ -156,7 +156,7 @@ def test_no_unit_is_guessed_and_columns_can_be_named(tmp_path: Path, poses: Traj
     lines = [",".join(map(repr, row)) for row in rows.tolist()]
     place.write_text("\n".join(["Frame,TX,TY,TZ,qx,qy,qz,qw", *lines]))
     with pytest.raises(
-        InputError, match=r"\(t, x, y, z not found, or without a unit\), or their names: --truth-columns"
+        InputError, match=r"\(t, x, y, z not found, or without a unit\), or their names: sfr score --set"
     ):
         read_truth(place)
     columns = "t=Frame[ms],x=TX[mm],y=TY[mm],z=TZ[mm],qx=qx,qy=qy,qz=qz,qw=qw"
