@@ -27,7 +27,7 @@ DEVICES = ("null", "zero", "full", "random", "urandom", "tty", "shm", "dri", "kf
 KERNELS = "sfr_loc_map.methods.workers.numba_cache"
 
 
-def rules_of(method: Method, folder: Path, hidden: Sequence[Path]) -> dict[str, list[str]]:
+def rules_of(method: Method, folder: Path, memory_bytes: int, hidden: Sequence[Path]) -> dict[str, object]:
     """Return what a method may read and write, its scratch folder given, but for what is hidden from it."""
     code = [Path(method.worker).parent] if Path(method.worker).is_absolute() else []
     if method.kind is MethodKind.LIBRARY:
@@ -49,7 +49,10 @@ def rules_of(method: Method, folder: Path, hidden: Sequence[Path]) -> dict[str, 
         names += [path] if parts != [path] and path.is_dir() else []
     devices = [path for name in DEVICES for path in glob(f"/dev/{name}")]
     write = ["/proc/self", folder, *(part for path in devices for part in _without(Path(path), gone))]
-    return {name: [str(path) for path in paths] for name, paths in (("names", names), ("read", read), ("write", write))}
+    more = {"shared_memory": memory_bytes, "folder": str(folder)}
+    return more | {
+        name: [str(path) for path in paths] for name, paths in (("names", names), ("read", read), ("write", write))
+    }
 
 
 def environment_of(method: Method, folder: Path) -> dict[str, str]:

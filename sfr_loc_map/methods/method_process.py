@@ -111,7 +111,7 @@ class MethodProcess:
         self._images = np.asarray(np.memmap(images, np.uint8, "w+", shape=(MAX_PAIRS, 2, rig.height, rig.width)))
         work = self._folder / "work"
         work.mkdir()
-        rules = json.dumps(rules_of(method, self._folder, hidden))
+        rules = json.dumps(rules_of(method, self._folder, limits.memory_mb * MB, hidden))
         with self._log.open("ab") as log:  # appended to: it may be cut meanwhile
             self._process = subprocess.Popen(
                 [str(method.python), "-ES", str(WORKERS / "shut_in.py"), rules, *method.command],

@@ -16,4 +16,4 @@ def test_what_misbehaves_is_named_and_does_not_pass(case: Case, tmp_path: Path, 
     outcome = run_case(case, tmp_path, sfr, faulty)
     assert not differences(case, outcome), outcome.said
     if case.kind == "class":
-        assert outcome.score["method"]["isolation"] == "files, processes"
+        assert outcome.score["method"]["isolation"] == "files, processes, shared memory"

@@ -1,9 +1,10 @@
 """Shuts its process in and becomes another: `python shut_in.py RULES COMMAND...`; needs nothing but Linux.
 
 RULES are JSON: folders whose `names` may be listed, what may be read (`read`), and written as well (`write`); paths
-that are not there are left out. Files are shut off by Landlock (kernel 5.13), which needs no privilege. In a PID
-namespace, where the kernel gives one, other processes cannot be reached, and all that were started end with the
-command. Capabilities are dropped. A line of JSON says what could be done, before anything else is written to standard
+that are not there are left out; how large shared memory of its own may grow (`shared_memory`, bytes), the `folder` in
+it that stays. Files are shut off by Landlock (kernel 5.13), which needs no privilege. In a PID namespace, where the
+kernel gives one, other processes cannot be reached, and all that were started end with the command. Capabilities are
+dropped. A line of JSON says what could be done, before anything else is written to standard
 output; `levels` is how many processes stand between this one and the command.
 """
 
@@ -18,7 +19,9 @@ import struct
 import sys
 
 PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER, PR_SET_NO_NEW_PRIVS = 1, 36, 38
-CLONE_NEWUSER, CLONE_NEWPID = 0x10000000, 0x20000000
+CLONE_NEWNS, CLONE_NEWUSER, CLONE_NEWPID = 0x00020000, 0x10000000, 0x20000000
+MS_BIND, MS_REC, MS_PRIVATE = 0x1000, 0x4000, 0x40000
+SHARED_MEMORY = "/dev/shm"
 CREATE_RULESET, ADD_RULE, RESTRICT_SELF = 444, 445, 446  # numbers of the calls, on every architecture
 RIGHTS_BY_ABI = (13, 14, 15, 15, 16)  # how many rights on files a version of Landlock knows
 EXECUTE, WRITE_FILE, READ_FILE, READ_DIR, TRUNCATE, IOCTL_DEV = (1 << bit for bit in (0, 1, 2, 3, 14, 15))
@@ -65,12 +68,29 @@ def drop_privileges() -> None:
 
 
 def enter_namespace() -> None:
-    """Let the next process that this one starts be the first of a PID namespace; OSError where that cannot be."""
+    """Let the next process that this one starts be the first of a PID namespace, mounts apart; else OSError."""
     ids = (("uid_map", os.getuid()), ("gid_map", os.getgid()))
-    _checked(LIBC.unshare(CLONE_NEWUSER | CLONE_NEWPID), "PID namespace")
+    _checked(LIBC.unshare(CLONE_NEWUSER | CLONE_NEWPID | CLONE_NEWNS), "PID namespace")
     for name, text in (("setgroups", "deny"), *((name, f"{number} {number} 1") for name, number in ids)):
         with open(f"/proc/self/{name}", "w", encoding="ascii") as stream:
             stream.write(text)
+
+
+def make_shared_memory(size: int, folder: str) -> None:
+    """Mount shared memory of its own, with a folder of what was there; OSError where that cannot be."""
+    place, here = os.open(folder, os.O_PATH), os.getcwd()
+    _mount(None, "/", None, MS_REC | MS_PRIVATE, None)
+    _mount("tmpfs", SHARED_MEMORY, "tmpfs", 0, f"size={size},mode=1777")
+    if folder.startswith(f"{SHARED_MEMORY}/"):
+        os.makedirs(folder)
+        _mount(f"/proc/self/fd/{place}", folder, None, MS_BIND, None)
+    os.close(place)
+    os.chdir(here)
+
+
+def _mount(source: str | None, target: str, kind: str | None, flags: int, options: str | None) -> None:
+    words = [None if text is None else text.encode() for text in (source, target, kind, options)]
+    _checked(LIBC.mount(*words[:3], ctypes.c_ulong(flags), words[3]), f"mount {target}")
 
 
 def _wait_for(process: int) -> int:
@@ -100,25 +120,36 @@ def _first_of_namespace() -> None:
 def main() -> None:
     """Shut in, say how well that went, become the command."""
     LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-    rules, *command = sys.argv[1:]
+    text, *command = sys.argv[1:]
+    rules = json.loads(text)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     done, missing, levels = [], [], 0
-    try:
-        enter_namespace()
+
+    def shut_off_processes() -> None:
+        nonlocal levels
+        _first_of_namespace()
         levels = 2
-        done.append("processes")
-    except OSError as error:
-        missing.append(f"processes ({error})")
-    try:
-        drop_privileges()
-        if levels:
-            _first_of_namespace()
-        shut_off_files(**json.loads(rules))
-        done.append("files")
-    except OSError as error:
-        missing.append(f"files ({error})")
-    LIBC.prctl(PR_SET_CHILD_SUBREAPER, 1)  # what is left behind stays a descendant
-    print(json.dumps({"isolated": sorted(done), "missing": missing, "levels": levels}), flush=True)
+
+    for name, step in (
+        ("a namespace", enter_namespace),
+        ("shared memory", lambda: make_shared_memory(rules["shared_memory"], rules["folder"])),
+        ("privileges", drop_privileges),
+        ("processes", shut_off_processes),
+        ("files", lambda: shut_off_files(rules["names"], rules["read"], rules["write"])),
+    ):
+        if name in ("shared memory", "processes") and "a namespace" not in done:
+            continue
+        try:
+            step()
+            done.append(name)
+        except OSError as error:
+            missing.append(f"{name} ({error})")
+    if not levels:  # what is left behind stays a descendant; in a namespace it falls to the first process of that
+        LIBC.prctl(PR_SET_CHILD_SUBREAPER, 1)
+    print(
+        json.dumps({"isolated": sorted({*done} - {"a namespace", "privileges"}), "missing": missing, "levels": levels}),
+        flush=True,
+    )
     os.execv(command[0], command)
 
 
