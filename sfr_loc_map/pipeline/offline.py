@@ -39,6 +39,7 @@ from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.score import MethodRecord
 from sfr_loc_map.pipeline.call_stats import CallRecord, call_of_stages
 from sfr_loc_map.pipeline.kernels import load_kernels
+from sfr_loc_map.signals import stopping
 
 MAX_START_GAP_NS = NS_PER_S  #: Longest gap of the truth in which a drive can start.
 DEFAULT_STEP_S = 0.1
@@ -86,8 +87,10 @@ def localise(
     load_kernels("localisation")
     meter = CallMeter()
     for pair in sequence.pairs():
-        with meter.measure() as call:
+        with stopping() as stopped, meter.measure() as call:  # an exception out of a kernel ends the process
             estimate = localiser.process(pair)
+        if stopped():
+            raise KeyboardInterrupt
         if watch is not None:
             watch(pair, estimate, localiser)
         step = None if estimate.step is None else estimate.step.uncertainty
