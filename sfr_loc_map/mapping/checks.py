@@ -16,6 +16,7 @@ MIN_CONTRAST = 2.0  #: Standard deviation of an image's grey levels below which 
 MIN_TEXTURED_SHARE = 0.02  #: Share of the image that must have texture for its matches to be judged.
 MIN_MATCHED_SHARE = 0.3  #: Share of the textured pixels that must be matched.
 POOR_MATCHED_SHARE = 0.6
+VERTICAL_WARNING_PX = 0.3  #: Less vertical disparity than this is never warned of.
 VERTICAL_FACTOR = 3.0  #: Times the typical left-over distortion from which on vertical disparity is warned of.
 GAIN_WARNING = 1.15
 SATURATION_WARNING = 0.1
@@ -81,7 +82,7 @@ def check_matches(
     warnings = []
     if share < POOR_MATCHED_SHARE:
         warnings.append(f"only {100 * share:.0f} % of the textured pixels are matched")
-    if correction.max_vertical_px > VERTICAL_FACTOR * distortion_px:
+    if correction.max_vertical_px > max(VERTICAL_WARNING_PX, VERTICAL_FACTOR * distortion_px):
         warnings.append(
             f"vertical disparity of up to {correction.max_vertical_px:.2f} px between left and right (compensated): "
             "check the rectification"

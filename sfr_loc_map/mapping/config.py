@@ -32,7 +32,8 @@ class CalibrationUncertainty:
     distortion_px: float = param(
         0.3,
         unit="px",
-        doc="Typical left-over distortion in the corners of an image: what looks like a yaw and is within it is none.",
+        doc="Typical left-over distortion in the corners of an image: what looks like a yaw and is within it is none. "
+        "0: none is allowed for.",
         low=0.0,
         high=10.0,
     )

@@ -29,7 +29,13 @@ from sfr_loc_map.mapping.multiview.fixed_content import without_fixed_content
 from sfr_loc_map.mapping.multiview.fusion import fuse_views
 from sfr_loc_map.mapping.multiview.pair_view import PairView
 from sfr_loc_map.mapping.multiview.registration import register_views
-from sfr_loc_map.mapping.reprojection import CalibrationSigma, check_calibration, cloud_from_disparity, total_sigma
+from sfr_loc_map.mapping.reprojection import (
+    NO_CALIBRATION,
+    CalibrationSigma,
+    check_calibration,
+    cloud_from_disparity,
+    total_sigma,
+)
 
 F = np.float32
 
@@ -97,7 +103,7 @@ class Mapper:
         fill_holes(grey, refined.right, initial, left < 200, initial, refined.noise, left >= 200)
         cloud = cloud_from_disparity(initial, sigma, left, self._rig, self._rig.T_sb_left, 0)
         saturation(left, np.full_like(right, 255), initial).widen(cloud.sigma.copy(), cloud, 0)
-        total_sigma(cloud, [self._rig.T_sb_left], self._rig, CalibrationSigma(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+        total_sigma(cloud, [self._rig.T_sb_left], self._rig, NO_CALIBRATION)
         view = PairView(cloud, initial, self._rig.T_sb_left, refined.noise)
         fuse_views([view, view], self._rig)
 

@@ -22,7 +22,7 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit_rows
 from sfr_loc_map.mapping.config import CalibrationUncertainty
-from sfr_loc_map.mapping.disparity.right_camera import CameraRotation
+from sfr_loc_map.mapping.disparity.right_camera import MIN_ROLL_PX, CameraRotation
 
 MEASURED_SIGMAS = 3.0  #: A yaw counts as measured from so many of its standard deviations on.
 MIN_WARNING_DEG = 0.02  #: Less yaw than this is not warned of, however well the calibration is said to be known.
@@ -94,6 +94,9 @@ class CalibrationSigma(NamedTuple):
     distortion: float  # along rows, as an angle
 
 
+NO_CALIBRATION = CalibrationSigma(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  #: A calibration that is exact.
+
+
 def check_calibration(
     stated: CalibrationUncertainty, rotation: CameraRotation, rig: StereoRig
 ) -> tuple[CalibrationSigma, tuple[str, ...]]:
@@ -102,7 +105,7 @@ def check_calibration(
     Left-over distortion makes the saddle of a yaw as well: a yaw is measured no more surely than the stated distortion
     allows. One that is measured is added to the uncertainty, not taken out of the map. A vertical offset larger than
     the stated distortion may be a pitch, and is added as one. Roll has been taken out where it is measured. All other
-    vertical disparity is left-over distortion, and the disparity is as uncertain.
+    vertical disparity is left-over distortion, and the disparity is as uncertain; not where none is stated.
     """
     yaw, pitch, roll = (math.radians(value) for value in (stated.yaw_deg, stated.pitch_deg, stated.roll_deg))
     warnings: tuple[str, ...] = ()
@@ -116,9 +119,11 @@ def check_calibration(
             "disparity has the saddle of a yaw): all depths err alike, sigma is widened; calibrate the cameras",
         )
         yaw = math.hypot(yaw, rotation.yaw_rad)
-    if abs(rotation.pitch_rad) * rig.fy > stated.distortion_px:
+    if abs(rotation.pitch_rad) * rig.fy > max(stated.distortion_px, MIN_ROLL_PX):
         pitch = math.hypot(pitch, rotation.pitch_rad)
     distortion_px = min(rotation.vertical_px, max(stated.distortion_px, rotation.bent_px))
+    if not stated.distortion_px:
+        distortion_px = 0.0
     shares = stated.focal_share, stated.baseline_share
     return CalibrationSigma(yaw, pitch, roll, *shares, distortion_px / rig.fx), warnings
 

@@ -20,7 +20,7 @@ from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.mapping.disparity.uncertainty import Saturation
 from sfr_loc_map.mapping.mapper import FusedMap, PairMap
 from sfr_loc_map.mapping.multiview.pair_view import PairView
-from sfr_loc_map.mapping.reprojection import CalibrationSigma, cloud_from_disparity
+from sfr_loc_map.mapping.reprojection import NO_CALIBRATION, cloud_from_disparity
 from sfr_loc_map.methods.method_process import MethodCall, MethodFailureError, MethodProcess
 from sfr_loc_map.methods.registry import Method, MethodLimits
 from sfr_loc_map.metrics.score import FindingKind, MethodRecord
@@ -28,7 +28,6 @@ from sfr_loc_map.metrics.score import FindingKind, MethodRecord
 F = np.float32
 SYMMETRY = 1e-6  #: Largest asymmetry of a covariance, over its largest element.
 DISPARITY_SIGMA_PX = F(0.5)  #: Standard deviation that is assumed of a disparity of a matcher, which states none.
-NO_CALIBRATION = CalibrationSigma(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class IsolatedMethod:

@@ -10,12 +10,12 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.mapping.reprojection import NO_CALIBRATION as NONE
 from sfr_loc_map.mapping.reprojection import CalibrationSigma, cloud_from_disparity, total_sigma
 
 SMALL = StereoRig(32, 24, 40.0, 44.0, 14.5, 12.25, 0.25)
 RIG = StereoRig(400, 300, 320.0, 320.0, 199.5, 149.5, 0.2)
 POSE = Transform(matrix_from_rotvec([0.2, -0.4, 0.3]), np.array([3.0, -1.0, 2.0]))
-NONE = CalibrationSigma(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 ANGLE = 1e-4
 """Radians, and the share by which a length is wrong: small enough for the first order."""
 

@@ -134,6 +134,7 @@ def linearise(
     offset = box_mean(means, BOX)
     variance = noise_variance(grey, order, residual, offset, least_noise)
     blocks = downsample_mean(np.asarray((means - offset) / np.sqrt(variance), F), 2)
+    # 1 for white noise; blocks without residuals are 0
     correlation = F(max(16.0 * mad_sigma(blocks[blocks != 0]) ** 2, 1.0))
     template = mean_template(left, residual, offset, F(4.0 * noise))
     found = normal_equations(slopes(template), residual, offset, F(1.0) / variance, TAIL)

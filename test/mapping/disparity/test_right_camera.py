@@ -10,13 +10,16 @@ from disparity_world import World, hills, make_world
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.mapping.config import CalibrationUncertainty, MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper, PairMap
 
+DEFAULTS = MappingConfig()
 INNER = np.s_[16:-16, 64:-16]
 
 
-def mapped(made: Any, rotvec_deg: tuple[float, float, float], decentring_px: float = 0.0) -> PairMap:
+def mapped(
+    made: Any, rotvec_deg: tuple[float, float, float], decentring_px: float = 0.0, config: MappingConfig = DEFAULTS
+) -> PairMap:
     """Map a world with the right camera rotated about x (right), y (down) and z (forward), and its lens decentred.
 
     Decentring distortion moves content by `a (3 x^2 + y^2, 2 x y)` (Brown 1966): the saddle of a yaw.
@@ -32,7 +35,7 @@ def mapped(made: Any, rotvec_deg: tuple[float, float, float], decentring_px: flo
     places = (points[..., :2] / points[..., 2:]).astype(np.float32)
     right = cv2.remap(made.pair.right, places, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
     pair = StereoPair(0, made.pair.left, np.asarray(right, np.uint8))
-    return Mapper(made.rig, MappingConfig()).process(pair, Transform.identity(), 0)
+    return Mapper(made.rig, config).process(pair, Transform.identity(), 0)
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +62,14 @@ def errors_over_sigma(made: Any, result: PairMap) -> tuple[np.ndarray, np.ndarra
     total[result.cloud.v, result.cloud.u] = result.cloud.sigma
     random[result.cloud.v, result.cloud.u] = result.random_sigma
     return error / total[INNER], error / random[INNER]
+
+
+def test_sigma_of_an_exact_calibration_is_that_of_noise(made: Any) -> None:
+    exact = MappingConfig(calibration=CalibrationUncertainty(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    for decentring_px in (0.0, 0.02):  # less vertical disparity than is ever warned of
+        result = mapped(made, (0.0, 0.0, 0.0), decentring_px, exact)
+        assert result.warnings == ()
+        np.testing.assert_array_equal(result.cloud.sigma, result.random_sigma)
 
 
 @pytest.mark.parametrize("yaw_deg", [-0.4, 0.4])
