@@ -18,7 +18,7 @@ from __future__ import annotations
 import csv
 import re
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from decimal import Decimal
 from enum import StrEnum
 from pathlib import Path
@@ -87,7 +87,7 @@ COLUMN_NAMES |= {"z": ("z", "pz", "tz", "posz", "positionz", "up", "height", "h"
 COLUMN_NAMES |= {f"q{axis}": (f"q{axis}", f"quat{axis}", f"orientation{axis}") for axis in "xyzw"}
 """Columns of a csv with a header, and how their names may be written, without case, `_`, `.` and spaces."""
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-DECIMALS = {"s": 0, "sec": 0, "seconds": 0, "ms": 3, "us": 6, "ns": 9}
+TIMES = {"s": NS_PER_S, "sec": NS_PER_S, "seconds": NS_PER_S, "ms": 1_000_000, "us": 1_000, "ns": 1}
 UTC_UNIT = "utc"  #: Unit of times written as `2026-05-04 10:22:01.25`.
 _UNIT = re.compile(r"^#?\s*(.*?)\s*(?:\[(\w+)\]|\((\w+)\)|_(m|cm|mm|s|sec|ms|us|ns|utc))?$", re.IGNORECASE)
 
@@ -202,21 +202,20 @@ def _parse_columns(path: Path, data: bytes, name: str, columns: str) -> LoadedTr
     header = lines[first] if lines else ""
     separator = max(",;\t", key=header.count)
     cells = [cell.strip() for cell in next(csv.reader([header], delimiter=separator), [])]
-    named = [match.groups() if (match := _UNIT.match(cell)) else (cell, None, None, None) for cell in cells]
-    found: dict[str, tuple[int, str]] = {}
+    given: dict[str, str] = {}
     for item in filter(None, columns.split(",")):
         key, _, text = (part.strip() for part in item.partition("="))
-        title, unit = re.fullmatch(r"(.*?)\s*(?:\[(\w+)\])?", text).groups()  # type: ignore[union-attr]
-        if key not in COLUMN_NAMES or title not in cells:
-            raise InputError(
-                f"{name}: no column for '{item}': NAME is one of {', '.join(COLUMN_NAMES)}, found {header!r}"
-            )
-        found[key] = cells.index(title), (unit or "").lower()
-    for key, titles in () if columns else COLUMN_NAMES.items():
-        for k, (title, *units) in enumerate(named):
-            if re.sub(r"[_.\s]", "", title.lower()) in titles and key not in found:
-                found[key] = k, next(filter(None, units), "").lower()
-    kinds = {"t": (*DECIMALS, UTC_UNIT), **dict.fromkeys("xyz", tuple(METRES))}
+        title, mark, unit = text.rpartition("[")
+        given[title.strip() if mark else text] = f"{key}[{unit}" if mark else key
+        if key not in COLUMN_NAMES or not given.keys() <= set(cells):
+            raise InputError(f"{name}: no column for '{item}': NAME is of {', '.join(COLUMN_NAMES)}, found {header!r}")
+    found: dict[str, tuple[int, str]] = {}
+    for k, cell in enumerate(given.get(cell, "") for cell in cells) if given else enumerate(cells):
+        title, *units = match.groups("") if (match := _UNIT.match(cell)) else (cell,)
+        word = re.sub(r"[_.\s]", "", title.lower())
+        for key in (key for key, titles in COLUMN_NAMES.items() if word in titles):
+            found.setdefault(key, (k, "".join(units).lower()))
+    kinds = {"t": (*TIMES, UTC_UNIT), **dict.fromkeys("xyz", tuple(METRES))}
     wrong = [key for key, units in kinds.items() if key not in found or found[key][1] not in units]
     if wrong:
         raise InputError(
@@ -241,9 +240,9 @@ def _parse_columns(path: Path, data: bytes, name: str, columns: str) -> LoadedTr
             rows.append([scale * parse_number(text) for scale, text in zip(scales, texts, strict=True)])
     if not rows:
         raise InputError(f"{name} has no pose: at least one line with one is needed")
-    values = np.array(rows, np.float64)
-    turns = values[:, 3:].copy() if len(keys) > 3 else np.zeros((len(values), 4))
     with refusing(name, "correct the file"):
+        values = np.array(rows, np.float64)
+        turns = values[:, 3:].copy() if len(keys) > 3 else np.zeros((len(values), 4))
         trajectory = Trajectory(np.array(stamps, np.int64), values[:, :3].copy(), turns)
     said = f"column '{cells[found['t'][0]]}'" + (f"; {left_out} lines without values left out" if left_out else "")
     return LoadedTrajectory(path, trajectory, TrajectoryFormat.COLUMNS, said)
@@ -254,12 +253,10 @@ def _stamp(text: str, unit: str) -> int:
     if unit == UTC_UNIT:
         moment = datetime.fromisoformat(text)
         since = (moment if moment.tzinfo else moment.replace(tzinfo=UTC)) - datetime.fromtimestamp(0, UTC)
-        return (since.days * 86_400 + since.seconds) * NS_PER_S + since.microseconds * 1000
-    text = text.replace(",", ".")
-    if not DECIMALS[unit]:
-        return parse_seconds(text)
-    parse_number(text)
-    return round(Decimal(text).scaleb(9 - DECIMALS[unit]))
+        return since // timedelta(microseconds=1) * 1000
+    number = text.replace(",", ".")
+    parse_number(number)
+    return round(Decimal(number) * TIMES[unit])
 
 
 def times_beside(path: Path) -> Path:

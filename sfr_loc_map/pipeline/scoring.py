@@ -17,7 +17,7 @@ import numpy as np
 
 from sfr_loc_map import __version__
 from sfr_loc_map.config import flatten
-from sfr_loc_map.errors import ConfigError, InputError, MissingExtraError, SfrError
+from sfr_loc_map.errors import ConfigError, InputError, MetricsError, MissingExtraError, SfrError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.pose_convention import PoseConvention
@@ -515,6 +515,8 @@ def _open_source(path: Path) -> Source:
 def diagnose_files(estimate: Path, truth: Path, config: ScoreConfig) -> Diagnosis:
     """Return which single convention mismatch explains how the trajectories of two files disagree."""
     drive = load_drive(estimate, truth)
+    if not drive.truth.has_attitude:
+        raise MetricsError(f"the truth '{truth}' has positions alone: no convention mismatch can be told from them")
     return diagnose(drive.estimates.trajectory, drive.truth, config.trajectory.association, drive.rig)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import rotvec_from_matrix
-from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
@@ -81,7 +81,11 @@ def stated_errors(estimates: Sequence[PoseEstimate], truth: Trajectory) -> State
 
 
 def error_and_sigma(estimates: Sequence[PoseEstimate], truth: Trajectory) -> tuple[FloatArray, FloatArray]:
-    """Return errors and stated standard deviations `(N, 2)` of position (m) and attitude (rad) where there is truth."""
+    """Return errors and standard deviations `(N, 2)` of position (m) and attitude (rad) where there is truth.
+
+    The standard deviations are those stated, with the noise of the truth.
+    """
+    noise = (truth.sigma_m, np.radians(truth.sigma_deg)) if isinstance(truth, Truth) else (0.0, 0.0)
     at = {int(stamp): index for index, stamp in enumerate(truth.stamps_ns)}
     errors, sigmas = [np.zeros((0, 2))], [np.zeros((0, 2))]
     for estimate in estimates:
@@ -90,7 +94,8 @@ def error_and_sigma(estimates: Sequence[PoseEstimate], truth: Trajectory) -> tup
         true, found, covariance = truth.pose(at[estimate.stamp_ns]), estimate.T_ds_rb, estimate.covariance
         rotation = rotvec_from_matrix(found.rotation @ true.rotation.T)
         errors.append(np.array([[np.linalg.norm(found.translation - true.translation), np.linalg.norm(rotation)]]))
-        sigmas.append(np.sqrt([[np.trace(covariance[:3, :3]), np.trace(covariance[3:, 3:])]]))
+        variances = np.trace(covariance[:3, :3]), np.trace(covariance[3:, 3:])
+        sigmas.append(np.sqrt([variances + 3.0 * np.square(noise)]))
     return np.concatenate(errors), np.concatenate(sigmas)
 
 
