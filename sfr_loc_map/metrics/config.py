@@ -27,6 +27,12 @@ class Rebase(StrEnum):
     DISPLACEMENT = "displacement"  #: The document to the letter: differences of displacement and of change of attitude.
     POSITION = "position"  #: Only its position is taken away.
     YAW_ALIGNED = "yaw_aligned"  #: The same after a fit of yaw and translation, where the truth has no attitudes.
+    ROTATION_ALIGNED = "rotation_aligned"  #: After a fit of the whole rotation, where z of the estimate is tilted.
+
+    @property
+    def is_fit(self) -> bool:
+        """Whether the estimate was fitted to a truth without attitudes."""
+        return self in (Rebase.YAW_ALIGNED, Rebase.ROTATION_ALIGNED)
 
 
 class CallKind(StrEnum):

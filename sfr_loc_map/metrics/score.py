@@ -138,7 +138,7 @@ class ConditionScore(Record):
     #: (pose); displacements in DS, and changes of attitude and heading since N, are compared (displacement); or only
     #: the position offset at N is taken away (position).
     #: Where the truth has no attitudes, the yaw of the estimate is fitted to it over the drive, then as position
-    #: (yaw_aligned): heading error from before N counts.
+    #: (yaw_aligned), or its whole rotation where its z is tilted (rotation_aligned): error from before N counts.
     rebase: Rebase
     position_m: IntervalStatistic  #: Estimate less truth in DS: norms of mean vector and of sigmas [4.2.3.1].
     attitude_deg: IntervalStatistic  #: `2 atan2(|v|, |w|)` of the rotation (v, w) between both [4.2.3.2].
@@ -219,7 +219,8 @@ class TruthRecord(Record):
     path_excess: float | None = None  #: Share by which its noise lengthens its path, `2 (sigma / step)^2`.
     lever_arm_m: tuple[float, ...] = ()  #: Point in RB that its positions are of; the estimate was taken there.
     yaw_deg: float | None = None  #: Yaw that was fitted: turns the estimate.
-    translation_m: tuple[float, ...] = ()  #: Translation that was fitted, after the yaw.
+    tilt_deg: float | None = None  #: Angle by which z was tilted with it; None where only the yaw was fitted.
+    translation_m: tuple[float, ...] = ()  #: Translation that was fitted, after the turn.
 
 
 class TrajectoryScore(Record):

@@ -6,6 +6,7 @@ The same function scores a file and a live run; test/metrics/reference.py says i
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import fields, replace
 from typing import Any, NamedTuple
 
@@ -13,9 +14,10 @@ import numpy as np
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
-from sfr_loc_map.geometry.rotation import quat_multiply, quat_rotate
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec, quat_from_matrix, quat_multiply
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth, at_point
 from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.metrics.aligned_error import umeyama
 from sfr_loc_map.metrics.association import Estimates, Frames, associate
 from sfr_loc_map.metrics.completeness import completeness
 from sfr_loc_map.metrics.config import (
@@ -55,6 +57,8 @@ from sfr_loc_map.metrics.trajectory_error import (
 
 FIGURES = {"position_m": slice(0, 3), "attitude_deg": slice(3, 4), "heading_deg": slice(4, 5)}
 """Figures of the score and the columns of the errors that they are made of."""
+MIN_TILT_DEG, TILT_GAIN = 0.1, 3.0
+"""The whole rotation is fitted to positions alone where it tilts z by so much and leaves so many times less."""
 APART = (ConditionKind.DISPLACEMENT, ConditionKind.TURN)  #: What may shrink again along a drive.
 PATH_ROWS, DETAIL_ROWS = 2000, 1000  #: Frames, and sub-trajectories of each condition, that are kept for figures.
 POSITION_VARIANCES = [0, 6, 11]
@@ -97,7 +101,7 @@ def score_trajectory(
         rebase, placed = Rebase(config.rebase), None
     else:
         estimates, frames, counts, mode, placed = associate_positions(estimates, truth, conditions, config.association)
-        rebase = Rebase.YAW_ALIGNED
+        rebase = Rebase.YAW_ALIGNED if placed.tilt_deg is None else Rebase.ROTATION_ALIGNED
     stamps_ns, count, reading = frames.stamps_ns, len(frames.stamps_ns), READINGS.get(rebase, ONLY_POSITION)
     if not count and not under_way:
         spans = [
@@ -237,19 +241,21 @@ def score_trajectory(
 
 
 class Placement(NamedTuple):
-    """The yaw that turns an estimate, deg, and the translation after it, m, that take it to the truth."""
+    """The turn of an estimate and the translation after it, m, that take it to the truth."""
 
     yaw_deg: float
+    tilt_deg: float | None  #: Of z; None where the turn is a yaw alone.
     translation_m: tuple[float, ...]
 
 
 def associate_positions(
     estimates: Estimates, truth: Trajectory, conditions: Sequence[Condition], config: AssociationConfig
 ) -> tuple[Estimates, Frames, AssociationCounts, AssociationMode, Placement]:
-    """Return estimates of the point whose positions a truth has, and their frames, turned about z and moved to it.
+    """Return estimates of the point whose positions a truth has, and their frames, turned and moved to it.
 
     Yaw and translation are fitted by least squares: what neither vision nor gravity tells (Zhang, Scaramuzza 2018,
-    section IV-B). MetricsError for a condition that needs attitudes.
+    section IV-B). An estimate by vision alone that begins at the identity on a slope has a tilted z: where the whole
+    rotation tilts z and leaves much less, it is the fit. MetricsError for a condition that needs attitudes.
     """
     if any(part.kind is ConditionKind.TURN for condition in conditions for part in condition.parts):
         raise MetricsError("a condition turn=DEG needs attitudes of the truth, which has none: leave it out")
@@ -257,17 +263,25 @@ def associate_positions(
     if isinstance(truth, Truth) and poses.has_attitude:
         poses = at_point(poses, truth.lever_arm_m)
     frames, counts, mode = associate(poses, truth, config)
-    yaw, translation = 0.0, np.zeros(3)
+    turn, translation, tilt_deg = np.eye(3), np.zeros(3), None
     if len(frames.stamps_ns):
         middle, true_middle = frames.est_pos.mean(axis=0), frames.gt_pos.mean(axis=0)
         (x, y), (u, v) = (frames.est_pos - middle).T[:2], (frames.gt_pos - true_middle).T[:2]
         yaw = float(np.arctan2((x * v - y * u).sum(), (x * u + y * v).sum()))
-        turn = np.array([0.0, 0.0, np.sin(0.5 * yaw), np.cos(0.5 * yaw)])
-        translation = true_middle - quat_rotate(turn, middle)
-        placed = quat_rotate(turn, frames.est_pos) + translation, quat_multiply(turn, frames.est_quat)
-        frames = frames._replace(est_pos=placed[0], est_quat=placed[1])
+        turn = matrix_from_rotvec(np.array([0.0, 0.0, yaw]))
+        with suppress(MetricsError):  # a straight line has no rotation
+            whole = umeyama(frames.est_pos, frames.gt_pos, with_scale=False).rotation
+            moved = frames.gt_pos - true_middle
+            left = [float(np.linalg.norm((frames.est_pos - middle) @ each.T - moved)) for each in (turn, whole)]
+            tilted = float(np.degrees(np.arccos(np.clip(whole[2, 2], -1.0, 1.0))))
+            if tilted >= MIN_TILT_DEG and left[0] > TILT_GAIN * left[1]:
+                turn, tilt_deg = whole, tilted
+        translation = true_middle - turn @ middle
+        est_quat = quat_multiply(quat_from_matrix(turn), frames.est_quat)
+        frames = frames._replace(est_pos=frames.est_pos @ turn.T + translation, est_quat=est_quat)
     known = Estimates(poses, estimates.lost, estimates.degraded, None)  # its covariance says nothing of the fit
-    return known, frames, counts, mode, Placement(float(np.degrees(yaw)), tuple(translation.tolist()))
+    yaw_deg = float(np.degrees(np.arctan2(turn[1, 0], turn[0, 0])))
+    return known, frames, counts, mode, Placement(yaw_deg, tilt_deg, tuple(translation.tolist()))
 
 
 def truth_record(truth: Trajectory, frames: Frames, placed: Placement | None) -> TruthRecord:

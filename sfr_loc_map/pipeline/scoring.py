@@ -322,8 +322,10 @@ def truth_warnings(about: TruthRecord) -> list[str]:
     if not about.attitude:
         said += [
             "the truth has positions alone: attitude and heading errors are not known; the estimate was turned by "
-            f"{about.yaw_deg or 0.0:.3g} deg about z and moved to fit it over the drive, so that heading errors from "
-            "before a sub-trajectory count in its position error (chord errors need no fit)"
+            f"{about.yaw_deg or 0.0:.3g} deg about z"
+            + ("" if about.tilt_deg is None else f", its z by {about.tilt_deg:.3g} deg,")
+            + " and moved to fit it over the drive, so that attitude errors from before a sub-trajectory count in its "
+            "position error (chord errors need no fit)"
         ]
     if about.path_excess is not None and about.path_excess > MAX_EXCESS:
         said += [

@@ -58,7 +58,7 @@ NO_INTERVAL = (
     "Only mean + 3 sigma over sub-trajectories has an interval, where two of them or more are independent; without one "
     "nothing is certain (-)."
 )
-FITTED = "position error, yaw and translation fitted,"
+FITTED = "position error, estimate fitted to the truth,"
 """How the position error is called where the truth has no attitudes."""
 STATISTIC = {"mean": "mean", "sigma": "sigma", "mean_plus_3sigma": "mean + 3 sigma"}
 READINGS = {
@@ -78,7 +78,7 @@ TERMS: Mapping[str, str] = {
     "attitude error": "angle between the estimated and the true attitude at the end of a sub-trajectory",
     "heading error": "estimated less true heading (about the vertical) at the end, with its sign",
     "chord error": "straight distance from start to end of a sub-trajectory, estimated less true: needs no attitudes",
-    "fitted": "one turn about the vertical and one move of the whole estimate, as the truth has positions alone",
+    "fitted": "one turn (about the vertical unless z is tilted) and one move of the whole estimate over the drive",
     "mean + 3 sigma": "size of the mean plus three standard deviations: what the specification limits",
     "95 % interval": "range that holds the true mean + 3 sigma in 95 of 100 such drives",
     "not enough data": "the figure is not defined, or made of fewer values than the limits ask for",
@@ -250,11 +250,11 @@ def headline_table(score: Score) -> Table | None:
     note += f"{NO_INTERVAL} "
     for key, condition in keyed_conditions(score):
         names = {"position": METRE, "chord": METRE, "attitude": DEGREE, "heading": DEGREE}
-        of_chord = condition.rebase is Rebase.YAW_ALIGNED or limits_on(score, "chord_m", condition.condition)
+        of_chord = condition.rebase.is_fit or limits_on(score, "chord_m", condition.condition)
         if condition.chord_m is None or not of_chord:
             del names["chord"]
         for name, unit in names.items():
-            fitted = name == "position" and condition.rebase is Rebase.YAW_ALIGNED
+            fitted = name == "position" and condition.rebase.is_fit
             figure, title = (
                 f"{name}_{unit.symbol}",
                 f"{FITTED if fitted else f'{name} error'} over {condition.condition}",
@@ -444,7 +444,8 @@ def truth_text(part: TrajectoryScore) -> str:
     if not about.attitude:
         said.append("The truth has positions alone")
         said += [f" of a point at {', '.join(map(number, about.lever_arm_m))} m in RB"] * bool(about.lever_arm_m)
-        said.append(f": the estimate was turned by {number(about.yaw_deg)} deg and moved to it. ")
+        tilt = "" if about.tilt_deg is None else f" and its z by {number(about.tilt_deg)} deg"
+        said.append(f": the estimate was turned by {number(about.yaw_deg)} deg about z{tilt} and moved to it. ")
     return "".join(said)
 
 

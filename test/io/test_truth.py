@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from cli_result import Sfr
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from sfr_loc_map.errors import InputError
@@ -187,3 +189,80 @@ def test_truth_that_is_not_there_names_what_could_be(tmp_path: Path, poses: Traj
     (tmp_path / "y.csv").write_text(TABLES["total station"])
     with pytest.raises(InputError, match="has no attitudes"):
         read_truth(place, TruthConfig(source=str(tmp_path / "y.csv"), attitude="yes"))
+
+
+# ---- to a score, by the command line
+
+KINDS = (*TOPICS, "tum", "kitti", "euroc", "csv", "columns", "prism", "fix")
+CLOSE = {"prism": 2e-3, "fix": 2e-3}
+"""How far the figure may be from that of the plain truth, m: positions alone are fitted, and the chord is another."""
+
+
+def truth_place(kind: str, folder: Path, poses: Trajectory) -> tuple[Path, list[str]]:
+    """Write one kind of truth, of a body on a lever; return its place and what is said of it."""
+    marker = Trajectory(
+        poses.stamps_ns, poses.positions + quat_rotate(poses.quats_xyzw, LEVER), quat_multiply(poses.quats_xyzw, TURN)
+    )
+    lever = [f"truth.lever_arm_m={LEVER.tolist()}"]
+    turned = [*lever, f"truth.lever_quat_xyzw={TURN.tolist()}"]
+    if kind in TOPICS:
+        where = ["truth.frame=world:marker"] if kind == "tf" else [f"truth.source={TOPICS[kind]}"] * bool(TOPICS[kind])
+        return write_bag(folder / "bag", messages(kind, marker, 0.0004)), [*turned, *where]
+    if kind == "fix":
+        status, fix = T["sensor_msgs/msg/NavSatStatus"](0, 1), T["sensor_msgs/msg/NavSatFix"]
+        scale = np.array([111_278.4, 74_548.9])  # metres of a degree of latitude and of longitude there
+        entries = [
+            (
+                "/fix",
+                stamp,
+                fix(bag_messages.header(stamp, "gps"), status, 48 + y / scale[0], 11 + x / scale[1], z, np.zeros(9), 0),
+            )
+            for stamp, (x, y, z) in zip(marker.stamps_ns.tolist(), marker.positions.tolist(), strict=True)
+        ]
+        return write_bag(folder / "bag", iter(entries)), [*lever, "truth.source=/fix"]
+    names = {"tum": "x.tum", "kitti": "x.kitti", "euroc": "x.euroc.csv", "csv": "x.csv"}
+    if kind in names:
+        save_trajectory(folder / names[kind], marker)
+        return folder / names[kind], turned
+    rows = np.column_stack((marker.positions, marker.quats_xyzw)).tolist()
+    head = "time_ns,x [m],y [m],z [m],qx,qy,qz,qw" if kind == "columns" else "time_ns,east [m],north [m],height [m]"
+    lines = [
+        ",".join(map(repr, [stamp, *row[: head.count(",")]])) for stamp, row in zip(STAMPS.tolist(), rows, strict=True)
+    ]
+    (folder / "x.csv").write_text("\n".join([head, *lines]))
+    return folder / "x.csv", turned if kind == "columns" else lever
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_each_kind_of_truth_comes_to_the_same_score(tmp_path: Path, poses: Trajectory, sfr: Sfr, kind: str) -> None:
+    drift = np.cumsum(np.random.default_rng(2).normal(0.0, 1e-3, (COUNT, 3)), axis=0)
+    estimate = Trajectory(poses.stamps_ns, poses.positions + drift, poses.quats_xyzw)
+    save_trajectory(tmp_path / "estimate.csv", estimate)
+    save_trajectory(tmp_path / "plain.csv", poses)
+    found = []
+    place, settings = truth_place(kind, tmp_path, poses)
+    for truth, said in ((tmp_path / "plain.csv", []), (place, settings)):
+        words = [word for item in said for word in ("--set", item)]
+        done = sfr(
+            "score",
+            tmp_path / "estimate.csv",
+            truth,
+            "--condition",
+            "distance=2",
+            "--spacing",
+            2,
+            "--json",
+            "-",
+            *words,
+        )
+        assert done.code == 0, done.err
+        found.append(json.loads(done.out)["trajectory"])
+    plain, other = found
+    alone = kind in ("prism", "fix")
+    assert other["count"] >= plain["count"] - 3 > 5
+    assert (other["attitude_deg"]["mean"] is None) is alone
+    assert (other["rebase"] in ("yaw_aligned", "rotation_aligned")) is alone
+    figure = "chord_m" if alone else "position_m"
+    expected = plain[figure]["mean_plus_3sigma"]
+    assert other[figure]["mean_plus_3sigma"] == pytest.approx(expected, abs=CLOSE.get(kind, 1e-9))
+    assert ("truth" in other) is (alone or kind == "pose_with_covariance")

@@ -85,6 +85,22 @@ def test_the_position_error_after_a_fit_is_near_that_of_the_whole_pose() -> None
     np.testing.assert_allclose(rows.chord_m, chords[0] - chords[1], atol=1e-8)
 
 
+def test_an_estimate_that_begins_level_on_a_slope_is_fitted_with_its_tilt() -> None:
+    """Vision alone does not know the vertical; a small drift is no tilt, and a straight line has none."""
+    truth, estimate = drive()
+    tilt = Rotation.from_euler("ZYX", [40.0, 6.0, -3.0], degrees=True)
+    tilted = Trajectory(
+        STAMPS, tilt.apply(estimate.positions), (tilt * Rotation.from_quat(estimate.quats_xyzw)).as_quat()
+    )
+    plain, found = scored(estimate, alone(truth)), scored(tilted, alone(truth))
+    assert (plain.first.rebase, found.first.rebase) == (Rebase.YAW_ALIGNED, Rebase.ROTATION_ALIGNED)
+    assert plain.truth.tilt_deg is None
+    assert found.truth.tilt_deg == pytest.approx(6.7, abs=0.5)
+    assert found.first.position_m.mean_plus_3sigma <= 1.1 * plain.first.position_m.mean_plus_3sigma
+    line = replace(truth, positions=truth.positions * [1.0, 0.0, 0.0])
+    assert scored(line, alone(line)).first.rebase is Rebase.YAW_ALIGNED
+
+
 def test_a_prism_is_compared_where_it_is() -> None:
     """The estimate is taken to the prism: a perfect one has no error there, and has one at RB."""
     truth, _ = drive()
