@@ -16,6 +16,7 @@ import ipaddress
 import json
 import logging
 import math
+import os
 import secrets
 import signal
 import socket
@@ -66,8 +67,9 @@ SHUTDOWN_S, LAST_MESSAGE_S = 1.0, 0.1
 last message to the pages."""
 TICK_S = 0.01  #: What comes within it goes out as one message.
 HEAD_TIMEOUT_S, MAX_HEAD_BYTES = 5.0, 65_536  #: Of a request, until it is let in.
-MAX_WAITING, MAX_CONNECTIONS, BACKLOG = 128, 256, 1024
-"""Connections that have not asked for anything yet (the oldest makes room), that have, that the kernel holds."""
+MAX_WAITING, MAX_CONNECTIONS, BACKLOG, ACCEPTED = 512, 256, 2048, 128
+"""Connections that have not asked for anything yet (the oldest makes room), that have, that the kernel holds, that are
+taken in at once: fewer than may wait, so that one that asks is heard before those that come after it push it out."""
 LOG_PERIOD_S = 60.0  #: One line of each kind of fault in this time.
 REPORT_HEADERS = {
     "Content-Security-Policy": (
@@ -140,12 +142,15 @@ class LiveServer:
         try:
             try:
                 listener = await loop.create_server(
-                    lambda: Door(runner.server, doors), config.host, config.port, backlog=BACKLOG
+                    lambda: Door(runner.server, doors), config.host, config.port, backlog=ACCEPTED
                 )
             except OSError as error:
                 place, reason = f"{config.host} port {config.port}", error.strerror or str(error)
                 hint = "choose another --port (0: a free one)"
                 raise NodeError(f"cannot listen on {place}: {reason}; {hint}") from error
+            for item in listener.sockets:
+                with socket.socket(fileno=os.dup(item.fileno())) as same:
+                    same.listen(BACKLOG)
             name = f"[{config.host}]" if ":" in config.host else config.host
             query = f"?token={config.token}" if config.token else ""
             self.url = f"http://{name}:{listener.sockets[0].getsockname()[1]}/{query}"

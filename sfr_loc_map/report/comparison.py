@@ -127,12 +127,13 @@ def _marked(column: Column, cells: list[Cell]) -> list[Cell]:
     """Mark the best and the worst figure of a column."""
     if column.words or column.title in NEUTRAL:
         return cells
-    known = {float(cell.value) for cell in cells if isinstance(cell.value, (int, float))}
-    if len(known) < 2:
+    shown = [float(f"{cell.value:.4g}") if isinstance(cell.value, (int, float)) else None for cell in cells]
+    known = [value for value in shown if value is not None]
+    if len(set(known)) < 2:  # as it is shown: what differs in no digit is neither
         return cells
     best, worst = (max(known), min(known)) if column.title == "coverage" else (min(known), max(known))
     marks: dict[object, str] = {best: "best", worst: "worst"}
-    return [replace(cell, mark=marks.get(cell.value, "")) for cell in cells]
+    return [replace(cell, mark=marks.get(value, "")) for cell, value in zip(cells, shown, strict=True)]
 
 
 def _methods(named: Named) -> Table:

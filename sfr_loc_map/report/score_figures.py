@@ -66,6 +66,7 @@ STATES = {
 LOG_TICKS_MM = (0.1, 0.3, 1, 3, 10, 30, 100, 300, 1000, 3000, 10000)
 SCATTER_ROWS = 3000
 LAW_STEPS = 40
+FAR = 10.0  #: A limit beyond so many times the largest value would flatten a linear scale.
 
 
 class Part(NamedTuple):
@@ -102,7 +103,7 @@ def _error_figures(score: Score) -> list[Plot]:
     panels = {title: (getattr(rows, name), getattr(means, name)) for name, title in DIRECTIONS.items()}
     attitude = rows.attitude_deg, first.score.attitude_deg
     of_angle = {"heading": (rows.heading_deg, first.score.heading_deg), "attitude": attitude}
-    by_direction, angles = _panels(first, panels), _panels(first, of_angle, scale=(1.0, "deg"))
+    by_direction, angles = _panels(score, first, panels), _panels(score, first, of_angle, scale=(1.0, "deg"))
     directions = f"{over}, by the axes of DS, along and across the path; mean and 3 sigma of each direction."
     of_angles = f"{over}. Heading has a sign; attitude is the angle of the shortest rotation."
     return [
@@ -136,13 +137,20 @@ def _limit_lines(
     over: Condition | None = None,
     **more: Any,  # noqa: ANN401
 ) -> list[Trace]:
-    """Return a line for each limit on a figure; one far above the largest value shown is in the legend only."""
+    """Return a line for each limit on a figure; one far beyond the largest value shown is in the legend only."""
     traces = []
     for name, limit in limits_on(score, figure, over).items():
-        far = {"visible": "legendonly"} if limit * factor > 3.0 * most else {}
+        far = {"visible": "legendonly"} if limit * factor > FAR * most else {}
         title = f"limit of {STATISTIC.get(name, name)}" + (f", {over}" if over else "")
         traces.append(line(title, (ends, scaled([limit] * 2, factor)), "@bad", dash="longdash", **(more | far)))
     return traces
+
+
+def _upright(title: str, values: Column, limits: Sequence[float]) -> dict[str, Any]:
+    """Return an axis from 0 for values and their limits, logarithmic where a limit is far above all values."""
+    if max(limits, default=0.0) > 3.0 * largest(values):
+        return log_axis(title, *span([*values, *limits]))
+    return axis(title, rangemode="tozero")
 
 
 def error_sizes(rows: SubTrajectoryRows) -> list[float]:
@@ -263,12 +271,14 @@ def _position(score: Score, parts: list[Part]) -> Plot:
         ):
             if value is not None:
                 data.append(line(f"{name}, {over}", (ends, scaled([value] * 2, factor)), color, dash=dash, **group))
-        most = largest(errors, scaled([figure.mean_plus_3sigma], factor))
-        data += _limit_lines(score, "position_m", ends, most, factor, part.score.condition, **(group if k else {}))
+        data += _limit_lines(score, "position_m", ends, math.inf, factor, part.score.condition, **(group if k else {}))
         if figure.mean_plus_3sigma_ci95 is not None:
             low, high = (bound * factor for bound in figure.mean_plus_3sigma_ci95)
             data.append(band(f"95 % interval of it, {over}", ends, low, high, f"{color}-soft", **group))
-    layout = {"xaxis": axis(AT_THE_END), "yaxis": axis(f"size of the position error, {unit}", rangemode="tozero")}
+    on = (limits_on(score, "position_m", part.score.condition) for part in parts)
+    limits = [limit * factor for found in on for limit in found.values()]
+    sizes = [value * factor for part in parts for value in error_sizes(part.rows)]
+    layout = {"xaxis": axis(AT_THE_END), "yaxis": _upright(f"size of the position error, {unit}", sizes, limits)}
     caption = "Each mark is one sub-trajectory: point at it for its frames and stamps. A click on a name of the legend "
     caption += "shows or hides a condition."
     return Plot("position", "Position error against distance travelled", caption, data, layout, width="full")
@@ -299,7 +309,7 @@ def growth(named: Sequence[tuple[str, Score]]) -> list[Plot]:
 
 
 def _panels(
-    part: Part, panels: Mapping[str, tuple[Column, Statistic]], scale: tuple[float, str] | None = None
+    score: Score, part: Part, panels: Mapping[str, tuple[Column, Statistic]], scale: tuple[float, str] | None = None
 ) -> tuple[list[Trace], dict[str, Any]]:
     factor, unit = scale or error_scale(largest(*(values for values, _ in panels.values())))
     data: list[Trace] = []
@@ -317,6 +327,9 @@ def _panels(
             data.append(line("mean", (ends, scaled([mean] * 2, factor)), "@truth", dash="dash", **of_mean))
         errors = scaled(values, factor)
         data.append(_marked(part, "sub-trajectory", errors, unit, symbol=SYMBOLS[0], **place, legendgroup="s"))
+        for sign in (1.0, -1.0) if title == "heading" else (1.0,) if title == "attitude" else ():
+            over, most = part.score.condition, largest(errors)
+            data += _limit_lines(score, f"{title}_deg", ends, most, sign, over, **place | {"showlegend": sign > 0.0})
         layout[f"yaxis{suffix}"] = axis(f"{title}, {unit}", zeroline=True)
     layout["xaxis"] = axis(AT_THE_END)
     return data, layout
@@ -347,14 +360,18 @@ def _timeline(score: Score, kind: CallKind, clock: str, series: CallSeries) -> P
             hover = f"call at stamp %{{customdata}} ns: %{{y:.4g}} s<extra>{name}</extra>"
             data.append(marks(name, places, color, symbol=symbol, size=5, customdata=stamps, hovertemplate=hover))
     ends = [min(seconds), max(seconds)]
-    data += _limit_lines(score, f"{kind}_s", ends, largest(series.processing_time_s))
+    data += _limit_lines(score, f"{kind}_s", ends, math.inf)
+    limits = list(limits_on(score, f"{kind}_s", None).values())
     layout: dict[str, Any] = {
         "xaxis": axis("time since the first pair, s"),
-        "yaxis": axis(f"{clock} per call, s", rangemode="tozero"),
+        "yaxis": _upright(f"{clock} per call, s", series.processing_time_s, limits),
     }
     if any(peak is not None for peak in series.peak_rss_bytes):
         peaks = scaled(series.peak_rss_bytes, 1 / MIB.size)
         data.append(line("peak memory", (seconds, peaks), "@three", yaxis="y2"))
+        for item in (item for item in score.verdicts if item.metric == f"{kind}_peak_bytes"):
+            level = scaled([item.limit] * 2, 1 / MIB.size)
+            data.append(line("limit of the peak", (ends, level), "@bad", dash="longdash", yaxis="y2"))
         layout["grid"] = {"rows": 2, "columns": 1, "pattern": "coupled", "ygap": 0.14}
         layout["yaxis2"] = axis("peak memory, MiB")
     block = series.slowest_of

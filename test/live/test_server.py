@@ -126,8 +126,10 @@ def test_bytes_that_are_no_request_are_refused_in_silence(capfd: pytest.CaptureF
     assert capfd.readouterr().err == ""
 
 
-def test_open_sockets_cost_nothing(capfd: pytest.CaptureFixture[str]) -> None:
+def test_open_sockets_cost_nothing(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     """Of many connections that say nothing the oldest make room; a fresh client is answered at once."""
+
+    monkeypatch.setattr(server, "MAX_WAITING", 128)  # a test has fewer descriptors
 
     async def test(found: Served) -> None:
         fill(found.state, 60)
