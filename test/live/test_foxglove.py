@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 import struct
 from typing import Any
 
@@ -34,6 +35,8 @@ MOMENTARY = {"time_s", "age_s", "report_age_s", "server"}
 def without_ages(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: without_ages(item) for key, item in value.items() if key not in MOMENTARY}
+    if isinstance(value, str):  # as in the reasons why a verdict is stale
+        return re.sub(r"\d+\.\d s\b", "AGE s", value)
     return [without_ages(item) for item in value] if isinstance(value, list) else value
 
 
