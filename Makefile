@@ -52,9 +52,6 @@ faults: $(STAMP)  ## Inject one fault after the other into the nodes (FAULTS=); 
 misbehaviour: $(STAMP)  ## Run 37 methods that misbehave, and print the table of docs/candidates.md (CASES="crash hang")
 	PYTHONPATH=test/scenes:test/nodes $(BIN)/python test/methods/misbehaviour.py $(CASES)
 
-recordings: $(STAMP)  ## Take recordings of all kinds from the bag to a verdict (RECORDINGS="zed oak_d ..."); out/recordings/recordings.md
-	PYTHONPATH=test/recordings $(BIN)/python test/recordings $(RECORDINGS)
-
 signals: $(DEV_STAMP)  ## Send signals to every long command at random times (COUNT=100): is anything lost or left
 	$(CAMPAIGN) signals $(or $(COUNT),100)
 

@@ -1,4 +1,4 @@
-"""Recordings as other people's drivers and tools make them are read, and come to the verdict of the plain one."""
+"""Recordings as other people's drivers and tools make them are made of the sample, and hold its drive."""
 
 from pathlib import Path
 
