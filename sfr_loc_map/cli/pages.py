@@ -145,8 +145,9 @@ def plot(
     """Draw trajectories from above, in height and, with --truth, their distance to it, for a quick look."""
     from sfr_loc_map.config import build
     from sfr_loc_map.io.bag_files import is_bag
+    from sfr_loc_map.io.truth import read_truth
     from sfr_loc_map.metrics.config import AlignedErrorConfig
-    from sfr_loc_map.pipeline.scoring import load_drive, load_estimates, load_truth
+    from sfr_loc_map.pipeline.scoring import load_drive, load_estimates
     from sfr_loc_map.report.path_figure import curves_of, save_path_html
 
     check_suffix(output, HTML_SUFFIXES)
@@ -160,9 +161,9 @@ def plot(
             drive = load_drive(path, truth)
             poses[name], true_poses = drive.estimates.trajectory, true_poses or drive.truth
         else:
-            poses[name] = load_truth(path) if is_source else load_estimates(path).trajectory
+            poses[name] = read_truth(path) if is_source else load_estimates(path).trajectory
     if truth is not None and true_poses is None:
-        true_poses = load_truth(truth)
+        true_poses = read_truth(truth)
     curves = curves_of(poses, true_poses, config)
     save_path_html(curves, output)
     say(f"{', '.join(curve.name for curve in curves)}: {output}", err=True)

@@ -23,7 +23,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, refusing
 from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.text_table import check_order
-from sfr_loc_map.io.trajectory_file import LoadedTrajectory, read_trajectory_file
+from sfr_loc_map.io.trajectory_file import read_trajectory_file
 
 if TYPE_CHECKING:
     from sfr_loc_map.io.bag import Bag, Topic
@@ -135,7 +135,8 @@ def read_truth(place: Path, config: TruthConfig = TruthConfig(), remap: Mapping[
 
         return truth_of_bag(Bag(place, remap), config)
     if place.is_file():
-        return truth_of_file(read_trajectory_file(place, config.columns), config)
+        loaded = read_trajectory_file(place, config.columns)
+        return config.applied(loaded.trajectory, read_from=loaded.text)
     from sfr_loc_map.io.registry import open_source
 
     loc = open_source(place).loc
@@ -143,11 +144,6 @@ def read_truth(place: Path, config: TruthConfig = TruthConfig(), remap: Mapping[
     if found is None or not len(found):
         raise InputError(f"'{place}' has no true poses (groundtruth.csv): give a source with truth")
     return found if isinstance(found, Truth) else config.applied(found, read_from=str(place))
-
-
-def truth_of_file(loaded: LoadedTrajectory, config: TruthConfig) -> Truth:
-    """Return the truth of a file that was read."""
-    return config.applied(loaded.trajectory, read_from=loaded.text)
 
 
 def truth_of_bag(bag: Bag, config: TruthConfig = TruthConfig()) -> Truth:

@@ -33,6 +33,7 @@ from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.cloud_file import load_cloud
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.truth import read_truth
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.media import CloudTruth, cloud_samples, image_sample
 from sfr_loc_map.live.state import MAX_REPORT_CHARACTERS, LiveState
@@ -47,7 +48,7 @@ from sfr_loc_map.metrics.score_json import from_dict, to_json
 from sfr_loc_map.pipeline.call_stats import STATISTIC, STEP_NAMES, call_of, load_call_stats
 from sfr_loc_map.pipeline.monitor_score import MonitorScore
 from sfr_loc_map.pipeline.replay import ReplayFiles
-from sfr_loc_map.pipeline.scoring import load_estimates, load_truth
+from sfr_loc_map.pipeline.scoring import load_estimates
 
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 LOCALISATION_NODE, MAPPING_NODE = "localisation_node", "mapping_node"
@@ -117,7 +118,7 @@ def open_recording(path: Path, truth: Path | None = None) -> Recording:
             raise
         source = None  # a recording without images
     if truth is not None:
-        true_poses: Trajectory | None = load_truth(truth)
+        true_poses: Trajectory | None = read_truth(truth)
     else:
         true_poses = _truth_of(source) if bag is None else read_trajectory(bag, GROUND_TRUTH)
     said = [] if bag is None else list(_diagnostics(bag))

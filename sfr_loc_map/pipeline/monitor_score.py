@@ -2,7 +2,7 @@
 
 The rows that came are kept and scored by the very functions that score files, so that a live score has the bits of the
 score of a recording. A true pose takes 112 bytes, an estimate with its covariance 240, what the localiser says of its
-step 240, a call 230 (docs/metrics.md, "While a run goes on").
+step 400, a call 230 (docs/metrics.md, "While a run goes on").
 """
 
 from __future__ import annotations

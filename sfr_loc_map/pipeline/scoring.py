@@ -457,11 +457,6 @@ def estimates_of(trajectory: Trajectory, stats: Sequence[CallStats] = ()) -> Est
     return Estimates.of(trajectory)
 
 
-def load_truth(path: Path) -> Trajectory:
-    """Read true poses of RB in DS from a trajectory file, a bag or a data set folder."""
-    return read_truth(path)
-
-
 def cameras_of(truth: Path) -> LocSequence | None:
     """Return the localisation pairs of a source, None where it has none."""
     if truth.is_file() and not is_bag(truth):
