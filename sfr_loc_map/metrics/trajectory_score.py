@@ -59,6 +59,7 @@ FIGURES = {"position_m": slice(0, 3), "attitude_deg": slice(3, 4), "heading_deg"
 """Figures of the score and the columns of the errors that they are made of."""
 MIN_TILT_DEG, TILT_GAIN = 0.1, 3.0
 """The whole rotation is fitted to positions alone where it tilts z by so much and leaves so many times less."""
+ROLL_GAIN = 1.1  #: And with a turn about the line of the drive where that leaves so many times less: noise has one too.
 APART = (ConditionKind.DISPLACEMENT, ConditionKind.TURN)  #: What may shrink again along a drive.
 PATH_ROWS, DETAIL_ROWS = 2000, 1000  #: Frames, and sub-trajectories of each condition, that are kept for figures.
 POSITION_VARIANCES = [0, 6, 11]
@@ -269,13 +270,18 @@ def associate_positions(
         (x, y), (u, v) = (frames.est_pos - middle).T[:2], (frames.gt_pos - true_middle).T[:2]
         yaw = float(np.arctan2((x * v - y * u).sum(), (x * u + y * v).sum()))
         turn = matrix_from_rotvec(np.array([0.0, 0.0, yaw]))
-        with suppress(MetricsError):  # a straight line has no rotation
-            whole = umeyama(frames.est_pos, frames.gt_pos, with_scale=False).rotation
-            moved = frames.gt_pos - true_middle
-            left = [float(np.linalg.norm((frames.est_pos - middle) @ each.T - moved)) for each in (turn, whole)]
-            tilted = float(np.degrees(np.arccos(np.clip(whole[2, 2], -1.0, 1.0))))
-            if tilted >= MIN_TILT_DEG and left[0] > TILT_GAIN * left[1]:
-                turn, tilt_deg = whole, tilted
+        est, true = frames.est_pos - middle, frames.gt_pos - true_middle
+        to, _, of = np.linalg.svd(true.T @ est @ turn.T)  # the least rotation that lays one line on the other
+        across, cosine = np.cross(of[0], to[:, 0]), float(of[0] @ to[:, 0])
+        sine = float(np.linalg.norm(across))
+        found = [turn, matrix_from_rotvec(across * (np.arctan2(sine, cosine) / max(sine, 1e-12))) @ turn]
+        with suppress(MetricsError):  # a straight line has no rotation about itself
+            found.append(umeyama(frames.est_pos, frames.gt_pos, with_scale=False).rotation)
+        left = [float(np.linalg.norm(est @ each.T - true)) for each in found]
+        best = 1 if left[1] <= ROLL_GAIN * left[-1] else -1
+        tilted = float(np.degrees(np.arccos(np.clip(found[best][2, 2], -1.0, 1.0))))
+        if tilted >= MIN_TILT_DEG and left[0] > TILT_GAIN * left[best]:
+            turn, tilt_deg = found[best], tilted
         translation = true_middle - turn @ middle
         est_quat = quat_multiply(quat_from_matrix(turn), frames.est_quat)
         frames = frames._replace(est_pos=frames.est_pos @ turn.T + translation, est_quat=est_quat)

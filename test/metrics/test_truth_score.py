@@ -99,6 +99,12 @@ def test_an_estimate_that_begins_level_on_a_slope_is_fitted_with_its_tilt() -> N
     assert found.first.position_m.mean_plus_3sigma <= 1.1 * plain.first.position_m.mean_plus_3sigma
     line = replace(truth, positions=truth.positions * [1.0, 0.0, 0.0])
     assert scored(line, alone(line)).first.rebase is Rebase.YAW_ALIGNED
+    for noise_m in (0.0, 1e-3):  # what turns about the line is noise
+        place = line.positions + np.random.default_rng(2).normal(0.0, noise_m, (COUNT, 3))
+        sloped = replace(line, positions=Rotation.from_euler("ZY", [40.0, 6.0], degrees=True).apply(place))
+        found = scored(sloped, alone(line))
+        assert found.truth.tilt_deg == pytest.approx(6.0, abs=0.05)
+        assert found.first.position_m.mean_plus_3sigma < 0.01 + 1e-6
 
 
 def test_a_prism_is_compared_where_it_is() -> None:
