@@ -59,7 +59,7 @@ FIGURES = {"position_m": slice(0, 3), "attitude_deg": slice(3, 4), "heading_deg"
 """Figures of the score and the columns of the errors that they are made of."""
 MIN_TILT_DEG, TILT_GAIN = 0.1, 3.0
 """The whole rotation is fitted to positions alone where it tilts z by so much and leaves so many times less."""
-ROLL_GAIN = 1.1  #: And with a turn about the line of the drive where that leaves so many times less: noise has one too.
+ROLL_GAIN = 1.1  #: A turn about the line of the drive is fitted where it leaves so many times less: else it is noise.
 APART = (ConditionKind.DISPLACEMENT, ConditionKind.TURN)  #: What may shrink again along a drive.
 PATH_ROWS, DETAIL_ROWS = 2000, 1000  #: Frames, and sub-trajectories of each condition, that are kept for figures.
 POSITION_VARIANCES = [0, 6, 11]
