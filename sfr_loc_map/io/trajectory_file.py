@@ -206,7 +206,8 @@ def _parse_columns(path: Path, data: bytes, name: str, columns: str) -> LoadedTr
     for item in filter(None, columns.split(",")):
         key, _, text = (part.strip() for part in item.partition("="))
         title, mark, unit = text.rpartition("[")
-        given[title.strip() if mark else text] = f"{key}[{unit}" if mark else key
+        whole = text in cells  # its own unit, if any, is that of the column
+        given[text if whole or not mark else title.strip()] = f"{key}[{unit}" if mark else key
         if key not in COLUMN_NAMES or not given.keys() <= set(cells):
             raise InputError(f"{name}: no column for '{item}': NAME is of {', '.join(COLUMN_NAMES)}, found {header!r}")
     found: dict[str, tuple[int, str]] = {}

@@ -22,15 +22,15 @@ from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from sfr_loc_map.errors import InputError, MissingExtraError, SfrError
+from sfr_loc_map.inputs import one_line
 from sfr_loc_map.suite.job import Job
-from sfr_loc_map.suite.proof import JOINED, code_facts, lacking, proof_plugin, resource_of, withdraw
+from sfr_loc_map.suite.proof import JOINED, code_facts, code_fingerprint, lacking, proof_plugin, withdraw
 from sfr_loc_map.suite.specification import SuiteSettings
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
 TRIES = 3
-MESSAGE_LENGTH = 500
 STARTED, OVER_TIME, OVER_MEMORY = "sfr-started", "sfr-over-time", "worker-restart-memory"
 """Topics of events: the first two are ours, the last is that of Dask's nanny."""
 ASK_EVERY_S = 1.0  #: How often the scheduler is asked for its workers.
@@ -133,15 +133,15 @@ class Crew:
     """The workers of a scheduler: those that have proved their code and saw other data nowhere, and the others."""
 
     def __init__(self, client: Client, say: Callable[[str], None], wait_s: float) -> None:
-        expected = code_facts()
-        self.client, self.say, self.wait_s, self.resource = client, say, wait_s, resource_of(expected)
+        self.client, self.say, self.wait_s = client, say, wait_s
+        self.resource = f"sfr-{code_fingerprint()}"  # that workers with this code offer
         self.records: dict[str, WorkerRecord] = {}
         self._data: set[tuple[str, str]] = set()
         self._alone_since: float | None = time.monotonic()
         self._said, self._asked, self._places = "", -ASK_EVERY_S, 0
         self._read = len(client.get_events(JOINED))  # those of runs before
         with contextlib.suppress(Exception):  # one that cannot even read it offers nothing
-            client.register_plugin(proof_plugin(expected))
+            client.register_plugin(proof_plugin(self.resource, code_facts()))
 
     def places(self) -> int:
         """Return how many jobs run at a time on the workers that there are now; say if there is none.
@@ -255,7 +255,7 @@ def run_jobs(
                     continue
                 outcome = _cause_of_death(client, worker)
             elif error is not None:
-                message = " ".join(f"{type(error).__name__}: {error}".split())[:MESSAGE_LENGTH]
+                message = one_line(f"{type(error).__name__}: {error}")
                 outcome = JobOutcome(cause=FailureCause.FAULT, message=message)
             elif future.status == "finished":
                 outcome = future.result()
@@ -323,8 +323,7 @@ def run_on_worker(job: Job, key: str, timeout_s: float, cache: str) -> JobOutcom
             with tempfile.TemporaryDirectory(dir=worker.local_directory) as scratch:
                 outcome = JobOutcome(worker=worker.address, result=to_json(run_job(job, Path(scratch), place)))
         except SfrError as error:
-            message = " ".join(str(error).split())[:MESSAGE_LENGTH]
-            outcome = JobOutcome(worker=worker.address, cause=FailureCause.BAD_INPUT, message=message)
+            outcome = JobOutcome(worker=worker.address, cause=FailureCause.BAD_INPUT, message=one_line(str(error)))
         lacks = lacking(job, key)
         return JobOutcome(worker=worker.address, lacks=lacks) if lacks else outcome
     finally:

@@ -88,8 +88,7 @@ def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> Su
     figures = [_compared(name, runs, names[0], items) for (runs, name), items in pairs.items()]
     corrected = holm([item.p for item in figures])
     judged = (
-        replace(item, p_corrected=p, outcome=_outcome(item, p, SIGNIFICANCE))
-        for item, p in zip(figures, corrected, strict=True)
+        replace(item, p_corrected=p, outcome=_outcome(item, p)) for item, p in zip(figures, corrected, strict=True)
     )
     left_out = (len(mine) - len(common), len(theirs) - len(common))
     return SuiteComparison(names=names, common=len(common), left_out=left_out, figures=tuple(judged))
@@ -131,10 +130,10 @@ def _compared(name: FigureName, runs: str, baseline: str, pairs: Sequence[DriveR
     )
 
 
-def _outcome(item: FigureComparison, p: float | None, level: float) -> Outcome:
+def _outcome(item: FigureComparison, p: float | None) -> Outcome:
     if p is None or item.outcome is Outcome.EQUAL:
         return item.outcome
-    if p >= level:
+    if p >= SIGNIFICANCE:
         return Outcome.NO_DIFFERENCE
     return Outcome.WORSE if item.ratio > 1.0 else Outcome.BETTER
 

@@ -28,11 +28,11 @@ TYPES = {int: "int64", float: "float64", str: "string", bool: "bool"}  #: Of col
 
 def suite_junit(summary: Summary) -> str:
     """Return a test case for each limit over all drives and of each drive, and one for each without a result."""
-    scores = {"all drives, " + ", ".join(filter(None, (item.task, item.configuration, item.faults))): item
-              for item in summary.groups}  # fmt: skip
     failed = {item.label: f"{item.cause}: {item.message}" for item in summary.failures}
     refused = {item.path: item.reason for item in summary.refusals}
-    judged = {name: Score(verdicts=group.verdicts) for name, group in scores.items()}
+    judged = {
+        ", ".join(filter(None, ("all drives", *group.runs))): Score(verdicts=group.verdicts) for group in summary.groups
+    }
     return junit(judged | {drive.job.label: drive.score for drive in summary.drives}, failed | refused)
 
 
@@ -94,9 +94,7 @@ def log_to_mlflow(summary: Summary, folder: Path, uri: str) -> str:
     for group in summary.groups:
         for part in group.conditions:
             for error in ("position_m", "attitude_deg", "heading_deg"):
-                runs = "/".join(
-                    filter(None, (group.task, group.configuration, group.faults, part.condition.label, error))
-                )
+                runs = "/".join(filter(None, (*group.runs, part.condition.label, error)))
                 values |= {f"{runs}/{key}": value for key, value in to_plain(getattr(part, error)).items()}
     when = time.time_ns() // 10**6
     metrics = [

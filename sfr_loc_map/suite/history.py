@@ -19,7 +19,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfr_loc_map.errors import InputError, MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
@@ -91,8 +90,7 @@ class Night:
         try:
             content = json.loads(path.read_text(encoding="utf-8"))
             drives = [*content["drives"], *content["failures"]]
-            alone = len({drive["configuration"] for drive in drives}) == 1  # then its name is no part of the drive
-            keys = [drive["pairing"] + ("" if alone else f" {drive['configuration']}") for drive in drives]
+            keys = [f"{drive['pairing']} {drive['configuration']}" for drive in drives]
             figures = [
                 {FigureName(FigureKind(kind), name): value for kind, name, value in drive["figures"]}
                 for drive in content["drives"]
@@ -104,6 +102,12 @@ class Night:
             reason = f"{type(error).__name__}: {error}"
             raise InputError(f"no figures in '{path}' ({reason}): make it with sfr suite report '{folder}'") from error
         return cls(str(folder), commit, labels, paths, dict(zip(keys, figures, strict=False)))
+
+    def without_configurations(self) -> Night:
+        """Return it with drives that are known by their data alone."""
+        of_drives = ({key.partition(" ")[0]: value for key, value in part.items()}
+                     for part in (self.labels, self.paths, self.figures))  # fmt: skip
+        return Night(self.name, self.commit, *of_drives)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -168,6 +172,8 @@ def find_changes(nights: Sequence[Night]) -> History:
     """Return how the figures changed over nights in the order of time; MetricsError for fewer than two."""
     if len(nights) < 2:
         raise MetricsError(f"a history needs two suites or more, found {len(nights)}: give several folders")
+    if all(len({key.partition(" ")[2] for key in night.labels}) < 2 for night in nights):  # another name is no change
+        nights = [night.without_configurations() for night in nights]
     keys = list(dict.fromkeys(key for night in nights for key in night.labels))
     names = sorted({name for night in nights for figures in night.figures.values() for name in figures})
     tables = {
@@ -183,9 +189,7 @@ def find_changes(nights: Sequence[Night]) -> History:
         scale = SCALES[name.kind]
         having = np.isfinite(table).any(axis=1)
         x, drives = scale.apply(table[having]), [key for key, has in zip(keys, having, strict=True) if has]
-        counted = np.isfinite(x).sum(axis=0)
-        means = np.where(np.isfinite(x), x, 0.0).sum(axis=0) / np.maximum(counted, 1)
-        series[name.name] = tuple(scale.undo(m) if n else None for m, n in zip(means.tolist(), counted, strict=True))
+        series[name.name] = tuple(scale.undo(mean) if np.isfinite(mean) else None for mean in _mean(x).tolist())
         for found in changes_of(x, scale, ALARM * len(tables)):
             changed = [drives[index] for index in found.drives]
             before, after = scale.undo(found.before), scale.undo(found.after)
@@ -234,16 +238,14 @@ def changes_of(x: FloatArray, scale: Scale, alarm: float) -> list[FoundChange]:
     found: list[FoundChange] = []
     start = searched = 0
     while len(nights := x[:, start:].T) > 1:
-        both = [_of_window(x[:, start:], scale, window) for window in WINDOWS]
-        total = np.mean([0.5 * pooled + 0.5 * each.mean(axis=0) for pooled, each in both], axis=0)
+        total = np.mean([_of_window(x[:, start:], scale, window)[0] for window in WINDOWS], axis=0)
         total[: searched - start] = 0.0
         if not (alarms := np.flatnonzero(total >= alarm)).size:
             break
         at = int(alarms[0])
         until = x[:, start : start + at + 1]
         within = [_of_window(until, scale, window) for window in range(1, min(LOCATED_WITHIN, at) + 1)]
-        values = [0.5 * pooled[-1] + 0.5 * each[:, -1].mean() for pooled, each in within]
-        window = int(np.argmax(values)) + 1
+        window = int(np.argmax([both[-1] for both, _ in within])) + 1
         first = at + 1 - window
         before = _mean(nights[max(0, first - REFERENCE) : first])
         after = _mean(nights[first : at + 1])
@@ -261,46 +263,44 @@ def changes_of(x: FloatArray, scale: Scale, alarm: float) -> list[FoundChange]:
 
 
 def _mean(nights: FloatArray) -> FloatArray:
-    """Return the mean of each drive over nights `(T, D)`, NaN without a value."""
-    counted = np.isfinite(nights).sum(axis=0)
-    total: FloatArray = np.where(counted > 0, np.nansum(nights, axis=0), np.nan) / np.maximum(counted, 1)
+    """Return the mean over the first axis of what is there, NaN without a value."""
+    there = np.isfinite(nights)
+    counted = there.sum(axis=0)
+    total: FloatArray = np.where(counted > 0, np.where(there, nights, 0.0).sum(axis=0), np.nan)
+    total /= np.maximum(counted, 1)
     return total
 
 
 def _of_window(x: FloatArray, scale: Scale, window: int) -> tuple[FloatArray, FloatArray]:
-    """Return e-values of a change of the last nights of each night: of the mean of drives `(T)`, of each `(D, T)`."""
+    """Return e-values of a change of the last nights of each night: of all drives `(T)`, of each by itself `(D, T)`."""
     drives, nights = x.shape
-    there = np.isfinite(x)
-    filled = np.where(there, x, 0.0)
     # each about its own mean, so that a drive that is missing moves no mean over the others
-    filled = np.where(there, filled - (filled.sum(axis=1) / np.maximum(there.sum(axis=1), 1))[:, None], 0.0)
-    pooled = (filled.sum(axis=0) / np.maximum(there.sum(axis=0), 1))[None]
-    n0, n1, difference, squares = _split(filled, there, window)
-    variance = squares / np.maximum(n0 + n1 - 2.0, 1.0)
+    centred = x - _mean(x.T)[:, None]
+    n0, n1, difference, variance, freedom = _split(centred, window)
     long = n0 >= MIN_REFERENCE
     ranked = np.sort(np.where(long, variance, np.inf), axis=0)
     usual = ranked[np.maximum(long.sum(axis=0) - 1, 0) // 2, np.arange(nights)]  # that of the drive in the middle
     variance = np.maximum(variance, np.maximum(np.where(np.isfinite(usual), usual, 0.0), scale.floor**2))
-    each = np.where(long, e_value(difference, variance, n0, n1, n0 + n1 - 2.0), 0.0)
+    each = np.where(long, e_value(difference, variance, n0, n1, freedom), 0.0)
 
-    m0, m1, shift, squares = (part[0] for part in _split(pooled, np.atleast_2d(there.any(axis=0)), window))
-    variance, freedom = squares / np.maximum(m0 + m1 - 2.0, 1.0), m0 + m1 - 2.0
+    m0, m1, shift, variance, freedom = (part[0] for part in _split(_mean(centred)[None], window))
     both = np.where(n0 * n1 > 0, difference, np.nan)
     count = np.isfinite(both).sum(axis=0)
     enough = m0 >= MIN_REFERENCE
     if drives >= MIN_DRIVES and not scale.of_host:  # how the drives of one night differ
-        middle = np.nansum(both, axis=0) / np.maximum(count, 1)
-        scatter = np.nansum(np.square(both - middle), axis=0) / np.maximum(count - 1, 1) / np.maximum(count, 1)
+        scatter = _mean(np.square(both - _mean(both))) / np.maximum(count - 1, 1)
         variance = np.where(enough, variance, scatter * m0 * m1 / np.maximum(m0 + m1, 1.0))
         freedom = np.where(enough, freedom, count - 1.0)
         enough |= count >= MIN_DRIVES
     variance = np.maximum(variance, scale.floor**2 / np.maximum(count, 1))
-    return np.where(enough, e_value(shift, variance, m0, m1, freedom), 0.0), each
+    pooled = np.where(enough, e_value(shift, variance, m0, m1, freedom), 0.0)
+    return 0.5 * pooled + 0.5 * each.mean(axis=0), each
 
 
-def _split(values: FloatArray, there: NDArray[np.bool_], window: int) -> tuple[FloatArray, ...]:
-    """Return counts before and in the last nights, difference of means, squared deviations from both; `(D, T)` each."""
-    end = np.arange(values.shape[1]) + 1
+def _split(x: FloatArray, window: int) -> tuple[FloatArray, ...]:
+    """Return counts before and in the last nights, difference of means, variance, its freedom, each `(D, T)`."""
+    there = np.isfinite(x)
+    values, end = np.where(there, x, 0.0), np.arange(x.shape[1]) + 1
     first = np.maximum(end - window, 0)
     low = np.maximum(first - REFERENCE, 0)
     sums = [np.pad(np.cumsum(part, axis=1), ((0, 0), (1, 0))) for part in (there * 1.0, values, np.square(values))]
@@ -308,7 +308,8 @@ def _split(values: FloatArray, there: NDArray[np.bool_], window: int) -> tuple[F
         [part[:, b] - part[:, a] for part in sums] for a, b in ((low, first), (first, end))
     )  # fmt: skip
     mean0, mean1 = s0 / np.maximum(n0, 1.0), s1 / np.maximum(n1, 1.0)
-    return n0, n1, mean1 - mean0, np.maximum(q0 - s0 * mean0 + q1 - s1 * mean1, 0.0)
+    squares, freedom = np.maximum(q0 - s0 * mean0 + q1 - s1 * mean1, 0.0), n0 + n1 - 2.0
+    return n0, n1, mean1 - mean0, squares / np.maximum(freedom, 1.0), freedom
 
 
 def e_value(

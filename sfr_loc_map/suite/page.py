@@ -52,7 +52,7 @@ def render_summary(summary: Summary) -> str:
     text += f"{counts['done']} of {counts['tasks']} tasks done, {counts['failed']} failed, {counts['waiting']} waiting"
     text += f", {len(summary.refusals)} sources refused." if summary.refusals else "."
     # no text of a user is in the figures: runs stand as their number in the table `groups`
-    numbers = {(group.task, group.configuration, group.faults): n for n, group in enumerate(summary.groups, 1)}
+    numbers = {group.runs: n for n, group in enumerate(summary.groups, 1)}
     driven = sorted(((numbers[drive.runs], drive) for drive in summary.drives), key=lambda item: item[0])
     sections = [("Errors", plots)] if (plots := _error_plots(summary, driven)) else []
     return render_overview("Suite of runs", summary.verdict, text, suite_tables(summary), sections)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from sfr_loc_map import __version__
 from sfr_loc_map.errors import InputError, MethodError
-from sfr_loc_map.inputs import Task, hash_path
+from sfr_loc_map.inputs import Task, hash_path, one_line
 from sfr_loc_map.methods.registry import find_method
 from sfr_loc_map.suite.job import Job, JobSource, SourceKind, digest
 
@@ -77,13 +77,8 @@ def code_facts() -> dict[str, str]:
 
 @functools.cache
 def _versions() -> dict[str, str]:
-    found = {}
-    for name in LIBRARIES:
-        try:
-            found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            found[name] = "absent"
-    return found
+    found = ((name, importlib.metadata.distributions(name=name)) for name in LIBRARIES)
+    return {name: next((there.version for there in installed), "absent") for name, installed in found}
 
 
 def _hash_package(root: Path) -> str:
@@ -139,22 +134,20 @@ def lacking(job: Job, key: str) -> str:
                 return f"another method '{spec}'"
         found = data_hash(job.source)
     except (InputError, MethodError) as error:
-        return " ".join(str(error).split())
+        return one_line(str(error))
     if found == job.source.sha256:
         return ""
     return f"other data in '{job.source.path}': {found[:12]} in place of {job.source.sha256[:12]}"
 
 
-def resource_of(expected: Mapping[str, str]) -> str:
-    """Return the name of the resource that workers with this code offer."""
-    return f"sfr-{digest(expected)[:16]}"
+def proof_plugin(resource: str, expected: Mapping[str, str]) -> WorkerPlugin:
+    """Return the plugin by which a worker proves its code, and then offers a resource.
 
-
-def proof_plugin(expected: Mapping[str, str]) -> WorkerPlugin:
-    """Return the plugin that lets a worker prove its code; it goes to each as a whole, whatever is installed there."""
+    It goes to each worker as a whole, whatever is installed there.
+    """
     from distributed import Status, WorkerPlugin
 
-    resource, topic = resource_of(expected), JOINED
+    topic = JOINED
 
     class Proof(WorkerPlugin):
         name = resource
@@ -179,10 +172,12 @@ def proof_plugin(expected: Mapping[str, str]) -> WorkerPlugin:
 def about_here(expected: Mapping[str, str]) -> dict[str, str]:
     """Return what a worker has: host, version, code, and what it lacks of what is expected."""
     found = code_facts()
+    said = {"sfr_loc_map": f"other code: sfr_loc_map {__version__},"}
     lacks = [
-        f"{name} {found.get(name)} in place of {value}" for name, value in expected.items() if found[name] != value
+        f"{said.get(name, name)} {found.get(name)} in place of {value}"
+        for name, value in expected.items()
+        if found.get(name) != value
     ]
-    lacks = [item.replace("sfr_loc_map ", f"other code: sfr_loc_map {__version__}, ") for item in lacks]
     return {
         "host": socket.gethostname(),
         "version": __version__,

@@ -111,6 +111,11 @@ class Group:
     conditions: tuple[PooledCondition, ...]
     verdicts: tuple[GroupVerdict, ...]
 
+    @property
+    def runs(self) -> tuple[str, str, str]:
+        """Task, configuration, faults, as those of its drives."""
+        return self.task, self.configuration, self.faults
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Summary:

@@ -165,7 +165,7 @@ def suite_tables(summary: Summary) -> list[Table]:
     """Return the tables of a suite: counts, verdicts, pooled errors, drives from the worst on, failures."""
     groups, verdicts, pooled = [], [], []
     for number, group in enumerate(summary.groups, 1):
-        runs = _joined(group.task, group.configuration, group.faults)
+        runs = _joined(*group.runs)
         head = {"runs": runs, "link": "suite.json"}
         row = {**to_plain(group), **head, "number": number, "faults": group.faults or "none"}
         groups.append(row if group.conditions else row | {"matched": None, "lost": None})  # maps have no frames
@@ -176,7 +176,7 @@ def suite_tables(summary: Summary) -> list[Table]:
             verdicts.append({**to_plain(item), **head, "figure": figure, "unit": unit.symbol, "shown": unit})
     verdicts.sort(key=lambda row: WORST.index(row["verdict"]) if row["verdict"] in WORST else len(WORST))
     for group in summary.groups:
-        head = {"runs": _joined(group.task, group.configuration, group.faults), "link": "suite.json"}
+        head = {"runs": _joined(*group.runs), "link": "suite.json"}
         for part in group.conditions:
             for key, unit in (("position_m", METRE), ("attitude_deg", DEGREE), ("heading_deg", DEGREE)):
                 figures = to_plain(getattr(part, key))

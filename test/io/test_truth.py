@@ -167,6 +167,9 @@ def test_no_unit_is_guessed_and_columns_can_be_named(tmp_path: Path, poses: Traj
     assert found.stamps_ns[-1] == (COUNT - 1) * 1_000_000
     np.testing.assert_allclose(found.positions, poses.positions, atol=1e-12)
     assert not read_truth(place, TruthConfig(columns=columns, attitude="no")).has_attitude
+    place.write_text("\n".join(["Frame[ms],TX[mm],TY[mm],TZ [mm],qx,qy,qz,qw", *lines]))  # named as they stand there
+    found = read_truth(place, TruthConfig(columns="t=Frame[ms],x=TX[mm],y=TY[mm],z=TZ [mm]"))
+    np.testing.assert_allclose(found.positions, poses.positions, atol=1e-12)
     with pytest.raises(InputError, match="no column for 'w=q'"):
         read_truth(place, TruthConfig(columns="w=q"))
 

@@ -45,6 +45,11 @@ def test_half_a_drive_is_not_the_whole() -> None:
         assert (whole.judged_share, whole.missing, whole.incomplete) == (1.0, 0, None)
 
 
+def test_truth_denser_than_the_images_is_covered() -> None:
+    dense = covered(straight(every=10), straight())
+    assert (dense.judged_share, dense.incomplete) == (1.0, None)
+
+
 def test_truth_that_goes_on_after_the_images_needs_them_to_be_known() -> None:
     part = straight(100, 300)
     assert covered(part, straight()).incomplete is not None
@@ -185,4 +190,6 @@ def test_stamps_that_a_file_has_rounded_cover_their_images() -> None:
     for every, share in ((5, 1.0), (10, 0.5)):
         poses = straight(every=every)
         rounded = Trajectory(poses.stamps_ns + 100_000_000, poses.positions, poses.quats_xyzw)  # a fifth of a period
-        assert covered(rounded, dense, images).judged_share == pytest.approx(share, abs=0.01)
+        found = covered(rounded, dense, images)
+        assert found.judged_share == pytest.approx(share, abs=0.01)
+        assert (found.incomplete is None) == (share == 1.0)

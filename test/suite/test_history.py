@@ -158,6 +158,17 @@ def written(folder: Path, commits: list[str], tables: dict[FigureKind, np.ndarra
     return sorted(folder.glob("night*"))
 
 
+@pytest.mark.parametrize("names", [["default", "fast"], ["default"], ["other"]])
+def test_a_night_with_other_configurations_loses_no_drive(names: list[str]) -> None:
+    keys = [f"{number:032x}" for number in range(45)]
+    value = {FigureName(FigureKind.ACCURACY, NAMES[FigureKind.ACCURACY]): 0.01}
+    made = []
+    for night in range(20):
+        labels = {f"{key} {name}": key for key in keys for name in (names if night > 12 else ["default"])}
+        made.append(Night(f"night {night}", None, labels, labels, dict.fromkeys(labels, value)))
+    assert not find_changes(made).changes
+
+
 def test_bisect_finds_the_commit_on_the_drives_that_changed(
     sfr: Sfr, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -19,6 +19,7 @@ from made_suites import SFR, made_suite, results, save_trajectory, straight
 import sfr_loc_map
 
 DRIVES = 24
+HERE = str(Path(sfr_loc_map.__file__).parents[1])  # the package under test, not one that is installed
 MOUNTS = subprocess.run(["unshare", "-m", "true"], check=False, capture_output=True).returncode == 0
 
 
@@ -54,7 +55,7 @@ def test_what_differs_is_set_aside_and_the_results_are_those_of_one_process(addr
     with contextlib.ExitStack() as stack:
 
         def start(*command: str, **variables: str) -> subprocess.Popen[str]:
-            environment, silent = os.environ | variables, subprocess.DEVNULL
+            environment, silent = os.environ | {"PYTHONPATH": HERE} | variables, subprocess.DEVNULL
             process = subprocess.Popen(
                 command, cwd=tmp_path, env=environment, text=True, stdout=silent, stderr=said.open("a")
             )
