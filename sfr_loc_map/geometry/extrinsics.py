@@ -8,9 +8,9 @@ import numpy as np
 
 from sfr_loc_map.geometry.transform import FrameTree, Transform
 
-BASE_FRAMES = ("rb", "base_link", "base_footprint", "base", "body", "chassis")
+RB_FRAME, LOCSB_FRAME = "rb", "locsb"
+BASE_FRAMES = (RB_FRAME, "base_link", "base_footprint", "base", "body", "chassis")
 """Names of the rover's own frame, in the order of trying."""
-SB_FRAME = "locsb"
 OPTICAL_IN_SB = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Turns an optical frame (x right, y down, z forward) into SB (x forward, y left, z up) [3.2.3]."""
 
@@ -24,7 +24,7 @@ class RigInBody:
 
 
 def rig_in_body(
-    frames: FrameTree, camera_frame: str, baseline_m: float, base_frame: str = "", sb_frame: str = SB_FRAME
+    frames: FrameTree, camera_frame: str, baseline_m: float, base_frame: str = "", sb_frame: str = LOCSB_FRAME
 ) -> RigInBody | None:
     """Return the pose of a rig by a frame of SB, else by the frame of its rectified left camera, at any depth.
 

@@ -17,6 +17,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.extrinsics import LOCSB_FRAME, RB_FRAME
 from sfr_loc_map.geometry.plausibility import check_extrinsics
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import FrameTree, Transform
@@ -36,7 +37,6 @@ TF = "tf2_msgs/msg/TFMessage"
 STRING = "std_msgs/msg/String"
 GROUND_TRUTH = "ground_truth/odometry"
 CONFIGURATION = "localisation/configuration"
-RB_FRAME, LOCSB_FRAME = "rb", "locsb"
 _OF_CAMERA = ("image_rect", "image_rect/compressed", "image_raw", "image_raw/compressed", "camera_info")
 TOPICS_READ = (
     *(f"{task}/{side}/{name}" for task in ("loc", "nav") for side in SIDES for name in _OF_CAMERA),

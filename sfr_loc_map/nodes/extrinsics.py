@@ -14,7 +14,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import ConfigError, GeometryError
-from sfr_loc_map.geometry.extrinsics import rig_in_body
+from sfr_loc_map.geometry.extrinsics import LOCSB_FRAME, RB_FRAME, rig_in_body
 from sfr_loc_map.geometry.transform import FrameTree, Transform
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
 from sfr_loc_map.nodes.messages import header_msg, tf_message_type
@@ -96,8 +96,6 @@ class Extrinsics:
 
 def publish_extrinsics(node: Node, T_rb_sb: Transform) -> Any:  # noqa: ANN401 - rclpy has no types
     """Publish `rb` to `locsb`, latched, where tf2_msgs is installed; return the publisher, None elsewhere."""
-    from sfr_loc_map.io.bag import LOCSB_FRAME, RB_FRAME  # a node needs no reader of bags, whose import takes 0.1 s
-
     kind = tf_message_type()
     if kind is None:
         return None

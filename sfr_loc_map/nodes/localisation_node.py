@@ -22,6 +22,7 @@ from std_msgs.msg import Header
 
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import InputError, SfrError
+from sfr_loc_map.geometry.extrinsics import RB_FRAME
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S, SIDES
@@ -55,7 +56,6 @@ from sfr_loc_map.pipeline.localisation_session import LocalisationSession, PoseF
 from sfr_loc_map.pipeline.reception import ThinnedPath
 
 OUTPUT_DEPTH = 1000  #: Odometry messages that are kept for a slow subscriber.
-RB_FRAME = "rb"
 LEVELS = {
     TrackingState.INITIALISING: Level.WARN,
     TrackingState.TRACKING: Level.OK,
