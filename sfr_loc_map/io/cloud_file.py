@@ -143,7 +143,7 @@ def _columns(body: bytes, dtype: np.dtype[Any], count: int, *, is_text: bool) ->
     if len(body) + 1 < 2 * count * sum(widths):  # each number has a digit and an end
         raise ValueError(f"{len(body)} bytes of text found where {count} points of {sum(widths)} numbers are needed")
     if count:
-        lines = b"\n".join(line for line in body.splitlines() if line.strip())  # numpy warns of empty ones
+        lines = b"\n".join(line for line in body.splitlines() if line.partition(b"#")[0].strip())  # numpy warns of them
         table = np.loadtxt(io.BytesIO(lines), np.float64, ndmin=2, max_rows=count)
     if table.shape != (count, sum(widths)):
         raise ValueError(f"{table.shape} numbers found where {(count, sum(widths))} are needed")

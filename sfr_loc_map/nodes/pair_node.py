@@ -119,6 +119,9 @@ class StereoInput:
         self.unprocessed = 0
         self._name, self._config, self._report = name, config, report
         self._on_pair, self._on_rig, self._on_jump_back = on_pair, on_rig, on_jump_back
+        stem, transport = "image_raw" if config.rectify else "image_rect", config.image_transport
+        kinds = (("compressed", stem, Image), ("raw", f"{stem}/compressed", CompressedImage))
+        self._images: dict[str, type[Any]] = {name: kind for other, name, kind in kinds if transport != other}
         self._last_ns: int | None = None
         self._infos: dict[Side, CameraInfo] = {}
         self._fresh_sides: set[Side] = set()
@@ -145,14 +148,11 @@ class StereoInput:
             return received
 
         qos = profile(self._config.reliability, self._config.queue_depth)
-        image, transport = "image_raw" if self._config.rectify else "image_rect", self._config.image_transport
         for side in SIDES:
             stem = f"{self._name}/{side}"
             endpoints.add_subscription(CameraInfo, f"{stem}/camera_info", partial(self.add_camera_info, side), qos)
-            if transport != "compressed":
-                endpoints.add_subscription(Image, f"{stem}/{image}", image_callback(side), qos)
-            if transport != "raw":
-                endpoints.add_subscription(CompressedImage, f"{stem}/{image}/compressed", image_callback(side), qos)
+            for name, kind in self._images.items():
+                endpoints.add_subscription(kind, f"{stem}/{name}", image_callback(side), qos)
 
     def counts(self) -> dict[str, int]:
         """Return what was dropped since the start, by name."""
@@ -166,14 +166,11 @@ class StereoInput:
 
     def take_seen(self) -> dict[str, tuple[list[int], tuple[Any, ...]]]:
         """Return stamps and a message of each topic, of what has been received since the last time."""
-        image, transport = "image_raw" if self._config.rectify else "image_rect", self._config.image_transport
         found: dict[str, tuple[list[int], tuple[Any, ...]]] = {}
-        ends = [""] * (transport != "compressed") + ["/compressed"] * (transport != "raw")
         for side in SIDES:
             images = [*self._recent_ns[side]], (self._unused[side],) if side in self._unused else ()
-            found |= {f"{self._name}/{side}/{image}{end}": images for end in ends}
-            infos: tuple[list[int], tuple[Any, ...]] = [], (self._infos[side],) if side in self._infos else ()
-            found[f"{self._name}/{side}/camera_info"] = infos
+            found |= {f"{self._name}/{side}/{name}": images for name in self._images}
+            found[f"{self._name}/{side}/camera_info"] = [], (self._infos[side],) if side in self._infos else ()
             self._recent_ns[side].clear()
         return found
 
@@ -290,7 +287,7 @@ class PairNode(ManagedNode[P]):
 
     rig_name: ClassVar[str]
     extrinsics_known = True  #: Whether the pose of the rig is known, as far as the node needs it.
-    _calls_before = 0
+    _calls_before = _silent_periods = 0
     _stereo: StereoInput | None = None
 
     def restart(self, reason: str) -> None:
@@ -315,6 +312,7 @@ class PairNode(ManagedNode[P]):
         calls, before = self.status.calls, self._calls_before
         self._calls_before, seen = calls, self.take_seen()
         silent = not any(stamps_ns for stamps_ns, _ in seen.values())
+        self._silent_periods = periods = self._silent_periods + 1 if silent else 0
         if calls > before or not self.worker.is_idle or (silent and not self.expects_input()):
             return
         from sfr_loc_map.nodes.waiting import waits_for
@@ -322,9 +320,11 @@ class PairNode(ManagedNode[P]):
         self.status.mark_idle()  # with the memory of this import
         config = self.config.input
         about = {"stamp_tolerance_ns": config.stamp_tolerance_ns, "rectifies": config.rectify, "task": self.rig_name}
+        ended = "the source has ended or is silent: " if silent and calls else ""
         for text in waits_for(self, seen, config.reliability, extrinsics=self.extrinsics_known, **about):
-            self.get_logger().warning(f"waits: {text}")
-            self.status.health.note_problem(Level.WARN, f"waits: {text}")
+            self.status.health.note_problem(Level.WARN, f"waits: {ended}{text}")
+            if periods & (periods - 1) == 0:  # of silence after 5, 10, 20, 40 s and so on
+                self.get_logger().warning(f"waits: {ended}{text}")
 
     def take_seen(self) -> dict[str, tuple[list[int], tuple[Any, ...]]]:
         """Return stamps and a message of each topic, of what has been received since the last time."""

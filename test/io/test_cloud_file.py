@@ -73,11 +73,14 @@ def test_ply_of_others(tmp_path: Path) -> None:
     assert np.isnan(cloud.sigma[0])
 
 
+@pytest.mark.filterwarnings("error")
 def test_pcd_of_others(tmp_path: Path) -> None:
     path = tmp_path / "c.pcd"
     head = "VERSION .7\nFIELDS x y z _ \nSIZE 4 4 4 1\nTYPE F F F U\nCOUNT 1 1 1 4\nWIDTH 2\nHEIGHT 2\nPOINTS 4\nDATA "
     numbers = np.arange(12.0).reshape(4, 3)
-    path.write_text(head + "ascii\n" + "\n".join(" ".join(map(str, [*row, 0, 0, 0, 0])) for row in numbers) + "\n")
+    path.write_text(
+        head + "ascii\n" + "\n# sensor 1\n \n".join(" ".join(map(str, [*row, 0, 0, 0, 0])) for row in numbers) + "\n"
+    )
     cloud = load_cloud(path).cloud
     assert (cloud.u.tolist(), cloud.v.tolist(), cloud.pair.tolist()) == ([0, 1, 0, 1], [0, 0, 1, 1], [0] * 4)
     np.testing.assert_array_equal(cloud.xyz, numbers)

@@ -73,6 +73,23 @@ def test_two_cameras_that_are_8_ms_apart_are_localised_and_those_further_apart_n
         peer.well(Level.WARN, "let one trigger stamp both")
 
 
+def test_a_source_that_has_ended_is_named_ever_more_seldom(
+    ros: None, capfd: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(managed_node, "LOG_PERIOD_S", 1e6)  # looks around when it is told to
+    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT) as node:
+        node.node.look_around()
+        assert "waits: /loc/left/image_rect" in node.text
+        send_infos(peer, "loc", LOC_RIG)
+        for index in range(2):
+            peer.play(index)
+            node.node.worker.wait_idle()
+            for _ in range(1 + 100):  # the first has the call; then silence for 100 periods: said after 1, 2, 4, .. 64
+                node.node.look_around()
+            assert node.text.count("waits: the source has ended or is silent: /loc/") == 7 * (index + 1)
+        peer.well(Level.WARN, "waits: the source has ended or is silent: /loc/left/image_rect")
+
+
 def test_a_dump_of_the_node_is_taken_back_and_a_change_is_refused(ros: None, capfd: Capture) -> None:
     with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT):
         names = peer.ask(ListParameters, "list_parameters", ListParameters.Request()).result.names
