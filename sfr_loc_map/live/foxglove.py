@@ -76,7 +76,8 @@ class FoxgloveView:
         while not self._stopped.wait(TICK_S):
             looked_at = {topic for topic, channel in self._channels.items() if channel.has_sinks()}
             state.looks[self] = frozenset(VIEWS[topic] for topic in looked_at & VIEWS.keys())
-            newest = {_channel_of(media): media for media in list(state.media.values())}
+            of_all = list(state.media.values())
+            newest = {GRID if isinstance(media, ElevationSample) else f"/{media.topic}": media for media in of_all}
             media = {topic: newest[topic] for topic in looked_at & newest.keys()}
             for topic, item in media.items():
                 if sent.get(topic) is not item:
@@ -90,10 +91,6 @@ class FoxgloveView:
                     poses = [_pose(place) for place in places]
                     self._channels[topic].log(messages.PosesInFrame(timestamp=stamp, frame_id="ds", poses=poses))
             before, sent = looked_at, media
-
-
-def _channel_of(media: Media) -> str:
-    return GRID if isinstance(media, ElevationSample) else f"/{media.topic}"
 
 
 def _message(media: Media) -> Any:  # noqa: ANN401 - messages have no common class
@@ -113,8 +110,7 @@ def _message(media: Media) -> Any:  # noqa: ANN401 - messages have no common cla
             fields=_fields(("x", "y", "z", "sigma", "error")),
             data=columns.tobytes(),
         )
-    if not isinstance(media, ElevationSample):
-        raise TypeError(f"no channel takes a {type(media).__name__}")
+    assert isinstance(media, ElevationSample)  # no channel takes others
     layers = np.ascontiguousarray(media.layers, "<f4")
     return messages.Grid(
         timestamp=stamp,

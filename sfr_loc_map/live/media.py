@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from sfr_loc_map.geometry.arrays import FloatArray32, PointImage
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.plausibility import check_image_size
-from sfr_loc_map.io.image_codec import decode_grey, points_image
+from sfr_loc_map.io.image_codec import points_image
 from sfr_loc_map.live.updates import ELEVATION, POINTS, CloudSample, ElevationSample, ImageSample
 from sfr_loc_map.mapping.config import MAX_PAIRS
 
@@ -37,11 +37,6 @@ def image_sample(topic: str, stamp_ns: int, image: NDArray[np.uint8], published_
         shown = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
     jpeg = bytes(cv2.imencode(".jpg", np.ascontiguousarray(shown), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1])
     return ImageSample(topic, stamp_ns, jpeg, (shown.shape[1], shown.shape[0]), (width, height), published_s)
-
-
-def file_sample(topic: str, stamp_ns: int, data: bytes, published_s: float) -> ImageSample:
-    """Return an image file reduced for the screen; InputError if it is no image."""
-    return image_sample(topic, stamp_ns, decode_grey(data), published_s)
 
 
 def outlines(mask: NDArray[np.uint8], scale: float) -> tuple[FloatArray32, ...]:

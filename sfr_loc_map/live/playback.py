@@ -12,7 +12,7 @@ import csv
 import heapq
 import io
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from operator import itemgetter
@@ -40,6 +40,7 @@ from sfr_loc_map.live.state import MAX_REPORT_CHARACTERS, LiveState
 from sfr_loc_map.live.updates import Action, Command
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.association import UPPER, Estimates
+from sfr_loc_map.metrics.calls import stage_of
 from sfr_loc_map.metrics.cloud_error import PairTruth, ScoredMap, score_map
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig
 from sfr_loc_map.metrics.limits import Limits, limits_of, load_limits
@@ -71,7 +72,7 @@ class Recording:
     moments: Sequence[Moment]  # all but images, in their order; the truth of a stamp comes first
     source: Source | None  # of the images
     cloud: PointCloud | None
-    truths: Sequence[PairTruth]  # of the pairs of the cloud
+    truths: Sequence[PairTruth]  # of the pairs of a cloud that can be scored: of all of them
     begin_ns: tuple[int, int]  # first stamps of the drive and of the mapping pairs
     end_s: float
     score: Score | None = None  # of the report beside it
@@ -127,19 +128,21 @@ def open_recording(path: Path, truth: Path | None = None) -> Recording:
 
 def _replayed(files: ReplayFiles, truth: Path | None) -> Recording:
     """Return a finished replay, with the truth and the images of its source where that is known."""
-    score, note = None, ""
+    score, limits, note = None, None, ""
     if files.report.is_file():
         with refusing(f"cannot read the report '{files.report}'", "replay again"):
             report = parse_json(read_text(files.report, MAX_REPORT_CHARACTERS))
             score = from_dict(report, str(files.report))
-        truth, note = (truth, "") if truth is not None else _source_of(score, files.folder)
+        inputs = {} if score.provenance is None else score.provenance.inputs
+        truth, note = (truth, "") if truth is not None else _source_of(inputs, files.folder)
+        same = _found(inputs.get("limits"), files.folder)
+        limits = limits_of(score.verdicts) if same is None else load_limits(same)
     source = None if truth is None else open_source(truth)
     stats = [load_call_stats(files.stats)] if files.stats.is_file() else []
     estimates = load_estimates(files.estimate, stats) if files.estimate.is_file() else None
     cloud = load_cloud(files.cloud).cloud if files.cloud.is_file() else None
     said = list(_calls(files.stats)) if stats else []
     made = _recording(files.folder, estimates, _truth_of(source), said, source, cloud)
-    limits = None if score is None else _limits_of(score, files.folder)
     return replace(made, score=score, limits=limits, page=files.page if files.page.is_file() else None, note=note)
 
 
@@ -156,9 +159,8 @@ def _found(item: InputFile | None, folder: Path) -> Path | None:
     return None
 
 
-def _source_of(score: Score, folder: Path) -> tuple[Path | None, str]:
+def _source_of(inputs: Mapping[str, InputFile], folder: Path) -> tuple[Path | None, str]:
     """Return the source that a replay was made of, None where it is not named or gone; and what is gone."""
-    inputs = {} if score.provenance is None else score.provenance.inputs
     named = list(filter(None, (inputs.get("map_truth"), inputs.get("truth"))))
     for item in named:
         if (path := _found(item, folder)) is not None:
@@ -167,14 +169,6 @@ def _source_of(score: Score, folder: Path) -> tuple[Path | None, str]:
             return path, ""
     gone = f"the truth of the run, '{named[0].path}', is not there or has changed: give --truth SRC" if named else ""
     return None, gone
-
-
-def _limits_of(score: Score, folder: Path) -> Limits | None:
-    """Return the limits that a score was judged by: of their file where it is still the same, else of its verdicts."""
-    inputs = {} if score.provenance is None else score.provenance.inputs
-    if (path := _found(inputs.get("limits"), folder)) is not None:
-        return load_limits(path)
-    return limits_of(score.verdicts)
 
 
 def _truth_of(source: Source | None) -> Trajectory | None:
@@ -219,11 +213,13 @@ def _recording(
     truths: list[PairTruth] = []
     if cloud is not None:
         true_points = CloudTruth()
-        wanted = (item for item in (nav.pairs() if nav is not None else ()) if item.pair.stamp_ns in cloud_ns)
-        for item in wanted:  # in the order of their stamps, as those of the cloud
-            if nav is not None and (known := PairTruth.of(item, nav.rig)) is not None:
-                truths.append(known)
-                true_points.add_points(item.pair.stamp_ns, known.points)
+        if nav is not None:
+            for item in nav.pairs():  # in the order of their stamps, as those of the cloud
+                if item.pair.stamp_ns in cloud_ns and (known := PairTruth.of(item, nav.rig)) is not None:
+                    truths.append(known)
+                    true_points.add_points(item.pair.stamp_ns, known.points)
+        if cloud.fused is None or len(truths) != len(cloud_ns):
+            truths.clear()
         media = cloud_samples(cloud_ns[-1], cloud.xyz, cloud.sigma, 0.0, true_points.errors(cloud))
         moments += ((_place(cloud_ns[-1], begin_ns[1]), sample) for sample in media if sample is not None)
     moments.sort(key=itemgetter(0))
@@ -255,19 +251,11 @@ def _calls(stats: Path) -> Iterator[updates.Status]:
         row = {name: value for name, value in read.items() if isinstance(name, str) and value}
         state, reason = row.get("state", ""), row.get("reason", "")
         is_map, steps = state in set(MappingState), [row.get(name, "") for name in STEP_NAMES]
-        values = row | {STATISTIC + name: value for name, value in row.items() if _is_number(value)}
+        values = row | {STATISTIC + name: value for name, value in row.items() if stage_of(name)}
         values |= {"task": "mapping" if is_map else "localisation", "step": " ".join(steps) if all(steps) else ""}
         values.setdefault("processing_time_s", "0")
         node, message = MAPPING_NODE if is_map else LOCALISATION_NODE, f"{state}: {reason}" if reason else state
         yield updates.Status(node, updates.StatusKind.CALL, LEVELS.get(state, 0), message, values, 0.0)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def _diagnostics(bag: Bag) -> Iterator[updates.Status]:
@@ -391,10 +379,7 @@ class Player:
                     score.add_call(call.record)
             case updates.CloudSample():
                 cloud, truths = self._recording.cloud, self._recording.truths
-                is_known = (
-                    cloud is not None and cloud.fused is not None and len(truths) == len(cloud.pair_stamps_ns or (0,))
-                )
-                if cloud is not None and is_known and self._map_score is None:  # it takes seconds: once is enough
+                if cloud is not None and truths and self._map_score is None:  # it takes seconds: once is enough
                     self._map_score = score_map(cloud, truths, self._settings[0].map)
                 score.map_score = self._map_score
 

@@ -16,7 +16,6 @@ import ipaddress
 import json
 import logging
 import math
-import os
 import secrets
 import signal
 import socket
@@ -25,7 +24,7 @@ import time
 import webbrowser
 from bisect import bisect_left
 from collections.abc import Awaitable, Callable
-from contextlib import suppress
+from contextlib import AsyncExitStack, suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
@@ -107,7 +106,7 @@ class LiveServer:
         self.state = state
         self.url = ""
         self.pages: list[Page] = []
-        self.report_text = self.nodes_text = self.events_text = ""  # the latest messages, empty before the first
+        self.texts = {"report": "", "events": "", "nodes": ""}  # the latest message of each, empty before the first
         self._events_version = -1
         self._config, self._title = config, title
         self._command_token = secrets.token_urlsafe(18)
@@ -120,26 +119,25 @@ class LiveServer:
     async def serve(self, ready: Callable[[str], None]) -> None:
         """Serve until the task is cancelled; `ready` is called with the address once the page can be opened."""
         config, logger = self._config, logging.getLogger("sfr_loc_map.live")
-        logger.addFilter(_is_fault)
         for name in (logger.name, "asyncio"):  # which tells that descriptors are used up
-            logging.getLogger(name).addFilter(_Throttle())
+            logging.getLogger(name).addFilter(_Quiet())
         options: dict[str, Any] = {"access_log": None, "handle_signals": False, "logger": logger}
         app = web.Application(middlewares=[self._guard], client_max_size=MAX_MESSAGE_BYTES)
-        routes = {"/healthz": self._healthz, "/state.json": self._state_json, "/ws": self._websocket}
-        routes["/report"] = self._report_page
-        app.add_routes([web.get(path, handler) for path, handler in routes.items()])
-        app.add_routes([web.post("/command", self._command), web.get("/{name:[^/]*}", self._file)])
+        pages = {"/healthz": self._healthz, "/state.json": self._state_json, "/ws": self._websocket}
+        pages |= {"/report": self._report_page, "/{name:[^/]*}": self._file}
+        app.add_routes([web.post("/command", self._command), *(web.get(*page) for page in pages.items())])
         runner = web.AppRunner(app, shutdown_timeout=SHUTDOWN_S, **options)
         await runner.setup()
-        loop, news, doors = asyncio.get_running_loop(), asyncio.Event(), dict[Door, None]()
-        listener: asyncio.Server | None = None
+        loop, news = asyncio.get_running_loop(), asyncio.Event()
+        doors: dict[Door, asyncio.TimerHandle] = {}
 
         def wake() -> None:
             if not news.is_set():
                 with suppress(RuntimeError):  # the loop has ended
                     loop.call_soon_threadsafe(news.set)
 
-        try:
+        async with AsyncExitStack() as stack:
+            stack.push_async_callback(runner.cleanup)
             try:
                 listener = await loop.create_server(
                     lambda: Door(runner.server, doors), config.host, config.port, backlog=ACCEPTED
@@ -148,8 +146,17 @@ class LiveServer:
                 place, reason = f"{config.host} port {config.port}", error.strerror or str(error)
                 hint = "choose another --port (0: a free one)"
                 raise NodeError(f"cannot listen on {place}: {reason}; {hint}") from error
+
+            @stack.callback
+            def end() -> None:
+                if self.state.operator is not None:
+                    self.state.operator.close()
+                listener.close()
+                for door in list(doors):
+                    door.close()
+
             for item in listener.sockets:
-                with socket.socket(fileno=os.dup(item.fileno())) as same:
+                with item.dup() as same:
                     same.listen(BACKLOG)
             name = f"[{config.host}]" if ":" in config.host else config.host
             query = f"?token={config.token}" if config.token else ""
@@ -163,14 +170,6 @@ class LiveServer:
                 news.clear()
                 self.tell(time.time())
                 await asyncio.sleep(TICK_S)
-        finally:
-            if self.state.operator is not None:
-                self.state.operator.close()
-            if listener is not None:
-                listener.close()
-            for door in list(doors):
-                door.close()
-            await runner.cleanup()
 
     def end(self) -> None:
         """Tell the pages that the run is over: what is silent from now on is not missing."""
@@ -183,13 +182,13 @@ class LiveServer:
         """Let the pages send what has changed."""
         report = self.state.report
         if report is not None and report is not self._report:
-            self._report, self.report_text = report, message("report", report.to_plain())
+            self._report, self.texts["report"] = report, message("report", report.to_plain())
         if not 0.0 <= now_s - self._nodes_s < NODES_PERIOD_S:
             self._nodes_s = now_s
-            self.nodes_text = message("nodes", self.state.live_to_plain(now_s) | {"actions": self.state.actions})
+            self.texts["nodes"] = message("nodes", self.state.live_to_plain(now_s) | {"actions": self.state.actions})
         if self._events_version != (version := self.state.timeline.version):
             self._events_version = version
-            self.events_text = message("events", {"events": self.state.events_to_plain()})
+            self.texts["events"] = message("events", {"events": self.state.events_to_plain()})
         for page in self.pages:
             page.news.set()
 
@@ -336,25 +335,21 @@ class Page:
         self.news = asyncio.Event()
         self._server, self._state, self._channel = server, server.state, channel
         self._sent: dict[str, updates.Media] = {}  # of each topic the last; the topic that was sent last is the last
-        self._report = self._nodes = self._pong = self._events = ""
+        self._told: dict[str, str] = {}  # of each kind of message the last
+        self._pong = ""
         self._version = -1  # of the path, which changes with each restart of a player
         self._next_row = self._next_call = 0
 
     def receive(self, text: str) -> None:
         """Take a message of the page in: what it looks at, or a request for the server's time."""
-        try:
+        content: Any = None
+        with suppress(ValueError):
             content = parse_json(text)
-        except ValueError:
-            return
-        if not isinstance(content, dict):
-            return
-        if content.get("type") == "want" and isinstance(content.get("views"), list):
-            self._state.looks[self] = frozenset(view for view in updates.View if view.value in content["views"])
-        elif content.get("type") == "ping":
-            sent_ms = content.get("sent_ms")
-            if not (isinstance(sent_ms, int | float) and math.isfinite(sent_ms)):
-                return
-            self._pong = message("pong", {"sent_ms": sent_ms, "time_s": time.time()})
+        match content:
+            case {"type": "want", "views": [*views]}:
+                self._state.looks[self] = frozenset(view for view in updates.View if view.value in views)
+            case {"type": "ping", "sent_ms": int() | float() as sent_ms} if math.isfinite(sent_ms):
+                self._pong = message("pong", {"sent_ms": sent_ms, "time_s": time.time()})
         self.news.set()
 
     async def send_all(self, server: dict[str, Any]) -> None:
@@ -373,10 +368,7 @@ class Page:
 
     def _new_figures(self) -> list[str]:
         """Return what the page has not been sent: report, path, calls, nodes, answers."""
-        server, state, found = self._server, self._state, list[str]()
-        if server.report_text is not self._report:
-            self._report = server.report_text
-            found.append(self._report)
+        state, found = self._state, {"report": self._server.texts["report"]}  # which is the first
         with state.lock:
             path, under_way, calls = state.path, state.path.under_way, list(state.calls)
             whole, self._version = path.version != self._version, path.version
@@ -384,21 +376,15 @@ class Page:
         if whole or rows:
             self._next_row = rows[-1].n + 1 if rows else 0
             plain = [row.to_plain() for row in rows]
-            found.append(message("path", {"whole": whole, "rows": plain, "under_way": under_way}))
+            found["path"] = message("path", {"whole": whole, "rows": plain, "under_way": under_way})
         calls = [call for call in calls if whole or call["n"] >= self._next_call]
         if whole or calls:
             self._next_call = calls[-1]["n"] + 1 if calls else self._next_call
-            found.append(message("calls", {"calls": calls, "whole": whole}))
-        if server.events_text is not self._events:
-            self._events = server.events_text
-            found.append(self._events)
-        if server.nodes_text is not self._nodes:
-            self._nodes = server.nodes_text
-            found.append(self._nodes)
-        if self._pong:
-            found.append(self._pong)
-            self._pong = ""
-        return found
+            found["calls"] = message("calls", {"calls": calls, "whole": whole})
+        found |= self._server.texts | {"pong": self._pong}
+        new = [text for kind, text in found.items() if text != self._told.get(kind, "")]
+        self._told |= found
+        return new
 
     def _new_media(self) -> updates.Media | None:
         """Return what it looks at and has not been sent: of the topic that was sent longest ago."""
@@ -418,17 +404,15 @@ class Page:
 class Door(asyncio.Protocol):
     """Lets a connection in once the head of its request is there, so that one that says nothing costs nothing."""
 
-    def __init__(self, server: web.Server | None, waiting: dict[Door, None]) -> None:
-        """Stand among those that wait."""
+    def __init__(self, server: web.Server | None, waiting: dict[Door, asyncio.TimerHandle]) -> None:
+        """Stand among those that wait, each with the time at which it is cut."""
         self._server, self._waiting, self._head = server, waiting, bytearray()
         self._transport: Any = None
-        self._timer: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Wait for the head; the one that has waited longest makes room."""
         self._transport = transport
-        self._timer = asyncio.get_running_loop().call_later(HEAD_TIMEOUT_S, self.close)
-        self._waiting[self] = None
+        self._waiting[self] = asyncio.get_running_loop().call_later(HEAD_TIMEOUT_S, self.close)
         if len(self._waiting) > MAX_WAITING:
             next(iter(self._waiting)).close()
 
@@ -456,9 +440,8 @@ class Door(asyncio.Protocol):
         self._transport.abort()
 
     def _leave(self) -> None:
-        self._waiting.pop(self, None)
-        if self._timer is not None:
-            self._timer.cancel()
+        if (timer := self._waiting.pop(self, None)) is not None:
+            timer.cancel()
 
 
 async def serve_until_signal(server: LiveServer, *, open_browser: bool = False, end_file: Path | None = None) -> None:
@@ -514,22 +497,19 @@ def _equal(given: str, wanted: str) -> bool:
     return hmac.compare_digest(given.encode(errors="surrogatepass"), wanted.encode())
 
 
-class _Throttle(logging.Filter):
-    """Lets one line of each kind through in a time."""
+class _Quiet(logging.Filter):
+    """Lets one line of each kind of fault through in a time, and none of a request that is no HTTP: it is answered."""
 
     def __init__(self) -> None:
         super().__init__()
         self._last_s: dict[str, float] = {}
 
     def filter(self, record: logging.LogRecord) -> bool:
+        error = record.exc_info[1] if record.exc_info else None
         kind, now_s = str(record.msg)[:40], time.monotonic()
+        if isinstance(error, http_exceptions.HttpProcessingError | web.RequestPayloadError):
+            return False
         if now_s - self._last_s.get(kind, -LOG_PERIOD_S) < LOG_PERIOD_S:
             return False
         self._last_s[kind] = now_s
         return True
-
-
-def _is_fault(record: logging.LogRecord) -> bool:
-    """Tell the library's faults from requests that are no HTTP, which are answered, and nobody's traceback."""
-    error = record.exc_info[1] if record.exc_info else None
-    return not isinstance(error, http_exceptions.HttpProcessingError | web.RequestPayloadError)

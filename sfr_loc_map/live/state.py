@@ -363,10 +363,8 @@ class LiveState:
                 self.time_line = update
                 if update.restarted:
                     self.path.restart()
-                    self.calls.clear()
-                    self.media.clear()
-                    self.nodes.clear()
-                    self.topics.clear()
+                    for shown in (self.calls, self.media, self.nodes, self.topics):
+                        shown.clear()
                     self.report = None
                     self.timeline.forget(EventKind.LIMIT)
             case _:

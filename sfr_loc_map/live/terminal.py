@@ -18,10 +18,10 @@ from rich.table import Table as Grid
 from rich.text import Text
 
 from sfr_loc_map.inputs import one_line, printable
-from sfr_loc_map.live.state import LiveState
+from sfr_loc_map.live.state import LiveState, ReportView
 from sfr_loc_map.live.updates import Action, Command
 from sfr_loc_map.pipeline.controls import SEEK_STEP_S, Keyboard
-from sfr_loc_map.report.tables import ABSENT, METRE, MIB, MILLISECOND, OPEN, VERDICTS, fitting, number, to_rich
+from sfr_loc_map.report.tables import ABSENT, METRE, MIB, MILLISECOND, OPEN, VERDICTS, Table, fitting, number, to_rich
 
 PERIOD_S, LINE_PERIOD_S, KEY_PERIOD_S = 0.5, 1.0, 0.05
 """Time between two drawings of the screen, two lines, two looks at the keys."""
@@ -98,8 +98,7 @@ def one_line_of(state: LiveState, now_s: float) -> str:
         live, report = state.live_to_plain(now_s), state.report
         word, text, _ = _verdict(state, live)
         parts = [_clock(now_s), f"{word}: {text.rstrip('.')}"]
-        headline = next((table for table in report.tables if table.name == "headline"), None) if report else None
-        for row in headline.rows if headline else ():
+        for row in (row for table in _headline(report) for row in table.rows):
             mean, sigma, name, bound, interval, count = (cell.text for cell in row[2:8])
             parts.append(
                 f"{row[0].text}, {row[1].text} mean {mean} sigma {sigma} {name} {bound} ({interval}, n {count})"
@@ -121,11 +120,8 @@ def _verdict(state: LiveState, live: dict[str, Any]) -> tuple[str, str, str]:
             bar = report.bars[0]
             text += f" {'Worst' if bar.state == 'fail' else 'Least margin'}: {bar.text}."
     if aborted is not None:
-        return (
-            "■ aborted",
-            f"{aborted['by']} at {_clock(aborted['at'])}. Verdict on what there was: {word}. {text}",
-            BAD,
-        )
+        text = f"{aborted['by']} at {_clock(aborted['at'])}. Verdict on what there was: {word}. {text}"
+        return "■ aborted", text, BAD
     if live["ended"]:
         return f"{word}, ended", text, style
     if live["stale_reasons"]:
@@ -158,16 +154,14 @@ def _parts(state: LiveState, live: dict[str, Any], now_s: float, title: str, wid
             limits.add_row(Text(f"{bar.icon} {bar.state}", style), bar.name, bar.value, bar.limit, bar.margin)
         yield limits
     yield from map(Text, _notes(state, live))
-    yield from _tables(state, "headline")
+    for grid in map(to_rich, _headline(state.report)):
+        grid.title = grid.caption = grid.box = None
+        grid.padding = (0, 1, 0, 0)
+        yield grid
 
 
-def _tables(state: LiveState, name: str) -> Iterator[Grid]:
-    for table in () if state.report is None else state.report.tables:
-        if table.name == name:
-            grid = to_rich(table)
-            grid.title = grid.caption = grid.box = None
-            grid.padding = (0, 1, 0, 0)
-            yield grid
+def _headline(report: ReportView | None) -> list[Table]:
+    return [] if report is None else [table for table in report.tables if table.name == "headline"]
 
 
 def _node_words(node: dict[str, Any], live: dict[str, Any]) -> list[Text | str]:
@@ -176,15 +170,8 @@ def _node_words(node: dict[str, Any], live: dict[str, Any]) -> list[Text | str]:
     if node["lifecycle"] not in ("active", "unknown"):
         health.append(f", {one_line(node['lifecycle'])}")
     heard = "never" if node["age_s"] is None else f"{node['age_s']:.1f} s"
-    dropped = str(sum(_drops(node).values()))
-    return [
-        one_line(node["name"]).removesuffix("_node"),
-        health,
-        one_line(node["state"]),
-        *_costs(node, live),
-        dropped,
-        heard,
-    ]
+    name, state = one_line(node["name"]).removesuffix("_node"), one_line(node["state"])
+    return [name, health, state, *_costs(node, live), str(sum(_drops(node).values())), heard]
 
 
 def _costs(node: dict[str, Any], live: dict[str, Any]) -> tuple[str, str]:

@@ -37,7 +37,7 @@ from std_srvs.srv import Trigger
 from sfr_loc_map.errors import InputError, NodeError, SfrError
 from sfr_loc_map.geometry.arrays import FloatArray32
 from sfr_loc_map.inputs import NS_PER_S, SIDES
-from sfr_loc_map.io.image_codec import image_from_message, stamp_of
+from sfr_loc_map.io.image_codec import decode_grey, image_from_message, stamp_of
 from sfr_loc_map.live import media, updates
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.nodes import environment
@@ -255,10 +255,8 @@ class MediaFeed:
         if name == TRACKED:
             self._shown.append(stamp_ns)
         message = deserialize_message(raw, kind)
-        if kind is Image:
-            self._state.put(media.image_sample(name, stamp_ns, image_from_message(message), published_s))
-        else:
-            self._state.put(media.file_sample(name, stamp_ns, bytes(message.data), published_s))
+        image = image_from_message(message) if kind is Image else decode_grey(bytes(message.data))
+        self._state.put(media.image_sample(name, stamp_ns, image, published_s))
 
     def _on_mask(self, side: str, raw: bytes, published_s: float) -> None:
         message = deserialize_message(raw, Image)
