@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
 import numpy as np
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import GetState
 from rcl_interfaces.srv import GetParameters
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.utilities import try_shutdown
 
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.geometry.extrinsics import LOCSB_FRAME, RB_FRAME
@@ -28,6 +24,7 @@ from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.nodes import diagnostics, environment
 from sfr_loc_map.nodes.extrinsics import TF_STATIC, add_static_transforms
 from sfr_loc_map.nodes.messages import message_type, tf_message_type
+from sfr_loc_map.nodes.peer import POLL_S, Peer
 from sfr_loc_map.nodes.replay import graph_node
 from sfr_loc_map.pipeline.doctor_observation import (
     EXPECTED,
@@ -45,7 +42,6 @@ QUIET_S = 1.5  #: Discovery counts as complete when there are images and the gra
 DISCOVERY_S = 8.0  #: or after so long.
 FIRST_MESSAGE_S = 4.0
 """How long a topic with a publisher may take to bring its first message before the observation begins."""
-POLL_S = 0.1
 ANSWER_S = 10.0  #: How long a node may take to answer: a second, or several on a busy host.
 DEPTH = 100
 SUITE_NODES = (*TASK_OF_NODE, "monitor_node")
@@ -57,27 +53,14 @@ PARAMETERS = ("use_sim_time", "input.stamp_tolerance_s", "input.rectify", "T_rb_
 
 def observe_graph(seconds: float, namespace: str, remap: Mapping[str, str], *, extrinsics_given: bool) -> Observation:
     """Observe the graph for some time."""
-    environment.prepare()
-    environment.start_ros()
-    try:
-        return _GraphObserver(namespace, remap).observe(seconds, extrinsics_given=extrinsics_given)
-    finally:
-        try_shutdown()
+    with _GraphObserver(remap) as observer:
+        return observer.observe(seconds, namespace, extrinsics_given=extrinsics_given)
 
 
-class _GraphObserver:
-    """A node that observes the graph once."""
-
-    def __init__(self, namespace: str, remap: Mapping[str, str]) -> None:
-        self._node: Node = rclpy.create_node(f"sfr_doctor_{os.getpid()}", start_parameter_services=False)
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self._node)
+class _GraphObserver(Peer):
+    def __init__(self, remap: Mapping[str, str]) -> None:
+        super().__init__(f"sfr_doctor_{os.getpid()}")
         self._renamed = {"/" + found.strip("/"): "/" + new.strip("/") for found, new in remap.items()}
-        self._wait_for_discovery()
-        spaces = sorted({space.strip("/") for _, space in self._suite_nodes()})
-        if len(spaces) > 1 and not namespace.strip("/"):
-            raise NodeError(f"nodes run in the namespaces {', '.join(spaces)}: choose one by --namespace")
-        self._namespace = namespace.strip("/") or "".join(spaces)
         self._remap = {new.strip("/"): found for found, new in self._renamed.items()}
         self._stamps: dict[str, list[int]] = {}
         self._messages: dict[str, list[Any]] = {}
@@ -85,9 +68,14 @@ class _GraphObserver:
         self._frames = FrameTree()
         self._worked: set[str] = set()
 
-    def observe(self, seconds: float, *, extrinsics_given: bool) -> Observation:
-        """Collect messages, ask the suite's nodes."""
-        others = dict(self._node.get_topic_names_and_types())
+    def observe(self, seconds: float, namespace: str, *, extrinsics_given: bool) -> Observation:
+        """Collect messages, ask the suite's nodes; without a namespace it is the one that they are in."""
+        self._wait_for_discovery()
+        spaces = sorted({space.strip("/") for _, space in self._suite_nodes()})
+        if len(spaces) > 1 and not namespace.strip("/"):
+            raise NodeError(f"nodes run in the namespaces {', '.join(spaces)}: choose one by --namespace")
+        self._namespace = namespace.strip("/") or "".join(spaces)
+        others = dict(self.node.get_topic_names_and_types())
         found = {name: self._full_name(name) for name in EXPECTED if self._full_name(name) in others}
         found = {name: full_name for name, full_name in found.items() if not self._is_superseded(name, full_name)}
         for name, full_name in found.items():
@@ -95,19 +83,19 @@ class _GraphObserver:
         tf_type = tf_message_type()
         if tf_type is not None:
             take = partial(add_static_transforms, tree=self._frames)
-            self._node.create_subscription(tf_type, "/tf_static", take, TF_STATIC)
-        self._node.create_subscription(DiagnosticArray, diagnostics.TOPIC, self._note_health, DEPTH)
+            self.node.create_subscription(tf_type, "/tf_static", take, TF_STATIC)
+        self.node.create_subscription(DiagnosticArray, diagnostics.TOPIC, self._note_health, DEPTH)
 
         def all_heard() -> bool:
             # on a busy machine the first message takes seconds
-            heard = (self._stamps.get(name, True) or not self._node.count_publishers(found[name]) for name in found)
+            heard = (self._stamps.get(name, True) or not self.node.count_publishers(found[name]) for name in found)
             return all(heard)
 
-        self._wait_for(all_heard, FIRST_MESSAGE_S)
-        self._wait_for(lambda: False, seconds)
+        self.spin(FIRST_MESSAGE_S, all_heard)
+        self.spin(seconds)
         nodes = tuple(self._ask(name, space) for name, space in self._suite_nodes() if space == "/" + self._namespace)
         in_tf = self._frames.find(RB_FRAME, LOCSB_FRAME) is not None
-        is_played = graph_node.NAME in self._node.get_node_names()
+        is_played = graph_node.NAME in self.node.get_node_names()
         return Observation(
             f"the graph of ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}",
             live=True,
@@ -117,7 +105,7 @@ class _GraphObserver:
             extrinsics_given=extrinsics_given,
             extrinsics_in_tf=in_tf if tf_type is not None or "/tf_static" not in others else None,
             nodes=nodes,
-            has_clock=bool(self._node.get_publishers_info_by_topic("/clock")),
+            has_clock=bool(self.node.get_publishers_info_by_topic("/clock")),
             now_ns=None if is_played else time.time_ns(),
             export_line=environment.EXPORT_LINE,
         )
@@ -128,12 +116,12 @@ class _GraphObserver:
     def _is_superseded(self, name: str, full_name: str) -> bool:
         """Tell whether it has raw images that are also there rectified, and that no node of the suite takes."""
         stem, raw, _ = name.partition(f"/{RAW}")
-        takers = {info.node_name for info in self._node.get_subscriptions_info_by_topic(full_name)}
+        takers = {info.node_name for info in self.node.get_subscriptions_info_by_topic(full_name)}
         rectified = [self._full_name(f"{stem}/{RECTIFIED}{end}") for end in ("", "/compressed")]
-        return bool(raw) and not takers & set(SUITE_NODES) and any(map(self._node.count_publishers, rectified))
+        return bool(raw) and not takers & set(SUITE_NODES) and any(map(self.node.count_publishers, rectified))
 
     def _suite_nodes(self) -> list[tuple[str, str]]:
-        return [(name, space) for name, space in self._node.get_node_names_and_namespaces() if name in SUITE_NODES]
+        return [(name, space) for name, space in self.node.get_node_names_and_namespaces() if name in SUITE_NODES]
 
     def _subscribe(self, name: str, full_name: str, types: list[str]) -> None:
         """Subscribe to a topic of the expected type; by best effort, so that a QoS mismatch can be observed."""
@@ -148,9 +136,8 @@ class _GraphObserver:
             if len(messages) < MESSAGES_KEPT:
                 messages.append(message)
 
-        callback: Any = received  # rclpy's types do not know of the information beside a message
         qos = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._node.create_subscription(message_type(types[0]), full_name, callback, qos)
+        self.subscribe(message_type(types[0]), full_name, received, qos)
 
     def _note_health(self, message: DiagnosticArray) -> None:
         """Note nodes that have made a call since they became active."""
@@ -160,11 +147,11 @@ class _GraphObserver:
                 self._worked.add(name)
 
     def _topic(self, name: str, full_name: str, types: list[str]) -> ObservedTopic:
-        listeners = self._node.get_subscriptions_info_by_topic(full_name)
+        listeners = self.node.get_subscriptions_info_by_topic(full_name)
         return ObservedTopic(
             full_name,
             tuple(types),
-            tuple(_reliability(info) for info in self._node.get_publishers_info_by_topic(full_name)),
+            tuple(_reliability(info) for info in self.node.get_publishers_info_by_topic(full_name)),
             np.array(self._stamps.get(name, []), np.int64),
             tuple(self._messages.get(name, ())),
             requests={
@@ -196,31 +183,25 @@ class _GraphObserver:
 
     def _call(self, kind: type[Any], name: str, request: Any) -> Any:  # noqa: ANN401 - any service
         """Return the answer of a service, None where none comes in time."""
-        client = self._node.create_client(kind, name)
-        if not self._wait_for(client.service_is_ready, ANSWER_S):
+        client = self.node.create_client(kind, name)
+        if not self.spin(ANSWER_S, client.service_is_ready):
             return None
         future = client.call_async(request)
-        return future.result() if self._wait_for(future.done, ANSWER_S) else None
-
-    def _wait_for(self, condition: Callable[[], bool], seconds: float) -> bool:
-        end = time.monotonic() + seconds
-        while not condition() and (left := end - time.monotonic()) > 0:
-            self._executor.spin_once(timeout_sec=min(left, POLL_S))
-        return bool(condition())
+        return future.result() if self.spin(ANSWER_S, future.done) else None
 
     def _wait_for_discovery(self) -> None:
         """Wait until the graph does not change: discovery takes a second or, under load, some more."""
         begin = changed = time.monotonic()
         before: Any = None
         while (now := time.monotonic()) - begin < DISCOVERY_S:
-            topics = self._node.get_topic_names_and_types()
-            graph = (topics, sorted(self._node.get_node_names()))
+            topics = self.node.get_topic_names_and_types()
+            graph = (topics, sorted(self.node.get_node_names()))
             if graph != before:
                 before, changed = graph, now
             images = [name for name, _ in topics if self._renamed.get(name, name).endswith(IMAGE_NAMES)]
-            if now - changed > QUIET_S and any(map(self._node.count_publishers, images)):
+            if now - changed > QUIET_S and any(map(self.node.count_publishers, images)):
                 return
-            self._wait_for(lambda: False, POLL_S)
+            self.spin(POLL_S)
 
 
 def _reliability(info: Any) -> Reliability:  # noqa: ANN401 - rclpy's TopicEndpointInfo

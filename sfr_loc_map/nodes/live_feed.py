@@ -12,24 +12,22 @@ import struct
 import time
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from functools import partial
 from pathlib import PurePosixPath
-from threading import Event, Lock, Thread
+from threading import Event, Thread
 from typing import Any
 
 import numpy as np
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from nav_msgs.msg import OccupancyGrid, Odometry
-from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
-from rclpy.utilities import try_shutdown
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import CompressedImage, Image, PointCloud2
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -40,8 +38,8 @@ from sfr_loc_map.inputs import NS_PER_S, SIDES
 from sfr_loc_map.io.image_codec import decode_grey, image_from_message, stamp_of
 from sfr_loc_map.live import media, updates
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.nodes import environment
 from sfr_loc_map.nodes.diagnostics import TOPIC, level_of, values_of
+from sfr_loc_map.nodes.lifecycle.worker import Overload, Worker
 from sfr_loc_map.nodes.messages import (
     ELEVATION_FIELDS,
     MASK_SCALE,
@@ -52,6 +50,7 @@ from sfr_loc_map.nodes.messages import (
     odometry_row,
     tracks_from_msg,
 )
+from sfr_loc_map.nodes.peer import Peer
 from sfr_loc_map.nodes.processes import page_node_name
 from sfr_loc_map.pipeline.reception import TransportGaps
 
@@ -63,11 +62,9 @@ SPIN_S = 0.1
 IMAGE_PERIOD_S = 0.15  #: Shortest time between two pairs of images that are shown.
 TRACKED = "loc/left"  #: The image that tracks are drawn on; of its stamps that are not shown they are left out.
 MAX_SHOWN = 64  #: Images of which tracks are waited for: ten seconds.
-MAX_MAPS = 8  #: Clouds, elevation and hazard grids that wait; more are left out.
+MAX_MAPS = 8  #: Clouds, elevation and hazard grids that wait; of more the oldest are left out.
 MASK_HOLD_NS = NS_PER_S // 2  #: A mask that much older than the tracks is shown with them.
 IMAGE_KINDS = ((Image, "image_rect"), (CompressedImage, "image_rect/compressed"), (Image, "image_raw"))
-NO_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
-"""The nodes themselves tell of peers that do not fit; each event would cost the executor time at every message."""
 LAYERS = ("height", *ELEVATION_FIELDS[3:])  #: Layers of an elevation message, after x and y.
 FOUND_S, ANSWER_S, POLL_S = 2.0, 10.0, 0.02
 TRANSITIONS = {
@@ -82,32 +79,23 @@ SERVICES = {
 """Nodes that offer each service."""
 
 
-class RosFeed:
+class RosFeed(Peer):
     """A ROS node that receives for a page; a context manager that runs its thread."""
 
     def __init__(self, state: LiveState, namespace: str = "") -> None:
         """Join the graph in a rover's namespace; signals stay with the program."""
-        environment.prepare()
-        environment.start_ros()
-        self._state = state
-        self._space = namespace.strip("/")
-        self._node: Node = rclpy.create_node(
-            page_node_name(os.getpid()), namespace=f"/{self._space}", start_parameter_services=False
-        )
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self._node)
-        self._gaps: dict[str, TransportGaps] = {}
-        self._media = MediaFeed(self._node, state)
-        state.operator = RosOperator(self._node)
+        super().__init__(page_node_name(os.getpid()), f"/{namespace.strip('/')}")
+        self._state, self._space = state, namespace.strip("/")
+        self._media = MediaFeed(self, state)
+        state.operator = RosOperator(self.node)
         best_effort = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         for track, topic in ((updates.Track.ESTIMATE, updates.LOCALISATION), (updates.Track.TRUTH, updates.TRUTH)):
-            self._receive(Odometry, topic, partial(self._on_odometry, track), best_effort)
-        self._receive(DiagnosticArray, TOPIC, self._on_diagnostics, best_effort)
-        self._receive(
-            String, updates.REPORT, lambda message, now_s: state.put(updates.Report(message.data, now_s)), latched
-        )
-        self._node.create_timer(GRAPH_PERIOD_S, self._look_around)
+            self._media.receive(Odometry, topic, partial(self._on_odometry, track), best_effort)
+        # the diagnostics have many publishers; of reports only the latest is kept for who is late
+        self.subscribe(DiagnosticArray, TOPIC, self._on_diagnostics, best_effort)
+        self.subscribe(String, updates.REPORT, self._on_report, latched)
+        self.node.create_timer(GRAPH_PERIOD_S, self._look_around)
         self._running = True
         self._thread = Thread(target=self._spin, name="sfr-live-ros", daemon=True)
 
@@ -119,77 +107,63 @@ class RosFeed:
         self._running = False
         self._thread.join(5.0)
         self._media.close()
-        self._node.destroy_node()
-        try_shutdown()
+        super().__exit__()
 
     def _spin(self) -> None:
         while self._running:
             try:
-                self._executor.spin_once(timeout_sec=SPIN_S)
+                self.executor.spin_once(timeout_sec=SPIN_S)
             except Exception as error:  # of one message; the page must not stop for it
                 if self._running:
-                    self._node.get_logger().error(f"live: {error!r}", throttle_duration_sec=5.0)
+                    self.node.get_logger().error(f"live: {error!r}", throttle_duration_sec=5.0)
 
-    def _receive(self, kind: type[Any], topic: str, callback: Callable[[Any, float], None], qos: QoSProfile) -> None:
-        gaps = TransportGaps()
-        if kind is Odometry:  # diagnostics have many publishers; of reports only the latest is kept for who is late
-            self._gaps[topic] = gaps
+    def _on_report(self, message: String, _: dict[str, Any]) -> None:
+        self._state.put(updates.Report(message.data, time.time()))
 
-        def received(message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401 - any message
-            gaps.add(info)
-            try:
-                callback(message, time.time())
-            except (SfrError, ValueError):  # the monitor reports broken messages; the page shows what can be shown
-                return
-
-        listener: Any = received  # rclpy's types do not know of the information beside a message
-        self._node.create_subscription(kind, topic, listener, qos, event_callbacks=NO_EVENTS)
-
-    def _on_odometry(self, track: updates.Track, message: Odometry, now_s: float) -> None:
+    def _on_odometry(self, track: updates.Track, raw: bytes, _: float) -> None:
+        message = deserialize_message(raw, Odometry)
         stamp_ns, position, quat = odometry_row(message, positions_alone=track is updates.Track.TRUTH)
         covariance = covariance_of(message) if track is updates.Track.ESTIMATE else None
-        self._state.put(updates.PoseSample(track, stamp_ns, position, quat, now_s, covariance))
+        self._state.put(updates.PoseSample(track, stamp_ns, position, quat, time.time(), covariance))
 
-    def _on_diagnostics(self, message: DiagnosticArray, now_s: float) -> None:
+    def _on_diagnostics(self, message: DiagnosticArray, _: dict[str, Any]) -> None:
         for status in message.status:
             full_name, _, kind = status.name.partition(": ")
             name = PurePosixPath("/" + full_name)
             if str(name.parent).strip("/") != self._space or kind not in KINDS or name.name not in SUITE_NODES:
                 continue
-            level, values = int(level_of(status)), values_of(status)
-            self._state.put(updates.Status(name.name, updates.StatusKind(kind), level, status.message, values, now_s))
+            what, level = updates.StatusKind(kind), int(level_of(status))
+            self._state.put(updates.Status(name.name, what, level, status.message, values_of(status), time.time()))
 
     def _look_around(self) -> None:
         """Find out which nodes are there, and receive images and clouds as the pages want."""
         self._media.follow(self._state.wanted)
-        names = self._node.get_node_names_and_namespaces()
+        names = self.node.get_node_names_and_namespaces()
         nodes = frozenset(name for name, space in names if space.strip("/") == self._space) & frozenset(SUITE_NODES)
-        lost = {topic: gaps.lost for topic, gaps in (self._gaps | self._media.gaps).items()}
+        lost = {topic: gaps.lost for topic, gaps in self._media.gaps.items()}
         self._state.put(updates.GraphView(nodes, time.time(), lost))
 
 
 class MediaFeed:
     """Subscribes to images, tracks and maps while they are wanted. Used by the thread of the feed alone."""
 
-    def __init__(self, node: Node, state: LiveState) -> None:
+    def __init__(self, peer: Peer, state: LiveState) -> None:
         """Subscribe to the true points, which are published once and are what clouds are compared with."""
         self.gaps: dict[str, TransportGaps] = {}
-        self._node, self._state = node, state
+        self._peer, self._node, self._state = peer, peer.node, state
         self._subscriptions: dict[updates.View, list[Any]] = {}
         self._due: dict[str, tuple[float, int]] = {}
         self._shown: deque[int] = deque(maxlen=MAX_SHOWN)
         self._masks: dict[str, tuple[int, tuple[FloatArray32, ...]]] = {}
-        self._map = MapFeed(state, lambda: bool(node.count_publishers(updates.ELEVATION)))
-        self._worker, self._maps_waiting = ThreadPoolExecutor(1, "sfr-live-maps"), 0
+        self._map = MapFeed(state, lambda: bool(self._node.count_publishers(updates.ELEVATION)))
+        self._worker = Worker("sfr-live-maps", Overload.EVERY_PAIR, MAX_MAPS, lambda error: None)
         self._best_effort = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
         truth = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._raw(
-            PointCloud2, updates.TRUE_POINTS, partial(self._on_map, PointCloud2, self._map.add_true_points), truth
-        )
+        self._receive_map(updates.TRUE_POINTS, PointCloud2, self._map.add_true_points, truth)
 
     def close(self) -> None:
         """End the worker."""
-        self._worker.shutdown(cancel_futures=True)
+        self._worker.stop()
 
     def follow(self, wanted: frozenset[updates.View]) -> None:
         """Subscribe to what is wanted and to nothing else; of images to those topics that somebody publishes."""
@@ -208,40 +182,46 @@ class MediaFeed:
                 topic = f"{name}/{end}"
                 if self._node.resolve_topic_name(topic) not in known and self._node.count_publishers(topic):
                     received = partial(self._on_image, name, kind)
-                    subscriptions.append(self._raw(kind, topic, received, self._best_effort))
+                    subscriptions.append(self.receive(kind, topic, received, self._best_effort))
 
     def _subscribe(self, view: updates.View) -> list[Any]:
         if view is updates.View.TRACKS:
             masks = [
-                self._raw(Image, f"localisation/{side}_mask", partial(self._on_mask, side), self._best_effort)
+                self.receive(Image, f"localisation/{side}_mask", partial(self._on_mask, side), self._best_effort)
                 for side in SIDES
             ]
-            return [*masks, self._raw(PointCloud2, updates.TRACKS, self._on_tracks, self._best_effort)]
+            return [*masks, self.receive(PointCloud2, updates.TRACKS, self._on_tracks, self._best_effort)]
         if view is not updates.View.CLOUDS:
             return []
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         return [
-            self._raw(kind, topic, partial(self._on_map, kind, add), latched)
-            for topic, kind, add in (
-                (updates.POINTS, PointCloud2, self._map.add_cloud),
-                (updates.ELEVATION, PointCloud2, self._map.add_elevation),
-                (updates.HAZARD, OccupancyGrid, self._map.add_hazard),
-            )
+            self._receive_map(updates.POINTS, PointCloud2, self._map.add_cloud, latched),
+            self._receive_map(updates.ELEVATION, PointCloud2, self._map.add_elevation, latched),
+            self._receive_map(updates.HAZARD, OccupancyGrid, self._map.add_hazard, latched),
         ]
 
-    def _raw(self, kind: type[Any], topic: str, callback: Callable[[bytes, float], None], qos: QoSProfile) -> Any:  # noqa: ANN401 - rclpy's
+    def receive(
+        self, kind: type[Any], topic: str, callback: Callable[[bytes, float], None], qos: QoSProfile
+    ) -> Subscription:
         """Subscribe with a callback for serialised messages and the time when they were published, seconds."""
         gaps = self.gaps.setdefault(topic, TransportGaps())
 
         def received(raw: bytes, info: dict[str, Any]) -> None:
             gaps.add(info)
-            try:
+            with suppress(SfrError, ValueError):  # the node that is given it reports it; what can be shown is shown
                 callback(raw, (info.get("source_timestamp") or time.time_ns()) / NS_PER_S)
-            except (SfrError, ValueError):  # the node that is given it reports it
-                return
 
-        listener: Any = received  # rclpy's types do not know of raw messages with their information
-        return self._node.create_subscription(kind, topic, listener, qos, event_callbacks=NO_EVENTS, raw=True)
+        return self._peer.subscribe(kind, topic, received, qos, raw=True)
+
+    def _receive_map(
+        self, topic: str, kind: type[Any], add: Callable[[Any, float], None], qos: QoSProfile
+    ) -> Subscription:
+        """Take maps in, beside the thread that receives: figures do not wait for it; a broken one is left out."""
+
+        def received(raw: bytes, published_s: float) -> None:
+            self._worker.enqueue_droppable(lambda: add(deserialize_message(raw, kind), published_s))
+
+        return self.receive(kind, topic, received, qos)
 
     def _on_image(self, name: str, kind: type[Any], raw: bytes, published_s: float) -> None:
         stamp_ns, rig = _stamp_ns(raw), name.partition("/")[0]
@@ -269,21 +249,6 @@ class MediaFeed:
         found = tracks_from_msg(deserialize_message(raw, PointCloud2))
         masks = {side: rings for side, (at_ns, rings) in self._masks.items() if 0 <= stamp_ns - at_ns <= MASK_HOLD_NS}
         self._state.put(updates.TrackSample(updates.TRACKS, stamp_ns, found, masks, published_s))
-
-    def _on_map(self, kind: type[Any], add: Callable[[Any, float], None], raw: bytes, published_s: float) -> None:
-        """Take a map in, beside the thread that receives: figures do not wait for it."""
-
-        def work() -> None:
-            try:
-                add(deserialize_message(raw, kind), published_s)
-            except (SfrError, ValueError):  # as above
-                return
-            finally:
-                self._maps_waiting -= 1
-
-        if self._maps_waiting < MAX_MAPS:
-            self._maps_waiting += 1
-            self._worker.submit(work)
 
 
 def _stamp_ns(raw: bytes) -> int:
@@ -369,8 +334,7 @@ class RosOperator:
 
     def __init__(self, node: Node) -> None:
         """Advertise the bookmarks, so that a recording under way finds them; another thread spins the node."""
-        self._node = node
-        self._closed, self._calling = Event(), Lock()
+        self._node, self._closed = node, Event()
         events = PublisherEventCallbacks(use_default_callbacks=False)
         self._bookmarks = node.create_publisher(String, "bookmark", QoSProfile(depth=100), event_callbacks=events)
 
@@ -393,30 +357,25 @@ class RosOperator:
         raise InputError(f"'{node}' has no '{action}'")
 
     def close(self) -> None:
-        """Give up what is under way, before the node is destroyed."""
+        """Give up what is under way; its threads end before the node is destroyed."""
         self._closed.set()
-        if self._calling.acquire(timeout=FOUND_S):
-            self._calling.release()
 
     def _call(self, kind: type[Any], name: str, request: Any) -> Any:  # noqa: ANN401 - any service
-        """Return the answer of a service; one is called at a time."""
-        with self._calling:
-            client = self._node.create_client(kind, name)
-            try:
-                if not self._wait(client.service_is_ready, FOUND_S):
-                    raise NodeError(f"no node offers {name}: is it running?")
-                future = client.call_async(request)
-                if not self._wait(future.done, ANSWER_S):
-                    raise NodeError(f"{name} gave no answer within {ANSWER_S:g} s")
-                return future.result()
-            finally:
-                self._node.destroy_client(client)
+        """Return the answer of a service."""
+        client = self._node.create_client(kind, name)
+        try:
+            if not self._wait(client.service_is_ready, FOUND_S):
+                raise NodeError(f"no node offers {name}: is it running?")
+            future = client.call_async(request)
+            if not self._wait(future.done, ANSWER_S):
+                raise NodeError(f"{name} gave no answer within {ANSWER_S:g} s")
+            return future.result()
+        finally:
+            self._node.destroy_client(client)
 
     def _wait(self, condition: Callable[[], bool], seconds: float) -> bool:
         deadline = time.monotonic() + seconds
-        while not condition():
+        while not (found := condition()) and time.monotonic() < deadline:
             if self._closed.wait(POLL_S):
                 raise NodeError("the page has ended")
-            if time.monotonic() >= deadline:
-                return False
-        return True
+        return found

@@ -15,7 +15,6 @@ import numpy as np
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMsg
-from numpy.typing import NDArray
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Header
@@ -39,7 +38,6 @@ from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints, profile
 from sfr_loc_map.nodes.messages import (
     MASK_SCALE,
     TRACK_FIELDS,
-    byte_array,
     float_points_msg,
     header_msg,
     image_msg,
@@ -55,6 +53,7 @@ from sfr_loc_map.nodes.runner import run
 from sfr_loc_map.pipeline.localisation_session import LocalisationSession, PoseFile
 from sfr_loc_map.pipeline.reception import ThinnedPath
 
+FIRST = MASK_SCALE // 2  #: Row and column of a mask that is published first.
 OUTPUT_DEPTH = 1000  #: Odometry messages that are kept for a slow subscriber.
 LEVELS = {
     TrackingState.INITIALISING: Level.WARN,
@@ -284,14 +283,15 @@ class TrackPublisher:
 
     def publish(self, pair: StereoPair, localiser: Localiser, estimate: PoseEstimate, frame_id: str) -> None:
         """Publish what there is of a pair that was just processed; of a side without a mask none, tracks last."""
+        header = header_msg(pair.stamp_ns, frame_id)
         for publisher, mask in zip(self._masks, localiser.masks, strict=True):
             if mask is not None and publisher.get_subscription_count():
-                publisher.publish(mask_msg(mask, header_msg(pair.stamp_ns, frame_id)))
+                # a quarter of its width and height, 0 where no landmark is made
+                publisher.publish(image_msg(mask[FIRST::MASK_SCALE, FIRST::MASK_SCALE], "mono8", header))
         if self._tracks.get_subscription_count():
-            self._tracks.publish(tracks_msg(localiser.last_result, header_msg(pair.stamp_ns, frame_id)))
+            self._tracks.publish(tracks_msg(localiser.last_result, header))
         if self._image.get_subscription_count():
-            image = draw_tracks(pair.left, localiser.last_result, estimate)
-            self._image.publish(image_msg(image, header_msg(pair.stamp_ns, frame_id)))
+            self._image.publish(image_msg(draw_tracks(pair.left, localiser.last_result, estimate), "bgr8", header))
 
 
 def tracks_msg(result: TrackingResult | None, header: Header) -> PointCloud2:
@@ -300,23 +300,9 @@ def tracks_msg(result: TrackingResult | None, header: Header) -> PointCloud2:
     if result is not None:
         residual = np.sqrt(result.chi2_per_dof / INLIER_CHI2_PER_DOF)
         rows = np.column_stack((result.observations[:, :2], result.landmarks.last_seen[:, :2], residual))
-    message = float_points_msg(rows, TRACK_FIELDS, header)
-    return message
-
-
-def mask_msg(mask: NDArray[np.uint8], header: Header) -> Image:
-    """Return a mask `(H, W)`, 0 where no landmark is made, as mono8 of a quarter of its width and height."""
-    small = mask[MASK_SCALE // 2 :: MASK_SCALE, MASK_SCALE // 2 :: MASK_SCALE]
-    height, width = small.shape
-    message = Image(header=header, height=height, width=width, encoding="mono8", step=width)
-    message.data = byte_array(small)
-    return message
+    return float_points_msg(rows, TRACK_FIELDS, header)
 
 
 def main() -> int:
     """Run the node."""
     return run(LocalisationNode)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

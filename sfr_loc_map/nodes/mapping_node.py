@@ -259,7 +259,3 @@ class MappingNode(PairNode[MappingNodeConfig]):
 def main() -> int:
     """Run the node."""
     return run(MappingNode)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

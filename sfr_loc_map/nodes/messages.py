@@ -15,7 +15,6 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from builtin_interfaces.msg import Time
 from geometry_msgs.msg import (
     Point,
     Pose,
@@ -28,6 +27,7 @@ from geometry_msgs.msg import (
 )
 from nav_msgs.msg import MapMetaData, OccupancyGrid, Odometry
 from numpy.typing import NDArray
+from rclpy.time import Time
 from sensor_msgs.msg import CompressedImage, Image, PointCloud2, PointField, RegionOfInterest
 from std_msgs.msg import Header
 from stereo_msgs.msg import DisparityImage
@@ -38,7 +38,7 @@ from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.geometry.plausibility import MAX_VARIANCE, check_image_size, is_plausible_covariance
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, refusing
+from sfr_loc_map.inputs import LOST_VARIANCE, refusing
 from sfr_loc_map.io.image_codec import (
     JPEG_MAGIC,
     PNG_MAGIC,
@@ -65,46 +65,30 @@ POINT_TYPES: dict[type[np.generic], int] = {
 """Codes of sensor_msgs/PointField."""
 
 
-POINT_ALIGNMENT = 4  #: Bytes; a float of each point then lies where processors and graphics cards want it.
-
-
-def time_msg(stamp_ns: int) -> Time:
-    """Return nanoseconds as a ROS time, exactly."""
-    sec, nanosec = divmod(int(stamp_ns), NS_PER_S)
-    return Time(sec=sec, nanosec=nanosec)
-
-
 def header_msg(stamp_ns: int, frame_id: str) -> Header:
     """Return a header."""
-    return Header(stamp=time_msg(stamp_ns), frame_id=frame_id)
+    return Header(stamp=Time(nanoseconds=int(stamp_ns)).to_msg(), frame_id=frame_id)
 
 
 def byte_array(values: NDArray[Any]) -> array[int]:
     """Return the bytes of an array as the one type that message fields take quickly."""
     data = array("B")
-    data.frombytes(np.ascontiguousarray(values).reshape(-1).view(np.uint8).data if values.size else b"")
+    data.frombytes(np.ascontiguousarray(values).reshape(-1).view(np.uint8).data)
     return data
 
 
 def points_msg(records: NDArray[np.void], header: Header) -> PointCloud2:
-    """Return structured points `(N,)` or `(H, W)` as a message, not said to be dense; a point ends at a word."""
-    if records.dtype.itemsize % POINT_ALIGNMENT:
-        names = records.dtype.names or ()
-        layout: Mapping[str, Any] = records.dtype.fields or {}
-        formats, offsets = [layout[name][0] for name in names], [layout[name][1] for name in names]
-        size = records.dtype.itemsize + -records.dtype.itemsize % POINT_ALIGNMENT
-        tight, kind = records, np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size})
-        records = np.zeros(tight.shape, kind)
-        records[...] = tight
-    dtype, shape = records.dtype, (1, *records.shape)[-2:]
+    """Return structured points `(N,)` or `(H, W)` as a message, not said to be dense; numbers lie at whole words."""
+    dtype, shape = np.dtype(records.dtype.descr, align=True), (1, *records.shape)[-2:]
+    layout: Mapping[str, Any] = dtype.fields or {}
     fields = [
-        PointField(name=name, offset=int(dtype.fields[name][1]), datatype=POINT_TYPES[dtype[name].type], count=1)
-        for name in dtype.names or ()
-        if dtype.fields
+        PointField(name=name, offset=int(offset), datatype=POINT_TYPES[kind.type], count=1)
+        for name, (kind, offset, *_) in layout.items()
     ]
+    size = int(dtype.itemsize)
     message = PointCloud2(header=header, height=shape[0], width=shape[1], fields=fields)
-    message.point_step, message.row_step = int(dtype.itemsize), int(dtype.itemsize) * shape[1]
-    message.data = byte_array(records)
+    message.point_step, message.row_step = size, size * shape[1]
+    message.data = byte_array(records.astype(dtype))
     return message
 
 
@@ -228,8 +212,8 @@ def transform_of_odometry(message: Odometry) -> TransformStamped:
 def tf_message_type() -> type[Any] | None:
     """Return tf2_msgs/TFMessage, None where it is not installed (it is not part of the ROS wheels)."""
     try:
-        return importlib.import_module("tf2_msgs.msg").TFMessage
-    except ImportError:
+        return message_type("tf2_msgs/msg/TFMessage")
+    except NodeError:
         return None
 
 
@@ -254,12 +238,11 @@ def check_image(message: Image | CompressedImage, size: tuple[int, int]) -> None
         )
 
 
-def image_msg(image: NDArray[np.uint8], header: Header) -> Image:
-    """Return a colour image `(H, W, 3)` uint8, blue, green, red, as a message."""
-    height, width = image.shape[:2]
-    message = Image(header=header, height=height, width=width, encoding="bgr8", step=3 * width)
-    message.data = byte_array(image)
-    return message
+def image_msg(pixels: NDArray[np.generic], encoding: str, header: Header) -> Image:
+    """Return an image `(H, W)` or `(H, W, C)` of an encoding as a message."""
+    height, width = pixels.shape[:2]
+    step = pixels.nbytes // max(height, 1)
+    return Image(header=header, height=height, width=width, encoding=encoding, step=step, data=byte_array(pixels))
 
 
 def disparity_msg(
@@ -270,8 +253,7 @@ def disparity_msg(
     low = min(searched_px[0], float(np.nanmin(disparity_px, initial=np.inf)))
     filled = np.where(np.isnan(disparity_px), np.float32(low - 1.0), disparity_px).astype("<f4")
     message = DisparityImage(header=header, f=float(rig.fx), t=float(rig.baseline_m), delta_d=1.0 / 16.0)
-    message.image = Image(header=header, height=height, width=width, encoding="32FC1", step=4 * width)
-    message.image.data = byte_array(filled)
+    message.image = image_msg(filled, "32FC1", header)
     message.valid_window = RegionOfInterest(height=height, width=width)
     message.min_disparity, message.max_disparity = float(low), float(searched_px[1])
     return message
@@ -325,16 +307,11 @@ def elevation_from_msg(message: PointCloud2) -> FloatArray32:
 def hazard_msg(grid: TerrainGrid, stamp_ns: int, frame_id: str) -> OccupancyGrid:
     """Return the hazard of the cells: 100 for one, 0 to 99 for none, -1 where not known."""
     (rows, columns), (x0, y0) = grid.hazard.shape, grid.elevation.origin_m
-    message = OccupancyGrid(header=header_msg(stamp_ns, frame_id))
+    header = header_msg(stamp_ns, frame_id)
     origin = Pose(position=Point(x=float(x0), y=float(y0), z=0.0), orientation=Quaternion(w=1.0))
     resolution = float(np.float32(grid.elevation.cell_m))
-    message.info = MapMetaData(
-        map_load_time=time_msg(stamp_ns), resolution=resolution, width=columns, height=rows, origin=origin
-    )
-    data = array("b")
-    data.frombytes(np.ascontiguousarray(grid.hazard).reshape(-1).data)
-    message.data = data
-    return message
+    info = MapMetaData(map_load_time=header.stamp, resolution=resolution, width=columns, height=rows, origin=origin)
+    return OccupancyGrid(header=header, info=info, data=array("b", grid.hazard.tobytes()))
 
 
 def hazard_from_msg(message: OccupancyGrid) -> FloatArray32:

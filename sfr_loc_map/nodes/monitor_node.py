@@ -339,7 +339,3 @@ def main() -> int:
     """Run the node."""
     configure_malloc()
     return run(MonitorNode)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

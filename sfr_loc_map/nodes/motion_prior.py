@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from threading import Condition
 
 from sfr_loc_map.config import param
-from sfr_loc_map.geometry.rotation import matrix_from_rotvec, rotvec_from_matrix
-from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.geometry.transform import Transform, interpolated
 
 CAPACITY = 5000  #: Messages kept: 100 s at 50 Hz.
 MAX_GAP_NS = 500_000_000
@@ -59,7 +58,6 @@ class OdometryBuffer:
         return before.inverse() @ now if before is not None and now is not None else None
 
     def _pose_at(self, stamp_ns: int) -> Transform | None:
-        """Return the pose at a stamp, interpolated: linear in position, about one axis in rotation."""
         index = bisect_left(self._poses, stamp_ns, key=lambda item: item[0])
         if index == len(self._poses):
             return None
@@ -69,7 +67,4 @@ class OdometryBuffer:
         if index == 0 or later_ns - self._poses[index - 1][0] > MAX_GAP_NS:
             return None
         earlier_ns, earlier = self._poses[index - 1]
-        fraction = (stamp_ns - earlier_ns) / (later_ns - earlier_ns)
-        rotation = matrix_from_rotvec(fraction * rotvec_from_matrix(earlier.rotation.T @ later.rotation))
-        position = earlier.translation + fraction * (later.translation - earlier.translation)
-        return Transform(earlier.rotation @ rotation, position)
+        return interpolated(earlier, later, (stamp_ns - earlier_ns) / (later_ns - earlier_ns))

@@ -6,23 +6,19 @@ import os
 import shutil
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.utilities import try_shutdown
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag import TYPESTORE
 from sfr_loc_map.io.bag_writer import BagRecorder
-from sfr_loc_map.nodes import environment
 from sfr_loc_map.nodes.messages import message_type
+from sfr_loc_map.nodes.peer import Peer
 from sfr_loc_map.pipeline.reception import TransportGaps
 from sfr_loc_map.signals import hold, stopping
 
@@ -54,43 +50,23 @@ class RecordOptions:
     zstd: bool = False  #: Whether chunks are compressed.
 
 
-@dataclass(slots=True)
-class TopicCount:
-    """Messages of a topic that were recorded, and those of one publisher that did not arrive."""
-
-    count: int = 0
-    gaps: TransportGaps = field(default_factory=TransportGaps)
-
-    @property
-    def lost(self) -> int:
-        """Messages that were published and did not arrive."""
-        return self.gaps.lost
-
-
-def record(path: Path, options: RecordOptions, say: Callable[[str], None]) -> dict[str, TopicCount]:
+def record(path: Path, options: RecordOptions, say: Callable[[str], None]) -> dict[str, TransportGaps]:
     """Record topics into a bag at a new path; `say` is called with a line for each; return what was recorded.
 
-    Where no message was received no bag is left.
+    Losses are counted of topics with one publisher. Where no message was received no bag is left.
     """
-    environment.prepare()
-    environment.start_ros()
-    try:
-        with stopping() as ended, BagRecorder(path, zstd=options.zstd) as bag:
-            recorder = _Recorder(bag, options, say)
-            begin = flushed = time.monotonic()
-            while not ended():
-                recorder.discover()
-                now = time.monotonic()
-                while not ended() and time.monotonic() - now < DISCOVERY_S:
-                    recorder.executor.spin_once(timeout_sec=DISCOVERY_S)
-                if now - flushed > FLUSH_S:
-                    bag.flush()
-                    flushed = now
-                if options.duration_s is not None and now - begin > options.duration_s:
-                    break
-            hold()
-    finally:
-        try_shutdown()
+    with stopping() as ended, BagRecorder(path, zstd=options.zstd) as bag, _Recorder(bag, options, say) as recorder:
+        begin = flushed = time.monotonic()
+        while not ended():
+            recorder.discover()
+            now = time.monotonic()
+            recorder.spin(DISCOVERY_S, ended)
+            if now - flushed > FLUSH_S:
+                bag.flush()
+                flushed = now
+            if options.duration_s is not None and now - begin > options.duration_s:
+                break
+        hold()
     if not bag.count:
         shutil.rmtree(path)
         domain = os.environ.get("ROS_DOMAIN_ID") or "0"
@@ -108,13 +84,11 @@ def definition_of(msgtype: str) -> tuple[str, str]:
     return TYPESTORE.generate_msgdef(msgtype, ros_version=2)[0], TYPESTORE.hash_rihs01(msgtype)
 
 
-class _Recorder:
+class _Recorder(Peer):
     def __init__(self, bag: BagRecorder, options: RecordOptions, say: Callable[[str], None]) -> None:
-        self.counts: dict[str, TopicCount] = {}
-        self.executor = SingleThreadedExecutor()
+        super().__init__(f"sfr_record_{os.getpid()}")
+        self.counts: dict[str, TransportGaps] = {}
         self._bag, self._options, self._say = bag, options, say
-        self._node: Node = rclpy.create_node(f"sfr_record_{os.getpid()}", start_parameter_services=False)
-        self.executor.add_node(self._node)
         space = options.namespace.strip("/")
         prefix = f"/{space}/" if space else "/"
         self._wanted = {name if name.startswith("/") else prefix + name for name in options.topics or TOPICS}
@@ -123,14 +97,14 @@ class _Recorder:
     def discover(self) -> None:
         """Subscribe to new topics; raw images that are also published rectified are recorded only if asked for."""
         chosen = bool(self._options.topics or self._options.everything)
-        for name, types in self._node.get_topic_names_and_types():
+        for name, types in self.node.get_topic_names_and_types():
             wanted = name in self._wanted or (self._options.everything and "/_" not in name)
             if name in self._known or not wanted:
                 continue
             stem, raw, _ = name.rpartition("/image_raw")
             rectified = [f"{stem}/image_rect{end}" for end in ("", "/compressed")] if raw and not chosen else []
-            infos = self._node.get_publishers_info_by_topic(name)
-            if infos and not any(map(self._node.count_publishers, rectified)):
+            infos = self.node.get_publishers_info_by_topic(name)
+            if infos and not any(map(self.node.count_publishers, rectified)):
                 self._known.add(name)
                 self._subscribe(name, types[0], infos)
 
@@ -142,22 +116,18 @@ class _Recorder:
             self._say(f"{name} is not recorded: {error}")
             return
         topic = self._bag.add_topic(name, msgtype, *definition_of(msgtype), [_offered_qos(info) for info in infos])
-        recorded = self.counts[name] = TopicCount()
-        numbered = len(infos) == 1
+        recorded, numbered = self.counts.setdefault(name, TransportGaps()), len(infos) == 1
 
         def received(raw: bytes, info: dict[str, Any]) -> None:
             self._bag.write(topic, time.time_ns(), raw)
-            recorded.count += 1
-            if numbered:
-                recorded.gaps.add(info)
+            recorded.add(info if numbered else {})
 
         quality = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         if all(info.qos_profile.reliability == ReliabilityPolicy.RELIABLE for info in infos):
             quality.reliability = ReliabilityPolicy.RELIABLE
         if all(info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for info in infos):
             quality.durability = DurabilityPolicy.TRANSIENT_LOCAL
-        callback: Any = received  # rclpy's types do not know of raw messages with their information
-        self._node.create_subscription(kind, name, callback, quality, raw=True)
+        self.subscribe(kind, name, received, quality, raw=True)
         self._say(f"records {name} ({msgtype})")
 
 

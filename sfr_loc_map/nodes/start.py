@@ -11,6 +11,7 @@ import importlib
 import os
 import signal
 import sys
+from functools import partial
 from types import FrameType
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -29,19 +30,9 @@ def start(module: str) -> int:
     return int(main() or 0)
 
 
-def localisation_node() -> int:
-    """Run the localisation node."""
-    return start("nodes.localisation_node")
-
-
-def mapping_node() -> int:
-    """Run the mapping node."""
-    return start("nodes.mapping_node")
-
-
-def monitor_node() -> int:
-    """Run the monitor node."""
-    return start("nodes.monitor_node")
+localisation_node = partial(start, "nodes.localisation_node")
+mapping_node = partial(start, "nodes.mapping_node")
+monitor_node = partial(start, "nodes.monitor_node")
 
 
 def _leave(number: int, frame: FrameType | None) -> None:

@@ -78,16 +78,17 @@ class TransportGaps:
     """Counts messages that were published but not received, for topics with one publisher at a time.
 
     A publisher numbers its messages from 1, so a lower number is a new publisher; its identity is not transmitted.
-    `lost` counts the messages missing so far.
+    `count` is that of the messages received, `lost` that of the missing ones so far.
     """
 
     def __init__(self) -> None:
-        self.lost = self._last = 0
+        self.count = self.lost = self._last = 0
 
     def add(self, info: dict[str, Any]) -> int:
         """Count the gap before a message, and return it."""
         number, last = int(info.get("publication_sequence_number") or 0), self._last
         self._last = number
+        self.count += 1
         gap = number - last - 1 if last and number > last else 0
         self.lost += gap
         return gap

@@ -70,7 +70,7 @@ class Process:
 
 
 def node_process(folder: Path, name: str, *arguments: str) -> Process:
-    return Process(folder / f"{name}.log", "-m", f"sfr_loc_map.nodes.{name}", *arguments)
+    return Process(folder / f"{name}.log", "-m", "sfr_loc_map.nodes.start", f"nodes.{name}", *arguments)
 
 
 def nodes_of(pid: int) -> list[int]:

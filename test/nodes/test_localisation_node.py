@@ -32,7 +32,7 @@ from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks
 from sfr_loc_map.nodes.diagnostics import Level, values_of
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
-from sfr_loc_map.nodes.messages import covariance_of, header_msg, odometry_row, pose_msg, time_msg, tracks_from_msg
+from sfr_loc_map.nodes.messages import covariance_of, header_msg, odometry_row, pose_msg, tracks_from_msg
 from sfr_loc_map.nodes.motion_prior import OdometryBuffer
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
@@ -131,7 +131,7 @@ def test_a_clock_that_goes_back_begins_a_new_run(ros: None, capfd: Capture) -> N
     with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT, *params("use_sim_time:=true")) as node:
 
         def tick(stamp_ns: int) -> None:
-            peer.publish(Clock, "/clock", Clock(clock=time_msg(stamp_ns)), arrival=True)
+            peer.publish(Clock, "/clock", Clock(clock=header_msg(stamp_ns, "").stamp), arrival=True)
             peer.spin(0.1)
 
         begin = loc_pair(0).stamp_ns

@@ -18,6 +18,7 @@ from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.nodes import diagnostics
 from sfr_loc_map.nodes.diagnostics import Level, level_of, task_record, values_of
 from sfr_loc_map.nodes.messages import cloud_from_msg, covariance_of, odometry_row
+from sfr_loc_map.nodes.peer import POLL_S
 from sfr_loc_map.nodes.replay.external import ExternalNode
 from sfr_loc_map.nodes.replay.graph_node import ANSWER_TIMEOUT_S, ReplayNode
 from sfr_loc_map.nodes.replay.results import ReplayResults
@@ -26,7 +27,6 @@ QUEUE_DEPTH = 1000
 NODE_OF_TASK = {"loc": "localisation_node", "nav": "mapping_node"}
 QUIET_S = 5.0  #: At a rate, results are awaited for so long after the last one.
 REPORT_TIMEOUT_S = 60.0
-POLL_S = 0.05
 
 
 class ResultCollector:

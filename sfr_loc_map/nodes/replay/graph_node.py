@@ -6,42 +6,27 @@ import os
 import time
 from collections.abc import Callable
 
-import rclpy
 from rclpy.client import Client
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
-from rclpy.utilities import try_shutdown
 from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import NodeError
-from sfr_loc_map.nodes.environment import start_ros
+from sfr_loc_map.nodes.peer import POLL_S, Peer
 from sfr_loc_map.nodes.processes import LivePage, Supervisor
 
 NAME = "sfr_player"
 ANSWER_TIMEOUT_S = 120.0
-SPIN_S = 0.05
 PAGE_TIMEOUT_S = 30.0
 PAGE_TOPICS = ("localisation/odometry", "ground_truth/odometry", "metrics/report")
 """Topics that a page receives whatever it shows."""
 
 
-class ReplayNode:
+class ReplayNode(Peer):
     """A ROS node whose waiting fails (`NodeError`) as soon as a supervised node ends; a context manager."""
 
     def __init__(self, supervisor: Supervisor) -> None:
-        start_ros()
+        super().__init__(NAME, parameters=True)
         self.supervisor = supervisor
-        self.node: Node = rclpy.create_node(NAME)
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self.node)
         self._clients: dict[str, Client] = {}
-
-    def __enter__(self) -> ReplayNode:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.node.destroy_node()
-        try_shutdown()
 
     def wait_for(self, condition: Callable[[], bool], timeout_s: float, problem: Callable[[], str]) -> None:
         """Spin until a condition holds, for a limited time; `problem` says what did not happen."""
@@ -53,7 +38,7 @@ class ReplayNode:
             self.supervisor.check()
             if time.monotonic() > deadline:
                 raise NodeError(f"{problem()} within {timeout_s:g} s: look at the load of this host and start again")
-            self._executor.spin_once(timeout_sec=SPIN_S)
+            self.executor.spin_once(timeout_sec=POLL_S)
 
     def wait_for_page(self, page: LivePage) -> bool:
         """Wait, for a limited time, until a page receives what is played; return whether it does or has ended."""
@@ -64,19 +49,13 @@ class ReplayNode:
                 break
             if time.monotonic() > deadline:
                 return False
-            self.spin_for(SPIN_S)
+            self.spin_for(POLL_S)
         return True
 
     def spin_for(self, seconds: float) -> None:
         """Spin for some time."""
-        deadline = time.monotonic() + seconds
-        while (left := deadline - time.monotonic()) > 0:
-            self._executor.spin_once(timeout_sec=min(left, SPIN_S))
+        self.spin(seconds)
         self.supervisor.check()
-
-    def spin_once(self) -> None:
-        """Do one callback that is due, if there is one."""
-        self._executor.spin_once(timeout_sec=0.0)
 
     def client(self, service: str) -> Client:
         """Return the client of a Trigger service."""

@@ -32,10 +32,11 @@ from sfr_loc_map.metrics.completeness import MISSING_SHARE
 from sfr_loc_map.nodes import environment
 from sfr_loc_map.nodes.extrinsics import publish_extrinsics
 from sfr_loc_map.nodes.messages import header_msg, message_type, pose_msg
+from sfr_loc_map.nodes.peer import POLL_S
 from sfr_loc_map.nodes.processes import Supervisor, user_command
 from sfr_loc_map.nodes.replay.collector import ResultCollector
 from sfr_loc_map.nodes.replay.external import external_node
-from sfr_loc_map.nodes.replay.graph_node import ANSWER_TIMEOUT_S, SPIN_S, ReplayNode
+from sfr_loc_map.nodes.replay.graph_node import ANSWER_TIMEOUT_S, ReplayNode
 from sfr_loc_map.nodes.replay.options import ReplayOptions, node_arguments
 from sfr_loc_map.nodes.replay.results import ReplayResults
 from sfr_loc_map.pipeline.controls import HELP, Controls, Keyboard
@@ -148,8 +149,8 @@ class Player:
             wait_s = pacer.wait_s(message)
             if self.controls.interrupted or not (wait_s or self.controls.held):
                 break
-            self._node.spin_for(min(wait_s or SPIN_S, SPIN_S))
-        self._node.spin_once()
+            self._node.spin_for(min(wait_s or POLL_S, POLL_S))
+        self._node.executor.spin_once(timeout_sec=0.0)
 
 
 def _offer_controls(node: Node, controls: Controls) -> None:

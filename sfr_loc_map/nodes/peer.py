@@ -1,0 +1,62 @@
+"""The node of a program that looks at the graph or takes part in it, beside the nodes of the suite."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any, Self
+
+import rclpy
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
+from rclpy.utilities import try_shutdown
+
+from sfr_loc_map.nodes import environment
+
+POLL_S = 0.05
+NO_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
+
+
+class Peer:
+    """A node with an executor that its owner spins; a context manager that leaves the graph and ends ROS."""
+
+    def __init__(self, name: str, namespace: str = "", *, parameters: bool = False) -> None:
+        """Join the graph, with the services of parameters if wanted; signals stay with the program."""
+        environment.prepare()
+        environment.start_ros()
+        self.node: Node = rclpy.create_node(name, namespace=namespace, start_parameter_services=parameters)
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.node.destroy_node()
+        try_shutdown()
+
+    def spin(self, seconds: float, until: Callable[[], bool] = lambda: False) -> bool:
+        """Spin for some time, or until a condition holds; return whether it does."""
+        end = time.monotonic() + seconds
+        while not until() and (left := end - time.monotonic()) > 0:
+            self.executor.spin_once(timeout_sec=min(left, POLL_S))
+        return until()
+
+    def subscribe(
+        self,
+        kind: type[Any],
+        topic: str,
+        callback: Callable[[Any, dict[str, Any]], None],
+        qos: QoSProfile,
+        *,
+        raw: bool = False,
+    ) -> Subscription:
+        """Subscribe with a callback that is given each message, serialised if `raw`, and what its transport tells.
+
+        Peers that do not fit are not told of: the nodes of the suite do, and each event costs the executor time.
+        """
+        listener: Any = callback  # rclpy's types do not know of the information beside a message
+        return self.node.create_subscription(kind, topic, listener, qos, event_callbacks=NO_EVENTS, raw=raw)
