@@ -27,7 +27,7 @@ from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S, Task, hash_arrays, printable, read_text
 from sfr_loc_map.io import registry, sequence
-from sfr_loc_map.io.atomic import atomic_path
+from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud, save_cloud
 from sfr_loc_map.io.sequence import drive_of, panorama_of
 from sfr_loc_map.io.trajectory_file import read_trajectory_file, save_trajectory
@@ -282,8 +282,7 @@ class Score(score_base.Score):
 
     def save(self, path: PathLike) -> None:
         """Write the JSON."""
-        with atomic_path(Path(path)) as temporary:
-            temporary.write_text(self.to_json(), encoding="utf-8")
+        write_text(self.to_json(), Path(path))
 
     def report(self, path: PathLike) -> None:
         """Write the report page, the same as of `sfr score --html`."""

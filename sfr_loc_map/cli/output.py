@@ -19,6 +19,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from sfr_loc_map.cli.app import propose
 from sfr_loc_map.errors import OutputError, SfrError
 from sfr_loc_map.inputs import one_line, printable
+from sfr_loc_map.io.atomic import write_text
 
 if TYPE_CHECKING:
     from sfr_loc_map.report.tables import Table
@@ -106,14 +107,6 @@ def make_folder(path: Path, option: str) -> None:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"cannot make the folder '{path}': {error.strerror}; choose another {option}") from error
-
-
-def write_text(text: str, path: Path) -> None:
-    """Write a text file, whole or not at all."""
-    from sfr_loc_map.io.atomic import atomic_path
-
-    with atomic_path(path) as temporary:
-        temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
 def show(json_text: str, place: str | None, tables: Iterable[Table]) -> None:

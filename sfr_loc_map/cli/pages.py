@@ -10,8 +10,9 @@ import typer
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import Align, OutputOptions, OverwriteOption
-from sfr_loc_map.cli.output import HTML_SUFFIXES, check_outputs, check_suffix, say, show, write_text
+from sfr_loc_map.cli.output import HTML_SUFFIXES, check_outputs, check_suffix, say, show
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.io.atomic import write_text
 
 if TYPE_CHECKING:
     from sfr_loc_map.metrics.score import Score

@@ -20,9 +20,10 @@ from sfr_loc_map.cli.options import (
     RebaseOption,
     SpacingOption,
 )
-from sfr_loc_map.cli.output import STANDARD_OUTPUT, beside, check_suffix, say, show, warn, write_text
+from sfr_loc_map.cli.output import STANDARD_OUTPUT, beside, check_suffix, say, show, warn
 from sfr_loc_map.cli.verdict import conclude
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.io.atomic import write_text
 
 if TYPE_CHECKING:
     from sfr_loc_map.metrics.score import Score

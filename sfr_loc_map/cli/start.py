@@ -9,7 +9,8 @@ import typer
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import JsonOption, OverwriteOption
-from sfr_loc_map.cli.output import check_outputs, make_folder, say, show, write_text
+from sfr_loc_map.cli.output import check_outputs, make_folder, say, show
+from sfr_loc_map.io.atomic import write_text
 
 LIMITS_HEAD = """\
 # Limits: PLACEHOLDERS, replace them by those of your own document. Upper bounds, except coverage_min; the name of a

@@ -14,10 +14,11 @@ import typer
 from sfr_loc_map.cli.app import App, examples, help_without_command, propose
 from sfr_loc_map.cli.app import app as root
 from sfr_loc_map.cli.options import JsonOption, LenientOption, OutputOptions, OverwriteOption
-from sfr_loc_map.cli.output import check_outputs, progress_bar, say, show, write_text
+from sfr_loc_map.cli.output import check_outputs, progress_bar, say, show
 from sfr_loc_map.cli.verdict import not_judged
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError, InterruptedRunError
 from sfr_loc_map.inputs import one_line
+from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.signals import hold
 
 if TYPE_CHECKING:

@@ -42,6 +42,12 @@ def atomic_path(path: Path, *, any_folder: bool = False) -> Iterator[Path]:
         raise _cannot_write(path, error) from error
 
 
+def write_text(text: str, path: Path) -> None:
+    """Write a text file, whole or not at all."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
+
+
 def replace(new: Path, target: Path) -> None:
     """Let a new file or folder take the place of a regular file, an empty folder or nothing."""
     _check_free(target)

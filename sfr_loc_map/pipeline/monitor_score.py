@@ -25,7 +25,7 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import LOST_VARIANCE, MAX_JSON_BYTES, parse_json, read_text
-from sfr_loc_map.io.atomic import atomic_path, check_output, output_target
+from sfr_loc_map.io.atomic import check_output, output_target, write_text
 from sfr_loc_map.io.truth import RB_ITSELF, TrackedBody
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.mapping.config import MAX_PAIRS
@@ -348,8 +348,7 @@ class ReportFile:
         """Replace the report as a whole; return its path."""
         if self._path is None:
             raise InputError("the parameter save_file is empty: start the node with a path")
-        with atomic_path(self._path) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+        write_text(text, self._path)
         return self._path
 
 

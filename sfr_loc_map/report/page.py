@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import base64
 import gzip
-import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from sfr_loc_map import __version__
 from sfr_loc_map.config import flatten
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text
-from sfr_loc_map.io.atomic import atomic_path
+from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.metrics.config import ScoreConfig, VerdictState
 from sfr_loc_map.metrics.limits import finding_verdicts, value_at
 from sfr_loc_map.metrics.score import Score, Verdict
@@ -26,9 +25,6 @@ from sfr_loc_map.report.plots import Plot
 from sfr_loc_map.report.score_figures import error_sizes, parts_of, score_figures
 from sfr_loc_map.report.score_tables import EXACT, glossary, limit_name, limit_unit, score_tables, truth_text
 from sfr_loc_map.report.tables import METRE, OPEN, PERCENT, SHARE, UNKNOWN, VERDICTS, Table, fitting, number, to_html
-
-if TYPE_CHECKING:
-    from markupsafe import Markup
 
 TITLE = "Localisation and mapping report"
 FIRST_TABLES = (
@@ -62,9 +58,7 @@ def load_score(path: Path) -> Score:
 
 def write_page(score: Score, path: Path) -> None:
     """Write the report page; an existing file is replaced."""
-    text = render_page(score)
-    with atomic_path(path) as temporary:
-        temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
+    write_text(render_page(score), path)
 
 
 def render_page(score: Score, *, figures: bool = True) -> str:
@@ -113,18 +107,11 @@ def _rendered(tables: Sequence[Table], sections: Sections, **values: Any) -> str
         from plotly.offline import get_plotlyjs
 
         plotly = base64.b64encode(gzip.compress(get_plotlyjs().encode(), mtime=0)).decode()
-    specs = json.dumps([asdict(plot) for plot in plots], allow_nan=False, separators=(",", ":"))
-    for sign in "<>&\u2028\u2029":  # JSON that cannot end the script element it stands in
-        specs = specs.replace(sign, f"\\u{ord(sign):04x}")
-    return from_template(
-        "page.html.j2",
-        first=_html(table for table in tables if table.name in FIRST_TABLES),
-        tables=_html(table for table in tables if table.name not in FIRST_TABLES),
-        sections=sections,
-        plotly=plotly,
-        specs=_marked_up(specs),
-        **values,
-    )
+    html: dict[bool, str] = {True: "", False: ""}
+    for table in tables:
+        html[table.name in FIRST_TABLES] += to_html(table)
+    shown = {"first": html[True], "tables": html[False], "sections": sections}
+    return from_template("page.html.j2", plotly=plotly, specs=[asdict(plot) for plot in plots], **shown, **values)
 
 
 def from_template(name: str, **values: Any) -> str:  # noqa: ANN401 - of the template
@@ -133,17 +120,8 @@ def from_template(name: str, **values: Any) -> str:  # noqa: ANN401 - of the tem
 
     loader = PackageLoader("sfr_loc_map", "report/templates")
     environment = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
     return environment.get_template(name).render(**values)
-
-
-def _html(tables: Iterable[Table]) -> Markup:
-    return _marked_up("".join(map(to_html, tables)))
-
-
-def _marked_up(text: str) -> Markup:
-    from markupsafe import Markup
-
-    return Markup(text)
 
 
 def _flat(value: object, prefix: str) -> Iterator[tuple[str, str]]:

@@ -14,7 +14,7 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S, printable
-from sfr_loc_map.io.atomic import atomic_path
+from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.metrics.aligned_error import aligned_poses
 from sfr_loc_map.metrics.config import AlignedErrorConfig
 from sfr_loc_map.report.plots import Plot, Trace, axis, error_scale, line, scaled, to_figure
@@ -105,5 +105,4 @@ def save_path_html(curves: Sequence[Curve], path: Path) -> None:
     """Write the figure as a page that needs no network; raises OutputError if it cannot be written."""
     figure = path_figure(curves).to_html(full_html=False, include_plotlyjs=True)
     head = '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>Trajectories</title></head>'
-    with atomic_path(path) as temporary:
-        temporary.write_text(f"{head}<body>{figure}</body></html>\n", encoding="utf-8")
+    write_text(f"{head}<body>{figure}</body></html>\n", path)

@@ -124,11 +124,6 @@ def colour_bar(title: str, **ticks: Any) -> dict[str, Any]:  # noqa: ANN401
     return {"title": {"text": title, "side": "right"}, "thickness": 12, **ticks}
 
 
-def error_bars(above: Column, below: Column) -> dict[str, Any]:
-    """Return bars of other lengths above and below marks."""
-    return {"type": "data", "symmetric": False, "array": above, "arrayminus": below}
-
-
 def from_above() -> dict[str, Any]:
     """Return the layout of a view from above, both axes of one scale."""
     return {

@@ -10,18 +10,15 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sfr_loc_map.inputs import printable
-from sfr_loc_map.io.atomic import atomic_path
+from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.score import Score, Verdict
 from sfr_loc_map.report.page import from_template, overall_of
 from sfr_loc_map.report.score_tables import NO_INTERVAL, covered_tables, limit_name, limit_unit, readings_table
 from sfr_loc_map.report.tables import ABSENT, OPEN, PERCENT, SHARE, UNKNOWN, VERDICTS, Cell, fitting, to_html
-
-if TYPE_CHECKING:
-    from markupsafe import Markup
 
 DOCUMENT = "Clarification of performance metrics for SFR Breadboarding"
 CLAUSES = {
@@ -64,9 +61,7 @@ def clause_of(metric: str) -> str:
 
 def write_test_report(scores: Sequence[Score], path: Path, title: str = "") -> None:
     """Write the report; an existing file is replaced. OutputError if it cannot be written."""
-    text = render_test_report(scores, title)
-    with atomic_path(path) as temporary:
-        temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
+    write_text(render_test_report(scores, title), path)
 
 
 def render_test_report(scores: Sequence[Score], title: str = "") -> str:
@@ -96,7 +91,11 @@ def render_test_report(scores: Sequence[Score], title: str = "") -> str:
         items=[_item(score) for score in scores],
         clauses=[(clause, CLAUSES[clause]) for clause in clauses],
         commands=[score.provenance.command or UNKNOWN if score.provenance else UNKNOWN for score in scores],
-        inputs=[row for index, score in enumerate(scores) for row in _inputs(score, index)],
+        inputs=[
+            (number, role, printable(file.path), file.sha256)
+            for number, score in enumerate(scores, 1)
+            for role, file in (score.provenance.inputs if score.provenance else {}).items()
+        ],
         results=results,
         no_interval=NO_INTERVAL,
         tables=[_tables(score, index) for index, score in enumerate(scores)],
@@ -141,11 +140,6 @@ def _item(score: Score) -> dict[str, str]:
     return {name: printable(text) for name, text in facts.items()}
 
 
-def _inputs(score: Score, index: int) -> Iterator[tuple[int, str, str, str]]:
-    for role, file in ({} if score.provenance is None else score.provenance.inputs).items():
-        yield index + 1, role, printable(file.path), file.sha256
-
-
 def _results(score: Score, index: int, left_out: Collection[int]) -> Iterator[dict[str, Any]]:
     for place, item in enumerate(score.verdicts):
         if place in left_out:
@@ -172,12 +166,9 @@ def _results(score: Score, index: int, left_out: Collection[int]) -> Iterator[di
         }
 
 
-def _tables(score: Score, index: int) -> Markup:
-    """Return what is judged, and the figures by each reading of the document, as HTML."""
-    from markupsafe import Markup
-
+def _tables(score: Score, index: int) -> str:
     tables = (*covered_tables(score), readings_table(score))
-    return Markup("".join(to_html(replace(table, name=f"{table.name}-{index + 1}")) for table in tables if table.rows))
+    return "".join(to_html(replace(table, name=f"{table.name}-{index + 1}")) for table in tables if table.rows)
 
 
 def _deviations(score: Score) -> Iterator[str]:
