@@ -73,9 +73,8 @@ def run(
         store.plan(planned, refusals)
         for refusal in refusals:
             say(f"sfr: warning: left out: {refusal.reason}", err=True)
-        jobs = [
-            job for job in planned if not store.is_done(job.key) and (retry_failed or not store.has_failed(job.key))
-        ]
+        wanted = ("waiting", "failed") if retry_failed else ("waiting",)
+        jobs = [job for job in planned if store.state(job.key) in wanted]
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         places = min(workers or max(1, cores // settings.threads), max(1, len(jobs)))
         if dry_run:

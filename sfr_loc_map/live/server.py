@@ -65,7 +65,7 @@ SHUTDOWN_S, LAST_MESSAGE_S = 1.0, 0.1
 """Time for requests under way when the server ends (a page that keeps its connection open keeps nobody), and for the
 last message to the pages."""
 TICK_S = 0.01  #: What comes within it goes out as one message.
-HEAD_TIMEOUT_S, MAX_HEAD_BYTES = 5.0, 65_536  #: Of a request, until it is let in.
+HEAD_TIMEOUT_S = 5.0  #: Of a connection, until the head of its first request is there.
 MAX_WAITING, MAX_CONNECTIONS, BACKLOG, ACCEPTED = 512, 256, 2048, 128
 """Connections that have not asked for anything yet (the oldest makes room), that have, that the kernel holds, that are
 taken in at once: fewer than may wait, so that one that asks is heard before those that come after it push it out."""
@@ -115,6 +115,8 @@ class LiveServer:
         self._files["index.html"] = self._files["index.html"].replace(TOKEN_MARK, self._command_token.encode())
         self._begin_s, self._nodes_s = time.time(), 0.0
         self._report: ReportView | None = None
+        self._connections: web.Server | None = None
+        self._waiting: dict[web.RequestHandler, asyncio.TimerHandle] = {}  # connections that have not asked yet
 
     async def serve(self, ready: Callable[[str], None]) -> None:
         """Serve until the task is cancelled; `ready` is called with the address once the page can be opened."""
@@ -128,8 +130,8 @@ class LiveServer:
         app.add_routes([web.post("/command", self._command), *(web.get(*page) for page in pages.items())])
         runner = web.AppRunner(app, shutdown_timeout=SHUTDOWN_S, **options)
         await runner.setup()
+        self._connections = runner.server
         loop, news = asyncio.get_running_loop(), asyncio.Event()
-        doors: dict[Door, asyncio.TimerHandle] = {}
 
         def wake() -> None:
             if not news.is_set():
@@ -139,9 +141,7 @@ class LiveServer:
         async with AsyncExitStack() as stack:
             stack.push_async_callback(runner.cleanup)
             try:
-                listener = await loop.create_server(
-                    lambda: Door(runner.server, doors), config.host, config.port, backlog=ACCEPTED
-                )
+                listener = await loop.create_server(self._let_in, config.host, config.port, backlog=ACCEPTED)
             except OSError as error:
                 place, reason = f"{config.host} port {config.port}", error.strerror or str(error)
                 hint = "choose another --port (0: a free one)"
@@ -152,8 +152,6 @@ class LiveServer:
                 if self.state.operator is not None:
                     self.state.operator.close()
                 listener.close()
-                for door in list(doors):
-                    door.close()
 
             for item in listener.sockets:
                 with item.dup() as same:
@@ -192,10 +190,28 @@ class LiveServer:
         for page in self.pages:
             page.news.set()
 
+    def _let_in(self) -> web.RequestHandler:
+        """Return what serves a new connection, which has some time to ask; the one that waits longest makes room."""
+        assert self._connections is not None
+        if len(self._waiting) >= MAX_WAITING:
+            self._cut(next(iter(self._waiting)))
+        handler = self._connections()
+        self._waiting[handler] = asyncio.get_running_loop().call_later(HEAD_TIMEOUT_S, self._cut, handler)
+        return handler
+
+    def _cut(self, handler: web.RequestHandler) -> None:
+        self._waiting.pop(handler).cancel()
+        handler.force_close()
+
     @web.middleware
     async def _guard(
         self, request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
     ) -> web.StreamResponse:
+        if (timer := self._waiting.pop(request.protocol, None)) is not None:
+            timer.cancel()
+        if self._connections and len(self._connections.connections) - len(self._waiting) > MAX_CONNECTIONS:
+            request.protocol.force_close()
+            return web.Response(status=503)
         refusal = self._refusal(request) if request.path != "/healthz" else ""
         if refusal:
             return web.Response(status=403, text=refusal + "\n", headers=HEADERS)
@@ -399,49 +415,6 @@ class Page:
         send = self._channel.send_str(data) if isinstance(data, str) else self._channel.send_bytes(data)
         async with asyncio.timeout(SEND_TIMEOUT_S):
             await send
-
-
-class Door(asyncio.Protocol):
-    """Lets a connection in once the head of its request is there, so that one that says nothing costs nothing."""
-
-    def __init__(self, server: web.Server | None, waiting: dict[Door, asyncio.TimerHandle]) -> None:
-        """Stand among those that wait, each with the time at which it is cut."""
-        self._server, self._waiting, self._head = server, waiting, bytearray()
-        self._transport: Any = None
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Wait for the head; the one that has waited longest makes room."""
-        self._transport = transport
-        self._waiting[self] = asyncio.get_running_loop().call_later(HEAD_TIMEOUT_S, self.close)
-        if len(self._waiting) > MAX_WAITING:
-            next(iter(self._waiting)).close()
-
-    def data_received(self, data: bytes) -> None:
-        """Hand the connection over to the server with the head."""
-        self._head += data
-        if b"\r\n\r\n" not in self._head and len(self._head) <= MAX_HEAD_BYTES:
-            return
-        self._leave()
-        if self._server is None or len(self._server.connections) >= MAX_CONNECTIONS:
-            self._transport.abort()
-            return
-        handler = self._server()
-        self._transport.set_protocol(handler)
-        handler.connection_made(self._transport)
-        handler.data_received(bytes(self._head))
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        """Wait no more."""
-        self._leave()
-
-    def close(self) -> None:
-        """Cut the connection."""
-        self._leave()
-        self._transport.abort()
-
-    def _leave(self) -> None:
-        if (timer := self._waiting.pop(self, None)) is not None:
-            timer.cancel()
 
 
 async def serve_until_signal(server: LiveServer, *, open_browser: bool = False, end_file: Path | None = None) -> None:

@@ -13,7 +13,8 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -42,32 +43,24 @@ FALSE_DRIVES = 0.1  #: Share of drives named that did not change, on average (e-
 class Scale:
     """How a kind of figure is compared: in logarithms, as a count, or as it is."""
 
-    transform: str  #: `log`, `count` (`2 sqrt(n + 3/8)`, Anscombe 1948: of deviation 1) or `share`.
+    apply: Callable[[FloatArray], FloatArray]  #: Values as they are compared; NaN where undefined.
+    undo: Callable[[float], float]  #: The value that is compared as a number.
     floor: float  #: Least standard deviation of a drive from night to night, however equal the nights are.
     of_host: bool = False  #: Whether all drives of a night share what it depends on.
 
-    def apply(self, values: FloatArray) -> FloatArray:
-        """Return values as they are compared; NaN where undefined."""
-        if self.transform == "log":
-            return np.log(np.where(values > 0.0, values, np.nan))
-        return 2.0 * np.sqrt(values + 0.375) if self.transform == "count" else values
 
-    def undo(self, value: float) -> float:
-        """Return the value that is compared as this number."""
-        if self.transform == "log":
-            return float(np.exp(value))
-        return max(0.0, (0.5 * value) ** 2 - 0.375) if self.transform == "count" else value
-
-
+LOG = partial(Scale, lambda x: np.log(np.where(x > 0.0, x, np.nan)), lambda value: float(np.exp(value)))
+COUNT = Scale(lambda x: 2.0 * np.sqrt(x + 0.375), lambda value: max(0.0, (0.5 * value) ** 2 - 0.375), 1.0)
+"""`2 sqrt(n + 3/8)` (Anscombe 1948): of deviation 1."""
 SCALES: Mapping[FigureKind, Scale] = {
-    FigureKind.ACCURACY: Scale("log", 0.05),
-    FigureKind.NEES: Scale("log", 0.1),
-    FigureKind.LOST: Scale("count", 1.0),
-    FigureKind.DEGRADED: Scale("count", 1.0),
-    FigureKind.MISSING: Scale("count", 1.0),
-    FigureKind.FAILED: Scale("share", 0.1),
-    FigureKind.TIME: Scale("log", 0.05, of_host=True),
-    FigureKind.MEMORY: Scale("log", 0.02, of_host=True),
+    FigureKind.ACCURACY: LOG(0.05),
+    FigureKind.NEES: LOG(0.1),
+    FigureKind.LOST: COUNT,
+    FigureKind.DEGRADED: COUNT,
+    FigureKind.MISSING: COUNT,
+    FigureKind.FAILED: Scale(np.copy, float, 0.1),
+    FigureKind.TIME: LOG(0.05, of_host=True),
+    FigureKind.MEMORY: LOG(0.02, of_host=True),
 }
 SHORT_COMMIT = 9
 WITHOUT_RESULT = FigureName(FigureKind.FAILED, "drives without a result, share")
@@ -264,11 +257,8 @@ def changes_of(x: FloatArray, scale: Scale, alarm: float) -> list[FoundChange]:
 
 def _mean(nights: FloatArray) -> FloatArray:
     """Return the mean over the first axis of what is there, NaN without a value."""
-    there = np.isfinite(nights)
-    counted = there.sum(axis=0)
-    total: FloatArray = np.where(counted > 0, np.where(there, nights, 0.0).sum(axis=0), np.nan)
-    total /= np.maximum(counted, 1)
-    return total
+    with warnings.catch_warnings(action="ignore", category=RuntimeWarning):
+        return np.asarray(np.nanmean(nights, axis=0))
 
 
 def _of_window(x: FloatArray, scale: Scale, window: int) -> tuple[FloatArray, FloatArray]:

@@ -43,6 +43,8 @@ REPLAY = (
     f"end_with_parent({int(signal.SIGTERM)}); raise SystemExit(main())"
 )
 """The command line is above this layer: it is run as the command that it is."""
+TOLD = ("key", "faults", "fault_seed", "configuration", "repeat", "start", "code")
+"""What the provenance of a score says of its job."""
 
 
 def run_job(job: Job, scratch: Path, cache: Path) -> Score:
@@ -136,18 +138,10 @@ def _section(job: Job, section: str) -> dict[str, object]:
 def _provenance(job: Job, provenance: Provenance | None, scratch: Path) -> Provenance:
     """Add what the job was; names and places of its files come from the suite, not from the scratch folder."""
     known = provenance or Provenance(version="")
-    about = {
-        "suite.key": job.key,
-        "suite.task": job.kind.value,
-        "suite.source": job.source.name,
-        "suite.source_sha256": job.source.sha256,
-        "suite.faults": job.faults,
-        "suite.fault_seed": job.fault_seed,
-        "suite.configuration": job.configuration,
-        "suite.repeat": job.repeat,
-        "suite.start": job.start,
-        "suite.code": job.code,
-    }
+    about = {"task": job.kind.value, "source": job.source.name, "source_sha256": job.source.sha256}
+    about |= {name: getattr(job, name) for name in TOLD}
+    of_suite = {f"suite.{name}": value for name, value in about.items()}
     host = {**known.host, "threads": str(job.threads)}
     inputs = {role: replace(item, path=item.path.removeprefix(f"{scratch}/")) for role, item in known.inputs.items()}
-    return replace(known, inputs=inputs, configuration={**known.configuration, **job.parameters, **about}, host=host)
+    configuration = {**known.configuration, **job.parameters, **of_suite}
+    return replace(known, inputs=inputs, configuration=configuration, host=host)

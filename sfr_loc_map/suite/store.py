@@ -17,10 +17,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from sfr_loc_map.errors import InputError, OutputError
+from sfr_loc_map.errors import OutputError
+from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.score_json import RecordError, from_dict, from_plain, json_line, to_plain
+from sfr_loc_map.metrics.score_json import from_dict, from_plain, json_line, to_plain
 from sfr_loc_map.suite.cluster import FailureCause, JobOutcome, WorkerRecord
 from sfr_loc_map.suite.job import Job
 from sfr_loc_map.suite.plan import SourceFacts, about_run, inspect_source
@@ -28,6 +29,7 @@ from sfr_loc_map.suite.proof import stamp_of
 from sfr_loc_map.suite.specification import Refusal
 
 PLAN, WORKERS = "plan.json", "workers.json"
+ADVICE = "delete it and run the suite again"
 T = TypeVar("T")
 
 
@@ -86,8 +88,7 @@ class Store:
     def plan(self, jobs: Sequence[Job], refusals: Sequence[Refusal]) -> None:
         """Take the jobs of a suite's file as it is now, and the sources that it cannot read."""
         self._plan |= {"jobs": to_plain(jobs), "refusals": to_plain(refusals), "run": about_run()}
-        with atomic_path(self.folder / PLAN) as temporary:
-            temporary.write_text(json_line(self._plan), encoding="utf-8")
+        _write(self.folder / PLAN, json_line(self._plan))
 
     @property
     def run(self) -> dict[str, Any]:
@@ -102,21 +103,17 @@ class Store:
     def workers(self) -> tuple[WorkerRecord, ...]:
         """Return the workers of all its runs."""
         path = self.folder / WORKERS
-        found = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
-        return tuple(_record(WorkerRecord, item, path) for item in found)
+        return tuple(_record(WorkerRecord, item, path) for item in (_read(path) if path.exists() else ()))
 
     def add_workers(self, records: Sequence[WorkerRecord]) -> None:
         """Keep the workers of a run beside those of the runs before."""
-        with atomic_path(self.folder / WORKERS) as temporary:
-            temporary.write_text(json_line([*self.workers(), *records]), encoding="utf-8")
+        _write(self.folder / WORKERS, json_line([*self.workers(), *records]))
 
-    def is_done(self, key: str) -> bool:
-        """Tell whether there is a result, and no later failure."""
-        return (self.results / f"{key}.json").is_file() and not self.has_failed(key)
-
-    def has_failed(self, key: str) -> bool:
-        """Tell whether there is a failure."""
-        return (self.failures / f"{key}.json").is_file()
+    def state(self, key: str) -> str:
+        """Return `failed` if there is a failure, which is later than a result, else `done` or `waiting`."""
+        if (self.failures / f"{key}.json").is_file():
+            return "failed"
+        return "done" if (self.results / f"{key}.json").is_file() else "waiting"
 
     def score(self, key: str) -> Score:
         """Return the score of a job."""
@@ -131,37 +128,29 @@ class Store:
     def save(self, job: Job, outcome: JobOutcome) -> None:
         """Keep what came of a job, whole or not at all."""
         failed = self.failures / f"{job.key}.json"
-        if outcome.result is not None:
-            with atomic_path(self.results / f"{job.key}.json") as temporary:
-                temporary.write_text(outcome.result, encoding="utf-8")
+        if outcome.cause is None:
+            _write(self.results / f"{job.key}.json", outcome.result or "")
             failed.unlink(missing_ok=True)
             return
-        assert outcome.cause is not None
-        failure = JobFailure(
-            job.key, job.label, job.source.path, outcome.cause, outcome.message, job.configuration, job.pairing
-        )
-        with atomic_path(failed) as temporary:
-            temporary.write_text(json_line(failure), encoding="utf-8")
+        what = (job.key, job.label, job.source.path, outcome.cause, outcome.message, job.configuration, job.pairing)
+        _write(failed, json_line(JobFailure(*what)))
 
     def entries(self) -> list[tuple[Job, str]]:
         """Return the jobs of the suite in its order, each with `done`, `failed` or `waiting`."""
         jobs = (_record(Job, item, self.folder / PLAN) for item in self._plan["jobs"])
-        return [
-            (job, "done" if self.is_done(job.key) else "failed" if self.has_failed(job.key) else "waiting")
-            for job in jobs
-        ]
+        return [(job, self.state(job.key)) for job in jobs]
+
+
+def _write(path: Path, text: str) -> None:
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
 
 
 def _record(kind: type[T], value: object, path: Path) -> T:
-    try:
+    with refusing(f"cannot read '{path}'", ADVICE):
         return from_plain(kind, value)
-    except RecordError as error:
-        raise InputError(f"cannot read '{path}': {error}; delete it and run the suite again") from error
 
 
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"cannot read '{path}': {error}; delete it and run the suite again") from error
-    return content
+def _read(path: Path) -> Any:  # noqa: ANN401 - any JSON
+    with refusing(f"cannot read '{path}'", ADVICE):
+        return json.loads(path.read_text(encoding="utf-8"))

@@ -165,24 +165,21 @@ def suite_tables(summary: Summary) -> list[Table]:
     """Return the tables of a suite: counts, verdicts, pooled errors, drives from the worst on, failures."""
     groups, verdicts, pooled = [], [], []
     for number, group in enumerate(summary.groups, 1):
-        runs = _joined(*group.runs)
-        head = {"runs": runs, "link": "suite.json"}
+        head = {"runs": _joined(*group.runs), "link": "suite.json"}
         row = {**to_plain(group), **head, "number": number, "faults": group.faults or "none"}
         groups.append(row if group.conditions else row | {"matched": None, "lost": None})  # maps have no frames
-        for item in group.verdicts:
-            figure = limit_name(item.metric) + ("" if item.condition is None else f" over {item.condition.label}")
-            unit = fitting(limit_unit(item.metric), item.limit, item.value, *(item.ci95 or ()))
-            unit = PERCENT if unit is SHARE else unit
-            verdicts.append({**to_plain(item), **head, "figure": figure, "unit": unit.symbol, "shown": unit})
-    verdicts.sort(key=lambda row: WORST.index(row["verdict"]) if row["verdict"] in WORST else len(WORST))
-    for group in summary.groups:
-        head = {"runs": _joined(*group.runs), "link": "suite.json"}
         for part in group.conditions:
             for key, unit in (("position_m", METRE), ("attitude_deg", DEGREE), ("heading_deg", DEGREE)):
                 figures = to_plain(getattr(part, key))
                 shown = MILLIMETRE if unit is METRE and (figures["mean_plus_3sigma"] or 0.0) < 1.0 else unit
                 named = {"over": part.condition.label, "error": key.partition("_")[0], "unit": shown.symbol}
                 pooled.append(figures | head | named | {"count": part.count, "drives": part.drives, "shown": shown})
+        for item in group.verdicts:
+            figure = limit_name(item.metric) + ("" if item.condition is None else f" over {item.condition.label}")
+            unit = fitting(limit_unit(item.metric), item.limit, item.value, *(item.ci95 or ()))
+            unit = PERCENT if unit is SHARE else unit
+            verdicts.append({**to_plain(item), **head, "figure": figure, "unit": unit.symbol, "shown": unit})
+    verdicts.sort(key=lambda row: WORST.index(row["verdict"]) if row["verdict"] in WORST else len(WORST))
     failures = [to_plain(item) | {"folder": "failures"} for item in summary.failures]
     failures += [{"label": item.path, "cause": "source refused", "message": item.reason} for item in summary.refusals]
     pages = {drive.job.key for drive in linked(summary)}
