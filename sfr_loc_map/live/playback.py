@@ -227,7 +227,6 @@ def _recording(
 
 
 def _place(stamp_ns: int, begin_ns: int) -> float:
-    """Return the place of a stamp on the time line, seconds."""
     return max(stamp_ns - begin_ns, 0) / NS_PER_S
 
 
@@ -259,7 +258,6 @@ def _calls(stats: Path) -> Iterator[updates.Status]:
 
 
 def _diagnostics(bag: Bag) -> Iterator[updates.Status]:
-    """Yield what the nodes said of themselves in a run."""
     topic = bag.find("diagnostics", DIAGNOSTICS)
     for _, _, message in () if topic is None else bag.messages([topic]):
         for item in message.status:

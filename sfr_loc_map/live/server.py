@@ -212,17 +212,17 @@ class LiveServer:
         if self._connections and len(self._connections.connections) - len(self._waiting) > MAX_CONNECTIONS:
             request.protocol.force_close()
             return web.Response(status=503)
-        refusal = self._refusal(request) if request.path != "/healthz" else ""
-        if refusal:
-            return web.Response(status=403, text=refusal + "\n", headers=HEADERS)
+        refusal = self._refusal(request)
         try:
+            if refusal and request.path != "/healthz":
+                raise web.HTTPForbidden(reason=refusal)
             response = await handler(request)
         except web.HTTPException as error:
-            return web.Response(status=error.status, text=f"{error.reason}\n", headers=HEADERS)
+            response = web.Response(status=error.status, text=f"{error.reason}\n")
         if not response.prepared:
             for name, value in HEADERS.items():
                 response.headers.setdefault(name, value)
-            if self._config.token and request.query.get("token"):
+            if self._config.token and request.query.get("token") and not refusal:
                 response.set_cookie(COOKIE, self._config.token, httponly=True, samesite="Strict")
         return response
 
@@ -261,7 +261,6 @@ class LiveServer:
         return web.Response(body=page, content_type="text/html", charset="utf-8", headers=REPORT_HEADERS)
 
     def _server(self, now_s: float) -> dict[str, Any]:
-        """Return what is to be told of the server itself."""
         uptime_s = round(now_s - self._begin_s, 3)
         facts = {"version": __version__, "title": self._title, "time_s": now_s, "uptime_s": uptime_s}
         return facts | {"actions": self.state.actions, "pages": len(self.pages)}
@@ -347,7 +346,6 @@ class Page:
     """One page: how far it is, what it looks at. Used by the thread of the server's loop alone."""
 
     def __init__(self, server: LiveServer, channel: web.WebSocketResponse) -> None:
-        """Start with nothing sent."""
         self.news = asyncio.Event()
         self._server, self._state, self._channel = server, server.state, channel
         self._sent: dict[str, updates.Media] = {}  # of each topic the last; the topic that was sent last is the last
@@ -449,7 +447,6 @@ async def serve_until_signal(server: LiveServer, *, open_browser: bool = False, 
 
 
 def _is_loopback(host: str) -> bool:
-    """Tell whether a host can be reached from this machine alone."""
     try:
         return host == "localhost" or ipaddress.ip_address(host).is_loopback
     except ValueError:

@@ -34,7 +34,6 @@ class Terminal:
     """Draws a state until q is pressed. Of a player, space pauses and the arrows go back and on."""
 
     def __init__(self, state: LiveState, title: str, console: Console | None = None) -> None:
-        """Draw nothing yet; without a console standard output is drawn on."""
         self._state, self._title = state, title
         self._console = console or Console(highlight=False)
         self._ended = False
@@ -175,7 +174,6 @@ def _node_words(node: dict[str, Any], live: dict[str, Any]) -> list[Text | str]:
 
 
 def _costs(node: dict[str, Any], live: dict[str, Any]) -> tuple[str, str]:
-    """Return time and memory of the last call of a node."""
     call = live["last_call"].get(node["name"], {})
     took, memory = call.get("processing_time_s"), call.get("memory_bytes")
     return (
@@ -217,7 +215,6 @@ def _notes(state: LiveState, live: dict[str, Any]) -> Iterator[str]:
 
 
 def _drops(node: dict[str, Any]) -> dict[str, int]:
-    """Return how much a node has dropped, by cause."""
     dropped = [(name, text) for name, text in node["values"].items() if name.startswith("dropped_")]
     return {name.removeprefix("dropped_").replace("_", " "): int(text) for name, text in dropped if text.isdecimal()}
 

@@ -55,14 +55,12 @@ Figures = dict[str, Any]  #: Figures of a pass, or their medians, as they are wr
 
 @dataclass(slots=True, eq=False)
 class MethodRun:
-    """Calls of one method in one pass: time, peak memory and result of each, and what it did wrong and went on."""
+    """Calls of one method in one pass, and the result of each."""
 
     version: str
     idle_bytes: int | None
-    seconds: list[float] = field(default_factory=list)
-    peaks: list[int | None] = field(default_factory=list)
+    calls: list[MethodCall] = field(default_factory=list)
     results: list[Any] = field(default_factory=list)
-    findings: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,9 +132,7 @@ def compare_localisers(
         call,
         rate_hz / recorded_hz,
     )
-    ours, *others = methods
-    mine = replace(ours, config=json.dumps(asdict(config)))
-    return head | _compared([mine, *others], given, figures, repeat, progress)
+    return head | _compared(methods, config, given, figures, repeat, progress)
 
 
 def trajectory_errors(
@@ -207,12 +203,9 @@ def compare_mappers(
                 found["accuracy"] |= {"mean": error.mean, "mean_plus_3sigma": error.mean_plus_3sigma}
         return found
 
-    setup = {"disparities": count}
-    opening = partial(IsolatedMethod, rig=rig, limits=LIMITS, setup=setup, hidden=hidden)
+    opening = partial(IsolatedMethod, rig=rig, limits=LIMITS, setup={"disparities": count}, hidden=hidden)
     given = PassInput(sequence.pairs, opening, call)
-    ours, *others = methods
-    mine = replace(ours, config=json.dumps(asdict(config)))
-    return head | _compared([mine, *others], given, figures, repeat, progress)
+    return head | _compared(methods, config, given, figures, repeat, progress)
 
 
 def run_pass(method: Method, given: PassInput, progress: Callable[[], None] = lambda: None) -> MethodRun:
@@ -230,27 +223,26 @@ def run_pass(method: Method, given: PassInput, progress: Callable[[], None] = la
             result, call = given.call(opened, item, number, since_start_s)
             if not opened.alive:
                 raise MethodError(f"method {method.name}: {call.finding}")
-            run.seconds.append(call.usage.processing_time_s)
-            run.peaks.append(call.usage.peak_rss_bytes)
+            run.calls.append(call)
             run.results.append(result)
-            if call.finding:
-                run.findings.append(call.finding)
             progress()
     return run
 
 
 def _compared(
     methods: Sequence[Method],
+    config: LocalisationConfig | MappingConfig,
     given: PassInput,
     figures: Callable[[MethodRun], Figures],
     repeat: int,
     progress: Callable[[], None],
 ) -> Figures:
     """Repeat the passes; a method that has failed is left out, but ours must run. Interrupted, those that are done."""
+    methods = [replace(methods[0], config=json.dumps(asdict(config))), *methods[1:]]
     runs: dict[str, list[MethodRun]] = {}
     failed: dict[str, str] = {}
     interrupted = {}
-    for number, method in enumerate(list(methods) * repeat):
+    for number, method in enumerate(methods * repeat):
         if method.name in failed:
             continue
         try:
@@ -273,7 +265,7 @@ def _compared(
             continue
         each = [figures(run) | _costs(run) for run in mine]
         entries[name] = {"version": mine[0].version, **medians(each), "runs": each}
-        if texts := list(dict.fromkeys(text for run in mine for text in run.findings)):
+        if texts := list(dict.fromkeys(call.finding for run in mine for call in run.calls if call.finding)):
             findings[name] = texts
     ours = {part: entries[OURS].get(part, {}) for part in COMPARED}
     compared = {name: ratios(ours, entry) for name, entry in entries.items() if name != OURS}
@@ -294,14 +286,14 @@ def _head(kind: str, pairs: int, repeat: int) -> Figures:
 
 
 def _costs(run: MethodRun) -> Figures:
-    """Return time (s) and memory of the calls of a run; None where there are none, or memory cannot be measured."""
-    known = [peak for peak in run.peaks if peak is not None]
+    seconds = [call.usage.processing_time_s for call in run.calls]
+    peaks = [call.usage.peak_rss_bytes for call in run.calls if call.usage.peak_rss_bytes is not None]
     times: Figures = dict.fromkeys(("p50", "p95", "max", "first"))
-    if run.seconds:
-        p50, p95 = np.percentile(run.seconds, (50.0, 95.0)).tolist()
-        times = {"p50": p50, "p95": p95, "max": max(run.seconds), "first": run.seconds[0]}
-    memory = {"peak": max(known, default=None), "idle": run.idle_bytes}
-    return {"time_s": times, "memory_bytes": memory, "calls": len(run.seconds)}
+    if seconds:
+        p50, p95 = np.percentile(seconds, (50.0, 95.0)).tolist()
+        times = {"p50": p50, "p95": p95, "max": max(seconds), "first": seconds[0]}
+    memory = {"peak": max(peaks, default=None), "idle": run.idle_bytes}
+    return {"time_s": times, "memory_bytes": memory, "calls": len(seconds)}
 
 
 def medians(runs: Sequence[Mapping[str, Any]]) -> Figures:

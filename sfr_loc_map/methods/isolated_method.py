@@ -74,7 +74,6 @@ class IsolatedMethod:
         return self._process is None and self._starts > self._limits.restarts
 
     def _started(self) -> MethodProcess:
-        """Return its process, started where there is none."""
         if self._process is None:
             self._starts += 1
             self._T_ds_first_left = self._last @ self._T_rb_left
@@ -217,7 +216,6 @@ class IsolatedMethod:
         return Path(f"{self._process.output}.{what}.npy")
 
     def _disparity(self, pair: StereoPair) -> FloatImage | None:
-        """Return the disparities of the last answer, None where it has none."""
         path = self._file("disparity")
         if not path.exists():
             return None
@@ -258,7 +256,6 @@ def _check_stamp(pair: StereoPair, result: Mapping[str, Any]) -> None:
 
 
 def _covariance(numbers: Any) -> FloatArray | None:  # noqa: ANN401 - 36 numbers or None
-    """Return a covariance `(6, 6)`, None where none is stated."""
     covariance = np.reshape(np.asarray([np.nan] * 36 if numbers is None else numbers, np.float64), (6, 6))
     if np.isnan(covariance).all():
         return None

@@ -93,7 +93,6 @@ class ProcessTree:
     """The process of a method, and all that it has started."""
 
     def __init__(self, pid: int, levels: int) -> None:
-        """Find the process so many levels below another one."""
         self._top = process = psutil.Process(pid)
         for _ in range(levels):
             self._top, process = process, process.children()[0]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import time
 from collections.abc import Iterator, Mapping
 from dataclasses import is_dataclass
 from enum import StrEnum
@@ -80,9 +79,7 @@ def _flat(values: Mapping[str, Any], columns: Mapping[str, str], prefix: str = "
 def log_to_mlflow(summary: Summary, folder: Path, uri: str) -> str:
     """Log a suite as a run of MLflow and return its number: pooled errors and counts, tags, the files of its folder."""
     try:
-        from mlflow.entities import Metric, RunTag
-        from mlflow.exceptions import MlflowException
-        from mlflow.tracking import MlflowClient
+        import mlflow
     except ImportError as absent:
         raise MissingExtraError(f"'--mlflow' needs MLflow ({absent}): pip install 'sfr_loc_map[mlflow]'") from absent
     values = {name: float(value) for name, value in summary.counts.items()}
@@ -96,29 +93,22 @@ def log_to_mlflow(summary: Summary, folder: Path, uri: str) -> str:
             for error in ("position_m", "attitude_deg", "heading_deg"):
                 runs = "/".join(filter(None, (*group.runs, part.condition.label, error)))
                 values |= {f"{runs}/{key}": value for key, value in to_plain(getattr(part, error)).items()}
-    when = time.time_ns() // 10**6
-    metrics = [
-        Metric(re.sub(r"[^\w\-. :/]", "_", name), value, when, 0)
-        for name, value in values.items()
-        if isinstance(value, float)
-    ]
+    metrics = [(re.sub(r"[^\w\-. :/]", "_", name), value) for name, value in values.items() if isinstance(value, float)]
     about = {"verdict": summary.verdict, "code": summary.code, "version": __version__, **summary.run}
+    told = {f"sfr.{name}": value for name, value in about.items() if value is not None}
     try:
-        client = MlflowClient(uri)
-        experiment = client.get_experiment_by_name(EXPERIMENT)
-        number = client.create_experiment(EXPERIMENT) if experiment is None else experiment.experiment_id
-        run: str = client.create_run(number, run_name=folder.name).info.run_id
-        tags = [
-            RunTag(f"sfr.{name}", value if isinstance(value, str) else json.dumps(value))
-            for name, value in about.items()
-            if value is not None
-        ]
-        for first in range(0, len(metrics), 500):
-            client.log_batch(run, metrics=metrics[first : first + 500], tags=tags)
-        for name in ("suite.json", "report.html", "results.parquet"):
-            if (folder / name).exists():
-                client.log_artifact(run, str(folder / name))
-        client.set_terminated(run, "FAILED" if summary.failures or summary.refusals else "FINISHED")
-    except (MlflowException, OSError) as reason:
+        mlflow.set_tracking_uri(uri)
+        mlflow.set_experiment(EXPERIMENT)
+        with mlflow.start_run(run_name=folder.name) as run:
+            mlflow.set_tags(
+                {name: value if isinstance(value, str) else json.dumps(value) for name, value in told.items()}
+            )
+            for first in range(0, len(metrics), 500):
+                mlflow.log_metrics(dict(metrics[first : first + 500]))
+            for name in ("suite.json", "report.html", "results.parquet"):
+                if (folder / name).exists():
+                    mlflow.log_artifact(str(folder / name))
+            mlflow.end_run("FAILED" if summary.failures or summary.refusals else "FINISHED")
+    except (mlflow.MlflowException, OSError) as reason:
         raise OutputError(f"MLflow at '{uri}' took no run: {one_line(str(reason))}; check the address") from reason
-    return run
+    return str(run.info.run_id)

@@ -256,7 +256,6 @@ def changes_of(x: FloatArray, scale: Scale, alarm: float) -> list[FoundChange]:
 
 
 def _mean(nights: FloatArray) -> FloatArray:
-    """Return the mean over the first axis of what is there, NaN without a value."""
     with warnings.catch_warnings(action="ignore", category=RuntimeWarning):
         return np.asarray(np.nanmean(nights, axis=0))
 

@@ -98,6 +98,8 @@ def test_other_hosts_need_the_token() -> None:
             ("healthz", {}, 200),
         ):
             assert (await found.get(path, **header))[0] == status
+        for path, given in (("healthz?token=wrong-word", False), ("?token=a-long-secret", True)):
+            assert ("a-long-secret" in str((await found.get(path))[2].get("Set-Cookie"))) is given
 
     in_loop(test, token="a-long-secret")
 

@@ -18,7 +18,6 @@ class OpenCvStereo:
     version = cv2.__version__
 
     def __init__(self, setup: Mapping[str, Any]) -> None:
-        """Prepare for the search range of the setup and warm up on noise."""
         self._count = int(setup["disparities"])
         smoothness = {"P1": 8 * BLOCK * BLOCK, "P2": 32 * BLOCK * BLOCK, "uniquenessRatio": 10}
         speckles = {"disp12MaxDiff": 1, "preFilterCap": 31, "speckleWindowSize": 100, "speckleRange": 2}
