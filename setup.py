@@ -85,7 +85,7 @@ setup(
         ("share/" + PACKAGE + "/launch_scripts", glob("launch_scripts/*.launch.py")),
         ("share/" + PACKAGE + "/config", [*glob("config/*.yaml"), *glob("config/*.xml"), *PROFILES]),
         ("share/" + PACKAGE + "/config/foxglove", glob("config/foxglove/*.json")),
-        ("share/" + PACKAGE + "/config/examples", [*glob("config/examples/*.yaml"), *glob("config/examples/*.rviz")]),
+        ("share/" + PACKAGE + "/config/examples", glob("config/examples/*")),
         ("share/" + PACKAGE + "/config/simulation", glob("config/simulation/*.yaml")),
         ("share/" + PACKAGE + "/config/suites", glob("config/suites/*.yaml")),
         ("lib/" + PACKAGE, [f"scripts/{name}" for name in NODES]),  # for `ros2 run` after pip install

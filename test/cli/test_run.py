@@ -1,22 +1,25 @@
-"""`sfr run` over DDS: which nodes, with what, and how they end."""
+"""`sfr run` over DDS: which nodes, with what, how they end; as a service, by the unit file of the documentation."""
 
 # ruff: noqa: E402 - ROS may be absent
+import configparser
 import os
+import shlex
 import signal
 import sys
 import time
 from pathlib import Path
 
 import pytest
+import yaml
 
 pytest.importorskip("rclpy")
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(120), pytest.mark.usefixtures("own_domain")]
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
 
-from made_scene import LOC_RIG, loc_pair
+from made_scene import LOC_RIG, T_RB_LOCSB, loc_pair
 from nav_msgs.msg import Odometry
 from processes import Peer, Process, has_started_ros, nodes_of, segments_of, wait_until
-from scenes import MOUNT, raw, send_infos
+from scenes import MOUNT, raw, send_infos, send_pair
 from sensor_msgs.msg import Image
 
 from sfr_loc_map.cli.main import main
@@ -58,15 +61,12 @@ def test_namespace_remaps_and_parameters_reach_the_nodes_and_ctrl_c_ends_all(tmp
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("end", "nodes"), [(signal.SIGTERM, []), (signal.SIGKILL, ["monitor"])])
-def test_all_asked_for_run_and_none_is_left(tmp_path: Path, end: signal.Signals, nodes: list[str]) -> None:
-    with Process(tmp_path / "log", *COMMAND, "run", *nodes, "--log-level", "info") as run:
-        count = len(nodes) or 3
-        pids = wait_until(lambda: len(nodes_of(run.popen.pid)) == count and nodes_of(run.popen.pid), "the nodes")
-        wait_until(lambda: all(map(has_started_ros, pids)), "the start of the nodes")
-        code = run.end(end)
-        assert code == (0 if end is signal.SIGTERM else -signal.SIGKILL)
-    wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in pids), "the end of all nodes")
+def test_a_node_does_not_outlive_a_command_that_is_killed(tmp_path: Path) -> None:
+    with Process(tmp_path / "log", *COMMAND, "run", "monitor", "--log-level", "info") as run:
+        (pid,) = wait_until(lambda: nodes_of(run.popen.pid), "the node")
+        wait_until(lambda: has_started_ros(pid), "the start of the node")
+        assert run.end(signal.SIGKILL) == -signal.SIGKILL
+    wait_until(lambda: not Path(f"/proc/{pid}").exists(), "the end of the node")
 
 
 @pytest.mark.slow
@@ -104,3 +104,43 @@ def test_what_cannot_start_is_one_line_of_the_node_and_one_of_the_command(
         node, command_line = run.text.strip().splitlines()
         assert "unknown key 'no_such_key'" in node
         assert "monitor_node ended with exit code 2" in command_line
+
+
+@pytest.mark.slow
+def test_the_unit_file_starts_the_nodes_and_ends_them_as_it_says(tmp_path: Path) -> None:
+    """What systemd would do: start ExecStart, send KillSignal to it alone, wait TimeoutStopSec, judge the exit code."""
+    import rclpy
+
+    unit = configparser.ConfigParser(interpolation=None, strict=False)
+    unit.optionxform = str  # type: ignore[assignment,method-assign]
+    unit.read(Path(__file__).parents[2] / "config" / "examples" / "sfr.service")
+    service = unit["Service"]
+    assert (service["KillMode"], service["Restart"], service["Type"]) == ("mixed", "on-failure", "simple")
+    program, *words = shlex.split(service["ExecStart"])
+    assert program.endswith("/bin/sfr")
+    report, pose, settings = (tmp_path / name for name in ("report.json", "pose.json", "rover.yaml"))
+    words = [str(settings) if word == "/etc/sfr/rover.yaml" else word for word in words]
+    assert str(settings) in words
+    mount = {"translation_m": T_RB_LOCSB.translation.tolist(), "quat_xyzw": T_RB_LOCSB.file_quat_xyzw.tolist()}
+    parameters = {
+        "localisation": {"resume_file": str(pose), "T_rb_locsb": mount, "input": {"reliability": "reliable"}},
+        "monitor": {"save_file": str(report), "save_period_s": 0.2},
+    }
+    blocks = {f"/**/{name}_node": {"ros__parameters": values} for name, values in parameters.items()}
+    settings.write_text(yaml.safe_dump(blocks), encoding="utf-8")
+    with Process(tmp_path / "log", *COMMAND, *words) as run:
+        for name in ("localisation", "mapping", "monitor"):
+            run.wait_for(f"[{name}_node]: listens to")
+        pids = nodes_of(run.popen.pid)
+        rclpy.init(args=[])
+        with Peer() as peer:
+            send_infos(peer, "loc", LOC_RIG)
+            send_pair(peer, "loc", loc_pair(0))
+            peer.until(lambda: report.exists() and pose.exists(), "what the nodes keep")
+        rclpy.try_shutdown()
+        begin = time.monotonic()
+        assert run.end(signal.Signals[service["KillSignal"]]) == 0
+        assert time.monotonic() - begin < float(service["TimeoutStopSec"])
+        assert len(pids) == 3
+        assert not any(Path(f"/proc/{pid}").exists() for pid in pids)
+    assert service["RestartPreventExitStatus"] == "2"  # of what cannot start: see above

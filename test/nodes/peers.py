@@ -44,9 +44,9 @@ class Manager(Peer):
         self.odometry = self.listen(Odometry, "localisation/odometry")
 
     def ask(self, kind: type[Any], service: str, request: Any) -> Any:
-        if service not in self.clients:
-            self.clients[service] = self.node.create_client(kind, f"{self.name}/{service}")
-        return self.answer(self.clients[service], request, again=kind is not ChangeState)
+        if (full := f"{self.name}/{service}") not in self.clients:
+            self.clients[full] = self.node.create_client(kind, full)
+        return self.answer(self.clients[full], request, again=kind is not ChangeState)
 
     def change(self, transition: int) -> tuple[bool, str]:
         request = ChangeState.Request(transition=Transition(id=transition))

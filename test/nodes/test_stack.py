@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from itertools import pairwise
+from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import PoseStamped
+import yaml
+from geometry_msgs.msg import PoseStamped, TransformStamped
+from lifecycle_msgs.msg import Transition
 from made_scene import LOC_RIG, NAV_RIG, PERIOD_NS, T_RB_LOCSB, loc_pair, nav_pair
 from nav_msgs.msg import Odometry
 from peers import Capture, LocalNode, Manager, localised
@@ -24,6 +29,7 @@ from sfr_loc_map.geometry.extrinsics import OPTICAL_IN_SB
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Side
 from sfr_loc_map.io import bag_messages
+from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.nodes.diagnostics import Level
 from sfr_loc_map.nodes.extrinsics import Extrinsics, ExtrinsicsConfig, add_static_transforms
 from sfr_loc_map.nodes.lifecycle import managed_node
@@ -140,15 +146,91 @@ def test_extrinsics_follow_from_the_frames_of_drivers(driver: str) -> None:
     assert Transform.from_quat((0, 0, 0), OPTICAL).rotation == pytest.approx(OPTICAL_IN_SB)
 
 
+EXAMPLES = Path(__file__).parents[2] / "config" / "examples"
+KINDS = {
+    "Odometry": "nav_msgs/msg/Odometry",
+    "Path": "nav_msgs/msg/Path",
+    "PointCloud2": "sensor_msgs/msg/PointCloud2",
+    "Map": "nav_msgs/msg/OccupancyGrid",
+    "SetInitialPose": "geometry_msgs/msg/PoseWithCovarianceStamped",
+}
+FILTER = {
+    *("frequency", "sensor_timeout", "two_d_mode", "transform_time_offset", "transform_timeout", "print_diagnostics"),
+    *("debug", "debug_out_file", "permit_corrected_publication", "publish_acceleration", "publish_tf", "map_frame"),
+    *("odom_frame", "base_link_frame", "base_link_frame_output", "world_frame", "predict_to_current_time", "tf_prefix"),
+    *("smooth_lagged_data", "history_length", "reset_on_time_jump", "use_control", "initial_state"),
+    *("process_noise_covariance", "initial_estimate_covariance", "dynamic_process_noise_covariance"),
+    *("gravitational_acceleration", "disabled_at_startup"),
+}
+"""Parameters of ekf_node, by the sources of robot_localization (branch ros2)."""
+OF_ODOMETRY = (
+    *("config", "differential", "relative", "queue_size", "pose_use_child_frame"),
+    *("pose_rejection_threshold", "twist_rejection_threshold"),
+)
+
+
+def example(name: str) -> dict[str, Any]:
+    """Return the parameters in an example, by node."""
+    found = yaml.safe_load((EXAMPLES / name).read_text(encoding="utf-8"))
+    while "ros__parameters" not in found:
+        (found,) = found.values()
+    return dict(found["ros__parameters"])
+
+
+def test_the_filter_fuses_the_velocity_by_parameters_that_it_has() -> None:
+    given = example("robot_localization_ekf.yaml")
+    sensors = {name for name in given if name.startswith("odom0")}
+    assert set(given) - FILTER == sensors == {"odom0", *(f"odom0_{n}" for n in OF_ODOMETRY if f"odom0_{n}" in given)}
+    rows = np.reshape(given["odom0_config"], (5, 3))  # position, attitude, velocity, turn rate, acceleration
+    assert rows.all(axis=1).tolist() == rows.any(axis=1).tolist() == [False, False, True, True, False]
+    assert given["world_frame"] == given["odom_frame"]
+
+
+def test_transforms_of_others_disturb_nothing_and_ours_can_be_left_to_a_filter(ros: None, capfd: Capture) -> None:
+    """Beside a robot_state_publisher; then with publish_tf off, beside a filter that publishes the same frames."""
+    kind = pytest.importorskip("tf2_msgs.msg", reason="not part of the ROS wheels").TFMessage
+    with Manager() as peer:
+        seen = peer.listen(kind, "/tf")
+        other = peer.node.create_publisher(kind, "/tf", 100)
+        for index, publishes in enumerate((True, False)):
+            names = params(f"publish_tf:={publishes}", "ds_frame:=odom", "rb_frame:=base_link")
+            with LocalNode(peer, capfd, LocalisationNode, *MOUNT, *names):
+                send_infos(peer, "loc", LOC_RIG)
+                ours = [("odom", "base_link", loc_pair(2 * index + n).stamp_ns) for n in range(2)]
+                for n in range(2):
+                    wheel = TransformStamped(child_frame_id="wheel")
+                    wheel.header.frame_id = "base_link"
+                    other.publish(kind(transforms=[wheel]))
+                    peer.play(2 * index + n)
+                peer.spin(0.3)
+                assert peer.positions()[-2:] == localised([2 * index, 2 * index + 1])
+                sent = [(t.header.frame_id, t.child_frame_id, stamp_of(t)) for m in seen for t in m.transforms]
+                assert [item for item in sent if item[1] != "wheel"] == ours * publishes
+                seen.clear()
+
+
 @pytest.mark.slow
-def test_three_nodes_in_one_process_localise_map_and_score(ros: None, capfd: Capture) -> None:
-    arguments = params("input.reliability:=reliable", "pairs_per_map:=2")
+def test_three_nodes_in_one_process_localise_map_and_score_for_a_manager_and_programs_of_others(
+    ros: None, capfd: Capture
+) -> None:
+    """As Nav2's lifecycle manager starts and stops them, with the topics and types of the examples."""
+    waits = params("autostart:=false")
+    manager = example("nav2_lifecycle.yaml")
+    assert manager["bond_timeout"] == 0.0
     with (
         Manager() as peer,
-        LocalNode(peer, capfd, LocalisationNode, *MOUNT),
-        LocalNode(peer, capfd, MappingNode, *arguments),
-        LocalNode(peer, capfd, MonitorNode, *params("publish_period_s:=0.2")),
+        LocalNode(peer, capfd, LocalisationNode, *MOUNT, *waits),
+        LocalNode(peer, capfd, MappingNode, *params("input.reliability:=reliable", "pairs_per_map:=2"), *waits),
+        LocalNode(peer, capfd, MonitorNode, *params("publish_period_s:=0.2"), *waits),
     ):
+
+        def take(names: list[str], *steps: tuple[int, str]) -> None:
+            for transition, state in steps:
+                for peer.name in names:
+                    assert peer.change(transition) == (True, state)
+
+        take(manager["node_names"], (Transition.TRANSITION_CONFIGURE, "inactive"))
+        take(manager["node_names"], (Transition.TRANSITION_ACTIVATE, "active"))
         clouds, reports = (
             peer.listen(PointCloud2, "mapping/points", latched=True),
             peer.listen(String, "metrics/report"),
@@ -167,6 +249,20 @@ def test_three_nodes_in_one_process_localise_map_and_score(ros: None, capfd: Cap
         assert clouds[-1].point_step % 4 == 0
         for count, task in ((3, "localisation_s"), (2, "mapping_s")):
             peer.until(lambda n=count, t=task: timing(reports).get(t, {}).get("count") == n, f"{count} of {task}")
+        text = (EXAMPLES / "sfr.rviz").read_text(encoding="utf-8")
+        used = {
+            f"/{topic}": KINDS[name]
+            for name, topic in re.findall(r"plugins/(\w+)\n[^-]*?Topic: {Value: ([\w/]+)", text)
+        }
+        assert len(used) == 6
+        used |= {example("nav2_costmap.yaml")["hazard_layer"]["map_topic"]: KINDS["Map"]}
+        used |= {f"/{example('robot_localization_ekf.yaml')['odom0']}": KINDS["Odometry"]}
+        there = {name: types for name, types in peer.node.get_topic_names_and_types() if name in used}
+        assert there == {name: [kind] for name, kind in used.items()}
+        backwards = manager["node_names"][::-1]
+        take(backwards, (Transition.TRANSITION_DEACTIVATE, "inactive"))
+        take(backwards, (Transition.TRANSITION_CLEANUP, "unconfigured"))
+        take(backwards, (Transition.TRANSITION_UNCONFIGURED_SHUTDOWN, "finalized"))
 
 
 def timing(reports: list[String]) -> dict:

@@ -203,3 +203,11 @@ def test_quality_of_service_that_does_not_fit_is_named(ros: None, capfd: Capture
         best_effort = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
         peer.node.create_publisher(Image, "loc/left/image_rect", best_effort)
         peer.well(Level.WARN, "a publisher of /loc/left/image_rect offers less RELIABILITY than this node requests")
+    topics = (f"/loc/{side}/{name}" for side in ("left", "right") for name in ("camera_info", "image_rect"))
+    overrides = params(*(f"qos_overrides.{topic}.subscription.reliability:=best_effort" for topic in topics))
+    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT, *overrides):
+        peer.qos = best_effort
+        send_infos(peer, "loc", LOC_RIG)
+        peer.spin(0.5)
+        send_infos(peer, "loc", LOC_RIG)
+        peer.play(0)
