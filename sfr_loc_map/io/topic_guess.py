@@ -5,16 +5,19 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from os.path import commonprefix
+from itertools import takewhile
 from typing import NamedTuple
-
-from sfr_loc_map.inputs import SIDES
 
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 INFO, JOINTS, POINTS = (f"sensor_msgs/msg/{kind}" for kind in ("CameraInfo", "JointState", "PointCloud2"))
-ODOMETRY, PATH, FIX = "nav_msgs/msg/Odometry", "nav_msgs/msg/Path", "sensor_msgs/msg/NavSatFix"
 POSES = tuple(f"geometry_msgs/msg/{kind}Stamped" for kind in ("PoseWithCovariance", "Pose", "Transform"))
-TRUTHS = (ODOMETRY, *POSES, PATH, FIX)  #: Types of `io.truth.TRUTH_TYPES`, the best one of a body first.
+FIX = "sensor_msgs/msg/NavSatFix"
+TRUTHS = (
+    "nav_msgs/msg/Odometry",
+    *POSES,
+    "nav_msgs/msg/Path",
+    FIX,
+)  #: As `io.truth.TRUTH_TYPES`, the best one of a body first.
 FEWEST = 0.5  #: Least share of one side's images in those of the other.
 WIDE, TALL, TALL_STEREO = 1.95, 0.7, 0.95  #: Width by height of an image that holds two; the last one if named stereo.
 
@@ -27,27 +30,25 @@ _CAMERA = "(?:cam|camera|fisheye|image|img|eye|ir|mono|sensor)?"
 SIDE_WORDS = _words(rf"{_CAMERA}(left|right){_CAMERA}", "([lr])", "infra(?:red)?_?([12])")
 NUMBERS = _words(rf"{_CAMERA}(0?[012])")
 RIGHT_OF = {"left": "right", "l": "r", "0": "1", "1": "2", "00": "01", "01": "02"}
-BASES = ("side word", "side words", "side word of the frame", "number")  #: The surest one first.
-NO_IMAGE = _words("(?:compressed_)?depth", "disparity", "confidence", "mask", "segmentation", "debug", "zstd")
+BASES = ("side word", "side word of the frame", "number")  #: The surest one first.
+NO_IMAGE = _words("(?:compressed_)?depth(?!_cam)", "disparity", "confidence", "mask", "segmentation", "debug", "zstd")
 RECTIFIED = re.compile(r"(?<![a-z0-9])rect")
 GREY, COLOUR, STEREO = _words("gr[ae]y", "mono"), _words("colou?r", "rgb8?", "bgr8?"), _words("stereo")
-LOC, NAV = _words("loc(?:cam)?", "front"), _words("(?:nav|pan|pantilt|ptu|mast|head)_?(?:cams?|camera|sb)?")
+OF_NAV = "(?:nav|pan|pantilt|ptu|mast|head)_?(?:cams?|camera)?"
+LOC, NAV = _words("loc(?:cam)?", "front"), _words(OF_NAV)
 TRUTH_WORDS = (
-    re.compile("ground_truth/odometry$"),
+    re.compile("ground_truth/odometry "),
     _words("ground_?truth", "gt", "truth"),
     _words("mocap", "motion_?capture", "opti_?track", "vicon", "vrpn", "qualisys", "leica", "prism", "total_?station"),
-    _words("rtk"),
-    _words("fix"),
-)  #: By rank; the last one of a NavSatFix alone.
+    *(_words("rtk"), re.compile("fix .*/navsatfix")),
+)  #: By rank, for the name and the type.
 NO_TRUTH = _words("estimated?", "fused", "filtered", "origin", "set_?point", "slam", "vi?o")
 OTHERS = (
-    ("nav/pose", POSES[1], NAV),
+    ("nav/pose", POSES[1], _words(rf"{OF_NAV}[/_]pose")),
     ("joint_states", JOINTS, _words("joints?")),
-    ("ground_truth/points", POINTS, TRUTH_WORDS[1]),
+    ("ground_truth/points", POINTS, _words("ground_?truth")),
 )
-EMITTER = (
-    "RealSense: the emitter must have been off, for its pattern moves with the rover; P[3] of infra2 may be missing"
-)
+EMITTER = "RealSense: the emitter must be off, for its pattern moves with the rover; P[3] of infra2 may be missing"
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,30 +64,28 @@ class SeenTopic:
 
 @dataclass(frozen=True, slots=True)
 class Guess:
-    """Names in the recording by those in the suite; for each what it was inferred from, and how sure.
-
-    `layout`: `side_by_side` or `top_bottom` where the image of loc/left holds both. `truth`: empty for none or unsure.
-    """
+    """Names in the recording by those in the suite; for each what it was inferred from, and how sure."""
 
     topics: dict[str, str]
     reasons: dict[str, str]
-    layout: str = ""
-    truth: str = ""
+    layout: str = ""  #: `side_by_side` or `top_bottom`, where the image of loc/left holds both.
+    truth: str = ""  #: Topic; empty for none or unsure.
     truth_reason: str = ""
     remarks: tuple[str, ...] = ()
 
 
 class _Rig(NamedTuple):
-    images: tuple[SeenTopic, SeenTopic]
+    left: SeenTopic
+    right: SeenTopic
     rank: int  # in BASES
     place: str  # what stands before the side
-    stems: tuple[str, str]  # what the names of the other topics of a camera begin with
+    word: str  # of the left side
 
     def has(self, words: re.Pattern[str]) -> bool:
-        return any(words.search(_text(text)) for topic in self.images for text in (topic.name, topic.frame))
+        return any(words.search(_text(text)) for topic in self[:2] for text in (topic.name, topic.frame))
 
-    def preference(self) -> tuple[bool, ...]:
-        return self.rank > 2, not self.has(LOC), *_order(self.images[0])[:2], not self.has(STEREO)
+    def preference(self) -> tuple[bool | int, ...]:
+        return self.rank > 2, not self.has(LOC), not self.has(STEREO), *_order(self.left)[:-1]
 
 
 def guess_topics(seen: Sequence[SeenTopic]) -> Guess:
@@ -105,43 +104,43 @@ def guess_topics(seen: Sequence[SeenTopic]) -> Guess:
     images = [topic for topic in seen if topic.msgtype in IMAGES and not NO_IMAGE.search(_text(topic.name))]
     images.sort(key=_order)
     rigs: dict[str, _Rig] = {}
-    for rig in sorted(_pairs(images), key=lambda rig: (rig.rank, _order(rig.images[0]))):
-        rigs.setdefault(rig.place, rig)
-    nav = [rig for rig in rigs.values() if rig.has(NAV) and not rig.place.endswith("/loc/")]
-    loc = [rig for rig in rigs.values() if rig not in nav]
-    if not loc and not any(rig.place.endswith("/nav/") for rig in nav):
-        loc, nav = nav, []
+    for rig in sorted(_pairs(images), key=lambda rig: (rig.rank, _order(rig.left))):
+        rigs.setdefault(f"/{rig.place}", rig)
+    nav = {place: rig for place, rig in rigs.items() if rig.has(NAV) and not place.endswith("/loc/")}
+    loc = {place: rig for place, rig in rigs.items() if place not in nav}
+    if not loc and not any(place.endswith("/nav/") for place in nav):
+        loc, nav = nav, {}
     for task, of_task in (("loc", loc), ("nav", nav)):
-        of_task = [rig for rig in of_task if rig.place.endswith(f"/{task}/")] or of_task  # the suite's own names
-        best = [rig for rig in of_task if rig.preference() == min(other.preference() for other in of_task)]
-        if not take(task, [rig.images[0] for rig in best], ""):
+        own = [rig for place, rig in of_task.items() if place.endswith(f"/{task}/")]  # the suite's names
+        ranked = sorted(own or of_task.values(), key=_Rig.preference)
+        best = [rig for rig in ranked if rig.preference() == ranked[0].preference()]
+        if not take(task, [rig.left for rig in best], ""):
             continue
-        left, _ = found.pop(task)
-        if len(of_task) > 1:
-            remarks.append(f"{task}: of {', '.join(rig.images[0].name for rig in of_task)} {left} is taken")
-        if best[0].place.endswith(("infra", "infrared_")):
+        left, right, rank, place, word = best[0]
+        if len(ranked) > 1:
+            remarks.append(f"{task}: {left.name} is taken, not {', '.join(rig.left.name for rig in ranked[1:])}")
+        if "infra" in left.name.lower():
             remarks.append(EMITTER)
-        how = "sure" if best[0].rank < 2 and len(of_task) == 1 else "likely"
-        if best[0].rank < 2 and [word for word, *_ in _sides(SIDE_WORDS, best[0].images[0].frame)][-1:] in (
-            ["right"],
-            ["r"],
-        ):
-            how = "unsure: the frame is of the other side"
-        for side, image, stem in zip(SIDES, best[0].images, best[0].stems, strict=True):
-            basis = f"{BASES[best[0].rank]} {stem.rpartition('/')[2]}, frame {image.frame or 'unknown'}; {how}"
+        del found[task]
+        how = "sure" if rank < 2 and len(ranked) == 1 else "likely"
+        for side, image, other in (("left", left, right), ("right", right, left)):
+            basis = f"{BASES[rank]} {word}/{RIGHT_OF[word]}, frame {image.frame or 'unknown'}; {how}"
             take(f"{task}/{side}/{_kind(image)}", [image], basis)
-            if not take(f"{task}/{side}/camera_info", _infos(image, stem, seen)[:1], f"nearest to {image.name}; {how}"):
+            if not take(
+                f"{task}/{side}/camera_info", _infos(image, other, seen)[:1], f"nearest to {image.name}; {how}"
+            ):
                 remarks.append(f"{image.name} has no camera_info: a calibration is needed")
     double = [image for image in images if _layout(image) and not rigs]
     double = [image for image in double if _order(image)[:-1] == _order(double[0])[:-1]]
-    layout = ""
-    if double and take(f"loc/left/{_kind(double[0])}", double, "its shape is that of two images; likely"):
-        layout = _layout(double[0])
+    kinds = {(_kind(image), _layout(image)) for image in double}
+    layout = "".join(
+        layout for kind, layout in kinds if take(f"loc/left/{kind}", double, "its shape is of two images; likely")
+    )
     for name, msgtype, words in OTHERS:
         named = [topic for topic in seen if topic.msgtype == msgtype and words.search(_text(topic.name))]
-        exact = [topic for topic in named if f"/{topic.name}".endswith(f"/{name}")]
+        named = [topic for topic in named if topic.name.count("/") == min(t.name.count("/") for t in named)]
         if msgtype == POINTS or "nav/left/" in " ".join(found):
-            take(name, exact if len(exact) == 1 else named, "its type and name; likely")
+            take(name, named, "its type and name; likely")
     truths = _truths(seen)
     take("truth", truths, f"its type and name; {'likely' if truths and truths[0].msgtype == FIX else 'sure'}")
     truth, truth_reason = found.pop("truth", ("", ""))
@@ -169,62 +168,49 @@ def _layout(image: SeenTopic) -> str:
     return "" if not height else "side_by_side" if width >= WIDE * height else "top_bottom" * (width <= tall * height)
 
 
-def _sides(words: re.Pattern[str], text: str) -> list[tuple[str, int, int]]:
-    found = ((match, match.lastindex or 0) for match in words.finditer(_text(text)))
-    return [(match[group], *match.span(group)) for match, group in found]
-
-
 def _pairs(images: Sequence[SeenTopic]) -> Iterator[_Rig]:
-    options, by_text = [], {}
+    options, by_text = [], dict[tuple[str, str], SeenTopic]()
     for image in images:
-        text, sides = _text(image.name), _sides(SIDE_WORDS, image.name)
-        framed = f"{_text(image.frame)}/{text.rpartition('/')[2]}"
-        tries = [(0, text, sides[-1:]), (1, text, sides)]
-        if not sides:
-            numbers = [(3, text, [number]) for number in _sides(NUMBERS, text)]
-            tries = [(2, framed, _sides(SIDE_WORDS, image.frame)[-1:]), *numbers]
-        for rank, whole, places in tries:
-            by_text.setdefault((whole, image.msgtype), image)
-            if places and all(word in RIGHT_OF for word, *_ in places):
-                options.append((rank, places, whole, image))
-    used: set[str] = set()
-    for rank, places, whole, left in sorted(options, key=lambda option: option[:3]):
-        target = whole
+        name = _text(image.name)
+        framed = f"{_text(image.frame)}/{name.rpartition('/')[2]}"
+        for rank, (text, words) in enumerate(((name, SIDE_WORDS), (framed, SIDE_WORDS), (name, NUMBERS))):
+            by_text.setdefault((text, image.msgtype), image)
+            sides = [(match[match.lastindex or 0], *match.span(match.lastindex or 0)) for match in words.finditer(text)]
+            for k, places in enumerate([sides[-1:], sides] if words is SIDE_WORDS else [[side] for side in sides]):
+                if places and all(word in RIGHT_OF for word, *_ in places):
+                    options.append((rank, k, places, text, image))
+            if sides and rank == 0:
+                break
+    used: set[SeenTopic] = set()
+    for rank, _, places, text, left in sorted(options, key=lambda option: option[:4]):
+        target = text
         for word, start, end in reversed(places):
             target = target[:start] + RIGHT_OF[word] + target[end:]
-        right = by_text.get((target, left.msgtype))
-        if right is None or used & {left.name, right.name}:
-            continue
+        right = by_text.get((target, left.msgtype), left)
         few, many = sorted((left.count, right.count))
-        if few >= FEWEST * many and (left.size == right.size or (0, 0) in (left.size, right.size)):
-            used |= {left.name, right.name}
-            word, start, _ = places[0]
-            place, sides = whole[:start], (word, RIGHT_OF[word])
-            folders = tuple(f"{topic.name.rpartition('/')[0]}/".lower() for topic in (left, right))
-            yield _Rig((left, right), rank, place, folders if rank == 2 else (place + word, place + RIGHT_OF[word]))
+        sized = left.size == right.size or (0, 0) in (left.size, right.size)
+        if right != left and not used & {left, right} and few >= FEWEST * many and sized:
+            used |= {left, right}
+            yield _Rig(left, right, rank, text[: places[0][1]], places[0][0])
 
 
-def _infos(image: SeenTopic, stem: str, seen: Sequence[SeenTopic]) -> list[SeenTopic]:
-    """Return the camera_info of a camera, the one in the namespace of its image first."""
-    infos = [topic for topic in seen if topic.msgtype == INFO and _text(topic.name).startswith(stem)]
+def _infos(image: SeenTopic, other: SeenTopic, seen: Sequence[SeenTopic]) -> list[SeenTopic]:
+    """Return the camera_info of an image and not of the other side, the one in its namespace first."""
+
+    def shared(one: SeenTopic, two: SeenTopic = image) -> int:
+        words = zip(*(re.split("[/_]", _text(topic.name)) for topic in (one, two)), strict=False)
+        return len([*takewhile(lambda pair: pair[0] == pair[1], words)])
+
+    infos = [topic for topic in seen if topic.msgtype == INFO and shared(topic) > shared(other)]
     infos = [topic for topic in infos if topic.size == image.size or (0, 0) in (topic.size, image.size)]
-
-    def distance(info: SeenTopic) -> tuple[int, bool, int]:
-        shared = commonprefix((_text(image.name), _text(info.name)))  # noqa: RUF071 - by characters
-        return -len(shared), _kind(info) != _kind(image), len(info.name)
-
-    return sorted(infos, key=distance)
+    return sorted(infos, key=lambda info: (-shared(info), _kind(info) != _kind(image), len(info.name)))
 
 
 def _truths(seen: Sequence[SeenTopic]) -> list[SeenTopic]:
     """Return the topics that could be the truth with equal right."""
-    ranked: dict[int, list[SeenTopic]] = {}
-    for topic in seen:
-        text = _text(topic.name)
-        ranks = [k for k, words in enumerate(TRUTH_WORDS) if words.search(text) and (k < 4 or topic.msgtype == FIX)]
-        if ranks and topic.msgtype in TRUTHS and not NO_TRUTH.search(text):
-            ranked.setdefault(ranks[0], []).append(topic)
-    best = ranked[min(ranked)] if ranked else []
+    texts = {topic: f"{_text(topic.name)} {topic.msgtype.lower()}" for topic in seen if topic.msgtype in TRUTHS}
+    texts = {topic: text for topic, text in texts.items() if not NO_TRUTH.search(text)}
+    best = next(filter(None, ([t for t in texts if words.search(texts[t])] for words in TRUTH_WORDS)), [])
     if len({topic.name.rpartition("/")[0] for topic in best}) > 1:
         return best
     return [topic for topic in best if topic.msgtype == min((t.msgtype for t in best), key=TRUTHS.index)]  # of one body
