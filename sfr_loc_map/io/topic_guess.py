@@ -5,21 +5,15 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import takewhile
+from os.path import commonprefix
 from typing import NamedTuple
 
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
-INFO, JOINTS, POINTS = (f"sensor_msgs/msg/{kind}" for kind in ("CameraInfo", "JointState", "PointCloud2"))
+INFO, JOINTS, POINTS, FIX = (f"sensor_msgs/msg/{k}" for k in ("CameraInfo", "JointState", "PointCloud2", "NavSatFix"))
 POSES = tuple(f"geometry_msgs/msg/{kind}Stamped" for kind in ("PoseWithCovariance", "Pose", "Transform"))
-FIX = "sensor_msgs/msg/NavSatFix"
-TRUTHS = (
-    "nav_msgs/msg/Odometry",
-    *POSES,
-    "nav_msgs/msg/Path",
-    FIX,
-)  #: As `io.truth.TRUTH_TYPES`, the best one of a body first.
+TRUTHS = ("nav_msgs/msg/Odometry", *POSES, "nav_msgs/msg/Path", FIX)  #: The best one of a body first.
 FEWEST = 0.5  #: Least share of one side's images in those of the other.
-WIDE, TALL, TALL_STEREO = 1.95, 0.7, 0.95  #: Width by height of an image that holds two; the last one if named stereo.
+WIDE, TALL = 1.95, 0.95  #: Width by height of an image that holds two.
 
 
 def _words(*words: str) -> re.Pattern[str]:
@@ -27,12 +21,11 @@ def _words(*words: str) -> re.Pattern[str]:
 
 
 _CAMERA = "(?:cam|camera|fisheye|image|img|eye|ir|mono|sensor)?"
-SIDE_WORDS = _words(rf"{_CAMERA}(left|right){_CAMERA}", "([lr])", "infra(?:red)?_?([12])")
+SIDE_WORDS = _words(rf"(?:{_CAMERA}|infra(?:red_?)?)(left|right|[lr]|(?<=infra)[12]|(?<=infrared_)[12]){_CAMERA}")
 NUMBERS = _words(rf"{_CAMERA}(0?[012])")
 RIGHT_OF = {"left": "right", "l": "r", "0": "1", "1": "2", "00": "01", "01": "02"}
 BASES = ("side word", "side word of the frame", "number")  #: The surest one first.
 NO_IMAGE = _words("(?:compressed_)?depth(?!_cam)", "disparity", "confidence", "mask", "segmentation", "debug", "zstd")
-RECTIFIED = re.compile(r"(?<![a-z0-9])rect")
 GREY, COLOUR, STEREO = _words("gr[ae]y", "mono"), _words("colou?r", "rgb8?", "bgr8?"), _words("stereo")
 OF_NAV = "(?:nav|pan|pantilt|ptu|mast|head)_?(?:cams?|camera)?"
 LOC, NAV = _words("loc(?:cam)?", "front"), _words(OF_NAV)
@@ -40,14 +33,15 @@ TRUTH_WORDS = (
     re.compile("ground_truth/odometry "),
     _words("ground_?truth", "gt", "truth"),
     _words("mocap", "motion_?capture", "opti_?track", "vicon", "vrpn", "qualisys", "leica", "prism", "total_?station"),
-    *(_words("rtk"), re.compile("fix .*/navsatfix")),
+    _words("rtk"),
+    re.compile("fix .*/NavSatFix"),
 )  #: By rank, for the name and the type.
 NO_TRUTH = _words("estimated?", "fused", "filtered", "origin", "set_?point", "slam", "vi?o")
-OTHERS = (
-    ("nav/pose", POSES[1], _words(rf"{OF_NAV}[/_]pose")),
-    ("joint_states", JOINTS, _words("joints?")),
-    ("ground_truth/points", POINTS, _words("ground_?truth")),
-)
+OTHERS = {
+    "nav/pose": (POSES[1], _words(rf"{OF_NAV}[/_]pose")),
+    "joint_states": (JOINTS, _words("joints?")),
+    "ground_truth/points": (POINTS, _words("ground_?truth")),
+}
 EMITTER = "RealSense: the emitter must be off, for its pattern moves with the rover; P[3] of infra2 may be missing"
 
 
@@ -85,7 +79,7 @@ class _Rig(NamedTuple):
         return any(words.search(_text(text)) for topic in self[:2] for text in (topic.name, topic.frame))
 
     def preference(self) -> tuple[bool | int, ...]:
-        return self.rank > 2, not self.has(LOC), not self.has(STEREO), *_order(self.left)[:-1]
+        return self.rank == 2, not self.has(LOC), *_order(self.left)[:2], not self.has(STEREO), *_order(self.left)[2:-1]
 
 
 def guess_topics(seen: Sequence[SeenTopic]) -> Guess:
@@ -94,49 +88,41 @@ def guess_topics(seen: Sequence[SeenTopic]) -> Guess:
     found: dict[str, tuple[str, str]] = {}
     remarks: list[str] = []
 
-    def take(name: str, topics: Sequence[SeenTopic], reason: str) -> bool:
+    def take(name: str, topics: Sequence[SeenTopic], reason: str) -> None:
         if len(topics) > 1:
             remarks.append(f"{name}: {', '.join(topic.name for topic in topics)} could be it; none is taken")
         elif topics:
             found[name] = topics[0].name, reason
-        return len(topics) == 1
 
     images = [topic for topic in seen if topic.msgtype in IMAGES and not NO_IMAGE.search(_text(topic.name))]
     images.sort(key=_order)
-    rigs: dict[str, _Rig] = {}
-    for rig in sorted(_pairs(images), key=lambda rig: (rig.rank, _order(rig.left))):
-        rigs.setdefault(f"/{rig.place}", rig)
-    nav = {place: rig for place, rig in rigs.items() if rig.has(NAV) and not place.endswith("/loc/")}
-    loc = {place: rig for place, rig in rigs.items() if place not in nav}
-    if not loc and not any(place.endswith("/nav/") for place in nav):
-        loc, nav = nav, {}
+    rigs = {rig.place: rig for rig in sorted(_pairs(images), key=lambda r: (r.rank, _order(r.left)), reverse=True)}
+    nav = [rig for rig in rigs.values() if rig.has(NAV) and not rig.place.endswith("/loc/")]
+    loc = [rig for rig in rigs.values() if rig not in nav]
+    if not loc and not any(rig.place.endswith("/nav/") for rig in nav):
+        loc, nav = nav, []
     for task, of_task in (("loc", loc), ("nav", nav)):
-        own = [rig for place, rig in of_task.items() if place.endswith(f"/{task}/")]  # the suite's names
-        ranked = sorted(own or of_task.values(), key=_Rig.preference)
+        own = [rig for rig in of_task if rig.place.endswith(f"/{task}/")]  # the names of the suite
+        ranked = sorted(own or of_task, key=_Rig.preference)
         best = [rig for rig in ranked if rig.preference() == ranked[0].preference()]
-        if not take(task, [rig.left for rig in best], ""):
+        if len(best) != 1:
+            take(task, [rig.left for rig in best], "")
             continue
-        left, right, rank, place, word = best[0]
+        left, right, rank, _, word = best[0]
         if len(ranked) > 1:
             remarks.append(f"{task}: {left.name} is taken, not {', '.join(rig.left.name for rig in ranked[1:])}")
         if "infra" in left.name.lower():
             remarks.append(EMITTER)
-        del found[task]
         how = "sure" if rank < 2 and len(ranked) == 1 else "likely"
         for side, image, other in (("left", left, right), ("right", right, left)):
             basis = f"{BASES[rank]} {word}/{RIGHT_OF[word]}, frame {image.frame or 'unknown'}; {how}"
             take(f"{task}/{side}/{_kind(image)}", [image], basis)
-            if not take(
-                f"{task}/{side}/camera_info", _infos(image, other, seen)[:1], f"nearest to {image.name}; {how}"
-            ):
-                remarks.append(f"{image.name} has no camera_info: a calibration is needed")
-    double = [image for image in images if _layout(image) and not rigs]
+            take(f"{task}/{side}/camera_info", _infos(image, other, seen), f"nearest to {image.name}; {how}")
+    double = [t for t in images if not rigs and t.size[1] > 0 and not TALL <= t.size[0] / t.size[1] <= WIDE]
     double = [image for image in double if _order(image)[:-1] == _order(double[0])[:-1]]
-    kinds = {(_kind(image), _layout(image)) for image in double}
-    layout = "".join(
-        layout for kind, layout in kinds if take(f"loc/left/{kind}", double, "its shape is of two images; likely")
-    )
-    for name, msgtype, words in OTHERS:
+    layout = "" if len(double) != 1 else "side_by_side" if double[0].size[0] > double[0].size[1] else "top_bottom"
+    take(f"loc/left/{_kind(double[0]) if layout else ''}", double, "its shape is that of two images; likely")
+    for name, (msgtype, words) in OTHERS.items():
         named = [topic for topic in seen if topic.msgtype == msgtype and words.search(_text(topic.name))]
         named = [topic for topic in named if topic.name.count("/") == min(t.name.count("/") for t in named)]
         if msgtype == POINTS or "nav/left/" in " ".join(found):
@@ -153,7 +139,7 @@ def _text(name: str) -> str:
 
 
 def _kind(topic: SeenTopic) -> str:
-    return "image_rect" if RECTIFIED.search(_text(topic.name)) else "image_raw"
+    return "image_rect" if re.search("(?<![a-z0-9])rect", _text(topic.name)) else "image_raw"
 
 
 def _order(image: SeenTopic) -> tuple[bool, bool, int, int, str]:
@@ -162,55 +148,41 @@ def _order(image: SeenTopic) -> tuple[bool, bool, int, int, str]:
     return _kind(image) == "image_raw", image.msgtype != IMAGES[0], -width * height, colour, image.name
 
 
-def _layout(image: SeenTopic) -> str:
-    width, height = image.size
-    tall = TALL_STEREO if STEREO.search(_text(image.name)) else TALL
-    return "" if not height else "side_by_side" if width >= WIDE * height else "top_bottom" * (width <= tall * height)
-
-
 def _pairs(images: Sequence[SeenTopic]) -> Iterator[_Rig]:
     options, by_text = [], dict[tuple[str, str], SeenTopic]()
     for image in images:
         name = _text(image.name)
         framed = f"{_text(image.frame)}/{name.rpartition('/')[2]}"
-        for rank, (text, words) in enumerate(((name, SIDE_WORDS), (framed, SIDE_WORDS), (name, NUMBERS))):
+        texts = ((name, SIDE_WORDS), (framed, SIDE_WORDS), (name, NUMBERS))
+        for rank, (text, words) in enumerate(texts[: 1 if SIDE_WORDS.search(name) else 3]):
             by_text.setdefault((text, image.msgtype), image)
-            sides = [(match[match.lastindex or 0], *match.span(match.lastindex or 0)) for match in words.finditer(text)]
-            for k, places in enumerate([sides[-1:], sides] if words is SIDE_WORDS else [[side] for side in sides]):
-                if places and all(word in RIGHT_OF for word, *_ in places):
-                    options.append((rank, k, places, text, image))
-            if sides and rank == 0:
-                break
+            for match in [*words.finditer(text)][-1 if words is SIDE_WORDS else 0 :]:
+                (start, end), word, right = match.span(1), match[1], RIGHT_OF.get(match[1], "?")
+                for k, target in enumerate((text[:start] + right + text[end:], text.replace(word, right))):
+                    options.append((rank, k, text, target, image, f"/{text[:start]}", word))
     used: set[SeenTopic] = set()
-    for rank, _, places, text, left in sorted(options, key=lambda option: option[:4]):
-        target = text
-        for word, start, end in reversed(places):
-            target = target[:start] + RIGHT_OF[word] + target[end:]
-        right = by_text.get((target, left.msgtype), left)
-        few, many = sorted((left.count, right.count))
-        sized = left.size == right.size or (0, 0) in (left.size, right.size)
-        if right != left and not used & {left, right} and few >= FEWEST * many and sized:
-            used |= {left, right}
-            yield _Rig(left, right, rank, text[: places[0][1]], places[0][0])
+    for rank, _, _, target, left, place, word in sorted(options, key=lambda option: option[:4]):
+        other = by_text.get((target, left.msgtype), left)
+        few, many = sorted((left.count, other.count))
+        sizes = {left.size, other.size} - {(0, 0)}
+        if other != left and not used & {left, other} and few >= FEWEST * many and len(sizes) < 2:
+            used |= {left, other}
+            yield _Rig(left, other, rank, place, word)
 
 
 def _infos(image: SeenTopic, other: SeenTopic, seen: Sequence[SeenTopic]) -> list[SeenTopic]:
-    """Return the camera_info of an image and not of the other side, the one in its namespace first."""
-
-    def shared(one: SeenTopic, two: SeenTopic = image) -> int:
-        words = zip(*(re.split("[/_]", _text(topic.name)) for topic in (one, two)), strict=False)
-        return len([*takewhile(lambda pair: pair[0] == pair[1], words)])
+    def shared(one: SeenTopic) -> int:
+        return len(commonprefix([re.split("[/_]", _text(topic.name)) for topic in (one, image)]))  # noqa: RUF071 - words
 
     infos = [topic for topic in seen if topic.msgtype == INFO and shared(topic) > shared(other)]
-    infos = [topic for topic in infos if topic.size == image.size or (0, 0) in (topic.size, image.size)]
-    return sorted(infos, key=lambda info: (-shared(info), _kind(info) != _kind(image), len(info.name)))
+    infos = [topic for topic in infos if topic.size in ((0, 0), image.size) or image.size == (0, 0)]
+    return sorted(infos, key=lambda info: (-shared(info), _kind(info) != _kind(image), len(info.name)))[:1]
 
 
 def _truths(seen: Sequence[SeenTopic]) -> list[SeenTopic]:
-    """Return the topics that could be the truth with equal right."""
-    texts = {topic: f"{_text(topic.name)} {topic.msgtype.lower()}" for topic in seen if topic.msgtype in TRUTHS}
-    texts = {topic: text for topic, text in texts.items() if not NO_TRUTH.search(text)}
-    best = next(filter(None, ([t for t in texts if words.search(texts[t])] for words in TRUTH_WORDS)), [])
-    if len({topic.name.rpartition("/")[0] for topic in best}) > 1:
-        return best
-    return [topic for topic in best if topic.msgtype == min((t.msgtype for t in best), key=TRUTHS.index)]  # of one body
+    able = [topic for topic in seen if topic.msgtype in TRUTHS and not NO_TRUTH.search(_text(topic.name))]
+    ranks = ([t for t in able if words.search(f"{_text(t.name)} {t.msgtype}")] for words in TRUTH_WORDS)
+    best = next(filter(None, ranks), [])
+    of_one_body = len({topic.name.rpartition("/")[0] for topic in best}) == 1
+    kind = min((topic.msgtype for topic in best), key=TRUTHS.index, default="")
+    return [topic for topic in best if topic.msgtype == kind or not of_one_body]

@@ -286,7 +286,6 @@ CASES = {
         """,
         "raw /cam{0,1}/image_raw",
         truth="/vicon/firefly_sbx/firefly_sbx",
-        remark="no camera_info",
     ),
     "kitti2bag": Case(
         """
@@ -360,7 +359,6 @@ CASES = {
         """,
         "raw /oak/stereo/{}/image_raw",
         truth="/RTK/data",
-        remark="no camera_info",
     ),
     "sides in frames alone": Case(
         """
