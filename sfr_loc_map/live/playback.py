@@ -27,7 +27,7 @@ from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, SIDES, hash_path, parse_json, read_table, read_text, refusing
+from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, SIDES, hash_path, read_table, read_text, refusing
 from sfr_loc_map.io.bag import GROUND_TRUTH, ODOMETRY, Bag, read_trajectory
 from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.cloud_file import load_cloud
@@ -45,7 +45,7 @@ from sfr_loc_map.metrics.cloud_error import PairTruth, ScoredMap, score_map
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig
 from sfr_loc_map.metrics.limits import Limits, limits_of, load_limits
 from sfr_loc_map.metrics.score import InputFile, Score
-from sfr_loc_map.metrics.score_json import from_dict, to_json
+from sfr_loc_map.metrics.score_json import from_json, to_json
 from sfr_loc_map.pipeline.call_stats import STATISTIC, STEP_NAMES, call_of, load_call_stats
 from sfr_loc_map.pipeline.monitor_score import MonitorScore
 from sfr_loc_map.pipeline.replay import ReplayFiles
@@ -77,7 +77,7 @@ class Recording:
     end_s: float
     score: Score | None = None  # of the report beside it
     limits: Limits | None = None  # that it was judged by
-    page: Path | None = None  # of the report
+    page: bytes = b""  # of the report, HTML
     note: str = ""  # what was not found
 
     @property
@@ -131,8 +131,7 @@ def _replayed(files: ReplayFiles, truth: Path | None) -> Recording:
     score, limits, note = None, None, ""
     if files.report.is_file():
         with refusing(f"cannot read the report '{files.report}'", "replay again"):
-            report = parse_json(read_text(files.report, MAX_REPORT_CHARACTERS))
-            score = from_dict(report, str(files.report))
+            score = from_json(read_text(files.report, MAX_REPORT_CHARACTERS), str(files.report))
         inputs = {} if score.provenance is None else score.provenance.inputs
         truth, note = (truth, "") if truth is not None else _source_of(inputs, files.folder)
         same = _found(inputs.get("limits"), files.folder)
@@ -143,7 +142,9 @@ def _replayed(files: ReplayFiles, truth: Path | None) -> Recording:
     cloud = load_cloud(files.cloud).cloud if files.cloud.is_file() else None
     said = list(_calls(files.stats)) if stats else []
     made = _recording(files.folder, estimates, _truth_of(source), said, source, cloud)
-    return replace(made, score=score, limits=limits, page=files.page if files.page.is_file() else None, note=note)
+    return replace(
+        made, score=score, limits=limits, page=files.page.read_bytes() if files.page.is_file() else b"", note=note
+    )
 
 
 def _found(item: InputFile | None, folder: Path) -> Path | None:
@@ -281,9 +282,7 @@ class Player:
         for place_s, update in recording.moments:
             state.timeline.take(update, place_s)
         state.timeline.end(recording.end_s)
-        if recording.page is not None:
-            with suppress(OSError):
-                state.report_page = recording.page.read_bytes()
+        state.report_page = recording.page
         if recording.note:
             state.problems.append(recording.note)
         said = [update for _, update in recording.moments if isinstance(update, updates.Status)]

@@ -12,13 +12,13 @@ from threading import RLock
 from typing import Any
 
 from sfr_loc_map.errors import InputError, SfrError
-from sfr_loc_map.inputs import one_line, parse_json
+from sfr_loc_map.inputs import one_line
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.path import ROW_FIELDS, LivePath
 from sfr_loc_map.live.timeline import LOCALISATION_NODE, EventKind, Timeline
 from sfr_loc_map.live.updates import LOCALISATION, REPORT
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.score_json import SCHEMA, from_dict, to_dict
+from sfr_loc_map.metrics.score_json import SCHEMA, from_json, to_dict
 from sfr_loc_map.report.limit_bars import LimitBar, limit_bars
 from sfr_loc_map.report.page import Overall, overall_of
 from sfr_loc_map.report.score_tables import score_tables
@@ -121,11 +121,7 @@ class ReportView:
         """Return a report of its JSON; InputError if it is not a score."""
         if len(text) > MAX_REPORT_CHARACTERS:
             raise InputError(f"metrics/report has {len(text)} characters: up to {MAX_REPORT_CHARACTERS} are read")
-        try:
-            score = from_dict(parse_json(text, parse_constant=lambda _: None), "metrics/report")
-        except ValueError as error:
-            raise InputError(f"metrics/report is no JSON ({error})") from error
-        return cls.of(score, received_s)
+        return cls.of(from_json(text, "metrics/report"), received_s)
 
     @classmethod
     def of(cls, score: Score, received_s: float) -> ReportView:

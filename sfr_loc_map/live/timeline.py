@@ -71,15 +71,16 @@ class Timeline:
                 if self._pose_s is not None and POSE in self._open:
                     self._note_tracking(at_s, lost=self._open[POSE].kind is EventKind.LOST)
         elif isinstance(update, updates.Status) and update.kind is updates.StatusKind.HEALTH:
+            bad = update.level == 2 and update.node != LOCALISATION_NODE  # what is lost is told as such
+            kind = EventKind.NODE if bad else None
             if update.message.lower().startswith(COMPILING):
-                self.note(update.node, at_s, EventKind.COMPILING, f"{update.node}: {update.message}")
-            else:
-                bad = update.level == 2 and update.node != LOCALISATION_NODE  # what is lost is told as such
-                self.note(update.node, at_s, EventKind.NODE if bad else None, f"{update.node}: {update.message}")
+                kind = EventKind.COMPILING
+            self.note(update.node, at_s, kind, f"{update.node}: {update.message}")
 
     def look(self, now_s: float, silent: Mapping[str, float]) -> None:
         """Note what has not come up to now: poses, and nodes that are silent since a time."""
-        if self.is_stale(now_s) and self._pose_s is not None:
+        silent_s = max(STALE_S, STALE_PERIODS * self._period_s)
+        if self._pose_s is not None and self._period_s > 0.0 and now_s - self._pose_s > silent_s:
             self.note(POSE, self._pose_s, EventKind.STALE, "no pose")
         for node, since_s in silent.items():
             self.note(node, since_s, EventKind.NODE, SILENT.format(node))
@@ -89,11 +90,6 @@ class Timeline:
         for item, text in verdicts:
             missed = EventKind.LIMIT if item.state == "fail" else None
             self.note(f"limit {item.metric} {item.condition}", at_s, missed, text)
-
-    def is_stale(self, now_s: float) -> bool:
-        """Tell whether poses have stopped."""
-        known = self._pose_s is not None and self._period_s > 0.0
-        return known and now_s - (self._pose_s or 0.0) > max(STALE_S, STALE_PERIODS * self._period_s)
 
     def note(self, lane: str, at_s: float, kind: EventKind | None, text: str = "") -> None:
         """Let the event of a lane begin, go on with another text, or (None) end."""

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +31,7 @@ SYMMETRY = 1e-6  #: Largest asymmetry of a covariance, over its largest element.
 DISPARITY_SIGMA_PX = F(0.5)  #: Standard deviation that is assumed of a disparity of a matcher, which states none.
 
 
-class IsolatedMethod:
+class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
     """A method under test; a process that was lost is started again at the next pair, at the last known pose."""
 
     def __init__(
@@ -62,9 +63,6 @@ class IsolatedMethod:
         """End its process."""
         if self._process is not None:
             self._process.close()
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

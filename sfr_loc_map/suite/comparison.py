@@ -9,7 +9,7 @@ bad drive decides nothing.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -84,13 +84,14 @@ def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> Su
             if name in others and name.kind in COMPARED:
                 ratio = DriveRatio(label=drive.job.label, first=value, other=others[name])
                 pairs.setdefault((runs, name), []).append(ratio)
-    figures = [_compared(name, runs, names[0], items) for (runs, name), items in pairs.items()]
-    corrected = holm([item.p for item in figures])
-    judged = (
-        replace(item, p_corrected=p, outcome=_outcome(item, p)) for item, p in zip(figures, corrected, strict=True)
+    logs = [np.log([item.other / item.first for item in items]) for items in pairs.values()]
+    chance = [sign_flip_p(values) for values in logs]
+    figures = tuple(
+        _compared(*figure, names[0], items, values, p, corrected)
+        for (figure, items), values, p, corrected in zip(pairs.items(), logs, chance, holm(chance), strict=True)
     )
     left_out = (len(mine) - len(common), len(theirs) - len(common))
-    return SuiteComparison(names=names, common=len(common), left_out=left_out, figures=tuple(judged))
+    return SuiteComparison(names=names, common=len(common), left_out=left_out, figures=figures)
 
 
 def _by_pairing(*suites: Summary) -> list[dict[str, ScoredJob]]:
@@ -102,9 +103,20 @@ def _by_pairing(*suites: Summary) -> list[dict[str, ScoredJob]]:
     ]
 
 
-def _compared(name: FigureName, runs: str, baseline: str, pairs: Sequence[DriveRatio]) -> FigureComparison:
-    logs = np.array([np.log(item.other / item.first) for item in pairs])
+def _compared(
+    runs: str,
+    name: FigureName,
+    baseline: str,
+    pairs: Sequence[DriveRatio],
+    logs: FloatArray,
+    p: float | None,
+    corrected: float | None,
+) -> FigureComparison:
     interval: Interval | None = None
+    outcome = Outcome.NOT_ENOUGH_DATA if logs.any() else Outcome.EQUAL
+    if corrected is not None and logs.any():
+        direction = Outcome.WORSE if logs.mean() > 0.0 else Outcome.BETTER
+        outcome = Outcome.NO_DIFFERENCE if corrected >= SIGNIFICANCE else direction
     if len(logs) >= 5:
         low, high = np.exp(np.quantile(drawn_weights(len(logs)) @ logs / len(logs), (0.025, 0.975))).tolist()
         interval = (low, high)
@@ -116,19 +128,11 @@ def _compared(name: FigureName, runs: str, baseline: str, pairs: Sequence[DriveR
         drives=len(pairs),
         ratio=float(np.exp(logs.mean())),
         ci95=interval,
-        p=sign_flip_p(logs),
-        p_corrected=None,
-        outcome=Outcome.NOT_ENOUGH_DATA if logs.any() else Outcome.EQUAL,
+        p=p,
+        p_corrected=corrected,
+        outcome=outcome,
         worst=pairs[int(logs.argmax())],
     )
-
-
-def _outcome(item: FigureComparison, p: float | None) -> Outcome:
-    if p is None or item.outcome is Outcome.EQUAL:
-        return item.outcome
-    if p >= SIGNIFICANCE:
-        return Outcome.NO_DIFFERENCE
-    return Outcome.WORSE if item.ratio > 1.0 else Outcome.BETTER
 
 
 def sign_flip_p(log_ratios: FloatArray) -> float | None:

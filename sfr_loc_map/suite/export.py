@@ -35,16 +35,22 @@ def suite_junit(summary: Summary) -> str:
     return junit(judged | {drive.job.label: drive.score for drive in summary.drives}, failed | refused)
 
 
-def parquet_columns(record: type, prefix: str) -> Iterator[tuple[str, str]]:
-    """Yield name and type of the column of each single value of a record, and of those within it."""
+def _columns(
+    record: type, values: Mapping[str, Any], prefix: str, inlined: str = ""
+) -> Iterator[tuple[str, str, object]]:
+    """Yield name, type and value of the column of each single value of a record, and of those within it."""
     for item in fields_of(record):
-        kind, name = item.kind, prefix + item.keys[0]
+        kind, key = item.kind, inlined + item.keys[0]
         if get_origin(kind) in (Union, type(int | None)):
             kind = next(part for part in get_args(kind) if part is not type(None))
         if kind in TYPES or hasattr(kind, "to_plain") or (isinstance(kind, type) and issubclass(kind, StrEnum)):
-            yield name, TYPES.get(kind, "string")
+            value = values.get(key)
+            yield prefix + key, TYPES.get(kind, "string"), json.dumps(value) if isinstance(value, dict) else value
         elif is_dataclass(kind) and isinstance(kind, type):
-            yield from parquet_columns(kind, f"{name}." if item.prefix is None else prefix + item.prefix)
+            within = (
+                (values.get(key) or {}, f"{prefix}{key}.") if item.prefix is None else (values, prefix, item.prefix)
+            )
+            yield from _columns(kind, *within)
 
 
 def write_parquet(summary: Summary, path: Path) -> None:
@@ -54,26 +60,17 @@ def write_parquet(summary: Summary, path: Path) -> None:
         import pyarrow.parquet
     except ImportError:
         return
-    columns = dict(column for part, record in PARTS.items() for column in parquet_columns(record, f"{part}."))
+
+    def columns(score: Score) -> Iterator[tuple[str, str, object]]:
+        for part, record in PARTS.items():
+            yield from _columns(record, to_plain(getattr(score, part)) or {}, f"{part}.")
+
     head = {**dict.fromkeys(("key", "label", "task", "source", "configuration", "faults"), "string"), "repeat": "int64"}
-    rows = [
-        drive.names() | _flat({part: to_plain(getattr(drive.score, part)) for part in PARTS}, columns)
-        for drive in summary.drives
-    ]
-    schema = pyarrow.schema([(name, kind) for name, kind in (head | columns).items()])
+    kinds = head | {name: kind for name, kind, _ in columns(Score(verdicts=()))}
+    rows = [drive.names() | {name: value for name, _, value in columns(drive.score)} for drive in summary.drives]
+    schema = pyarrow.schema(list(kinds.items()))
     with atomic_path(path) as temporary:
         pyarrow.parquet.write_table(pyarrow.Table.from_pylist(rows, schema=schema), temporary)
-
-
-def _flat(values: Mapping[str, Any], columns: Mapping[str, str], prefix: str = "") -> dict[str, object]:
-    found: dict[str, object] = {}
-    for key, value in values.items():
-        name = prefix + key
-        if name in columns:
-            found[name] = json.dumps(value) if isinstance(value, dict) else value
-        elif isinstance(value, dict):
-            found |= _flat(value, columns, f"{name}.")
-    return found
 
 
 def log_to_mlflow(summary: Summary, folder: Path, uri: str) -> str:

@@ -87,16 +87,14 @@ def error_and_sigma(estimates: Sequence[PoseEstimate], truth: Trajectory) -> tup
     """
     noise = (truth.sigma_m, np.radians(truth.sigma_deg)) if isinstance(truth, Truth) else (0.0, 0.0)
     at = {int(stamp): index for index, stamp in enumerate(truth.stamps_ns)}
-    errors, sigmas = [np.zeros((0, 2))], [np.zeros((0, 2))]
-    for estimate in estimates:
-        if estimate.stamp_ns not in at:
-            continue
+    known = [estimate for estimate in estimates if estimate.stamp_ns in at]
+    errors, variances = np.zeros((len(known), 2)), np.zeros((len(known), 2))
+    for row, estimate in enumerate(known):
         true, found, covariance = truth.pose(at[estimate.stamp_ns]), estimate.T_ds_rb, estimate.covariance
-        rotation = rotvec_from_matrix(found.rotation @ true.rotation.T)
-        errors.append(np.array([[np.linalg.norm(found.translation - true.translation), np.linalg.norm(rotation)]]))
-        variances = np.trace(covariance[:3, :3]), np.trace(covariance[3:, 3:])
-        sigmas.append(np.sqrt([variances + 3.0 * np.square(noise)]))
-    return np.concatenate(errors), np.concatenate(sigmas)
+        turn = rotvec_from_matrix(found.rotation @ true.rotation.T)
+        errors[row] = np.linalg.norm(found.translation - true.translation), np.linalg.norm(turn)
+        variances[row] = np.trace(covariance[:3, :3]), np.trace(covariance[3:, 3:])
+    return errors, np.sqrt(variances + 3.0 * np.square(noise))
 
 
 def benchmark_faults(
