@@ -15,7 +15,7 @@ from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.inputs import one_line
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.path import ROW_FIELDS, LivePath
-from sfr_loc_map.live.timeline import LOCALISATION_NODE, EventKind, Timeline
+from sfr_loc_map.live.timeline import LOCALISATION_NODE, EventKind, Timeline, TopicView
 from sfr_loc_map.live.updates import LOCALISATION, REPORT
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import SCHEMA, from_json, to_dict
@@ -27,31 +27,10 @@ from sfr_loc_map.report.tables import Cell, Table
 MAX_NODES, MAX_TOPICS, MAX_STAMPS, MAX_PROBLEMS, MAX_CALLS = 32, 32, 2000, 20, 600
 MAX_VALUES, MAX_LETTERS = 100, 300  #: Of the health of a node that are kept.
 MAX_REPORT_CHARACTERS = 8_000_000
-TOPIC_STALE_S = 1.7
 STALE_AFTER_S, STALE_PERIODS = 1.5, 1.6
 """A node reports its health each second; one that has not for so long, or for so many of its own periods, is stale."""
 LEVELS = ("ok", "warning", "error", "stale")
 CALL_TIMES = ("processing_time_s", "latency_transport_s", "latency_receive_to_publish_s")  #: Drawn, each apart.
-
-
-@dataclass(frozen=True, slots=True)
-class TopicView:
-    """When a topic was last received, its last stamp, and the smoothed time between two messages (0: not known)."""
-
-    stamp_ns: int | None
-    received_s: float
-    period_s: float = 0.0
-
-    def is_stale(self, now_s: float) -> bool:
-        """Tell whether nothing has come for longer than its period explains; what came once has none."""
-        return self.period_s > 0.0 and now_s - self.received_s > max(TOPIC_STALE_S, 3.0 * self.period_s)
-
-    def to_plain(self, now_s: float, lost: int) -> dict[str, Any]:
-        """Return it as JSON values."""
-        stamp = None if self.stamp_ns is None else str(self.stamp_ns)
-        age_s = round(max(now_s - self.received_s, 0.0), 3)
-        rate_hz = round(1.0 / self.period_s, 2) if self.period_s > 1e-6 else None  # none of what is all of one moment
-        return {"stamp_ns": stamp, "age_s": age_s, "rate_hz": rate_hz, "stale": self.is_stale(now_s), "lost": lost}
 
 
 @dataclass(slots=True)
@@ -302,12 +281,8 @@ class LiveState:
         ]
 
     def _note_topic(self, name: str, stamp_ns: int | None, received_s: float) -> None:
-        period_s, before = 0.0, self.topics.get(name)
-        if before is not None:
-            passed = max(received_s - before.received_s, 0.0)
-            period_s = passed if not before.period_s else 0.8 * before.period_s + 0.2 * passed
-        if before is not None or len(self.topics) < MAX_TOPICS:
-            self.topics[name] = TopicView(stamp_ns, received_s, period_s)
+        if name in self.topics or len(self.topics) < MAX_TOPICS:
+            self.topics[name] = TopicView.after(self.topics.get(name), stamp_ns, received_s)
 
     def _node(self, name: str) -> NodeView | None:
         if name not in self.nodes and len(self.nodes) < MAX_NODES:

@@ -14,7 +14,7 @@ from sfr_loc_map.pipeline.reception import jumped_back
 
 MAX_EVENTS, MAX_TEXT = 400, 200
 STALE_S, STALE_PERIODS = 1.6, 3.0
-"""What comes again and again is stale where it has not come for so long, or for so many of its own periods."""
+"""A topic is stale where it has not come for so long, or for so many of its own periods."""
 FLICKER_S = 0.5  #: Tracking between two such intervals of one kind that is shorter does not part them.
 GAP_S, GAP_PERIODS = 2.0, 20.0  #: A step of the stamps that is longer, and longer than so many usual ones, is told.
 LOCALISATION_NODE, POSE = "localisation_node", "pose"
@@ -36,6 +36,33 @@ class EventKind(StrEnum):
     ABORTED = "aborted"
 
 
+@dataclass(frozen=True, slots=True)
+class TopicView:
+    """When a topic was last received, its last stamp, and the smoothed time between two messages (0: not known)."""
+
+    stamp_ns: int | None
+    received_s: float
+    period_s: float = 0.0
+
+    @classmethod
+    def after(cls, before: TopicView | None, stamp_ns: int | None, received_s: float) -> TopicView:
+        """Return the view of a message, that of the one before given."""
+        passed_s = 0.0 if before is None else max(received_s - before.received_s, 0.0)
+        known = before is not None and before.period_s
+        return cls(stamp_ns, received_s, 0.8 * known + 0.2 * passed_s if known else passed_s)
+
+    def is_stale(self, now_s: float) -> bool:
+        """Tell whether nothing has come for longer than its period explains; what came once has none."""
+        return self.period_s > 0.0 and now_s - self.received_s > max(STALE_S, STALE_PERIODS * self.period_s)
+
+    def to_plain(self, now_s: float, lost: int) -> dict[str, Any]:
+        """Return it as JSON values."""
+        stamp = None if self.stamp_ns is None else str(self.stamp_ns)
+        age_s = round(max(now_s - self.received_s, 0.0), 3)
+        rate_hz = round(1.0 / self.period_s, 2) if self.period_s > 1e-6 else None  # none of what is all of one moment
+        return {"stamp_ns": stamp, "age_s": age_s, "rate_hz": rate_hz, "stale": self.is_stale(now_s), "lost": lost}
+
+
 @dataclass(slots=True)
 class Event:
     """One interval, seconds; `to_s` is None while it goes on, and equal to `from_s` for what takes no time."""
@@ -55,9 +82,8 @@ class Timeline:
         self.events: list[Event] = []
         self._open: dict[str, Event] = {}
         self._word = ""  # of the localiser's last call
-        self._pose_s: float | None = None
-        self._stamp_ns: int | None = None
-        self._period_s = self._step_s = 0.0  # smoothed, of receipt and of stamps
+        self._pose: TopicView | None = None
+        self._step_s = 0.0  # of the stamps of poses, smoothed
 
     def take(self, update: updates.Update, at_s: float) -> None:
         """Take in what a pose or a status tells."""
@@ -68,7 +94,7 @@ class Timeline:
                 self.note(update.node, at_s, None)
             if update.node == LOCALISATION_NODE:
                 self._word = update.message
-                if self._pose_s is not None and POSE in self._open:
+                if self._pose is not None and POSE in self._open:
                     self._note_tracking(at_s, lost=self._open[POSE].kind is EventKind.LOST)
         elif isinstance(update, updates.Status) and update.kind is updates.StatusKind.HEALTH:
             bad = update.level == 2 and update.node != LOCALISATION_NODE  # what is lost is told as such
@@ -79,9 +105,8 @@ class Timeline:
 
     def look(self, now_s: float, silent: Mapping[str, float]) -> None:
         """Note what has not come up to now: poses, and nodes that are silent since a time."""
-        silent_s = max(STALE_S, STALE_PERIODS * self._period_s)
-        if self._pose_s is not None and self._period_s > 0.0 and now_s - self._pose_s > silent_s:
-            self.note(POSE, self._pose_s, EventKind.STALE, "no pose")
+        if self._pose is not None and self._pose.is_stale(now_s):
+            self.note(POSE, self._pose.received_s, EventKind.STALE, "no pose")
         for node, since_s in silent.items():
             self.note(node, since_s, EventKind.NODE, SILENT.format(node))
 
@@ -149,16 +174,15 @@ class Timeline:
 
     def _take_pose(self, pose: updates.PoseSample, at_s: float) -> None:
         self.look(at_s, {})
-        if self._pose_s is not None and self._stamp_ns is not None:
-            passed_s, step_s = max(at_s - self._pose_s, 0.0), (pose.stamp_ns - self._stamp_ns) / NS_PER_S
-            if jumped_back(self._stamp_ns, pose.stamp_ns):
+        if self._pose is not None and self._pose.stamp_ns is not None:
+            step_s = (pose.stamp_ns - self._pose.stamp_ns) / NS_PER_S
+            if jumped_back(self._pose.stamp_ns, pose.stamp_ns):
                 self.mark(at_s, EventKind.CLOCK, f"stamps go back by {-step_s:.1f} s")
             elif step_s > max(GAP_S, GAP_PERIODS * self._step_s) and self._step_s > 0.0:
                 self.mark(at_s, EventKind.CLOCK, f"stamps go on by {step_s:.1f} s at once")
             else:
                 self._step_s = step_s if self._step_s <= 0.0 else 0.8 * self._step_s + 0.2 * step_s
-            self._period_s = passed_s if not self._period_s else 0.8 * self._period_s + 0.2 * passed_s
-        self._pose_s, self._stamp_ns = at_s, pose.stamp_ns
+        self._pose = TopicView.after(self._pose, pose.stamp_ns, at_s)
         self._note_tracking(at_s, lost=pose.is_lost)
 
     def _note_tracking(self, at_s: float, *, lost: bool) -> None:

@@ -37,7 +37,7 @@ from sfr_loc_map.methods.registry import BUILT_IN, PEERS, Method, MethodLimits, 
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.cloud_error import PairTruth, score_map
 from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
-from sfr_loc_map.metrics.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.trajectory_score import FIGURES, score_trajectory
 from sfr_loc_map.signals import hold
 
 SCHEMA = "sfr-bench/1"
@@ -160,12 +160,7 @@ def trajectory_errors(
     lost = np.array([pose is None for pose in poses], np.bool_)
     score = score_trajectory(Estimates.of(Trajectory.from_poses(stamped), lost), truth, scoring).score
     return {
-        text: {
-            "count": part.count,
-            "position_m": part.position_m.mean_plus_3sigma,
-            "attitude_deg": part.attitude_deg.mean_plus_3sigma,
-            "heading_deg": part.heading_deg.mean_plus_3sigma,
-        }
+        text: {"count": part.count, **{name: getattr(part, name).mean_plus_3sigma for name in FIGURES}}
         for text, part in zip(scoring.conditions, score.conditions, strict=True)
     }
 

@@ -22,7 +22,7 @@ from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from sfr_loc_map.errors import InputError, MissingExtraError, SfrError
-from sfr_loc_map.inputs import one_line
+from sfr_loc_map.inputs import one_line, refusing
 from sfr_loc_map.suite.job import Job
 from sfr_loc_map.suite.proof import JOINED, code_facts, code_fingerprint, lacking, proof_plugin, withdraw
 from sfr_loc_map.suite.specification import SuiteSettings
@@ -85,10 +85,8 @@ def connected(settings: SuiteSettings, *, workers: int, scheduler: str | None) -
     with contextlib.ExitStack() as stack:
         stack.enter_context(dask.config.set(options))
         if scheduler is not None:
-            try:
+            with refusing(f"no Dask scheduler answers at '{scheduler}'", "start one"):
                 client = Client(scheduler, timeout="10s", set_as_default=False)
-            except (OSError, ValueError) as error:
-                raise InputError(f"no Dask scheduler answers at '{scheduler}' ({error}): start one") from error
             stack.callback(client.close, timeout=2)
         else:
             cluster = LocalCluster(

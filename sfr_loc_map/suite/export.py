@@ -16,6 +16,7 @@ from sfr_loc_map.inputs import one_line
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.metrics.score import MapScore, MemoryScore, Score, TimingScore, TrajectoryScore
 from sfr_loc_map.metrics.score_json import fields_of, to_plain
+from sfr_loc_map.metrics.trajectory_score import FIGURES
 from sfr_loc_map.report.test_report import junit
 from sfr_loc_map.suite.figures import figures_of
 from sfr_loc_map.suite.summary import Summary
@@ -87,7 +88,7 @@ def log_to_mlflow(summary: Summary, folder: Path, uri: str) -> str:
     values |= {name: sum(of_drives) / len(of_drives) for name, of_drives in means.items()}
     for group in summary.groups:
         for part in group.conditions:
-            for error in ("position_m", "attitude_deg", "heading_deg"):
+            for error in FIGURES:
                 runs = "/".join(filter(None, (*group.runs, part.condition.label, error)))
                 values |= {f"{runs}/{key}": value for key, value in to_plain(getattr(part, error)).items()}
     metrics = [(re.sub(r"[^\w\-. :/]", "_", name), value) for name, value in values.items() if isinstance(value, float)]

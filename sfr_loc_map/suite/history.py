@@ -23,7 +23,7 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError, MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.inputs import one_line
+from sfr_loc_map.inputs import one_line, refusing
 from sfr_loc_map.metrics.comparison import Outcome
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.suite.figures import FigureKind, FigureName
@@ -80,7 +80,7 @@ class Night:
     def read(cls, folder: Path) -> Night:
         """Return the night whose results a folder holds, from its `suite.json`."""
         path = folder / "suite.json"
-        try:
+        with refusing(f"no figures in '{path}'", f"make it with sfr suite report '{folder}'"):
             content = json.loads(path.read_text(encoding="utf-8"))
             drives = [*content["drives"], *content["failures"]]
             keys = [f"{drive['pairing']} {drive['configuration']}" for drive in drives]
@@ -91,9 +91,6 @@ class Night:
             labels = {key: drive["label"] for key, drive in zip(keys, drives, strict=True)}
             paths = {key: drive.get("path") or drive["source"] for key, drive in zip(keys, drives, strict=True)}
             commit = content["git"]["commit"]
-        except (OSError, ValueError, KeyError) as error:
-            reason = f"{type(error).__name__}: {error}"
-            raise InputError(f"no figures in '{path}' ({reason}): make it with sfr suite report '{folder}'") from error
         return cls(str(folder), commit, labels, paths, dict(zip(keys, figures, strict=False)))
 
     def without_configurations(self) -> Night:

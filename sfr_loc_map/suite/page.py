@@ -6,7 +6,7 @@ import sqlite3
 from collections.abc import Sequence
 from contextlib import closing
 
-from sfr_loc_map.io.atomic import atomic_path
+from sfr_loc_map.io.atomic import atomic_path, write_text
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.score_json import json_line
 from sfr_loc_map.report.page import render_overview, render_page
@@ -29,8 +29,7 @@ def write_summary(summary: Summary, store: Store) -> None:
     texts = {"suite.json": json_line(summary.to_dict()), "report.html": render_summary(summary)}
     texts |= {f"{PAGES}/{drive.job.key}.html": render_page(drive.score, figures=False) for drive in linked(summary)}
     for name, text in texts.items():
-        with atomic_path(folder / name) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+        write_text(text, folder / name)
     with atomic_path(folder / "index.sqlite") as temporary, closing(sqlite3.connect(temporary)) as index, index:
         index.execute(INDEX)
         for place, (job, state) in enumerate(store.entries()):

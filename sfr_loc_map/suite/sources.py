@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
-import os
-import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import InputError, MissingExtraError
+from sfr_loc_map.inputs import one_line
+from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.job import JobSource, SourceKind, digest
 
@@ -54,18 +54,13 @@ def fetch(url: str, cache: Path) -> Path:
 
 
 def _made_once(target: Path, make: Callable[[Path], object]) -> Path:
-    """Return a folder, made by whoever asks first; a process that ends half way leaves nothing under its name."""
+    """Return a folder, made by whoever asks first; who asks meanwhile waits."""
     target.parent.mkdir(parents=True, exist_ok=True)
     with target.with_name(f"{target.name}.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not target.is_dir():
-            part = target.with_name(f"{target.name}.part")
-            shutil.rmtree(part, ignore_errors=True)
-            try:
+            with atomic_path(target) as part:
                 make(part)
-                os.rename(part, target)
-            finally:
-                shutil.rmtree(part, ignore_errors=True)
     return target
 
 
@@ -93,5 +88,6 @@ def _opened(url: str) -> Iterator[tuple[AbstractFileSystem, str]]:
     try:
         yield opened
     except Exception as error:
-        reason = " ".join(f"{type(error).__name__}: {error.__cause__ or error}".split())
+        cause = error.__cause__ or error
+        reason = one_line(f"{type(cause).__name__}: {cause}")
         raise InputError(f"cannot read '{url}': {reason}; check the URL, the network and the credentials") from error

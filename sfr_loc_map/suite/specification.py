@@ -10,7 +10,7 @@ from typing import Any
 
 from sfr_loc_map.config import build, flatten, load_yaml, param
 from sfr_loc_map.errors import ConfigError, InputError
-from sfr_loc_map.inputs import Task, read_text
+from sfr_loc_map.inputs import Task, read_text, refusing
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.methods.registry import LIBRARY_PREFIX, OURS, Method, find_method
@@ -198,10 +198,8 @@ def _method(values: Mapping[str, object], task: Task, folder: Path) -> dict[str,
         spec = f"{(folder / place).resolve()}:{name}"
     if "method_config" in values:
         path = folder / str(values["method_config"])
-        try:
+        with refusing(f"'method_config: {path}' cannot be read", "give a text file"):
             text = read_text(path)
-        except (OSError, ValueError) as error:
-            raise ConfigError(f"'method_config: {path}' cannot be read ({error}): give a text file") from error
     if spec == OURS:
         return {}
     return dict(zip(METHOD_KEYS, (spec, text, method_hash(spec, task, text)), strict=True))

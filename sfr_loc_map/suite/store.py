@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 
 from sfr_loc_map.errors import OutputError
 from sfr_loc_map.inputs import refusing
-from sfr_loc_map.io.atomic import atomic_path
+from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_dict, from_plain, json_line, to_plain
 from sfr_loc_map.suite.cluster import FailureCause, JobOutcome, WorkerRecord
@@ -88,7 +88,7 @@ class Store:
     def plan(self, jobs: Sequence[Job], refusals: Sequence[Refusal]) -> None:
         """Take the jobs of a suite's file as it is now, and the sources that it cannot read."""
         self._plan |= {"jobs": to_plain(jobs), "refusals": to_plain(refusals), "run": about_run()}
-        _write(self.folder / PLAN, json_line(self._plan))
+        write_text(json_line(self._plan), self.folder / PLAN)
 
     @property
     def run(self) -> dict[str, Any]:
@@ -107,7 +107,7 @@ class Store:
 
     def add_workers(self, records: Sequence[WorkerRecord]) -> None:
         """Keep the workers of a run beside those of the runs before."""
-        _write(self.folder / WORKERS, json_line([*self.workers(), *records]))
+        write_text(json_line([*self.workers(), *records]), self.folder / WORKERS)
 
     def state(self, key: str) -> str:
         """Return `failed` if there is a failure, which is later than a result, else `done` or `waiting`."""
@@ -129,21 +129,16 @@ class Store:
         """Keep what came of a job, whole or not at all."""
         failed = self.failures / f"{job.key}.json"
         if outcome.cause is None:
-            _write(self.results / f"{job.key}.json", outcome.result or "")
+            write_text(outcome.result or "", self.results / f"{job.key}.json")
             failed.unlink(missing_ok=True)
             return
         what = (job.key, job.label, job.source.path, outcome.cause, outcome.message, job.configuration, job.pairing)
-        _write(failed, json_line(JobFailure(*what)))
+        write_text(json_line(JobFailure(*what)), failed)
 
     def entries(self) -> list[tuple[Job, str]]:
         """Return the jobs of the suite in its order, each with `done`, `failed` or `waiting`."""
         jobs = (_record(Job, item, self.folder / PLAN) for item in self._plan["jobs"])
         return [(job, self.state(job.key)) for job in jobs]
-
-
-def _write(path: Path, text: str) -> None:
-    with atomic_path(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
 
 
 def _record(kind: type[T], value: object, path: Path) -> T:

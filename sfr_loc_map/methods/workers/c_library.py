@@ -1,4 +1,4 @@
-"""A shared library with the interface of `sfr_candidate.h` as a method; needs NumPy alone.
+"""A shared library with the interface of `sfr_candidate.h` as a method.
 
 What it returns is checked: sizes, marks behind what it may write, status, count. What the numbers mean is checked by
 who gave the order.
@@ -13,8 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-ABI = 2
-MAX_PAIRS = 3
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.rotation import matrix_from_quat
+from sfr_loc_map.geometry.stereo import StereoRig
+
+ABI, MAX_PAIRS = 2, 3
 STATES = ("initialising", "tracking", "degraded", "lost")
 MARK = np.full(64, 0xA5, np.uint8)  #: Behind each thing that a candidate writes.
 MESSAGE_SIZE = 512
@@ -31,10 +34,6 @@ POSE = np.dtype([
 PAIR = np.dtype([("size", "u4"), ("index", "i4"), ("stamp_ns", "i8"), ("left", np.uintp), ("right", np.uintp)])
 POINT = np.dtype([("x", "f4"), ("y", "f4"), ("z", "f4"), ("sigma", "f4"), ("u", "u2"), ("v", "u2")])
 MAP_POINT = np.dtype([*POINT.descr, ("pair", "u2"), ("reserved", "u2")])
-CLOUD = np.dtype([*((name, "f4") for name in ("x", "y", "z", "sigma", "intensity")), ("u", "u2"), ("v", "u2"),
-                  ("pair", "u1")])  # fmt: skip
-"""Of a point in the file that is read by who gave the order."""
-T_NAVSB_LEFT_ROTATION = ((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))
 
 Image = NDArray[np.uint8]
 Pointer = ctypes.c_void_p
@@ -53,7 +52,7 @@ def rig_struct(setup: Mapping[str, Any]) -> NDArray[Any]:
     for name in CAMERA:
         rig[name] = setup[name]
     rig["T_rb_left"] = (np.eye(4).ravel() if setup["T_rb_left"] is None else setup["T_rb_left"])[:12]
-    rig["T_navsb_left"] = np.column_stack((T_NAVSB_LEFT_ROTATION, (0.0, 0.5 * setup["baseline_m"], 0.0))).ravel()
+    rig["T_navsb_left"] = StereoRig(**{name: setup[name] for name in CAMERA}).T_sb_left.matrix[:3].ravel()
     return rig
 
 
@@ -123,7 +122,8 @@ class LibraryLocaliser(Library):
         if not abs(length - 1.0) < 1e-2 and np.isfinite(length):
             raise ValueError(f"the quaternion has length {length:g}: must be 1")
         T_start_rb = np.eye(4)
-        T_start_rb[:3, :3], T_start_rb[:3, 3] = _rotation(quat / length), pose["position_m"]
+        T_start_rb[:3, :3] = matrix_from_quat(quat) if np.isfinite(length) else np.nan
+        T_start_rb[:3, 3] = pose["position_m"]
         stated = covariance.reshape(6, 6)
         known = None if np.isnan(stated).all() else (self._turn @ stated @ self._turn.T).ravel().tolist()
         return {**about, "T_ds_rb": (self._start @ T_start_rb).ravel().tolist(), "covariance": known}
@@ -181,18 +181,12 @@ class LibraryMapper(Library):
             raise ValueError(f"a point names pair {pair.max()}: the set has {pairs}, counted from 0")
         if fused not in (0, 1):
             raise ValueError(f"fused is {fused}: must be 0 or 1")
-        cloud = np.zeros(len(points), CLOUD)
+        cloud = np.zeros(len(points), PointCloud.dtype())
         for name in POINT.names or ():
             cloud[name] = points[name]
         cloud["intensity"], cloud["pair"] = lefts[pair, points["v"], points["u"]], pair
         np.save(order["output"] + ".cloud.npy", cloud)
         return {"stamp_ns": order["stamp_ns"], "fused": bool(fused)}
-
-
-def _rotation(quat: NDArray[np.float64]) -> NDArray[np.float64]:
-    x, y, z, w = quat
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) + 2.0 * (w * cross + cross @ cross))
 
 
 def open_method(setup: Mapping[str, Any]) -> Library:
