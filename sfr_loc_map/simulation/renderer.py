@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MissingExtraError
-from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
+from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.jit import jit, jit_inline
+from sfr_loc_map.jit import jit
 from sfr_loc_map.simulation.noise import hash2, mix, unit
 from sfr_loc_map.simulation.terrain import Mesh
 
@@ -29,34 +29,11 @@ class Hits(NamedTuple):
     ranges: FloatArray  #: `(N,)` float64, metres.
 
 
-class Camera(NamedTuple):
-    """A pinhole camera as kernels take it."""
-
-    rotation: FloatArray  #: `(3, 3)` optical frame to DS.
-    centre: FloatArray  #: `(3,)` metres, DS.
-    fx: float  #: Focal length along rows, pixels.
-    fy: float  #: Focal length along columns, pixels.
-    cx: float  #: Principal point, pixels.
-    cy: float  #: Principal point, pixels.
-
-    @classmethod
-    def of(cls, rig: StereoRig, T_ds_cam: Transform) -> Camera:
-        """Return a camera of a rig at a pose of its optical frame."""
-        rotation, centre = np.ascontiguousarray(T_ds_cam.rotation), np.ascontiguousarray(T_ds_cam.translation)
-        return cls(rotation, centre, float(rig.fx), float(rig.fy), float(rig.cx), float(rig.cy))
-
-
-@jit
-def pixel_rays(camera: Camera, u: FloatArray, v: FloatArray) -> FloatArray:
-    """Return unit rays `(N, 3)` in DS through pixels `(N,)`."""
-    out = np.empty((len(u), 3))
-    rotation = camera.rotation
-    for n in range(len(u)):
-        x, y = (u[n] - camera.cx) / camera.fx, (v[n] - camera.cy) / camera.fy
-        length = 1.0 / np.sqrt(x * x + y * y + 1.0)
-        for k in range(3):
-            out[n, k] = (rotation[k, 0] * x + rotation[k, 1] * y + rotation[k, 2]) * length
-    return out
+def pixel_rays(rig: StereoRig, T_ds_cam: Transform, u: FloatArray, v: FloatArray) -> FloatArray:
+    """Return unit rays `(N, 3)` in DS through pixels `(N,)` of a camera at a pose of its optical frame."""
+    x, y = (u - rig.cx) / rig.fx, (v - rig.cy) / rig.fy
+    length = 1.0 / np.sqrt(x * x + y * y + 1.0)
+    return np.column_stack([(a * x + b * y + c) * length for a, b, c in T_ds_cam.rotation])
 
 
 def sample_offsets(samples: int) -> FloatArray:
@@ -212,13 +189,11 @@ class Occluder:
 def trace_shadow_rays(tracer: Tracer, hits: Hits, suns: Float32s, occluder: Occluder | None = None) -> Float32s:
     """Return 1 where light arrives from the direction `suns` `(N, 3)`, 0 where it is blocked; `(N,)`."""
     lit = np.zeros(len(suns), np.float32)
-    sunward = np.empty(len(suns), np.int64)
-    starts = np.empty((len(suns), 3), np.float32)
-    count = _facing_sun(hits, suns, sunward, starts)
-    if not count:
+    # the others need no ray
+    sunward = np.flatnonzero((hits.objects != SKY) & (np.einsum("ij,ij->i", hits.normals, suns) > 0.0))
+    if not len(sunward):
         return lit
-    sunward, starts = sunward[:count], starts[:count]
-    rays = suns[sunward]
+    starts, rays = _just_above(hits, sunward), suns[sunward]
     free = ~tracer.blocked(starts, rays)
     if occluder is not None:
         T_own_ds = occluder.T_ds_own.inverse()
@@ -228,74 +203,20 @@ def trace_shadow_rays(tracer: Tracer, hits: Hits, suns: Float32s, occluder: Occl
     return lit
 
 
-@jit_inline
-def _lift(hits: Hits, n: int, out: Float32s) -> None:
-    """Write the point `(3,)` just above a hit."""
-    for k in range(3):
-        out[k] = hits.points[n, k] + (LIFT_M + LIFT_PER_RANGE * hits.ranges[n]) * hits.normals[n, k]
-
-
-@jit
-def _facing_sun(hits: Hits, suns: Float32s, sunward: IntArray, starts: Float32s) -> int:
-    """Collect the hits that face the sun, and points just above them; the others need no ray."""
-    count = 0
-    normals = hits.normals
-    for n in range(len(hits.objects)):
-        if hits.objects[n] == SKY:
-            continue
-        if normals[n, 0] * suns[n, 0] + normals[n, 1] * suns[n, 1] + normals[n, 2] * suns[n, 2] > 0.0:
-            sunward[count] = n
-            _lift(hits, n, starts[count])
-            count += 1
-    return count
-
-
-class IdealImage(NamedTuple):
-    """An ideal image as kernels take it; the principal point is its centre."""
-
-    T_cam_ds: FloatArray  #: `(4, 4)` DS to the optical frame.
-    centre: FloatArray  #: `(3,)` optical centre, metres, DS.
-    fx: float  #: Focal length along rows, pixels.
-    fy: float  #: Focal length along columns, pixels.
-    half_width: float  #: Pixels.
-    half_height: float  #: Pixels.
+def _just_above(hits: Hits, rows: NDArray[np.intp]) -> Float32s:
+    points = hits.normals[rows]
+    points *= (LIFT_M + LIFT_PER_RANGE * hits.ranges[rows])[:, None]
+    points += hits.points[rows]
+    return points.astype(np.float32)
 
 
 def occlusion_mask(tracer: Tracer, hits: Hits, T_ds_cam: Transform, rig: StereoRig) -> Mask:
     """Return the mask `(N,)` of the hits that a camera does not see: outside its image or occluded; not the sky."""
-    count = len(hits.objects)
-    mask = np.zeros(count, bool)
-    inside = np.empty(count, np.int64)
-    starts, towards = np.empty((count, 3), np.float32), np.empty((count, 3), np.float32)
-    halves = (0.5 * rig.width, 0.5 * rig.height)
-    view = IdealImage(T_ds_cam.inverse().matrix, T_ds_cam.translation, float(rig.fx), float(rig.fy), *halves)
-    found = _within_image(hits, view, mask, inside, starts, towards)
-    if found:
-        reach = np.full(found, 0.999, np.float32)
-        mask[inside[:found]] = tracer.blocked(starts[:found], towards[:found], reach)
+    x, y, depth = T_ds_cam.inverse().apply(hits.points).T  # from the image centre
+    inside = (np.abs(rig.fx * x) < 0.5 * rig.width * depth) & (np.abs(rig.fy * y) < 0.5 * rig.height * depth)
+    surface = hits.objects != SKY
+    mask, rows = surface & ~inside, np.flatnonzero(surface & inside)
+    if len(rows):
+        towards = np.asarray(T_ds_cam.translation - hits.points[rows], np.float32)
+        mask[rows] = tracer.blocked(_just_above(hits, rows), towards, np.full(len(rows), 0.999, np.float32))
     return mask
-
-
-@jit
-def _within_image(
-    hits: Hits, view: IdealImage, outside: Mask, inside: IntArray, starts: Float32s, towards: Float32s
-) -> int:
-    """Mark the hits outside an image; collect the others, with points just above them and vectors to the camera."""
-    count = 0
-    local = np.empty(3)
-    for n in range(len(hits.objects)):
-        if hits.objects[n] == SKY:
-            continue
-        for k in range(3):
-            local[k] = view.T_cam_ds[k, 3]
-            for m in range(3):
-                local[k] += view.T_cam_ds[k, m] * hits.points[n, m]
-        across, down = abs(view.fx * local[0]), abs(view.fy * local[1])  # from the image centre, times the depth
-        outside[n] = not (local[2] > 0.0 and across < view.half_width * local[2] and down < view.half_height * local[2])
-        if not outside[n]:
-            inside[count] = n
-            _lift(hits, n, starts[count])
-            for k in range(3):
-                towards[count, k] = view.centre[k] - hits.points[n, k]
-            count += 1
-    return count

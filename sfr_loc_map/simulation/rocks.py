@@ -33,7 +33,6 @@ class Rocks:
 
     centres: FloatArray  #: `(N, 3)` float64, metres, DS; the height is that of the ground.
     diameters: FloatArray  #: `(N,)` float64, metres.
-    distances: FloatArray  #: `(N,)` float64, metres from the path.
     #: `(N,)` float64, apparent size from the nearest point of the path; decides how fine the shape is.
     pixels: FloatArray
 
@@ -62,13 +61,12 @@ def place_rocks(seed: int, config: RockConfig, terrain: Terrain, path: FloatArra
         parts.append(_scatter_rocks(rng, config, path, low, high))
         low *= CLASS_RATIO
     found = np.concatenate(parts)
-    x, y, diameters = np.ascontiguousarray(found[:, 0]), np.ascontiguousarray(found[:, 1]), found[:, 2]
-    distances = path_distance(x, y, path)
-    free = (diameters < config.clear_m) | (distances > half_width_m + 0.6 * diameters)
-    x, y, diameters, distances = x[free], y[free], diameters[free], distances[free]
+    distances = path_distance(found[:, :2], path)
+    free = (found[:, 2] < config.clear_m) | (distances > half_width_m + 0.6 * found[:, 2])
+    (x, y, diameters), distances = np.ascontiguousarray(found[free].T), distances[free]
     z = terrain.height(x, y, cell_size(terrain, distances, path))
     pixels = LENS_PX / coarseness(terrain, path) * diameters / np.maximum(distances, 0.8)
-    return Rocks(np.column_stack((x, y, z)), diameters, distances, pixels)
+    return Rocks(np.column_stack((x, y, z)), diameters, pixels)
 
 
 def rock_mesh(seed: int, config: RockConfig, rocks: Rocks) -> Mesh:
@@ -101,8 +99,7 @@ def _scatter_rocks(
     count = rng.poisson((numbers[0] - numbers[1]) * size[0] * size[1])
     position = corner + rng.random((count, 2)) * size
     diameter = 1.0 / (1.0 / low - rng.random(count) * (1.0 / low - 1.0 / high))
-    distance = path_distance(np.ascontiguousarray(position[:, 0]), np.ascontiguousarray(position[:, 1]), path)
-    kept = distance < reach * (0.6 + 0.4 * rng.random(count))
+    kept = path_distance(position, path) < reach * (0.6 + 0.4 * rng.random(count))
     return np.asarray(np.column_stack((position, diameter))[kept])
 
 
@@ -138,17 +135,13 @@ def _random_rotations(rng: np.random.Generator, count: int) -> FloatArray:
     """Return rotations `(N, 3, 3)`: any heading, tilted by some 15 degrees, as rocks rest on flat sides."""
     heading = rng.uniform(0, 2 * np.pi, count)
     tilt = rng.normal(0, 0.26, (count, 2))
-    c, s = np.cos(heading), np.sin(heading)
-    zero, one = np.zeros(count), np.ones(count)
-    about_z = np.stack((np.stack((c, -s, zero), -1), np.stack((s, c, zero), -1), np.stack((zero, zero, one), -1)), -2)
-    cx, sx, cy, sy = np.cos(tilt[:, 0]), np.sin(tilt[:, 0]), np.cos(tilt[:, 1]), np.sin(tilt[:, 1])
-    about_x = np.stack(
-        (np.stack((one, zero, zero), -1), np.stack((zero, cx, -sx), -1), np.stack((zero, sx, cx), -1)), -2
-    )
-    about_y = np.stack(
-        (np.stack((cy, zero, sy), -1), np.stack((zero, one, zero), -1), np.stack((-sy, zero, cy), -1)), -2
-    )
-    return np.asarray(about_x @ about_y @ about_z)
+    about = np.tile(np.eye(3), (3, count, 1, 1))
+    for axis, angle in enumerate((*tilt.T, heading)):
+        p, q = (axis + 1) % 3, (axis + 2) % 3
+        about[axis, :, p, p] = about[axis, :, q, q] = np.cos(angle)
+        about[axis, :, q, p] = np.sin(angle)
+        about[axis, :, p, q] = -about[axis, :, q, p]
+    return np.asarray(about[0] @ about[1] @ about[2])
 
 
 def _library(seed: int, angular: float, level: int) -> list[tuple[FloatArray, FloatArray, NDArray[np.int32]]]:

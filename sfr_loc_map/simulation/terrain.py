@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.jit import jit, jit_inline
@@ -29,42 +30,33 @@ class MaterialShares(NamedTuple):
 
 
 class TerrainParameters(NamedTuple):
-    """The shape of the ground as kernels take it; lengths in metres."""
+    """The shape of the ground as kernels take it; the names of `ReliefConfig` stand for the same."""
 
-    relief: float  #: Standard deviation of the rolling relief.
-    relief_length: float  #: Longest wavelength of the relief.
+    relief_m: float  #: Standard deviation of the rolling relief.
+    relief_length_m: float  #: Longest wavelength of the relief.
     hurst: float  #: Roughness exponent of the relief.
-    hills: float  #: Standard deviation of the hills.
-    hills_length: float  #: Wavelength of the hills.
-    gradient: float  #: Rise per metre to the east.
-    ripple_height: float  #: Crest height of wind ripples.
+    hills_m: float  #: Standard deviation of the hills.
+    hills_length_m: float  #: Wavelength of the hills.
+    ripple_height_m: float  #: Crest height of wind ripples.
     ripple_wave_x: float  #: Wave number of the ripples to the east, radians per metre.
     ripple_wave_y: float  #: Wave number to the north.
     crater_density: float  #: Craters of more than 1 m across, per square metre.
-    rim_radius: float  #: Radius of one large crater; 0 for none.
-    rim_x: float  #: East coordinate of its centre in DS.
-    rim_y: float  #: North coordinate of its centre in DS.
+    rim_radius_m: float  #: Radius of one large crater; 0 for none.
+    rim_x_m: float  #: East coordinate of its centre in DS.
+    rim_y_m: float  #: North coordinate of its centre in DS.
+    gradient: float  #: Rise per metre to the east.
     shares: MaterialShares  #: Shares of materials.
     seed: np.uint32  #: 32 bits.
 
     @classmethod
     def of(cls, seed: int, terrain: ReliefConfig, ground: GroundConfig) -> TerrainParameters:
         """Return the parameters of a configuration."""
-        azimuth = math.radians(terrain.ripple_azimuth_deg)
+        azimuth, number = math.radians(terrain.ripple_azimuth_deg), 2.0 * math.pi
         return cls(
-            relief=float(terrain.relief_m),
-            relief_length=float(terrain.relief_length_m),
-            hurst=float(terrain.hurst),
-            hills=float(terrain.hills_m),
-            hills_length=float(terrain.hills_length_m),
+            **{name: float(getattr(terrain, name)) for name in cls._fields if hasattr(terrain, name)},
             gradient=math.tan(math.radians(terrain.slope_deg)),
-            ripple_height=float(terrain.ripple_height_m),
-            ripple_wave_x=2.0 * math.pi * math.cos(azimuth) / terrain.ripple_length_m,
-            ripple_wave_y=2.0 * math.pi * math.sin(azimuth) / terrain.ripple_length_m,
-            crater_density=float(terrain.crater_density),
-            rim_radius=float(terrain.rim_radius_m),
-            rim_x=float(terrain.rim_x_m),
-            rim_y=float(terrain.rim_y_m),
+            ripple_wave_x=number * math.cos(azimuth) / terrain.ripple_length_m,
+            ripple_wave_y=number * math.sin(azimuth) / terrain.ripple_length_m,
             shares=MaterialShares(float(ground.gravel), float(ground.bedrock)),
             seed=sub_seed(seed, 1),
         )
@@ -118,18 +110,18 @@ def _heights(x: FloatArray, y: FloatArray, spacing: FloatArray, parameters: Terr
         z = parameters.gradient * x[i] + _hills(x[i], y[i], parameters)
         z += _relief(x[i], y[i], spacing[i], parameters)
         z += _craters(x[i], y[i], parameters.crater_density, parameters.seed)
-        rim = parameters.rim_radius
+        rim = parameters.rim_radius_m
         if rim > 0.0:
-            r = math.hypot(x[i] - parameters.rim_x, y[i] - parameters.rim_y) / rim
+            r = math.hypot(x[i] - parameters.rim_x_m, y[i] - parameters.rim_y_m) / rim
             z += _crater_profile(r, 0.24 * rim, 0.07 * rim)
-        if spacing[i] < 0.2 and parameters.ripple_height > 0.0:
+        if spacing[i] < 0.2 and parameters.ripple_height_m > 0.0:
             z += _ripples(x[i], y[i], parameters)
         out[i] = z
 
 
 @jit
 def _hills(x: float, y: float, parameters: TerrainParameters) -> float:
-    total, scale, amplitude = 0.0, 1.0 / parameters.hills_length, 2.6 * parameters.hills
+    total, scale, amplitude = 0.0, 1.0 / parameters.hills_length_m, 2.6 * parameters.hills_m
     for k in range(3):
         total += amplitude * gradient2(x * scale + 0.37, y * scale + 0.71, parameters.seed ^ _HILL ^ np.uint32(k))[0]
         scale *= 2.1
@@ -140,7 +132,7 @@ def _hills(x: float, y: float, parameters: TerrainParameters) -> float:
 @jit
 def _relief(x: float, y: float, spacing: float, parameters: TerrainParameters) -> float:
     """Fractional Brownian relief: amplitudes go as the wavelength to the power of the Hurst exponent."""
-    total, longest = 0.0, parameters.relief_length
+    total, longest = 0.0, parameters.relief_length_m
     length = longest
     shortest = max(SHORTEST_M, 2.0 * spacing)
     k, c, s = 0, 1.0, 0.0
@@ -148,7 +140,7 @@ def _relief(x: float, y: float, spacing: float, parameters: TerrainParameters) -
     while length > shortest:
         fade = min(length / shortest - 1.0, 1.0)
         px, py = (c * x + s * y) / length, (c * y - s * x) / length
-        amplitude = 2.2 * parameters.relief * (length / longest) ** parameters.hurst
+        amplitude = 2.2 * parameters.relief_m * (length / longest) ** parameters.hurst
         key = parameters.seed ^ _RELIEF ^ np.uint32(k)
         total += fade * amplitude * gradient2(px + 0.5 * k, py + 0.3 * k, key)[0]
         c, s = c * ct - s * st, s * ct + c * st
@@ -166,7 +158,7 @@ def _ripples(x: float, y: float, parameters: TerrainParameters) -> float:
     phase = parameters.ripple_wave_x * x + parameters.ripple_wave_y * y + 2.0 * warp
     profile = math.sin(phase + 0.45 * math.sin(phase))
     patch = 0.5 + 0.5 * value2(x * 0.7 + 3.0, y * 0.7, seed ^ _RIPPLE ^ np.uint32(7))[0]
-    return float(0.5 * parameters.ripple_height * sand * patch * profile)
+    return float(0.5 * parameters.ripple_height_m * sand * patch * profile)
 
 
 @jit
@@ -233,21 +225,12 @@ class Mesh(NamedTuple):
 def ground_mesh(terrain: Terrain, path: FloatArray) -> Mesh:
     """Return the ground around positions of the rover `(P, 2)`, metres, DS."""
     corner = np.floor(0.5 * (path.min(axis=0) + path.max(axis=0))) - 0.5 * ROOT_M
-    leaves = _leaves(terrain, corner, path)
-    return _tiles(terrain, corner, leaves, path)
+    return _tiles(terrain, corner, _leaves(terrain, corner, path), path)
 
 
-@jit
-def path_distance(x: FloatArray, y: FloatArray, path: FloatArray) -> FloatArray:
-    """Return the distance of positions `(N,)` from the nearest point of a path `(P, 2)`, metres."""
-    out = np.empty(len(x))
-    for i in range(len(x)):
-        best = 1e30
-        for k in range(len(path)):
-            dx, dy = x[i] - path[k, 0], y[i] - path[k, 1]
-            best = min(best, dx * dx + dy * dy)
-        out[i] = np.sqrt(best)
-    return out
+def path_distance(xy: FloatArray, path: FloatArray) -> FloatArray:
+    """Return the distance of positions `(N, 2)` from the nearest point of a path `(P, 2)`, metres."""
+    return np.asarray(KDTree(path).query(xy)[0])
 
 
 def cell_size(terrain: Terrain, distance_m: FloatArray, path: FloatArray) -> FloatArray:
@@ -289,7 +272,7 @@ def _tiles(terrain: Terrain, corner: FloatArray, leaves: list[tuple[int, int, in
         cell = ROOT_M / 2**level / CELLS
         x = corner[0] + (i * CELLS + ii.ravel()) * cell
         y = corner[1] + (j * CELLS + jj.ravel()) * cell
-        spacing = cell_size(terrain, path_distance(x, y, path), path)
+        spacing = cell_size(terrain, path_distance(np.column_stack((x, y)), path), path)
         z = terrain.height(x, y, spacing).reshape(ii.shape)
         normal = np.stack(
             (

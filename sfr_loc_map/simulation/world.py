@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, GreyImage, PointImage
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.simulation.drive import HALF_WIDTH_M, Plan, rover_mesh
 from sfr_loc_map.simulation.noise import sub_seed
 from sfr_loc_map.simulation.renderer import (
     BAND_RAYS,
     SKY,
-    Camera,
     Occluder,
     Tracer,
     camera_pose,
@@ -67,13 +68,13 @@ class World:
         total = np.zeros(rig.height * rig.width, np.float32)
         for k, (du, dv, moment) in enumerate(sample_offsets(sensor.samples)):
             delay = moment * sensor.exposure_s
-            view = Camera.of(rig, camera_pose(self.plan.rig_pose(task, frame, delay), rig, bool(camera)))
+            T_ds_cam = camera_pose(self.plan.rig_pose(task, frame, delay), rig, bool(camera))
             occluder = self._occluder(task, frame, delay)
             for start in range(0, len(total), BAND_RAYS):
                 pixels = np.arange(start, min(start + BAND_RAYS, len(total)))
                 u, v = pixels % rig.width + du, pixels // rig.width + dv
                 key = sub_seed(self.plan.config.seed, 20, TASK_SEEDS[task], frame, camera, k, start)
-                total[pixels] += self._band(view, u, v, key, occluder)
+                total[pixels] += self._band(rig, T_ds_cam, u, v, key, occluder)
         return (total / np.float32(sensor.samples)).reshape(rig.height, rig.width)
 
     def truth(self, frame: int) -> tuple[PointImage, NDArray[np.uint8]]:
@@ -81,15 +82,14 @@ class World:
         rig = self.plan.rig(Task.MAPPING)
         T_ds_sb = self.plan.rig_pose(Task.MAPPING, frame)
         T_ds_left, T_ds_right = (camera_pose(T_ds_sb, rig, right) for right in (False, True))
-        left = Camera.of(rig, T_ds_left)
         count = rig.height * rig.width
         points, mask = np.empty((count, 3), np.float32), np.zeros(count, np.uint8)
         T_lm_ds = self.plan.T_ds_lm.inverse()
         occluder = self._occluder(Task.MAPPING, frame, 0.0)
         for start in range(0, count, BAND_RAYS):
             pixels = np.arange(start, min(start + BAND_RAYS, count))
-            rays = pixel_rays(left, (pixels % rig.width).astype(float), (pixels // rig.width).astype(float))
-            hits = trace_primary_rays(self._tracer, left.centre, rays)
+            rays = pixel_rays(rig, T_ds_left, pixels % rig.width, pixels // rig.width)
+            hits = trace_primary_rays(self._tracer, T_ds_left.translation, rays)
             sky = hits.objects == SKY
             points[pixels] = np.where(sky[:, None], np.nan, T_lm_ds.apply(hits.points))
             suns = np.repeat(self._sun[None].astype(np.float32), len(pixels), axis=0)
@@ -102,13 +102,19 @@ class World:
         return None if self._rover is None else Occluder(self._rover, self.plan.rover_pose(task, frame, delay_s))
 
     def _band(
-        self, view: Camera, u: FloatArray, v: FloatArray, key: np.uint32, occluder: Occluder | None
+        self,
+        rig: StereoRig,
+        T_ds_cam: Transform,
+        u: FloatArray,
+        v: FloatArray,
+        key: np.uint32,
+        occluder: Occluder | None,
     ) -> NDArray[np.float32]:
         """Return the brightness `(N,)` of rays through pixels."""
-        rays = pixel_rays(view, u, v)
-        hits = trace_primary_rays(self._tracer, view.centre, rays)
+        rays = pixel_rays(rig, T_ds_cam, u, v)
+        hits = trace_primary_rays(self._tracer, T_ds_cam.translation, rays)
         radius = math.radians(self.plan.config.light.sun_radius_deg)
         lit = trace_shadow_rays(self._tracer, hits, sun_rays(self._sun, radius, len(u), key), occluder)
         out = np.empty(len(u), np.float32)
-        shade(hits, rays, lit, 1.0 / view.fx, self._shading, out)
+        shade(hits, rays, lit, 1.0 / rig.fx, self._shading, out)
         return out

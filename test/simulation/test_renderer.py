@@ -15,7 +15,6 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.simulation.renderer import (
     GROUND,
     SKY,
-    Camera,
     Tracer,
     camera_pose,
     occlusion_mask,
@@ -75,9 +74,9 @@ def test_occlusion_is_that_of_a_plate_before_a_wall() -> None:
     plate = square(np.array([1.0, 0.0, 0.0]), 0.1 * right, -4.0 * down, 3)
     tracer = Tracer(Mesh.join([wall, plate]))
     T_ds_sb = Transform(np.eye(3), np.zeros(3))
-    left = Camera.of(RIG, camera_pose(T_ds_sb, RIG, False))
+    T_ds_left = camera_pose(T_ds_sb, RIG, False)
     u = np.arange(64.0)
-    hits = trace_primary_rays(tracer, left.centre, pixel_rays(left, u, np.full(64, RIG.cy)))
+    hits = trace_primary_rays(tracer, T_ds_left.translation, pixel_rays(RIG, T_ds_left, u, np.full(64, RIG.cy)))
     mask = occlusion_mask(tracer, hits, camera_pose(T_ds_sb, RIG, True), RIG)
     across = hits.points @ right
     on_wall = hits.objects == GROUND
