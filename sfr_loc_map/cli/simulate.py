@@ -100,10 +100,10 @@ def perturb(
     """Copy a source and inject faults: of single pairs, of the cameras, of the view, of clock and calibration."""
     from sfr_loc_map.io.registry import open_source
     from sfr_loc_map.pipeline.convert import EXACT, convert, faulty
-    from sfr_loc_map.simulation.faults import KINDS, parse_fault
+    from sfr_loc_map.simulation.faults import FaultKind, parse_fault
 
     if not fault:
-        raise ConfigError(f"no --fault given: name at least one of {', '.join(KINDS)}")
+        raise ConfigError(f"no --fault given: name at least one of {', '.join(FaultKind)}")
     faults = [parse_fault(text) for text in fault]
     opened = open_source(source, {})
     total = sum(len(part) for part in (opened.loc, opened.nav) if part is not None)

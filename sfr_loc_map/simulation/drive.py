@@ -98,13 +98,8 @@ NEAR_M = 1e-6
 FARTHEST_M = 400.0  #: Largest extent of a path along x or y: the ground is 1024 m wide and centred on the path.
 
 
-@dataclass(frozen=True, slots=True)
-class _Leg:
-    """A segment of constant curvature: a length, or a turn on the spot, or a wait."""
-
-    length_m: float
-    turn_rad: float
-    wait_s: float = 0.0
+Leg = tuple[float, float, float]
+"""A segment of constant curvature: a length, m, and the turn along it, rad; a turn on the spot; or a wait, s."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,44 +163,38 @@ def make_drive(seed: int, config: DriveConfig, terrain: Terrain) -> Drive:
     return Drive(times, origins, heading, rotations, moving, vibration, config)
 
 
-def _legs(config: DriveConfig) -> list[_Leg]:
-    legs: list[_Leg] = []
+def _legs(config: DriveConfig) -> list[Leg]:
+    legs: list[Leg] = []
     x, y, heading = config.start_x_m, config.start_y_m, math.radians(config.start_heading_deg)
     for segment in config.segments:
-        word, numbers = _parse(segment)
+        word, *rest = segment.split() or [""]
+        try:
+            numbers = [float(number) for number in rest]
+        except ValueError:
+            numbers = []
+        if ARGUMENTS.get(word) != len(numbers) or not np.isfinite(numbers).all():
+            known = "'straight M', 'arc RADIUS_M ANGLE_DEG', 'turn DEG', 'stop S', 'goto X Y'"
+            raise ConfigError(f"drive.segments has '{segment}': one of {known} is needed")
         if word == "goto":
             dx, dy = numbers[0] - x, numbers[1] - y
-            turn = math.remainder(math.atan2(dy, dx) - heading, 2 * math.pi)
-            far = math.hypot(dx, dy) > NEAR_M
-            new = [_Leg(0.0, turn), _Leg(math.hypot(dx, dy), 0.0)] if far else []
+            turn, length = math.remainder(math.atan2(dy, dx) - heading, 2 * math.pi), math.hypot(dx, dy)
+            new = [(0.0, turn, 0.0), (length, 0.0, 0.0)] if length > NEAR_M else []
         elif word == "straight":
-            new = [_Leg(numbers[0], 0.0)]
+            new = [(numbers[0], 0.0, 0.0)]
         elif word == "arc":
             angle = math.radians(numbers[1])
-            new = [_Leg(abs(numbers[0] * angle), math.copysign(1, numbers[0]) * abs(angle))]
+            new = [(abs(numbers[0] * angle), math.copysign(1, numbers[0]) * abs(angle), 0.0)]
         elif word == "turn":
-            new = [_Leg(0.0, math.radians(numbers[0]))]
+            new = [(0.0, math.radians(numbers[0]), 0.0)]
         else:
-            new = [_Leg(0.0, 0.0, max(numbers[0], 0.0))]
-        for leg in new:
-            x, y, heading = _advance(x, y, heading, leg.length_m, leg.turn_rad)
+            new = [(0.0, 0.0, max(numbers[0], 0.0))]
+        for length_m, turn_rad, _ in new:
+            x, y, heading = _advance(x, y, heading, length_m, turn_rad)
         legs += new
         away = max(abs(x - config.start_x_m), abs(y - config.start_y_m))
         if away > FARTHEST_M:
             raise ConfigError(f"drive.segments go {away:.3g} m away: the ground reaches {FARTHEST_M:g} m")
     return legs
-
-
-def _parse(segment: str) -> tuple[str, list[float]]:
-    word, *rest = segment.split() or [""]
-    try:
-        numbers = [float(number) for number in rest]
-    except ValueError:
-        numbers = []
-    if ARGUMENTS.get(word) != len(numbers) or not np.isfinite(numbers).all():
-        known = "'straight M', 'arc RADIUS_M ANGLE_DEG', 'turn DEG', 'stop S', 'goto X Y'"
-        raise ConfigError(f"drive.segments has '{segment}': one of {known} is needed")
-    return word, numbers
 
 
 def _advance(x: float, y: float, heading: float, length: float, turn: float) -> tuple[float, float, float]:
@@ -215,27 +204,26 @@ def _advance(x: float, y: float, heading: float, length: float, turn: float) -> 
     return x + chord * math.cos(middle), y + chord * math.sin(middle), heading + turn
 
 
-def _states(config: DriveConfig, legs: list[_Leg], rng: np.random.Generator) -> FloatArray:
+def _states(config: DriveConfig, legs: list[Leg], rng: np.random.Generator) -> FloatArray:
     """Return x, y, heading, moving `(N, 4)` every `STEP_S`."""
     start = (config.start_x_m, config.start_y_m, math.radians(config.start_heading_deg))
     states = [(*start, 0.0)]
     # a slowly changing standard normal number (first-order Gauss-Markov process of 2.5 s)
     slip, keep = float(rng.normal()), math.exp(-STEP_S / 2.5)
-    for leg in legs:
+    for length_m, turn_rad, wait_s in legs:
         base = states[-1][:3]
         done = 0.0
         while done < 1.0 - 1e-12:
             slip = keep * slip + math.sqrt(1 - keep**2) * float(rng.normal())
             kept = 1.0 - min(max(config.slip * (1.0 + 0.6 * slip), 0.0), 0.95)
-            if leg.wait_s:  # share of the leg done per second
-                rate = 1.0 / leg.wait_s
-            elif abs(leg.length_m) > NEAR_M:  # backwards if it is negative
-                rate = config.speed_m_s * kept / abs(leg.length_m)
+            if wait_s:  # share of the leg done per second
+                rate = 1.0 / wait_s
+            elif abs(length_m) > NEAR_M:  # backwards if it is negative
+                rate = config.speed_m_s * kept / abs(length_m)
             else:
-                rate = math.radians(config.turn_rate_deg_s) * kept / max(abs(leg.turn_rad), 1e-9)
+                rate = math.radians(config.turn_rate_deg_s) * kept / max(abs(turn_rad), 1e-9)
             done = min(done + STEP_S * rate, 1.0)
-            state = _advance(*base, leg.length_m * done, leg.turn_rad * done)
-            states.append((*state, 0.0 if leg.wait_s else 1.0))
+            states.append((*_advance(*base, length_m * done, turn_rad * done), 0.0 if wait_s else 1.0))
     rows = np.array(states if len(states) > 1 else 2 * states)
     # smooth sideways drift and heading errors that change only while wheels turn
     travelled = np.cumsum(rows[:, 3]) * STEP_S

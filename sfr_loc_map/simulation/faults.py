@@ -7,42 +7,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from sfr_loc_map.errors import ConfigError
-
-
-class FaultKind(StrEnum):
-    """Kinds of fault; `KINDS` says what each does."""
-
-    DROPPED = "dropped"
-    REPEATED = "repeated"
-    SWAPPED = "swapped"
-    IDENTICAL = "identical"
-    FROZEN = "frozen"
-    TORN = "torn"
-    BLACK = "black"
-    START = "start"
-    FADE = "fade"
-    BLINDED = "blinded"
-    SATURATION = "saturation"
-    LATE = "late"
-    BLURRED = "blurred"
-    NOISY = "noisy"
-    EXPOSURE = "exposure"
-    BODY = "body"
-    OBJECT = "object"
-    DIRT = "dirt"
-    SHADOW = "shadow"
-    FOCAL = "focal"
-    BASELINE = "baseline"
-    ROLL = "roll"
-    PITCH = "pitch"
-    YAW = "yaw"
-    DRIFT = "drift"
-    CLOCK = "clock"
 
 
 class KindInfo(NamedTuple):
@@ -55,41 +24,52 @@ class KindInfo(NamedTuple):
     start: int = 1
 
 
-KINDS = {
-    FaultKind.DROPPED: KindInfo(0.0, "the pair is missing"),
-    FaultKind.REPEATED: KindInfo(0.0, "the pair repeats the previous images"),
-    FaultKind.SWAPPED: KindInfo(0.0, "left and right images are swapped"),
-    FaultKind.IDENTICAL: KindInfo(0.0, "the right image is the left one"),
-    FaultKind.FROZEN: KindInfo(1.0, "the images stay as they were, with new noise of AMOUNT grey levels", burst=5),
-    FaultKind.TORN: KindInfo(0.5, "the lower AMOUNT of the image is that of the pair before"),
-    FaultKind.BLACK: KindInfo(0.0, "the image is black"),
-    FaultKind.START: KindInfo(5.0, "the first AMOUNT pairs are black", share=1.0, start=0),
-    FaultKind.FADE: KindInfo(0.0, "slow blackout: over `burst` pairs the image turns black and back", burst=20),
-    FaultKind.BLINDED: KindInfo(1.0, "glare: AMOUNT of the image width is saturated around a point"),
-    FaultKind.SATURATION: KindInfo(0.5, "overexposed: AMOUNT of the image is clipped"),
-    FaultKind.LATE: KindInfo(0.2, "the stamp is AMOUNT s late, but before that of the next pair"),
-    FaultKind.BLURRED: KindInfo(2.5, "Gaussian blur of AMOUNT px"),
-    FaultKind.NOISY: KindInfo(10.0, "noise of AMOUNT grey levels"),
-    FaultKind.EXPOSURE: KindInfo(0.5, "brightness times AMOUNT"),
-    FaultKind.BODY: KindInfo(0.3, "own body: fixed texture in the bottom AMOUNT of the image", share=1.0, start=0),
-    FaultKind.OBJECT: KindInfo(0.3, "an object of AMOUNT of the image crosses over `burst` pairs", burst=20),
-    FaultKind.DIRT: KindInfo(0.1, "dirt on the lenses: fixed spots on AMOUNT of the image", share=1.0, start=0),
-    FaultKind.SHADOW: KindInfo(0.2, "own shadow: a fixed dark region, AMOUNT of the image", share=1.0, start=0),
-    FaultKind.FOCAL: KindInfo(1.01, "calibration: focal length in the rig file times AMOUNT", share=1.0, start=0),
-    FaultKind.BASELINE: KindInfo(1.01, "calibration: baseline in the rig file times AMOUNT", share=1.0, start=0),
-    FaultKind.ROLL: KindInfo(0.2, "the right image is rotated by AMOUNT deg about its axis", share=1.0, start=0),
-    FaultKind.PITCH: KindInfo(0.1, "the right camera looks AMOUNT deg down", share=1.0, start=0),
-    FaultKind.YAW: KindInfo(0.1, "the right camera looks AMOUNT deg to the left", share=1.0, start=0),
-    FaultKind.DRIFT: KindInfo(0.3, "the right camera turns AMOUNT deg to the left in 100 pairs", share=1.0, start=0),
-    FaultKind.CLOCK: KindInfo(0.1, "all stamps are AMOUNT s late against the ground truth", share=1.0, start=0),
-}
+class FaultKind(StrEnum):
+    """Kinds of fault; `info` says what each does."""
+
+    info: KindInfo
+
+    def __new__(cls, word: str, info: KindInfo) -> Self:
+        """Make a kind that is equal to its word."""
+        kind = str.__new__(cls, word)
+        kind._value_, kind.info = word, info
+        return kind
+
+    DROPPED = "dropped", KindInfo(0.0, "the pair is missing")
+    REPEATED = "repeated", KindInfo(0.0, "the pair repeats the previous images")
+    SWAPPED = "swapped", KindInfo(0.0, "left and right images are swapped")
+    IDENTICAL = "identical", KindInfo(0.0, "the right image is the left one")
+    FROZEN = "frozen", KindInfo(1.0, "the images stay as they were, with new noise of AMOUNT grey levels", burst=5)
+    TORN = "torn", KindInfo(0.5, "the lower AMOUNT of the image is that of the pair before")
+    BLACK = "black", KindInfo(0.0, "the image is black")
+    START = "start", KindInfo(5.0, "the first AMOUNT pairs are black", share=1.0, start=0)
+    FADE = "fade", KindInfo(0.0, "slow blackout: over `burst` pairs the image turns black and back", burst=20)
+    BLINDED = "blinded", KindInfo(1.0, "glare: AMOUNT of the image width is saturated around a point")
+    SATURATION = "saturation", KindInfo(0.5, "overexposed: AMOUNT of the image is clipped")
+    LATE = "late", KindInfo(0.2, "the stamp is AMOUNT s late, but before that of the next pair")
+    BLURRED = "blurred", KindInfo(2.5, "Gaussian blur of AMOUNT px")
+    NOISY = "noisy", KindInfo(10.0, "noise of AMOUNT grey levels")
+    EXPOSURE = "exposure", KindInfo(0.5, "brightness times AMOUNT")
+    BODY = "body", KindInfo(0.3, "own body: fixed texture in the bottom AMOUNT of the image", share=1.0, start=0)
+    OBJECT = "object", KindInfo(0.3, "an object of AMOUNT of the image crosses over `burst` pairs", burst=20)
+    DIRT = "dirt", KindInfo(0.1, "dirt on the lenses: fixed spots on AMOUNT of the image", share=1.0, start=0)
+    SHADOW = "shadow", KindInfo(0.2, "own shadow: a fixed dark region, AMOUNT of the image", share=1.0, start=0)
+    FOCAL = "focal", KindInfo(1.01, "calibration: focal length in the rig file times AMOUNT", share=1.0, start=0)
+    BASELINE = "baseline", KindInfo(1.01, "calibration: baseline in the rig file times AMOUNT", share=1.0, start=0)
+    ROLL = "roll", KindInfo(0.2, "the right image is rotated by AMOUNT deg about its axis", share=1.0, start=0)
+    PITCH = "pitch", KindInfo(0.1, "the right camera looks AMOUNT deg down", share=1.0, start=0)
+    YAW = "yaw", KindInfo(0.1, "the right camera looks AMOUNT deg to the left", share=1.0, start=0)
+    DRIFT = "drift", KindInfo(0.3, "the right camera turns AMOUNT deg to the left in 100 pairs", share=1.0, start=0)
+    CLOCK = "clock", KindInfo(0.1, "all stamps are AMOUNT s late against the ground truth", share=1.0, start=0)
+
+
 CAMERAS = ("both", "left", "right")
 RIG_KINDS = (FaultKind.FOCAL, FaultKind.BASELINE)  #: Kinds that change the rig alone: they affect all pairs.
-IMAGE_KINDS = tuple(map(FaultKind, ["black", "start", "fade", "blurred", "exposure", "noisy", "saturation", "blinded"]))
+IMAGE_KINDS = ("black", "start", "fade", "blurred", "exposure", "noisy", "saturation", "blinded")
 """Kinds that change single images."""
 ROTATION_AXES = {FaultKind.ROLL: 2, FaultKind.PITCH: 0, FaultKind.YAW: 1, FaultKind.DRIFT: 1}
 """Axis of the optical frame about which the right camera is rotated."""
-SHARES_OF_IMAGE = tuple(map(FaultKind, ["torn", "saturation", "body", "object", "dirt", "shadow"]))
+SHARES_OF_IMAGE = ("torn", "saturation", "body", "object", "dirt", "shadow")
 """Kinds whose amount is a share of the image."""
 
 
@@ -108,13 +88,11 @@ class Fault:
 def parse_fault(text: str) -> Fault:
     """Return the fault of a text `KIND[:name=value,...]`, as `blurred:share=0.2`; ConfigError if it is none."""
     name, _, rest = text.partition(":")
-    try:
-        kind = FaultKind(name)
-    except ValueError as error:
-        raise ConfigError(f"fault '{text}': '{name}' is unknown; one of {', '.join(KINDS)} is needed") from error
-    default = KINDS[kind]
-    values: dict[str, float | int | str] = {"kind": kind, "amount": default.amount}
-    values |= {"share": default.share, "burst": default.burst, "start": default.start}
+    kind = next((kind for kind in FaultKind if kind == name), None)
+    if kind is None:
+        raise ConfigError(f"fault '{text}': '{name}' is unknown; one of {', '.join(FaultKind)} is needed")
+    values: dict[str, float | int | str] = {"kind": kind, **kind.info._asdict()}
+    del values["effect"]
     types = {"amount": float, "share": float, "burst": int, "start": int, "camera": str}
     for item in filter(None, rest.split(",")):
         name, _, value = item.partition("=")

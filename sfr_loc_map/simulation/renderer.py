@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MissingExtraError
-from sfr_loc_map.geometry.arrays import FloatArray, Mask
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit
@@ -29,7 +29,7 @@ class Hits(NamedTuple):
     ranges: FloatArray  #: `(N,)` float64, metres.
 
 
-def pixel_rays(rig: StereoRig, T_ds_cam: Transform, u: FloatArray, v: FloatArray) -> FloatArray:
+def pixel_rays(rig: StereoRig, T_ds_cam: Transform, u: FloatArray | IntArray, v: FloatArray | IntArray) -> FloatArray:
     """Return unit rays `(N, 3)` in DS through pixels `(N,)` of a camera at a pose of its optical frame."""
     x, y = (u - rig.cx) / rig.fx, (v - rig.cy) / rig.fy
     length = 1.0 / np.sqrt(x * x + y * y + 1.0)
@@ -207,7 +207,7 @@ def _just_above(hits: Hits, rows: NDArray[np.intp]) -> Float32s:
     points = hits.normals[rows]
     points *= (LIFT_M + LIFT_PER_RANGE * hits.ranges[rows])[:, None]
     points += hits.points[rows]
-    return points.astype(np.float32)
+    return np.asarray(points, np.float32)
 
 
 def occlusion_mask(tracer: Tracer, hits: Hits, T_ds_cam: Transform, rig: StereoRig) -> Mask:
@@ -215,7 +215,8 @@ def occlusion_mask(tracer: Tracer, hits: Hits, T_ds_cam: Transform, rig: StereoR
     x, y, depth = T_ds_cam.inverse().apply(hits.points).T  # from the image centre
     inside = (np.abs(rig.fx * x) < 0.5 * rig.width * depth) & (np.abs(rig.fy * y) < 0.5 * rig.height * depth)
     surface = hits.objects != SKY
-    mask, rows = surface & ~inside, np.flatnonzero(surface & inside)
+    mask: Mask = surface & ~inside
+    rows = np.flatnonzero(surface & inside)
     if len(rows):
         towards = np.asarray(T_ds_cam.translation - hits.points[rows], np.float32)
         mask[rows] = tracer.blocked(_just_above(hits, rows), towards, np.full(len(rows), 0.999, np.float32))

@@ -179,12 +179,7 @@ RUN = 1024  #: Rays shaded at once: their numbers stay in the processor's first 
 _STONE = np.uint32(103)
 
 
-class Vector(NamedTuple):
-    """A vector in DS."""
-
-    x: float
-    y: float
-    z: float
+Vector = tuple[float, float, float]  #: A vector in DS.
 
 
 @jit
@@ -211,7 +206,7 @@ def shade(
             n = ground.ray[m]
             albedo, sx, sy, sunlit = _ground(ground, texture, m, pixel_rad, surface, field, cache)
             normal = hits.normals[n]
-            slanted = Vector(normal[0] - sx * normal[2], normal[1] - sy * normal[2], normal[2])
+            slanted = normal[0] - sx * normal[2], normal[1] - sy * normal[2], normal[2]
             mu = _emission_cosine(normal, rays[n])
             out[n] = _brightness(slanted, mu, hits.ranges[n], light.target * albedo, sunlit, lit[n], parameters)
         for n in range(start, end):
@@ -243,8 +238,9 @@ def _gather_ground(hits: Hits, rays: FloatArray, pixel_rad: float, start: int, e
 def _bumped(normal: FloatArray, gradient: Vector) -> Vector:
     """Return the normal tilted by the part of a bump gradient that lies in the surface."""
     nx, ny, nz = normal[0], normal[1], normal[2]
-    along = gradient.x * nx + gradient.y * ny + gradient.z * nz
-    return Vector(nx - (gradient.x - along * nx), ny - (gradient.y - along * ny), nz - (gradient.z - along * nz))
+    gx, gy, gz = gradient
+    along = gx * nx + gy * ny + gz * nz
+    return nx - (gx - along * nx), ny - (gy - along * ny), nz - (gz - along * nz)
 
 
 @jit_inline
@@ -271,8 +267,9 @@ def _brightness(
 ) -> float:
     """Return the brightness of a surface in the light of sun and sky, through the haze."""
     light = parameters.light
-    length = 1.0 / math.sqrt(normal.x * normal.x + normal.y * normal.y + normal.z * normal.z)
-    nx, ny, nz = normal.x * length, normal.y * length, normal.z * length
+    nx, ny, nz = normal
+    length = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
+    nx, ny, nz = nx * length, ny * length, nz * length
     mu0 = max(nx * light.sun_x + ny * light.sun_y + nz * light.sun_z, 0.0)
     direct = reflect(mu0, mu, parameters.surface.lunar) * mu0 * sunlit * lit
     open_sky = light.sky * (0.55 + 0.45 * nz) * (0.6 + 0.4 * sunlit)
@@ -334,4 +331,4 @@ def _stone(point: FloatArray, footprint: float, number: int, surface: Surface, s
         length *= 0.5
     dust = smooth_step(0.75, 1.0, 0.5 + 0.5 * unit(mix(h)))
     reflectance = surface.rock_albedo * math.exp(min(max(surface.contrast * (tone + 0.2 * dust), -1.5), 1.2))
-    return reflectance, Vector(gx, gy, gz)
+    return reflectance, (gx, gy, gz)
