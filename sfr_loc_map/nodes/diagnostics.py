@@ -12,7 +12,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 from threading import Lock
 
@@ -23,15 +23,13 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from rclpy.timer import Timer
 
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.inputs import one_line
+from sfr_loc_map.inputs import NS_PER_S, one_line
 from sfr_loc_map.metrics.calls import CallMeter, CallUsage
 from sfr_loc_map.nodes.messages import header_msg
-from sfr_loc_map.pipeline.call_stats import STATISTIC, TaskRecord, call_of
+from sfr_loc_map.pipeline.call_stats import STATISTIC, CallRecord, TaskRecord, call_of
 
 Value = str | bool | int | float
 TOPIC = "/diagnostics"
@@ -105,32 +103,6 @@ def task_record(status: DiagnosticStatus) -> TaskRecord | None:
 
 
 @dataclass(frozen=True, slots=True)
-class Call:
-    """One call of the processing API, as the node saw it."""
-
-    stamp_ns: int
-    usage: CallUsage
-    state: str  #: Its result in one word (tracking, degraded, lost, mapped, ...), `level` how good that is.
-    level: Level
-    statistics: Mapping[str, float]
-    times: Mapping[str, float] = field(default_factory=dict)  #: Times around it, seconds, by name.
-    reason: str = ""  #: Why it is degraded or lost, in one word; empty otherwise.
-    step: FloatArray | None = None  #: `(48,)` of the localiser, as in `CallRecord`; None where there is none.
-
-    @property
-    def result(self) -> str:
-        """The state with its reason."""
-        return f"{self.state}: {self.reason}" if self.reason else self.state
-
-    def took(self) -> dict[str, Value]:
-        """Return its times and memory by name."""
-        usage, took = self.usage, dict[str, Value](processing_time_s=self.usage.processing_time_s)
-        if usage.peak_rss_bytes is not None and usage.above_idle_bytes is not None:
-            took |= {"peak_rss_bytes": usage.peak_rss_bytes, "above_idle_bytes": usage.above_idle_bytes}
-        return took | dict(self.times)
-
-
-@dataclass(frozen=True, slots=True)
 class HealthConfig:
     """When a node warns."""
 
@@ -168,30 +140,29 @@ class NodeActivity:
     findings: Sequence[tuple[Level, str]] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class HealthStatus:
-    """Level, the reasons for it, the worst first, and figures; `kind` is equal where only figures have changed."""
+class StatusReporter:
+    """Reports health, calls and problems of one node. All methods may be called in any thread."""
 
-    level: Level
-    message: str
-    values: Mapping[str, Value]
-    kind: tuple[str, ...]
-
-
-class Health:
-    """Collects what happens in a node and judges it. All methods may be called in any thread."""
-
-    def __init__(self, config: HealthConfig, clock: Callable[[], float] = time.monotonic) -> None:
-        """Begin; the clock gives seconds, going forward."""
-        self.config, self._clock = config, clock
-        self._lock = Lock()
-        self._process = psutil.Process()
+    def __init__(self, node: Node, task: str, config: HealthConfig, activity: Callable[[], NodeActivity]) -> None:
+        """Publish the health of a node with a task periodically; `activity` returns what it does at the moment."""
+        self._node, self._task, self._config, self._activity = node, task, config, activity
+        self._last_kind: tuple[str, ...] = ()
+        self._lock, self._process, self._meter = Lock(), psutil.Process(), CallMeter()
+        self.calls = 0
+        self.publisher = node.create_publisher(DiagnosticArray, TOPIC, QoSProfile(depth=QUEUE_DEPTH))
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = node.create_timer(config.period_s, self.publish_health, clock=clock)
         self.reset()
+
+    def set_config(self, config: HealthConfig) -> None:
+        """Judge the health by other limits, and publish it with another period."""
+        self._config = config
+        self._timer.timer_period_ns = round(config.period_s * NS_PER_S)
 
     def reset(self) -> None:
         """Forget what happened: the node has become active or inactive."""
         with self._lock:
-            self._since = self._last_arrival = self._clock()
+            self._since = self._last_arrival = time.monotonic()
             self._arrivals: deque[float] = deque(maxlen=MAX_MOMENTS)
             self._calls: deque[float] = deque(maxlen=MAX_MOMENTS)
             self._latencies: dict[str, deque[float]] = {}
@@ -205,13 +176,13 @@ class Health:
     def note_arrival(self) -> None:
         """Note that input was received."""
         with self._lock:
-            self._last_arrival = self._clock()
+            self._last_arrival = time.monotonic()
             self._remember(self._arrivals, self._last_arrival)
 
     def note_call(self, level: Level, state: str, values: Mapping[str, Value], statistics: Mapping[str, float]) -> None:
         """Note a call: of its times those that begin with `latency_` are summarised, figures of `OFFSETS` watched."""
         with self._lock:
-            self._remember(self._calls, self._clock())
+            self._remember(self._calls, time.monotonic())
             self._last_call = (level, state)
             self._last_values = {f"last_{name}": value for name, value in values.items()}
             self._offsets |= {name: float(statistics[name]) for name in OFFSETS if name in statistics}
@@ -223,17 +194,18 @@ class Health:
         """Note something that shows for a while; with a kind it takes the place of the last one of that kind."""
         with self._lock:
             self._problems.pop(kind or text, None)  # the latest is last
-            self._problems[kind or text] = (self._clock(), level, text)
+            self._problems[kind or text] = (time.monotonic(), level, text)
 
-    def judge(self, activity: NodeActivity) -> HealthStatus:
-        """Judge the node by what happened and what it does at the moment."""
+    def publish_health(self, *, only_changes: bool = False) -> None:
+        """Publish the health, if wanted only when more than figures has changed; the worst reason comes first."""
+        activity = self._activity()
         with self._lock:
-            now = self._clock()
+            now = time.monotonic()
             for name, count in activity.counts.items():
                 if count > self._counts.get(name, 0):
                     self._drops[name] = now
                 self._counts[name] = count
-            window = self.config.window_s
+            window = self._config.window_s
             self._problems = {key: item for key, item in self._problems.items() if now - item[0] <= window}
             problems = [(level, text) for _, level, text in reversed(self._problems.values())]
             memory = int(self._process.memory_info().rss)
@@ -253,11 +225,13 @@ class Health:
             if len(words) > MAX_REASONS:
                 words[MAX_REASONS:] = [f"and {len(words) - MAX_REASONS} more"]
             message = "; ".join(words) or (activity.lifecycle if self._last_call is None else self._last_call[1])
-            kind = (activity.lifecycle, level.name, *(text for _, text in lasting))
-            return HealthStatus(level, message, values | self._last_values | dict(activity.counts), kind)
+            before, self._last_kind = self._last_kind, (activity.lifecycle, level.name, *(text for _, text in lasting))
+            values |= self._last_values | dict(activity.counts)
+        if not only_changes or before != self._last_kind:
+            self._publish("health", level, message, values)
 
     def _findings(self, now: float, memory: int, activity: NodeActivity) -> list[tuple[Level, str]]:
-        config, found = self.config, list(activity.findings)
+        config, found = self._config, list(activity.findings)
         if memory > config.memory_warn_mb * MB:
             found.append((Level.WARN, f"more than {config.memory_warn_mb} MB of memory in use"))
         if activity.lifecycle != State.ACTIVE:
@@ -274,7 +248,7 @@ class Health:
     def _remember(self, moments: deque[float], now: float) -> None:
         """Add a moment and forget those that no rate is taken over any more."""
         moments.append(now)
-        while now - moments[0] > self.config.window_s:
+        while now - moments[0] > self._config.window_s:
             moments.popleft()
 
     def _rate(self, moments: deque[float], now: float) -> float:
@@ -282,66 +256,46 @@ class Health:
 
         The first second after the begin counts as a whole one: two messages within a microsecond of it are no rate.
         """
-        span = min(self.config.window_s, max(now - self._since, 1.0))
+        span = min(self._config.window_s, max(now - self._since, 1.0))
         return sum(now - moment <= span for moment in moments) / span
-
-
-class StatusReporter:
-    """Reports health, calls and problems of one node. All methods may be called in any thread."""
-
-    def __init__(self, node: Node, task: str, config: HealthConfig, activity: Callable[[], NodeActivity]) -> None:
-        """Publish the health of a node with a task periodically; `activity` returns what it does at the moment."""
-        self._node, self._task, self._activity = node, task, activity
-        self._last_kind: tuple[str, ...] = ()
-        self._meter: CallMeter | None = None
-        self.calls = 0
-        self.health = Health(config)
-        self.publisher = node.create_publisher(DiagnosticArray, TOPIC, QoSProfile(depth=QUEUE_DEPTH))
-        self._timer = self._start_timer(config.period_s)
-
-    def set_config(self, config: HealthConfig) -> None:
-        """Judge the health by other limits, and publish it with another period."""
-        self.health.config = config
-        self._node.destroy_timer(self._timer)
-        self._timer = self._start_timer(config.period_s)
 
     def mark_idle(self) -> None:
         """Take the present memory as that of the idle process, which the memory of calls is compared with."""
-        self._meter = CallMeter()
+        self._meter.mark_idle()
 
     @contextmanager
     def measure(self) -> Iterator[CallUsage]:
         """Measure the `with` block."""
-        if self._meter is None:
-            self.mark_idle()
-        assert self._meter is not None
         with _ONE_AT_A_TIME, self._meter.measure() as usage:
             yield usage
 
-    def call(self, call: Call, counts: Mapping[str, int]) -> None:
-        """Publish a measured call with the counts since the start of the node, and note it in the health."""
+    def call(self, call: CallRecord, level: Level, times: Mapping[str, float], counts: Mapping[str, int]) -> None:
+        """Publish a measured call with times around it, seconds, and counts since the start; note it in the health."""
         self.calls += 1
-        took = call.took()
+        memory = {"peak_rss_bytes": call.peak_rss_bytes, "above_idle_bytes": call.above_idle_bytes}
+        took: dict[str, Value] = {"processing_time_s": call.processing_time_s}
+        took |= {name: value for name, value in memory.items() if value is not None} | dict(times)
         values: dict[str, Value] = {
             "task": self._task,
             "stamp_ns": call.stamp_ns,
             "state": call.state,
             "reason": call.reason,
-            "memory_method": self._meter.method if self._meter is not None else "",
+            "memory_method": self._meter.method,
             **took,
         }
         values |= {STATISTIC + name: float(value) for name, value in call.statistics.items()}
         if call.step is not None:
             values["step"] = " ".join(map(repr, call.step.tolist()))
-        self._publish("call", call.level, call.result, values | dict(counts), call.stamp_ns)
-        self.health.note_call(call.level, call.result, took, call.statistics)
+        result = f"{call.state}: {call.reason}" if call.reason else call.state
+        self._publish("call", level, result, values | dict(counts), call.stamp_ns)
+        self.note_call(level, result, took, call.statistics)
         self.publish_health(only_changes=True)
 
     def error(self, text: str) -> None:
         """Report something that keeps the node from working: log, /diagnostics, health."""
         text = one_line(text)
         self._node.get_logger().error(text, throttle_duration_sec=LOG_PERIOD_S)
-        self.health.note_problem(Level.ERROR, text)
+        self.note_problem(Level.ERROR, text)
         self._publish("input", Level.ERROR, text, {"task": self._task, **self._activity().counts})
         self.publish_health(only_changes=True)
 
@@ -349,19 +303,8 @@ class StatusReporter:
         """Report something that is not as it should be, though the node works: log, health (the latest of a kind)."""
         text = one_line(text)
         self._node.get_logger().warning(text, throttle_duration_sec=LOG_PERIOD_S)
-        self.health.note_problem(Level.WARN, text, kind)
+        self.note_problem(Level.WARN, text, kind)
         self.publish_health(only_changes=True)
-
-    def publish_health(self, *, only_changes: bool = False) -> None:
-        """Publish the health, if wanted only when more than figures has changed."""
-        status = self.health.judge(self._activity())
-        if only_changes and status.kind == self._last_kind:
-            return
-        self._last_kind = status.kind
-        self._publish("health", status.level, status.message, status.values)
-
-    def _start_timer(self, period_s: float) -> Timer:
-        return self._node.create_timer(period_s, self.publish_health, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _publish(
         self, name: str, level: Level, message: str, values: Mapping[str, Value], stamp_ns: int | None = None

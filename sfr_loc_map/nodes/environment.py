@@ -27,7 +27,7 @@ HELD_PORT = 249  #: From the first port of a domain: that of participant 119, wh
 KEPT = 16  #: Most domains that one process holds.
 SHARED_MEMORY = Path("/dev/shm")
 SEGMENT_AGE_S = 0.1  #: Fast DDS locks a lock file microseconds after it has made it.
-_held: deque[socket.socket] = deque()
+_held: deque[socket.socket] = deque(maxlen=KEPT)
 
 
 def prepare(environment: MutableMapping[str, str] = os.environ) -> None:
@@ -66,9 +66,9 @@ def free_domain() -> int:
                 probe.close()
         if not all(participants) or (held := _bind(base + HELD_PORT)) is None:
             continue
+        if len(_held) == KEPT:
+            _held[0].close()
         _held.append(held)
-        while len(_held) > KEPT:
-            _held.popleft().close()
         return domain
     raise NodeError(
         f"all ROS domains 1 to {DOMAINS} are in use on this host: end other ROS programs or set ROS_DOMAIN_ID"
@@ -121,6 +121,7 @@ def start_ros(arguments: Sequence[str] = (), *, signals: bool = False) -> None:
     from rclpy.signals import SignalHandlerOptions
 
     options: dict[str, Any] = {} if signals else {"signal_handler_options": SignalHandlerOptions.NO}
+    prepare()
     remove_dead_segments()
     try:
         rclpy.init(args=list(arguments), **options)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections import defaultdict
 from collections.abc import Mapping
 from functools import partial
 from typing import Any
@@ -12,6 +13,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import GetState
 from rcl_interfaces.srv import GetParameters
+from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
@@ -63,8 +65,8 @@ class _GraphObserver(Peer):
         self._renamed = {"/" + found.strip("/"): "/" + new.strip("/") for found, new in remap.items()}
         self._remap = {new.strip("/"): found for found, new in self._renamed.items()}
         self._stamps: dict[str, list[int]] = {}
-        self._messages: dict[str, list[Any]] = {}
-        self._gaps: dict[str, TransportGaps] = {}
+        self._messages = defaultdict[str, list[Any]](list)
+        self._gaps = defaultdict[str, TransportGaps](TransportGaps)
         self._frames = FrameTree()
         self._worked: set[str] = set()
 
@@ -127,8 +129,7 @@ class _GraphObserver(Peer):
         """Subscribe to a topic of the expected type; by best effort, so that a QoS mismatch can be observed."""
         if set(types) - set(EXPECTED[name]):
             return
-        stamps, messages = self._stamps.setdefault(name, []), self._messages.setdefault(name, [])
-        gaps = self._gaps.setdefault(name, TransportGaps())
+        stamps, messages, gaps = self._stamps.setdefault(name, []), self._messages[name], self._gaps[name]
 
         def received(message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401 - any stamped message
             gaps.add(info)
@@ -148,22 +149,19 @@ class _GraphObserver(Peer):
 
     def _topic(self, name: str, full_name: str, types: list[str]) -> ObservedTopic:
         listeners = self.node.get_subscriptions_info_by_topic(full_name)
-        return ObservedTopic(
-            full_name,
-            tuple(types),
-            tuple(_reliability(info) for info in self.node.get_publishers_info_by_topic(full_name)),
+        requests = {
+            f"{info.node_namespace.rstrip('/')}/{info.node_name}": reliability_of(info)
+            for info in listeners
+            if info.node_name in SUITE_NODES
+        }
+        stamps_ns, lost = (
             np.array(self._stamps.get(name, []), np.int64),
-            tuple(self._messages.get(name, ())),
-            requests={
-                f"{i.node_namespace.rstrip('/')}/{i.node_name}": _reliability(i)
-                for i in listeners
-                if i.node_name in SUITE_NODES
-            },
-            lost=self._gaps[name].lost if name in self._gaps else 0,
+            self._gaps[name].lost if name in self._gaps else 0,
         )
+        messages, offers = tuple(self._messages.get(name, ())), offers_of(self.node, full_name)
+        return ObservedTopic(full_name, tuple(types), offers, stamps_ns, messages, requests, lost)
 
     def _ask(self, name: str, space: str) -> ObservedNode:
-        """Ask one of the suite's nodes for its state and parameters."""
         full_name = f"{space.rstrip('/')}/{name}"
         state = self._call(GetState, f"{full_name}/get_state", GetState.Request())
         request = GetParameters.Request(names=list(PARAMETERS))
@@ -204,6 +202,12 @@ class _GraphObserver(Peer):
             self.spin(POLL_S)
 
 
-def _reliability(info: Any) -> Reliability:  # noqa: ANN401 - rclpy's TopicEndpointInfo
+def offers_of(node: Node, topic: str) -> tuple[Reliability, ...]:
+    """Return what each publisher of a topic offers."""
+    return tuple(map(reliability_of, node.get_publishers_info_by_topic(topic)))
+
+
+def reliability_of(info: Any) -> Reliability:  # noqa: ANN401 - rclpy's TopicEndpointInfo
+    """Return the reliability of a publisher or a subscription."""
     best_effort = info.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
     return Reliability.BEST_EFFORT if best_effort else Reliability.RELIABLE

@@ -83,7 +83,6 @@ class RosFeed(Peer):
     """A ROS node that receives for a page; a context manager that runs its thread."""
 
     def __init__(self, state: LiveState, namespace: str = "") -> None:
-        """Join the graph in a rover's namespace; signals stay with the program."""
         super().__init__(page_node_name(os.getpid()), f"/{namespace.strip('/')}")
         self._state, self._space = state, namespace.strip("/")
         self._media = MediaFeed(self, state)
@@ -361,7 +360,6 @@ class RosOperator:
         self._closed.set()
 
     def _call(self, kind: type[Any], name: str, request: Any) -> Any:  # noqa: ANN401 - any service
-        """Return the answer of a service."""
         client = self._node.create_client(kind, name)
         try:
             if not self._wait(client.service_is_ready, FOUND_S):

@@ -9,7 +9,6 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
@@ -20,7 +19,7 @@ from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Header
 
 from sfr_loc_map.config import param
-from sfr_loc_map.errors import InputError, SfrError
+from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.extrinsics import RB_FRAME
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
@@ -32,7 +31,7 @@ from sfr_loc_map.localisation.frontend.feature_detection import read_mask
 from sfr_loc_map.localisation.frontend.tracking import INLIER_CHI2_PER_DOF, TrackingResult
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks
-from sfr_loc_map.nodes.diagnostics import Call, Level
+from sfr_loc_map.nodes.diagnostics import Level
 from sfr_loc_map.nodes.extrinsics import Extrinsics, ExtrinsicsConfig
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints, profile
 from sfr_loc_map.nodes.messages import (
@@ -50,6 +49,7 @@ from sfr_loc_map.nodes.messages import (
 from sfr_loc_map.nodes.motion_prior import MotionPriorConfig, OdometryBuffer
 from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig, ReceivedPair
 from sfr_loc_map.nodes.runner import run
+from sfr_loc_map.pipeline.call_stats import call_of_estimate
 from sfr_loc_map.pipeline.localisation_session import LocalisationSession, PoseFile
 from sfr_loc_map.pipeline.reception import ThinnedPath
 
@@ -91,14 +91,8 @@ class LocalisationNodeConfig(PairNodeConfig):
 class LocalisationNode(PairNode[LocalisationNodeConfig]):
     """Publishes the pose of RB in DS for each stereo pair."""
 
-    #: Its parameters; a subclass may have more, by a dataclass that derives from this one.
-    config_type: type[LocalisationNodeConfig] = LocalisationNodeConfig
-    rig_name = "loc"
-
-    def __init__(self, name: str = "localisation_node", **options: Any) -> None:  # noqa: ANN401
-        """Declare the parameters; `options` are those of `rclpy.node.Node`."""
-        super().__init__(name, "localisation", self.config_type, live=("localisation.",), **options)
-        self.teardown()
+    task, rig_name, live = "localisation", "loc", ("localisation.",)
+    config_type = LocalisationNodeConfig
 
     def check_config(self, config: LocalisationNodeConfig) -> None:
         """Try whether a localiser can be made with the parameters and the rig; where that is not known, read masks."""
@@ -106,8 +100,8 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         T_rb_sb = config.T_rb_locsb.transform()
         for mask in filter(None, (config.localisation.left_mask, config.localisation.right_mask)):
             read_mask(mask)
-        if self._stereo is not None and self._stereo.rig is not None:
-            rig = replace(self._stereo.rig, T_rb_sb=T_rb_sb or Transform.identity())
+        if self._rig is not None:
+            rig = replace(self._rig, T_rb_sb=T_rb_sb or Transform.identity())
             Localiser(rig, config.localisation, Transform.identity())
 
     def setup(self) -> None:
@@ -138,7 +132,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         add_subscription(PoseWithCovarianceStamped, "initialpose", self._on_initial_pose, QoSProfile(depth=1))
         self._extrinsics.subscribe(self.endpoints, self.get_logger().info)
         add_subscription(Odometry, "motion_prior", self._on_wheel_odometry, profile("best_effort", depth))
-        self.subscribe_images(on_pair=self._on_pair, on_rig=lambda rig: self.worker.enqueue(lambda: self._set_rig(rig)))
+        super().subscribe()
         self.add_service("~/reset", self._reset, first=self.forget_waiting)
 
     @property
@@ -148,7 +142,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
 
     def teardown(self) -> None:
         """Forget everything."""
-        self._stereo = None
+        super().teardown()
         self._session = LocalisationSession(self.config.localisation)
 
     def apply_config(self, config: LocalisationNodeConfig) -> None:
@@ -164,42 +158,36 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
 
     def restart(self, reason: str) -> None:
         """Start a new run at the first pose, after the pairs that came before."""
-        if self._stereo is not None:
-            self._stereo.restart()
+        super().restart(reason)
         self.get_logger().warning(f"{reason}: localisation restarts at its first pose")
         self.worker.enqueue(self._session.restart)
 
-    def _on_pair(self, pair: ReceivedPair) -> None:
+    def on_rig(self, rig: StereoRig) -> None:
+        """Go on with another rig at the last pose."""
+
+        def work() -> None:
+            if self._session.set_rig(rig):
+                self.get_logger().warning("camera_info has changed: localisation restarts at its last pose")
+
+        self.worker.enqueue(work)
+
+    def on_pair(self, pair: ReceivedPair) -> None:
+        """Process a pair when its turn comes."""
         self._extrinsics.look(pair.frame_id, pair.rig.baseline_m, self.get_logger().info)
         self.worker.enqueue_droppable(lambda: self._process(pair))
 
     def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
-        frame, wanted = message.header.frame_id, self.config.frame(self.config.ds_frame)
-        try:
-            if frame not in ("", wanted):
-                raise InputError(f"initialpose is in '{frame}', '{wanted}' is needed")
+        with self.ignoring_broken():
+            self.config.check_frame("initialpose", message.header.frame_id, "ds_frame")
             pose = start_pose_of(message)
-        except InputError as error:
-            self.status.warn(f"{error}; ignored")
-            return
-        self.worker.enqueue(lambda: self._set_pose(pose, message))
+            self.worker.enqueue(lambda: self._set_pose(pose, message))
 
     def _on_wheel_odometry(self, message: Odometry) -> None:
-        child = message.child_frame_id
-        try:
-            if child not in ("", self._rb_frame):
-                raise InputError(f"motion_prior is of '{child}', of '{self._rb_frame}' (parameter rb_frame) is needed")
-            pose = transform_from_pose(message.pose.pose, "motion_prior")
-        except InputError as error:
-            self.status.warn(f"{error}; ignored")
-            return
-        self._motion_prior.add(stamp_of(message), pose)
+        with self.ignoring_broken():
+            self.config.check_frame("motion_prior", message.child_frame_id, "rb_frame")
+            self._motion_prior.add(stamp_of(message), transform_from_pose(message.pose.pose, "motion_prior"))
 
     # ---- in the worker's thread
-
-    def _set_rig(self, rig: StereoRig) -> None:
-        if self._session.set_rig(rig):
-            self.get_logger().warning("camera_info has changed: localisation restarts at its last pose")
 
     def _set_pose(self, pose: StartPose, message: PoseWithCovarianceStamped) -> None:
         """Take a start pose, and say so by the message itself."""
@@ -227,17 +215,8 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
             return
         self.publish_estimate(estimate)
         self._tracks.publish(pair, localiser, estimate, received.frame_id)
-        call = Call(
-            estimate.stamp_ns,
-            usage,
-            estimate.state.value,
-            LEVELS[estimate.state],
-            estimate.figures | ({} if motion is None else {"motion_prior": 1.0}),
-            self.times(received, conversion_s),
-            estimate.reason_text,
-            None if estimate.step is None else estimate.step.uncertainty,
-        )
-        self.status.call(call, self.counts())
+        call = call_of_estimate(estimate, usage, {} if motion is None else {"motion_prior": 1.0})
+        self.status.call(call, LEVELS[estimate.state], self.times(received, conversion_s), self.counts())
 
     def publish_estimate(self, estimate: PoseEstimate) -> None:
         """Publish odometry, and path and tf where tracked; in the worker's thread, in the order of the pairs."""

@@ -11,7 +11,6 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
 
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import OccupancyGrid
@@ -19,7 +18,7 @@ from sensor_msgs.msg import PointCloud2
 from stereo_msgs.msg import DisparityImage
 
 from sfr_loc_map.config import param
-from sfr_loc_map.errors import InputError, SfrError
+from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.image_codec import stamp_of
@@ -28,7 +27,7 @@ from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
 from sfr_loc_map.mapping.terrain.grid import elevation_grid
 from sfr_loc_map.metrics.calls import CallUsage
 from sfr_loc_map.metrics.config import MappingState
-from sfr_loc_map.nodes.diagnostics import Call, Level
+from sfr_loc_map.nodes.diagnostics import Level
 from sfr_loc_map.nodes.lifecycle.endpoints import profile
 from sfr_loc_map.nodes.messages import (
     cloud_msg,
@@ -38,9 +37,9 @@ from sfr_loc_map.nodes.messages import (
     header_msg,
     transform_from_pose,
 )
-from sfr_loc_map.nodes.pair_node import RECENT, PairNode, PairNodeConfig, ReceivedPair
+from sfr_loc_map.nodes.pair_node import RECENT, PairNode, PairNodeConfig, ReceivedPair, Seen
 from sfr_loc_map.nodes.runner import run
-from sfr_loc_map.pipeline.call_stats import call_of_stages
+from sfr_loc_map.pipeline.call_stats import CallRecord, call_of_stages
 from sfr_loc_map.pipeline.mapping_session import MappingSession, PoseMatching
 
 POSE_DEPTH, OUTPUT_DEPTH = 100, 10  #: Queues of nav/pose and of the disparity; clouds and grids are latched.
@@ -65,18 +64,13 @@ class MappingNodeConfig(PairNodeConfig):
 class MappingNode(PairNode[MappingNodeConfig]):
     """Publishes the disparity of each stereo pair and the cloud of a set of pairs."""
 
-    rig_name = "nav"
-
-    def __init__(self, name: str = "mapping_node", **options: Any) -> None:  # noqa: ANN401
-        """Declare the parameters; `options` are those of `rclpy.node.Node`."""
-        super().__init__(name, "mapping", MappingNodeConfig, live=("mapping.",), **options)
-        self.teardown()
+    task, rig_name, live = "mapping", "nav", ("mapping.",)
+    config_type = MappingNodeConfig
 
     def check_config(self, config: MappingNodeConfig) -> None:
         """Try whether a mapper can be made with the parameters and the rig, or any where that is not known."""
         config.check_frames(config.lm_frame)
-        rig = self._stereo.rig if self._stereo is not None else None
-        Mapper(rig or ANY_RIG, config.mapping)
+        Mapper(self._rig or ANY_RIG, config.mapping)
 
     def setup(self) -> None:
         """Load compiled code, create publishers."""
@@ -95,17 +89,15 @@ class MappingNode(PairNode[MappingNodeConfig]):
         """Subscribe and offer services."""
         poses = profile(self.config.input.reliability, POSE_DEPTH)
         self.endpoints.add_subscription(PoseStamped, "nav/pose", self._on_pose, poses)
-        self.subscribe_images(
-            on_pair=lambda pair: self._enqueue(self._matching.add_pair(pair.stamp_ns, pair)), on_rig=self._on_rig
-        )
+        super().subscribe()
         self.add_service("~/finish", self._finish)
         self.add_service("~/reset", self._reset, first=self.forget_waiting)
         self.endpoints.add_timer(OVERDUE_S, self._matching.drop_overdue)
 
     def teardown(self) -> None:
         """Forget everything."""
+        super().teardown()
         config = self.config
-        self._stereo = None
         self._pose_stamps: deque[int] = deque(maxlen=RECENT)
         self._session = MappingSession(config.mapping)
         self._matching: PoseMatching[ReceivedPair] = PoseMatching(
@@ -120,7 +112,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
         """Tell whether a map is begun: between maps silence is no sign."""
         return len(self._session) > 0
 
-    def take_seen(self) -> dict[str, tuple[list[int], tuple[Any, ...]]]:
+    def take_seen(self) -> Seen:
         """Return what has been received since the last time, poses too."""
         stamps_ns = [*self._pose_stamps]
         self._pose_stamps.clear()
@@ -128,8 +120,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
 
     def counts(self) -> dict[str, int]:
         """Return what was dropped since the start, by name."""
-        own = {} if self._stereo is None else {"dropped_without_pose": self._matching.dropped}
-        return super().counts() | own
+        return super().counts() | {"dropped_without_pose": self._matching.dropped}
 
     def restart_after_fault(self) -> None:
         """Start a new map."""
@@ -138,15 +129,24 @@ class MappingNode(PairNode[MappingNodeConfig]):
 
     # ---- in the executor's thread
 
-    def _on_rig(self, rig: StereoRig) -> None:
+    def on_rig(self, rig: StereoRig) -> None:
+        """Start a new map with another rig."""
+
+        def work() -> None:
+            if self._session.set_rig(rig):
+                self.get_logger().warning("camera_info has changed: a new map begins")
+
         self._matching.clear_pairs()
-        self.worker.enqueue(lambda: self._set_rig(rig))
+        self.worker.enqueue(work)
+
+    def on_pair(self, pair: ReceivedPair) -> None:
+        """Process a pair once its pose is there."""
+        self._enqueue(self._matching.add_pair(pair.stamp_ns, pair))
 
     def restart(self, reason: str) -> None:
         """Start a new map after the pairs that came before."""
+        super().restart(reason)
         self.get_logger().warning(f"{reason}: a new map begins")
-        if self._stereo is not None:
-            self._stereo.restart()
         self._matching.clear_pairs()
         self.worker.enqueue(self._session.restart)
 
@@ -158,15 +158,10 @@ class MappingNode(PairNode[MappingNodeConfig]):
     def _on_pose(self, message: PoseStamped) -> None:
         stamp_ns = stamp_of(message)
         self._pose_stamps.append(stamp_ns)
-        frame, wanted = message.header.frame_id, self.config.frame(self.config.lm_frame)
-        try:
+        with self.ignoring_broken():
+            self.config.check_frame("nav/pose", message.header.frame_id, "lm_frame")
             pose = transform_from_pose(message.pose, f"nav/pose of stamp {stamp_ns}")
-            if frame not in ("", wanted):
-                raise InputError(f"nav/pose is in '{frame}', '{wanted}' is needed (parameter lm_frame)")
-        except InputError as error:
-            self.status.warn(f"{error}; ignored")
-            return
-        self._enqueue(self._matching.add_pose(stamp_ns, pose))
+            self._enqueue(self._matching.add_pose(stamp_ns, pose))
 
     def _enqueue(self, matched: list[tuple[ReceivedPair, Transform]]) -> None:
         for pair, pose in matched:
@@ -180,22 +175,11 @@ class MappingNode(PairNode[MappingNodeConfig]):
 
     # ---- in the worker's thread
 
-    def _set_rig(self, rig: StereoRig) -> None:
-        if self._session.is_other_rig(rig):
-            self.get_logger().warning("camera_info has changed: a new map begins")
-        try:
-            self._session.set_rig(rig)
-        except SfrError as error:
-            self.status.error(str(error))
-
     def _reset(self) -> str:
         self._session.restart()
         return "a new map begins"
 
     def _process(self, received: ReceivedPair, pose: Transform) -> None:
-        if not self._session.has_mapper:
-            self.status.error("the parameters of the mapper do not fit the rig: pair dropped")
-            return
         begin = time.perf_counter()
         try:
             pair = received.decode()
@@ -249,11 +233,10 @@ class MappingNode(PairNode[MappingNodeConfig]):
         result: PairMap | FusedMap,
         times: Mapping[str, float],
     ) -> None:
-        """Publish time, memory and warnings of a call."""
         for warning in result.warnings:
             self.status.warn(warning)
         level = Level.WARN if result.warnings else Level.OK
-        self.status.call(Call(stamp_ns, usage, state.value, level, result.statistics, times), self.counts())
+        self.status.call(CallRecord(stamp_ns, *usage.cost(state), result.statistics), level, times, self.counts())
 
 
 def main() -> int:

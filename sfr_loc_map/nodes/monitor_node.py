@@ -25,7 +25,7 @@ from std_msgs.msg import Float64, String
 from sfr_loc_map import __version__
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import InputError, MetricsError, SfrError
-from sfr_loc_map.inputs import MAX_TEXT_BYTES, Side, parse_json
+from sfr_loc_map.inputs import MAX_TEXT_BYTES, SIDES, Side, parse_json
 from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import points_image, stamp_of
 from sfr_loc_map.io.truth import TrackedBody
@@ -106,10 +106,7 @@ class MonitorNodeConfig(NodeConfig):
 class MonitorNode(ManagedNode[MonitorNodeConfig]):
     """Receives estimates, truth, clouds and calls and publishes the score."""
 
-    def __init__(self, name: str = "monitor_node", **options: Any) -> None:  # noqa: ANN401
-        """Declare the parameters; `options` are those of `rclpy.node.Node`."""
-        super().__init__(name, "monitor", MonitorNodeConfig, live=(), **options)
-        self.teardown()
+    task, config_type = "monitor", MonitorNodeConfig
 
     def setup(self) -> None:
         """Read the limits, load compiled code, create publishers."""
@@ -135,8 +132,8 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._receive(Odometry, "ground_truth/odometry", self._on_truth, of_rover)
         self._receive(DiagnosticArray, TOPIC, self._on_calls, deep)
         self._receive(PoseStamped, "nav/pose", self._on_pose, of_rover)
-        self._receive(CameraInfo, "nav/left/camera_info", partial(self._on_camera_info, "left"), info)
-        self._receive(CameraInfo, "nav/right/camera_info", partial(self._on_camera_info, "right"), info)
+        for side in SIDES:
+            self._receive(CameraInfo, f"nav/{side}/camera_info", partial(self._on_camera_info, side), info)
         self._receive(PointCloud2, "ground_truth/points", self._on_true_points, shallow)
         self._receive(PointCloud2, "mapping/points", self._on_cloud, shallow)
         for task in ("localisation", "mapping"):
@@ -145,7 +142,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self.add_service("~/reset", self._reset)
         self.endpoints.add_timer(config.publish_period_s, lambda: self.worker.enqueue(self._publish))
         if config.save_file and config.save_period_s:
-            self._warn_of(self._report_file.keep_previous)
+            self._warning(self._report_file.keep_previous)
             self.endpoints.add_timer(config.save_period_s, lambda: self.worker.enqueue(self._autosave))
 
     def teardown(self) -> None:
@@ -258,7 +255,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     def _note(self, stamp_ns: int) -> None:
         self._changed = self._unsaved = True
         self._last_ns = max(self._last_ns, stamp_ns)
-        self.status.health.note_arrival()
+        self.status.note_arrival()
 
     def _result(self, *, details: bool = True) -> Score:
         """Return the score so far, with the configurations that it was made with."""
@@ -288,23 +285,22 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._metrics.publish(DiagnosticArray(header=header, status=score_statuses(content)))
         end = time.perf_counter()
         self._rest_until_s = end + RESTS * (time.thread_time() - used_s)  # not what others took of a busy host
-        self.status.health.note_call(Level.OK, "scoring", {"processing_time_s": end - begin}, {})
+        self.status.note_call(Level.OK, "scoring", {"processing_time_s": end - begin}, {})
 
     def _save(self) -> str:
-        return str(self._report_file.save(to_json(self._result())))
+        path = self._report_file.save(to_json(self._result()))
+        self._unsaved = False
+        return str(path)
 
     def _autosave(self) -> None:
         if self._unsaved:
-            self._unsaved = not self._warn_of(self._save)
+            self._warning(self._save)
 
-    def _warn_of(self, action: Callable[[], object]) -> bool:
-        """Do something, warn if it fails; return whether it succeeded."""
+    def _warning(self, action: Callable[[], object]) -> None:
         try:
             action()
         except SfrError as error:
             self.status.warn(str(error))
-            return False
-        return True
 
     def _reset(self) -> str:
         self._score.restart()
@@ -331,7 +327,6 @@ def score_statuses(score: Mapping[str, Any]) -> list[DiagnosticStatus]:
 
 
 def _plain(content: Mapping[str, Any]) -> dict[str, Value]:
-    """Return what is a number or a word."""
     return {name: value for name, value in content.items() if isinstance(value, (int, float, str))}
 
 

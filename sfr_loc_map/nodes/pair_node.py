@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
+from abc import abstractmethod
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, ClassVar, TypeVar
@@ -27,10 +29,14 @@ from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.worker import Overload
 from sfr_loc_map.nodes.messages import check_image, grey_from_image
-from sfr_loc_map.pipeline.reception import LossWatch, MessageTimes, TransportGaps, jumped_back, latencies
+from sfr_loc_map.pipeline.reception import MUCH_LOST, TransportGaps, jumped_back, latencies, loss_fix
 
+LOSS_WINDOW = 40  #: Images of which the share lost is taken, at the least.
 RECENT = 200  #: Stamps that are kept of each topic, to say why no pair comes of them.
-ReceivedImage = tuple[Any, MessageTimes]  #: sensor_msgs/Image or CompressedImage, and when it was sent and received.
+ReceivedImage = tuple[Any, Mapping[str, Any]]
+"""sensor_msgs/Image or CompressedImage, and what the middleware tells of it."""
+Seen = dict[str, tuple[list[int], tuple[Any, ...]]]
+"""Stamps (ns) and some messages that were received of each topic, by the suite's names."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,11 +87,6 @@ class ReceivedPair:
     images: tuple[ReceivedImage, ReceivedImage]  #: The left and the right one.
     rectifier: StereoRectifier | None = None  #: What rectifies the images, None where they are rectified.
 
-    @property
-    def times(self) -> tuple[MessageTimes, MessageTimes]:
-        """When they were sent and received."""
-        return self.images[0][1], self.images[1][1]
-
     def decode(self) -> StereoPair:
         """Return the images in grey, rectified."""
         images = self._grey(0), self._grey(1)
@@ -110,10 +111,9 @@ class StereoInput:
         config: StereoInputConfig,
         on_pair: Callable[[ReceivedPair], None],
         on_rig: Callable[[StereoRig], None],
-        on_jump_back: Callable[[], None],
+        on_jump_back: Callable[[str], None],
         report: Callable[[str], None],
     ) -> None:
-        """Start empty."""
         self.rig: StereoRig | None = None
         self.dropped = {"rejected": 0, "stale": 0, "without_camera_info": 0}
         self.unprocessed = 0
@@ -129,30 +129,29 @@ class StereoInput:
         self._pairing: StampPairing[ReceivedImage] = StampPairing(config.stamp_tolerance_ns, config.queue_depth)
         self._without_rig: deque[tuple[ReceivedImage, ReceivedImage]] = deque()
         self._gaps: list[TransportGaps] = []
+        self._judged = 0, 0  # images lost and sent when their share was taken last
         self._recent_ns: dict[Side, deque[int]] = {side: deque(maxlen=RECENT) for side in SIDES}
         self._unused: dict[Side, Any] = {}  # the last image of a side, while it makes no pair
 
     def subscribe(self, endpoints: Endpoints, status: StatusReporter) -> None:
-        """Subscribe to images and camera_info of both cameras."""
-        losses = LossWatch(f"images of '{self._name}'", EXPORT_LINE, partial(status.warn, kind="transport"))
+        """Subscribe to images and camera_info of both cameras; forget those of before."""
+        self.restart()
+        self.rig = None
+        self._infos.clear()
+        self._fresh_sides.clear()
 
-        def image_callback(side: Side) -> Callable[..., None]:
-            gaps = TransportGaps()
-            self._gaps.append(gaps)
-
-            def received(message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401 - Image or CompressedImage
-                losses.add(gaps.add(info))
-                status.health.note_arrival()
-                self.add_image(side, (message, MessageTimes.of(info)))
-
-            return received
+        def received(side: Side, gaps: TransportGaps, message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401
+            gaps.add(info)
+            status.note_arrival()
+            self.add_image(side, (message, info))
 
         qos = profile(self._config.reliability, self._config.queue_depth)
         for side in SIDES:
             stem = f"{self._name}/{side}"
             endpoints.add_subscription(CameraInfo, f"{stem}/camera_info", partial(self.add_camera_info, side), qos)
             for name, kind in self._images.items():
-                endpoints.add_subscription(kind, f"{stem}/{name}", image_callback(side), qos)
+                self._gaps.append(TransportGaps())
+                endpoints.add_subscription(kind, f"{stem}/{name}", partial(received, side, self._gaps[-1]), qos)
 
     def counts(self) -> dict[str, int]:
         """Return what was dropped since the start, by name."""
@@ -164,9 +163,18 @@ class StereoInput:
             "dropped_without_camera_info": self.dropped["without_camera_info"],
         }
 
-    def take_seen(self) -> dict[str, tuple[list[int], tuple[Any, ...]]]:
+    def lost_share(self) -> float:
+        """Return the share of the images lost in transport, since there were enough to tell the last time."""
+        lost = sum(gaps.lost for gaps in self._gaps)
+        sent, (lost_before, sent_before) = lost + sum(gaps.count for gaps in self._gaps), self._judged
+        if sent - sent_before < LOSS_WINDOW:
+            return 0.0
+        self._judged = lost, sent
+        return (lost - lost_before) / (sent - sent_before)
+
+    def take_seen(self) -> Seen:
         """Return stamps and a message of each topic, of what has been received since the last time."""
-        found: dict[str, tuple[list[int], tuple[Any, ...]]] = {}
+        found: Seen = {}
         for side in SIDES:
             images = [*self._recent_ns[side]], (self._unused[side],) if side in self._unused else ()
             found |= {f"{self._name}/{side}/{name}": images for name in self._images}
@@ -236,7 +244,7 @@ class StereoInput:
             if not jumped_back(self._last_ns, stamp_ns):
                 self.dropped["stale"] += 1
                 return
-            self._on_jump_back()
+            self._on_jump_back("stamps have gone back")
         self._last_ns = stamp_ns
         self._unused.clear()
         frame_id = str(self._infos["left"].header.frame_id)
@@ -265,6 +273,12 @@ class PairNodeConfig(NodeConfig):
         """Return the name that a frame has in messages."""
         return self.frame_prefix + name
 
+    def check_frame(self, what: str, found: str, parameter: str) -> None:
+        """Raise an InputError where a message names another frame than a parameter does."""
+        wanted = self.frame(getattr(self, parameter))
+        if found not in ("", wanted):
+            raise InputError(f"{what} is of '{found}', of '{wanted}' (parameter {parameter}) is needed")
+
     def check_frames(self, *names: str) -> None:
         """Check names of frames that must differ, by the rules of tf2."""
         for name in names:
@@ -283,32 +297,54 @@ P = TypeVar("P", bound=PairNodeConfig)
 
 
 class PairNode(ManagedNode[P]):
-    """A managed node whose worker processes the pairs of one rig."""
+    """A managed node whose worker processes the pairs of one rig; its input is handled in the executor's thread."""
 
     rig_name: ClassVar[str]
     extrinsics_known = True  #: Whether the pose of the rig is known, as far as the node needs it.
     _calls_before = _silent_periods = 0
-    _stereo: StereoInput | None = None
+    _rig: StereoRig | None = None  # the last one that was received
+
+    @abstractmethod
+    def on_pair(self, pair: ReceivedPair) -> None:
+        """Take a pair."""
+
+    @abstractmethod
+    def on_rig(self, rig: StereoRig) -> None:
+        """Take the rig of the pairs that follow."""
 
     def restart(self, reason: str) -> None:
-        """Start a new run after the pairs that came before; called in the executor's thread."""
-        raise NotImplementedError
+        """Start a new run after the pairs that came before."""
+        self._stereo.restart()
 
-    def subscribe_images(self, on_pair: Callable[[ReceivedPair], None], on_rig: Callable[[StereoRig], None]) -> None:
-        """Subscribe to the images of the rig."""
+    def teardown(self) -> None:
+        """Forget everything."""
+        self._rig = None
         self._stereo = StereoInput(
-            self.rig_name,
-            self.config.input,
-            on_pair,
-            on_rig,
-            lambda: self.restart("stamps have gone back"),
-            self.status.error,
+            self.rig_name, self.config.input, self.on_pair, self._set_rig, self.restart, self.status.error
         )
+
+    def subscribe(self) -> None:
+        """Subscribe to the images of the rig."""
         self._stereo.subscribe(self.endpoints, self.status)
+
+    def _set_rig(self, rig: StereoRig) -> None:
+        self._rig = rig
+        self.on_rig(rig)
+
+    @contextmanager
+    def ignoring_broken(self) -> Iterator[None]:
+        """Warn of a message that the `with` block finds broken, or in another frame."""
+        try:
+            yield
+        except InputError as error:
+            self.status.warn(f"{error}; ignored")
 
     def look_around(self) -> None:
         """Log what was dropped, and where no result came meanwhile, what the node waits for, as the doctor finds it."""
         super().look_around()
+        if (share := self._stereo.lost_share()) > MUCH_LOST:
+            text = f"{share:.0%} of the images of '{self.rig_name}' are lost in transport: {loss_fix(EXPORT_LINE)}"
+            self.status.warn(text, "transport")
         calls, before = self.status.calls, self._calls_before
         self._calls_before, seen = calls, self.take_seen()
         silent = not any(stamps_ns for stamps_ns, _ in seen.values())
@@ -322,38 +358,36 @@ class PairNode(ManagedNode[P]):
         about = {"stamp_tolerance_ns": config.stamp_tolerance_ns, "rectifies": config.rectify, "task": self.rig_name}
         ended = "the source has ended or is silent: " if silent and calls else ""
         for text in waits_for(self, seen, config.reliability, extrinsics=self.extrinsics_known, **about):
-            self.status.health.note_problem(Level.WARN, f"waits: {ended}{text}")
+            self.status.note_problem(Level.WARN, f"waits: {ended}{text}")
             if periods & (periods - 1) == 0:  # of silence after 5, 10, 20, 40 s and so on
                 self.get_logger().warning(f"waits: {ended}{text}")
 
-    def take_seen(self) -> dict[str, tuple[list[int], tuple[Any, ...]]]:
+    def take_seen(self) -> Seen:
         """Return stamps and a message of each topic, of what has been received since the last time."""
-        return {} if self._stereo is None else self._stereo.take_seen()
+        return self._stereo.take_seen()
 
     def clock_jumped_back(self) -> None:
         """Start a new run, unless its pairs have come already."""
-        if self._stereo is not None and self._stereo.is_ahead_of(self.get_clock().now().nanoseconds):
+        if self._stereo.is_ahead_of(self.get_clock().now().nanoseconds):
             self.restart("the clock has gone back")
 
     def counts(self) -> dict[str, int]:
         """Return what was dropped since the start, by name."""
-        return (self._stereo.counts() if self._stereo is not None else {}) | super().counts()
+        return self._stereo.counts() | super().counts()
 
     def count_unprocessed(self, error: SfrError | None = None) -> None:
         """Count a pair that could not be processed, and report why."""
-        if self._stereo is not None:
-            self._stereo.unprocessed += 1
+        self._stereo.unprocessed += 1
         if error is not None:
             self.status.error(str(error))
 
     def forget_waiting(self) -> None:
         """Drop the pairs that wait."""
         self.worker.clear()
-        if self._stereo is not None:
-            self._stereo.restart()
+        self._stereo.restart()
 
     def times(self, received: ReceivedPair, conversion_s: float) -> dict[str, float]:
         """Return the latencies of a result that was just published, and what decoding took, seconds."""
         now_ns = self.get_clock().now().nanoseconds
-        found = latencies(received.times, received.stamp_ns, time.time_ns(), now_ns)
+        found = latencies([info for _, info in received.images], received.stamp_ns, time.time_ns(), now_ns)
         return found | {"conversion_s": conversion_s}

@@ -40,17 +40,17 @@ class ChildProcess:
     def __init__(
         self, name: str, words: Sequence[str], log: Path | None = None, variables: Mapping[str, str] | None = None
     ) -> None:
-        """Start nothing yet; without a log it writes to standard output and error of this process."""
-        self.name, self.words = name, words
+        """Start it; without a log it writes to standard output and error of this process."""
+        self.name, self._words = name, words
         self._log, self._variables = log, variables
-        self._popen: subprocess.Popen[bytes] | None = None
+        self.start()
 
     def start(self) -> None:
-        """Start it, for the first time or again."""
+        """Start it again."""
         stream = None if self._log is None else self._log.open("ab")
         try:
-            self._popen = subprocess.Popen(
-                self.words,
+            self.popen = subprocess.Popen(
+                self._words,
                 stdin=subprocess.DEVNULL,
                 stdout=stream,
                 stderr=stream and subprocess.STDOUT,
@@ -65,21 +65,14 @@ class ChildProcess:
                 stream.close()
 
     @property
-    def popen(self) -> subprocess.Popen[bytes]:
-        """The process; it must have been started."""
-        if self._popen is None:
-            raise NodeError(f"{self.name} was not started")
-        return self._popen
-
-    @property
     def exit_code(self) -> int | None:
-        """Its exit code, the negative signal that killed it, or None while it runs (or was not started)."""
-        return None if self._popen is None else self._popen.poll()
+        """Its exit code, the negative signal that killed it, or None while it runs."""
+        return self.popen.poll()
 
     @property
     def is_running(self) -> bool:
         """Tell whether it runs (or is stopped by SIGSTOP)."""
-        return self._popen is not None and self._popen.poll() is None
+        return self.exit_code is None
 
     @property
     def text(self) -> str:
@@ -107,27 +100,13 @@ class ChildProcess:
         with suppress(ProcessLookupError):
             os.killpg(self.popen.pid, number)
 
-    def wait(self, timeout_s: float) -> int | None:
-        """Wait for its end; return its exit code, None where it still runs."""
-        with suppress(subprocess.TimeoutExpired):
-            return self.popen.wait(max(timeout_s, 0.01))
-        return None
 
-    def kill(self) -> None:
-        """End it by SIGKILL, and wait for its end."""
-        if self._popen is not None:
-            self.send(signal.SIGKILL)
-            self._popen.wait()
-
-
-def node_process(
-    module: str, arguments: Sequence[str] = (), folder: Path | None = None, variables: Mapping[str, str] | None = None
-) -> ChildProcess:
-    """Return a module below `sfr_loc_map` as a process, not started; its log goes to a folder, if one is given."""
+def node_process(module: str, arguments: Sequence[str], folder: Path | None = None) -> ChildProcess:
+    """Start a module below `sfr_loc_map` as a process; its log goes to a folder, if one is given."""
     name = module.rpartition(".")[2]
     words = [sys.executable, "-P", "-m", "sfr_loc_map.nodes.start", module, *arguments]
     log = None if folder is None else folder / f"{name}.log"
-    return ChildProcess(name, words, log, child_environment() | {"PYTHONUNBUFFERED": "1"} | dict(variables or {}))
+    return ChildProcess(name, words, log, child_environment() | {"PYTHONUNBUFFERED": "1"})
 
 
 @contextmanager
@@ -139,9 +118,8 @@ def user_command(command: str, folder: Path) -> Iterator[ChildProcess]:
         raise ConfigError(f"'--command {command}': {error}; give a program and its arguments") from error
     if not words:
         raise ConfigError("'--command' is empty: give a program and its arguments")
-    process = ChildProcess(os.path.basename(words[0]), words, folder / "external.log")
     try:
-        process.start()
+        process = ChildProcess(os.path.basename(words[0]), words, folder / "external.log")
     except NodeError as error:
         raise ConfigError(f"'--command': {str(error).partition(';')[0]}") from error
     try:
@@ -158,14 +136,11 @@ class LivePage:
     """
 
     def __init__(self, arguments: Sequence[str]) -> None:
-        """Start nothing yet; `arguments` is its command line."""
         self._folder = Path(tempfile.mkdtemp(prefix="sfr-live-"))
         self._end_file, self._told = self._folder / "end.json", dict[str, str]()
         self._process = node_process("nodes.live_page", (*arguments, "--end-file", str(self._end_file)))
 
     def __enter__(self) -> LivePage:
-        with suppress(NodeError):  # too little memory for the page: the run goes on
-            self._process.start()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -219,7 +194,6 @@ class Supervisor:
     def start(self, name: str, arguments: Sequence[str] = ()) -> None:
         """Start a node of this package, such as `localisation_node`, with a command line."""
         self.processes[name] = node_process(f"nodes.{name}", arguments, self._folder)
-        self.processes[name].start()
 
     def check(self) -> None:
         """Make sure that all nodes run."""
@@ -253,7 +227,8 @@ def end_processes(processes: Sequence[ChildProcess]) -> None:
             process.send(number)
         deadline = time.monotonic() + timeout_s
         for process in running:
-            process.wait(deadline - time.monotonic())
+            with suppress(subprocess.TimeoutExpired):
+                process.popen.wait(max(deadline - time.monotonic(), 0.01))
     environment.remove_dead_segments()
 
 

@@ -35,7 +35,6 @@ def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> 
 
     _set_handlers(interrupt)
     try:
-        environment.prepare()
         environment.start_ros(sys.argv if arguments is None else arguments, signals=True)
         has_ros_started = True
         executor = SingleThreadedExecutor()

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 from rclpy.clock import ROSClock
-from rclpy.qos import ReliabilityPolicy
 
 from sfr_loc_map.nodes.environment import EXPORT_LINE
+from sfr_loc_map.nodes.graph import offers_of
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.messages import tf_message_type
 from sfr_loc_map.pipeline.doctor import examine
@@ -31,11 +31,18 @@ def waits_for(node: ManagedNode[Any], seen: Seen, reliability: str, *, extrinsic
     clock, name = node.get_clock(), node.get_fully_qualified_name()
     sim_time = isinstance(clock, ROSClock) and bool(clock.ros_time_is_active)
     requests = {name: Reliability(reliability)}
+
+    def observed(topic: str, stamps_ns: Sequence[int], messages: tuple[Any, ...]) -> ObservedTopic:
+        found = node.resolve_topic_name(topic)
+        types = {str(info.topic_type) for info in node.get_publishers_info_by_topic(found)}
+        named = tuple(sorted(types)) or EXPECTED[topic]
+        return ObservedTopic(found, named, offers_of(node, found), np.array(stamps_ns, np.int64), messages, requests)
+
     observation = Observation(
         "the graph",
         live=True,
         prefix=f"{node.get_namespace().rstrip('/')}/",
-        topics={topic: _topic(node, topic, requests, *received) for topic, received in seen.items()},
+        topics={topic: observed(topic, *received) for topic, received in seen.items()},
         others={topic: tuple(types) for topic, types in node.get_topic_names_and_types()},
         extrinsics_given=extrinsics,
         extrinsics_in_tf=None if tf_message_type() is None else False,
@@ -48,19 +55,3 @@ def waits_for(node: ManagedNode[Any], seen: Seen, reliability: str, *, extrinsic
         if finding.is_blocking:
             places.setdefault((finding.text, finding.fix), []).append(finding.where)
     return [f"{', '.join(where)}: {text}; {fix}" for (text, fix), where in [*places.items()][:MOST]]
-
-
-def _topic(
-    node: ManagedNode[Any],
-    name: str,
-    requests: Mapping[str, Reliability],
-    stamps_ns: Sequence[int],
-    messages: tuple[Any, ...],
-) -> ObservedTopic:
-    """Return a topic with its name and its publishers in the graph."""
-    found = node.resolve_topic_name(name)
-    infos = node.get_publishers_info_by_topic(found)
-    strict = [info.qos_profile.reliability == ReliabilityPolicy.RELIABLE for info in infos]
-    types = tuple(sorted({str(info.topic_type) for info in infos})) or EXPECTED[name]
-    offers = tuple(Reliability.RELIABLE if each else Reliability.BEST_EFFORT for each in strict)
-    return ObservedTopic(found, types, offers, np.array(stamps_ns, np.int64), messages, requests)

@@ -7,6 +7,7 @@ import io
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import read_table
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.text_table import parse_stamp_ns
-from sfr_loc_map.localisation.estimate import TrackingState
+from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.calls import Calls, CallUsage, stage_of
 from sfr_loc_map.metrics.config import MappingState
@@ -145,6 +146,15 @@ def call_of_stages(stages: Sequence[CallRecord | CallUsage], seconds: float | No
     )
     total = sum(item.processing_time_s for item in stages) if seconds is None else seconds
     return CallUsage(total, peak, above_idle)
+
+
+def call_of_estimate(
+    estimate: PoseEstimate, usage: CallUsage, more: Mapping[str, float] = MappingProxyType({})
+) -> CallRecord:
+    """Return the call of a localiser that gave an estimate, with more figures than it tells."""
+    step = None if estimate.step is None else estimate.step.uncertainty
+    about = (estimate.figures | dict(more), estimate.covariance, estimate.reason_text, step)
+    return CallRecord(estimate.stamp_ns, *usage.cost(estimate.state), *about)
 
 
 def save_stats(path: Path, records: Sequence[CallRecord], method: MethodRecord | None = None) -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import psutil
@@ -21,24 +21,13 @@ PERIOD_S = 0.05
 METHOD = f"sum over the process tree, sampled {1 / PERIOD_S:.0f} times a second (psutil)"
 
 
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """What a node published."""
-
-    stamp_ns: int
-    frames: str  # `parent -> child` of a pose, `parent` of a cloud
-    problem: str = ""  # why it is no pose or no cloud
-
-
 class AnswerBook:
     """Counts pairs and answers of one run."""
 
-    def __init__(
-        self, task: str, timeout_s: float, frames: str = "", clock: Callable[[], float] = time.monotonic
-    ) -> None:
+    def __init__(self, task: str, timeout_s: float, frames: str) -> None:
         """Begin; the task is `loc` or `nav`. Without frames the answers must name those of the first of them."""
         self.task, self.frames, self.ended = task, frames, ""
-        self._timeout_s, self._clock = timeout_s, clock
+        self._timeout_s = timeout_s
         self._sent: dict[int, float] = {}
         self._latency_s: dict[int, float] = {}
         self._early: dict[int, list[float]] = {}
@@ -52,15 +41,18 @@ class AnswerBook:
         for received_s in self._early.pop(stamp_ns, ()):
             self._answered(stamp_ns, received_s)
 
-    def received(self, answer: Answer) -> bool:
-        """Note an answer; return whether it is to be used."""
-        now, stamp_ns = self._clock(), answer.stamp_ns
-        if answer.problem:
-            self._note("not_usable", FindingKind.NOT_FINITE, stamp_ns, answer.problem)
+    def received(self, stamp_ns: int, frames: str, problem: str) -> bool:
+        """Note an answer, its frames (`parent -> child` of a pose, `parent` of a cloud) and why it is no result.
+
+        Returns whether it is to be used.
+        """
+        now = time.monotonic()
+        if problem:
+            self._note("not_usable", FindingKind.NOT_FINITE, stamp_ns, problem)
             return False
-        self.frames = self.frames or answer.frames
-        if answer.frames != self.frames:
-            text = f"it names {answer.frames} in place of {self.frames}"
+        self.frames = self.frames or frames
+        if frames != self.frames:
+            text = f"it names {frames} in place of {self.frames}"
             self._note("other_frame", FindingKind.OTHER_FRAME, stamp_ns, text)
             return False
         self._in_a_row = 0
@@ -82,7 +74,7 @@ class AnswerBook:
         """Tell whether the answer to a pair is there, or need not be waited for any longer."""
         if stamp_ns in self._latency_s or self.ended or self._in_a_row >= MAX_IN_A_ROW:
             return True
-        return self._clock() - self._sent.get(stamp_ns, 0.0) > self._timeout_s
+        return time.monotonic() - self._sent.get(stamp_ns, 0.0) > self._timeout_s
 
     def waited(self, stamp_ns: int) -> None:
         """Note that a pair was waited for until it was settled."""
@@ -134,12 +126,11 @@ class AnswerBook:
 def processes_named(text: str) -> list[int]:
     """Return the process ids that `--watch` means: one by its number, or all whose name or command line has a text."""
     found = []
-    if text.isdigit():
-        found = [int(text)] if psutil.pid_exists(int(text)) else []
-    for process in psutil.process_iter() if not text.isdigit() else ():
+    for process in psutil.process_iter():
         with contextlib.suppress(psutil.Error):
             words = process.cmdline()
-            if "--watch" not in words and (text == process.name() or text in " ".join(words)):
+            named = "--watch" not in words and (text == process.name() or text in " ".join(words))
+            if str(process.pid) == text if text.isdigit() else named:
                 found.append(process.pid)
     if not found:
         raise ConfigError(f"'--watch {text}': there is no such process; give its number or a part of its command line")
@@ -152,9 +143,9 @@ class ProcessWatch:
     A process that ends keeps the processor time of its last sample. A peak between two samples is missed.
     """
 
-    def __init__(self, pids: Sequence[int], period_s: float = PERIOD_S) -> None:
+    def __init__(self, pids: Sequence[int]) -> None:
         """Watch nothing yet; the processes are the roots of the trees."""
-        self._pids, self._period_s = list(pids), period_s
+        self._pids = list(pids)
         self._cpu_s: dict[tuple[int, float], tuple[float, float]] = {}  # at the begin and last, by id and start
         self._peak_bytes = self._most = 0
         self._stop = threading.Event()
@@ -181,7 +172,7 @@ class ProcessWatch:
         return ProcessUsage(cpu_s=spent_s, peak_rss_bytes=self._peak_bytes, processes=self._most, method=METHOD)
 
     def _run(self) -> None:
-        while not self._stop.wait(self._period_s):
+        while not self._stop.wait(PERIOD_S):
             self._sample()
 
     def _sample(self, *, first: bool = False) -> None:

@@ -1,11 +1,7 @@
 """At which pose a localiser starts, and how well that is known, over resets, faults and restarts of the process.
 
-    phase     pair arrives               pose is set           restart             continue
-    NEW       RUNNING, at the kept pose  READY at it           READY at the first  NEW
-    READY     RUNNING                    READY at it           READY at the first  READY
-    RUNNING   RUNNING                    RUNNING, pose moved   READY at the first  READY at the last pose
-
-A reset is a restart whose first pose is the identity. Continue follows another rig, another configuration or a fault.
+A new process starts at the pose that one before kept, unless another one is set. A reset is a restart whose first
+pose is the identity. Another rig, another configuration or a fault let a localiser that runs continue at its last pose.
 """
 
 from __future__ import annotations
@@ -14,7 +10,6 @@ import json
 import os
 from collections.abc import Callable
 from dataclasses import replace
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -37,21 +32,11 @@ REPLACED = "the run starts at its first pose, and the file is replaced"
 LocaliserFactory = Callable[[StereoRig, LocalisationConfig, StartPose], Localiser]
 
 
-class Phase(StrEnum):
-    """What the next pair leads to."""
-
-    NEW = "new"
-    """A localiser starts at the pose that a process before kept, or else at the first pose."""
-    READY = "ready"
-    """A localiser starts at a pose that is known already."""
-    RUNNING = "running"
-    """The localiser goes on."""
-
-
 class LocalisationSession:
     """Owns the localiser of a node; to be used by one thread.
 
-    `tracked_ns` is the stamp of the last pair that the present localiser tracked, None before.
+    `tracked_ns` is the stamp of the last pair that the present localiser tracked, None before; `may_resume` tells
+    whether the next pair starts one at the pose that a process before kept.
     """
 
     def __init__(
@@ -62,7 +47,7 @@ class LocalisationSession:
         make_localiser: LocaliserFactory = Localiser,
     ) -> None:
         """Start at the identity, or at the pose that a file has kept for a restart of the process."""
-        self.phase = Phase.NEW if pose_file is not None else Phase.READY
+        self.may_resume = pose_file is not None
         self.tracked_ns: int | None = None
         self._config, self._pose_file, self._warn, self._make_localiser = config, pose_file, warn, make_localiser
         self._rig: StereoRig | None = None
@@ -90,15 +75,14 @@ class LocalisationSession:
         """Go on, or start, at a given pose, which holds at its stamp; later runs start there too."""
         self._first = replace(pose, stamp_ns=None)
         self._start, self._last = pose, None
+        self.may_resume = False
         if self._localiser is not None:
             self._localiser.set_pose(pose)
-        else:
-            self.phase = Phase.READY
 
     def restart(self) -> None:
         """Start a new run at the first pose."""
         self._start, self._last = self._first, None
-        self._localiser, self.phase = None, Phase.READY
+        self._localiser, self.may_resume = None, False
 
     def reset(self) -> None:
         """Start a new run at the identity."""
@@ -107,11 +91,9 @@ class LocalisationSession:
 
     def continue_at_last_pose(self) -> None:
         """Let the next pair start a localiser at the last known pose, with its covariance and its stamp."""
-        if self._localiser is None:
-            return
-        if self._last is not None:
+        if self._localiser is not None and self._last is not None:
             self._start = self._last
-        self._localiser, self.phase = None, Phase.READY
+        self._localiser = None
 
     # ---- a pair
 
@@ -125,18 +107,17 @@ class LocalisationSession:
                 "T_rb_locsb.quat_xyzw, or publish them on /tf_static"
             )
         rig = replace(self._rig, T_rb_sb=T_rb_sb)
-        if self.phase is Phase.NEW:
-            self.phase = Phase.READY
+        if self.may_resume and self._pose_file is not None:
+            self.may_resume = False
             try:
-                known = None if self._pose_file is None else self._pose_file.load(stamp_ns, rig)
+                self._start = self._pose_file.load(stamp_ns, rig) or self._start
             except InputError as error:
-                known = None
                 self._warn(str(error))
-            if known is not None and known.stamp_ns is not None:
-                self._start, gap_s = known, (stamp_ns - known.stamp_ns) * 1e-9
+            if self._start.stamp_ns is not None:
+                gap_s = (stamp_ns - self._start.stamp_ns) * 1e-9
                 self._warn(f"localisation resumes at the pose of {gap_s:.1f} s before: the motion since is not known")
         self._localiser, self._localiser_rig = self._make_localiser(rig, self._config, self._start), rig
-        self.phase, self.tracked_ns = Phase.RUNNING, None
+        self.tracked_ns = None
         return self._localiser
 
     def accept(self, estimate: PoseEstimate) -> None:
@@ -161,8 +142,6 @@ class LocalisationSession:
 
 
 class _Content(msgspec.Struct):
-    """What is in the file of a kept pose."""
-
     schema: Literal["sfr-resume/1"]
     rig: str
     stamp_ns: Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]

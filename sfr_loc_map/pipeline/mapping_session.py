@@ -89,35 +89,25 @@ class MappingSession:
     def __len__(self) -> int:
         return len(self._pairs)
 
-    def is_other_rig(self, rig: StereoRig) -> bool:
-        """Tell whether a rig differs from the present one."""
-        return self._rig is not None and not self._rig.same_cameras(rig)
-
-    def set_rig(self, rig: StereoRig) -> None:
-        """Start a new map with a rig, unless it is the present one."""
-        if self._rig is None or self.is_other_rig(rig):
-            self.restart()
-            self._rig, self._mapper = rig, None
-            self._mapper = Mapper(rig, self._config)
+    def set_rig(self, rig: StereoRig) -> bool:
+        """Start a new map with a rig, unless it is the present one; return whether another one was replaced."""
+        if self._rig is not None and self._rig.same_cameras(rig):
+            return False
+        self.restart()
+        replaced, self._rig, self._mapper = self._rig is not None, rig, None
+        return replaced
 
     def set_config(self, config: MappingConfig) -> None:
         """Map the next pairs with another configuration; those of the map begun stay as they are."""
-        self._config = config
-        if self._rig is not None:
-            self._mapper = Mapper(self._rig, config)
+        self._config, self._mapper = config, None
 
     def restart(self) -> None:
         """Start a new map."""
         self._pairs.clear()
 
-    @property
-    def has_mapper(self) -> bool:
-        """Whether rig and configuration are known and fit."""
-        return self._mapper is not None
-
     def map_pair(self, pair: StereoPair, T_lm_sb: Transform) -> PairMap:
         """Map a pair and keep the result for the fusion."""
-        result = self._present_mapper().process(pair, T_lm_sb, len(self._pairs))
+        result = self.mapper().process(pair, T_lm_sb, len(self._pairs))
         self._pairs.append(result)
         self.last_ns = result.stamp_ns
         return result
@@ -125,14 +115,16 @@ class MappingSession:
     def fuse(self) -> FusedMap:
         """Fuse the pairs and start a new map."""
         pairs, self._pairs = self._pairs, []
-        return self._present_mapper().fuse(pairs)
+        return self.mapper().fuse(pairs)
 
     def searched_px(self, rig: StereoRig) -> tuple[float, float]:
         """Return the smallest and the largest disparity that is searched with a rig."""
         product = rig.fx * rig.baseline_m
         return product / self._config.max_range_m, product / self._config.min_range_m
 
-    def _present_mapper(self) -> Mapper:
-        if self._mapper is None:
+    def mapper(self) -> Mapper:
+        """Return the mapper; raises an `SfrError` where there is no rig yet, or the configuration does not fit it."""
+        if self._rig is None:
             raise InputError("there is no camera_info yet: publish that of both navigation cameras")
+        self._mapper = self._mapper or Mapper(self._rig, self._config)
         return self._mapper

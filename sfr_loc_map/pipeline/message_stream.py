@@ -146,7 +146,6 @@ class Pacer:
     """Says when a message is due; each task starts with its first message, and again after a pause."""
 
     def __init__(self, controls: Controls, clock: Callable[[], float] = time.monotonic) -> None:
-        """Begin; the rate is that of the controls."""
         self._controls, self._clock = controls, clock
         self._rate = controls.rate
         self._origins: dict[str, tuple[float, int]] = {}

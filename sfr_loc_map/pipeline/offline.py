@@ -34,10 +34,10 @@ from sfr_loc_map.mapping.disparity.semi_global_matching import search_range
 from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
 from sfr_loc_map.methods.isolated_method import IsolatedMethod
 from sfr_loc_map.methods.registry import Method, MethodLimits
-from sfr_loc_map.metrics.calls import CallMeter, CallUsage
+from sfr_loc_map.metrics.calls import CallMeter
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.score import MethodRecord
-from sfr_loc_map.pipeline.call_stats import CallRecord, call_of_stages
+from sfr_loc_map.pipeline.call_stats import CallRecord, call_of_estimate, call_of_stages
 from sfr_loc_map.pipeline.kernels import load_kernels
 from sfr_loc_map.signals import stopping
 
@@ -93,9 +93,7 @@ def localise(
             raise KeyboardInterrupt
         if watch is not None:
             watch(pair, estimate, localiser)
-        step = None if estimate.step is None else estimate.step.uncertainty
-        about = (estimate.figures, estimate.covariance, estimate.reason_text, step)
-        yield estimate, CallRecord(pair.stamp_ns, *_cost(call, estimate.state), *about)
+        yield estimate, call_of_estimate(estimate, call)
 
 
 def localise_with(
@@ -111,14 +109,10 @@ def localise_with(
     with IsolatedMethod(method, sequence.rig, T_ds_rb, limits, setup, hidden) as localiser:
         for pair in sequence.pairs():
             estimate, call = localiser.localise(pair, {"since_start_s": (pair.stamp_ns - first_ns) / NS_PER_S})
-            cost = _cost(call.usage, estimate.state)
+            cost = call.usage.cost(estimate.state)
             figures, covariance = call.statistics, call.covariance
             record = CallRecord(pair.stamp_ns, *cost, figures, covariance, call.reason, call.step, call.finding)
             yield estimate, record, localiser.record
-
-
-def _cost(call: CallUsage, state: str) -> tuple[float, str, int | None, int | None]:
-    return call.processing_time_s, str(state), call.peak_rss_bytes, call.above_idle_bytes
 
 
 def trajectory_of(estimates: Iterable[PoseEstimate]) -> Trajectory:
@@ -221,15 +215,15 @@ def map_pairs(
             with meter.measure() as usage:
                 done = mapper.process(item.pair, item.T_lm_navsb, index)
             maps.append(done)
-            records.append(CallRecord(item.pair.stamp_ns, *_cost(usage, MappingState.MAPPED), done.statistics))
+            records.append(CallRecord(item.pair.stamp_ns, *usage.cost(MappingState.MAPPED), done.statistics))
             progress(index + 1)
             if ended():
                 break
         with meter.measure() as usage:
             fused = mapper.fuse(maps)
-        records.append(CallRecord(maps[-1].stamp_ns, *_cost(usage, MappingState.FUSED), fused.statistics))
+        records.append(CallRecord(maps[-1].stamp_ns, *usage.cost(MappingState.FUSED), fused.statistics))
     usage = call_of_stages(records, whole.processing_time_s)
-    records.append(CallRecord(maps[-1].stamp_ns, *_cost(usage, MappingState.MAPPED_SET)))
+    records.append(CallRecord(maps[-1].stamp_ns, *usage.cost(MappingState.MAPPED_SET)))
     return MapRun(maps, fused, records)
 
 
@@ -253,23 +247,23 @@ def map_pairs_with(
         if mapper.maps_sets:
             maps, fused, call = mapper.map_set(list(sequence.pairs()))
             progress(len(maps))
-            cost = _cost(call.usage, MappingState.MAPPED_SET)
+            cost = call.usage.cost(MappingState.MAPPED_SET)
             records.append(CallRecord(maps[-1].stamp_ns, *cost, fused.statistics, finding=call.finding))
             return MapRun(maps, fused, records), mapper.record
         for index, item in enumerate(sequence.pairs()):
             done, call = mapper.map_pair(item.pair, item.T_lm_navsb, index)
             stamp_ns = item.pair.stamp_ns
             maps.append(done)
-            cost = _cost(call.usage, MappingState.MAPPED)
+            cost = call.usage.cost(MappingState.MAPPED)
             records.append(CallRecord(stamp_ns, *cost, done.statistics, finding=call.finding))
             progress(index + 1)
             if ended():
                 break
         fused, fusion = mapper.fuse(maps, item.pair)
         if fusion is not None:
-            cost = _cost(fusion.usage, MappingState.FUSED)
+            cost = fusion.usage.cost(MappingState.FUSED)
             records.append(CallRecord(stamp_ns, *cost, fused.statistics, finding=fusion.finding))
-        records.append(CallRecord(stamp_ns, *_cost(call_of_stages(records), MappingState.MAPPED_SET)))
+        records.append(CallRecord(stamp_ns, *call_of_stages(records).cost(MappingState.MAPPED_SET)))
         return MapRun(maps, fused, records), mapper.record
 
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -17,8 +16,7 @@ COMPARABLE_NS = 60 * 1_000_000_000
 """Clocks that are further apart, or in the wrong order, cannot be compared (a recording that is played back, a host
 whose clock is not set)."""
 CLOCK_NOISE_NS = 1_000_000  # tolerance for the wrong order: clocks are read and rounded differently
-LOSS_WINDOW = 40  # messages of which the share lost is taken
-MUCH_LOST = 0.1  # share lost above which the transport is not set up for the messages
+MUCH_LOST = 0.1  #: Share lost above which the transport is not set up for the messages
 MAX_POSES = 2000
 FIRST_SPACING_M = 0.02
 TURN_PER_METRE = math.radians(100.0)
@@ -33,22 +31,12 @@ def jumped_back(latest_ns: int, stamp_ns: int) -> bool:
 # ---- latency
 
 
-@dataclass(frozen=True, slots=True)
-class MessageTimes:
-    """When a message was sent and received, nanoseconds of the hosts' system clocks; None where not known."""
-
-    sent_ns: int | None
-    received_ns: int | None
-
-    @classmethod
-    def of(cls, info: Mapping[str, Any]) -> MessageTimes:
-        """Return what the message info of a subscription says; the middleware gives 0 for what it does not know."""
-        return cls(info.get("source_timestamp") or None, info.get("received_timestamp") or None)
-
-
-def latencies(times: Sequence[MessageTimes], stamp_ns: int, published_ns: int, node_time_ns: int) -> dict[str, float]:
+def latencies(
+    infos: Sequence[Mapping[str, Any]], stamp_ns: int, published_ns: int, node_time_ns: int
+) -> dict[str, float]:
     """Return the latencies of one result of some messages, seconds, as far as their clocks can be compared.
 
+    `infos` is what the middleware tells of each message: it gives 0 for times that it does not know.
     `latency_transport_s`: from the publisher's publish call to the receipt by the middleware, the slowest message;
     `latency_receive_to_publish_s`: from the receipt of the last message to the publication (system time), with the wait
     in queues; `latency_stamp_to_publish_s`: from the stamp to the same moment on the node's clock, which may be
@@ -60,10 +48,9 @@ def latencies(times: Sequence[MessageTimes], stamp_ns: int, published_ns: int, n
         return max(passed, 0) * 1e-9 if -CLOCK_NOISE_NS <= passed <= COMPARABLE_NS else None
 
     found: dict[str, float | None] = {}
-    received = [message.received_ns for message in times if message.received_ns is not None]
-    if times and len(received) == len(times):
-        sent = [message.sent_ns for message in times]
-        known = [seconds(begin, end) for begin, end in zip(sent, received, strict=True) if begin is not None]
+    sent, received = ([info.get(f"{name}_timestamp") or 0 for info in infos] for name in ("source", "received"))
+    if all(received):
+        known = [seconds(begin, end) for begin, end in zip(sent, received, strict=True) if begin]
         transports = [transport for transport in known if transport is not None]
         found["latency_transport_s"] = max(transports) if transports and len(transports) == len(known) else None
         found["latency_receive_to_publish_s"] = seconds(max(received), published_ns)
@@ -92,25 +79,6 @@ class TransportGaps:
         gap = number - last - 1 if last and number > last else 0
         self.lost += gap
         return gap
-
-
-class LossWatch:
-    """Says when a large share of the messages of a transport is lost."""
-
-    def __init__(self, what: str, export_line: str, warn: Callable[[str], None]) -> None:
-        """Begin; `what` is the plural of the messages, the line gives their publisher the memory it should have."""
-        self._what, self._export_line, self._warn = what, export_line, warn
-        self._lost = self._sent = 0
-
-    def add(self, gap: int) -> None:
-        """Count a message that was received, and those lost before it."""
-        self._lost += gap
-        self._sent += gap + 1
-        if self._sent < LOSS_WINDOW:
-            return
-        share, self._lost, self._sent = self._lost / self._sent, 0, 0
-        if share > MUCH_LOST:
-            self._warn(f"{share:.0%} of the {self._what} are lost in transport: {loss_fix(self._export_line)}")
 
 
 def loss_fix(export_line: str) -> str:

@@ -56,7 +56,7 @@ def kill(names: Sequence[str], harness: Harness, row: Row) -> None:
         harness.wait_poses(30 if MONITOR in names else 5)
         scored = harness.scored_poses
         for name in names:
-            harness.nodes[name].kill()
+            harness.kill(name)
         last = max(harness.odometry)
         if MONITOR in names:
             harness.report = {}
@@ -97,7 +97,7 @@ def kill_mapping(harness: Harness, row: Row) -> None:
         if fuses:
             third = (MAPPING, "mapped", harness.send_nav(2))
             harness.wait(lambda third=third: third in harness.calls, "third mapped pair")
-        harness.nodes[MAPPING].kill()
+        harness.kill(MAPPING)
         begin = time.monotonic()
         harness.nodes[MAPPING].start()
         harness.wait_connected(MAPPING)

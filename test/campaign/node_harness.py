@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -73,9 +75,8 @@ class Harness:
         folder.mkdir(parents=True, exist_ok=True)
         self.folder, self.patience_s = folder, patience_s
         self.saved_pose, self.saved_report = folder / "pose.json", folder / "report.json"
+        os.environ["ROS_LOG_DIR"] = str(folder / "ros_log")
         self.nodes = {name: self._process(name) for name in nodes}
-        for process in self.nodes.values():
-            process.start()
         start_ros()
         self.node = rclpy.create_node("sfr_campaign")
         self.odometry: dict[int, Odometry] = {}
@@ -117,7 +118,12 @@ class Harness:
             MONITOR: params("publish_period_s:=0.2", "save_period_s:=1.0", f"save_file:={self.saved_report}"),
         }[name]
         arguments = ["--ros-args", *params("health.period_s:=0.2", f"{RELIABLE_INPUT[name]}:=reliable"), *own]
-        return node_process(f"nodes.{name}", arguments, self.folder, {"ROS_LOG_DIR": str(self.folder / "ros_log")})
+        return node_process(f"nodes.{name}", arguments, self.folder)
+
+    def kill(self, name: str) -> None:
+        """End a node by SIGKILL, and wait for its end."""
+        self.nodes[name].send(signal.SIGKILL)
+        self.nodes[name].popen.wait()
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:

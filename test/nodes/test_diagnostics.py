@@ -1,5 +1,6 @@
 """What a node says of itself: health by what happened, calls to the last bit."""
 
+from dataclasses import astuple
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,7 +10,6 @@ from scenes import sent
 
 from sfr_loc_map.metrics.calls import CallUsage
 from sfr_loc_map.nodes.diagnostics import (
-    Call,
     HealthConfig,
     Level,
     NodeActivity,
@@ -19,6 +19,7 @@ from sfr_loc_map.nodes.diagnostics import (
     task_record,
     values_of,
 )
+from sfr_loc_map.pipeline.call_stats import CallRecord
 
 STEP = np.random.default_rng(0).normal(size=48) / 3.0
 
@@ -29,8 +30,8 @@ def published(usage: CallUsage) -> DiagnosticStatus:
     taken: list[DiagnosticArray] = []
     reporter.publisher = SimpleNamespace(publish=taken.append)
     statistics = {"inliers": np.float64(1 / 3), "features": 12}
-    call = Call(5, usage, "lost", Level.ERROR, statistics, {"latency_x_s": 0.5}, "few_landmarks", STEP)
-    reporter.call(call, {"dropped_stale": 4})
+    call = CallRecord(5, *astuple(usage)[:1], "lost", *astuple(usage)[1:], statistics, None, "few_landmarks", STEP)
+    reporter.call(call, Level.ERROR, {"latency_x_s": 0.5}, {"dropped_stale": 4})
     node.destroy_node()
     return sent(taken[0]).status[0]
 

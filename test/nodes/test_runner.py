@@ -36,8 +36,10 @@ from sfr_loc_map.nodes.pair_node import PairNodeConfig
 from sfr_loc_map.nodes.runner import run
 
 class Slow(ManagedNode[PairNodeConfig]):
+    task, config_type = "mapping", PairNodeConfig
+
     def __init__(self):
-        super().__init__("slow", "mapping", PairNodeConfig, live=())
+        super().__init__("slow")
 
     def setup(self):
         print("busy", flush=True)

@@ -14,66 +14,54 @@ from __future__ import annotations
 import gc
 import traceback
 from collections.abc import Callable
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
-from rcl_interfaces.msg import SetParametersResult
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import JumpThreshold, ROSClock
 from rclpy.duration import Duration
-from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.impl.implementation_singleton import rclpy_implementation
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from rclpy.parameter import Parameter
+from rclpy.lifecycle import LifecyclePublisher, LifecycleState, TransitionCallbackReturn
+from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
-from sfr_loc_map.errors import ConfigError, NodeError, SfrError
+from sfr_loc_map.errors import NodeError, SfrError
 from sfr_loc_map.inputs import JUMP_BACK_NS
 from sfr_loc_map.nodes.diagnostics import DROPS, LOG_PERIOD_S, Level, NodeActivity, State, StatusReporter
-from sfr_loc_map.nodes.lifecycle.endpoints import Answer, Endpoints
-from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig, Parameters, as_list
+from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
+from sfr_loc_map.nodes.lifecycle.parameters import ConfiguredNode, NodeConfig
 from sfr_loc_map.nodes.lifecycle.worker import Worker
 from sfr_loc_map.pipeline.kernels import load_kernels
 
 C = TypeVar("C", bound=NodeConfig)
+WAITING_REQUESTS = 1000
+"""Requests of a service that wait behind the jobs of the worker; the 10 of ROS are gone within a long call."""
 
 
-class ManagedNode(LifecycleNode, Generic[C]):
+class ManagedNode(ConfiguredNode[C]):
     """A node that is configured, activated, deactivated and cleaned up.
 
     A subclass says in `setup`, `subscribe`, `teardown`, `clock_jumped_back` and `apply_config` what it does in each
     step; these are called in the executor's thread. Jobs given to `worker` are done in its thread, in order.
     """
 
+    task: str  #: What it does; its name is `TASK_node` unless another one is given.
     _worker: Worker | None = None
 
-    def __init__(
-        self,
-        name: str,
-        task: str,
-        config_type: type[C],
-        live: tuple[str, ...],
-        **options: Any,  # noqa: ANN401
-    ) -> None:
-        """Declare the parameters."""
-        try:
-            super().__init__(name, **options)
-        except InvalidParameterTypeException as error:  # of a parameter that ROS itself declares
-            raise ConfigError(f"parameters of {name}: {error}") from error
-        self.task = task
-        self._settings = Parameters(
-            self, config_type, live=live, state=lambda: self.state, check=self.check_config, changed=self._on_change
-        )
+    def __init__(self, name: str = "", **options: Any) -> None:  # noqa: ANN401
+        """Declare the parameters; `options` are those of `rclpy.node.Node`."""
+        super().__init__(name or f"{self.task}_node", **options)
         self._last_error: Exception | None = None
         self._counts_before: dict[str, int] = {}
         self._quiet = False  # a failed transition is left to the caller to report
-        self.status = StatusReporter(self, task, self.config.health, self._activity)
+        self.status = StatusReporter(self, self.task, self.config.health, self._activity)
         self.endpoints = Endpoints(self, self.config.output_reliability, self.status.warn)
+        self._service_group = MutuallyExclusiveCallbackGroup()
         self._answer_invalid_transitions()
+        self.teardown()
 
     # ---- what a subclass defines
-
-    def check_config(self, config: C) -> None:
-        """Raise an `SfrError` where valid values do not fit together; called before `__init__` has ended, too."""
 
     def setup(self) -> None:
         """Prepare: publishers, compiled code."""
@@ -113,16 +101,6 @@ class ManagedNode(LifecycleNode, Generic[C]):
     # ---- what a subclass uses
 
     @property
-    def config(self) -> C:
-        """The active configuration."""
-        return self._settings.config
-
-    @property
-    def state(self) -> str:
-        """State of the managed node: one of `State`, or that of a transition."""
-        return str(self._state_machine.current_state[1])
-
-    @property
     def worker(self) -> Worker:
         """The thread; raises a `NodeError` if the node is not configured."""
         if self._worker is None:
@@ -134,41 +112,45 @@ class ManagedNode(LifecycleNode, Generic[C]):
 
         def say(line: str) -> None:
             self.get_logger().info(line)
-            self.status.health.note_problem(Level.WARN, line, "compiling")
+            self.status.note_problem(Level.WARN, line, "compiling")
             self.status.publish_health()
 
         for part in parts:
             load_kernels(part, say, self.context.ok)
 
-    def config_json(self) -> str:
-        """Return the active configuration by dotted names."""
-        return self._settings.to_json()
-
     def add_service(self, name: str, work: Callable[[], str], first: Callable[[], object] = lambda: None) -> None:
-        """Offer a Trigger service of the active node, answered by the worker after the jobs that wait there."""
+        """Offer a Trigger service of the active node, answered by the worker after the jobs that wait there.
 
-        async def answer() -> Answer:
+        Other callbacks run while its answer is awaited. Once created it stays: an answer may be under way.
+        """
+        name = self.resolve_service_name(name)
+        if any(service.srv_name == name for service in self.services):
+            return
+
+        async def serve(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             if self.state != State.ACTIVE:
-                return False, f"the node is {self.state}: activate it first"
+                response.message = f"the node is {self.state}: activate it first"
+                return response
             first()
             executor = self.executor
             future = Future(executor=executor)
             future.add_done_callback(lambda _: executor.wake() if executor is not None else None)
 
             def job() -> None:
-                result: Answer = (False, f"{self.task} failed: see the log")
+                response.message = f"{self.task} failed: see the log"
                 try:
-                    result = (True, work())
+                    response.message = work()
+                    response.success = True
                 except SfrError as error:
-                    result = (False, str(error))
+                    response.message = str(error)
                 finally:
-                    future.set_result(result)
+                    future.set_result(response)
 
             self.worker.enqueue(job)
-            answered: Answer = await future
-            return answered
+            return await future
 
-        self.endpoints.add_service(name, answer)
+        qos = QoSProfile(depth=WAITING_REQUESTS)
+        self.create_service(Trigger, name, serve, qos_profile=qos, callback_group=self._service_group)
 
     # ---- transitions
 
@@ -212,19 +194,8 @@ class ManagedNode(LifecycleNode, Generic[C]):
         """Release everything after a transition that raised: the node can then be configured again."""
         broke = self._last_error
         result = self._run("error", self._deactivate, self._clean_up)
-        self.status.health.note_problem(Level.ERROR, f"a transition broke: {broke}")
+        self.status.note_problem(Level.ERROR, f"a transition broke: {broke}")
         return result
-
-    def _set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """Set what changes: of the others, as in a dump of this node, ROS refuses those that are read-only."""
-        changes = [new for new in parameter_list if not self._has(new)]
-        if parameter_list and not changes:
-            return SetParametersResult(successful=True)
-        return super()._set_parameters_atomically(changes)
-
-    def _has(self, new: Parameter) -> bool:
-        now = self.get_parameter(new.name) if self.has_parameter(new.name) else None
-        return now is not None and now.type_ == new.type_ and as_list(now.value) == as_list(new.value)
 
     def destroy_node(self) -> None:
         """End the thread and leave the graph."""
@@ -250,7 +221,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         if not self._quiet:
             text = f"{name} failed: {self._last_error}"
             self._log_error(text)
-            self.status.health.note_problem(Level.ERROR, text)
+            self.status.note_problem(Level.ERROR, text)
         return outcome
 
     def _configure(self) -> None:
@@ -262,28 +233,35 @@ class ManagedNode(LifecycleNode, Generic[C]):
         self.setup()
 
     def _activate(self) -> None:
-        self.status.health.reset()
+        self.status.reset()
         self.subscribe()
         jump = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-JUMP_BACK_NS), on_clock_change=False)
         handle = self.get_clock().create_jump_callback(jump, post_callback=lambda _: self.clock_jumped_back())
-        self.endpoints.at_deactivate(handle.unregister)
-        self.get_logger().info(self.endpoints.summary(self.status.publisher.topic_name))
+        self.endpoints.active.callback(handle.unregister)
+        self._log_endpoints()
         self._publish_config()
         self._counts_before = self.counts()
         self.endpoints.add_timer(LOG_PERIOD_S, self.look_around)
 
+    def _log_endpoints(self) -> None:
+        heard = ", ".join(subscription.topic_name for subscription in self.subscriptions)
+        told = [publisher.topic_name for publisher in self.publishers if isinstance(publisher, LifecyclePublisher)]
+        offered = ", ".join(service.srv_name for service in self.services if service.srv_type is Trigger)
+        published = ", ".join([self.status.publisher.topic_name, *told])
+        self.get_logger().info(f"listens to {heard}; publishes {published}; offers {offered}")
+
     def _deactivate(self) -> None:
-        self.endpoints.destroy_active()
+        self.endpoints.active.close()
         if self._worker is not None:
             self._worker.clear()
             self._worker.wait_idle()
-        self.status.health.reset()
+        self.status.reset()
 
     def _clean_up(self) -> None:
         if self._worker is not None:
             self._worker.stop()
             self._worker = None
-        self.endpoints.destroy_configured()
+        self.endpoints.configured.close()
         self.teardown()
         gc.collect()  # images and clouds that reference cycles hold
 
@@ -319,14 +297,15 @@ class ManagedNode(LifecycleNode, Generic[C]):
         return NodeActivity(self.state, self.counts(), waiting, self.expects_input(), found)
 
     def _on_fault(self, error: Exception) -> None:
-        """Survive an exception that was not foreseen: report it and restart."""
         if not self.context.ok():
             return  # a signal has shut ROS down while the thread worked: its next use of ROS failed
         self.get_logger().error("".join(traceback.format_exception(error)))
         self.status.error(f"internal fault, {self.task} restarts: {type(error).__name__}: {error}")
         self.restart_after_fault()
 
-    def _on_change(self, config: C) -> None:
+    def on_config(self) -> None:
+        """Work with other parameters from now on."""
+        config = self.config
         self.get_logger().info(f"parameters have changed; configuration {self.config_json()}")
         self.endpoints.reliability = config.output_reliability
         self.status.set_config(config.health)

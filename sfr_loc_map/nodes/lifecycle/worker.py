@@ -28,7 +28,6 @@ class Worker:
     """
 
     def __init__(self, name: str, overload: Overload, capacity: int, on_fault: Callable[[Exception], None]) -> None:
-        """Start the thread."""
         self.dropped = self.waiting = 0
         self._capacity = 1 if overload is Overload.NEWEST_FIRST else capacity
         self._on_fault = on_fault

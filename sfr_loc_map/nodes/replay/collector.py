@@ -32,10 +32,9 @@ REPORT_TIMEOUT_S = 60.0
 class ResultCollector:
     """Subscribes to the results of the nodes and waits for them."""
 
-    def __init__(self, node: ReplayNode, external: ExternalNode | None = None) -> None:
+    def __init__(self, node: ReplayNode, pairs_per_map: int, external: ExternalNode | None) -> None:
         """Subscribe; an external node in place of one of ours collects the results of its task itself."""
-        self.results = ReplayResults()
-        self.external = external
+        self.results, self.external, self._pairs_per_map = ReplayResults(), external, pairs_per_map
         if external is not None:
             external.begin_run(self.results)
         other = None if external is None else external.options.task
@@ -98,18 +97,22 @@ class ResultCollector:
                 count, deadline = self.results.count, time.monotonic() + QUIET_S
             self._node.spin_for(POLL_S)
 
-    def finish(self, pairs_per_map: int, *, has_map_truth: bool) -> ReplayResults:
+    @property
+    def whole_maps(self) -> int:
+        """How many clouds our mapper makes of the pairs that were published."""
+        return len(self.results.published_stamps("nav")) // max(self._pairs_per_map, 1)
+
+    def finish(self, *, has_map_truth: bool) -> ReplayResults:
         """Wait for results still missing: pairs, cloud, report; return the last whole run, or else with results."""
         scored = self._to_be_scored()
         if scored is not self.results:
             self.settle()
             self.begin_run()
         else:
-            mapped = self.results.published_stamps("nav")
-            clouds = len(mapped) // pairs_per_map if pairs_per_map else 0
+            mapped, clouds = self.results.published_stamps("nav"), self.whole_maps
             if self._external_of("nav") is not None:
                 clouds = 0  # how many it gives is its own affair
-            elif mapped and len(mapped) % pairs_per_map:
+            elif mapped and len(mapped) % self._pairs_per_map:
                 for stamp_ns in mapped:
                     self.wait_for_pair("nav", stamp_ns)
                 self._node.call("mapping_node/finish", "mapping_node did not finish its map")

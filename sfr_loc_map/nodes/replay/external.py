@@ -16,6 +16,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 
 from sfr_loc_map.errors import ConfigError, GeometryError, InputError, MetricsError, NodeError
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.pose_convention import FIRST_POSE, PoseConvention, aligned, converted
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
@@ -37,13 +38,14 @@ from sfr_loc_map.nodes.processes import ChildProcess
 from sfr_loc_map.nodes.replay.graph_node import ReplayNode
 from sfr_loc_map.nodes.replay.options import ExternalOptions
 from sfr_loc_map.nodes.replay.results import ObservedNode, ReplayResults
-from sfr_loc_map.pipeline.external_run import Answer, AnswerBook, ProcessWatch, processes_named
+from sfr_loc_map.pipeline.external_run import AnswerBook, ProcessWatch, processes_named
 
 DEPTH = 1000
 PUBLISHER_GRACE_S = 2.0
 """How long the publisher of a node that listens already is waited for; some make it with their first result."""
 NOT_YET_NAMED = "_NODE_NAME_UNKNOWN_"  #: Name in ROS of a publisher whose node is not discovered yet.
 WORLD, BODY, MAP = "ds", "rb", "lm"
+Row = tuple[int, tuple[float, float, float], tuple[float, float, float, float]]
 
 
 class ExternalNode:
@@ -61,11 +63,11 @@ class ExternalNode:
         self._watch: ProcessWatch | None = None
 
     @abstractmethod
-    def read(self, message: Any) -> Answer:  # noqa: ANN401 - of `kind`
-        """Return stamp, frames and problem of what it published."""
+    def read(self, message: Any) -> Any:  # noqa: ANN401 - of `kind`
+        """Return what a message holds; raises an InputError where it is no result."""
 
     @abstractmethod
-    def keep(self, message: Any, results: ReplayResults) -> None:  # noqa: ANN401 - of `kind`
+    def keep(self, message: Any, content: Any, results: ReplayResults) -> None:  # noqa: ANN401 - of `kind`
         """Keep what it published, and publish it converted."""
 
     def begin_run(self, results: ReplayResults) -> None:
@@ -144,8 +146,16 @@ class ExternalNode:
         return self._results.answers
 
     def _on_answer(self, message: Any) -> None:  # noqa: ANN401 - rclpy has no types
-        if self._book.received(self.read(message)):
-            self.keep(message, self._results)
+        content, problem = None, ""
+        try:
+            content = self.read(message)
+        except InputError as error:
+            problem = str(error)
+        frames = message.header.frame_id
+        if self.kind is Odometry:
+            frames += f" -> {message.child_frame_id}"
+        if self._book.received(stamp_of(message), frames, problem):
+            self.keep(message, content, self._results)
 
 
 class ExternalLocaliser(ExternalNode):
@@ -168,18 +178,12 @@ class ExternalLocaliser(ExternalNode):
         super().begin_run(results)
         self._T_ds_world = None
 
-    def read(self, message: Odometry) -> Answer:
-        """Return stamp, frames and problem of a pose."""
-        frames = f"{message.header.frame_id} -> {message.child_frame_id}"
-        try:
-            odometry_row(message)
-        except InputError as error:
-            return Answer(stamp_of(message), frames, str(error))
-        return Answer(stamp_of(message), frames)
+    def read(self, message: Odometry) -> Row:
+        """Return stamp and pose."""
+        return odometry_row(message)
 
-    def keep(self, message: Odometry, results: ReplayResults) -> None:
+    def keep(self, message: Odometry, row: Row, results: ReplayResults) -> None:
         """Keep a pose as it was published, and publish it converted."""
-        row = odometry_row(message)
         results.rows.append(row)
         covariance = covariance_of(message)
         if np.isfinite(covariance).all() and covariance.any():
@@ -215,22 +219,18 @@ class ExternalMapper(ExternalNode):
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._publisher = node.node.create_publisher(PointCloud2, options.converted_topic, latched)
 
-    def read(self, message: PointCloud2) -> Answer:
-        """Return stamp, frame and problem of a cloud."""
-        stamp_ns, frame = stamp_of(message), message.header.frame_id
-        try:
-            xyz_from_msg(message)
-        except InputError as error:
-            return Answer(stamp_ns, frame, str(error))
-        if not self._in_lm and stamp_ns not in self._poses:
-            return Answer(stamp_ns, frame, "it has the stamp of no pair, whose pose would take its points to LM")
-        return Answer(stamp_ns, frame)
-
-    def keep(self, message: PointCloud2, results: ReplayResults) -> None:
-        """Keep a cloud in LM, and publish it if it has all fields."""
+    def read(self, message: PointCloud2) -> FloatArray:
+        """Return the points `(N, 3)` in LM."""
         stamp_ns, points = stamp_of(message), xyz_from_msg(message) * self._unit
-        if not self._in_lm:
-            points = (self._poses[stamp_ns] @ self._T_sb_child).apply(points)
+        if self._in_lm:
+            return points
+        if stamp_ns not in self._poses:
+            raise InputError("it has the stamp of no pair, whose pose would take its points to LM")
+        return (self._poses[stamp_ns] @ self._T_sb_child).apply(points)
+
+    def keep(self, message: PointCloud2, points: FloatArray, results: ReplayResults) -> None:
+        """Keep a cloud in LM, and publish it if it has all fields."""
+        stamp_ns = stamp_of(message)
         results.points.append((stamp_ns, points[np.isfinite(points).all(axis=1)]))
         try:
             cloud = cloud_from_msg(message)

@@ -154,7 +154,6 @@ class Player:
 
 
 def _offer_controls(node: Node, controls: Controls) -> None:
-    """Offer the controls of a replay as services and parameters."""
     actions: dict[str, Callable[[], None]] = {
         "pause": controls.pause,
         "resume": controls.resume,
@@ -179,13 +178,13 @@ def _offer_controls(node: Node, controls: Controls) -> None:
         return response
 
     def check(changes: list[Parameter]) -> SetParametersResult:
-        ours = [change.value for change in changes if change.name in (RATE, SEEK)]
-        if any(not isinstance(value, float) or not math.isfinite(value) or value < 0 for value in ours):
-            return SetParametersResult(successful=False, reason="a number of 0.0 or more is needed")
-        if any(change.name == SEEK and change.value > controls.end_s for change in changes):
-            reason = f"the last pair is at {controls.end_s:.3f} s: nothing is left after it"
-            return SetParametersResult(successful=False, reason=reason)
-        return SetParametersResult(successful=True)
+        reason = ""
+        for name, value in ((change.name, change.value) for change in changes if change.name in (RATE, SEEK)):
+            if not isinstance(value, float) or not 0.0 <= value < math.inf:
+                reason = "a number of 0.0 or more is needed"
+            elif name == SEEK and value > controls.end_s:
+                reason = f"the last pair is at {controls.end_s:.3f} s: nothing is left after it"
+        return SetParametersResult(successful=not reason, reason=reason)
 
     def changed(changes: list[Parameter]) -> None:
         for change in changes:
@@ -228,7 +227,8 @@ def replay(
         node = stack.enter_context(ReplayNode(supervisor))
         other = None if external is None else external_node(node, source, external, command)
         controls = Controls(rate=options.rate, paused=options.paused, loop=options.loop, end_s=end_s)
-        player = Player(node, ResultCollector(node, other), topics, controls, keyboard)
+        pairs_per_map = 0 if source.nav is None else len(source.nav)
+        player = Player(node, ResultCollector(node, pairs_per_map, other), topics, controls, keyboard)
         if source.loc is not None and source.loc.rig.T_rb_sb is not None:
             publish_extrinsics(node.node, source.loc.rig.T_rb_sb)
         say("waiting for the nodes")
@@ -240,7 +240,7 @@ def replay(
         with signals.stopping(controls.stop) as interrupted:
             _play(source, options, player, progress, say)
             say("collecting")
-            results = player.collector.finish(_pairs_per_map(source), has_map_truth=POINTS_TOPIC in topics)
+            results = player.collector.finish(has_map_truth=POINTS_TOPIC in topics)
             results.interrupted = interrupted()
             signals.hold()  # what was played is there to be scored
         if other is not None:
@@ -253,14 +253,9 @@ def replay(
         return results
 
 
-def _pairs_per_map(source: Source) -> int:
-    return len(source.nav) if source.nav is not None else 0
-
-
 def _play(
     source: Source, options: ReplayOptions, player: Player, progress: Callable[[str], None], say: Callable[[str], None]
 ) -> None:
-    """Play one run after the other, as the controls want."""
     controls, collector = player.controls, player.collector
     offset_s: float | None = options.offset_s
     announcement = "plays from"
@@ -276,8 +271,7 @@ def _play(
         at_end = controls.seek_s is None
         offset_s, announcement = controls.next_start_s(), AGAIN
         if offset_s is not None:
-            maps = len(collector.results.published_stamps("nav")) // max(_pairs_per_map(source), 1)
-            collector.settle(maps if at_end else 0)
+            collector.settle(collector.whole_maps if at_end else 0)
 
 
 def check_source(source: Source, offset_s: float = 0.0) -> float:
