@@ -121,12 +121,10 @@ class HealthConfig:
 
 
 class State(StrEnum):
-    """Primary states of a managed node (design.ros2.org, "Managed nodes")."""
+    """Primary states of a managed node (design.ros2.org, "Managed nodes") that make a difference here."""
 
     UNCONFIGURED = "unconfigured"
-    INACTIVE = "inactive"
     ACTIVE = "active"
-    FINALIZED = "finalized"
 
 
 @dataclass(frozen=True, slots=True)

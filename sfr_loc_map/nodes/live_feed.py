@@ -289,12 +289,10 @@ class MapFeed:
         """Take an elevation grid in."""
         cells, stamp_ns = elevation_from_msg(message), stamp_of(message)
         rows, columns = cells.shape[:2]
-        cell_m = media.CELL_M  # one cell alone has the side that is usual
+        axis, steps = (0, columns - 1) if columns > 1 else (1, rows - 1)
         with np.errstate(over="ignore", invalid="ignore"):  # infinite ones are refused
-            if columns > 1:
-                cell_m = float(cells[0, -1, 0] - cells[0, 0, 0]) / (columns - 1)
-            elif rows > 1:
-                cell_m = float(cells[-1, 0, 1] - cells[0, 0, 1]) / (rows - 1)
+            # one cell alone has the side that is usual
+            cell_m = float(cells[-1, -1, axis] - cells[0, 0, axis]) / steps if steps else media.CELL_M
             corner = cells[0, 0, :2] - 0.5 * cell_m
         origin = float(corner[0]), float(corner[1])
         if not (0.0 < cell_m < math.inf and all(map(math.isfinite, origin))):

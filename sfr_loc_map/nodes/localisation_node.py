@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,6 @@ from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Header
 
 from sfr_loc_map.config import param
-from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.extrinsics import RB_FRAME
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
@@ -100,14 +100,13 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         T_rb_sb = config.T_rb_locsb.transform()
         for mask in filter(None, (config.localisation.left_mask, config.localisation.right_mask)):
             read_mask(mask)
-        if self._rig is not None:
-            rig = replace(self._rig, T_rb_sb=T_rb_sb or Transform.identity())
+        if self.rig is not None:
+            rig = replace(self.rig, T_rb_sb=T_rb_sb or Transform.identity())
             Localiser(rig, config.localisation, Transform.identity())
 
     def setup(self) -> None:
         """Load compiled code, create publishers."""
         config, add_publisher = self.config, self.endpoints.add_publisher
-        # Before the first pair: no call pays for it.
         self.load_kernels("localisation")
         pose_file = PoseFile(Path(config.resume_file), config.resume_max_age_s) if config.resume_file else None
         if pose_file is not None:
@@ -151,8 +150,8 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
 
     def restart_after_fault(self) -> None:
         """Continue at the last pose."""
+        super().restart_after_fault()
         self._session.continue_at_last_pose()
-        self.count_unprocessed()
 
     # ---- in the executor's thread
 
@@ -174,7 +173,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
     def on_pair(self, pair: ReceivedPair) -> None:
         """Process a pair when its turn comes."""
         self._extrinsics.look(pair.frame_id, pair.rig.baseline_m, self.get_logger().info)
-        self.worker.enqueue_droppable(lambda: self._process(pair))
+        self.enqueue_pair(lambda: self._process(pair))
 
     def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
         with self.ignoring_broken():
@@ -201,18 +200,14 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
 
     def _process(self, received: ReceivedPair) -> None:
         begin = time.perf_counter()
-        try:
-            pair = received.decode()
-            conversion_s = time.perf_counter() - begin
-            localiser = self._session.localiser_at(pair.stamp_ns, self._extrinsics.T_rb_sb)
-            before_ns, wait_s = self._session.tracked_ns, self.config.motion_prior.wait_s
-            motion = None if before_ns is None else self._motion_prior.between(before_ns, pair.stamp_ns, wait_s)
-            with self.status.measure() as usage:
-                estimate = localiser.process(pair, motion)
-            self._session.accept(estimate)
-        except SfrError as error:
-            self.count_unprocessed(error)
-            return
+        pair = received.decode()
+        conversion_s = time.perf_counter() - begin
+        localiser = self._session.localiser_at(pair.stamp_ns, self._extrinsics.T_rb_sb)
+        before_ns, wait_s = self._session.tracked_ns, self.config.motion_prior.wait_s
+        motion = None if before_ns is None else self._motion_prior.between(before_ns, pair.stamp_ns, wait_s)
+        with self.status.measure() as usage:
+            estimate = localiser.process(pair, motion)
+        self._session.accept(estimate)
         self.publish_estimate(estimate)
         self._tracks.publish(pair, localiser, estimate, received.frame_id)
         call = call_of_estimate(estimate, usage, {} if motion is None else {"motion_prior": 1.0})
@@ -282,6 +277,4 @@ def tracks_msg(result: TrackingResult | None, header: Header) -> PointCloud2:
     return float_points_msg(rows, TRACK_FIELDS, header)
 
 
-def main() -> int:
-    """Run the node."""
-    return run(LocalisationNode)
+main = partial(run, LocalisationNode)

@@ -70,7 +70,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
     def check_config(self, config: MappingNodeConfig) -> None:
         """Try whether a mapper can be made with the parameters and the rig, or any where that is not known."""
         config.check_frames(config.lm_frame)
-        Mapper(self._rig or ANY_RIG, config.mapping)
+        Mapper(self.rig or ANY_RIG, config.mapping)
 
     def setup(self) -> None:
         """Load compiled code, create publishers."""
@@ -124,8 +124,8 @@ class MappingNode(PairNode[MappingNodeConfig]):
 
     def restart_after_fault(self) -> None:
         """Start a new map."""
+        super().restart_after_fault()
         self._session.restart()
-        self.count_unprocessed()
 
     # ---- in the executor's thread
 
@@ -165,7 +165,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
 
     def _enqueue(self, matched: list[tuple[ReceivedPair, Transform]]) -> None:
         for pair, pose in matched:
-            self.worker.enqueue_droppable(partial(self._process, pair, pose))
+            self.enqueue_pair(partial(self._process, pair, pose))
 
     def _report_without_pose(self, stamp_ns: int) -> None:
         self.status.error(
@@ -181,14 +181,10 @@ class MappingNode(PairNode[MappingNodeConfig]):
 
     def _process(self, received: ReceivedPair, pose: Transform) -> None:
         begin = time.perf_counter()
-        try:
-            pair = received.decode()
-            conversion_s = time.perf_counter() - begin
-            with self.status.measure() as usage:
-                result = self._session.map_pair(pair, pose)
-        except SfrError as error:
-            self.count_unprocessed(error)
-            return
+        pair = received.decode()
+        conversion_s = time.perf_counter() - begin
+        with self.status.measure() as usage:
+            result = self._session.map_pair(pair, pose)
         header = header_msg(pair.stamp_ns, received.frame_id)
         searched_px = self._session.searched_px(received.rig)
         self._disparity.publish(disparity_msg(result.disparity_px, received.rig, searched_px, header))
@@ -239,6 +235,4 @@ class MappingNode(PairNode[MappingNodeConfig]):
         self.status.call(CallRecord(stamp_ns, *usage.cost(state), result.statistics), level, times, self.counts())
 
 
-def main() -> int:
-    """Run the node."""
-    return run(MappingNode)
+main = partial(run, MappingNode)

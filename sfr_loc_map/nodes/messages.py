@@ -52,16 +52,8 @@ from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, StepEstim
 if TYPE_CHECKING:
     from sfr_loc_map.mapping.terrain.grid import TerrainGrid
 
-POINT_TYPES: dict[type[np.generic], int] = {
-    np.int8: PointField.INT8,
-    np.uint8: PointField.UINT8,
-    np.int16: PointField.INT16,
-    np.uint16: PointField.UINT16,
-    np.int32: PointField.INT32,
-    np.uint32: PointField.UINT32,
-    np.float32: PointField.FLOAT32,
-    np.float64: PointField.FLOAT64,
-}
+_LETTERS = ("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")
+POINT_TYPES = {np.dtype(name).type: code for code, name in enumerate(_LETTERS, PointField.INT8)}
 """Codes of sensor_msgs/PointField."""
 
 

@@ -22,9 +22,9 @@ from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig
 from sfr_loc_map.io.stamp_pairing import STAMP_TOLERANCE_S, StampPairing
-from sfr_loc_map.nodes.diagnostics import Level, StatusReporter
+from sfr_loc_map.nodes.diagnostics import Level
 from sfr_loc_map.nodes.environment import EXPORT_LINE
-from sfr_loc_map.nodes.lifecycle.endpoints import RELIABILITIES, Endpoints, profile
+from sfr_loc_map.nodes.lifecycle.endpoints import RELIABILITIES, profile
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.worker import Overload
@@ -105,20 +105,12 @@ class ReceivedPair:
 class StereoInput:
     """Receives the images of one rig and hands over its pairs, in the executor's thread."""
 
-    def __init__(
-        self,
-        name: str,
-        config: StereoInputConfig,
-        on_pair: Callable[[ReceivedPair], None],
-        on_rig: Callable[[StereoRig], None],
-        on_jump_back: Callable[[str], None],
-        report: Callable[[str], None],
-    ) -> None:
+    def __init__(self, node: PairNode[Any]) -> None:
         self.rig: StereoRig | None = None
         self.dropped = {"rejected": 0, "stale": 0, "without_camera_info": 0}
         self.unprocessed = 0
-        self._name, self._config, self._report = name, config, report
-        self._on_pair, self._on_rig, self._on_jump_back = on_pair, on_rig, on_jump_back
+        self._node, self._name, self._config = node, node.rig_name, node.config.input
+        config, self._report = self._config, node.status.error
         stem, transport = "image_raw" if config.rectify else "image_rect", config.image_transport
         kinds = (("compressed", stem, Image), ("raw", f"{stem}/compressed", CompressedImage))
         self._images: dict[str, type[Any]] = {name: kind for other, name, kind in kinds if transport != other}
@@ -133,7 +125,7 @@ class StereoInput:
         self._recent_ns: dict[Side, deque[int]] = {side: deque(maxlen=RECENT) for side in SIDES}
         self._unused: dict[Side, Any] = {}  # the last image of a side, while it makes no pair
 
-    def subscribe(self, endpoints: Endpoints, status: StatusReporter) -> None:
+    def subscribe(self) -> None:
         """Subscribe to images and camera_info of both cameras; forget those of before."""
         self.restart()
         self.rig = None
@@ -142,10 +134,10 @@ class StereoInput:
 
         def received(side: Side, gaps: TransportGaps, message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401
             gaps.add(info)
-            status.note_arrival()
+            self._node.status.note_arrival()
             self.add_image(side, (message, info))
 
-        qos = profile(self._config.reliability, self._config.queue_depth)
+        qos, endpoints = profile(self._config.reliability, self._config.queue_depth), self._node.endpoints
         for side in SIDES:
             stem = f"{self._name}/{side}"
             endpoints.add_subscription(CameraInfo, f"{stem}/camera_info", partial(self.add_camera_info, side), qos)
@@ -210,7 +202,7 @@ class StereoInput:
             return
         if self.rig is None or not self.rig.same_cameras(rig):
             self.rig = rig
-            self._on_rig(rig)
+            self._node.on_rig(rig)
         while self._without_rig:
             self._hand_over(rig, self._without_rig.popleft())
 
@@ -244,11 +236,11 @@ class StereoInput:
             if not jumped_back(self._last_ns, stamp_ns):
                 self.dropped["stale"] += 1
                 return
-            self._on_jump_back("stamps have gone back")
+            self._node.restart("stamps have gone back")
         self._last_ns = stamp_ns
         self._unused.clear()
         frame_id = str(self._infos["left"].header.frame_id)
-        self._on_pair(ReceivedPair(stamp_ns, rig, frame_id, images, self._rectifier))
+        self._node.on_pair(ReceivedPair(stamp_ns, rig, frame_id, images, self._rectifier))
 
 
 @dataclass(frozen=True, slots=True)
@@ -302,7 +294,6 @@ class PairNode(ManagedNode[P]):
     rig_name: ClassVar[str]
     extrinsics_known = True  #: Whether the pose of the rig is known, as far as the node needs it.
     _calls_before = _silent_periods = 0
-    _rig: StereoRig | None = None  # the last one that was received
 
     @abstractmethod
     def on_pair(self, pair: ReceivedPair) -> None:
@@ -318,18 +309,16 @@ class PairNode(ManagedNode[P]):
 
     def teardown(self) -> None:
         """Forget everything."""
-        self._rig = None
-        self._stereo = StereoInput(
-            self.rig_name, self.config.input, self.on_pair, self._set_rig, self.restart, self.status.error
-        )
+        self._stereo = StereoInput(self)
 
     def subscribe(self) -> None:
         """Subscribe to the images of the rig."""
-        self._stereo.subscribe(self.endpoints, self.status)
+        self._stereo.subscribe()
 
-    def _set_rig(self, rig: StereoRig) -> None:
-        self._rig = rig
-        self.on_rig(rig)
+    @property
+    def rig(self) -> StereoRig | None:
+        """The rig that was received last, None before."""
+        return self._stereo.rig if hasattr(self, "_stereo") else None  # the parameters are declared before
 
     @contextmanager
     def ignoring_broken(self) -> Iterator[None]:
@@ -375,11 +364,21 @@ class PairNode(ManagedNode[P]):
         """Return what was dropped since the start, by name."""
         return self._stereo.counts() | super().counts()
 
-    def count_unprocessed(self, error: SfrError | None = None) -> None:
-        """Count a pair that could not be processed, and report why."""
+    def enqueue_pair(self, work: Callable[[], None]) -> None:
+        """Let the worker process a pair; one that cannot be processed is counted and reported."""
+
+        def job() -> None:
+            try:
+                work()
+            except SfrError as error:
+                self._stereo.unprocessed += 1
+                self.status.error(str(error))
+
+        self.worker.enqueue_droppable(job)
+
+    def restart_after_fault(self) -> None:
+        """Count the pair that was processed."""
         self._stereo.unprocessed += 1
-        if error is not None:
-            self.status.error(str(error))
 
     def forget_waiting(self) -> None:
         """Drop the pairs that wait."""

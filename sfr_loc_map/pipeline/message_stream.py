@@ -145,8 +145,8 @@ def end_of(source: Source) -> float:
 class Pacer:
     """Says when a message is due; each task starts with its first message, and again after a pause."""
 
-    def __init__(self, controls: Controls, clock: Callable[[], float] = time.monotonic) -> None:
-        self._controls, self._clock = controls, clock
+    def __init__(self, controls: Controls) -> None:
+        self._controls = controls
         self._rate = controls.rate
         self._origins: dict[str, tuple[float, int]] = {}
 
@@ -158,8 +158,8 @@ class Pacer:
             self._rate = controls.rate
         if controls.rate <= 0 or controls.steps:
             return 0.0
-        begin, first_ns = self._origins.setdefault(message.task, (self._clock(), message.stamp_ns))
-        return max(begin + (message.stamp_ns - first_ns) * 1e-9 / controls.rate - self._clock(), 0.0)
+        begin, first_ns = self._origins.setdefault(message.task, (time.monotonic(), message.stamp_ns))
+        return max(begin + (message.stamp_ns - first_ns) * 1e-9 / controls.rate - time.monotonic(), 0.0)
 
 
 class PairTracker:

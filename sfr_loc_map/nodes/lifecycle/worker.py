@@ -58,12 +58,11 @@ class Worker:
         """Tell whether no job waits or runs."""
         return not self._busy and not self._jobs
 
-    def clear(self) -> int:
-        """Drop the droppable jobs that wait; return how many (they do not count as dropped)."""
+    def clear(self) -> None:
+        """Drop the droppable jobs that wait; they do not count as dropped."""
         with self._changed:
-            count, self.waiting = self.waiting, 0
+            self.waiting = 0
             self._jobs = deque(job for job in self._jobs if job[1] is None)
-            return count
 
     def wait_idle(self) -> None:
         """Return when no job waits or runs."""

@@ -52,8 +52,8 @@ class ResultCollector:
     def published(self, task: str, stamp_ns: int, sent_s: float) -> None:
         """Note that a pair was published, its last image at a time of the monotonic clock."""
         self.results.published.add((task, stamp_ns))
-        if (external := self._external_of(task)) is not None:
-            external.published(stamp_ns, sent_s)
+        if (book := self.results.answers) is not None and task == book.task:
+            book.published(stamp_ns, sent_s)
 
     def _external_of(self, task: str) -> ExternalNode | None:
         return self.external if self.external is not None and task == self.external.options.task.rig else None

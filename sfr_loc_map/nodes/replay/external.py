@@ -59,7 +59,6 @@ class ExternalNode:
         self.version: str | None = None
         self._node, self._command = node, command
         self._name = "external"
-        self._results = ReplayResults()
         self._watch: ProcessWatch | None = None
 
     @abstractmethod
@@ -72,8 +71,8 @@ class ExternalNode:
 
     def begin_run(self, results: ReplayResults) -> None:
         """Put what is received from now on into the results of a run."""
-        results.answers = AnswerBook(self.options.task.rig, self.options.timeout_s, self.options.frames)
-        self._results = results
+        self._book = AnswerBook(self.options.task.rig, self.options.timeout_s, self.options.frames)
+        self._results, results.answers = results, self._book
 
     def wait_until_ready(self, topics: list[str]) -> None:
         """Wait until it listens to images, and subscribe to its answers with the reliability that it offers."""
@@ -120,10 +119,6 @@ class ExternalNode:
         log = "" if self._command is None else self._command.text
         results.observed = ObservedNode(self._name, self.version, self.options, usage, log)
 
-    def published(self, stamp_ns: int, sent_s: float) -> None:
-        """Note that a pair was published, its last image at a time of the monotonic clock."""
-        self._book.published(stamp_ns, sent_s)
-
     def wait_for(self, stamp_ns: int) -> None:
         """Wait until a pair is answered, its time is over, or the process is gone."""
         book = self._book
@@ -139,11 +134,6 @@ class ExternalNode:
         """Note whether its process has ended."""
         if self._command is not None and self._command.ending:
             self._book.node_ended(_ended(self._command))
-
-    @property
-    def _book(self) -> AnswerBook:
-        assert self._results.answers is not None  # made by begin_run
-        return self._results.answers
 
     def _on_answer(self, message: Any) -> None:  # noqa: ANN401 - rclpy has no types
         content, problem = None, ""
