@@ -6,14 +6,16 @@ import ctypes
 import os
 import signal
 import sys
+from collections.abc import Collection
 
 _PR_SET_PDEATHSIG = 1
 _LIBRARY = ctypes.CDLL(None) if sys.platform.startswith("linux") else None
 """Loaded here: a child between fork and exec loads nothing."""
 
 
-def end_with_parent(number: signal.Signals) -> None:
-    """Ask the kernel to send this process a signal when its parent ends, however that comes about (Linux)."""
+def end_with_parent(number: signal.Signals, waiting: Collection[signal.Signals] = ()) -> None:
+    """Let the kernel send this process a signal when its parent ends (Linux); `waiting` ones come once unblocked."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, waiting)
     if _LIBRARY is not None:
         _LIBRARY.prctl(_PR_SET_PDEATHSIG, number)
 

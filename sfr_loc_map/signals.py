@@ -74,8 +74,8 @@ def stopping(stop: Callable[[], object] = lambda: None) -> Iterator[Callable[[],
 
 
 @contextmanager
-def kept_from_children() -> Iterator[None]:
-    """Let signals that end a program never reach the processes that are started in the block."""
+def deferred_signals() -> Iterator[None]:
+    """Let signals come after the block, and never to processes started within it that do not ask for them."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, END_SIGNALS)
     try:
         yield

@@ -34,7 +34,8 @@ def rig_in_body(
     """
     for frame in (sb_frame, camera_frame.strip("/")):
         joined = frames.joined_to(frame) if frame else []
-        bases = [name for base in ([base_frame] if base_frame else BASE_FRAMES) for name in _named(base, joined)]
+        wanted = (base_frame,) if base_frame else BASE_FRAMES  # as they are, or with a prefix
+        bases = [n for base in wanted for n in sorted(joined, key=base.__ne__) if f"/{n}".endswith(f"/{base}")]
         T_base_frame = frames.find(bases[0], frame) if bases else None
         if T_base_frame is None:
             continue
@@ -47,7 +48,3 @@ def rig_in_body(
         T_left_sb = Transform(turn, turn @ np.array([0.0, -0.5 * baseline_m, 0.0]))
         return RigInBody(T_base_frame @ T_left_sb, text)
     return None
-
-
-def _named(base: str, frames: list[str]) -> list[str]:
-    return [name for name in frames if name == base] or [name for name in frames if name.endswith(f"/{base}")]

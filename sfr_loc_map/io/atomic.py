@@ -20,6 +20,7 @@ from pathlib import Path
 
 from sfr_loc_map.errors import OutputError
 from sfr_loc_map.inputs import special_kind
+from sfr_loc_map.signals import deferred_signals
 
 SUFFIX = ".part"
 BEFORE = "before"  #: Name, in the hidden folder, of what is about to be replaced.
@@ -37,7 +38,9 @@ def atomic_path(path: Path, *, any_folder: bool = False) -> Iterator[Path]:
     try:
         with _scratch(target) as scratch:
             yield scratch / target.name
-            exchange(scratch / target.name, target) if any_folder else replace(scratch / target.name, target)
+            with deferred_signals():  # what was there is removed, too
+                exchange(scratch / target.name, target) if any_folder else replace(scratch / target.name, target)
+                shutil.rmtree(scratch, ignore_errors=True)
     except OSError as error:
         raise _cannot_write(path, error) from error
 

@@ -199,17 +199,14 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
             self._score.restart()
 
     def _on_calls(self, message: DiagnosticArray) -> None:
-        for status in message.status:
-            found = task_record(status) if self._is_of_namespace(status) else None
+        namespace = self.get_namespace().strip("/")
+        for status in message.status:  # of all namespaces
+            is_ours = status.name.split(":")[0].rpartition("/")[0] == namespace
+            found = task_record(status) if is_ours else None
             if found is not None:
                 self._score.add_call(found.record)
                 self._score.score_maps()
                 self._note(found.record.stamp_ns)
-
-    def _is_of_namespace(self, status: DiagnosticStatus) -> bool:
-        """Tell whether a status comes from a node of this namespace; /diagnostics is one for all."""
-        namespace = self.get_namespace().strip("/")
-        return bool(status.name.split(":")[0].rpartition("/")[0] == namespace)
 
     def _on_pose(self, message: PoseStamped) -> None:
         stamp_ns = stamp_of(message)

@@ -20,12 +20,13 @@ from sfr_loc_map.child_process import child_environment, end_with_parent
 from sfr_loc_map.errors import ConfigError, NodeError
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.nodes import environment
-from sfr_loc_map.signals import hold, stopping
+from sfr_loc_map.signals import END_SIGNALS, hold, stopping
 
 TASKS = ("localisation", "mapping", "monitor")
 EVERYTHING = "all"
 ESCALATION = ((signal.SIGINT, 5.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))
 """Signals that end processes, and how many seconds each gets."""
+START = "sfr_loc_map.nodes.start"  #: Runs a node, and takes signals from its first line on.
 CANNOT_START = 2  #: Exit code of a node that cannot work with its arguments and settings.
 WATCH_S = 0.2
 RESTART_PAUSE_S = 1.0  #: Pause after a restart, so that a node that crashes at once does not occupy the host.
@@ -56,7 +57,7 @@ class ChildProcess:
                 stderr=stream and subprocess.STDOUT,
                 env=self._variables,
                 start_new_session=True,
-                preexec_fn=partial(end_with_parent, signal.SIGTERM),
+                preexec_fn=partial(end_with_parent, signal.SIGTERM, END_SIGNALS if START in self._words else ()),
             )
         except OSError as error:
             raise NodeError(f"cannot start '{self.name}': {error.strerror}; check memory and process limits") from error
@@ -104,7 +105,7 @@ class ChildProcess:
 def node_process(module: str, arguments: Sequence[str], folder: Path | None = None) -> ChildProcess:
     """Start a module below `sfr_loc_map` as a process; its log goes to a folder, if one is given."""
     name = module.rpartition(".")[2]
-    words = [sys.executable, "-P", "-m", "sfr_loc_map.nodes.start", module, *arguments]
+    words = [sys.executable, "-P", "-m", START, module, *arguments]
     log = None if folder is None else folder / f"{name}.log"
     return ChildProcess(name, words, log, child_environment() | {"PYTHONUNBUFFERED": "1"})
 

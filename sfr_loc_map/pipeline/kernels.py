@@ -16,6 +16,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
+from importlib import import_module
 from types import FrameType
 from typing import Any
 
@@ -33,24 +34,12 @@ Say = Callable[[str], None]
 _ONE_AT_A_TIME = threading.Lock()
 
 
-def _localisation() -> None:
-    from sfr_loc_map.localisation.localiser import Localiser
-
-    Localiser.warm_up()
-
-
 def _mapping() -> None:
     from sfr_loc_map.geometry.stereo import StereoRig
     from sfr_loc_map.mapping.config import MappingConfig
     from sfr_loc_map.mapping.mapper import Mapper
 
     Mapper(StereoRig(320, 240, 300.0, 300.0, 159.5, 119.5, 0.1), MappingConfig()).warm_up()
-
-
-def _terrain() -> None:
-    from sfr_loc_map.mapping.terrain import grid
-
-    grid.warm_up()
 
 
 def _metrics() -> None:
@@ -61,9 +50,9 @@ def _metrics() -> None:
 
 
 PARTS: Mapping[str, Callable[[], None]] = {
-    "localisation": _localisation,
+    "localisation": lambda: import_module("sfr_loc_map.localisation.localiser").Localiser.warm_up(),
     "mapping": _mapping,
-    "terrain": _terrain,
+    "terrain": lambda: import_module("sfr_loc_map.mapping.terrain.grid").warm_up(),
     "metrics": _metrics,
 }
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import multiprocessing
+import os
 import shutil
 import signal
 from collections.abc import Callable
@@ -30,7 +31,7 @@ from sfr_loc_map.io.bag_writer import STORAGE_BY_SUFFIX
 from sfr_loc_map.io.folder import LOC_COLUMNS, NAV_COLUMNS, TRUTH_COLUMN, rig_json
 from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.io.trajectory_file import trajectory_text
-from sfr_loc_map.signals import kept_from_children
+from sfr_loc_map.signals import deferred_signals
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.drive import Plan
 from sfr_loc_map.simulation.renderer import require_tracer
@@ -138,7 +139,7 @@ def _render(plan: Plan, out: Path, jobs: list[RenderJob], workers: int, progress
     others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(min(workers, len(jobs)), context, _prepare, (text, out))
     try:
-        with kept_from_children():  # signals may go to a whole group; this process ends its workers
+        with deferred_signals():  # signals may go to a whole group; this process ends its workers
             futures = [pool.submit(_run, job) for job in jobs]
         for done, future in enumerate(as_completed(futures), start=1):
             future.result()
@@ -162,6 +163,8 @@ def _prepare(text: str, out: Path, *, is_worker: bool = True) -> None:
     global _worker
     if is_worker:
         end_with_parent(signal.SIGKILL)
+        if (parent := multiprocessing.parent_process()) is None or not parent.is_alive():  # it was killed before
+            os._exit(1)
     plan = Plan.make(build(SimulationConfig, yaml.safe_load(text)))
     _worker = World(plan), task_folders(plan, out)
 

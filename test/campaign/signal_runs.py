@@ -90,6 +90,7 @@ class Ending:
     twice: bool
     after_s: float
     code: int
+    was_running: bool  #: When the signal came.
     took_s: float  #: From the signal to the end.
     problem: str  #: What is not as it should be; empty if all is.
 
@@ -114,8 +115,8 @@ def segments(pids: list[int]) -> set[Path]:
     return {path for path in found if "_port" not in path.name}  # ports may be of others, too
 
 
-def end_at_random(name: str, source: Path, scratch: Path, rng: random.Random) -> Ending:
-    """Run a command, send it a signal at a random moment, and look at what is left."""
+def end_at_random(name: str, source: Path, scratch: Path, rng: random.Random, within_s: float | None = None) -> Ending:
+    """Run a command, send it a signal at a random moment within some seconds, and look at what is left."""
     command, mark = COMMANDS[name], uuid.uuid4().hex
     scratch.mkdir()
     shutil.copytree(source, scratch / "old")
@@ -123,7 +124,7 @@ def end_at_random(name: str, source: Path, scratch: Path, rng: random.Random) ->
     if name == "convert-bag":
         shutil.copytree(source.with_suffix(".mcap"), scratch / "old.mcap")
     words = [str(source) if word == "SRC" else word for word in command.words.split()]
-    number, twice, after_s = rng.choice(KINDS), rng.random() < 0.5, rng.uniform(0.0, command.seconds)
+    number, twice, after_s = rng.choice(KINDS), rng.random() < 0.5, rng.uniform(0.0, within_s or command.seconds)
     variables = os.environ | {MARK: mark, "PYTHONPATH": str(ROOT), "ROS_DOMAIN_ID": str(rng.randint(60, 99))}
     log = scratch / "log"
     with log.open("wb") as stream:
@@ -133,12 +134,14 @@ def end_at_random(name: str, source: Path, scratch: Path, rng: random.Random) ->
         )  # fmt: skip
     while process.poll() is None and not handles_signals(process.pid):
         time.sleep(0.01)
-    end, held = time.monotonic() + after_s, set[Path]()
+    begin, held = time.monotonic(), set[Path]()
+    end = begin + after_s
     while process.poll() is None and time.monotonic() < end:
         held |= segments(list(marked(mark)))
         time.sleep(min(0.2, max(0.0, end - time.monotonic())))
     held |= segments(list(marked(mark)))
-    begin, was_running = time.monotonic(), process.poll() is None
+    was_running = process.poll() is None
+    after_s, begin = time.monotonic() - begin, time.monotonic()
     for send in (lambda: process.send_signal(number), lambda: os.killpg(process.pid, number))[: 1 + twice]:
         with suppress(ProcessLookupError):
             send()
@@ -153,7 +156,8 @@ def end_at_random(name: str, source: Path, scratch: Path, rng: random.Random) ->
     text = log.read_text(errors="replace")
     killed = number is signal.SIGKILL
     problems = [f"process {Path(f'/proc/{pid}/cmdline').read_bytes()[:200]!r} is left" for pid in left]
-    expected = {-number} if killed else {0} if command.endless else {0, 130}  # 0: all was done when it came
+    began = "nothing was finished" not in text  # else the signal came before what runs until a signal had begun
+    expected = {-number} if killed else {0} if command.endless and began else {0, 130}  # 0: all was done when it came
     if was_running and code not in expected | ({2} if name in ("record", "run") else set()):
         problems.append(f"exit code {code}")
     if "Traceback" in text:
@@ -162,7 +166,7 @@ def end_at_random(name: str, source: Path, scratch: Path, rng: random.Random) ->
         problems.append(f"segments {rest} are left")
     if command.keeps is not None and not _holds(command.keeps, scratch, text):
         problems.append("the old output is gone")
-    said = code == 0 or (code == 130 and "nothing was finished" not in text)
+    said = code == 0 or (code == 130 and began)
     if command.whole is not None and said and not _holds(command.whole, scratch, text):
         problems.append("what was finished is not written")
     hidden = [path.name for path in scratch.glob(".*.part")]
@@ -171,8 +175,8 @@ def end_at_random(name: str, source: Path, scratch: Path, rng: random.Random) ->
     for pid in left:
         with suppress(ProcessLookupError):
             os.kill(pid, signal.SIGKILL)
-    problem = "; ".join(problems) + (f": {text[-500:]}" if problems else "")
-    return Ending(name, number, twice, after_s, code, took_s, problem)
+    problem = "; ".join(problems) + (f": {text[-3000:]}" if problems else "")
+    return Ending(name, number, twice, after_s, code, was_running, took_s, problem)
 
 
 def _holds(check: Callable[[Path, str], bool], folder: Path, text: str) -> bool:
@@ -183,20 +187,26 @@ def _holds(check: Callable[[Path, str], bool], folder: Path, text: str) -> bool:
 
 
 def end_many(scratch: Path, count: int, seed: int = 1, names: tuple[str, ...] = tuple(COMMANDS)) -> list[str]:
-    """End so many runs, the commands in turn; print each; return what was not as it should be."""
+    """End so many runs, the commands in turn; print each; return what was not as it should be.
+
+    A command that was over when its signal came gets the next one sooner.
+    """
     rng, failures, codes = random.Random(seed), [], Counter[str]()
+    within_s = {name: COMMANDS[name].seconds for name in names}
     scratch.mkdir(exist_ok=True)
     source = write_folder(scratch / "source", PAIRS, 3)
     subprocess.run([sys.executable, "-c", SFR, "convert", source, source.with_suffix(".mcap")], check=True)
     for number in range(count):
         name = names[number % len(names)]
-        ending = end_at_random(name, source, scratch / f"run_{number}", rng)
+        ending = end_at_random(name, source, scratch / f"run_{number}", rng, within_s[name])
+        if not ending.was_running:
+            within_s[name] = min(within_s[name], ending.after_s)
         times = "twice" if ending.twice else "     "
         how = (
             f"{ending.number.name:8s} {times} after {ending.after_s:4.1f} s: {ending.code:4d} in {ending.took_s:4.1f} s"
         )
         print(f"{number + 1:3d} {name:16s} {how} {ending.problem}", flush=True)
-        codes[str(ending.code)] += 1
+        codes[str(ending.code) if ending.was_running else "over before"] += 1
         if ending.problem:
             failures.append(f"run {number + 1}, {name}: {ending.problem}")
         else:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from sfr_loc_map.errors import OutputError
+from sfr_loc_map.io import atomic
 from sfr_loc_map.io.atomic import atomic_path, check_output
 
 
@@ -90,3 +92,21 @@ def test_what_a_killed_run_left_is_removed_by_the_next_and_what_is_at_work_is_no
         assert at_work.read_text() == "at work"
     assert output.read_text() == "at work"
     assert sorted(tmp_path.iterdir()) == [other, output]
+
+
+def test_a_signal_while_the_new_one_takes_its_place_comes_after_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    exchange, place = atomic.exchange, tmp_path / "out"
+    place.mkdir()
+    (place / "old").touch()
+
+    def interrupted(new: Path, target: Path) -> None:
+        signal.raise_signal(signal.SIGINT)
+        exchange(new, target)
+
+    monkeypatch.setattr(atomic, "exchange", interrupted)
+    with pytest.raises(KeyboardInterrupt), atomic_path(place, any_folder=True) as new:  # noqa: PT012
+        new.mkdir()
+        (new / "new").touch()
+    assert [path.relative_to(tmp_path).as_posix() for path in sorted(tmp_path.rglob("*"))] == ["out", "out/new"]

@@ -9,7 +9,7 @@ from processes import segments_of, wait_until
 
 from sfr_loc_map.errors import ConfigError, NodeError
 from sfr_loc_map.nodes import processes
-from sfr_loc_map.nodes.processes import Supervisor, user_command
+from sfr_loc_map.nodes.processes import Supervisor, node_process, user_command
 
 
 def test_a_hung_node_is_killed_and_its_shared_memory_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -27,6 +27,16 @@ def test_a_hung_node_is_killed_and_its_shared_memory_removed(tmp_path: Path, mon
     assert monitor.exit_code == -signal.SIGKILL
     assert left
     assert not any(path.exists() for path in left)
+
+
+def test_a_node_that_is_ended_while_python_starts_says_nothing(tmp_path: Path) -> None:
+    """An interrupt within the first modules of Python would be a traceback."""
+    node = node_process("nodes.monitor_node", (), tmp_path)
+    for _ in range(3):
+        node.start()
+        node.send(signal.SIGINT)
+        assert node.wait(60.0) == 0
+    assert node.text == ""
 
 
 def test_a_node_that_cannot_start_is_named_with_its_last_log_line(tmp_path: Path) -> None:
