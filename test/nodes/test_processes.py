@@ -31,11 +31,10 @@ def test_a_hung_node_is_killed_and_its_shared_memory_removed(tmp_path: Path, mon
 
 def test_a_node_that_is_ended_while_python_starts_says_nothing(tmp_path: Path) -> None:
     """An interrupt within the first modules of Python would be a traceback."""
-    node = node_process("nodes.monitor_node", (), tmp_path)
     for _ in range(3):
-        node.start()
+        node = node_process("nodes.monitor_node", (), tmp_path)
         node.send(signal.SIGINT)
-        assert node.wait(60.0) == 0
+        assert node.popen.wait(60) == 0
     assert node.text == ""
 
 
