@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from geometry_msgs.msg import Quaternion, TransformStamped, Vector3
-from geometry_msgs.msg import Transform as TransformMsg
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
@@ -17,7 +15,7 @@ from sfr_loc_map.errors import ConfigError, GeometryError
 from sfr_loc_map.geometry.extrinsics import LOCSB_FRAME, RB_FRAME, rig_in_body
 from sfr_loc_map.geometry.transform import FrameTree, Transform
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
-from sfr_loc_map.nodes.messages import header_msg, tf_message_type
+from sfr_loc_map.nodes.messages import header_msg, pose_msg, tf_message_type, transform_msg
 
 TF_STATIC = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -94,15 +92,10 @@ class Extrinsics:
                 say(f"extrinsics of the stereo rig from /tf_static: {found.text}")
 
 
-def publish_extrinsics(node: Node, T_rb_sb: Transform) -> Any:  # noqa: ANN401 - rclpy has no types
-    """Publish `rb` to `locsb`, latched, where tf2_msgs is installed; return the publisher, None elsewhere."""
+def publish_extrinsics(node: Node, T_rb_sb: Transform) -> None:
+    """Publish `rb` to `locsb`, latched, where tf2_msgs is installed."""
     kind = tf_message_type()
-    if kind is None:
-        return None
-    message = TransformStamped(header=header_msg(0, RB_FRAME), child_frame_id=LOCSB_FRAME)
-    x, y, z = (float(v) for v in T_rb_sb.translation)
-    qx, qy, qz, qw = (float(v) for v in T_rb_sb.file_quat_xyzw)
-    message.transform = TransformMsg(translation=Vector3(x=x, y=y, z=z), rotation=Quaternion(x=qx, y=qy, z=qz, w=qw))
-    publisher = node.create_publisher(kind, "/tf_static", TF_STATIC)
-    publisher.publish(kind(transforms=[message]))
-    return publisher
+    if kind is not None:
+        pose = pose_msg(T_rb_sb, T_rb_sb.file_quat_xyzw)
+        transform = transform_msg(header_msg(0, RB_FRAME), LOCSB_FRAME, pose)
+        node.create_publisher(kind, "/tf_static", TF_STATIC).publish(kind(transforms=[transform]))

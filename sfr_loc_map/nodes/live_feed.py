@@ -24,7 +24,6 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from nav_msgs.msg import OccupancyGrid, Odometry
 from rclpy.event_handler import PublisherEventCallbacks
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
@@ -80,22 +79,39 @@ SERVICES = {
 
 
 class RosFeed(Peer):
-    """A ROS node that receives for a page; a context manager that runs its thread."""
+    """A ROS node that receives for a page, and the operator of it; a context manager that runs its thread.
+
+    True points are always received: they are published once, and are what clouds are compared with.
+    """
+
+    actions = frozenset({*TRANSITIONS, *SERVICES, updates.Action.BOOKMARK})
 
     def __init__(self, state: LiveState, namespace: str = "") -> None:
         super().__init__(page_node_name(os.getpid()), f"/{namespace.strip('/')}")
         self._state, self._space = state, namespace.strip("/")
-        self._media = MediaFeed(self, state)
-        state.operator = RosOperator(self.node)
+        self._gaps: dict[str, TransportGaps] = {}
+        self._subscriptions: dict[updates.View, list[Any]] = {}
+        self._due: dict[str, tuple[float, int]] = {}
+        self._shown: deque[int] = deque(maxlen=MAX_SHOWN)
+        self._masks: dict[str, tuple[int, tuple[FloatArray32, ...]]] = {}
+        self._map = MapFeed(state, lambda: bool(self.node.count_publishers(updates.ELEVATION)))
+        self._worker = Worker("sfr-live-maps", Overload.EVERY_PAIR, MAX_MAPS, lambda error: None)
+        self._best_effort = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
+        truth = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self._receive_map(updates.TRUE_POINTS, PointCloud2, self._map.add_true_points, truth)
+        state.operator = self
+        # here, so that a recording under way finds them
+        events = PublisherEventCallbacks(use_default_callbacks=False)
+        self._bookmarks = self.node.create_publisher(String, "bookmark", QoSProfile(depth=100), event_callbacks=events)
         best_effort = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         for track, topic in ((updates.Track.ESTIMATE, updates.LOCALISATION), (updates.Track.TRUTH, updates.TRUTH)):
-            self._media.receive(Odometry, topic, partial(self._on_odometry, track), best_effort)
+            self._receive(Odometry, topic, partial(self._on_odometry, track), best_effort)
         # the diagnostics have many publishers; of reports only the latest is kept for who is late
         self.subscribe(DiagnosticArray, TOPIC, self._on_diagnostics, best_effort)
         self.subscribe(String, updates.REPORT, self._on_report, latched)
         self.node.create_timer(GRAPH_PERIOD_S, self._look_around)
-        self._running = True
+        self._ended = Event()
         self._thread = Thread(target=self._spin, name="sfr-live-ros", daemon=True)
 
     def __enter__(self) -> RosFeed:
@@ -103,17 +119,17 @@ class RosFeed(Peer):
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._running = False
+        self._ended.set()
         self._thread.join(5.0)
-        self._media.close()
+        self._worker.stop()
         super().__exit__()
 
     def _spin(self) -> None:
-        while self._running:
+        while not self._ended.is_set():
             try:
                 self.executor.spin_once(timeout_sec=SPIN_S)
             except Exception as error:  # of one message; the page must not stop for it
-                if self._running:
+                if not self._ended.is_set():
                     self.node.get_logger().error(f"live: {error!r}", throttle_duration_sec=5.0)
 
     def _on_report(self, message: String, _: dict[str, Any]) -> None:
@@ -136,42 +152,20 @@ class RosFeed(Peer):
 
     def _look_around(self) -> None:
         """Find out which nodes are there, and receive images and clouds as the pages want."""
-        self._media.follow(self._state.wanted)
+        self._follow(self._state.wanted)
         names = self.node.get_node_names_and_namespaces()
         nodes = frozenset(name for name, space in names if space.strip("/") == self._space) & frozenset(SUITE_NODES)
-        lost = {topic: gaps.lost for topic, gaps in self._media.gaps.items()}
+        lost = {topic: gaps.lost for topic, gaps in self._gaps.items()}
         self._state.put(updates.GraphView(nodes, time.time(), lost))
 
-
-class MediaFeed:
-    """Subscribes to images, tracks and maps while they are wanted. Used by the thread of the feed alone."""
-
-    def __init__(self, peer: Peer, state: LiveState) -> None:
-        """Subscribe to the true points, which are published once and are what clouds are compared with."""
-        self.gaps: dict[str, TransportGaps] = {}
-        self._peer, self._node, self._state = peer, peer.node, state
-        self._subscriptions: dict[updates.View, list[Any]] = {}
-        self._due: dict[str, tuple[float, int]] = {}
-        self._shown: deque[int] = deque(maxlen=MAX_SHOWN)
-        self._masks: dict[str, tuple[int, tuple[FloatArray32, ...]]] = {}
-        self._map = MapFeed(state, lambda: bool(self._node.count_publishers(updates.ELEVATION)))
-        self._worker = Worker("sfr-live-maps", Overload.EVERY_PAIR, MAX_MAPS, lambda error: None)
-        self._best_effort = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
-        truth = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._receive_map(updates.TRUE_POINTS, PointCloud2, self._map.add_true_points, truth)
-
-    def close(self) -> None:
-        """End the worker."""
-        self._worker.stop()
-
-    def follow(self, wanted: frozenset[updates.View]) -> None:
-        """Subscribe to what is wanted and to nothing else; of images to those topics that somebody publishes."""
+    def _follow(self, wanted: frozenset[updates.View]) -> None:
+        """Subscribe to the media that are wanted and to no others; of images to those that somebody publishes."""
         for view in updates.View:
             if view in wanted and view not in self._subscriptions:
-                self._subscriptions[view] = self._subscribe(view)
+                self._subscriptions[view] = self._subscribe_to(view)
             elif view not in wanted:
                 for subscription in self._subscriptions.pop(view, ()):
-                    self._node.destroy_subscription(subscription)
+                    self.node.destroy_subscription(subscription)
         if updates.View.IMAGES not in wanted:
             return
         subscriptions = self._subscriptions[updates.View.IMAGES]
@@ -179,17 +173,17 @@ class MediaFeed:
         for name in (f"{rig}/{side}" for rig in ("loc", "nav") for side in SIDES):
             for kind, end in IMAGE_KINDS:
                 topic = f"{name}/{end}"
-                if self._node.resolve_topic_name(topic) not in known and self._node.count_publishers(topic):
+                if self.node.resolve_topic_name(topic) not in known and self.node.count_publishers(topic):
                     received = partial(self._on_image, name, kind)
-                    subscriptions.append(self.receive(kind, topic, received, self._best_effort))
+                    subscriptions.append(self._receive(kind, topic, received, self._best_effort))
 
-    def _subscribe(self, view: updates.View) -> list[Any]:
+    def _subscribe_to(self, view: updates.View) -> list[Any]:
         if view is updates.View.TRACKS:
             masks = [
-                self.receive(Image, f"localisation/{side}_mask", partial(self._on_mask, side), self._best_effort)
+                self._receive(Image, f"localisation/{side}_mask", partial(self._on_mask, side), self._best_effort)
                 for side in SIDES
             ]
-            return [*masks, self.receive(PointCloud2, updates.TRACKS, self._on_tracks, self._best_effort)]
+            return [*masks, self._receive(PointCloud2, updates.TRACKS, self._on_tracks, self._best_effort)]
         if view is not updates.View.CLOUDS:
             return []
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -199,18 +193,18 @@ class MediaFeed:
             self._receive_map(updates.HAZARD, OccupancyGrid, self._map.add_hazard, latched),
         ]
 
-    def receive(
+    def _receive(
         self, kind: type[Any], topic: str, callback: Callable[[bytes, float], None], qos: QoSProfile
     ) -> Subscription:
         """Subscribe with a callback for serialised messages and the time when they were published, seconds."""
-        gaps = self.gaps.setdefault(topic, TransportGaps())
+        gaps = self._gaps.setdefault(topic, TransportGaps())
 
         def received(raw: bytes, info: dict[str, Any]) -> None:
             gaps.add(info)
             with suppress(SfrError, ValueError):  # the node that is given it reports it; what can be shown is shown
                 callback(raw, (info.get("source_timestamp") or time.time_ns()) / NS_PER_S)
 
-        return self._peer.subscribe(kind, topic, received, qos, raw=True)
+        return self.subscribe(kind, topic, received, qos, raw=True)
 
     def _receive_map(
         self, topic: str, kind: type[Any], add: Callable[[Any, float], None], qos: QoSProfile
@@ -220,7 +214,7 @@ class MediaFeed:
         def received(raw: bytes, published_s: float) -> None:
             self._worker.enqueue_droppable(lambda: add(deserialize_message(raw, kind), published_s))
 
-        return self.receive(kind, topic, received, qos)
+        return self._receive(kind, topic, received, qos)
 
     def _on_image(self, name: str, kind: type[Any], raw: bytes, published_s: float) -> None:
         stamp_ns, rig = _stamp_ns(raw), name.partition("/")[0]
@@ -248,6 +242,49 @@ class MediaFeed:
         found = tracks_from_msg(deserialize_message(raw, PointCloud2))
         masks = {side: rings for side, (at_ns, rings) in self._masks.items() if 0 <= stamp_ns - at_ns <= MASK_HOLD_NS}
         self._state.put(updates.TrackSample(updates.TRACKS, stamp_ns, found, masks, published_s))
+
+    # ---- the operator
+
+    def run(self, command: updates.Command) -> str:
+        """Carry out what an operator asks of the nodes; in any thread but that of the executor."""
+        node, action = command.node, command.action
+        if action is updates.Action.BOOKMARK:
+            self._bookmarks.publish(String(data=command.text or "bookmark"))
+            return "bookmark published"
+        if action in TRANSITIONS and node in SUITE_NODES:
+            request = ChangeState.Request(transition=Transition(id=TRANSITIONS[action]))
+            if not self._call(ChangeState, f"{node}/change_state", request).success:
+                raise NodeError(f"{node} refuses to {action}: see its log")
+            return f"{node}: {action} done"
+        if node in SERVICES.get(action, ()):
+            answer = self._call(Trigger, f"{node}/{action}", Trigger.Request())
+            if not answer.success:
+                raise NodeError(f"{node}: {answer.message}")
+            return f"{node}: {answer.message}"
+        raise InputError(f"'{node}' has no '{action}'")
+
+    def close(self) -> None:
+        """Give up what is under way; its threads end before the node is destroyed."""
+        self._ended.set()
+
+    def _call(self, kind: type[Any], name: str, request: Any) -> Any:  # noqa: ANN401 - any service
+        client = self.node.create_client(kind, name)
+        try:
+            if not self._wait(client.service_is_ready, FOUND_S):
+                raise NodeError(f"no node offers {name}: is it running?")
+            future = client.call_async(request)
+            if not self._wait(future.done, ANSWER_S):
+                raise NodeError(f"{name} gave no answer within {ANSWER_S:g} s")
+            return future.result()
+        finally:
+            self.node.destroy_client(client)
+
+    def _wait(self, condition: Callable[[], bool], seconds: float) -> bool:
+        deadline = time.monotonic() + seconds
+        while not (found := condition()) and time.monotonic() < deadline:
+            if self._ended.wait(POLL_S):
+                raise NodeError("the page has ended")
+        return found
 
 
 def _stamp_ns(raw: bytes) -> int:
@@ -319,59 +356,3 @@ class MapFeed:
         if hazard is not None and hazard[0] == grid.stamp_ns and hazard[1].shape == grid.layers.shape[:2]:
             grid = media.with_layer(grid, "hazard", hazard[1])
         self._state.put(media.thinned(grid))
-
-
-class RosOperator:
-    """Carries out what an operator asks of the nodes: their services; bookmarks are messages.
-
-    `run` may be called in any thread but that of the executor.
-    """
-
-    actions = frozenset({*TRANSITIONS, *SERVICES, updates.Action.BOOKMARK})
-
-    def __init__(self, node: Node) -> None:
-        """Advertise the bookmarks, so that a recording under way finds them; another thread spins the node."""
-        self._node, self._closed = node, Event()
-        events = PublisherEventCallbacks(use_default_callbacks=False)
-        self._bookmarks = node.create_publisher(String, "bookmark", QoSProfile(depth=100), event_callbacks=events)
-
-    def run(self, command: updates.Command) -> str:
-        """Carry a command out."""
-        node, action = command.node, command.action
-        if action is updates.Action.BOOKMARK:
-            self._bookmarks.publish(String(data=command.text or "bookmark"))
-            return "bookmark published"
-        if action in TRANSITIONS and node in SUITE_NODES:
-            request = ChangeState.Request(transition=Transition(id=TRANSITIONS[action]))
-            if not self._call(ChangeState, f"{node}/change_state", request).success:
-                raise NodeError(f"{node} refuses to {action}: see its log")
-            return f"{node}: {action} done"
-        if node in SERVICES.get(action, ()):
-            answer = self._call(Trigger, f"{node}/{action}", Trigger.Request())
-            if not answer.success:
-                raise NodeError(f"{node}: {answer.message}")
-            return f"{node}: {answer.message}"
-        raise InputError(f"'{node}' has no '{action}'")
-
-    def close(self) -> None:
-        """Give up what is under way; its threads end before the node is destroyed."""
-        self._closed.set()
-
-    def _call(self, kind: type[Any], name: str, request: Any) -> Any:  # noqa: ANN401 - any service
-        client = self._node.create_client(kind, name)
-        try:
-            if not self._wait(client.service_is_ready, FOUND_S):
-                raise NodeError(f"no node offers {name}: is it running?")
-            future = client.call_async(request)
-            if not self._wait(future.done, ANSWER_S):
-                raise NodeError(f"{name} gave no answer within {ANSWER_S:g} s")
-            return future.result()
-        finally:
-            self._node.destroy_client(client)
-
-    def _wait(self, condition: Callable[[], bool], seconds: float) -> bool:
-        deadline = time.monotonic() + seconds
-        while not (found := condition()) and time.monotonic() < deadline:
-            if self._closed.wait(POLL_S):
-                raise NodeError("the page has ended")
-        return found

@@ -43,7 +43,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"sfr live: {one_line(str(error))}", file=sys.stderr)
         return 2
     return 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -33,7 +33,7 @@ from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks
 from sfr_loc_map.nodes.diagnostics import Level
 from sfr_loc_map.nodes.extrinsics import Extrinsics, ExtrinsicsConfig
-from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints, profile
+from sfr_loc_map.nodes.lifecycle.endpoints import profile
 from sfr_loc_map.nodes.messages import (
     MASK_SCALE,
     TRACK_FIELDS,
@@ -44,7 +44,7 @@ from sfr_loc_map.nodes.messages import (
     start_pose_of,
     tf_message_type,
     transform_from_pose,
-    transform_of_odometry,
+    transform_msg,
 )
 from sfr_loc_map.nodes.motion_prior import MotionPriorConfig, OdometryBuffer
 from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig, ReceivedPair
@@ -118,9 +118,13 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         self._motion_prior = OdometryBuffer()
         self.status.mark_idle()
         self._odometry = add_publisher(Odometry, "localisation/odometry", OUTPUT_DEPTH)
-        self._path = PathPublisher(self.endpoints)
+        self._path_publisher = add_publisher(PathMsg, "localisation/path", 1, latched=True)
+        self._path: ThinnedPath[PoseStamped] = ThinnedPath()
+        self._path_ns: int | None = None  # stamp at which it was published last
         self._pose_set = add_publisher(PoseWithCovarianceStamped, "localisation/initialpose_set", 1, latched=True)
-        self._tracks = TrackPublisher(self.endpoints)
+        self._tracks = add_publisher(PointCloud2, "localisation/tracks", 2)
+        self._masks = [add_publisher(Image, f"localisation/{side}_mask", 2) for side in SIDES]
+        self._image = add_publisher(Image, "localisation/debug_image", 2)
         tf_type = tf_message_type() if config.publish_tf else None
         self._tf = add_publisher(tf_type, "/tf", 100) if tf_type else None
 
@@ -161,17 +165,14 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         self.get_logger().warning(f"{reason}: localisation restarts at its first pose")
         self.worker.enqueue(self._session.restart)
 
-    def on_rig(self, rig: StereoRig) -> None:
-        """Go on with another rig at the last pose."""
-
+    def _on_rig(self, rig: StereoRig) -> None:
         def work() -> None:
             if self._session.set_rig(rig):
                 self.get_logger().warning("camera_info has changed: localisation restarts at its last pose")
 
         self.worker.enqueue(work)
 
-    def on_pair(self, pair: ReceivedPair) -> None:
-        """Process a pair when its turn comes."""
+    def _on_pair(self, pair: ReceivedPair) -> None:
         self._extrinsics.look(pair.frame_id, pair.rig.baseline_m, self.get_logger().info)
         self.enqueue_pair(lambda: self._process(pair))
 
@@ -196,6 +197,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
     def _reset(self) -> str:
         self._session.reset()
         self._path.clear()
+        self._path_ns = None
         return "localisation restarts at the identity"
 
     def _process(self, received: ReceivedPair) -> None:
@@ -209,55 +211,27 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
             estimate = localiser.process(pair, motion)
         self._session.accept(estimate)
         self.publish_estimate(estimate)
-        self._tracks.publish(pair, localiser, estimate, received.frame_id)
+        self._publish_tracks(pair, localiser, estimate, header_msg(pair.stamp_ns, received.frame_id))
         call = call_of_estimate(estimate, usage, {} if motion is None else {"motion_prior": 1.0})
         self.status.call(call, LEVELS[estimate.state], self.times(received, conversion_s), self.counts())
 
     def publish_estimate(self, estimate: PoseEstimate) -> None:
-        """Publish odometry, and path and tf where tracked; in the worker's thread, in the order of the pairs."""
+        """Publish odometry, and tf and path where tracked; in the worker's thread, in the order of the pairs."""
         message = odometry_msg(estimate, self.config.frame(self.config.ds_frame), self._rb_frame)
         self._odometry.publish(message)
         if estimate.state is TrackingState.LOST:
             return
-        self._path.add(estimate, message)
+        header, pose = message.header, message.pose.pose
         if self._tf is not None:
-            self._tf.publish(self._tf.msg_type(transforms=[transform_of_odometry(message)]))
+            self._tf.publish(self._tf.msg_type(transforms=[transform_msg(header, self._rb_frame, pose)]))
+        stamp_ns, before_ns = estimate.stamp_ns, self._path_ns
+        self._path.add(stamp_ns, estimate.T_ds_rb, PoseStamped(header=header, pose=pose))
+        if before_ns is None or not before_ns <= stamp_ns < before_ns + NS_PER_S:  # it may have 2000 poses
+            self._path_publisher.publish(PathMsg(header=header, poses=list(self._path.poses)))
+            self._path_ns = stamp_ns
 
-
-class PathPublisher:
-    """Collects poses and publishes them as a path; used in the worker's thread."""
-
-    def __init__(self, endpoints: Endpoints) -> None:
-        """Create the publisher; who comes late gets the last path."""
-        self._publisher = endpoints.add_publisher(PathMsg, "localisation/path", 1, latched=True)
-        self._path: ThinnedPath[PoseStamped] = ThinnedPath()
-        self._published_ns: int | None = None
-
-    def clear(self) -> None:
-        """Start a new path."""
-        self._path.clear()
-        self._published_ns = None
-
-    def add(self, estimate: PoseEstimate, message: Odometry) -> None:
-        """Add the pose of an estimate; publish the path once a second of stamps, as it may have 2000 poses."""
-        stamp_ns, published = stamp_of(message), self._published_ns
-        self._path.add(stamp_ns, estimate.T_ds_rb, PoseStamped(header=message.header, pose=message.pose.pose))
-        if published is None or not published <= stamp_ns < published + NS_PER_S:
-            self._publisher.publish(PathMsg(header=message.header, poses=list(self._path.poses)))
-            self._published_ns = stamp_ns
-
-
-class TrackPublisher:
-    """Publishes tracks, masks and the image drawn of them, each only while somebody subscribes."""
-
-    def __init__(self, endpoints: Endpoints) -> None:
-        self._tracks = endpoints.add_publisher(PointCloud2, "localisation/tracks", 2)
-        self._masks = [endpoints.add_publisher(Image, f"localisation/{side}_mask", 2) for side in SIDES]
-        self._image = endpoints.add_publisher(Image, "localisation/debug_image", 2)
-
-    def publish(self, pair: StereoPair, localiser: Localiser, estimate: PoseEstimate, frame_id: str) -> None:
-        """Publish what there is of a pair that was just processed; of a side without a mask none, tracks last."""
-        header = header_msg(pair.stamp_ns, frame_id)
+    def _publish_tracks(self, pair: StereoPair, localiser: Localiser, estimate: PoseEstimate, header: Header) -> None:
+        """Publish masks, then tracks, and the image drawn of them, each only while somebody subscribes."""
         for publisher, mask in zip(self._masks, localiser.masks, strict=True):
             if mask is not None and publisher.get_subscription_count():
                 # a quarter of its width and height, 0 where no landmark is made

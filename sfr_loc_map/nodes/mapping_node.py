@@ -18,7 +18,7 @@ from sensor_msgs.msg import PointCloud2
 from stereo_msgs.msg import DisparityImage
 
 from sfr_loc_map.config import param
-from sfr_loc_map.errors import SfrError
+from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.image_codec import stamp_of
@@ -40,7 +40,7 @@ from sfr_loc_map.nodes.messages import (
 from sfr_loc_map.nodes.pair_node import RECENT, PairNode, PairNodeConfig, ReceivedPair, Seen
 from sfr_loc_map.nodes.runner import run
 from sfr_loc_map.pipeline.call_stats import CallRecord, call_of_stages
-from sfr_loc_map.pipeline.mapping_session import MappingSession, PoseMatching
+from sfr_loc_map.pipeline.mapping_session import PoseMatching
 
 POSE_DEPTH, OUTPUT_DEPTH = 100, 10  #: Queues of nav/pose and of the disparity; clouds and grids are latched.
 OVERDUE_S = 0.2  #: Period at which pairs are dropped whose pose did not come.
@@ -74,12 +74,10 @@ class MappingNode(PairNode[MappingNodeConfig]):
 
     def setup(self) -> None:
         """Load compiled code, create publishers."""
-        config = self.config
         self.load_kernels("mapping", "terrain")
-        self._session = MappingSession(config.mapping)
         self._stages: deque[CallUsage] = deque(maxlen=MAX_PAIRS)  # what mapping the last pairs took
         self.status.mark_idle()
-        self._lm_frame, add_publisher = config.frame(config.lm_frame), self.endpoints.add_publisher
+        self._lm_frame, add_publisher = self.config.frame(self.config.lm_frame), self.endpoints.add_publisher
         self._cloud = add_publisher(PointCloud2, "mapping/points", 1, latched=True)
         self._elevation = add_publisher(PointCloud2, "mapping/elevation", 1, latched=True)
         self._hazard = add_publisher(OccupancyGrid, "mapping/hazard", 1, latched=True)
@@ -99,18 +97,20 @@ class MappingNode(PairNode[MappingNodeConfig]):
         super().teardown()
         config = self.config
         self._pose_stamps: deque[int] = deque(maxlen=RECENT)
-        self._session = MappingSession(config.mapping)
+        self._pairs: list[PairMap] = []  # of the map begun
+        self._mapper: Mapper | None = None  # of the parameters and the rig that follows, made when it is needed
+        self._mapped_rig: StereoRig | None = None
         self._matching: PoseMatching[ReceivedPair] = PoseMatching(
             config.input.stamp_tolerance_ns, config.pose_wait_s, self._report_without_pose
         )
 
     def apply_config(self, config: MappingNodeConfig) -> None:
         """Map the next pairs with other parameters; those of the map begun stay as they are."""
-        self.worker.enqueue(lambda: self._session.set_config(config.mapping))
+        self.worker.enqueue(lambda: self._set_rig(self._mapped_rig))
 
     def expects_input(self) -> bool:
         """Tell whether a map is begun: between maps silence is no sign."""
-        return len(self._session) > 0
+        return bool(self._pairs)
 
     def take_seen(self) -> Seen:
         """Return what has been received since the last time, poses too."""
@@ -125,22 +125,23 @@ class MappingNode(PairNode[MappingNodeConfig]):
     def restart_after_fault(self) -> None:
         """Start a new map."""
         super().restart_after_fault()
-        self._session.restart()
+        self._pairs.clear()
 
     # ---- in the executor's thread
 
-    def on_rig(self, rig: StereoRig) -> None:
-        """Start a new map with another rig."""
-
+    def _on_rig(self, rig: StereoRig) -> None:
         def work() -> None:
-            if self._session.set_rig(rig):
+            if self._mapped_rig is not None and self._mapped_rig.same_cameras(rig):
+                return
+            if self._mapped_rig is not None:
                 self.get_logger().warning("camera_info has changed: a new map begins")
+            self._pairs.clear()
+            self._set_rig(rig)
 
         self._matching.clear_pairs()
         self.worker.enqueue(work)
 
-    def on_pair(self, pair: ReceivedPair) -> None:
-        """Process a pair once its pose is there."""
+    def _on_pair(self, pair: ReceivedPair) -> None:
         self._enqueue(self._matching.add_pair(pair.stamp_ns, pair))
 
     def restart(self, reason: str) -> None:
@@ -148,7 +149,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
         super().restart(reason)
         self.get_logger().warning(f"{reason}: a new map begins")
         self._matching.clear_pairs()
-        self.worker.enqueue(self._session.restart)
+        self.worker.enqueue(self._pairs.clear)
 
     def forget_waiting(self) -> None:
         """Drop the pairs and poses that wait."""
@@ -175,34 +176,47 @@ class MappingNode(PairNode[MappingNodeConfig]):
 
     # ---- in the worker's thread
 
+    def _set_rig(self, rig: StereoRig | None) -> None:
+        self._mapped_rig, self._mapper = rig, None
+
+    def _present_mapper(self) -> Mapper:
+        """Return the mapper; raises an `SfrError` where there is no rig yet, or the parameters do not fit it."""
+        if self._mapped_rig is None:
+            raise InputError("there is no camera_info yet: publish that of both navigation cameras")
+        self._mapper = self._mapper or Mapper(self._mapped_rig, self.config.mapping)
+        return self._mapper
+
     def _reset(self) -> str:
-        self._session.restart()
+        self._pairs.clear()
         return "a new map begins"
 
     def _process(self, received: ReceivedPair, pose: Transform) -> None:
         begin = time.perf_counter()
         pair = received.decode()
         conversion_s = time.perf_counter() - begin
+        mapper, rig, limits = self._present_mapper(), received.rig, self.config.mapping
         with self.status.measure() as usage:
-            result = self._session.map_pair(pair, pose)
+            result = mapper.process(pair, pose, len(self._pairs))
+        self._pairs.append(result)
         header = header_msg(pair.stamp_ns, received.frame_id)
-        searched_px = self._session.searched_px(received.rig)
-        self._disparity.publish(disparity_msg(result.disparity_px, received.rig, searched_px, header))
+        searched_px = rig.fx * rig.baseline_m / limits.max_range_m, rig.fx * rig.baseline_m / limits.min_range_m
+        self._disparity.publish(disparity_msg(result.disparity_px, rig, searched_px, header))
         times = self.times(received, conversion_s)
         self._stages.append(usage)
         self._report_call(pair.stamp_ns, usage, MappingState.MAPPED, result, times)
-        if len(self._session) == self.config.pairs_per_map:
+        if len(self._pairs) == self.config.pairs_per_map:
             self._fuse()
 
     def _fuse(self) -> int:
         """Fuse and publish the map begun; return the number of points."""
-        pairs = len(self._session)
+        mapper, pairs = self._present_mapper(), self._pairs.copy()
+        self._pairs.clear()
         with self.status.measure() as usage:
-            fused = self._session.fuse()
-        stamp_ns = self._session.last_ns
+            fused = mapper.fuse(pairs)
+        stamp_ns = pairs[-1].stamp_ns
         self._cloud.publish(cloud_msg(fused.cloud, stamp_ns, self._lm_frame))
         self._report_call(stamp_ns, usage, MappingState.FUSED, fused, {})
-        whole = call_of_stages([*list(self._stages)[-pairs:], usage])
+        whole = call_of_stages([*list(self._stages)[-len(pairs) :], usage])
         self._report_call(stamp_ns, whole, MappingState.MAPPED_SET, fused, {})
         # After its call: the time of the call is that of the cloud.
         self._publish_terrain(fused, stamp_ns)
@@ -218,7 +232,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
         self._hazard.publish(hazard_msg(grid, stamp_ns, self._lm_frame))
 
     def _finish(self) -> str:
-        pairs = len(self._session)
+        pairs = len(self._pairs)
         return f"{self._fuse()} points of {pairs} pairs published"
 
     def _report_call(

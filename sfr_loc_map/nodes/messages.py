@@ -172,10 +172,12 @@ def _twist_msg(step: StepEstimate | None) -> TwistWithCovariance:
     return TwistWithCovariance(twist=twist, covariance=covariance.reshape(36))
 
 
-def odometry_row(
-    message: Odometry, *, positions_alone: bool = False
-) -> tuple[int, tuple[float, float, float], tuple[float, float, float, float]]:
-    """Return stamp (ns), position (m) and quaternion (x, y, z, w) of odometry, numbers as sent.
+OdometryRow = tuple[int, tuple[float, float, float], tuple[float, float, float, float]]
+"""Stamp (ns), position (m) and quaternion (x, y, z, w) of odometry, numbers as sent."""
+
+
+def odometry_row(message: Odometry, *, positions_alone: bool = False) -> OdometryRow:
+    """Return stamp and pose of odometry.
 
     A quaternion of zeros, which says that there is no attitude, is refused unless `positions_alone`.
     """
@@ -192,12 +194,11 @@ def covariance_of(message: Odometry) -> FloatArray:
     return np.array(message.pose.covariance, np.float64).reshape(6, 6)
 
 
-def transform_of_odometry(message: Odometry) -> TransformStamped:
-    """Return the pose of odometry as a transform of its frames."""
-    transform = TransformStamped(header=message.header, child_frame_id=message.child_frame_id)
-    position = message.pose.pose.position
-    transform.transform.translation = Vector3(x=position.x, y=position.y, z=position.z)
-    transform.transform.rotation = message.pose.pose.orientation
+def transform_msg(header: Header, child: str, pose: Pose) -> TransformStamped:
+    """Return the pose of a frame as a transform."""
+    transform = TransformStamped(header=header, child_frame_id=child)
+    transform.transform.translation = Vector3(x=pose.position.x, y=pose.position.y, z=pose.position.z)
+    transform.transform.rotation = pose.orientation
     return transform
 
 

@@ -114,8 +114,9 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         limits = load_limits(Path(config.limits_file)) if config.limits_file else None
         self.load_kernels("metrics")
         self._score = MonitorScore(config.score, limits, config.truth)
-        self._report_file = ReportFile(config.save_file)
-        self._report_file.check()
+        self._report_file = ReportFile(Path(config.save_file)) if config.save_file else None
+        if self._report_file is not None:
+            self._report_file.check()
         add_publisher = self.endpoints.add_publisher
         self._metrics = add_publisher(DiagnosticArray, "metrics", 10)
         self._report = add_publisher(String, "metrics/report", 1, latched=True)
@@ -141,7 +142,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self.add_service("~/save", self._save)
         self.add_service("~/reset", self._reset)
         self.endpoints.add_timer(config.publish_period_s, lambda: self.worker.enqueue(self._publish))
-        if config.save_file and config.save_period_s:
+        if self._report_file is not None and config.save_period_s:
             self._warning(self._report_file.keep_previous)
             self.endpoints.add_timer(config.save_period_s, lambda: self.worker.enqueue(self._autosave))
 
@@ -285,6 +286,8 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self.status.note_call(Level.OK, "scoring", {"processing_time_s": end - begin}, {})
 
     def _save(self) -> str:
+        if self._report_file is None:
+            raise InputError("the parameter save_file is empty: start the node with a path")
         path = self._report_file.save(to_json(self._result()))
         self._unsaved = False
         return str(path)

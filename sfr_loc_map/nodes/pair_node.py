@@ -202,7 +202,7 @@ class StereoInput:
             return
         if self.rig is None or not self.rig.same_cameras(rig):
             self.rig = rig
-            self._node.on_rig(rig)
+            self._node._on_rig(rig)
         while self._without_rig:
             self._hand_over(rig, self._without_rig.popleft())
 
@@ -240,7 +240,7 @@ class StereoInput:
         self._last_ns = stamp_ns
         self._unused.clear()
         frame_id = str(self._infos["left"].header.frame_id)
-        self._node.on_pair(ReceivedPair(stamp_ns, rig, frame_id, images, self._rectifier))
+        self._node._on_pair(ReceivedPair(stamp_ns, rig, frame_id, images, self._rectifier))
 
 
 @dataclass(frozen=True, slots=True)
@@ -296,11 +296,11 @@ class PairNode(ManagedNode[P]):
     _calls_before = _silent_periods = 0
 
     @abstractmethod
-    def on_pair(self, pair: ReceivedPair) -> None:
+    def _on_pair(self, pair: ReceivedPair) -> None:
         """Take a pair."""
 
     @abstractmethod
-    def on_rig(self, rig: StereoRig) -> None:
+    def _on_rig(self, rig: StereoRig) -> None:
         """Take the rig of the pairs that follow."""
 
     def restart(self, reason: str) -> None:

@@ -55,10 +55,10 @@ def record(path: Path, options: RecordOptions, say: Callable[[str], None]) -> di
 
     Losses are counted of topics with one publisher. Where no message was received no bag is left.
     """
-    with stopping() as ended, BagRecorder(path, zstd=options.zstd) as bag, _Recorder(bag, options, say) as recorder:
+    with _Recorder(options, say) as recorder, stopping() as ended, BagRecorder(path, zstd=options.zstd) as bag:
         begin = flushed = time.monotonic()
         while not ended():
-            recorder.discover()
+            recorder.discover(bag)
             now = time.monotonic()
             recorder.spin(DISCOVERY_S, ended)
             if now - flushed > FLUSH_S:
@@ -85,16 +85,16 @@ def definition_of(msgtype: str) -> tuple[str, str]:
 
 
 class _Recorder(Peer):
-    def __init__(self, bag: BagRecorder, options: RecordOptions, say: Callable[[str], None]) -> None:
+    def __init__(self, options: RecordOptions, say: Callable[[str], None]) -> None:
         super().__init__(f"sfr_record_{os.getpid()}")
         self.counts: dict[str, TransportGaps] = {}
-        self._bag, self._options, self._say = bag, options, say
+        self._options, self._say = options, say
         space = options.namespace.strip("/")
         prefix = f"/{space}/" if space else "/"
         self._wanted = {name if name.startswith("/") else prefix + name for name in options.topics or TOPICS}
         self._known: set[str] = set()
 
-    def discover(self) -> None:
+    def discover(self, bag: BagRecorder) -> None:
         """Subscribe to new topics; raw images that are also published rectified are recorded only if asked for."""
         chosen = bool(self._options.topics or self._options.everything)
         for name, types in self.node.get_topic_names_and_types():
@@ -106,20 +106,20 @@ class _Recorder(Peer):
             infos = self.node.get_publishers_info_by_topic(name)
             if infos and not any(map(self.node.count_publishers, rectified)):
                 self._known.add(name)
-                self._subscribe(name, types[0], infos)
+                self._subscribe(bag, name, types[0], infos)
 
-    def _subscribe(self, name: str, msgtype: str, infos: list[Any]) -> None:
+    def _subscribe(self, bag: BagRecorder, name: str, msgtype: str, infos: list[Any]) -> None:
         """Subscribe with the strictest quality of service that all publishers offer, so that no message is missed."""
         try:
             kind = message_type(msgtype)
         except NodeError as error:
             self._say(f"{name} is not recorded: {error}")
             return
-        topic = self._bag.add_topic(name, msgtype, *definition_of(msgtype), [_offered_qos(info) for info in infos])
+        topic = bag.add_topic(name, msgtype, *definition_of(msgtype), [_offered_qos(info) for info in infos])
         recorded, numbered = self.counts.setdefault(name, TransportGaps()), len(infos) == 1
 
         def received(raw: bytes, info: dict[str, Any]) -> None:
-            self._bag.write(topic, time.time_ns(), raw)
+            bag.write(topic, time.time_ns(), raw)
             recorded.add(info if numbered else {})
 
         quality = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -1,4 +1,4 @@
-"""The stereo pairs of one map to come: matched with their poses, mapped one by one, then fused."""
+"""The stereo pairs of one map to come, matched with their poses."""
 
 from __future__ import annotations
 
@@ -6,11 +6,8 @@ import time
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
-from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
-from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
+from sfr_loc_map.mapping.config import MAX_PAIRS
 
 T = TypeVar("T")
 MAX_POSES = 1000  # kept for pairs still to come
@@ -59,7 +56,7 @@ class PoseMatching(Generic[T]):
 
     def clear(self) -> None:
         """Forget pairs and poses, without counting."""
-        self._waiting.clear()
+        self.clear_pairs()
         self._poses.clear()
 
     def _matched(self) -> list[tuple[T, Transform]]:
@@ -74,57 +71,3 @@ class PoseMatching(Generic[T]):
         self._waiting.pop(stamp_ns)
         self.dropped += 1
         self._on_drop(stamp_ns)
-
-
-class MappingSession:
-    """Owns the mapper of a node and the pairs mapped so far, the last of stamp `last_ns`; to be used by one thread."""
-
-    def __init__(self, config: MappingConfig) -> None:
-        self.last_ns = 0
-        self._config = config
-        self._rig: StereoRig | None = None
-        self._mapper: Mapper | None = None
-        self._pairs: list[PairMap] = []
-
-    def __len__(self) -> int:
-        return len(self._pairs)
-
-    def set_rig(self, rig: StereoRig) -> bool:
-        """Start a new map with a rig, unless it is the present one; return whether another one was replaced."""
-        if self._rig is not None and self._rig.same_cameras(rig):
-            return False
-        self.restart()
-        replaced, self._rig, self._mapper = self._rig is not None, rig, None
-        return replaced
-
-    def set_config(self, config: MappingConfig) -> None:
-        """Map the next pairs with another configuration; those of the map begun stay as they are."""
-        self._config, self._mapper = config, None
-
-    def restart(self) -> None:
-        """Start a new map."""
-        self._pairs.clear()
-
-    def map_pair(self, pair: StereoPair, T_lm_sb: Transform) -> PairMap:
-        """Map a pair and keep the result for the fusion."""
-        result = self.mapper().process(pair, T_lm_sb, len(self._pairs))
-        self._pairs.append(result)
-        self.last_ns = result.stamp_ns
-        return result
-
-    def fuse(self) -> FusedMap:
-        """Fuse the pairs and start a new map."""
-        pairs, self._pairs = self._pairs, []
-        return self.mapper().fuse(pairs)
-
-    def searched_px(self, rig: StereoRig) -> tuple[float, float]:
-        """Return the smallest and the largest disparity that is searched with a rig."""
-        product = rig.fx * rig.baseline_m
-        return product / self._config.max_range_m, product / self._config.min_range_m
-
-    def mapper(self) -> Mapper:
-        """Return the mapper; raises an `SfrError` where there is no rig yet, or the configuration does not fit it."""
-        if self._rig is None:
-            raise InputError("there is no camera_info yet: publish that of both navigation cameras")
-        self._mapper = self._mapper or Mapper(self._rig, self._config)
-        return self._mapper

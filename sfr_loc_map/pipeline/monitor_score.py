@@ -312,14 +312,12 @@ def warm_up(config: ScoreConfig) -> None:
 class ReportFile:
     """The file of a report that is saved again and again, and that of a run before; only reports are replaced."""
 
-    def __init__(self, path: str) -> None:
-        """Touch nothing yet; with an empty path reports cannot be saved."""
-        self._path = Path(path) if path else None
+    def __init__(self, path: Path) -> None:
+        """Touch nothing yet."""
+        self._path = path
 
     def check(self) -> None:
         """Check that reports can be saved: there is a report or nothing, and its folder can be written to."""
-        if self._path is None:
-            return
         check_output(self._path)
         path = output_target(self._path)
         for file in (path, _before(path)):
@@ -334,8 +332,6 @@ class ReportFile:
 
     def keep_previous(self) -> None:
         """Rename the report of a run before to `*.before.json`: it may be all that is left of it."""
-        if self._path is None:
-            return
         self.check()
         path = output_target(self._path)
         try:
@@ -346,8 +342,6 @@ class ReportFile:
 
     def save(self, text: str) -> Path:
         """Replace the report as a whole; return its path."""
-        if self._path is None:
-            raise InputError("the parameter save_file is empty: start the node with a path")
         write_text(text, self._path)
         return self._path
 

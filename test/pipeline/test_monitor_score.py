@@ -157,14 +157,14 @@ def report(name: str) -> str:
 
 def test_the_report_of_a_run_before_is_kept_once(tmp_path: Path) -> None:
     path = tmp_path / "score.json"
-    file = ReportFile(str(path))
+    file = ReportFile(path)
     file.keep_previous()
     assert file.save(report("first")) == path
     file.keep_previous()
     assert not path.exists()
     file.save(report("second"))
     assert (path.read_text(), (tmp_path / "score.before.json").read_text()) == (report("second"), report("first"))
-    ReportFile(str(path)).keep_previous()
+    ReportFile(path).keep_previous()
     assert (tmp_path / "score.before.json").read_text() == report("second")
     assert len(list(tmp_path.iterdir())) == 1
 

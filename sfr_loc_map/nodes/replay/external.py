@@ -26,6 +26,7 @@ from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.convention import world_at_first_pose
 from sfr_loc_map.nodes.messages import (
+    OdometryRow,
     cloud_from_msg,
     cloud_msg,
     covariance_of,
@@ -45,7 +46,6 @@ PUBLISHER_GRACE_S = 2.0
 """How long the publisher of a node that listens already is waited for; some make it with their first result."""
 NOT_YET_NAMED = "_NODE_NAME_UNKNOWN_"  #: Name in ROS of a publisher whose node is not discovered yet.
 WORLD, BODY, MAP = "ds", "rb", "lm"
-Row = tuple[int, tuple[float, float, float], tuple[float, float, float, float]]
 
 
 class ExternalNode:
@@ -168,11 +168,11 @@ class ExternalLocaliser(ExternalNode):
         super().begin_run(results)
         self._T_ds_world = None
 
-    def read(self, message: Odometry) -> Row:
+    def read(self, message: Odometry) -> OdometryRow:
         """Return stamp and pose."""
         return odometry_row(message)
 
-    def keep(self, message: Odometry, row: Row, results: ReplayResults) -> None:
+    def keep(self, message: Odometry, row: OdometryRow, results: ReplayResults) -> None:
         """Keep a pose as it was published, and publish it converted."""
         results.rows.append(row)
         covariance = covariance_of(message)

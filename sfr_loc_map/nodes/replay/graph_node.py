@@ -42,15 +42,13 @@ class ReplayNode(Peer):
 
     def wait_for_page(self, page: LivePage) -> bool:
         """Wait, for a limited time, until a page receives what is played; return whether it does or has ended."""
-        deadline = time.monotonic() + PAGE_TIMEOUT_S
-        while name := page.node_name:
-            receivers = [self.node.get_subscriptions_info_by_topic(topic) for topic in PAGE_TOPICS]
-            if all(any(found.node_name == name for found in of_topic) for of_topic in receivers):
-                break
-            if time.monotonic() > deadline:
-                return False
-            self.spin_for(POLL_S)
-        return True
+
+        def settled() -> bool:
+            self.supervisor.check()
+            name, receivers = page.node_name, map(self.node.get_subscriptions_info_by_topic, PAGE_TOPICS)
+            return not name or all(any(found.node_name == name for found in of_topic) for of_topic in receivers)
+
+        return self.spin(PAGE_TIMEOUT_S, settled)
 
     def spin_for(self, seconds: float) -> None:
         """Spin for some time."""

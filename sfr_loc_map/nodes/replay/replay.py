@@ -142,7 +142,6 @@ class Player:
             progress(pair[0])
 
     def _hold(self, pacer: Pacer, message: Message) -> None:
-        """Wait until a message is due, or until the controls interrupt."""
         while True:
             for key in self._keyboard.pressed():
                 self.controls.key(key)
