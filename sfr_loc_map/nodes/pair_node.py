@@ -133,7 +133,9 @@ class StereoInput:
         self._fresh_sides.clear()
 
         def received(side: Side, gaps: TransportGaps, message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401
-            gaps.add(info)
+            if gaps.add(info) and (share := self.lost_share()) > MUCH_LOST:
+                text = f"{share:.0%} of the images of '{self._name}' are lost in transport: {loss_fix(EXPORT_LINE)}"
+                self._node.status.warn(text, "transport")
             self._node.status.note_arrival()
             self.add_image(side, (message, info))
 
@@ -331,9 +333,6 @@ class PairNode(ManagedNode[P]):
     def look_around(self) -> None:
         """Log what was dropped, and where no result came meanwhile, what the node waits for, as the doctor finds it."""
         super().look_around()
-        if (share := self._stereo.lost_share()) > MUCH_LOST:
-            text = f"{share:.0%} of the images of '{self.rig_name}' are lost in transport: {loss_fix(EXPORT_LINE)}"
-            self.status.warn(text, "transport")
         calls, before = self.status.calls, self._calls_before
         self._calls_before, seen = calls, self.take_seen()
         silent = not any(stamps_ns for stamps_ns, _ in seen.values())
