@@ -27,7 +27,7 @@ from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, SIDES, hash_path, read_table, read_text, refusing
+from sfr_loc_map.inputs import NS_PER_S, SIDES, hash_path, read_table, read_text, refusing
 from sfr_loc_map.io.bag import GROUND_TRUTH, ODOMETRY, Bag, read_trajectory
 from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.cloud_file import load_cloud
@@ -38,7 +38,7 @@ from sfr_loc_map.live import updates
 from sfr_loc_map.live.media import CloudTruth, cloud_samples, image_sample
 from sfr_loc_map.live.state import MAX_REPORT_CHARACTERS, LiveState
 from sfr_loc_map.live.updates import Action, Command
-from sfr_loc_map.localisation.estimate import TrackingState
+from sfr_loc_map.localisation.estimate import TrackingState, lost_covariance
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.calls import stage_of
 from sfr_loc_map.metrics.cloud_error import PairTruth, ScoredMap, score_map
@@ -54,7 +54,6 @@ from sfr_loc_map.pipeline.scoring import load_estimates
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 LOCALISATION_NODE, MAPPING_NODE = "localisation_node", "mapping_node"
 LEVELS = {TrackingState.DEGRADED.value: 1, TrackingState.LOST.value: 2}
-LOST = np.eye(6) * LOST_VARIANCE
 TICK_S, REPORT_PERIOD_S, TIME_LINE_PERIOD_S = 0.05, 1.0, 0.25
 MAX_HASHED = 2**28  #: Bytes of a file that is compared by its hash, which takes a tenth of a second for so many.
 IMAGES_BUDGET_S = 0.03  #: Of each tick, for reading images: figures do not wait for them.
@@ -236,11 +235,10 @@ def _poses(track: updates.Track, poses: Estimates, begin_ns: int) -> Iterator[Mo
     trajectory, latest_ns = poses.trajectory, 0
     for row, stamp_ns in enumerate(trajectory.stamps_ns.tolist()):
         (x, y, z), (a, b, c, d) = trajectory.positions[row].tolist(), trajectory.quats_xyzw[row].tolist()
-        covariance = LOST if poses.lost[row] else None
+        covariance = lost_covariance() if poses.lost[row] else None
         if covariance is None and poses.covariance is not None and np.isfinite(poses.covariance[row]).all():
             covariance = np.zeros((6, 6))
-            covariance[UPPER] = poses.covariance[row]
-            covariance += np.triu(covariance, 1).T
+            covariance[UPPER] = covariance[UPPER[::-1]] = poses.covariance[row]
         latest_ns = max(latest_ns, stamp_ns)
         yield _place(latest_ns, begin_ns), updates.PoseSample(track, stamp_ns, (x, y, z), (a, b, c, d), 0.0, covariance)
 

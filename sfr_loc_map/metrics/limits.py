@@ -46,7 +46,7 @@ STATISTICS = ("mean", "sigma", "mean_plus_3sigma")
 
 # A limit is added here: its key, which ends in its unit (report.score_tables.limit_unit), and where its figure stands.
 # Limits of a suite are judged by suite/summary.py: those of trajectories by pooled figures, others by the worst drive.
-_PLACES: dict[LimitPart, dict[str, str]] = {
+PLACES: dict[LimitPart, dict[str, str]] = {
     LimitPart.COMPLETENESS: {
         **{
             f"{name}_max_share": f"trajectory.completeness.{name}_share"
@@ -83,10 +83,10 @@ _PLACES: dict[LimitPart, dict[str, str]] = {
 """Where each figure that a limit names stands: of a condition, or of the part of the score."""
 REQUIREMENT = {"id": str, "text": str, "certain": bool}  #: What a requirement says of itself.
 NEEDED = {str: "a text, in quotes, is needed", bool: "true or false is needed"}
-SHARES = _PLACES[LimitPart.COMPLETENESS]  #: They may stand in the parts `trajectory` and `map` too.
+SHARES = PLACES[LimitPart.COMPLETENESS]  #: They may stand in the parts `trajectory` and `map` too.
 NAMES: Mapping[LimitPart, Collection[str]] = {
-    **_PLACES,
-    LimitPart.TARGET: [*_PLACES[LimitPart.TIMING], *_PLACES[LimitPart.MEMORY]],
+    **PLACES,
+    LimitPart.TARGET: [*PLACES[LimitPart.TIMING], *PLACES[LimitPart.MEMORY]],
 }
 """Names of the figures that each part of the file limits."""
 
@@ -163,7 +163,7 @@ def limits_of(verdicts: Collection[Verdict]) -> Limits | None:
     for item in verdicts:
         key = item.metric.removeprefix("target ")
         parts = (
-            [LimitPart.TARGET] if key != item.metric else [part for part in LimitPart if key in _PLACES.get(part, ())]
+            [LimitPart.TARGET] if key != item.metric else [part for part in LimitPart if key in PLACES.get(part, ())]
         )
         if parts:
             requirement = {"id": item.id, "text": item.text, "certain": item.needs_certainty}
@@ -292,7 +292,7 @@ def _by_reading(limit: Limit, score: Score, minimum_count: int) -> dict[str, Ver
     owner = None if drive is None or limit.condition is None else drive.of(limit.condition)
     if owner is None or owner.readings is None or limit.key.startswith("chord"):  # that is the same in each
         return {}
-    place = _PLACES[limit.part][limit.key]
+    place = PLACES[limit.part][limit.key]
     found = {name: value_at(reading, place) for name, reading in vars(owner.readings).items()}
     loose = replace(limit, certain=False)
     return {name: verdict_on(loose, Figure(value, owner.count), minimum_count).state for name, value in found.items()}
@@ -302,13 +302,13 @@ def figure_of(limit: Limit, score: Score) -> Figure:
     """Return the figure that a limit is on."""
     part, of_target = limit.part, limit.part is LimitPart.TARGET
     if of_target:
-        part = LimitPart.TIMING if limit.key in _PLACES[LimitPart.TIMING] else LimitPart.MEMORY
+        part = LimitPart.TIMING if limit.key in PLACES[LimitPart.TIMING] else LimitPart.MEMORY
     owner: object = getattr(score.target if of_target else score, part, None)
     if part is LimitPart.COMPLETENESS:
         owner = score
     if isinstance(owner, TrajectoryScore) and limit.condition is not None:
         owner = owner.of(limit.condition)
-    *way, last = _PLACES[part][limit.key].split(".")
+    *way, last = PLACES[part][limit.key].split(".")
     statistic = value_at(owner, ".".join(way)) if way else owner
     count = getattr(statistic, "count", getattr(owner, "count", None))
     if limit.key in ("mapping_call_s", "mapping_call_max_s"):

@@ -19,8 +19,8 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.config import Condition, VerdictState
 from sfr_loc_map.metrics.limits import (
     COVERAGE_MIN,
+    PLACES,
     Figure,
-    Limit,
     LimitPart,
     Limits,
     figure_of,
@@ -28,10 +28,11 @@ from sfr_loc_map.metrics.limits import (
     incomplete_verdict,
     meets,
     parse_limits,
+    value_at,
     verdict_on,
     verdicts,
 )
-from sfr_loc_map.metrics.score import ConditionScore, Interval, IntervalStatistic, Score, Statistic, Verdict
+from sfr_loc_map.metrics.score import ConditionScore, IntervalStatistic, Score, Statistic, Verdict
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.metrics.statistics import student_quantile
 from sfr_loc_map.suite.cluster import WorkerRecord
@@ -61,8 +62,8 @@ class ScoredJob:
     @property
     def figure(self) -> float | None:
         """Mean + 3 sigma of the position over the first condition, None without a trajectory."""
-        trajectory = self.score.trajectory
-        return None if trajectory is None else trajectory.first.position_m.mean_plus_3sigma
+        found: float | None = value_at(self.score, "trajectory.first.position_m.mean_plus_3sigma")
+        return found
 
     def names(self) -> dict[str, object]:
         """Return what it is called, as JSON values."""
@@ -80,7 +81,7 @@ class ScoredJob:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PooledCondition:
-    """Errors over the sub-trajectories of one condition of all drives."""
+    """Errors over the sub-trajectories of one condition of all drives, as `ConditionScore` names them."""
 
     condition: Condition
     drives: int  #: Drives with at least two sub-trajectories.
@@ -253,27 +254,15 @@ def _verdicts(
             continue  # maps are not judged by the limits of drives
         over, value, interval, count = "worst drive", max(values, key=abs, default=None), None, len(values)
         if limit.condition is not None:
-            over, (value, interval, count) = "pooled", _of_pooled(limit, pooled.get(limit.condition))
+            errors, place = pooled.get(limit.condition), PLACES[limit.part][limit.key]
+            over, value, interval = "pooled", value_at(errors, place), value_at(errors, f"{place}_ci95")
+            count = 0 if errors is None else errors.count
         elif limit.key == COVERAGE_MIN:
             value = min(values, default=None)
         figure = Figure(value, None if limit.condition is None else count, interval)  # drives need no least number
         verdict = replace(verdict_on(limit, figure, limits.minimum_count), count=count)
         missed = sum(not meets(limit, value) for value in values)
         yield GroupVerdict(**vars(verdict), over=over, missed_by=missed)
-
-
-def _of_pooled(limit: Limit, part: PooledCondition | None) -> tuple[float | None, Interval | None, int]:
-    """Return a pooled figure by its key, such as `position_mean_plus_3sigma_m`, its interval and its count."""
-    if part is None:
-        return None, None, 0
-    error, _, rest = limit.key.partition("_")
-    figures = {"position": part.position_m, "attitude": part.attitude_deg, "heading": part.heading_deg}
-    statistic = figures.get(error, part.chord_m)
-    if statistic is None:
-        return None, None, 0
-    name = rest.rpartition("_")[0]
-    interval = statistic.mean_plus_3sigma_ci95 if name == "mean_plus_3sigma" else None
-    return getattr(statistic, name), interval, part.count
 
 
 def pool(scores: Sequence[ConditionScore]) -> PooledCondition:
