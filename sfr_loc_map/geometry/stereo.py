@@ -13,6 +13,8 @@ from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.geometry.plausibility import BASELINE_M, MAX_EXTRINSICS_M, check_camera
 from sfr_loc_map.geometry.transform import Transform
 
+CAMERA = ("width", "height", "fx", "fy", "cx", "cy", "baseline_m")  #: Numbers of a rig, all but its pose.
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StereoRig:

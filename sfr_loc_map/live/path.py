@@ -162,8 +162,7 @@ class LivePath:
     ) -> PathRow:
         """Find the oldest sub-trajectory that has not ended and its error; return the row with those that ended."""
         if self._frames % self.spacing == 0:
-            start = row, sample.position, covariance
-            self._starts.append((*start, self._frames, truth @ estimate.inverse()))
+            self._starts.append((row, sample.position, covariance, self._frames, truth @ estimate.inverse()))
         self.under_way = None
         while self._starts:
             begin, position, before, frame, to_truth = self._starts[0]
@@ -173,13 +172,13 @@ class LivePath:
                 ConditionKind.FRAMES: self._frames - frame,
             }
             progress = done[self.condition.kind] / self.condition.value
+            error = (to_truth @ estimate).translation - truth.translation
             if progress < 1.0:
-                error = ((to_truth @ estimate).translation - truth.translation).tolist()
                 found = {"start_n": begin.n, "condition": self.condition.label, "progress": round(progress, 4)}
-                self.under_way = found | {"error": error}
+                self.under_way = found | {"error": error.tolist()}
                 break
             self._starts.popleft()
-            error_m = float(np.linalg.norm((to_truth @ estimate).translation - truth.translation))
+            error_m = float(np.linalg.norm(error))
             if row.judged_m is None or error_m > row.judged_m:  # where several end at once, the largest
                 moved = np.subtract(sample.position, position)
                 row = replace(row, judged_m=error_m, judged_sigma_m=_growth(before, covariance, moved))

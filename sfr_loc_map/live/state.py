@@ -19,8 +19,8 @@ from sfr_loc_map.live.timeline import LOCALISATION_NODE, EventKind, Timeline, To
 from sfr_loc_map.live.updates import LOCALISATION, REPORT
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import SCHEMA, from_json, to_dict
-from sfr_loc_map.report.limit_bars import LimitBar, limit_bars
-from sfr_loc_map.report.page import Overall, overall_of
+from sfr_loc_map.report.limit_bars import limit_bars
+from sfr_loc_map.report.page import overall_of
 from sfr_loc_map.report.score_tables import score_tables
 from sfr_loc_map.report.tables import Cell, Table
 
@@ -84,29 +84,19 @@ class NodeView:
         }
 
 
-@dataclass(frozen=True, slots=True)
 class ReportView:
-    """One report: its JSON values, the score that they are, and what is shown of it."""
+    """One report: its score, the JSON values of that, and what is shown of it."""
 
-    content: dict[str, Any]
-    score: Score
-    overall: Overall
-    tables: tuple[Table, ...]
-    bars: tuple[LimitBar, ...]
-    received_s: float
+    def __init__(self, score: Score, received_s: float) -> None:
+        self.score, self.received_s, self.content = score, received_s, to_dict(score)
+        self.overall, self.tables, self.bars = overall_of(score), score_tables(score), limit_bars(score)
 
     @classmethod
     def read(cls, text: str, received_s: float) -> ReportView:
         """Return a report of its JSON; InputError if it is not a score."""
         if len(text) > MAX_REPORT_CHARACTERS:
             raise InputError(f"metrics/report has {len(text)} characters: up to {MAX_REPORT_CHARACTERS} are read")
-        return cls.of(from_json(text, "metrics/report"), received_s)
-
-    @classmethod
-    def of(cls, score: Score, received_s: float) -> ReportView:
-        """Return the report of a score."""
-        bars = tuple(limit_bars(score))
-        return cls(to_dict(score), score, overall_of(score), tuple(score_tables(score)), bars, received_s)
+        return cls(from_json(text, "metrics/report"), received_s)
 
     def ended(self, missing: str) -> ReportView:
         """Return the report of a run that is over, which may be incomplete; the figures stay as they are."""
@@ -116,7 +106,7 @@ class ReportView:
         if partial or any(item.metric == "missing_max_share" for item in score.verdicts):
             return self
         missing = score.incomplete or (whole and whole.incomplete) or missing
-        return self.of(replace(score, incomplete=missing or None), self.received_s)
+        return ReportView(replace(score, incomplete=missing or None), self.received_s)
 
     def to_plain(self) -> dict[str, Any]:
         """Return what a page shows, as JSON values."""

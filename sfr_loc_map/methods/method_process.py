@@ -22,7 +22,7 @@ import numpy as np
 
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.stereo import CAMERA, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.methods.isolation import ProcessTree, TreeUsage, environment_of, rules_of
@@ -32,7 +32,6 @@ from sfr_loc_map.metrics.score import FindingKind
 
 EXIT_TIMEOUT_S = 10.0
 POLL_S = 0.05  #: How often the memory of a process that is at work is looked at.
-CAMERA = ("width", "height", "fx", "fy", "cx", "cy", "baseline_m")
 SHARED_MEMORY = Path("/dev/shm")
 MB = 1_000_000
 LEAKS = {10: 80 * MB, 50: 16 * MB}

@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.rotation import matrix_from_quat
-from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.stereo import CAMERA, StereoRig
 
 ABI, MAX_PAIRS = 2, 3
 STATES = ("initialising", "tracking", "degraded", "lost")
 MARK = np.full(64, 0xA5, np.uint8)  #: Behind each thing that a candidate writes.
 MESSAGE_SIZE = 512
-CAMERA = ("width", "height", "fx", "fy", "cx", "cy", "baseline_m")
 # the structs of the header; in none of them the compiler leaves a gap
 RIG = np.dtype([
     ("size", "u4"), ("width", "i4"), ("height", "i4"), ("reserved", "i4"),

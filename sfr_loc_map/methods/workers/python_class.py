@@ -18,11 +18,9 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
+from sfr_loc_map.geometry.stereo import CAMERA, PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.estimate import PoseEstimate
-
-CAMERA = ("width", "height", "fx", "fy", "cx", "cy", "baseline_m")
 
 
 def _load(target: str) -> Any:  # noqa: ANN401 - whatever it is
