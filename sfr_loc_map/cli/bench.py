@@ -155,7 +155,7 @@ def faults(
     """Localiser on data with faults: errors beside stated sigmas; exit 1 if one is wrong and does not say so."""
     from sfr_loc_map.localisation.config import LocalisationConfig
     from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-    from sfr_loc_map.suite.fault_benchmark import FAULTS, benchmark_faults, silent_faults
+    from sfr_loc_map.suite.fault_benchmark import FAULTS, Honesty, benchmark_faults
 
     check_outputs(json_path, overwrite=overwrite, inputs=[source])
     wanted = tuple(fault or FAULTS)
@@ -168,7 +168,7 @@ def faults(
         shown = bar.add_task("localising", total=len(wanted) + 1)
         result = benchmark_faults(drive, wanted, localiser, scoring, seed, lambda: bar.advance(shown))
     _present({"source": str(source)} | result, json_path)
-    if silent := silent_faults(result):
+    if silent := [name for name, item in result["entries"].items() if item["honesty"] == Honesty.SILENT]:
         raise FailedVerdictError(f"wrong and called tracking, beyond 5 times the stated 3 sigma: {', '.join(silent)}")
 
 

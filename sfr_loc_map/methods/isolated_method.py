@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from sfr_loc_map.errors import GeometryError, MethodError
+from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
@@ -79,14 +79,12 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
             self._process = MethodProcess(self._method, self._rig, *given)
         return self._process
 
-    def _failed(self, error: MethodError) -> MethodCall:
-        """Return what it did wrong, and forget a process that has ended; what cannot be started has crashed."""
-        kind = error.kind if isinstance(error, MethodFailureError) else FindingKind.CRASHED
-        lost = not isinstance(error, MethodFailureError) or error.ended
-        if lost:
+    def _failed(self, error: MethodFailureError) -> MethodCall:
+        """Return what it did wrong, and forget a process that has ended."""
+        if error.ended:
             self._process = None
-        again = f"; not started again after {self._starts} starts" if lost and self._is_given_up else ""
-        return MethodCall(finding=f"{kind}: {error}{again}", reason=kind.value)
+        again = f"; not started again after {self._starts} starts" if error.ended and self._is_given_up else ""
+        return MethodCall(finding=f"{error.kind}: {error}{again}", reason=error.kind.value)
 
     # ---- localisers
 
@@ -100,7 +98,7 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
             _check_stamp(pair, result)
             T_ds_rb = self._pose(result)
             covariance = _covariance(result.get("covariance"))
-        except MethodError as error:
+        except MethodFailureError as error:
             return self._lost(pair, replace(self._failed(error), usage=call.usage))
         call = replace(call, reason=str(result.get("reason", "")))
         state = TrackingState(result.get("state", TrackingState.TRACKING))
@@ -143,7 +141,7 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
             call, result = self._called([item.pair for item in pairs], {"set": orders})
             cloud = replace(self._cloud(len(pairs)), fused=bool(result["fused"]))
             warnings = tuple(result.get("warnings") or ())
-        except MethodError as error:
+        except MethodFailureError as error:
             call = self._failed(error)
         cloud = replace(cloud, pair_stamps_ns=stamps_ns)
         parts = [cloud.select(cloud.pair == number) for number in range(len(pairs))]
@@ -166,7 +164,7 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
                 sigma = np.full_like(disparity, DISPARITY_SIGMA_PX)
                 cloud = cloud_from_disparity(disparity, sigma, pair.left, self._rig, T_lm_left, index)
             warnings = tuple(result.get("warnings") or ())
-        except MethodError as error:
+        except MethodFailureError as error:
             call, self._complete = self._failed(error), False
         return self._pair_map(pair.stamp_ns, cloud, T_lm_left, disparity, call.statistics, warnings), call
 
@@ -192,7 +190,7 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
             try:
                 made, _ = self._process.call([last], {"fuse": True})
                 cloud, call = replace(self._cloud(len(maps)), fused=True), made
-            except MethodError as error:
+            except MethodFailureError as error:
                 call = self._failed(error)
         cloud = replace(cloud, pair_stamps_ns=tuple(item.stamp_ns for item in maps))
         T_lm_left = tuple(item.view.T_lm_left for item in maps)

@@ -137,7 +137,7 @@ class MethodProcess:
         except BaseException as error:
             self.close()
             if isinstance(error, MethodFailureError):
-                raise MethodError(f"method {method.name} {error}") from error
+                raise MethodFailureError(FindingKind.CRASHED, f"method {method.name} {error}", ended=True) from error
             raise
         self.version, self.idle_bytes = str(hello["version"]), hello["idle_bytes"]
         self.fuses, self.maps_sets = bool(hello["fuses"]), bool(hello["maps_sets"])

@@ -8,7 +8,7 @@ bad drive decides nothing.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -84,14 +84,10 @@ def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> Su
             if name in others and name.kind in COMPARED:
                 ratio = DriveRatio(label=drive.job.label, first=value, other=others[name])
                 pairs.setdefault((runs, name), []).append(ratio)
-    logs = [np.log([item.other / item.first for item in items]) for items in pairs.values()]
-    chance = [sign_flip_p(values) for values in logs]
-    figures = tuple(
-        _compared(*figure, names[0], items, values, p, corrected)
-        for (figure, items), values, p, corrected in zip(pairs.items(), logs, chance, holm(chance), strict=True)
-    )
     left_out = (len(mine) - len(common), len(theirs) - len(common))
-    return SuiteComparison(names=names, common=len(common), left_out=left_out, figures=figures)
+    return SuiteComparison(
+        names=names, common=len(common), left_out=left_out, figures=tuple(_compared(pairs, names[0]))
+    )
 
 
 def _by_pairing(*suites: Summary) -> list[dict[str, ScoredJob]]:
@@ -104,35 +100,32 @@ def _by_pairing(*suites: Summary) -> list[dict[str, ScoredJob]]:
 
 
 def _compared(
-    runs: str,
-    name: FigureName,
-    baseline: str,
-    pairs: Sequence[DriveRatio],
-    logs: FloatArray,
-    p: float | None,
-    corrected: float | None,
-) -> FigureComparison:
-    interval: Interval | None = None
-    outcome = Outcome.NOT_ENOUGH_DATA if logs.any() else Outcome.EQUAL
-    if corrected is not None and logs.any():
-        direction = Outcome.WORSE if logs.mean() > 0.0 else Outcome.BETTER
-        outcome = Outcome.NO_DIFFERENCE if corrected >= SIGNIFICANCE else direction
-    if len(logs) >= 5:
-        low, high = np.exp(np.quantile(drawn_weights(len(logs)) @ logs / len(logs), (0.025, 0.975))).tolist()
-        interval = (low, high)
-    return FigureComparison(
-        runs=runs,
-        baseline=baseline,
-        kind=name.kind,
-        figure=name.name,
-        drives=len(pairs),
-        ratio=float(np.exp(logs.mean())),
-        ci95=interval,
-        p=p,
-        p_corrected=corrected,
-        outcome=outcome,
-        worst=pairs[int(logs.argmax())],
-    )
+    pairs: Mapping[tuple[str, FigureName], Sequence[DriveRatio]], baseline: str
+) -> Iterator[FigureComparison]:
+    ratios = [np.log([item.other / item.first for item in items]) for items in pairs.values()]
+    chance = [sign_flip_p(logs) for logs in ratios]
+    for ((runs, name), items), logs, p, corrected in zip(pairs.items(), ratios, chance, holm(chance), strict=True):
+        interval: Interval | None = None
+        if len(logs) >= 5:
+            low, high = np.exp(np.quantile(drawn_weights(len(logs)) @ logs / len(logs), (0.025, 0.975))).tolist()
+            interval = (low, high)
+        outcome = Outcome.NOT_ENOUGH_DATA if logs.any() else Outcome.EQUAL
+        if corrected is not None and logs.any():
+            direction = Outcome.WORSE if logs.mean() > 0.0 else Outcome.BETTER
+            outcome = Outcome.NO_DIFFERENCE if corrected >= SIGNIFICANCE else direction
+        yield FigureComparison(
+            runs=runs,
+            baseline=baseline,
+            kind=name.kind,
+            figure=name.name,
+            drives=len(items),
+            ratio=float(np.exp(logs.mean())),
+            ci95=interval,
+            p=p,
+            p_corrected=corrected,
+            outcome=outcome,
+            worst=items[int(logs.argmax())],
+        )
 
 
 def sign_flip_p(log_ratios: FloatArray) -> float | None:

@@ -129,11 +129,6 @@ def benchmark_faults(
     return head | {"entries": entries, "missing": {}, **interrupted}
 
 
-def silent_faults(result: dict[str, Any]) -> list[str]:
-    """Return the faults of a benchmark whose errors were not said."""
-    return [name for name, figures in result["entries"].items() if figures["honesty"] == Honesty.SILENT]
-
-
 def fault_figures(
     estimates: Sequence[PoseEstimate], truth: Trajectory, scoring: TrajectoryScoreConfig
 ) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Sequence
 from contextlib import closing
+from operator import itemgetter
 
 from sfr_loc_map.io.atomic import atomic_path, write_text
 from sfr_loc_map.metrics.config import VerdictState
@@ -14,7 +15,7 @@ from sfr_loc_map.report.plots import Column, Plot, axis, error_scale, largest, m
 from sfr_loc_map.suite.export import write_parquet
 from sfr_loc_map.suite.history import History
 from sfr_loc_map.suite.store import Store
-from sfr_loc_map.suite.summary import ScoredJob, Summary
+from sfr_loc_map.suite.summary import Summary
 from sfr_loc_map.suite.tables import PAGES, history_tables, linked, suite_tables
 
 RUNS = "runs, by their number in the table"
@@ -50,15 +51,15 @@ def render_summary(summary: Summary) -> str:
         text += f"{unclear} not judged, "
     text += f"{counts['done']} of {counts['tasks']} tasks done, {counts['failed']} failed, {counts['waiting']} waiting"
     text += f", {len(summary.refusals)} sources refused." if summary.refusals else "."
-    # no text of a user is in the figures: runs stand as their number in the table `groups`
-    numbers = {group.runs: n for n, group in enumerate(summary.groups, 1)}
-    driven = sorted(((numbers[drive.runs], drive) for drive in summary.drives), key=lambda item: item[0])
-    sections = [("Errors", plots)] if (plots := _error_plots(summary, driven)) else []
+    sections = [("Errors", plots)] if (plots := _error_plots(summary)) else []
     return render_overview("Suite of runs", summary.verdict, text, suite_tables(summary), sections)
 
 
-def _error_plots(summary: Summary, driven: Sequence[tuple[int, ScoredJob]]) -> list[Plot]:
-    each = [(number, drive.figure) for number, drive in driven if drive.figure]
+def _error_plots(summary: Summary) -> list[Plot]:
+    # no text of a user is in the figures: runs stand as their number in the table `groups`
+    numbers = {group.runs: n for n, group in enumerate(summary.groups, 1)}
+    each = [(numbers[drive.runs], drive.figure) for drive in summary.drives if drive.figure]
+    each.sort(key=itemgetter(0))
     if not each:
         return []
     groups = [(number, group.conditions[0]) for number, group in enumerate(summary.groups, 1) if group.conditions]
