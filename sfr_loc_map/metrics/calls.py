@@ -8,7 +8,6 @@ resident when the meter was made or told so (`mark_idle`).
 
 from __future__ import annotations
 
-import os
 import re
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -104,11 +103,8 @@ class CallMeter:
 
 
 def _reset_peak() -> None:
-    handle = os.open("/proc/self/clear_refs", os.O_WRONLY)
-    try:
-        os.write(handle, b"5")
-    finally:
-        os.close(handle)
+    with open("/proc/self/clear_refs", "wb", buffering=0) as stream:
+        stream.write(b"5")
 
 
 def _status_bytes(key: bytes) -> int:

@@ -20,7 +20,7 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.config import CallKind, Condition
 from sfr_loc_map.metrics.limits import value_at
-from sfr_loc_map.metrics.score import Interval, Key, MethodRecord, Record, Score, SubTrajectoryRows
+from sfr_loc_map.metrics.score import Interval, Key, MethodRecord, Record, Score
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.metrics.statistics import MIN_FREEDOM, MIN_INDEPENDENT, WIDENING, holm, resampled, student_quantile
 from sfr_loc_map.metrics.trajectory_error import COLUMNS, HEADING
@@ -99,9 +99,8 @@ def compare_scores(scores: Sequence[Score], names: Sequence[str]) -> Comparison:
     pairs = [pair for score, name in others for pair in _paired(scores[0], score, name)]
     corrected = holm([pair.p for pair in pairs])
     pairs = [replace(pair, p_corrected=p) for pair, p in zip(pairs, corrected, strict=True)]
-    by_chance = [pair.p_corrected is not None and pair.p_corrected > SIGNIFICANT for pair in pairs]
     pairs = [
-        replace(pair, outcome=Outcome.NO_DIFFERENCE) if it else pair for pair, it in zip(pairs, by_chance, strict=True)
+        replace(it, outcome=Outcome.NO_DIFFERENCE) if (it.p_corrected or 0.0) > SIGNIFICANT else it for it in pairs
     ]
     side_by_side = []
     for name, place in SIDE_BY_SIDE.items():
@@ -120,7 +119,8 @@ def _paired(first: Score, other: Score, name: str) -> Iterator[PairedDifference]
     rebase = [part.first.rebase for part in (first.trajectory, other.trajectory)]
     if rebase[0] != rebase[1]:
         raise MetricsError(f"'{name}' is re-based by {rebase[1]}, the first score by {rebase[0]}: score both alike")
-    for mine, theirs in itertools.product(sub_trajectories_of(first), sub_trajectories_of(other)):
+    both = (value_at(score, "details.trajectory.sub_trajectories") or () for score in (first, other))
+    for mine, theirs in itertools.product(*both):
         if mine.condition != theirs.condition:
             continue
         spans = [list(zip(part.start_stamp_ns, part.end_stamp_ns, strict=True)) for part in (mine, theirs)]
@@ -185,16 +185,10 @@ def check_same_data(first: Score, other: Score, names: tuple[str, str]) -> None:
         if mine is None or theirs is None:
             continue
         # the values, or the files of scores that do not have the hash of the values
-        known = mine.data_sha256 is not None and theirs.data_sha256 is not None
-        if (mine.data_sha256 != theirs.data_sha256) if known else (mine.sha256 != theirs.sha256):
+        kind = "data_sha256" if mine.data_sha256 and theirs.data_sha256 else "sha256"
+        if getattr(mine, kind) != getattr(theirs, kind):
             what = role.replace("_", " ")
             raise MetricsError(
                 f"different data: the {what} of '{names[0]}' is '{mine.path}', that of '{names[1]}' '{theirs.path}'; "
                 "compare scores of the same data"
             )
-
-
-def sub_trajectories_of(score: Score) -> tuple[SubTrajectoryRows, ...]:
-    """Return the sub-trajectories of each condition of a score, empty if it has none."""
-    details = None if score.details is None else score.details.trajectory
-    return () if details is None else details.sub_trajectories

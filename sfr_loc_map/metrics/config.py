@@ -144,9 +144,8 @@ class Condition:
         ValueError if it is none.
         """
         kinds = {kind.key: kind for kind in ConditionKind}
-        if not isinstance(value, Mapping) or not value or not value.keys() <= kinds.keys():
-            raise ValueError('a condition such as {"distance_m": 5.0} is needed')
-        if any(isinstance(number, bool) or not isinstance(number, (int, float)) for number in value.values()):
+        known = isinstance(value, Mapping) and value and value.keys() <= kinds.keys()
+        if not isinstance(value, Mapping) or not known or not {type(each) for each in value.values()} <= {int, float}:
             raise ValueError('a condition such as {"distance_m": 5.0} is needed')
         try:
             return cls.parse(",".join(f"{kinds[key]}={number!r}" for key, number in value.items()))

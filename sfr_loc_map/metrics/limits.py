@@ -228,30 +228,18 @@ def verdicts(limits: Limits | None, score: Score) -> tuple[Verdict, ...]:
 def finding_verdicts(score: Score) -> Iterator[Verdict]:
     """Yield a failed verdict for each kind of finding with which no score can be a pass."""
     for item in score.failures:
-        yield Verdict(
-            metric=f"{item.kind.replace(' ', '_')}_calls",
-            limit=0.0,
-            value=float(item.count),
-            ci95=None,
-            margin=-float(item.count),
-            count=None,
-            state=VerdictState.FAIL,
-            certain=None,
-        )
+        yield _plain_verdict(f"{item.kind.replace(' ', '_')}_calls", 0.0, float(item.count), VerdictState.FAIL)
 
 
 def incomplete_verdict(share: float | None) -> Verdict:
     """Return the verdict on an estimate of a part of the drive, of which so much was judged."""
-    return Verdict(
-        metric="judged_share_min",
-        limit=1.0,
-        value=share,
-        ci95=None,
-        margin=None if share is None else share - 1.0,
-        count=None,
-        state=VerdictState.INCOMPLETE,
-        certain=None,
-    )
+    return _plain_verdict("judged_share_min", 1.0, share, VerdictState.INCOMPLETE)
+
+
+def _plain_verdict(metric: str, limit: float, value: float | None, state: VerdictState) -> Verdict:
+    margin = None if value is None else min(value - limit, limit - value)
+    figure: dict[str, Any] = {"metric": metric, "limit": limit, "value": value, "margin": margin, "state": state}
+    return Verdict(**figure, ci95=None, count=None, certain=None)
 
 
 def verdict_on(limit: Limit, figure: Figure, minimum_count: int) -> Verdict:

@@ -225,7 +225,7 @@ def score_run(
         if mode is AssociationMode.MATCH and whole.truth_poses < FEW_TRUE_POSES * many:
             few = f"the truth has {whole.truth_poses} poses for {many} {what}: frames and spacing count true "
             warnings += [f"{few}poses; sfr score --frames images interpolates the truth to every image"]
-        warnings += [] if (about := parts["trajectory"].truth) is None else truth_warnings(about)
+        warnings += () if (about := parts["trajectory"].truth) is None else truth_warnings(about)
         incomplete = incomplete or whole.incomplete
         if aligned is not None:
             parts["aligned"] = aligned_errors(estimate, drive.truth, aligned)
@@ -316,34 +316,30 @@ def _of_process(method: MethodRecord, stats: Sequence[CallStats]) -> Iterator[st
             yield f"the method works outside its calls: {told}; no time of a call has them"
 
 
-def truth_warnings(about: TruthRecord) -> list[str]:
-    """Return what a score by this truth does not hold."""
-    said = []
+def truth_warnings(about: TruthRecord) -> Iterator[str]:
+    """Yield what a score by this truth does not hold."""
     if not about.attitude:
-        said += [
+        tilt = "" if about.tilt_deg is None else f", its z by {about.tilt_deg:.3g} deg,"
+        yield (
             "the truth has positions alone: attitude and heading errors are not known; the estimate was turned by "
-            f"{about.yaw_deg or 0.0:.3g} deg about z"
-            + ("" if about.tilt_deg is None else f", its z by {about.tilt_deg:.3g} deg,")
-            + " and moved to fit it over the drive, so that attitude errors from before a sub-trajectory count in its "
-            "position error (chord errors need no fit)"
-        ]
+            f"{about.yaw_deg or 0.0:.3g} deg about z{tilt} and moved to fit it over the drive, so that attitude errors "
+            "from before a sub-trajectory count in its position error (chord errors need no fit)"
+        )
     if about.path_excess is not None and about.path_excess > MAX_EXCESS:
-        said += [
+        yield (
             f"the noise of the truth ({about.sigma_m:.3g} m) lengthens its path by about "
             f"{100.0 * about.path_excess:.3g} %: a sub-trajectory distance=METRES ends too early; give "
             "displacement=METRES, or a smoothed truth"
-        ]
-    return said
+        )
 
 
 def _scored_target(run: Run, calls: CallStats) -> TargetScore:
-    """Return the score of the calls on a target."""
-    name, about = run.inputs.target_name or "target", run.about
-    if about is not None:
-        name = about.board or "a board that is not named"
-    stamps = None if run.drive is None else run.drive.estimates.trajectory.stamps_ns
-    other = run.inputs.target_run
-    return replace(score_target(calls.calls, name, stamps, has_stamps=calls.has_stamps, other_run=other), about=about)
+    name = run.inputs.target_name or "target"
+    if run.about is not None:
+        name = run.about.board or "a board that is not named"
+    stamps, other = None if run.drive is None else run.drive.estimates.trajectory.stamps_ns, run.inputs.target_run
+    scored = score_target(calls.calls, name, stamps, has_stamps=calls.has_stamps, other_run=other)
+    return replace(scored, about=run.about)
 
 
 # ---- from files to a run
@@ -384,9 +380,7 @@ def load_run(
     elif place.is_file():
         true = read_trajectory_file(place, "" if given is None else given.columns)
     else:
-        from sfr_loc_map.io.registry import open_source  # files of trajectories need no images
-
-        loc = open_source(place).loc
+        loc = _open_source(place).loc
         if loc is None or loc.ground_truth is None:
             raise InputError(NO_TRUTH.format(place))
         true = LoadedTrajectory(place, loc.ground_truth)
@@ -402,10 +396,8 @@ def load_run(
             return run
         if found.by_index:
             found = found.with_stamps_of(true)
-        said = np.zeros(len(found.trajectory.stamps_ns), np.bool_)
-        estimates = Estimates(found.trajectory, said, said, None)
-        if known := [*stats, *([] if target is None or not target.has_stamps else [target])]:
-            estimates = estimates_of(found.trajectory, known)
+        known = [*stats, *([] if target is None or not target.has_stamps else [target])]
+        estimates = estimates_of(found.trajectory, known)
     if true.by_index:
         true = true.with_stamps_of(found)
     if given is not None:

@@ -5,7 +5,6 @@ Names of methods are a user's: they are cut to plain letters before they come in
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -13,7 +12,7 @@ from dataclasses import replace
 from sfr_loc_map.metrics.comparison import SIGNIFICANT, Comparison
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.limits import value_at
-from sfr_loc_map.metrics.score import PathRows, Score
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.report.page import overall_of
 from sfr_loc_map.report.plots import (
     COLORS,
@@ -32,8 +31,7 @@ from sfr_loc_map.report.plots import (
     segments,
     span,
 )
-from sfr_loc_map.report.plots import Column as Values
-from sfr_loc_map.report.score_figures import growth
+from sfr_loc_map.report.score_figures import growth, path_errors
 from sfr_loc_map.report.score_tables import UNTOLD, convention_text, map_error
 from sfr_loc_map.report.tables import (
     ABSENT,
@@ -245,7 +243,9 @@ def plain(name: str) -> str:
 def _paths(named: Named) -> list[Plot]:
     paths = [(k, name, value_at(score, "details.trajectory.path")) for k, (name, score) in enumerate(named)]
     known = [
-        (line_style(k), name, path, _error_sizes(path)) for k, name, path in paths if path is not None and path.stamp_ns
+        (line_style(k), name, path, path_errors(path)[-1])
+        for k, name, path in paths
+        if path is not None and path.stamp_ns
     ]
     if not known:
         return []
@@ -262,15 +262,6 @@ def _paths(named: Named) -> list[Plot]:
         Plot("paths", "Trajectories from above", "Equal axes.", above, from_above(), height=560, width="full"),
         Plot("errors", "Accumulated position error", caption, errors, over),
     ]
-
-
-def _error_sizes(path: PathRows) -> Values:
-    truth = path.truth_x_m, path.truth_y_m, path.truth_z_m
-    sizes: list[float | None] = []
-    for row in zip(*truth, path.estimate_x_m, path.estimate_y_m, path.estimate_z_m, strict=True):
-        known = [value for value in row if value is not None]
-        sizes.append(math.dist(known[:3], known[3:]) if len(known) == len(row) else None)
-    return sizes
 
 
 def _cost(named: Named, kind: CallKind) -> list[Plot]:

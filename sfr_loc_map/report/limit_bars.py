@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.score import Score, Verdict
-from sfr_loc_map.report.score_tables import limit_name, limit_unit
-from sfr_loc_map.report.tables import NOT_ENOUGH, OPEN, PERCENT, SHARE, VERDICTS, Cell, fitting, number
+from sfr_loc_map.report.score_tables import name_of, unit_of
+from sfr_loc_map.report.tables import NOT_ENOUGH, OPEN, VERDICTS, Cell, number
 
 MOST = 10.0  #: Largest share of a limit that is told.
 
@@ -50,15 +50,14 @@ def limit_bars(score: Score) -> list[LimitBar]:
 
 
 def _bar(place: int, item: Verdict) -> LimitBar:
-    unit = limit_unit(item.metric)
-    unit = PERCENT if unit is SHARE else fitting(unit, item.limit, item.value)
+    unit = unit_of(item)
     known = item.value is not None and math.isfinite(item.value)
     value = f"{number(item.value, unit=unit)} {unit.symbol}" if known else NOT_ENOUGH
     limit = f"{'≥' if item.metric.endswith('_min') else '≤'} {number(item.limit, unit=unit)} {unit.symbol}"
     margin = "" if item.margin is None else f"{number(item.margin, unit=unit, signed=True)} {unit.symbol}"
     over = "" if item.condition is None else item.condition.label
     ends = sorted(share for bound in item.ci95 or () if (share := share_of(item, bound)) is not None)
-    style, name = VERDICTS.get(item.state, OPEN), limit_name(item.metric) + (f" over {over}" if over else "")
+    style, name = VERDICTS.get(item.state, OPEN), name_of(item)
     return LimitBar(
         place=place,
         metric=item.metric,

@@ -23,8 +23,8 @@ from sfr_loc_map.metrics.score_json import from_json, to_plain
 from sfr_loc_map.report.limit_bars import share_of
 from sfr_loc_map.report.plots import Plot
 from sfr_loc_map.report.score_figures import error_sizes, parts_of, score_figures
-from sfr_loc_map.report.score_tables import EXACT, glossary, limit_name, limit_unit, score_tables, truth_text
-from sfr_loc_map.report.tables import METRE, OPEN, PERCENT, SHARE, UNKNOWN, VERDICTS, Table, fitting, number, to_html
+from sfr_loc_map.report.score_tables import EXACT, glossary, name_of, score_tables, truth_text, unit_of
+from sfr_loc_map.report.tables import METRE, OPEN, UNKNOWN, VERDICTS, Table, fitting, number, to_html
 
 TITLE = "Localisation and mapping report"
 FIRST_TABLES = (
@@ -251,7 +251,7 @@ def _worth_a_look(score: Score) -> Iterator[LookFirst]:
     for finding in score.findings:
         yield LookFirst(str(finding.kind), f"The method under test did something wrong: {finding}.")
     for item in sorted(score.failed, key=_use_of_limit, reverse=True):
-        yield _of_limit(item, f"It misses its limit: {_beside_limit(item)}")
+        yield LookFirst(name_of(item), f"It misses its limit: {_beside_limit(item)}")
     part = score.trajectory
     for count, word in () if part is None else ((part.lost, "lost"), (part.degraded, "degraded")):
         if count and part is not None:
@@ -261,7 +261,7 @@ def _worth_a_look(score: Score) -> Iterator[LookFirst]:
     for item in score.verdicts:
         if item.state is VerdictState.NOT_ENOUGH_DATA:
             count_text = "" if item.count is None else f" ({item.count} values)"
-            yield _of_limit(item, f"There is not enough data to judge it by its limit{count_text}.")
+            yield LookFirst(name_of(item), f"There is not enough data to judge it by its limit{count_text}.")
     for condition in () if part is None else part.conditions:
         if condition.nees is not None and condition.nees.pose.consistent is False:
             mean, low = condition.nees.pose.mean or 0.0, (condition.nees.pose.interval95 or (0.0, 0.0))[0]
@@ -272,7 +272,9 @@ def _worth_a_look(score: Score) -> Iterator[LookFirst]:
     met = [item for item in score.verdicts if item.state is VerdictState.PASS]
     if met:
         item = max(met, key=_use_of_limit)
-        yield _of_limit(item, f"Of the limits that are met it is the nearest to being missed: {_beside_limit(item)}")
+        yield LookFirst(
+            name_of(item), f"Of the limits that are met it is the nearest to being missed: {_beside_limit(item)}"
+        )
     for first in parts_of(score)[:1]:
         sizes = error_sizes(first.rows)
         worst = max(range(len(sizes)), key=sizes.__getitem__)
@@ -287,13 +289,7 @@ def _use_of_limit(item: Verdict) -> float:
 
 
 def _beside_limit(item: Verdict) -> str:
-    unit = limit_unit(item.metric)
-    unit = PERCENT if unit is SHARE else fitting(unit, item.limit, item.value)
+    unit = unit_of(item)
     value, limit = (f"{number(figure, unit=unit)} {unit.symbol}" for figure in (item.value, item.limit))
     doubt = " Its 95 % interval spans the limit: more data may change the verdict." if item.certain is False else ""
     return f"{value} against {limit}.{doubt}"
-
-
-def _of_limit(item: Verdict, why: str) -> LookFirst:
-    over = f" over {item.condition}" if item.condition is not None else ""
-    return LookFirst(limit_name(item.metric) + over, why)

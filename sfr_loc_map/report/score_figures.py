@@ -80,24 +80,18 @@ class Part(NamedTuple):
 def score_figures(score: Score) -> list[tuple[str, list[Plot]]]:
     """Return the figures by heading, as far as the score has their data."""
     groups = (
-        ("Localisation", [*_path_figures(score), *_error_figures(score)]),
+        ("Localisation", _drive_figures(score)),
         ("Time and memory", _cost_figures(score)),
         ("Map", _map_figures(score)),
     )
     return [(title, plots) for title, plots in groups if plots]
 
 
-def _path_figures(score: Score) -> list[Plot]:
-    path = value_at(score, "details.trajectory.path")
-    if path is None or not path.stamp_ns:
-        return []
-    return [_top_view(path, parts_of(score)), _height(path), _accumulated(path)]
-
-
-def _error_figures(score: Score) -> list[Plot]:
-    parts = parts_of(score)
+def _drive_figures(score: Score) -> list[Plot]:
+    path, parts = value_at(score, "details.trajectory.path"), parts_of(score)
+    figures = [_top_view(path, parts), _height(path), _accumulated(path)] if path and path.stamp_ns else []
     if not parts:
-        return []
+        return figures
     first, rows, means = parts[0], parts[0].rows, parts[0].score.components
     over = f"Over {first.score.condition}"
     panels = {title: (getattr(rows, name), getattr(means, name)) for name, title in DIRECTIONS.items()}
@@ -107,6 +101,7 @@ def _error_figures(score: Score) -> list[Plot]:
     directions = f"{over}, by the axes of DS, along and across the path; mean and 3 sigma of each direction."
     of_angles = f"{over}. Heading has a sign; attitude is the angle of the shortest rotation."
     return [
+        *figures,
         _position(score, parts),
         *growth([("mean + 3 sigma", score)]),
         Plot("directions", "Position error by direction", directions, *by_direction, height=860, width="full"),
@@ -158,7 +153,7 @@ def error_sizes(rows: SubTrajectoryRows) -> list[float]:
     return _sizes(rows.x_m, rows.y_m, rows.z_m)
 
 
-def _sizes(*columns: Column) -> list[float]:
+def _sizes(*columns: Column) -> list[Any]:
     return [math.hypot(*(value or 0.0 for value in row)) for row in zip(*columns, strict=True)]
 
 
@@ -170,13 +165,15 @@ def _traces_to(rows: SubTrajectoryRows) -> list[list[str | int]]:
 # ---- the drive
 
 
-def _errors(path: PathRows) -> list[list[float | None]]:
+def path_errors(path: PathRows) -> list[list[float | None]]:
+    """Return the errors x, y and z of each frame of a path, m, and their size."""
     truth = path.truth_x_m, path.truth_y_m, path.truth_z_m
     estimate = path.estimate_x_m, path.estimate_y_m, path.estimate_z_m
-    return [
+    errors = [
         [None if e is None or t is None else e - t for t, e in zip(*columns, strict=True)]
         for columns in zip(truth, estimate, strict=True)
     ]
+    return [*errors, _sizes(*errors)]
 
 
 def _top_view(path: PathRows, parts: list[Part]) -> Plot:
@@ -226,8 +223,7 @@ def _height(path: PathRows) -> Plot:
 
 
 def _accumulated(path: PathRows) -> Plot:
-    errors = _errors(path)
-    size = _sizes(*errors)
+    *errors, size = path_errors(path)
     factor, unit = error_scale(largest(size))
     styles = (("x (east)", "@one", "dash"), ("y (north)", "@two", "dot"), ("z (up)", "@three", "dashdot"))
     data = [line("size", (path.travelled_m, scaled(size, factor)), "@truth", width=2.5)]

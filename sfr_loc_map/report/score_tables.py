@@ -22,6 +22,7 @@ from sfr_loc_map.metrics.score import (
     TargetScore,
     TimingScore,
     TrajectoryScore,
+    Verdict,
 )
 from sfr_loc_map.report.tables import (
     ABSENT,
@@ -32,6 +33,7 @@ from sfr_loc_map.report.tables import (
     MILLISECOND,
     NONE,
     NOT_ENOUGH,
+    PERCENT,
     PIXEL,
     SECOND,
     SHARE,
@@ -235,6 +237,17 @@ def limit_name(metric: str) -> str:
     return words
 
 
+def name_of(item: Verdict) -> str:
+    """Return the name of a limit in words, with its condition."""
+    return limit_name(item.metric) + ("" if item.condition is None else f" over {item.condition.label}")
+
+
+def unit_of(item: Verdict, *more: float | None) -> Unit:
+    """Return the unit that suits a limit, its figure and more values beside them; shares in per cent."""
+    unit = limit_unit(item.metric)
+    return PERCENT if unit is SHARE else fitting(unit, item.limit, item.value, *more)
+
+
 def limit_unit(metric: str) -> Unit:
     """Return the unit to show a figure in, from its name in the limits, which ends in the unit of its value."""
     if metric.endswith(("_min", "_share")):
@@ -301,23 +314,21 @@ def limits_on(score: Score, figure: str, condition: Condition | None) -> dict[st
 
 def covered_tables(score: Score) -> Iterator[Table]:
     """Yield what of the drive the estimate covers, and what of the map can be judged."""
-    drive, cloud = value_at(score, "trajectory.completeness"), value_at(score, "map.completeness")
-    names: tuple[str, ...] = ("images", "truth_poses", "matched", "missing", "lost", "degraded", "unmatched_estimates")
-    names += ("doubled_stamps", "judged_share", "longest_gap_m", "longest_gap_s")
-    if drive is not None:
-        note = f"Incomplete: {drive.incomplete}." if drive.incomplete else ""
-        yield _one_row("covered", "What of the drive is judged", "drive", drive, names, note)
-    if cloud is not None:
-        names = ("pairs", "pairs_without_cloud", "points_without_truth", "points_without_truth_share")
-        yield _one_row("map-covered", "What of the map is judged", "map", cloud, names, "")
-
-
-def _one_row(name: str, title: str, head: str, record: object, names: tuple[str, ...], note: str) -> Table:
-    titles = [re.sub(r"_(?=[ms]$)", ", ", each).replace("_", " ") for each in names]
-    place = "trajectory" if head == "drive" else head
-    known = ((f"{place}.completeness.{each}", getattr(record, each)) for each in names)
-    cells = (Cell(UNKNOWN) if value is None else Cell.number(value, key) for key, value in known)
-    return Table(name, title, _headed("of", *titles), ((Cell.head(head), *cells),), note)
+    of_drive: tuple[str, ...] = ("images", "truth_poses", "matched", "missing", "lost", "degraded")
+    of_drive += ("unmatched_estimates", "doubled_stamps", "judged_share", "longest_gap_m", "longest_gap_s")
+    of_map = ("pairs", "pairs_without_cloud", "points_without_truth", "points_without_truth_share")
+    for table, head, part, names in (
+        ("covered", "drive", "trajectory", of_drive),
+        ("map-covered", "map", "map", of_map),
+    ):
+        if (record := value_at(score, f"{part}.completeness")) is None:
+            continue
+        titles = [re.sub(r"_(?=[ms]$)", ", ", each).replace("_", " ") for each in names]
+        known = ((f"{part}.completeness.{each}", getattr(record, each)) for each in names)
+        cells = (Cell(UNKNOWN) if value is None else Cell.number(value, key) for key, value in known)
+        why = value_at(record, "incomplete")
+        rows, note = ((Cell.head(head), *cells),), f"Incomplete: {why}." if why else ""
+        yield Table(table, f"What of the {head} is judged", _headed("of", *titles), rows, note)
 
 
 def readings_table(score: Score) -> Table:
@@ -327,34 +338,23 @@ def readings_table(score: Score) -> Table:
     for key, part in keyed_conditions(score):
         for rebase in READINGS if part.readings is not None else ():
             figures = getattr(part.readings, rebase)
-            cells = (
-                Cell.number(
-                    getattr(figures, name).mean_plus_3sigma,
-                    f"{key}.readings.{rebase}.{name}.mean_plus_3sigma",
-                    unit,
-                    NOT_ENOUGH,
-                )
+            cells = chain.from_iterable(
+                _figures(getattr(figures, name), ("mean_plus_3sigma",), f"{key}.readings.{rebase}.{name}", unit)
                 for name, unit in units.items()
             )
             used = ", as judged" if part.rebase == rebase else ""
             rows.append((Cell.head(f"{rebase}, over {part.condition}{used}"), *cells))
     columns = [Column("reading", words=True), *(Column(name.rpartition("_")[0], unit) for name, unit in units.items())]
     note = "".join(f"{rebase.capitalize()}: {text}. " for rebase, text in READINGS.items())
-    title = "Mean + 3 sigma by each reading of the document"
-    return Table("readings", title, tuple(columns), tuple(rows), note + _differing(score))
-
-
-def _differing(score: Score) -> str:
-    """Say which verdicts depend on the reading of the document."""
-    said = [
-        f"{limit_name(item.metric)}, over {item.condition}: "
-        + ", ".join(f"{state} by {name}" for name, state in item.by_reading.items())
-        for item in score.verdicts
-        if len(set(item.by_reading.values())) > 1
-    ]
-    if not any(item.by_reading for item in score.verdicts):
-        return ""
-    return f"The reading decides: {'; '.join(said)}." if said else "No verdict would differ by another reading."
+    if any(item.by_reading for item in score.verdicts):
+        said = [
+            f"{limit_name(item.metric)}, over {item.condition}: "
+            + ", ".join(f"{state} by {name}" for name, state in item.by_reading.items())
+            for item in score.verdicts
+            if len(set(item.by_reading.values())) > 1
+        ]
+        note += f"The reading decides: {'; '.join(said)}." if said else "No verdict would differ by another reading."
+    return Table("readings", "Mean + 3 sigma by each reading of the document", tuple(columns), tuple(rows), note)
 
 
 # ---- trajectory
@@ -547,10 +547,9 @@ def _memory_table(memory: MemoryScore | None, *, of: str = "") -> Table | None:
     name, place = ("target-memory", "target.") if of else ("memory", "")
     rows: list[Row] = []
     for kind in CallKind:
-        peak = memory.of(kind)
-        if peak is not None and not (peak.peak_bytes is None and peak.above_idle_bytes is None):
-            sizes = (("peak_bytes", peak.peak_bytes), ("above_idle_bytes", peak.above_idle_bytes))
-            cells = (Cell.number(size, f"{place}memory.{kind}_{name}", MIB) for name, size in sizes)
+        sizes = {size: value_at(memory, f"{kind}.{size}") for size in ("peak_bytes", "above_idle_bytes")}
+        if any(value is not None for value in sizes.values()):
+            cells = (Cell.number(value, f"{place}memory.{kind}_{size}", MIB) for size, value in sizes.items())
             rows.append((Cell.head(kind.words), *cells))
     columns = (Column("call", words=True), Column("peak", MIB), Column("above the idle process", MIB))
     title = f"Peak memory on {of}" if of else "Peak resident memory during a call"
@@ -590,12 +589,13 @@ def _external_table(score: Score) -> Table | None:
         return None
     counts = vars(node.answers).items()
     shown = [(name.replace("_", " "), value, f"answers.{name}", NONE) for name, value in counts]
-    if node.latency_s is not None:
-        for name in ("p50", "p95", "max"):
-            shown.append((f"latency {name}", getattr(node.latency_s, name), f"latency_s.{name}", MILLISECOND))
-    if node.process is not None:
-        shown.append(("processor time", node.process.cpu_s, "process.cpu_s", SECOND))
-        shown.append(("peak resident memory", node.process.peak_rss_bytes, "process.peak_rss_bytes", MIB))
+    for title, key, unit in (
+        *((f"latency {name}", f"latency_s.{name}", MILLISECOND) for name in ("p50", "p95", "max")),
+        ("processor time", "process.cpu_s", SECOND),
+        ("peak resident memory", "process.peak_rss_bytes", MIB),
+    ):
+        if getattr(node, key.partition(".")[0]) is not None:
+            shown.append((title, value_at(node, key), key, unit))
     rows = tuple(
         (Cell.head(title), Cell(unit.symbol or ABSENT), Cell.number(value, f"external.{key}", unit, NOT_ENOUGH))
         for title, value, key, unit in shown

@@ -17,8 +17,8 @@ from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.score import Score, Verdict
 from sfr_loc_map.report.page import from_template, overall_of
-from sfr_loc_map.report.score_tables import NO_INTERVAL, covered_tables, limit_name, limit_unit, readings_table
-from sfr_loc_map.report.tables import ABSENT, OPEN, PERCENT, SHARE, UNKNOWN, VERDICTS, Cell, fitting, to_html
+from sfr_loc_map.report.score_tables import NO_INTERVAL, covered_tables, name_of, readings_table, unit_of
+from sfr_loc_map.report.tables import ABSENT, OPEN, UNKNOWN, VERDICTS, Cell, to_html
 
 DOCUMENT = "Clarification of performance metrics for SFR Breadboarding"
 CLAUSES = {
@@ -144,13 +144,12 @@ def _results(score: Score, index: int, left_out: Collection[int]) -> Iterator[di
     for place, item in enumerate(score.verdicts):
         if place in left_out:
             continue
-        unit, key = limit_unit(item.metric), f"verdicts.{place}"
-        unit = PERCENT if unit is SHARE else fitting(unit, item.limit, item.value, *(item.ci95 or ()))
+        unit, key = unit_of(item, *(item.ci95 or ())), f"verdicts.{place}"
         verdict = NOT_JUDGED if score.contradiction is not None else str(item.state)
         yield {
             "id": item.id or f"{index + 1}.{place + 1}",
             "text": printable(item.text or ""),
-            "name": limit_name(item.metric) + ("" if item.condition is None else f" over {item.condition.label}"),
+            "name": name_of(item),
             "unit": unit.symbol,
             "sign": "\u2265" if item.metric.endswith("_min") else "\u2264",
             "value": Cell.number(item.value, f"{key}.value", unit),
@@ -217,8 +216,7 @@ def _open_points(score: Score) -> Iterator[str]:
 
 
 def _name(item: Verdict) -> str:
-    over = "" if item.condition is None else f" over {item.condition.label}"
-    return (f"{item.id}: " if item.id else "") + limit_name(item.metric) + over
+    return (f"{item.id}: " if item.id else "") + name_of(item)
 
 
 # ---- the same for a pipeline

@@ -8,9 +8,7 @@ from enum import IntFlag
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, GreyImage, PointImage
-from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.geometry.arrays import FloatImage, GreyImage, PointImage
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.simulation.drive import HALF_WIDTH_M, Plan, rover_mesh
 from sfr_loc_map.simulation.noise import sub_seed
@@ -65,6 +63,7 @@ class World:
     def brightness(self, task: Task, frame: int, camera: int) -> FloatImage:
         """Return the brightness `(H, W)` before the sensor, as a share of the full range."""
         rig, sensor = self.plan.rig(task), self.plan.config.sensor
+        radius = math.radians(self.plan.config.light.sun_radius_deg)
         total = np.zeros(rig.height * rig.width, np.float32)
         for k, (du, dv, moment) in enumerate(sample_offsets(sensor.samples)):
             delay = moment * sensor.exposure_s
@@ -73,8 +72,14 @@ class World:
             for start in range(0, len(total), BAND_RAYS):
                 pixels = np.arange(start, min(start + BAND_RAYS, len(total)))
                 u, v = pixels % rig.width + du, pixels // rig.width + dv
+                rays = pixel_rays(rig, T_ds_cam, u, v)
+                hits = trace_primary_rays(self._tracer, T_ds_cam.translation, rays)
                 key = sub_seed(self.plan.config.seed, 20, TASK_SEEDS[task], frame, camera, k, start)
-                total[pixels] += self._band(rig, T_ds_cam, u, v, key, occluder)
+                suns = sun_rays(self._sun, radius, len(pixels), key)
+                lit = trace_shadow_rays(self._tracer, hits, suns, occluder)
+                bright = np.empty(len(pixels), np.float32)
+                shade(hits, rays, lit, 1.0 / rig.fx, self._shading, bright)
+                total[pixels] += bright
         return (total / np.float32(sensor.samples)).reshape(rig.height, rig.width)
 
     def truth(self, frame: int) -> tuple[PointImage, NDArray[np.uint8]]:
@@ -100,21 +105,3 @@ class World:
 
     def _occluder(self, task: Task, frame: int, delay_s: float) -> Occluder | None:
         return None if self._rover is None else Occluder(self._rover, self.plan.rover_pose(task, frame, delay_s))
-
-    def _band(
-        self,
-        rig: StereoRig,
-        T_ds_cam: Transform,
-        u: FloatArray,
-        v: FloatArray,
-        key: np.uint32,
-        occluder: Occluder | None,
-    ) -> NDArray[np.float32]:
-        """Return the brightness `(N,)` of rays through pixels."""
-        rays = pixel_rays(rig, T_ds_cam, u, v)
-        hits = trace_primary_rays(self._tracer, T_ds_cam.translation, rays)
-        radius = math.radians(self.plan.config.light.sun_radius_deg)
-        lit = trace_shadow_rays(self._tracer, hits, sun_rays(self._sun, radius, len(u), key), occluder)
-        out = np.empty(len(u), np.float32)
-        shade(hits, rays, lit, 1.0 / rig.fx, self._shading, out)
-        return out
