@@ -37,7 +37,7 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.methods.registry import OURS, MethodLimits, find_method, record_of_ours
 from sfr_loc_map.metrics import score as score_base
 from sfr_loc_map.metrics.config import AlignedErrorConfig, aligned_error_config, score_config
-from sfr_loc_map.metrics.limits import Limits, load_limits, parse_limits
+from sfr_loc_map.metrics.limits import Limits, load_limits, parse_limits, value_at
 from sfr_loc_map.metrics.score import MethodRecord, Statistic
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.pipeline import offline
@@ -295,11 +295,7 @@ class Score(score_base.Score):
     def to_pandas(self, table: str = "figures") -> pandas.DataFrame:
         """Return a pandas table: `figures`, one row a figure, or `sub_trajectories`, one row each."""
         if table == "sub_trajectories":
-            rows = (
-                ()
-                if self.details is None or self.details.trajectory is None
-                else self.details.trajectory.sub_trajectories
-            )
+            rows = value_at(self, "details.trajectory.sub_trajectories") or ()
             columns = [{**vars(item), "condition": [item.condition.label] * len(item.start_frame)} for item in rows]
             names = [name for name in (columns or [{}])[0] if name != "every"]
             return _data_frame({name: [value for item in columns for value in item[name]] for name in names})
@@ -336,14 +332,11 @@ class Score(score_base.Score):
     def __repr__(self) -> str:
         """Return verdict and first figures."""
         texts = [self.verdict]
-        if self.trajectory is not None:
-            first = self.trajectory.first
-            value = first.position_m.mean_plus_3sigma
-            shown = UNKNOWN if value is None else f"{value:.4g} m"
-            texts.append(f"position {shown} (mean + 3 sigma) over {first.condition}")
-        if self.map is not None and self.map.errors is not None:
-            value = self.map.errors.point_error_m.mean_plus_3sigma
-            texts.append(f"map points {UNKNOWN if value is None else f'{value:.4g} m'} (mean + 3 sigma)")
+        for name, place in (("position", "trajectory.first.position_m"), ("map points", "map.errors.point_error_m")):
+            if (figure := value_at(self, place)) is not None:
+                over = f" over {value_at(self, 'trajectory.first.condition')}" if name == "position" else ""
+                total = figure.mean_plus_3sigma
+                texts.append(f"{name} {UNKNOWN if total is None else f'{total:.4g} m'} (mean + 3 sigma){over}")
         return f"Score({', '.join(texts)})"
 
     def _repr_html_(self) -> str:

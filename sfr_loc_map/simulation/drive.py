@@ -24,7 +24,6 @@ from sfr_loc_map.simulation.terrain import Mesh, Terrain
 GROUND_HEIGHT_RB_M = -0.540  #: Height of the ground plane in RB when deployed on flat ground [3.2.1].
 MAST_XY_RB_M = (0.451, 0.317)  #: Base of the mast (DMA) and the pan axis in RB [3.2.2, 3.2.6].
 TILT_AXIS_Z_RB_M = 0.594  #: Height of the tilt axis in RB [3.2.6].
-TILT_AXIS_X_RB_M = 0.451  #: Place of the tilt axis along RB x at pan 0 [3.2.6].
 WHEELS_RB_M = np.array([(x, y) for x in (0.62, 0.0, -0.62) for y in (0.52, -0.52)])
 """Positions of the six wheels in RB, metres (size of a fetch rover; the document gives none)."""
 WHEEL_RADIUS_M = 0.18
@@ -40,7 +39,7 @@ def mast_head_in_rb(pan_rad: float, tilt_rad: float) -> Transform:
     """
     pan: FloatArray = matrix_from_rotvec([0.0, 0.0, pan_rad])
     tilt: FloatArray = matrix_from_rotvec([0.0, tilt_rad, 0.0])
-    return Transform(pan @ tilt, np.array([TILT_AXIS_X_RB_M, MAST_XY_RB_M[1], TILT_AXIS_Z_RB_M]))
+    return Transform(pan @ tilt, np.array([*MAST_XY_RB_M, TILT_AXIS_Z_RB_M]))
 
 
 def settle_on_terrain(

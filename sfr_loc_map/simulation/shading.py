@@ -211,7 +211,8 @@ def shade(
             out[n] = _brightness(slanted, mu, hits.ranges[n], light.target * albedo, sunlit, lit[n], parameters)
         for n in range(start, end):
             if hits.objects[n] == SKY:
-                out[n] = _sky(rays[n, 2], light)
+                up = max(rays[n, 2], 0.0)
+                out[n] = light.sky_grey * (1.0 - 0.25 * up + 0.06 * math.exp(-12.0 * up))
             elif hits.objects[n] != GROUND:
                 normal = hits.normals[n]
                 footprint = _footprint(normal, rays[n], hits.ranges[n] * pixel_rad)
@@ -275,12 +276,6 @@ def _brightness(
     open_sky = light.sky * (0.55 + 0.45 * nz) * (0.6 + 0.4 * sunlit)
     clear = math.exp(-distance / light.haze_m)
     return float(light.gain * albedo * (direct + open_sky) * clear + (1.0 - clear) * 0.9 * light.sky_grey)
-
-
-@jit
-def _sky(rise: float, light: Light) -> float:
-    up = max(rise, 0.0)
-    return float(light.sky_grey * (1.0 - 0.25 * up + 0.06 * math.exp(-12.0 * up)))
 
 
 @jit_inline
