@@ -17,14 +17,13 @@ from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from multiprocessing import resource_tracker
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from sfr_loc_map.errors import InputError, MissingExtraError, SfrError
 from sfr_loc_map.inputs import one_line, refusing
-from sfr_loc_map.signals import deferred_signals, stopping
+from sfr_loc_map.signals import deferred_signals
 from sfr_loc_map.suite.job import Job
 from sfr_loc_map.suite.proof import JOINED, code_facts, code_fingerprint, lacking, proof_plugin, withdraw
 from sfr_loc_map.suite.specification import SuiteSettings
@@ -91,9 +90,7 @@ def connected(settings: SuiteSettings, *, workers: int, scheduler: str | None) -
                 client = Client(scheduler, timeout="10s", set_as_default=False)
             stack.callback(client.close, timeout=2)
         else:
-            with deferred_signals():  # SIGHUP to a terminal would end it
-                resource_tracker.ensure_running()
-            with stopping() as stopped:  # Dask that starts cannot be interrupted
+            with deferred_signals():  # of a whole group they would end workers that start
                 cluster = LocalCluster(
                     n_workers=workers,
                     threads_per_worker=1,
@@ -103,9 +100,7 @@ def connected(settings: SuiteSettings, *, workers: int, scheduler: str | None) -
                     local_directory=stack.enter_context(tempfile.TemporaryDirectory(prefix="sfr-suite-")),
                     silence_logs=logging.CRITICAL,
                 )
-            stack.callback(_end, cluster)
-            if stopped():
-                raise KeyboardInterrupt
+                stack.callback(_end, cluster)
             client = stack.enter_context(Client(cluster, set_as_default=False))
         yield client
 
