@@ -23,7 +23,7 @@ PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
 CAMPAIGN := PYTHONPATH=test/scenes:test/nodes $(BIN)/python test/campaign
 SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
 
-.PHONY: help demo sample test test-fast faults misbehaviour signals soak example-candidate fuzz random-faults history-power suite-overhead lint types config format check docs docs-check figures screens traceability docs-test dist dist-test clean
+.PHONY: help demo sample test test-fast faults misbehaviour signals drivers soak example-candidate fuzz random-faults history-power suite-overhead lint types config format check docs docs-check figures screens traceability docs-test dist dist-test clean
 
 help:  ## Show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -54,6 +54,9 @@ misbehaviour: $(STAMP)  ## Run 37 methods that misbehave, and print the table of
 
 signals: $(DEV_STAMP)  ## Send signals to every long command at random times (COUNT=100): is anything lost or left
 	$(CAMPAIGN) signals $(or $(COUNT),100)
+
+drivers: $(STAMP)  ## Localise from two cameras as drivers publish them: rates, sizes, raw, encodings; some 15 minutes
+	$(CAMPAIGN) drivers
 
 soak: $(STAMP)  ## Localise and map as fast as the nodes answer, and judge the growth of their memory (MINUTES=60)
 	$(CAMPAIGN) soak $(or $(MINUTES),60)

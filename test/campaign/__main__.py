@@ -3,6 +3,7 @@
 python test/campaign faults [NAME ...] [--out FOLDER]    one fault after the other; FOLDER/faults.json
 python test/campaign soak [MINUTES]
 python test/campaign signals [COUNT [COMMAND ...]]
+python test/campaign drivers [ENCODING ...]
 """
 
 from __future__ import annotations
@@ -13,6 +14,8 @@ import tempfile
 from dataclasses import asdict
 from pathlib import Path
 
+from camera_driver import ENCODINGS
+from driver_pairs import drive_pairs
 from long_runs import soak
 from node_faults import FAULTS, Row, inject
 from signal_runs import COMMANDS, end_many
@@ -35,8 +38,8 @@ def inject_all(names: list[str], out: Path, scratch: Path) -> list[str]:
 def main() -> int:
     """Run a campaign."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("campaign", choices=("faults", "soak", "signals"))
-    parser.add_argument("what", nargs="*", help="names of faults (all), minutes, or a count")
+    parser.add_argument("campaign", choices=("faults", "soak", "signals", "drivers"))
+    parser.add_argument("what", nargs="*", help="names of faults (all) or encodings (all), minutes, or a count")
     parser.add_argument("--out", type=Path, default=Path("out"))
     options = parser.parse_args()
     if options.campaign == "faults" and (unknown := sorted({*options.what} - FAULTS.keys())):
@@ -49,6 +52,8 @@ def main() -> int:
         elif options.campaign == "signals":
             count, *names = options.what or ["100"]
             failures = end_many(Path(folder), int(count), names=tuple(names or COMMANDS))
+        elif options.campaign == "drivers":
+            failures = drive_pairs(Path(folder), tuple(options.what or ENCODINGS))
         else:
             failures = soak(Path(folder), *map(float, options.what))
     print(f"not as expected: {'; '.join(failures)}" if failures else "all as expected")

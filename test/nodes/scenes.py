@@ -19,6 +19,16 @@ if TYPE_CHECKING:
     from processes import Peer
 
 
+OPTICAL = (-0.5, 0.5, -0.5, 0.5)
+"""Attitude of an optical frame in one with x forward and z up: x, y, z, w."""
+DRIVERS = {
+    "zed": ("zed_camera_link", "zed_camera_center", "zed_left_camera_frame", "zed_left_camera_optical_frame"),
+    "realsense": ("camera_link", "camera_infra1_frame", "camera_infra1_optical_frame"),
+    "oak-d": ("oak-d-base-frame", "oak-d_frame", "oak_left_camera_frame", "oak_left_camera_optical_frame"),
+}
+"""Frames of drivers, from that which the rover carries to the left camera."""
+
+
 def params(*assignments: str) -> list[str]:
     """Return assignments of parameters as arguments of a node."""
     return [word for text in assignments for word in ("-p", text)]

@@ -21,7 +21,7 @@ from nav_msgs.msg import Odometry
 from peers import Capture, LocalNode, Manager, localised
 from rcl_interfaces.msg import Parameter as ParameterMsg
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
-from scenes import MOUNT, params, raw, send_infos, send_pair
+from scenes import DRIVERS, MOUNT, OPTICAL, params, raw, send_infos, send_pair
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 
@@ -117,14 +117,6 @@ def tf(parent: str, child: str, xyz: tuple[float, float, float], q: tuple[float,
     )
     item = SimpleNamespace(header=SimpleNamespace(frame_id=parent), child_frame_id=child, transform=transform)
     return SimpleNamespace(transforms=[item])
-
-
-OPTICAL = (-0.5, 0.5, -0.5, 0.5)
-DRIVERS = {
-    "zed": ("zed_camera_link", "zed_camera_center", "zed_left_camera_frame", "zed_left_camera_optical_frame"),
-    "realsense": ("camera_link", "camera_infra1_frame", "camera_infra1_optical_frame"),
-    "oak-d": ("oak-d-base-frame", "oak-d_frame", "oak_left_camera_frame", "oak_left_camera_optical_frame"),
-}
 
 
 @pytest.mark.parametrize("driver", DRIVERS)
