@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import re
+import resource
 import time
 from collections.abc import Awaitable, Callable
 from typing import Any
@@ -129,22 +130,25 @@ def test_bytes_that_are_no_request_are_refused_in_silence(capfd: pytest.CaptureF
 
 
 def test_open_sockets_cost_nothing(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of many connections that say nothing the oldest make room; a fresh client is answered at once."""
-
-    monkeypatch.setattr(server, "MAX_WAITING", 128)  # a test has fewer descriptors
+    """Of 2000 connections that say nothing the oldest make room; a fresh client is answered at once."""
+    monkeypatch.setattr(server, "HEAD_TIMEOUT_S", 2.0)
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, min(hard, 4096)), hard))
 
     async def test(found: Served) -> None:
         fill(found.state, 60)
-        opened = []
-        for number in range(500):
+        opened, took_s = [], []
+        for number in range(2000):
             reader, writer = await asyncio.open_connection("127.0.0.1", found.port)
             writer.write(b"GET /state.json HTTP/1.1\r\nHost: " if number % 2 else b"")
             opened.append((reader, writer))
             if number % 100 == 99:
                 begin_s = time.monotonic()
                 assert (await found.get("state.json", Connection="close"))[0] == 200
-                assert time.monotonic() - begin_s < 1.0
-        cut = [await asyncio.wait_for(reader.read(), 20) for reader, _ in opened[: 500 - server.MAX_WAITING]]
+                took_s.append(time.monotonic() - begin_s)
+        assert sorted(took_s)[len(took_s) // 2] < 0.05  # of a busy host not the largest
+        assert max(took_s) < 1.0
+        cut = [await asyncio.wait_for(reader.read(), 20) for reader, _ in opened[: 2000 - server.MAX_WAITING]]
         assert set(cut) == {b""}
         await asyncio.wait_for(opened[-1][0].read(), 3 * server.HEAD_TIMEOUT_S)  # also the last ones, after a time
         for _, writer in opened:
