@@ -9,12 +9,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numba import prange
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatImage, GreyImage, Mask, median
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.jit import jit_rows
 from sfr_loc_map.mapping.disparity.filters import box_mean, second_differences, upsample_bilinear
 from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity
 
@@ -79,16 +77,8 @@ class Saturation:
     def widen(self, sigma: NDArray[np.float32], cloud: PointCloud, number: int) -> None:
         """Multiply the standard deviations `(N,)` of the points of a cloud's pair by their factors, in place."""
         if self.share > 0.0:
-            _widen(sigma, cloud.v, cloud.u, cloud.pair == number, self.around)
-
-
-@jit_rows
-def _widen(
-    sigma: NDArray[np.float32], v: NDArray[np.uint16], u: NDArray[np.uint16], which: Mask, around: GreyImage
-) -> None:
-    for n in prange(len(sigma)):
-        if which[n]:
-            sigma[n] *= SIGMA_FACTORS[around[v[n], u[n]]]
+            rows = np.flatnonzero(cloud.pair == number)
+            sigma[rows] *= SIGMA_FACTORS[self.around[cloud.v[rows], cloud.u[rows]]]
 
 
 def saturation(left: GreyImage, right: GreyImage, disparity_px: FloatImage) -> Saturation:

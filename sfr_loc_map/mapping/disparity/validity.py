@@ -190,14 +190,6 @@ def find_segments(steps: NDArray[np.int32], largest: np.int32) -> tuple[NDArray[
     return number.reshape(steps.shape), pixels[:count].copy()
 
 
-@jit_inline
-def _at(image: FloatImage, y: int, k: int, t: np.float32) -> np.float32:
-    """Return the grey level of row y at the share t between columns k and k + 1."""
-    value: np.float32 = image[y, k] + t * (image[y, k + 1] - image[y, k])
-    return value
-
-
-@jit
 def gradient_correlation(
     left: FloatImage, right: FloatImage, disparity: FloatImage, number: NDArray[np.int32], tested: Mask
 ) -> FloatArray:
@@ -206,22 +198,21 @@ def gradient_correlation(
     It is `sum g_l . g_r / sqrt(sum |g_l|^2 sum |g_r|^2)` with central differences along both axes, those of the right
     image at `u - d` of each pixel. The rows count since the matcher chose the columns to be alike.
     """
-    rows, cols = left.shape
-    common, of_left, of_right = np.zeros(len(tested)), np.zeros(len(tested)), np.zeros(len(tested))
-    for y in range(1, rows - 1):
-        for x in range(1, cols - 1):
-            n = number[y, x]
-            if n < 0 or not tested[n]:
-                continue
-            u = F(x) - disparity[y, x]
-            k = int(np.floor(u))
-            if k < 1 or k > cols - 3:
-                continue
-            t = u - F(k)
-            left_x, left_y = left[y, x + 1] - left[y, x - 1], left[y + 1, x] - left[y - 1, x]
-            right_x = _at(right, y, k + 1, t) - _at(right, y, k - 1, t)
-            right_y = _at(right, y + 1, k, t) - _at(right, y - 1, k, t)
-            common[n] += left_x * right_x + left_y * right_y
-            of_left[n] += left_x * left_x + left_y * left_y
-            of_right[n] += right_x * right_x + right_y * right_y
-    return common / np.sqrt(np.maximum(of_left * of_right, 1e-12))
+    y, x = (places + 1 for places in np.nonzero(np.append(tested, np.False_)[number[1:-1, 1:-1]]))
+    column = x.astype(F) - disparity[y, x]
+    k = np.floor(column).astype(np.intp)
+    inside = (k >= 1) & (k <= left.shape[1] - 3)
+    y, x, k, t = y[inside], x[inside], k[inside], (column - k.astype(F))[inside]
+
+    def at(y: NDArray[np.intp], k: NDArray[np.intp]) -> FloatImage:
+        return np.asarray(right[y, k] + t * (right[y, k + 1] - right[y, k]))
+
+    left_x, left_y = left[y, x + 1] - left[y, x - 1], left[y + 1, x] - left[y - 1, x]
+    right_x, right_y = at(y, k + 1) - at(y, k - 1), at(y + 1, k) - at(y - 1, k)
+    products = (
+        left_x * right_x + left_y * right_y,
+        left_x * left_x + left_y * left_y,
+        right_x * right_x + right_y * right_y,
+    )
+    common, of_left, of_right = (np.bincount(number[y, x], values, len(tested)) for values in products)
+    return np.asarray(common / np.sqrt(np.maximum(of_left * of_right, 1e-12)))

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MappingError
-from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.jit import jit
 
 MAX_CELLS = 2_500_000  #: A grid takes up to 120 bytes a cell while it is made: 300 MB.
 SLOPE = 0.1
@@ -103,17 +102,26 @@ def elevation_of_cells(
     that of the mean over heights that differ within the cell, and what the points' sigma has beyond its random part: an
     error that they share has no say in their weights, and no mean removes it.
     """
-    height = np.ascontiguousarray(cloud.xyz[:, 2])
-    random = cloud.sigma if random_sigma is None else random_sigma
-    if T_lm_left is None:
-        share = np.full(len(cloud), 1.0 + SLOPE**2)
-    else:
-        share = _vertical_shares(cloud.xyz, cloud.pair, np.stack([pose.translation for pose in T_lm_left]))
-    points, weight, mean, spread, common = height_sums(
-        cell, grid.rows * grid.columns, height, share, cloud.sigma, random
-    )
+    inside = np.flatnonzero(cell >= 0)
+    cell, xyz = cell[inside], cloud.xyz[inside].astype(np.float64)
+    height, total = xyz[:, 2], np.square(cloud.sigma[inside], dtype=np.float64)
+    random = total if random_sigma is None else np.square(random_sigma[inside], dtype=np.float64)
+    share = np.ones(len(inside))  # of a point's variance along its ray: that of its height
+    if T_lm_left is not None:
+        squares = np.square(xyz - np.stack([pose.translation for pose in T_lm_left])[cloud.pair[inside]])
+        share = squares[:, 2] / (squares[:, 0] + squares[:, 1] + squares[:, 2])
+    share = share + SLOPE**2
+
+    def sums(values: FloatArray) -> FloatArray:
+        return np.asarray(np.bincount(cell, values, grid.rows * grid.columns), np.float64)
+
+    weight = 1.0 / (share * random)
     with np.errstate(divide="ignore", invalid="ignore"):
-        variance = points / weight + spread / weight / points + common / weight
+        points, weights = np.bincount(cell, minlength=grid.rows * grid.columns), sums(weight)
+        mean = sums(weight * height) / weights
+        spread = sums(np.square(height - mean[cell]) / (share * random))
+        common = sums(weight * (share * np.maximum(total - random, 0.0)))
+        variance = points / weights + spread / weights / points + common / weights
     shape = (grid.rows, grid.columns)
     return ElevationModel(
         mean.astype(np.float32).reshape(shape),
@@ -122,56 +130,6 @@ def elevation_of_cells(
         grid.origin_m,
         grid.cell_m,
     )
-
-
-@jit
-def height_sums(
-    cell: NDArray[np.int32],
-    cells: int,
-    height: NDArray[np.float32],
-    share: FloatArray,
-    sigma_m: NDArray[np.float32],
-    random_m: NDArray[np.float32],
-) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return sums over the points of each cell, weighted by the inverse of the random part of their height's variance.
-
-    They are the number of points, the sum of the weights, the mean height (NaN without points), and the sums of the
-    weighted squared differences from it and of the weighted variances that points share, all `(cells,)`.
-
-    Of each point `(N,)`: its cell or -1, height, variance of the height over that along the ray, sigma along the ray,
-    and the part of sigma that differs from point to point.
-    """
-    count, weights, mean = np.zeros(cells, np.int64), np.zeros(cells), np.zeros(cells)
-    spread, common = np.zeros(cells), np.zeros(cells)
-    for i in range(len(cell)):
-        at = cell[i]
-        if at >= 0:
-            sigma, random = np.float64(sigma_m[i]), np.float64(random_m[i])
-            weight = 1.0 / (share[i] * (random * random))
-            count[at] += 1
-            weights[at] += weight
-            mean[at] += weight * np.float64(height[i])
-            common[at] += weight * (share[i] * max(sigma * sigma - random * random, 0.0))
-    for at in range(cells):
-        mean[at] = mean[at] / weights[at] if count[at] else np.nan
-    for i in range(len(cell)):
-        at = cell[i]
-        if at >= 0:
-            random, difference = np.float64(random_m[i]), np.float64(height[i]) - mean[at]
-            spread[at] += difference * difference / (share[i] * (random * random))
-    return count, weights, mean, spread, common
-
-
-@jit
-def _vertical_shares(xyz: NDArray[np.float32], pair: NDArray[np.uint8], centres: FloatArray) -> FloatArray:
-    """Return which share of each point's variance along its ray is that of its height `(N,)`."""
-    share = np.empty(len(xyz))
-    for i in range(len(xyz)):
-        x = np.float64(xyz[i, 0]) - centres[pair[i], 0]
-        y = np.float64(xyz[i, 1]) - centres[pair[i], 1]
-        z = np.float64(xyz[i, 2]) - centres[pair[i], 2]
-        share[i] = z * z / (x * x + y * y + z * z) + SLOPE**2
-    return share
 
 
 def point_covariances(cloud: PointCloud, T_lm_left: Sequence[Transform], focal_px: float) -> NDArray[np.float32]:
