@@ -69,11 +69,13 @@ def _run() -> int:
     except (KeyboardInterrupt, typer.Abort):
         code = ExitCode.INTERRUPTED
     except Exception as error:
-        expected = isinstance(error, SfrError) and error.exit_code is not ExitCode.BAD_INPUT
-        if os.environ.get("SFR_DEBUG") and not expected:
-            raise
-        print(f"sfr: {one_line(_line(error))}", file=sys.stderr)
-        return error.exit_code if isinstance(error, SfrError) else ExitCode.BAD_INPUT
+        if not isinstance(error.__cause__, KeyboardInterrupt):  # else one came while an import made a class
+            expected = isinstance(error, SfrError) and error.exit_code is not ExitCode.BAD_INPUT
+            if os.environ.get("SFR_DEBUG") and not expected:
+                raise
+            print(f"sfr: {one_line(_line(error))}", file=sys.stderr)
+            return error.exit_code if isinstance(error, SfrError) else ExitCode.BAD_INPUT
+        code = ExitCode.INTERRUPTED
     if code == ExitCode.INTERRUPTED:
         print("sfr: interrupted: nothing was finished", file=sys.stderr)
     return code if isinstance(code, int) else 0

@@ -137,9 +137,10 @@ def _render(plan: Plan, out: Path, jobs: list[RenderJob], workers: int, progress
         return
     context = multiprocessing.get_context("spawn")
     others = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(min(workers, len(jobs)), context, _prepare, (text, out))
+    with deferred_signals():  # they may go to a whole group: this process ends its workers, and what tracks semaphores
+        pool = ProcessPoolExecutor(min(workers, len(jobs)), context, _prepare, (text, out))
     try:
-        with deferred_signals():  # signals may go to a whole group; this process ends its workers
+        with deferred_signals():
             futures = [pool.submit(_run, job) for job in jobs]
         for done, future in enumerate(as_completed(futures), start=1):
             future.result()

@@ -179,7 +179,7 @@ def run_case(case: Case, images: Images, folder: Path) -> Found:
         for driver in drivers:
             assert driver.stdout is not None
             assert driver.stdout.readline() == "ready\n"
-        begin_ns = time.time_ns() + 10**9
+        begin_ns = time.time_ns() + 5 * 10**8
         for driver in drivers:
             assert driver.stdin is not None
             driver.stdin.write(f"{begin_ns}\n")
@@ -189,7 +189,7 @@ def run_case(case: Case, images: Images, folder: Path) -> Found:
         before = -1
         while len(odometry) > before:  # what waits is still localised
             before = len(odometry)
-            peer.spin(2.0)
+            peer.spin(1.0)
         said = [json.loads(driver.stdout.read()) for driver in drivers if driver.stdout is not None]
     rclpy.shutdown()
     stamps = said[0]["stamps_ns"]  # the stamp of a pair is that of its left image

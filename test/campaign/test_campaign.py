@@ -9,7 +9,9 @@ import pytest
 pytest.importorskip("rclpy")
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(400)]
 
+import driver_pairs
 import node_faults
+from driver_pairs import Case
 from long_runs import MemoryTrend
 from node_faults import Row
 from node_harness import LOCALISATION, MONITOR, Harness
@@ -33,3 +35,12 @@ def test_a_slow_growth_is_found(mb_h: float, fails: bool) -> None:
     seconds = np.arange(0.0, 3600.0)
     mb = 300.0 + np.random.default_rng(2).normal(0.0, 0.1, len(seconds)) + mb_h * seconds / 3600.0
     assert bool(MemoryTrend(seconds.tolist(), mb.tolist()).failure()) == fails
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("own_domain")
+def test_pairs_of_two_drivers_are_localised(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(driver_pairs, "SECONDS", 1.5)
+    case = Case("realsense", 10.0, 512, True, "yuv422_yuy2")
+    found = driver_pairs.run_case(case, driver_pairs.make_images(tmp_path, 15, (512,)), tmp_path / "run")
+    assert (found.sent, found.localised, found.problem) == (15, 15, "")
