@@ -42,18 +42,11 @@ def _mapping() -> None:
     Mapper(StereoRig(320, 240, 300.0, 300.0, 159.5, 119.5, 0.1), MappingConfig()).warm_up()
 
 
-def _metrics() -> None:
-    from sfr_loc_map.metrics.config import ScoreConfig
-    from sfr_loc_map.pipeline.monitor_score import warm_up
-
-    warm_up(ScoreConfig())
-
-
 PARTS: Mapping[str, Callable[[], None]] = {
     "localisation": lambda: import_module("sfr_loc_map.localisation.localiser").Localiser.warm_up(),
     "mapping": _mapping,
     "terrain": lambda: import_module("sfr_loc_map.mapping.terrain.grid").warm_up(),
-    "metrics": _metrics,
+    "metrics": lambda: import_module("sfr_loc_map.pipeline.monitor_score").warm_up(),
 }
 
 

@@ -47,7 +47,7 @@ class ResultCollector:
             subscribe(PointCloud2, "mapping/points", self._on_cloud, QoSProfile(depth=10))
         subscribe(DiagnosticArray, diagnostics.TOPIC, self._on_diagnostics, QoSProfile(depth=QUEUE_DEPTH))
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        subscribe(String, "metrics/report", lambda m: setattr(self.results, "report", m.data), latched)
+        subscribe(String, "metrics/report", self._on_report, latched)
 
     def published(self, task: str, stamp_ns: int, sent_s: float) -> None:
         """Note that a pair was published, its last image at a time of the monotonic clock."""
@@ -161,3 +161,6 @@ class ResultCollector:
 
     def _on_cloud(self, message: PointCloud2) -> None:
         self.results.clouds.append((stamp_of(message), cloud_from_msg(message)))
+
+    def _on_report(self, message: String) -> None:
+        self.results.report = message.data
