@@ -71,29 +71,6 @@ def solve(matrix: FloatArray, rhs: FloatArray) -> FloatArray:
     return x
 
 
-@jit
-def inverse(matrix: FloatArray) -> FloatArray:
-    """Return the inverse `(n, n)` of a symmetric positive definite matrix."""
-    n = len(matrix)
-    lower = cholesky(matrix)
-    below = np.zeros((n, n))  # the inverse of the factor
-    for j in range(n):
-        below[j, j] = 1.0 / lower[j, j]
-        for i in range(j + 1, n):
-            total = 0.0
-            for k in range(j, i):
-                total -= lower[i, k] * below[k, j]
-            below[i, j] = total / lower[i, i]
-    out = np.empty((n, n))
-    for i in range(n):
-        for j in range(n):
-            total = 0.0
-            for k in range(max(i, j), n):
-                total += below[k, i] * below[k, j]
-            out[i, j] = total
-    return out
-
-
 @jit_fast_ir_inline
 def fill_inverse_3(s: FloatArray, out: FloatArray) -> None:
     """Fill out `(3, 3)` with the inverse of a symmetric positive definite matrix, without arrays.

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from sfr_loc_map.geometry.small_linalg import cholesky, fill_inverse_3, fill_inverse_4, inverse, retract, solve
+from sfr_loc_map.geometry.small_linalg import cholesky, fill_inverse_3, fill_inverse_4, retract, solve
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -18,12 +18,11 @@ def positive_definite(seed: int, size: int) -> np.ndarray:
 
 @settings(max_examples=50)
 @given(SEEDS, st.integers(1, 8))
-def test_factor_solution_and_inverse_are_those_of_numpy(seed: int, size: int) -> None:
+def test_factor_and_solution_are_those_of_numpy(seed: int, size: int) -> None:
     matrix = positive_definite(seed, size)
     rhs = np.random.default_rng(seed + 1).normal(size=size)
     np.testing.assert_allclose(cholesky(matrix), np.linalg.cholesky(matrix), atol=1e-12)
     np.testing.assert_allclose(solve(matrix, rhs), np.linalg.solve(matrix, rhs), rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(inverse(matrix), np.linalg.inv(matrix), rtol=1e-9, atol=1e-12)
 
 
 @settings(max_examples=50)

@@ -11,7 +11,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
-from sfr_loc_map.geometry.small_linalg import fill_inverse_4, inverse, reorder_to_median, retract, solve
+from sfr_loc_map.geometry.small_linalg import fill_inverse_4, reorder_to_median, retract, solve
 from sfr_loc_map.jit import jit_fast, jit_fast_ir_inline
 
 
@@ -150,25 +150,23 @@ class PoseSolution(NamedTuple):
     chi2_per_dof: FloatArray  #: `(N,)` squared Mahalanobis residual per degree of freedom; NaN where not used.
 
 
-class _Linearisation(NamedTuple):
-    """Whitening `(N, 4, 4)`, Jacobians by the pose `(N, 4, 6)`, residuals `(N, 4)` and chi2 per degree of freedom."""
+class Linearisation(NamedTuple):
+    """Residuals of N landmarks with their Jacobians."""
 
-    whitening: FloatArray
-    jacobians: FloatArray
-    residuals: FloatArray
-    chi2_per_dof: FloatArray
-
-
-class _Work(NamedTuple):
-    """Workspaces of one landmark: covariance `(4, 4)` of its residual, and its projection but for the Jacobian."""
-
-    covariance: FloatArray
-    by_landmark: FloatArray
-    uv: FloatArray
+    whitening: FloatArray  #: `(N, 4, 4)` inverse covariance of the residuals.
+    jacobians: FloatArray  #: `(N, 4, 6)` by the pose.
+    residuals: FloatArray  #: `(N, 4)` pixels, 0 where not observed.
+    chi2_per_dof: FloatArray  #: `(N,)` NaN where not used.
 
 
 @jit_fast_ir_inline
-def fill_covariance(
+def new_linearisation(count: int) -> Linearisation:
+    """Return a linearisation to be filled."""
+    return Linearisation(np.zeros((count, 4, 4)), np.zeros((count, 4, 6)), np.zeros((count, 4)), np.full(count, np.nan))
+
+
+@jit_fast_ir_inline
+def _fill_covariance(
     landmark: FloatArray, jacobian: FloatArray, variance: FloatArray, left: bool, right: bool, s: FloatArray
 ) -> None:
     """Fill s `(4, 4)` with `R + J P J^T`: noise of the observation and uncertainty of the landmark."""
@@ -192,38 +190,33 @@ def fill_covariance(
 
 
 @jit_fast_ir_inline
-def _fill_residuals(observed: FloatArray, uv: FloatArray, left: bool, right: bool, out: FloatArray) -> None:
-    for i in range(4):
-        out[i] = observed[i] - uv[i] if (left if i < 2 else right) else 0.0
-
-
-@jit_fast_ir_inline
 def _linearise(
     pose: Pose,
     landmarks: LandmarkEstimates,
     observations: StereoObservations,
     camera: Intrinsics,
     is_first: bool,
-    out: _Linearisation,
-    work: _Work,
+    out: Linearisation,
+    work: Projection,
+    s: FloatArray,
 ) -> None:
-    """Fill the linearisation at a pose; the whitening is that of the first iteration."""
+    """Fill the linearisation at a pose; the whitening, for which `s` `(4, 4)` has room, is of the first iteration."""
     hosts, rays, rho = landmarks.hosts, landmarks.rays, landmarks.inverse_depth
     landmark_covariance, observed, variance = landmarks.covariance, observations.uv, observations.variance
     whitening, jacobians, residuals, chi2 = out.whitening, out.jacobians, out.residuals, out.chi2_per_dof
-    s, by_landmark, uv = work.covariance, work.by_landmark, work.uv
+    by_landmark, uv = work.by_landmark, work.uv
     for n in range(len(rho)):
         chi2[n] = np.nan
         left, right = not np.isnan(observed[n, 0]), not np.isnan(observed[n, 2])
         if not (left or right):
             continue
         projection = Projection(uv, jacobians[n], by_landmark)
-        z = linearise_landmark(pose, hosts, n, rays[n], rho[n], camera, projection)
-        if z <= 0.0:
+        if linearise_landmark(pose, hosts, n, rays[n], rho[n], camera, projection) <= 0.0:
             continue
-        _fill_residuals(observed[n], uv, left, right, residuals[n])
+        for i in range(4):
+            residuals[n, i] = observed[n, i] - uv[i] if (left if i < 2 else right) else 0.0
         if is_first:
-            fill_covariance(landmark_covariance[n], by_landmark, variance[n], left, right, s)
+            _fill_covariance(landmark_covariance[n], by_landmark, variance[n], left, right, s)
             fill_inverse_4(s, whitening[n])
         total = 0.0
         for i in range(4):
@@ -232,9 +225,19 @@ def _linearise(
         chi2[n] = total / ((2.0 if left else 0.0) + (2.0 if right else 0.0))
 
 
+@jit_fast
+def linearise(
+    pose: Pose, landmarks: LandmarkEstimates, observations: StereoObservations, camera: StereoCamera
+) -> Linearisation:
+    """Linearise the observations of N landmarks at a pose."""
+    out = new_linearisation(len(landmarks.inverse_depth))
+    _linearise(pose, landmarks, observations, intrinsics(camera), True, out, new_projection(), np.zeros((4, 4)))
+    return out
+
+
 @jit_fast_ir_inline
 def _add_normal_equations(
-    linearised: _Linearisation, scale: float, weighted: FloatArray, h: FloatArray, g: FloatArray
+    linearised: Linearisation, scale: float, weighted: FloatArray, h: FloatArray, g: FloatArray
 ) -> None:
     """Add to the information `(6, 6)` and the right-hand side `(6,)`, with Geman-McClure weights of a scale."""
     chi2, jacobians = linearised.chi2_per_dof, linearised.jacobians
@@ -269,17 +272,13 @@ def solve_pose(
     Geman-McClure weights whose scale comes down to the residuals' own (graduated). The start is of the left camera;
     observations are those of the N landmarks; there are at most so many Gauss-Newton iterations.
     """
-    in_arrays = intrinsics(camera)
-    count = len(landmarks.inverse_depth)
+    in_arrays, linearised = intrinsics(camera), new_linearisation(len(landmarks.inverse_depth))
     rotation, position = start.rotation.copy(), start.position.copy()
-    linearised = _Linearisation(
-        np.zeros((count, 4, 4)), np.zeros((count, 4, 6)), np.zeros((count, 4)), np.full(count, np.nan)
-    )
     h, g = np.zeros((6, 6)), np.zeros(6)
-    work, weighted = _Work(np.zeros((4, 4)), np.zeros((4, 3)), np.zeros(4)), np.zeros((4, 6))
+    work, s, weighted = new_projection(), np.zeros((4, 4)), np.zeros((4, 6))
     for iteration in range(iterations):
         pose, is_first = Pose(rotation, position), iteration == 0
-        _linearise(pose, landmarks, observations, in_arrays, is_first, linearised, work)
+        _linearise(pose, landmarks, observations, in_arrays, is_first, linearised, work, s)
         used = linearised.chi2_per_dof[~np.isnan(linearised.chi2_per_dof)]
         if len(used) < MIN_LANDMARKS:
             break
@@ -298,7 +297,6 @@ def solve_pose(
     return PoseSolution(Pose(rotation, position), h, linearised.chi2_per_dof)
 
 
-UNKNOWNS = 7  #: Position and rotation of the left camera, shift of the right image.
 ROBUST_CHI2 = 4.0
 """Squared residual per degree of freedom at which the weight of a landmark has fallen to a quarter (Geman-McClure)."""
 ENOUGH = 300  #: About as many landmarks are used: the error that a whole image has is larger than that of their mean.
@@ -311,66 +309,6 @@ class RightShift(NamedTuple):
     variance: float  #: Of it, px^2, by the landmarks alone; infinite without enough of them.
 
 
-class _Equations(NamedTuple):
-    """Normal equations of pose and shift: information `(7, 7)`, right-hand side `(7,)`."""
-
-    information: FloatArray
-    rhs: FloatArray
-
-
-class _ShiftWork(NamedTuple):
-    """Workspaces of a landmark: covariance `(4, 4)` of its residual, inverse, residual `(4,)`, Jacobian `(4, 7)`."""
-
-    covariance: FloatArray
-    whitening: FloatArray
-    residual: FloatArray
-    jacobian: FloatArray
-    weighted: FloatArray
-
-
-@jit_fast_ir_inline
-def _fill_shift(observed: FloatArray, projection: Projection, camera: StereoCamera, work: _ShiftWork) -> None:
-    """Fill residual and Jacobian of a landmark that both images show."""
-    x, y = (observed[2] - camera.cx) / camera.fx, (observed[3] - camera.cy) / camera.fy
-    residual, jacobian = work.residual, work.jacobian
-    for i in range(4):
-        residual[i] = observed[i] - projection.uv[i]
-        for a in range(6):
-            jacobian[i, a] = projection.by_target[i, a]
-        jacobian[i, 6] = 0.0
-    jacobian[2, 6], jacobian[3, 6] = 1.0 + x * x, x * y
-
-
-@jit_fast_ir_inline
-def _add_to_shift(work: _ShiftWork, equations: _Equations) -> None:
-    """Add a landmark to the normal equations, with a robust weight."""
-    residual, jacobian, weighted, h, g = (
-        work.residual,
-        work.jacobian,
-        work.weighted,
-        equations.information,
-        equations.rhs,
-    )
-    whitening = work.whitening
-    fill_inverse_4(work.covariance, whitening)
-    chi2 = 0.0
-    for i in range(4):
-        for j in range(4):
-            chi2 += 0.25 * residual[i] * whitening[i, j] * residual[j]
-    weight = 1.0 / (1.0 + chi2 / ROBUST_CHI2) ** 2
-    for j in range(4):
-        for a in range(UNKNOWNS):
-            weighted[j, a] = 0.0
-        for i in range(4):
-            for a in range(UNKNOWNS):
-                weighted[j, a] += weight * whitening[i, j] * jacobian[i, a]
-        for a in range(UNKNOWNS):
-            g[a] += weighted[j, a] * residual[j]
-            for b in range(UNKNOWNS):
-                h[a, b] += weighted[j, a] * jacobian[j, b]
-
-
-@jit_fast
 def right_shift(
     pose: Pose, landmarks: LandmarkEstimates, observations: StereoObservations, camera: StereoCamera
 ) -> RightShift:
@@ -380,26 +318,18 @@ def right_shift(
     alike and the left ones are not: no motion explains that. The pose of the left camera was solved for without a
     shift; of the N landmarks those observed in both images count.
     """
-    arrays, projection = intrinsics(camera), new_projection()
-    equations = _Equations(np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS))
-    work = _ShiftWork(np.zeros((4, 4)), np.zeros((4, 4)), np.zeros(4), np.zeros((4, UNKNOWNS)), np.zeros((4, UNKNOWNS)))
-    count = 0
-    every = max(1, len(landmarks.inverse_depth) // ENOUGH)
-    for n in range(0, len(landmarks.inverse_depth), every):
-        observed, variance = observations.uv[n], observations.variance[n]
-        if np.isnan(observed[0]) or np.isnan(observed[2]):
-            continue
-        rho = landmarks.inverse_depth[n]
-        if linearise_landmark(pose, landmarks.hosts, n, landmarks.rays[n], rho, arrays, projection) <= 0.0:
-            continue
-        fill_covariance(landmarks.covariance[n], projection.by_landmark, variance, True, True, work.covariance)
-        _fill_shift(observed, projection, camera, work)
-        _add_to_shift(work, equations)
-        count += 1
-    if count < UNKNOWNS:
+    some = np.arange(0, len(observations.uv), max(1, len(observations.uv) // ENOUGH))
+    both = some[np.isfinite(observations.uv[some, 0] + observations.uv[some, 2])]
+    (rotations, positions), *others = landmarks
+    marks = LandmarkEstimates(Poses(rotations[both], positions[both]), *(array[both] for array in others))
+    seen = StereoObservations(*(array[both] for array in observations))
+    whitening, by_pose, residuals, chi2 = linearise(pose, marks, seen, camera)
+    weight = 1.0 / (1.0 + np.where(np.isnan(chi2), np.inf, chi2) / ROBUST_CHI2) ** 2
+    if np.count_nonzero(weight) < 7:
         return RightShift(0.0, np.inf)
-    covariance = inverse(equations.information)
-    px = 0.0
-    for a in range(UNKNOWNS):
-        px += covariance[6, a] * equations.rhs[a]
-    return RightShift(px, covariance[6, 6])
+    x, y = camera.normalised(seen.uv[:, 2:]).T
+    jacobian = np.zeros((len(both), 4, 7))
+    jacobian[:, :, :6], jacobian[:, 2, 6], jacobian[:, 3, 6] = by_pose, 1.0 + x * x, x * y
+    weighted = (whitening * weight[:, None, None] @ jacobian).reshape(-1, 7)
+    by_shift = np.linalg.solve(weighted.T @ jacobian.reshape(-1, 7), np.eye(7)[6])
+    return RightShift(float(by_shift @ (weighted.T @ residuals.ravel())), float(by_shift[6]))
