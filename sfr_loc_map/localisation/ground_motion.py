@@ -1,48 +1,48 @@
-"""Which of the motions in the images is the ground's; what follows another one is left out while it lasts."""
+"""Which of the motions in the images is the ground's; what follows another one is left out while it lasts.
+
+Nothing is the ground before it has been seen to move: until one motion has explained a moving image, a pose that leaves
+changing cells where they are is refused, and two motions are in doubt.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray, Mask
+from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.frontend.dynamic_regions import (
-    MIN_FIXED,
-    DynamicRegions,
-    Unexplained,
-    project,
-    stays_in,
-    unexplained_by,
-    where_seen,
-)
-from sfr_loc_map.localisation.frontend.landmarks import ENOUGH_TO_FOLLOW, Landmarks
+from sfr_loc_map.localisation.frontend.image_cells import LEVEL, MOVED_PX, Change, ImageCells, Judged, change_of, judge
+from sfr_loc_map.localisation.frontend.landmarks import Landmarks
 from sfr_loc_map.localisation.frontend.pose_solver import RightOffset
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, TrackingResult
-from sfr_loc_map.localisation.image_checks import Exposure, TearWatch
 from sfr_loc_map.localisation.relocalisation import Relocaliser
 
 MIN_AGREEMENT = 0.3  #: Share of the unexplained landmarks that a second motion must explain.
 CONVINCING = 0.6  #: Share from which it is one in any case, and not sought by flow as well.
 MIN_DIFFERENCE_PX = 1.0  #: Image motion between two poses that are two motions.
-STILL_PX = 1.0  #: Image motion below which a pose is a standstill.
 OLD = 3.0  #: Weight of a landmark that is older than the newest keyframe.
-STAYING = 2.0  #: Divisor, before the first motion, of the evidence for a motion whose landmarks stay in the image.
 CLEAR = 1.4  #: Ratio of the evidence for two motions from which the ground's is known.
 EXPECTED = 1.5  #: Factor on the evidence for a motion that continues the one before.
-
 MIN_SHARE, MAX_SHARE = 0.12, 0.47
-"""Share of the landmarks in view that must be unexplained before a second motion is sought, and from which the pose is
-in doubt without one."""
-MORE_THAN_USUAL = 1.25  #: Factor on the share in which no second motion was found, before one is sought again.
-FORGET = 0.99  #: Factor per pair by which that share is forgotten.
+"""Share of the landmarks in view that must be unexplained, beyond the typical one, before a pair is unusual: a second
+motion is sought; and from which on it is in any case."""
+MORE_THAN_USUAL = 1.25  #: Factor on the typical share, which is added.
+TYPICAL_SHARE = 0.1  #: Share of a pair in the typical share.
+MAX_WRONG_FIRST, MAX_WRONG = 0.05, 0.4
+"""Share of the cells that may contradict a pose, before the ground was seen to move and after."""
+MIN_FIXED = 12  #: Fewest landmarks that are taken as fixed to the camera.
+AGREED = 3  #: Pairs that one motion must explain before it is the ground's.
+DOUBTED = 10  #: As many more where there were two motions before.
+MAX_TEARS = 10  #: Pairs in a row that may be of several exposures: what lasts longer is something else.
+ENOUGH_PX = 3.0  #: Image motion that tells well what is fixed to the camera: the next image is compared with this one.
+MAX_AGE = 10  #: Pairs after which an image is no longer compared with, however slow the motion.
 NO_ROWS = np.zeros(0, np.intp)
 
 
@@ -60,73 +60,101 @@ class GroundMotion(NamedTuple):
     dynamic: NDArray[np.intp] = NO_ROWS  #: `(N,)` rows in the window of landmarks that follow another motion.
     #: Metres and radians by which the pose may be wrong, as two motions cannot be told apart; None if they can.
     doubt: tuple[float, float] | None = None
-    exposure: Exposure = Exposure.WHOLE  #: Whether the pair is of one exposure.
+    whole: bool = True  #: Whether the pair is of one exposure.
+    seen: bool = True  #: Whether the image agrees that anything moved like that.
 
 
 class GroundMotionFinder:
     """Tells the ground's motion from that of the own body, of dirt and of moving objects.
 
     Landmarks that a pose does not explain are searched for a second rigid motion. The ground's is the one that more
-    landmarks follow and that continues the motion before; the landmarks of the other are left out, and the regions of
+    landmarks follow and that continues the motion before; the landmarks of the other are left out, and the cells of
     the image where they are. Where the two cannot be told apart the pose is in doubt.
     """
 
     def __init__(self, tracker: Tracker, relocaliser: Relocaliser, rig: StereoRig, config: LocalisationConfig) -> None:
         self._tracker, self._relocaliser = tracker, relocaliser
-        self._shape = rig.height, rig.width
-        self.regions = DynamicRegions(self._shape, min(config.max_features, ENOUGH_TO_FOLLOW))
-        self.tears = TearWatch()
-        self._min_tracked, self._camera = config.min_tracked, rig.camera
-        self._usual_share, self._has_moved, self._in_doubt = 0.0, False, False
+        self._shape, self._min_tracked, self._camera = (rig.height, rig.width), config.min_tracked, rig.camera
+        self.cells = ImageCells(self._shape)
+        nothing = np.zeros(self.cells.count, np.bool_)
+        self._change = Change(nothing, nothing)
+
+    def begin(self, frame: StereoFrame, pose: Pose) -> None:
+        """Begin with a window: its ground has not been seen to move."""
+        self._tears = self._age = self._agreed = 0
+        self._typical: float | None = None
+        self._image: FloatImage = frame.left[LEVEL].image
+        self._still = pose  # where that image was taken
 
     def find(self, frame: StereoFrame, first: TrackingResult, guesses: Guesses) -> GroundMotion:
         """Return the ground's motion in a pair; the first result may follow any motion, trusted or not."""
-        if self.regions.mask is not None:
-            self.regions.update(frame.image, frame.left[0].image)
-        self._usual_share *= FORGET
+        image = frame.left[LEVEL].image
+        self._change = change_of(self._image, image)
+        judged = self._judge(first)
+        ground = self._find(frame, first, judged, guesses)
+        result = ground.result
+        if self.cells.mask is not None or len(ground.dynamic):
+            self.cells.age(self._change.stays)
+        if result.trusted and ground.seen and ground.whole:
+            self._age += 1
+            if judged.far > ENOUGH_PX or result is not first or self._age > MAX_AGE:
+                self._image, self._still, self._age = image, result.pose, 0
+        return ground
+
+    def _judge(self, result: TrackingResult, since: Pose | None = None, pose: Pose | None = None) -> Judged:
+        """Return what the motion since the image compared with, or a pose, to a result, or another pose, explains."""
+        estimates, host_uv = result.landmarks.estimates, result.landmarks.planes.uv
+        start, end = since or self._still, pose or result.pose
+        return judge(end, start, estimates, host_uv, result.inliers, self._change, self._camera, self._shape)
+
+    def _find(self, frame: StereoFrame, first: TrackingResult, judged: Judged, guesses: Guesses) -> GroundMotion:
+        stays, known = judged.stays, self._agreed >= AGREED
+        wrong = judged.wrong > (MAX_WRONG if known else MAX_WRONG_FIRST)
+        typical = judged.share if self._typical is None else self._typical
+        usual = judged.share < min(MIN_SHARE + MORE_THAN_USUAL * (self._typical or 0.0), MAX_SHARE)
+        if (wrong or not first.trusted or not (known or usual)) and np.count_nonzero(stays) >= MIN_FIXED:
+            # what stays is rather the own body than the ground
+            second = self._search(frame, first.landmarks.subset(~stays), guesses)
+            if second is not None and not (first.trusted and self._motion(second, first.pose) < MIN_DIFFERENCE_PX):
+                by_second = self._judge(second)
+                if by_second.wrong < MAX_WRONG_FIRST:
+                    return self._second_wins(frame, first, second, stays, by_second.cells, guesses)
         if not first.trusted:
-            return self._without_fixed(frame, first, guesses)
-        unexplained = unexplained_by(first, frame, self._camera)
-        exposure = Exposure.WHOLE if self.tears.stale is None else self.tears.judge(unexplained)
-        if exposure is Exposure.TORN:  # what disagrees is of another moment, and is needed to tell the next tear
-            return GroundMotion(first, exposure=exposure)
-        rest = unexplained.rows & ~unexplained.fixed
-        share = float(rest.sum() / max(int(unexplained.in_view.sum()), 1))
-        searched = share >= MAX_SHARE or share >= max(MIN_SHARE, MORE_THAN_USUAL * self._usual_share)
-        if searched:
-            second = self._search(frame, first.landmarks.subset(rest), guesses)
+            return GroundMotion(first)
+        if wrong:
+            second = self._search(frame, first.landmarks.subset(judged.rest), guesses)
+            if second is None or self._judge(second).wrong > MAX_WRONG_FIRST:
+                return GroundMotion(first, seen=False)
+            return self._decide(frame, first, second, judged, guesses)
+        if not usual and 0 < self._tears < MAX_TEARS:
+            return self._torn(first)
+        if not usual:
+            second = self._search(frame, first.landmarks.subset(judged.rest), guesses)
             if second is not None and self._differ(first, second):
-                if self._has_moved and self.tears.is_torn(self._by_both(frame, first, second, guesses)):
-                    return GroundMotion(first, exposure=Exposure.TORN)
-                return self._decide(frame, first, second, rest, guesses)._replace(exposure=exposure)
-            self._usual_share = max(self._usual_share, share)
-        else:
-            self._in_doubt = False
+                return self._decide(frame, first, second, judged, guesses)
+            if judged.share >= MAX_SHARE and self._tears < MAX_TEARS:
+                return self._torn(first)
+        self._tears, self._typical = 0, typical + TYPICAL_SHARE * (judged.share - typical)
+        if not known and judged.far > MOVED_PX:
+            self._agreed = self._agreed + 1 if self.cells.moving_share < MIN_SHARE else min(self._agreed, 0)
         # one motion; what is fixed to the camera is left out
-        if not self._has_moved:
-            self._note_motion(first, guesses)
-        dynamic = self._leave_out(frame, first, unexplained.fixed) if unexplained.fixed.any() else NO_ROWS
+        if judged.cells.any():
+            self.cells.leave_out(judged.cells, np.zeros_like(judged.cells))
         doubt = None
-        if share >= MAX_SHARE:  # any motion: the larger of the one found and the one expected
-            expected, still = guesses.poses[:2]
-            steps = np.array([pose_distance(pose, still) for pose in (first.pose, expected)])
+        if (
+            judged.share >= MAX_SHARE or self._agreed < 0
+        ):  # any motion: the larger of the one found and the one expected
+            steps = np.array([pose_distance(pose, guesses.poses[1]) for pose in (first.pose, guesses.poses[0])])
             doubt = float(steps[:, 0].max()), float(steps[:, 1].max())
-        return GroundMotion(first, dynamic, doubt, exposure)
+        return GroundMotion(first, first.landmarks.index[judged.fixed], doubt)
 
-    def _by_both(
-        self, frame: StereoFrame, first: TrackingResult, second: TrackingResult, guesses: Guesses
-    ) -> Iterator[Unexplained]:
-        yield unexplained_by(first, frame, self._camera)
-        by_second = self._tracker.refine(frame, first.landmarks, second.pose, guesses.offset)
-        yield unexplained_by(by_second, frame, self._camera)
+    def tear(self) -> None:
+        """Take a pair that is torn: those after it may be, until one motion explains one."""
+        self._tears = 1
 
-    def _without_fixed(self, frame: StereoFrame, first: TrackingResult, guesses: Guesses) -> GroundMotion:
-        """Return the motion of all landmarks that are not fixed to the camera; the first result without one."""
-        fixed = stays_in(frame, first.landmarks)
-        second = None
-        if np.count_nonzero(fixed) >= MIN_FIXED:
-            second = self._search(frame, first.landmarks.subset(~fixed), guesses)
-        return GroundMotion(first) if second is None else self._second_wins(frame, first, second, ~fixed, guesses)
+    def _torn(self, first: TrackingResult) -> GroundMotion:
+        self._tears += 1
+        return GroundMotion(first, whole=False)
 
     def _search(self, frame: StereoFrame, landmarks: Landmarks, guesses: Guesses) -> TrackingResult | None:
         """Return the motion of some landmarks, from the guesses, then by flow; None where too few agree on one."""
@@ -144,88 +172,64 @@ class GroundMotionFinder:
         return result if result.inlier_count >= enough else None
 
     def _decide(
-        self, frame: StereoFrame, first: TrackingResult, second: TrackingResult, rest: Mask, guesses: Guesses
+        self, frame: StereoFrame, first: TrackingResult, second: TrackingResult, judged: Judged, guesses: Guesses
     ) -> GroundMotion:
-        """Return the motion with more evidence, in doubt if not clearly so; the second one tracks the `rest` `(M,)`."""
+        """Return the motion with more evidence, in doubt if not clearly so; the second one tracks the rest."""
+        still = guesses.poses[1]
+        if self._tears < MAX_TEARS and min(self._motion(x, still) for x in (first, second)) < MIN_DIFFERENCE_PX:
+            return self._torn(first)  # part of the image is that of the pair before
         expected = guesses.poses[0]
-        ratio = self._evidence(frame, first, second, expected) / self._evidence(frame, second, first, expected)
-        self._in_doubt = 1.0 / CLEAR < ratio < CLEAR
-        if self._in_doubt:
+        ratio = self._evidence(first, second, expected) / self._evidence(second, first, expected)
+        if self._agreed < AGREED or 1.0 / CLEAR < ratio < CLEAR:
             doubt = pose_distance(first.pose, second.pose)
+            self._agreed = AGREED if self._agreed >= AGREED else -DOUBTED
             if ratio < 1.0:
                 first = self._tracker.refine(frame, first.landmarks, second.pose, guesses.offset)
             return GroundMotion(first, doubt=doubt)
+        follows = np.zeros(len(judged.rest), np.bool_)
+        follows[np.flatnonzero(judged.rest)[second.inliers]] = True
         if ratio < 1.0:
-            return self._second_wins(frame, first, second, rest, guesses)
-        dynamic = np.zeros(len(rest), np.bool_)
-        dynamic[np.flatnonzero(rest)[second.inliers]] = True
-        seen = first.observations.copy()
-        seen[rest] = second.observations
-        self._note_motion(first, guesses)
-        return GroundMotion(first, self._leave_out(frame, first, dynamic, seen))
+            others = first.inliers & ~follows
+            return self._second_wins(frame, first, second, others, self._cells(judged.cell[others]), guesses)
+        moving = self._cells(self._judge(second).cell[second.inliers])
+        self.cells.leave_out(judged.cells, moving & ~judged.cells)
+        return GroundMotion(first, first.landmarks.index[follows | judged.fixed])
 
     def _second_wins(
-        self, frame: StereoFrame, first: TrackingResult, second: TrackingResult, rest: Mask, guesses: Guesses
+        self,
+        frame: StereoFrame,
+        first: TrackingResult,
+        second: TrackingResult,
+        dynamic: Mask,
+        cells: Mask,
+        guesses: Guesses,
     ) -> GroundMotion:
-        dynamic = ~rest & (first.inliers | stays_in(frame, first.landmarks))
-        rows = self._leave_out(frame, first, dynamic)
+        """Return the second motion; landmarks `(M,)` and cells `(R, C)` that do not follow it are left out."""
+        self.cells.leave_out(cells, np.zeros_like(cells))
         result = self._tracker.refine(frame, first.landmarks.subset(~dynamic), second.pose, guesses.offset)
-        self._note_motion(result, guesses)
-        return GroundMotion(result, rows)
+        whole = self._judge(result).share < MIN_SHARE + MORE_THAN_USUAL * (self._typical or 0.0)
+        return GroundMotion(result, first.landmarks.index[dynamic], whole=whole)
 
-    def _evidence(self, frame: StereoFrame, result: TrackingResult, other: TrackingResult, expected: Pose) -> float:
+    def _evidence(self, result: TrackingResult, other: TrackingResult, expected: Pose) -> float:
         """Return the number of landmarks that follow a motion, weighted by how probable it is for the ground."""
-        inliers, landmarks = result.inliers, result.landmarks
-        count = float(result.inlier_count)
-        if not self._has_moved:
-            # the own body is not known before the first motion: what stays is rather it than the ground
-            stays = stays_in(frame, landmarks)[inliers]
-            return count / STAYING if stays.mean() > 0.5 else count
-        if self._in_doubt:  # what is old or expected may follow the wrong motion
-            return count
-        count += (OLD - 1.0) * float(np.count_nonzero(inliers & landmarks.are_old))
-        mine, theirs, continued = (
-            project(pose, landmarks, self._camera) for pose in (result.pose, other.pose, expected)
-        )
-        return count * EXPECTED if high_distance(mine, continued) < 0.5 * high_distance(theirs, continued) else count
+        count = result.inlier_count + (OLD - 1.0) * float(np.count_nonzero(result.inliers & result.landmarks.are_old))
+        mine, theirs = self._motion(result, expected), self._motion(result, expected, other.pose)
+        return count * EXPECTED if mine < 0.5 * theirs else count
+
+    def _motion(self, result: TrackingResult, since: Pose, pose: Pose | None = None) -> float:
+        """Return how far its landmarks move, pixels, from one pose to that of the result, or to another one."""
+        return self._judge(result, since, pose).far
+
+    def _cells(self, cells: NDArray[np.intp]) -> Mask:
+        """Return the cells `(R, C)` of some numbers."""
+        found = np.bincount(cells, minlength=self.cells.count[0] * self.cells.count[1] + 1)
+        return found[:-1].reshape(self.cells.count) > 0
 
     def _differ(self, first: TrackingResult, second: TrackingResult) -> bool:
         """Tell whether nearly all landmarks agree on the second pose, or both poses see them at different pixels."""
-        if second.inlier_count > CONVINCING * len(second.inliers):
-            return True
-        landmarks = second.landmarks.subset(second.inliers)
-        uv = (project(item.pose, landmarks, self._camera) for item in (first, second))
-        return high_distance(*uv) > MIN_DIFFERENCE_PX
-
-    def _note_motion(self, result: TrackingResult, guesses: Guesses) -> None:
-        if self._has_moved:
-            return
-        (hosts, rays, inverse_depth, _), host_uv = result.landmarks.estimates, result.landmarks.planes.uv
-        moved, still = (
-            where_seen(pose, hosts, rays, inverse_depth, host_uv, self._camera, self._shape)[0]
-            for pose in (result.pose, guesses.poses[1])
+        return second.inlier_count > CONVINCING * len(second.inliers) or (
+            self._motion(second, first.pose) > MIN_DIFFERENCE_PX
         )
-        self._has_moved = bool(np.nanpercentile(np.linalg.norm(moved - still, axis=1), 90) > STILL_PX)
-
-    def _leave_out(
-        self, frame: StereoFrame, result: TrackingResult, dynamic: Mask, seen: FloatArray | None = None
-    ) -> NDArray[np.intp]:
-        """Mark where dynamic landmarks `(M,)` of a result are seen; return their rows in the window."""
-        if not dynamic.any():
-            return NO_ROWS
-        landmarks, seen = result.landmarks, result.observations if seen is None else seen
-        fixed = stays_in(frame, landmarks)
-        uv = np.where(fixed[:, None], landmarks.planes.uv, seen[:, :2])
-        shown = dynamic & np.isfinite(uv[:, 0])
-        self.regions.add(frame.image, uv[shown], fixed[shown], landmarks.patches[0].values[:, 0][shown])
-        return landmarks.index[dynamic]
-
-
-def high_distance(uv: FloatArray, other: FloatArray) -> float:
-    """Return the 90th percentile of the distances of pixels `(N, 2)` from others that are not NaN; 0 if all are."""
-    distance = np.linalg.norm(uv - other, axis=1)
-    distance = distance[np.isfinite(distance)]
-    return float(np.percentile(distance, 90)) if len(distance) else 0.0
 
 
 def pose_distance(one: Pose, other: Pose) -> tuple[float, float]:

@@ -6,25 +6,20 @@
   exposed again has noise of its own in either image: where noise made the first one brighter, the second one is darker,
   as far as they differ at all (regression to the mean, slope -1/2). An old image with noise added differs by what does
   not depend on it (slope 0). Where hardly a pixel differs, there was no exposure at all.
-- A torn image is of two exposures: above some row new, below it of the pair before, or the other way round. Where the
-  old rows were never shown before, as in the second of two torn pairs, the landmarks on the two sides of the tear
-  follow two motions.
+- A torn image is of two exposures: above some row new, below it of the pair before, or the other way round.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
-from enum import IntEnum
 from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, GreyImage, Mask
+from sfr_loc_map.geometry.arrays import FloatImage, GreyImage, Mask
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.localisation.estimate import StateReason
-from sfr_loc_map.localisation.frontend.dynamic_regions import Unexplained
 
 ROW_STEPS: Final = (16, 1)  #: Every so many rows are compared; more of them where the first ones do not decide.
 MAX_NOISE: Final = 12.0
@@ -45,13 +40,6 @@ MIN_ROW_RANGE: Final = 8
 """Range of the grey levels of a row that has texture: sky and saturated rows are equal in all images."""
 MIN_STALE_SHARE: Final = 0.05  #: Share of the rows that make an image torn.
 PROBE: Final = 64  #: Every so many columns, or rows, are compared first.
-MIN_WITNESSES: Final = 12  #: Landmarks in view on either side of a tear that tell whether it is there.
-MIN_AGREEING: Final = 0.5  #: Share of them that agree with the pose in a whole image.
-MAX_DOUBTED_PAIRS: Final = 20  #: Pairs after a torn one that are doubted where nothing proves them whole.
-MIN_PART: Final = 30  #: Landmarks in view on the smaller side of a tear at an unknown row.
-MAX_AGREEING_BEYOND, MIN_AGREEING_WITHIN = 0.2, 0.75
-"""Shares that agree with the pose on the two sides of such a tear."""
-MAX_TEARS: Final = 10  #: Such pairs in a row: what lasts longer is something that moves.
 
 
 class StaleRows(NamedTuple):
@@ -63,7 +51,7 @@ class StaleRows(NamedTuple):
 
 
 class StaleImageFilter:
-    """Blanks what an image repeats from the one before, which is not tracked; `rows` `(H,)` is what was blanked last.
+    """Blanks what an image repeats from the one before, which is not tracked.
 
     A part that stays the same for longer is no torn image but something fixed to the camera, and is left as it is.
     """
@@ -71,7 +59,6 @@ class StaleImageFilter:
     def __init__(self) -> None:
         self._before: StereoPair | None = None
         self._last: tuple[StaleRows, StaleRows] | None = None
-        self.rows: Mask = np.zeros(0, np.bool_)
 
     def fresh(self, pair: StereoPair, *, may_repeat: bool) -> tuple[StereoPair | None, StateReason | None]:
         """Return a pair with stale parts blanked, and the reason to doubt it; the next one is compared with it.
@@ -118,7 +105,6 @@ class StaleImageFilter:
         )
         if not (blank_left.any() or blank_right.any()):
             return pair, None
-        self.rows = blank_left | blank_right
         reason = StateReason.REPEATED_IMAGES if left.all or right.all else StateReason.TORN_IMAGES
         return replace(pair, left=_blanked(pair.left, blank_left), right=_blanked(pair.right, blank_right)), reason
 
@@ -165,62 +151,3 @@ def is_frozen(before: GreyImage, now: GreyImage) -> bool:
 def _second_difference(image: FloatImage) -> FloatImage:
     """Return what varies from pixel to pixel along the rows: noise, and little of the scene."""
     return np.asarray(2.0 * image[:, 1:-1] - image[:, :-2] - image[:, 2:], np.float32)
-
-
-class Exposure(IntEnum):
-    """Whether an image is of one exposure; more doubtful ones are larger."""
-
-    WHOLE = 0
-    UNPROVEN = 1
-    """Only one side of a tear has landmarks: they are of one moment, which may be that of the pair before."""
-    TORN = 2
-
-
-class TearWatch:
-    """Doubts pairs after a torn one (`stale` `(H,)`: its old rows) until landmarks on both sides of the tear agree."""
-
-    def __init__(self) -> None:
-        self.stale: Mask | None = None
-        self._pairs = self._tears = 0
-
-    def tear(self, stale: Mask) -> None:
-        """Take a pair that is torn: some rows `(H,)` are those of the pair before."""
-        self.stale, self._pairs = stale, 0
-
-    def judge(self, unexplained: Unexplained) -> Exposure:
-        """Tell whether a pair is whole, by what its pose does not explain; it is where there was no tear lately."""
-        if self.stale is None:
-            return Exposure.WHOLE
-        v, agree = _rows_in_view(unexplained)
-        stale = self.stale[v.astype(np.intp)]
-        sides = agree[stale], agree[~stale]
-        self._pairs += 1
-        witnessed = all(len(side) >= MIN_WITNESSES for side in sides)
-        if (witnessed and all(side.mean() >= MIN_AGREEING for side in sides)) or self._pairs > MAX_DOUBTED_PAIRS:
-            self.stale = None
-            return Exposure.WHOLE
-        return Exposure.TORN if witnessed else Exposure.UNPROVEN
-
-    def is_torn(self, by_each: Iterable[Unexplained]) -> bool:
-        """Tell whether a pair with two motions is torn, at any row, by what each does not explain; called for each."""
-        self._tears = self._tears + 1 if all(map(has_tear, by_each)) else 0
-        return 0 < self._tears <= MAX_TEARS
-
-
-def has_tear(unexplained: Unexplained) -> bool:
-    """Tell whether some row separates the landmarks that agree with a pose from those that do not."""
-    v, agree = _rows_in_view(unexplained)
-    agree = agree[np.argsort(v)]
-    above = np.arange(MIN_PART, len(agree) - MIN_PART + 1)
-    if not len(above):
-        return False
-    count = np.concatenate(([0], np.cumsum(agree)))
-    shares = np.stack((count[above] / above, (count[-1] - count[above]) / (len(agree) - above)))
-    torn = (shares.min(axis=0) <= MAX_AGREEING_BEYOND) & (shares.max(axis=0) >= MIN_AGREEING_WITHIN)
-    return bool(torn.any())
-
-
-def _rows_in_view(unexplained: Unexplained) -> tuple[FloatArray, Mask]:
-    """Return the rows `(N,)`, pixels, of the landmarks in view, and which agree; without those fixed to the camera."""
-    kept = unexplained.in_view & ~unexplained.fixed
-    return unexplained.uv[kept, 1], ~unexplained.rows[kept]

@@ -24,13 +24,12 @@ from sfr_loc_map.localisation.estimate import (
     TrackingStatistics,
     lost_covariance,
 )
-from sfr_loc_map.localisation.frontend.dynamic_regions import stays
 from sfr_loc_map.localisation.frontend.patch import SIDE, build_pyramid
 from sfr_loc_map.localisation.frontend.pose_solver import RightOffset, StereoObservations, right_shift
 from sfr_loc_map.localisation.frontend.sparse_stereo import refine_slopes
 from sfr_loc_map.localisation.frontend.tracking import MIN_TEXTURE, StereoFrame, Tracker, TrackingResult, is_textured
 from sfr_loc_map.localisation.ground_motion import GroundMotion, GroundMotionFinder, Guesses
-from sfr_loc_map.localisation.image_checks import Exposure, StaleImageFilter
+from sfr_loc_map.localisation.image_checks import StaleImageFilter
 from sfr_loc_map.localisation.keyframe_backend import KEYFRAME_FLOW, KeyframeBackend
 from sfr_loc_map.localisation.parallel import BACKGROUND, both
 from sfr_loc_map.localisation.pose_track import PoseTrack
@@ -105,9 +104,8 @@ class Localiser:
             left, right = (np.ascontiguousarray(texture[:, s : s + width]) for s in (shift, shift + 10))
             localiser.process(StereoPair(stamp_ns, left, right))
         localiser.process(StereoPair(6, np.zeros_like(left), np.zeros_like(left)))
-        # what the small rig has no use for: a body at rest in the image, landmarks of large images
+        # what the small rig has no use for: landmarks of large images
         image, at = np.zeros((SIDE, SIDE), np.float32), np.zeros((1, 2))
-        stays(image, np.zeros((1, SIDE * SIDE), np.float32), at)
         refine_slopes(image, np.zeros((1, 3, SIDE * SIDE), np.float32), at, at)
         localiser.reset(Transform.identity())  # waits for the last keyframe
 
@@ -154,7 +152,7 @@ class Localiser:
         stamp_ns, window, calibration = pair.stamp_ns, backend.window, backend.calibration
         fresh, doubt = self._stale.fresh(pair, may_repeat=window is not None)
         if fresh is None:
-            return self._repeat(stamp_ns)
+            return self._keep(stamp_ns, StateReason.REPEATED_IMAGES, TrackingStatistics(repeated=1))
         few = slice(len(pair.left) // 2, None, 64)  # rows that tell most others
         is_one_image = np.array_equal(pair.left[few], pair.right[few]) and np.array_equal(pair.left, pair.right)
         if is_one_image and float(np.std(pair.left)) > MIN_TEXTURE:
@@ -177,12 +175,14 @@ class Localiser:
         if not result.trusted:
             result = self._relocaliser.relocalise(frame, landmarks, guesses.offset) or result
             self._stage_s["relocate"] = perf_counter() - refined
+        ground = GroundMotion(result)
         if doubt is StateReason.TORN_IMAGES:
-            self._ground.tears.tear(self._stale.rows)
-            ground = GroundMotion(result)
+            self._ground.tear()
         else:
             ground = self._ground.find(frame, result, guesses)
-            result, backend.dynamic_mask = ground.result, self._ground.regions.mask
+            if not ground.seen:
+                return self._keep(stamp_ns, StateReason.MOVING_REGIONS, TrackingStatistics())
+            result, backend.dynamic_mask = ground.result, self._ground.cells.mask
             if len(ground.dynamic):
                 window.active[ground.dynamic] = False
                 backend.landmarks = window.landmarks()
@@ -213,8 +213,7 @@ class Localiser:
         depth_m, in_left = backend.landmarks.median_depth, np.isfinite(result.observations[:, 0])
         # the right image alone gives a pose, but nothing that later pairs can start from, nor do parts of images
         left_inliers = int(np.count_nonzero(result.inliers & in_left))
-        whole = doubt is None and ground.exposure is not Exposure.TORN
-        by_left = whole and left_inliers >= self._config.min_tracked
+        by_left = doubt is None and ground.whole and left_inliers >= self._config.min_tracked
         # a keyframe where few landmarks of the last one are left, or they moved far
         last_seen = result.landmarks.last_seen
         flow = np.linalg.norm(result.observations[:, :2] - last_seen[:, :2], axis=1)[result.inliers]
@@ -249,14 +248,14 @@ class Localiser:
             calibration,
             chi_median,
             follows=self._state is not TrackingState.LOST,
-            late=ground.exposure is not Exposure.WHOLE,
+            late=not ground.whole,
             doubt=ground.doubt,
         )
         if step is None:
             return self._lose(frame, StateReason.IMPLAUSIBLE_MOTION)
         reasons = (
             (doubt is not None, doubt),
-            (ground.exposure is not Exposure.WHOLE, StateReason.TORN_IMAGES),
+            (not ground.whole, StateReason.TORN_IMAGES),
             (backend.keyframe_count < self._doubted_keyframes, StateReason.UNSEEN_MOTION),
             (calibration.drifts, StateReason.CALIBRATION_DRIFT),
             (ground.doubt is not None, StateReason.MOVING_REGIONS),
@@ -278,16 +277,15 @@ class Localiser:
             vertical_offset_px=offset.v,
             disparity_offset_px=-offset.u,
             roll_offset_px=offset.roll,
-            masked_share=self._ground.regions.share,
+            masked_share=self._ground.cells.share,
         )
         return statistics, step, (window, frame, result) if wanted else None
 
-    def _repeat(self, stamp_ns: int) -> Outcome:
+    def _keep(self, stamp_ns: int, reason: StateReason, statistics: TrackingStatistics) -> Outcome:
         """Keep the last pose; the rover may stand still, or have moved."""
-        statistics = TrackingStatistics(repeated=1)
         if self._state is TrackingState.LOST:
             return self._unknown(self._reason, statistics)
-        self._state, self._reason = TrackingState.DEGRADED, StateReason.REPEATED_IMAGES
+        self._state, self._reason = TrackingState.DEGRADED, reason
         return statistics, self._track.kept(stamp_ns), None
 
     def _begin(self, frame: StereoFrame) -> Outcome:
@@ -304,6 +302,7 @@ class Localiser:
         elif backend.keyframe_count == 1:
             self._state = TrackingState.INITIALISING
         landmarks = backend.landmarks
+        self._ground.begin(frame, Pose(track.T_world_left.rotation, track.T_world_left.translation))
         step = track.begin(frame.stamp_ns, backend.window.covariance, landmarks.median_depth)
         self._relocaliser.restart(frame.image, landmarks)
         return statistics, step, None

@@ -343,7 +343,7 @@ class PoseTrack:
         seconds = 0.0 if self._given_out is None else (stamp_ns - self._given_out[0]) / NS_PER_S
         before, self._unseen_to_given = self._unseen_to_given, self._unseen_in(self.unseen_s(stamp_ns))
         self._given_out = stamp_ns, self.T_world_left
-        more = self._unseen_to_given - before + FIRST_VARIANCE * np.eye(6)
+        more = np.maximum(self._unseen_to_given - before, self._unseen_in(seconds)) + FIRST_VARIANCE * np.eye(6)
         return StepEstimate(seconds, np.zeros(6), more, np.zeros(6), self._noise, self._noise, NOTHING)
 
     def _add_doubt(self, position: FloatArray, step: tuple[float, float]) -> None:

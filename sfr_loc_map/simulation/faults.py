@@ -41,6 +41,8 @@ class FaultKind(StrEnum):
     IDENTICAL = "identical", KindInfo(0.0, "the right image is the left one")
     FROZEN = "frozen", KindInfo(1.0, "the images stay as they were, with new noise of AMOUNT grey levels", burst=5)
     TORN = "torn", KindInfo(0.5, "the lower AMOUNT of the image is that of the pair before")
+    GHOST = "ghost", KindInfo(0.5, "AMOUNT of the image is that of the pair before, as by a slow shutter")
+    INTERLACED = "interlaced", KindInfo(0.0, "every second row is that of the pair before")
     BLACK = "black", KindInfo(0.0, "the image is black")
     START = "start", KindInfo(5.0, "the first AMOUNT pairs are black", share=1.0, start=0)
     FADE = "fade", KindInfo(0.0, "slow blackout: over `burst` pairs the image turns black and back", burst=20)
@@ -50,8 +52,16 @@ class FaultKind(StrEnum):
     BLURRED = "blurred", KindInfo(2.5, "Gaussian blur of AMOUNT px")
     NOISY = "noisy", KindInfo(10.0, "noise of AMOUNT grey levels")
     EXPOSURE = "exposure", KindInfo(0.5, "brightness times AMOUNT")
+    SHEAR = "shear", KindInfo(1.0, "rows are sheared by AMOUNT px, to a random side, as by a rolling shutter")
     BODY = "body", KindInfo(0.3, "own body: fixed texture in the bottom AMOUNT of the image", share=1.0, start=0)
     OBJECT = "object", KindInfo(0.3, "an object of AMOUNT of the image crosses over `burst` pairs", burst=20)
+    ARM = "arm", KindInfo(0.4, "an arm over AMOUNT of the image comes in slowly over `burst` pairs", burst=20)
+    TEXTURE = "texture", KindInfo(0.6, "a texture moves sideways in the bottom AMOUNT of the image", share=1.0, start=0)
+    REFLECTION = (
+        "reflection",
+        KindInfo(0.5, "a fixed reflection of the rover has AMOUNT of the light", share=1.0, start=0),
+    )
+    SCRATCH = "scratch", KindInfo(0.3, "a scratched window: fixed lines over AMOUNT of the image", share=1.0, start=0)
     DIRT = "dirt", KindInfo(0.1, "dirt on the lenses: fixed spots on AMOUNT of the image", share=1.0, start=0)
     SHADOW = "shadow", KindInfo(0.2, "own shadow: a fixed dark region, AMOUNT of the image", share=1.0, start=0)
     FOCAL = "focal", KindInfo(1.01, "calibration: focal length in the rig file times AMOUNT", share=1.0, start=0)
@@ -60,16 +70,20 @@ class FaultKind(StrEnum):
     PITCH = "pitch", KindInfo(0.1, "the right camera looks AMOUNT deg down", share=1.0, start=0)
     YAW = "yaw", KindInfo(0.1, "the right camera looks AMOUNT deg to the left", share=1.0, start=0)
     DRIFT = "drift", KindInfo(0.3, "the right camera turns AMOUNT deg to the left in 100 pairs", share=1.0, start=0)
+    SHIFT = "shift", KindInfo(3.0, "the right image is AMOUNT px to the right", share=1.0, start=0)
     CLOCK = "clock", KindInfo(0.1, "all stamps are AMOUNT s late against the ground truth", share=1.0, start=0)
 
 
 CAMERAS = ("both", "left", "right")
 RIG_KINDS = (FaultKind.FOCAL, FaultKind.BASELINE)  #: Kinds that change the rig alone: they affect all pairs.
-IMAGE_KINDS = ("black", "start", "fade", "blurred", "exposure", "noisy", "saturation", "blinded")
+IMAGE_KINDS = ("black", "start", "fade", "blurred", "exposure", "noisy", "saturation", "blinded", "shear")
 """Kinds that change single images."""
 ROTATION_AXES = {FaultKind.ROLL: 2, FaultKind.PITCH: 0, FaultKind.YAW: 1, FaultKind.DRIFT: 1}
 """Axis of the optical frame about which the right camera is rotated."""
-SHARES_OF_IMAGE = ("torn", "saturation", "body", "object", "dirt", "shadow")
+SHARES_OF_IMAGE = (
+    *("torn", "ghost", "saturation", "body", "object", "arm", "texture"),
+    *("reflection", "scratch", "dirt", "shadow"),
+)
 """Kinds whose amount is a share of the image."""
 
 

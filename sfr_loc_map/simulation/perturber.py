@@ -22,10 +22,17 @@ BODY_DEPTH, OBJECT_DEPTH, SHADOW_DEPTH = 6.0, 8.0, 12.0
 """Depth of the own body, of a crossing object and of the ground in the own shadow, baselines."""
 TEXTURE_CONTRAST = 30.0  #: Standard deviation of the texture of body and object, grey levels.
 SHADOW_BRIGHTNESS, DIRT_BRIGHTNESS = 0.35, 0.4
+SCRATCH_LIGHT = 60.0  #: Grey levels by which the strongest scratches are brighter or darker.
 SPOT_RADIUS = 0.04  #: Typical radius of a spot of dirt, as a share of the image's width.
-ALL_PAIRS = (*RIG_KINDS, *ROTATION_AXES, FaultKind.CLOCK)  #: Kinds that affect all pairs.
+SPEED = 0.006  #: Motion of a texture from pair to pair, as a share of the image's width.
+ALL_PAIRS = (*RIG_KINDS, *ROTATION_AXES, FaultKind.SHIFT, FaultKind.CLOCK)  #: Kinds that affect all pairs.
 REPEATING = (FaultKind.REPEATED, FaultKind.FROZEN)  #: Kinds that show the images of a pair before.
-EPISODES = (FaultKind.FADE, FaultKind.OBJECT)  #: Kinds whose bursts are whole: one begins only where it can end.
+OF_BEFORE = (FaultKind.TORN, FaultKind.GHOST, FaultKind.INTERLACED)  #: Kinds that show parts of the pair before.
+EPISODES = (
+    FaultKind.FADE,
+    FaultKind.OBJECT,
+    FaultKind.ARM,
+)  #: Kinds whose bursts are whole: one begins only where it can end.
 DRIFT_PAIRS = 100.0
 UNAFFECTED = -1
 LAST_STAMP_NS = 2**63 - 1
@@ -35,6 +42,7 @@ class Moment(NamedTuple):
     """One affected pair."""
 
     progress: float  #: How much of its burst is over, 0 .. 1.
+    index: int  #: Number of the pair.
     spot: FloatArray  #: `(2,)` random point, as shares of width and height.
     rng: np.random.Generator  #: Generator of this pair.
 
@@ -91,7 +99,7 @@ class Perturber:
         if first == UNAFFECTED:
             return pair
         rng = np.random.default_rng([self._seed, number, index])
-        moment = Moment((index - first + 0.5) / fault.burst, rng.random(2), rng)
+        moment = Moment((index - first + 0.5) / fault.burst, index, rng.random(2), rng)
         if fault.kind in (FaultKind.LATE, FaultKind.CLOCK):
             stamp_ns = pair.stamp_ns + round(fault.amount * NS_PER_S)
             if fault.kind is FaultKind.LATE:
@@ -101,7 +109,9 @@ class Perturber:
             share = (index - fault.start) / DRIFT_PAIRS if fault.kind is FaultKind.DRIFT else 1.0
             angle_deg = fault.amount * max(share, 0.0)
             return replace(pair, right=rotated(pair.right, fault.kind, angle_deg, self._true_rig))
-        if fault.kind in (*REPEATING, FaultKind.TORN) and previous is None:
+        if fault.kind is FaultKind.SHIFT:
+            return replace(pair, right=as_grey(_moved(pair.right.astype(np.float32), fault.amount)))
+        if fault.kind in (*REPEATING, *OF_BEFORE) and previous is None:
             return pair
         left, right = pair.left, pair.right
         if fault.kind is FaultKind.REPEATED and previous is not None:
@@ -119,10 +129,9 @@ class Perturber:
         elif fault.kind is FaultKind.FROZEN and previous is not None:
             left = with_noise(previous.left.astype(np.float32), fault.amount, rng)
             right = with_noise(previous.right.astype(np.float32), fault.amount, rng)
-        elif fault.kind is FaultKind.TORN and previous is not None:
-            rows = round((1.0 - fault.amount) * len(left))
-            left = np.vstack((left[:rows], previous.left[rows:]))
-            right = np.vstack((right[:rows], previous.right[rows:]))
+        elif fault.kind in OF_BEFORE and previous is not None:
+            left = with_old(left, previous.left, fault)
+            right = with_old(right, previous.right, fault)
         if fault.camera == "right":
             left = pair.left
         elif fault.camera == "left":
@@ -157,8 +166,22 @@ def burst_starts(fault: Fault, rng: np.random.Generator, count: int) -> NDArray[
 
 def with_noise(grey: FloatImage, sigma: float, rng: np.random.Generator) -> GreyImage:
     """Return grey levels `(H, W)` with Gaussian noise, rounded and clipped."""
-    noisy = grey + sigma * rng.standard_normal(grey.shape, np.float32)
-    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+    return as_grey(grey + sigma * rng.standard_normal(grey.shape, np.float32))
+
+
+def with_old(image: GreyImage, old: GreyImage, fault: Fault) -> GreyImage:
+    """Return an image `(H, W)` with parts of an old one, by a fault of `OF_BEFORE`."""
+    if fault.kind is FaultKind.GHOST:
+        return as_grey((1.0 - fault.amount) * image + fault.amount * old)
+    rows = np.arange(len(image)) % 2 == 1
+    if fault.kind is FaultKind.TORN:
+        rows = np.arange(len(image)) >= round((1.0 - fault.amount) * len(image))
+    return np.where(rows[:, None], old, image)
+
+
+def as_grey(values: FloatArray | FloatImage) -> GreyImage:
+    """Return grey levels rounded and clipped."""
+    return np.clip(np.rint(values), 0, 255).astype(np.uint8)
 
 
 def degraded(image: GreyImage, kind: FaultKind, amount: float, moment: Moment) -> GreyImage:
@@ -168,6 +191,13 @@ def degraded(image: GreyImage, kind: FaultKind, amount: float, moment: Moment) -
     if kind is FaultKind.BLURRED:
         return np.asarray(cv2.GaussianBlur(image, (0, 0), max(amount, 1e-3)), np.uint8)
     grey = image.astype(np.float32)
+    if kind is FaultKind.SHEAR:
+        height, width = image.shape
+        slope = (amount if moment.spot[0] < 0.5 else -amount) / height
+        shear = np.array([[1.0, slope, -0.5 * slope * height], [0.0, 1.0, 0.0]])
+        return as_grey(
+            cv2.warpAffine(grey, shear, (width, height), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+        )
     if kind is FaultKind.EXPOSURE:
         return with_noise(amount * grey, 0.0, moment.rng)
     if kind is FaultKind.NOISY:
@@ -204,6 +234,54 @@ def _with_body(pair: StereoPair, amount: float, moment: Moment, rig: StereoRig, 
     cover[rig.height - round(amount * rig.height) :] = 1.0
     left = _covered(pair.left, texture[:, : rig.width], cover, moment)
     return left, _covered(pair.right, _moved(texture, -disparity)[:, : rig.width], cover, moment)
+
+
+def _with_arm(pair: StereoPair, amount: float, moment: Moment, rig: StereoRig, fixed: np.random.Generator) -> Views:
+    """Cover a rectangle that comes in from below, ever slower, and stays."""
+    side, disparity = np.sqrt(amount), rig.fx / BODY_DEPTH
+    texture = _texture(2 * rig.height, rig.width, pair.left, fixed)
+    width, first = round(side * rig.width), round((1.0 - side) * fixed.random() * rig.width)
+    rows = round(side * rig.height * np.sin(0.5 * np.pi * min(moment.progress, 1.0)))
+    cover = np.zeros((rig.height, rig.width), np.float32)
+    cover[rig.height - rows :, first : first + width] = 1.0
+    view = texture[rows : rows + rig.height]
+    left = _covered(pair.left, view, cover, moment)
+    return left, _covered(pair.right, _moved(view, -disparity), _moved(cover, -disparity), moment)
+
+
+def _with_texture(pair: StereoPair, amount: float, moment: Moment, rig: StereoRig, fixed: np.random.Generator) -> Views:
+    """Cover the bottom with a texture that moves sideways, at the depth of the own body."""
+    shift = round(SPEED * rig.width) * moment.index
+    texture = np.roll(_texture(rig.height, 2 * rig.width, pair.left, fixed), shift, axis=1)
+    cover = np.zeros((rig.height, rig.width), np.float32)
+    cover[rig.height - round(amount * rig.height) :] = 1.0
+    there = texture[:, round(rig.fx / BODY_DEPTH) :][:, : rig.width]
+    return _covered(pair.left, texture[:, : rig.width], cover, moment), _covered(pair.right, there, cover, moment)
+
+
+def _with_reflection(
+    pair: StereoPair, amount: float, moment: Moment, rig: StereoRig, fixed: np.random.Generator
+) -> Views:
+    """Add a fixed texture, at the depth of the own body, to the image that is left."""
+    texture = _texture(rig.height, rig.width, pair.left, fixed)
+    textures = texture, _moved(texture, -rig.fx / BODY_DEPTH)
+    left, right = (
+        with_noise((1.0 - amount) * image + amount * view, 0.0, moment.rng)
+        for image, view in zip((pair.left, pair.right), textures, strict=True)
+    )
+    return left, right
+
+
+def _with_scratches(
+    pair: StereoPair, amount: float, moment: Moment, rig: StereoRig, fixed: np.random.Generator
+) -> Views:
+    """Draw bright and dark lines over both images, at the same pixels, until they cover a share."""
+    lines = np.zeros((rig.height, rig.width), np.uint8)
+    while np.count_nonzero(lines) < amount * lines.size:
+        start, end = (fixed.random((2, 2)) * (rig.width, rig.height)).astype(int).tolist()
+        cv2.line(lines, start, end, int(fixed.integers(1, 256)), 1)
+    light = np.where(lines > 0, SCRATCH_LIGHT * (lines / 128.0 - 1.0), 0.0).astype(np.float32)
+    return as_grey(pair.left + light), as_grey(pair.right + light)
 
 
 def _with_object(pair: StereoPair, amount: float, moment: Moment, rig: StereoRig, fixed: np.random.Generator) -> Views:
@@ -252,6 +330,10 @@ Views = tuple[GreyImage, GreyImage]  #: Left and right image.
 VIEW_FAULTS: dict[FaultKind, Callable[[StereoPair, float, Moment, StereoRig, np.random.Generator], Views]] = {
     FaultKind.BODY: _with_body,
     FaultKind.OBJECT: _with_object,
+    FaultKind.ARM: _with_arm,
+    FaultKind.TEXTURE: _with_texture,
+    FaultKind.REFLECTION: _with_reflection,
+    FaultKind.SCRATCH: _with_scratches,
     FaultKind.DIRT: _with_dirt,
     FaultKind.SHADOW: _with_shadow,
 }

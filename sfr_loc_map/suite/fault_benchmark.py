@@ -31,7 +31,8 @@ FAULTS = (
     "blurred:share=0.3,camera=right", "noisy:share=1", "exposure:share=0.3",
     "exposure:share=0.3,camera=right,amount=0.7", "roll:amount=0.1", "pitch:amount=0.06", "yaw:amount=0.03",
     "drift", "start", "fade", "frozen", "frozen:camera=right", "torn", "identical", "saturation:share=0.3", "body",
-    "object:share=0.2", "dirt", "shadow",
+    "object:share=0.2", "dirt", "shadow", "body:amount=0.6", "texture", "arm:share=0.2", "reflection",
+    "reflection:start=20", "scratch", "ghost:share=0.3", "interlaced:share=0.3",
 )  # fmt: skip
 """Faults of real rovers; 0.06 deg of rotation of the right camera is about half a pixel at 512 px and 60 deg."""
 LIMIT = 5.0  #: Largest error over the stated 3 sigma that still counts as stated.

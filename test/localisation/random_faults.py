@@ -30,12 +30,18 @@ MAX_PAIRS = 100
 AMOUNTS = {
     FaultKind.BODY: (0.1, 0.4),
     FaultKind.OBJECT: (0.1, 0.4),
+    FaultKind.ARM: (0.1, 0.4),
+    FaultKind.TEXTURE: (0.1, 0.6),
     FaultKind.SHADOW: (0.1, 0.3),
     FaultKind.DIRT: (0.03, 0.2),
+    FaultKind.REFLECTION: (0.2, 0.6),
+    FaultKind.SCRATCH: (0.05, 0.3),
     FaultKind.ROLL: (0.05, 0.2),
     FaultKind.PITCH: (0.03, 0.1),
-    FaultKind.YAW: (0.01, 0.1),
+    FaultKind.YAW: (0.01, 0.5),
     FaultKind.DRIFT: (0.05, 0.4),
+    FaultKind.SHIFT: (-3.0, 3.0),
+    FaultKind.SHEAR: (0.3, 3.0),
     FaultKind.BLURRED: (1.0, 5.0),
     FaultKind.BLINDED: (0.3, 1.5),
     FaultKind.EXPOSURE: (0.3, 1.8),
@@ -46,6 +52,8 @@ AMOUNTS = {
     FaultKind.BLACK: (0.0, 0.0),
     FaultKind.FROZEN: (0.0, 3.0),
     FaultKind.TORN: (0.2, 0.8),
+    FaultKind.GHOST: (0.3, 0.7),
+    FaultKind.INTERLACED: (0.0, 0.0),
     FaultKind.REPEATED: (0.0, 0.0),
     FaultKind.IDENTICAL: (0.0, 0.0),
     FaultKind.SWAPPED: (0.0, 0.0),
@@ -56,7 +64,7 @@ AMOUNTS = {
 Wrong stamps are no fault of a pose, and a wrong focal length or baseline is unobservable: neither is drawn.
 """
 COUNTS = (0.6, 0.3, 0.1)  #: Probability of one, two and three faults at a time.
-WHOLE_DRIVE = (FaultKind.BODY, FaultKind.DIRT, FaultKind.SHADOW, FaultKind.START, *ROTATION_AXES)
+WHOLE_DRIVE = (*("body", "dirt", "shadow", "texture", "reflection", "scratch", "shift", "start"), *ROTATION_AXES)
 ONE_CAMERA = (*IMAGE_KINDS, *SHARES_OF_IMAGE, FaultKind.FROZEN)  #: Kinds that may affect one camera alone.
 
 
@@ -76,7 +84,7 @@ def _random_fault(rng: np.random.Generator, kind: FaultKind, pairs: int) -> str:
             amount = -amount
         values.append(f"amount={round(amount)}" if kind is FaultKind.START else f"amount={amount:.3f}")
     if kind not in WHOLE_DRIVE:
-        long = kind in (FaultKind.OBJECT, FaultKind.FADE)
+        long = kind in (FaultKind.OBJECT, FaultKind.ARM, FaultKind.FADE)
         burst = int(rng.integers(10, 41)) if long else int(rng.choice((1, 1, 2, 5, 10)))
         start = int(rng.integers(1, max(2, pairs // 2)))
         values += [f"share={0.05 + 0.35 * float(rng.random()):.2f}", f"burst={burst}", f"start={start}"]

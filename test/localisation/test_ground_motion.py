@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
+from itertools import islice
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,9 +13,16 @@ from loc_drive import drive, noisy, run
 from made_scene import LOC_RIG, true_pose
 
 from sfr_loc_map.geometry.stereo import StereoPair
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.sequence import drive_of
+from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
+from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.simulation.faults import parse_fault
 from sfr_loc_map.simulation.perturber import Perturber
+from sfr_loc_map.suite.fault_benchmark import LIMIT, error_and_sigma
+
+SAMPLE, PAIRS = Path(__file__).parents[2] / "sample" / "sample.mcap", 14
 
 DRIVE = drive(30)
 
@@ -53,6 +63,32 @@ def test_a_crossing_object_does_not_carry_the_pose_along() -> None:
 
 @pytest.mark.parametrize("fault", ["dirt:amount=0.15", "shadow:amount=0.25"])
 def test_dirt_and_own_shadow_do_not_hold_the_pose(fault: str) -> None:
+    assert worst_ratio(with_fault(fault)) < 1.0
+
+
+@pytest.mark.parametrize(
+    "fault", ["texture", "reflection", "body:amount=0.6", "ghost:share=0.3", "interlaced:share=0.3"]
+)
+def test_nothing_is_the_ground_before_it_has_been_seen_to_move(fault: str) -> None:
+    """What does not move with the ground, or is of another moment, fills most of the image."""
+    sequence = drive_of(open_source(SAMPLE))
+    truth = sequence.ground_truth
+    assert truth is not None
+    pairs = list(islice(sequence.pairs(), PAIRS))
+    by = Localiser(sequence.rig, LocalisationConfig(), truth.pose(0))
+    estimates = run((pair for _, pair in Perturber([parse_fault(fault)], 1, PAIRS, sequence.rig).pairs(pairs)), by)
+    errors, sigmas = error_and_sigma([item for item in estimates if item.state is not TrackingState.LOST], truth)
+    assert np.all(errors < LIMIT * 3.0 * sigmas + 1e-9)
+    states = Counter(item.state for item in estimates[1:])
+    assert "body" in fault or states[TrackingState.DEGRADED] + states[TrackingState.LOST] > 0
+    if fault in ("texture", "reflection"):
+        assert states[TrackingState.TRACKING] == 0
+    else:
+        assert states[TrackingState.TRACKING] > PAIRS // 2
+
+
+@pytest.mark.parametrize("fault", ["arm:share=1,start=5", "scratch", "reflection:amount=0.3"])
+def test_arms_and_windows_do_not_carry_the_pose_along(fault: str) -> None:
     assert worst_ratio(with_fault(fault)) < 1.0
 
 

@@ -1,0 +1,211 @@
+"""What each cell of the left image shows, whatever pose is found: as before, or something that has moved.
+
+A cell is compared with itself in an earlier image. What is left of the difference without a change of brightness and
+contrast is the noise of each pixel, or has structure: neighbours differ alike. Structure tells that something moved, by
+a third of a pixel or more. Texture without such structure is where it was. Two things are told so of a pose: cells that
+stay though it moves them are fixed to the camera, and cells that change though it does not move them contradict it.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, Mask
+from sfr_loc_map.geometry.camera import Pose, StereoCamera
+from sfr_loc_map.jit import jit_fast, jit_fast_inline
+from sfr_loc_map.localisation.frontend.landmarks import BORDER, MIN_INVERSE_DEPTH
+from sfr_loc_map.localisation.frontend.pose_solver import LandmarkEstimates
+
+LEVEL: Final = 1  #: Pyramid level that is compared: noise is half of that of the image, the ground's texture is not.
+SIDE: Final = 8  #: Pixels of that level along a cell.
+CELL: Final = SIDE << LEVEL  #: Pixels of the image along a cell.
+NOISE_CORRELATION: Final = 0.35  #: Correlation of neighbouring pixels, of that level, beyond which it is no noise.
+MIN_CHANGE: Final = 0.03
+"""Smallest part of the variance of the steps between neighbours that counts as moved: that of a third of a pixel."""
+MAX_NOISE: Final = 0.33  #: Largest part of it that a difference may have where texture is said to stay.
+MIN_STEP: Final = 1.0  #: Smallest variance of such steps, grey levels squared, that is texture.
+CONTRAST: Final = 4.0  #: Variance, grey levels squared, below which a cell tells nothing of a change of contrast.
+FIXED_LIFE, MOVING_LIFE = 10, 8
+"""Pairs for which a cell is left out after it was last seen to be fixed, or to move."""
+NEAR: Final = 4  #: Cells to each side within which landmarks tell how the image moves.
+STILL_PX, MOVED_PX = 0.25, 2.0
+"""Image motion up to which a pose leaves a cell where it was, and from which on it moves it."""
+MOST_PX: Final = 10.0  #: Longer motions of landmarks count as so long.
+
+
+class Change(NamedTuple):
+    """What a left image shows against an earlier one, by cell `(R, C)`."""
+
+    changed: Mask  #: Something has moved.
+    stays: Mask  #: Texture is where it was.
+
+
+@jit_fast
+def change_of(before: FloatImage, now: FloatImage) -> Change:
+    """Compare the cells of two images of the level."""
+    rows, columns = now.shape[0] // SIDE, now.shape[1] // SIDE
+    changed, stays = np.zeros((rows, columns), np.bool_), np.zeros((rows, columns), np.bool_)
+    rest, count, pairs = np.empty((SIDE, SIDE), np.float32), np.float32(SIDE * SIDE), np.float32(SIDE * (SIDE - 1))
+    for row in range(rows):
+        for column in range(columns):
+            old = before[SIDE * row : SIDE * row + SIDE, SIDE * column : SIDE * column + SIDE]
+            new = now[SIDE * row : SIDE * row + SIDE, SIDE * column : SIDE * column + SIDE]
+            of_old = of_new = square = product = np.float32(0.0)
+            for j in range(SIDE):
+                for i in range(SIDE):
+                    of_old += old[j, i]
+                    of_new += new[j, i]
+                    square += old[j, i] * old[j, i]
+                    product += old[j, i] * new[j, i]
+            of_old, of_new = of_old / count, of_new / count
+            spread = square / count - of_old * of_old
+            gain = (product / count - of_old * of_new + np.float32(CONTRAST)) / (spread + np.float32(CONTRAST))
+            variance = np.float32(0.0)
+            for j in range(SIDE):
+                for i in range(SIDE):
+                    rest[j, i] = new[j, i] - of_new - gain * (old[j, i] - of_old)
+                    variance += rest[j, i] * rest[j, i]
+            alike_u = alike_v = step_u = step_v = mean_u = mean_v = np.float32(0.0)
+            for j in range(SIDE):
+                for i in range(SIDE - 1):
+                    alike_u += rest[j, i] * rest[j, i + 1]
+                    alike_v += rest[i, j] * rest[i + 1, j]
+                    along_u, along_v = new[j, i + 1] - new[j, i], new[i + 1, j] - new[i, j]
+                    mean_u, mean_v = mean_u + along_u / pairs, mean_v + along_v / pairs
+                    step_u, step_v = step_u + along_u * along_u / pairs, step_v + along_v * along_v / pairs
+            # an even slope that moves is a change of brightness
+            step = min(step_u - mean_u * mean_u, step_v - mean_v * mean_v)
+            variance, structure = variance / count, max(alike_u, alike_v) / pairs
+            changed[row, column] = structure > NOISE_CORRELATION * variance and structure > MIN_CHANGE * step
+            stays[row, column] = not changed[row, column] and step > MIN_STEP + variance / MAX_NOISE
+    return Change(changed, stays)
+
+
+class Judged(NamedTuple):
+    """What a motion explains of a pair, by its M landmarks and the cells `(R, C)`."""
+
+    far: float  #: 90th percentile of how far it moves them in the image, pixels; 0 without any.
+    cell: NDArray[np.intp]  #: `(M,)` numbers of the cells where it sees them, R * C outside.
+    stays: Mask  #: `(M,)` landmarks that were made on cells that stay.
+    fixed: Mask  #: `(M,)` those of them that it would move and does not explain: they are fixed to the camera.
+    rest: Mask  #: `(M,)` landmarks in view that do not agree, without what is fixed and what that covers.
+    share: float  #: Share of them among those in view.
+    cells: Mask  #: `(R, C)` the cells that stay though it moves them.
+    wrong: float  #: Share of the cells that changed though it leaves them where they were.
+
+
+@jit_fast_inline
+def _cell_of(u: float, v: float, rows: int, columns: int) -> int:
+    if not (0.0 <= u < CELL * columns and 0.0 <= v < CELL * rows):  # also NaN
+        return rows * columns
+    return int(v) // CELL * columns + int(u) // CELL
+
+
+@jit_fast
+def judge(
+    pose: Pose,
+    still: Pose,
+    landmarks: LandmarkEstimates,
+    host_uv: FloatArray,
+    inliers: Mask,
+    change: Change,
+    camera: StereoCamera,
+    shape: tuple[int, int],
+) -> Judged:
+    """Judge a motion from one pose to another by the landmarks and cells of an image `(height, width)`.
+
+    Landmarks at infinity are taken as far away.
+    """
+    hosts, rays, inverse_depth, _ = landmarks
+    count, (rows, columns), (height, width) = len(inverse_depth), change.changed.shape, shape
+    length, cell, stays = np.full(count, np.nan), np.zeros(count, np.intp), np.zeros(count, np.bool_)
+    fixed, rest, in_view = stays.copy(), stays.copy(), 0
+    sums, counts, seen = np.zeros((rows, columns)), np.zeros((rows, columns)), np.empty((2, 2))
+    all_stay = change.stays.ravel()
+    for n in range(count):
+        rho = max(inverse_depth[n], MIN_INVERSE_DEPTH)
+        for k in range(2):
+            target = pose if k == 0 else still
+            x = y = z = 0.0
+            for i in range(3):
+                along = rho * (hosts.positions[n, i] - target.position[i])
+                for j in range(3):
+                    along += hosts.rotations[n, i, j] * rays[n, j]
+                x += along * target.rotation[i, 0]
+                y += along * target.rotation[i, 1]
+                z += along * target.rotation[i, 2]
+            z = z if z > 1e-6 else np.nan
+            seen[k, 0], seen[k, 1] = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
+        u, v = seen[0]
+        length[n], cell[n] = np.hypot(u - seen[1, 0], v - seen[1, 1]), _cell_of(u, v, rows, columns)
+        host = _cell_of(host_uv[n, 0], host_uv[n, 1], rows, columns)
+        stays[n] = host < rows * columns and all_stay[host]
+        if BORDER < u < width - 1 - BORDER and BORDER < v < height - 1 - BORDER:
+            rest[n] = not inliers[n]
+            in_view += 1
+            if cell[n] < rows * columns:
+                sums[cell[n] // columns, cell[n] % columns] += min(length[n], MOST_PX)
+                counts[cell[n] // columns, cell[n] % columns] += 1.0
+    cells, wrong = np.zeros((rows, columns), np.bool_), 0
+    for r in range(rows):
+        for c in range(columns):
+            if change.stays[r, c] or change.changed[r, c]:
+                area = slice(max(r - NEAR, 0), r + NEAR + 1), slice(max(c - NEAR, 0), c + NEAR + 1)
+                near, flow = counts[area].sum(), sums[area].sum()
+                cells[r, c] = change.stays[r, c] and flow > MOVED_PX * near
+                wrong += change.changed[r, c] and flow < STILL_PX * near
+    all_fixed = cells.ravel()
+    for n in range(count):
+        host = _cell_of(host_uv[n, 0], host_uv[n, 1], rows, columns)
+        fixed[n] = host < rows * columns and all_fixed[host] and not inliers[n]
+        rest[n] &= not (fixed[n] or (cell[n] < rows * columns and all_fixed[cell[n]]))
+    share, far = rest.sum() / max(in_view, 1), np.sort(length[~np.isnan(length)])
+    return Judged(
+        far[9 * len(far) // 10] if len(far) else 0.0,
+        cell,
+        stays,
+        fixed,
+        rest,
+        share,
+        cells,
+        wrong / max(rows * columns, 1),
+    )
+
+
+class ImageCells:
+    """The cells of the left image, and which of them are left out as they do not move with the ground.
+
+    Attributes:
+        mask: `(H, W)` uint8, 0 where no landmark shall be made; None without regions.
+        share: Share of the image that is left out.
+        moving_share: Share of the cells that are left out as they move.
+    """
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        """Start without regions; the shape is (height, width)."""
+        height, width = self._shape = shape
+        self.count = height // 2 // SIDE, width // 2 // SIDE
+        self._life, self._fixed = np.zeros(self.count, np.int64), np.zeros(self.count, np.bool_)
+        self.mask: NDArray[np.uint8] | None = None
+        self.share = self.moving_share = 0.0
+
+    def leave_out(self, fixed: Mask, moving: Mask) -> None:
+        """Leave out cells `(R, C)` from now on: fixed to the camera, or moving."""
+        self._life[moving], self._life[fixed] = MOVING_LIFE, FIXED_LIFE
+        self._fixed[moving], self._fixed[fixed] = False, True
+
+    def age(self, stays: Mask) -> None:
+        """Count a pair, in which the texture of some cells `(R, C)` stays, and draw the mask: a cell more around."""
+        self._life = np.maximum(self._life - 1, 0)
+        self._life[self._fixed & stays & (self._life > 0)] = FIXED_LIFE
+        self.mask, self.share, self.moving_share = None, 0.0, float(np.mean((self._life > 0) & ~self._fixed))
+        if not self._life.any():
+            return
+        free = cv2.erode((self._life == 0).astype(np.uint8), np.ones((3, 3), np.uint8))
+        whole = np.repeat(np.repeat(free * np.uint8(255), CELL, axis=0), CELL, axis=1)
+        edges = [(0, side - drawn) for side, drawn in zip(self._shape, whole.shape, strict=True)]
+        self.mask, self.share = np.pad(whole, edges, mode="edge"), float(np.mean(free == 0))
