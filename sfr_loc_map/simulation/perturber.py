@@ -42,7 +42,7 @@ class Moment(NamedTuple):
     """One affected pair."""
 
     progress: float  #: How much of its burst is over, 0 .. 1.
-    index: int  #: Number of the pair.
+    pair: int  #: Its number.
     spot: FloatArray  #: `(2,)` random point, as shares of width and height.
     rng: np.random.Generator  #: Generator of this pair.
 
@@ -195,8 +195,9 @@ def degraded(image: GreyImage, kind: FaultKind, amount: float, moment: Moment) -
         height, width = image.shape
         slope = (amount if moment.spot[0] < 0.5 else -amount) / height
         shear = np.array([[1.0, slope, -0.5 * slope * height], [0.0, 1.0, 0.0]])
+        flags, border = cv2.INTER_CUBIC, cv2.BORDER_REFLECT
         return as_grey(
-            cv2.warpAffine(grey, shear, (width, height), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+            np.asarray(cv2.warpAffine(grey, shear, (width, height), flags=flags, borderMode=border), np.float32)
         )
     if kind is FaultKind.EXPOSURE:
         return with_noise(amount * grey, 0.0, moment.rng)
@@ -251,7 +252,7 @@ def _with_arm(pair: StereoPair, amount: float, moment: Moment, rig: StereoRig, f
 
 def _with_texture(pair: StereoPair, amount: float, moment: Moment, rig: StereoRig, fixed: np.random.Generator) -> Views:
     """Cover the bottom with a texture that moves sideways, at the depth of the own body."""
-    shift = round(SPEED * rig.width) * moment.index
+    shift = round(SPEED * rig.width) * moment.pair
     texture = np.roll(_texture(rig.height, 2 * rig.width, pair.left, fixed), shift, axis=1)
     cover = np.zeros((rig.height, rig.width), np.float32)
     cover[rig.height - round(amount * rig.height) :] = 1.0
