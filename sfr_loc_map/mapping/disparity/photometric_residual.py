@@ -40,53 +40,32 @@ def _cubic(p0: np.float32, p1: np.float32, p2: np.float32, p3: np.float32, t: np
     return value
 
 
-@jit_rows_inline
-def residual_at(left: FloatImage, right: FloatImage, disparity: FloatImage, y: int, x: int) -> np.float32:
-    """Return that of one pixel, see `photometric_residual`."""
-    cols = left.shape[1]
-    u = F(x) - disparity[y, x]
-    if not (u >= 0 and u <= cols - 1):
-        return F(np.nan)
-    k = int(u)
-    p0, p1 = right[y, max(k - 1, 0)], right[y, k]
-    p2, p3 = right[y, min(k + 1, cols - 1)], right[y, min(k + 2, cols - 1)]
-    value: np.float32 = _cubic(p0, p1, p2, p3, u - F(k)) - left[y, x]
-    return value
-
-
-@jit_rows_inline
-def fill_residual_row(left: FloatImage, right: FloatImage, disparity: FloatImage, y: int, out: FloatImage) -> None:
-    """Fill the residuals of one row `(W,)`, see `photometric_residual`.
-
-    What is read from computed places is gathered first, and pixels are computed side by side then.
-    """
-    cols = left.shape[1]
-    parts = np.empty((5, cols), F)
-    p0, p1, p2, p3, share = parts[0], parts[1], parts[2], parts[3], parts[4]
-    shift, grey, source = disparity[y], left[y], right[y]
-    before, row = np.empty(cols, np.int32), np.empty(cols + 3, F)
-    for x in range(cols):
-        row[x + 1] = source[x]
-    row[0], row[cols + 1], row[cols + 2] = source[0], source[cols - 1], source[cols - 1]
-    for x in range(cols):
-        u = F(x) - shift[x]
-        share[x] = u if u >= F(0.0) and u <= F(cols - 1) else F(np.nan)
-        before[x] = np.int32(share[x] if share[x] == share[x] else F(0.0))
-        share[x] -= F(before[x])
-    for x in range(cols):
-        k = np.uint32(before[x])
-        p0[x], p1[x], p2[x], p3[x] = row[k], row[k + np.uint32(1)], row[k + np.uint32(2)], row[k + np.uint32(3)]
-    for x in range(cols):
-        out[x] = _cubic(p0[x], p1[x], p2[x], p3[x], share[x]) - grey[x]
-
-
 @jit_rows
 def photometric_residual(left: FloatImage, right: FloatImage, disparity: FloatImage) -> FloatImage:
-    """Return the right image at `u - d` minus the left one `(H, W)`, grey levels; NaN outside the right image."""
+    """Return the right image at `u - d` minus the left one `(H, W)`, grey levels; NaN outside the right image.
+
+    What is read from computed places is gathered first, and the pixels of a row are computed side by side then.
+    """
     rows, cols = left.shape
     out = np.empty((rows, cols), F)
     for y in prange(rows):
-        fill_residual_row(left, right, disparity, y, out[y])
+        shift, grey, source, values = disparity[y], left[y], right[y], out[y]
+        parts = np.empty((5, cols), F)
+        p0, p1, p2, p3, share = parts[0], parts[1], parts[2], parts[3], parts[4]
+        before, row = np.empty(cols, np.int32), np.empty(cols + 3, F)
+        for x in range(cols):
+            row[x + 1] = source[x]
+        row[0], row[cols + 1], row[cols + 2] = source[0], source[cols - 1], source[cols - 1]
+        for x in range(cols):
+            u = F(x) - shift[x]
+            share[x] = u if u >= F(0.0) and u <= F(cols - 1) else F(np.nan)
+            before[x] = np.int32(share[x] if share[x] == share[x] else F(0.0))
+            share[x] -= F(before[x])
+        for x in range(cols):
+            k = np.uint32(before[x])
+            p0[x], p1[x], p2[x], p3[x] = row[k], row[k + np.uint32(1)], row[k + np.uint32(2)], row[k + np.uint32(3)]
+        for x in range(cols):
+            values[x] = _cubic(p0[x], p1[x], p2[x], p3[x], share[x]) - grey[x]
     return out
 
 

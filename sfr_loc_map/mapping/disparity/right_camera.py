@@ -12,19 +12,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
-from numba import prange
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, Mask
 from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.jit import jit_rows, jit_rows_inline
 from sfr_loc_map.mapping.disparity.filters import mad_sigma
-from sfr_loc_map.mapping.disparity.photometric_residual import (
-    fill_residual_row,
-    photometric_residual,
-    residual_at,
-    shift_rows,
-)
+from sfr_loc_map.mapping.disparity.photometric_residual import photometric_residual, shift_rows
 
 F = np.float32
 
@@ -38,6 +32,8 @@ MIN_OFFSET_PX = 0.02
 """Rows are resampled only for more than this: resampling blurs, a hundredth of a pixel does not matter."""
 MAX_STEP_PX = 0.5
 TAIL = 2.0  #: Residuals of so many standard deviations have half their weight.
+DIFFERENCE, SMOOTHING = np.array([[-1.0, 0.0, 1.0]], F), np.array([[0.125, 0.25, 0.125]], F)
+"""Taps of the Sobel operator, which gives grey levels per pixel."""
 MIN_ROLL_PX = 0.05
 """Vertical disparity at the edge of the image from which on a roll is compensated; less is within the measurement."""
 
@@ -98,7 +94,8 @@ def _vertical_step(left: FloatImage, right: FloatImage, disparity: FloatImage) -
     Shifting the right image's content up by s changes the residual by `s` times the slope along columns. The step is 0
     where there is too little to measure it by.
     """
-    residual, slope = _row_samples(left, right, disparity)
+    residual, mean = _residual_and_mean(left, right, disparity)
+    residual, slope = residual[::STRIDE, ::STRIDE], cv2.Sobel(mean, -1, 0, 1, scale=0.125)[::STRIDE, ::STRIDE]
     usable = np.isfinite(residual)
     y, x = np.nonzero(usable)
     if len(y) < MIN_ROW_PIXELS:
@@ -115,30 +112,12 @@ def _vertical_step(left: FloatImage, right: FloatImage, disparity: FloatImage) -
     return np.asarray(np.clip(step, -MAX_STEP_PX, MAX_STEP_PX))
 
 
-@jit_rows
-def _row_samples(left: FloatImage, right: FloatImage, disparity: FloatImage) -> tuple[FloatImage, FloatImage]:
-    """Return residual and slope along the columns of every `STRIDE`-th pixel; the residual is NaN without a partner.
-
-    The slope is that of the mean of both images, by the Sobel operator, grey levels per pixel; 0 in the border rows.
-    """
-    height, width = left.shape
-    shape = ((height + STRIDE - 1) // STRIDE, (width + STRIDE - 1) // STRIDE)
-    residual, slope = np.empty(shape, F), np.zeros(shape, F)
-    for i in prange(shape[0]):
-        y = STRIDE * i
-        for j in range(shape[1]):
-            residual[i, j] = residual_at(left, right, disparity, y, STRIDE * j)
-        if 0 < y < height - 1:
-            for side in (-1, 1):
-                mean = np.empty(width, F)
-                fill_residual_row(left, right, disparity, y + side, mean)
-                for x in range(width):
-                    mean[x] = left[y + side, x] + (F(0.5) * mean[x] if mean[x] == mean[x] else F(0.0))
-                for j in range(shape[1]):
-                    x = STRIDE * j
-                    beside = mean[abs(x - 1)] + mean[x + 1 if x < width - 1 else x - 1]
-                    slope[i, j] = F(0.25) * mean[x] + F(0.125) * beside - slope[i, j]
-    return residual, slope
+def _residual_and_mean(left: FloatImage, right: FloatImage, disparity: FloatImage) -> tuple[FloatImage, FloatImage]:
+    """Return the residual `(H, W)`, and the mean of each left pixel and its partner: the left one without a partner."""
+    residual = photometric_residual(left, right, disparity)
+    mean = left + F(0.5) * residual
+    np.copyto(mean, left, where=np.isnan(residual))
+    return residual, mean
 
 
 def _shifted_up(image: FloatImage, vertical: FloatArray) -> FloatImage:
@@ -174,8 +153,10 @@ def camera_rotation(
     of 1, x, y, x y, y^2, is fitted with them and the saddle of a yaw.
     """
     fit, deviation = np.zeros(5), np.full(5, np.inf)
-    residual, slope = _pixel_samples(left, right, disparity_px, valid)
-    usable = np.isfinite(residual)
+    residual, mean = _residual_and_mean(left, right, disparity_px)
+    slope = cv2.filter2D(cv2.filter2D(mean, -1, DIFFERENCE.T), -1, SMOOTHING)[::STRIDE, ::STRIDE]
+    residual = residual[::STRIDE, ::STRIDE]
+    usable = np.isfinite(residual) & valid[::STRIDE, ::STRIDE]
     v, u = np.nonzero(usable)
     if len(v) >= MIN_ROTATION_PIXELS:
         r, g = residual[usable].astype(np.float64), slope[usable].astype(np.float64)
@@ -202,40 +183,6 @@ def camera_rotation(
         vertical_px=float(np.sqrt(np.mean(np.square(field)))),
         bent_px=float(np.std(bent)),
     )
-
-
-@jit_rows_inline
-def _template(left: FloatImage, right: FloatImage, disparity: FloatImage, y: int, x: int) -> np.float32:
-    """Return the mean of a left pixel and its partner; the left one without a partner. The border is reflected."""
-    rows, cols = left.shape
-    y = abs(y) if y < rows else 2 * (rows - 1) - y
-    x = abs(x) if x < cols else 2 * (cols - 1) - x
-    value = residual_at(left, right, disparity, y, x)
-    mean: np.float32 = left[y, x] + (F(0.5) * value if value == value else F(0.0))
-    return mean
-
-
-@jit_rows
-def _pixel_samples(
-    left: FloatImage, right: FloatImage, disparity: FloatImage, valid: Mask
-) -> tuple[FloatImage, FloatImage]:
-    """Return residual and slope along the columns of every `STRIDE`-th pixel; NaN where not valid.
-
-    The slope is that of the mean of both images, by the Sobel operator, grey levels per pixel.
-    """
-    rows, cols = (left.shape[0] + STRIDE - 1) // STRIDE, (left.shape[1] + STRIDE - 1) // STRIDE
-    residual, slope = np.empty((rows, cols), F), np.zeros((rows, cols), F)
-    for i in prange(rows):
-        for j in range(cols):
-            y, x = STRIDE * i, STRIDE * j
-            residual[i, j] = residual_at(left, right, disparity, y, x) if valid[y, x] else F(np.nan)
-            if residual[i, j] == residual[i, j]:
-                total = F(0.0)
-                for k in range(-1, 2):
-                    below = _template(left, right, disparity, y + 1, x + k)
-                    total += F(2 - abs(k)) * (below - _template(left, right, disparity, y - 1, x + k))
-                slope[i, j] = F(0.125) * total
-    return residual, slope
 
 
 def without_roll(disparity_px: FloatImage, rotation: CameraRotation, rig: StereoRig) -> FloatImage:
