@@ -40,8 +40,6 @@ F = TypeVar("F", bound=Callable[..., Any])
 KERNELS: set[Any] = set()  #: Those of the modules that are loaded.
 FAST = {"reassoc", "contract", "nsz", "arcp"}
 """Sums in any order; the result depends on the machine, not on the run."""
-_KERNEL: dict[str, Any] = {"nogil": True, "no_cfunc_wrapper": True}
-"""No entry for callers in C: there are none, and an entry of what is inlined is compiled with a copy of it."""
 
 
 class _KernelCache(FunctionCache):
@@ -68,14 +66,22 @@ class _KernelCache(FunctionCache):
             super().save_overload(sig, data)  # type: ignore[no-untyped-call]
 
 
-def _cached(function: F, **options: Any) -> F:  # noqa: ANN401 - numba's
-    """Compile with options of numba, and keep the compiled code."""
-    kernel: Any = njit(**options)(function)
-    if kernel is not function:  # NUMBA_DISABLE_JIT leaves the function
-        KERNELS.add(kernel)
-        kernel._cache = _KernelCache(function)  # type: ignore[no-untyped-call]
-        kernel._compilation_chain_init_hook = _nothing
-    return cast(F, kernel)
+def _policy(**options: Any) -> Callable[[F], F]:  # noqa: ANN401 - numba's
+    """Return a decorator that compiles with options of numba, and keeps the compiled code.
+
+    No entry is made for callers in C: there are none, and that of what is inlined is compiled with a copy of it.
+    """
+    options |= {"nogil": True, "no_cfunc_wrapper": True}
+
+    def compiled(function: F) -> F:
+        kernel: Any = njit(**options)(function)
+        if kernel is not function:  # NUMBA_DISABLE_JIT leaves the function
+            KERNELS.add(kernel)
+            kernel._cache = _KernelCache(function)  # type: ignore[no-untyped-call]
+            kernel._compilation_chain_init_hook = _nothing
+        return cast(F, kernel)
+
+    return compiled
 
 
 @cache
@@ -93,43 +99,20 @@ def _nothing() -> None:
     """Look for no extensions of numba before a kernel is loaded: a search through all that is installed."""
 
 
-def jit(function: F) -> F:
-    """Compile with arithmetic in the order written; division by zero gives infinity or NaN, as in numpy."""
-    return _cached(function, **_KERNEL, error_model="numpy")
+_ROWS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}}
+jit = _policy(error_model="numpy")  #: Arithmetic in the order written; division by zero is infinity or NaN as in numpy.
+jit_inline = _policy(error_model="numpy", forceinline=True)  #: Into each caller: a loop around becomes vector code.
+jit_fast = _policy(fastmath=FAST)  #: Sums in any order.
+jit_fast_inline = _policy(fastmath=FAST, forceinline=True)  #: Sums in any order, into each caller.
+jit_fast_ir_inline = _policy(fastmath=FAST, inline="always")
+"""Sums in any order, copied into each caller before types are known.
 
-
-def jit_inline(function: F) -> F:
-    """Compile as `jit`, into each caller, so that a loop around it becomes vector code."""
-    return _cached(function, **_KERNEL, forceinline=True, error_model="numpy")
-
-
-def jit_fast(function: F) -> F:
-    """Compile with sums in any order."""
-    return _cached(function, **_KERNEL, fastmath=FAST)
-
-
-def jit_fast_inline(function: F) -> F:
-    """Compile as `jit_fast`, into each caller."""
-    return _cached(function, **_KERNEL, forceinline=True, fastmath=FAST)
-
-
-def jit_fast_ir_inline(function: F) -> F:
-    """Compile as `jit_fast`, copied into each caller before types are known.
-
-    The result is that of one function with all the text, to the last digit: the parts of a kernel that sums in any
-    order take it, so that a division into parts changes no figure. It also serves functions of many array layouts.
-    """
-    return _cached(function, inline="always", fastmath=FAST)
-
-
-def jit_rows(function: F) -> F:
-    """Compile a function whose rows (`prange`) run on all threads; each row is written by one of them."""
-    return _cached(function, **_KERNEL, parallel=True, error_model="numpy", fastmath={"contract"})
-
-
-def jit_rows_inline(function: F) -> F:
-    """Compile a function that those of `jit_rows` call within their loops."""
-    return _cached(function, **_KERNEL, forceinline=True, error_model="numpy", fastmath={"contract"})
+The result is that of one function with all the text, to the last digit: the parts of a kernel that sums in any order
+take it, so that a division into parts changes no figure. It also serves functions of many array layouts.
+"""
+jit_rows = _policy(**_ROWS, parallel=True)
+"""Rows (`prange`) run on all threads; each row is written by one of them."""
+jit_rows_inline = _policy(**_ROWS, forceinline=True)  #: What those of `jit_rows` call within their loops.
 
 
 @contextmanager

@@ -15,7 +15,6 @@ from sfr_loc_map.geometry.arrays import FloatArray, Mask
 
 MAX_IMAGE_PIXELS = 8192 * 8192  #: Largest image: a header may claim any size, and every allocation follows from it.
 MAX_IMAGE_SIDE = 32_768
-IMAGE_SIZE = f"{{}} is {{}} x {{}}: whole numbers of pixels > 0, up to {MAX_IMAGE_PIXELS} in all, are needed"
 FOCAL_SHARE = (0.01, 100.0)
 """Focal length over the longer side of the image: fields of view from 178 to 0.6 degrees."""
 MAX_CENTRE_SHARE = 10.0
@@ -34,14 +33,14 @@ def check_image_size(width: float, height: float, name: str = "image") -> None:
     """Check the size of an image, before anything is allocated for it."""
     sides_ok = all(1 <= n <= MAX_IMAGE_SIDE and n == int(n) for n in (width, height))
     if not (sides_ok and width * height <= MAX_IMAGE_PIXELS):
-        raise GeometryError(IMAGE_SIZE.format(name, width, height))
+        size = f"{name} is {width} x {height}"
+        raise GeometryError(f"{size}: whole numbers of pixels > 0, up to {MAX_IMAGE_PIXELS} in all, are needed")
 
 
 def check_camera(size: tuple[float, float], focal: tuple[float, float], centre: tuple[float, float]) -> None:
     """Check size (width, height), focal lengths (along rows, columns) and principal point of a camera, all pixels."""
+    check_image_size(*size)
     side = max(size)
-    if not all(1 <= n <= MAX_IMAGE_SIDE and n == int(n) for n in size) or size[0] * size[1] > MAX_IMAGE_PIXELS:
-        raise GeometryError(IMAGE_SIZE.format("image", *size))
     low, high = (share * side for share in FOCAL_SHARE)
     if not all(low <= f <= high for f in focal):
         raise GeometryError(

@@ -14,7 +14,6 @@ import numpy as np
 
 from sfr_loc_map.config import build, changed, param, parameters
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_from_matrix, quat_multiply, quat_normalised, quat_rotate
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -89,10 +88,9 @@ class PoseConvention:
     @property
     def settings(self) -> tuple[str, ...]:
         """What differs, as `parse` takes it."""
-        differing = {
-            **changed(self),
-            **({"extrinsics": ",".join(map(repr, self.extrinsics))} if self.extrinsics else {}),
-        }
+        differing = changed(self)
+        if self.extrinsics:
+            differing = {**differing, "extrinsics": ",".join(map(repr, self.extrinsics))}
         return tuple(f"{name}={str(value).lower()}" for name, value in differing.items())
 
     @property
@@ -121,7 +119,13 @@ def converted(trajectory: Trajectory, convention: PoseConvention, T_rb_child: Tr
     stamps, positions, quats = trajectory.stamps_ns, trajectory.positions, trajectory.quats_xyzw
     if convention.time_offset_ns:
         stamps = stamps + np.int64(convention.time_offset_ns)
-    quats = quats_of(quats, convention.quaternion)
+    written = convention.quaternion
+    if written == "wxyz_ds_to_rb":  # what was read as DsToRb has been conjugated as if it were scalar last
+        quats = quat_conjugate(quats)
+    if "wxyz" in written:
+        quats = quats[:, [1, 2, 3, 0]]
+    if written not in ("xyzw", "wxyz"):
+        quats = quat_conjugate(quats)
     if convention.metres_per_unit != 1.0:
         positions = positions * convention.metres_per_unit
     if convention.mirrored:
@@ -135,15 +139,6 @@ def converted(trajectory: Trajectory, convention: PoseConvention, T_rb_child: Tr
         quats = quat_multiply(quat_normalised(quats), quat_from_matrix(T_rb_child.rotation.T))
         positions = positions - quat_rotate(quats, T_rb_child.translation)
     return Trajectory(stamps, positions, quats)
-
-
-def quats_of(quats: FloatArray, written: str) -> FloatArray:
-    """Return quaternions `(N, 4)` as in ROS, of RB in DS, by how they are written."""
-    if written == "wxyz_ds_to_rb":  # what was read as DsToRb has been conjugated as if it were scalar last
-        quats = quat_conjugate(quats)
-    if "wxyz" in written:
-        quats = quats[:, [1, 2, 3, 0]]
-    return quats if written in ("xyzw", "wxyz") else quat_conjugate(quats)
 
 
 def aligned(trajectory: Trajectory, T_ds_world: Transform) -> Trajectory:

@@ -61,11 +61,7 @@ def quat_rotate(quat_xyzw: ArrayLike, vectors: ArrayLike) -> FloatArray:
 
 def matrix_from_quat(quat_xyzw: ArrayLike) -> FloatArray:
     """Return rotation matrices `(..., 3, 3)` of quaternions `(..., 4)`, normalised first."""
-    quat = np.asarray(quat_xyzw, dtype=np.float64)
-    norm = np.sqrt(np.sum(quat * quat, axis=-1))
-    if not np.all(np.isfinite(norm)) or np.any(norm < MIN_NORM):
-        raise GeometryError(NO_LENGTH)
-    x, y, z, w = (quat[..., i] / norm for i in range(4))
+    x, y, z, w = np.moveaxis(quat_normalised(quat_xyzw), -1, 0)
     rows = (
         (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
         (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),

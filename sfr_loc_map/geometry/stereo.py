@@ -10,7 +10,7 @@ import numpy as np
 from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray, GreyImage, PointImage
 from sfr_loc_map.geometry.camera import StereoCamera
-from sfr_loc_map.geometry.plausibility import BASELINE_M, MAX_EXTRINSICS_M, check_camera
+from sfr_loc_map.geometry.plausibility import BASELINE_M, check_camera, check_extrinsics
 from sfr_loc_map.geometry.transform import Transform
 
 CAMERA = ("width", "height", "fx", "fy", "cx", "cy", "baseline_m")  #: Numbers of a rig, all but its pose.
@@ -39,9 +39,8 @@ class StereoRig:
         low, high = BASELINE_M
         if not low <= self.baseline_m <= high:
             raise GeometryError(f"baseline is {self.baseline_m:g} m: {low:g} to {high:g} m are possible")
-        if self.T_rb_sb is not None and np.abs(self.T_rb_sb.translation).max() > MAX_EXTRINSICS_M:
-            place = self.T_rb_sb.translation.tolist()
-            raise GeometryError(f"the stereo rig is at {place} m in RB: up to {MAX_EXTRINSICS_M:g} m are possible")
+        if self.T_rb_sb is not None:
+            check_extrinsics(self.T_rb_sb.translation)
 
     @property
     def camera_matrix(self) -> FloatArray:

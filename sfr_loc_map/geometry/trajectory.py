@@ -10,7 +10,7 @@ import numpy as np
 
 from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
-from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, QUATERNION_SQUARES
+from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, plausible_positions, plausible_quats
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_normalised, quat_rotate
 from sfr_loc_map.geometry.transform import Transform
 
@@ -36,11 +36,8 @@ class Trajectory:
             raise GeometryError(f"a trajectory needs shapes (N,), (N, 3), (N, 4): got {shapes}")
         if not np.issubdtype(self.stamps_ns.dtype, np.signedinteger):
             raise GeometryError(f"stamps are {self.stamps_ns.dtype}: whole nanoseconds, int64, are needed")
-        with np.errstate(over="ignore"):
-            squares = np.einsum("ni,ni->n", self.quats_xyzw, self.quats_xyzw)
-        near = (np.abs(self.positions) <= MAX_POSITION_M).all(axis=1)
-        unit = (QUATERNION_SQUARES[0] <= squares) & (squares <= QUATERNION_SQUARES[1])
-        bad = ~(near & (unit | (not squares.any())))
+        turned = plausible_quats(self.quats_xyzw) | (not self.quats_xyzw.any())
+        bad = ~(plausible_positions(self.positions) & turned)
         if bad.any():
             first = int(np.argmax(bad))
             raise GeometryError(

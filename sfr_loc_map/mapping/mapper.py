@@ -29,13 +29,7 @@ from sfr_loc_map.mapping.multiview.fixed_content import without_fixed_content
 from sfr_loc_map.mapping.multiview.fusion import fuse_views
 from sfr_loc_map.mapping.multiview.pair_view import PairView
 from sfr_loc_map.mapping.multiview.registration import register_views
-from sfr_loc_map.mapping.reprojection import (
-    NO_CALIBRATION,
-    CalibrationSigma,
-    check_calibration,
-    cloud_from_disparity,
-    total_sigma,
-)
+from sfr_loc_map.mapping.reprojection import CalibrationSigma, check_calibration, cloud_from_disparity, total_sigma
 
 F = np.float32
 
@@ -89,23 +83,14 @@ class Mapper:
 
     def warm_up(self) -> None:
         """Load or compile all kernels, so that no call pays for it."""
-        side = 64
-        noise = np.random.default_rng(0).integers(0, 256, (side, side + 8), dtype=np.uint8)
-        left, right = noise[:, :side].copy(), noise[:, 8:].copy()
-        initial = np.full(left.shape, 8.0, F)
-        initial[:, side // 2 :] = 4.0
-        grey = left.astype(F)
-        refined = refine(grey, right.astype(F), initial)
-        shift_rows(grey, np.zeros_like(grey))  # only where rows have to be corrected
-        sigma = disparity_sigma(refined)
-        valid = valid_mask(grey, refined, initial, sigma, local_variance(grey))
-        camera_rotation(grey, refined.right, refined.disparity_px, valid, refined.correction.vertical_px, self._rig)
-        fill_holes(grey, refined.right, initial, left < 200, initial, refined.noise, left >= 200)
-        cloud = cloud_from_disparity(initial, sigma, left, self._rig, self._rig.T_sb_left, 0)
-        saturation(left, np.full_like(right, 255), initial).widen(cloud.sigma.copy(), cloud, 0)
-        total_sigma(cloud, [self._rig.T_sb_left], self._rig, NO_CALIBRATION)
-        view = PairView(cloud, initial, self._rig.T_sb_left, refined.noise)
-        fuse_views([view, view], self._rig)
+        rig = StereoRig(160, 120, 150.0, 150.0, 79.5, 59.5, 0.1)
+        scene = np.random.default_rng(0).integers(0, 256, (rig.height, rig.width + 8), dtype=np.uint8)
+        left, right = scene[:, : rig.width].copy(), scene[:, 8:].copy()
+        right[40:60, 40:80] = 255  # saturated, and a hole to fill
+        small = Mapper(rig)
+        done = small.process(StereoPair(0, left, right), Transform.identity(), 0)
+        small.fuse([done, done])
+        shift_rows(left.astype(F), np.zeros(left.shape, F))  # only where rows have to be corrected
 
     def map(self, pairs: Sequence[PosedStereoPair]) -> FusedMap:
         """Return one cloud of one to three pairs: the mapping call of the specification [1.3].

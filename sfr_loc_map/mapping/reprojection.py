@@ -39,30 +39,19 @@ def cloud_from_disparity(
     The disparity `(H, W)` is NaN where there is none; `index` is the number of the pair within its set.
     """
     ends = np.cumsum(np.isfinite(disparity_px).sum(axis=1))
-    count = int(ends[-1])
-    xyz, sigma, intensity = np.empty((count, 3), np.float32), np.empty(count, np.float32), np.empty(count, np.float32)
-    u, v = np.empty(count, np.uint16), np.empty(count, np.uint16)
-    pose = Pose(T_lm_left.rotation, T_lm_left.translation)
-    _reproject(disparity_px, sigma_px, left, rig.camera, pose, ends, xyz, sigma, intensity, u, v)
-    return PointCloud(xyz, sigma, intensity, u, v, np.full(count, index, np.uint8), fused=False)
+    columns = _reproject(disparity_px, sigma_px, left, rig.camera, Pose.of(T_lm_left), ends)
+    return PointCloud(*columns, np.full(ends[-1], index, np.uint8), fused=False)
 
 
 @jit_rows
 def _reproject(
-    disparity: FloatImage,
-    deviation: FloatImage,
-    left: GreyImage,
-    camera: StereoCamera,
-    pose: Pose,
-    ends: IntArray,
-    xyz: NDArray[np.float32],
-    sigma: NDArray[np.float32],
-    intensity: NDArray[np.float32],
-    u: NDArray[np.uint16],
-    v: NDArray[np.uint16],
-) -> None:
-    """Fill the columns of a cloud row by row; `ends` `(H,)` counts the points up to the end of each row."""
+    disparity: FloatImage, deviation: FloatImage, left: GreyImage, camera: StereoCamera, pose: Pose, ends: IntArray
+) -> tuple[FloatImage, FloatImage, FloatImage, NDArray[np.uint16], NDArray[np.uint16]]:
+    """Return the columns of a cloud, filled row by row; `ends` `(H,)` counts the points up to the end of each row."""
     rows, cols = disparity.shape
+    count = ends[-1]
+    xyz, sigma, intensity = np.empty((count, 3), np.float32), np.empty(count, np.float32), np.empty(count, np.float32)
+    u, v = np.empty(count, np.uint16), np.empty(count, np.uint16)
     rotation, position = pose.rotation, pose.position
     scale = camera.fx * camera.baseline_m
     for i in prange(rows):
@@ -81,6 +70,7 @@ def _reproject(
             intensity[n] = left[i, j]
             u[n], v[n] = j, i
             n += 1
+    return xyz, sigma, intensity, u, v
 
 
 class CalibrationSigma(NamedTuple):
@@ -139,17 +129,14 @@ def total_sigma(
 
     Poses of the left cameras are in the order of the points' `pair`.
     """
-    total = np.empty(len(cloud), np.float32)
     axes = np.stack([pose.rotation[:, 2] for pose in T_lm_left])
     centres = np.stack([pose.translation for pose in T_lm_left])
-    _add_calibration(
-        cloud.xyz, cloud.sigma, cloud.u, cloud.v, cloud.pair, axes, centres, rig.camera, calibration, total
-    )
-    return total
+    columns = cloud.xyz, cloud.sigma, cloud.u, cloud.v, cloud.pair
+    return _total_sigma(*columns, axes, centres, rig.camera, calibration)
 
 
 @jit_rows
-def _add_calibration(
+def _total_sigma(
     xyz: NDArray[np.float32],
     sigma: NDArray[np.float32],
     us: NDArray[np.uint16],
@@ -159,9 +146,8 @@ def _add_calibration(
     centres: FloatArray,
     camera: StereoCamera,
     calibration: CalibrationSigma,
-    total: NDArray[np.float32],
-) -> None:
-    """Fill the total standard deviation of each point `(N,)`; axes and centres `(P, 3)` are the left cameras' in LM."""
+) -> NDArray[np.float32]:
+    total = np.empty(len(sigma), np.float32)
     yaw, pitch, roll = calibration.yaw, calibration.pitch, calibration.roll
     distortion = calibration.distortion * calibration.distortion
     scale = calibration.focal * calibration.focal + calibration.baseline * calibration.baseline
@@ -177,3 +163,4 @@ def _add_calibration(
         share = angle * (depth / camera.baseline_m) ** 2 + scale
         reach = depth * depth * (x * x + y * y + 1.0)
         total[n] = np.sqrt(np.float64(sigma[n]) * sigma[n] + reach * share)
+    return total

@@ -86,7 +86,8 @@ def fill_holes(
     known, beside = valid, may
     limit = _cost_limit(HoleScene(left, right, disparity, valid, ~valid, matched, disparity))
     for _ in range(PASSES if limit > 0.0 else 0):
-        scene = HoleScene(left, right, disparity, known, beside & ~known, matched, distance_to(known))
+        distance = np.asarray(cv2.distanceTransform((~known).astype(np.uint8), cv2.DIST_C, 3), F)
+        scene = HoleScene(left, right, disparity, known, beside & ~known, matched, distance)
         found = fill_pass(scene, right_claims(disparity, known), F(limit), F(MARGIN_SIGMAS * noise))
         added = np.isfinite(found)
         merged, either = np.where(added, found, disparity), known | added
@@ -95,11 +96,6 @@ def fill_holes(
         beside = may & within(added, REACH)
     near_enough = depth_ratio(np.where(known, disparity, F(0.0)), NEAR_PX) < MAX_DEPTH_RATIO
     return disparity, known & ~valid & near_enough
-
-
-def distance_to(valid: Mask) -> FloatImage:
-    """Return how many rows or columns, whichever is more, each pixel is from a valid one."""
-    return np.asarray(cv2.distanceTransform((~valid).astype(np.uint8), cv2.DIST_C, 3), F)
 
 
 def _cost_limit(scene: HoleScene) -> float:

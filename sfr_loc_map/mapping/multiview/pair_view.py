@@ -11,8 +11,8 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
-from sfr_loc_map.geometry.camera import StereoCamera
+from sfr_loc_map.geometry.arrays import FloatImage
+from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
@@ -98,10 +98,7 @@ def reproject_into_view(
     cloud: PointCloud, T_lm_left: Transform, images: ViewImages, rig: StereoRig
 ) -> ReprojectedPoints:
     """Return what a view, whose left camera has a pose, says of the points in LM that it sees too."""
-    T_left_lm = T_lm_left.inverse()
-    samples = np.empty((5, len(cloud)), F)
-    samples[0], samples[3] = np.nan, np.nan  # differences where there are none; shifted grey levels beyond the border
-    _sample_view(cloud.xyz, T_left_lm.rotation, T_left_lm.translation, rig.camera, images, samples)
+    samples = _sample_view(cloud.xyz, Pose.of(T_lm_left.inverse()), rig.camera, images)
     index = np.flatnonzero(np.isfinite(samples[0]))
     difference, weight, grey, grey_shifted, offset_px = (values[index] for values in samples)
     own = cloud.intensity[index]
@@ -127,19 +124,15 @@ def _is_smooth(disparity: FloatImage, i: int, j: int) -> bool:
 
 
 @jit_rows
-def _sample_view(
-    xyz: FloatImage,
-    rotation: FloatArray,
-    translation: FloatArray,
-    camera: StereoCamera,
-    images: ViewImages,
-    out: FloatImage,
-) -> None:
-    """Fill difference, weight, grey level, shifted one and offset `(5, N)` of the points `(N, 3)` that the view sees.
+def _sample_view(xyz: FloatImage, to_left: Pose, camera: StereoCamera, images: ViewImages) -> FloatImage:
+    """Return difference, weight, grey level, shifted one and offset `(5, N)` of the points `(N, 3)` that a view sees.
 
-    Rotation and translation take them to its left camera.
+    The difference is NaN where it sees none, the shifted grey level beyond the border.
     """
     rows, cols = images.disparity.shape
+    rotation, translation = to_left.rotation, to_left.position
+    out = np.empty((5, len(xyz)), F)
+    out[0], out[3] = F(np.nan), F(np.nan)
     scale = camera.fx * camera.baseline_m
     for n in prange(len(xyz)):
         x0, y0, z0 = np.float64(xyz[n, 0]), np.float64(xyz[n, 1]), np.float64(xyz[n, 2])
@@ -164,3 +157,4 @@ def _sample_view(
         if y + SHIFT_PX < rows and x + SHIFT_PX < cols:
             out[3, n] = images.grey[y + SHIFT_PX, x + SHIFT_PX]
         out[4, n] = np.sqrt((v - y) * (v - y) + (u - x) * (u - x))
+    return out
