@@ -15,9 +15,10 @@ pytest.importorskip("aiohttp", reason="aiohttp is not installed: pip install '.[
 
 from page_server import Recorder, served
 
+from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.live.server import LiveServer
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.live.updates import Action, Report, Status, StatusKind
+from sfr_loc_map.live.updates import Action, PoseSample, Report, Status, StatusKind
 from sfr_loc_map.metrics.score_json import to_json
 
 pytestmark = [
@@ -34,6 +35,15 @@ NAMELESS = """[...document.querySelectorAll('button, select, input, canvas:not([
 FIGURES = """[...document.querySelectorAll('#figure-table td[data-key]')]
     .map((cell) => [cell.dataset.key, cell.textContent])"""
 RESET = "[...document.querySelectorAll('.buttons button')].find((b) => b.textContent.startsWith('reset'))"
+SWEPT = """(() => {
+    const bar = document.getElementById('scrub'), box = bar.getBoundingClientRect(), told = [];
+    for (let x = 0; x < box.width; x += 2) {
+        bar.dispatchEvent(new PointerEvent('pointermove', {clientX: box.x + x, clientY: box.y + 4}));
+        told.push(document.getElementById('tip').textContent);
+    }
+    return told.join();
+})()"""
+"""What the bar of time tells from its begin to its end."""
 AHEAD_S = 300.0
 SHOWN = ("headline", "verdicts", "covered", "map-covered", "readings")  #: Tables beside the path.
 
@@ -139,6 +149,14 @@ async def check_address(browser: Browser) -> None:
     await browser.wait_for(f"{image} !== {before!r}")
 
 
+async def check_clock(browser: Browser, state: LiveState) -> None:
+    """A jump of the stamps stands in the bar of time, and is told where the pointer comes to it."""
+    for update in frame(83, time.time()):
+        later = update.stamp_ns + 3600 * NS_PER_S
+        state.put(replace(update, stamp_ns=later) if isinstance(update, PoseSample) else update)
+    await browser.wait_for(f"{SWEPT}.includes('stamps go on by 3600')")
+
+
 async def check_commands(browser: Browser, operator: Recorder) -> None:
     """A reset is asked for twice, a bookmark once; a page whose connection was cut gets all again."""
     await browser.wait_for(f"!{RESET}.disabled")
@@ -193,6 +211,7 @@ def test_panels_states_commands_and_hostile_names() -> None:
             await check_states(browser, state)
             await check_commands(browser, operator)
             await check_address(browser)
+            await check_clock(browser, state)
             await check_hostile_names(browser, state)
             server.end()
             await browser.wait_for(f"{text('connection')}.includes('ended') && {text('verdict')}.includes('ended')")
