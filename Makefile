@@ -23,7 +23,7 @@ PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
 CAMPAIGN := PYTHONPATH=test/scenes:test/nodes $(BIN)/python test/campaign
 SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
 
-.PHONY: help demo sample test test-fast faults misbehaviour signals drivers soak example-candidate fuzz random-faults history-power suite-overhead lint types config format check docs docs-check figures screens traceability docs-test dist dist-test clean
+.PHONY: help demo sample test test-fast faults misbehaviour signals drivers soak example-candidate fuzz recordings random-faults history-power suite-overhead lint types config format check docs docs-check figures screens traceability docs-test dist dist-test clean
 
 help:  ## Show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -69,6 +69,9 @@ example-candidate: $(STAMP)  ## Compile the example candidate in C and run it on
 
 fuzz: $(COMPILED)  ## Feed 2000 mutated files to all readers (SEED=N); what fails is kept in out/fuzz
 	PYTHONPATH=. $(BIN)/python test/fuzz --seed $(SEED)
+
+recordings: $(COMPILED)  ## From 46 kinds of recordings to a verdict: commands, seconds, error, what is said without (ROWS=)
+	PYTHONPATH=.:test/recordings $(BIN)/python test/recordings $(ROWS)
 
 random-faults: $(COMPILED)  ## Localise 100 drives with random faults: is one wrong without saying so (SEED=N)
 	PYTHONPATH=. $(BIN)/python test/localisation/random_faults.py 100 $(SEED) sample/sample.mcap

@@ -30,6 +30,7 @@ from sfr_loc_map.io import registry, sequence
 from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud, save_cloud
 from sfr_loc_map.io.sequence import drive_of, panorama_of
+from sfr_loc_map.io.source_config import source_config
 from sfr_loc_map.io.trajectory_file import read_trajectory_file, save_trajectory
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose
@@ -243,7 +244,6 @@ class Source(_Shown, sequence.Source):
         return len(self.loc or self.nav or ())
 
     def __repr__(self) -> str:
-        """Return path, format and what there is."""
         return f"Source({str(self.path)!r}, {self._facts()['holds']})"
 
     def _facts(self) -> dict[str, str]:
@@ -330,7 +330,6 @@ class Score(score_base.Score):
         return to_figure(plots[name] if name is not None else next(iter(plots.values())))
 
     def __repr__(self) -> str:
-        """Return verdict and first figures."""
         texts = [self.verdict]
         for name, place in (("position", "trajectory.first.position_m"), ("map points", "map.errors.point_error_m")):
             if (figure := value_at(self, place)) is not None:
@@ -343,16 +342,20 @@ class Score(score_base.Score):
         return f"<b>{self.verdict}</b>" + "".join(to_html(table) for table in summary_tables(self))
 
 
-def open(source: SourceLike, remap: Mapping[str, str] | None = None) -> Source:
+def open(source: SourceLike, remap: Mapping[str, str] | None = None, config: str | Path | None = None) -> Source:
     """Open a data set folder, ROS bag, KITTI or EuRoC sequence: the format is detected.
 
-    Topics of a bag under other names are remapped: `{"/cam0/image": "loc/left/image_rect"}`.
+    Topics of a bag under other names are remapped: `{"/cam0/image": "loc/left/image_rect"}`. `config`: an `sfr.yaml`;
+    without it the one in or beside the source.
     """
     if isinstance(source, Source):
         return source
     _check("source", source, sequence.Source)
-    found = source if isinstance(source, sequence.Source) else registry.open_source(Path(source), remap)
-    return Source(found.path, found.format, found.loc, found.nav, found.left_out)
+    found = source
+    if not isinstance(found, sequence.Source):
+        how = source_config(Path(found), None if config is None else Path(config), remap)
+        found = registry.open_source(Path(found), how)
+    return Source(found.path, found.format, found.loc, found.nav, found.left_out, found.configuration, found.remap)
 
 
 @overload

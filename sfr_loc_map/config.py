@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
@@ -70,20 +70,13 @@ def parameters(config_type: type, prefix: str = "") -> Iterator[ParamInfo]:
 
 def flatten(config: Any, prefix: str = "") -> dict[str, Any]:  # noqa: ANN401 - any configuration dataclass
     """Return the values of a configuration by dotted name."""
-    flat: dict[str, Any] = {}
-    for item in fields(config):
-        value = getattr(config, item.name)
-        if is_dataclass(value):
-            flat.update(flatten(value, prefix + item.name + "."))
-        else:
-            flat[prefix + item.name] = value
-    return flat
+    return flatten_mapping(asdict(config), prefix)
 
 
 def changed(config: Any, prefix: str = "") -> dict[str, Any]:  # noqa: ANN401 - any configuration dataclass
-    """Return the values of a configuration that are not its defaults, by dotted name."""
-    usual = flatten(type(config)(), prefix)
-    return {name: value for name, value in flatten(config, prefix).items() if value != usual[name]}
+    """Return the values of a configuration that are not its defaults, by dotted name, as YAML has them."""
+    usual, values = flatten(type(config)(), prefix), flatten(config, prefix)
+    return {n: list(v) if isinstance(v, tuple) else v for n, v in values.items() if v != usual[n]}
 
 
 def to_yaml_lines(config_type: type, indent: str) -> list[str]:
@@ -98,7 +91,7 @@ def to_yaml_lines(config_type: type, indent: str) -> list[str]:
                 groups = parents[: depth + 1]
         groups = parents
         inner = indent + "  " * len(parents)
-        lines += [f"{inner}# {_comment(info)}", f"{inner}{name}: {_yaml(info.default)}"]
+        lines += [f"{inner}# {_comment(info)}", f"{inner}{name}: {yaml_text(info.default)}"]
     return lines
 
 
@@ -113,7 +106,8 @@ def _comment(info: ParamInfo) -> str:
     return " ".join(parts)
 
 
-def _yaml(value: Any) -> str:  # noqa: ANN401 - any parameter type
+def yaml_text(value: object) -> str:
+    """Return a value as YAML in one line."""
     plain = list(value) if isinstance(value, tuple) else value
     text = yaml.safe_dump(plain, default_flow_style=True, width=10**6, default_style='"' if plain == "" else None)
     return text.removesuffix("\n").removesuffix("\n...")
@@ -202,23 +196,56 @@ def _construct(config_type: type[C], values: Mapping[str, Any], prefix: str) -> 
     return config_type(**chosen)
 
 
-def read_config(config_type: type[C], path: Path | None, section: str) -> C:
-    """Read the parameters of one part, `localisation` or `mapping`, from a YAML file; None: the defaults.
+SECTIONS = (
+    *("topics", "frames", "calibration", "extrinsics", "sync", "truth"),
+    *("localisation", "mapping", "monitor", "conditions", "limits"),
+)
+"""Sections of `sfr.yaml`, the one configuration of all commands and nodes."""
+_OF_NODES = {"T_rb_locsb": "extrinsics", "input": "sync"} | {
+    name: name for name in ("localisation", "mapping", "truth")
+}
+"""The section of a parameter of the nodes by the first part of its name."""
 
-    The file is either a ROS parameter file (`/**: ros__parameters:` or `NODE: ros__parameters:`), of which the keys of
-    this part are taken, or a plain mapping of parameter names, optionally below the part's name.
+
+def read_sections(path: Path) -> dict[str, Any]:
+    """Return the values of a configuration file by section, as mappings of dotted names; ConfigError as `load_yaml`.
+
+    The file is an `sfr.yaml`, a ROS parameter file (`/**: ros__parameters:` or `NODE: ros__parameters:`), or a plain
+    mapping of parameter names of localiser or mapper, which come under an empty name.
     """
-    if path is None:
-        return config_type()
     flat = flatten_mapping(load_yaml(path))
+    of_nodes = [(*name.split(".ros__parameters.", 1), value) for name, value in flat.items() if ".ros__para" in name]
+    sections: dict[str, Any] = {}
+    for node, name, value in sorted(of_nodes, key=lambda item: not item[0].startswith("/**")):  # what is for all first
+        first, _, rest = name.partition(".")
+        section = _OF_NODES.get(first)
+        of_node = "mapping_node" if first == "mapping" else "monitor_node" if first == "truth" else "localisation_node"
+        known = section != "sync" or rest == "stamp_tolerance_s"
+        if section is not None and known and node.rpartition("/")[2] in ("**", of_node):
+            sections.setdefault(section, {})[rest] = value
+    for name, value in () if of_nodes else flat.items():
+        section, _, rest = name.partition(".")
+        section = "extrinsics" if section == "T_rb_locsb" else section  # as the nodes call it
+        if section in SECTIONS and not rest:
+            if section not in ("conditions", "limits") and value is not None:
+                raise ConfigError(f"{path}: '{section}' is {value!r:.40}: names with values are needed")
+            sections[section] = value or {}
+        elif section in SECTIONS:
+            sections.setdefault(section, {})[rest] = value
+        else:
+            sections.setdefault("", {})[name] = value
+    if "" in sections and sections.keys() - {"", "localisation", "mapping"}:
+        wrong = next(iter(sections[""])).partition(".")[0]
+        raise ConfigError(f"{path}: unknown section '{wrong}'{suggestion(wrong, SECTIONS)}")
+    return sections
 
-    def below(prefix: str) -> dict[str, Any]:
-        return {name.removeprefix(prefix): value for name, value in flat.items() if name.startswith(prefix)}
 
-    values: dict[str, Any] = {}
-    for node in ("/**", f"{section}_node", f"/{section}_node", f"/**/{section}_node"):
-        values |= below(f"{node}.ros__parameters.{section}.")
-    if not any(".ros__parameters." in name for name in flat):
-        other = "mapping." if section == "localisation" else "localisation."
-        values = below(f"{section}.") or {name: value for name, value in flat.items() if not name.startswith(other)}
-    return build(config_type, values, origin=str(path))
+def section(path: Path | None, name: str) -> Mapping[str, Any]:
+    """Return the values of a section of a file that `read_sections` reads, none without one."""
+    found: Mapping[str, Any] = {} if path is None else read_sections(path).get(name, {})
+    return found
+
+
+def read_config(config_type: type[C], path: Path | None, part: str) -> C:
+    """Read the parameters of a part, as `localisation`, from a file that `read_sections` reads; None: defaults."""
+    return build(config_type, section(path, part) or section(path, ""), origin=f"{path}, {part}")

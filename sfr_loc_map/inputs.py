@@ -7,6 +7,7 @@ which file it needs.
 
 from __future__ import annotations
 
+import csv
 import errno
 import hashlib
 import json
@@ -76,12 +77,17 @@ class Task(StrEnum):
         return "loc" if self is Task.LOCALISATION else "nav"
 
 
+REFUSED: tuple[type[Exception], ...] = (OSError, ValueError, ArithmeticError, LookupError, TypeError, GeometryError)
+REFUSED += (yaml.YAMLError, csv.Error, SyntaxError)
+"""What parsers and checks raise for a broken input; of XML a SyntaxError."""
+
+
 @contextmanager
 def refusing(where: str, advice: str = "correct the file") -> Iterator[None]:
     """Turn what is raised for a broken input into an `InputError` in one line: WHERE: what is wrong; ADVICE."""
     try:
         yield
-    except (OSError, ValueError, ArithmeticError, LookupError, TypeError, yaml.YAMLError, GeometryError) as error:
+    except REFUSED as error:
         reason = getattr(error, "strerror", None) or " ".join(str(error).split())
         raise InputError(f"{where}: {reason}; {advice}") from error
 

@@ -30,7 +30,7 @@ EXIT_CODES = (
     "3 something could not be judged (0 with --lenient); 130 interrupted, with what was finished reported."
 )
 PANELS = {
-    "Look": ("doctor", "init"),
+    "Look": ("info", "doctor", "init"),
     "Run": ("replay", "localise", "map", "live", "run", "record"),
     "Judge": ("score", "report", "compare", "plot"),
     "Many runs": ("suite", "history"),

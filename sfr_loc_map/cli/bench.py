@@ -17,8 +17,7 @@ from sfr_loc_map.cli.options import (
     OverwriteOption,
     RemapOption,
     SourceArgument,
-    open_drive,
-    open_panorama,
+    open_as,
 )
 from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, progress_bar, say, show
 from sfr_loc_map.cli.verdict import check_conditions
@@ -72,6 +71,7 @@ def localise(
 ) -> None:
     """Our localiser against a plain OpenCV one, ORB-SLAM3 (pyorbslam3) where installed, and any other method."""
     from sfr_loc_map.inputs import Task
+    from sfr_loc_map.io.sequence import drive_of
     from sfr_loc_map.localisation.config import LocalisationConfig
     from sfr_loc_map.methods.comparison import compare_localisers, methods_to_compare
     from sfr_loc_map.metrics.config import TrajectoryScoreConfig
@@ -79,8 +79,8 @@ def localise(
 
     scoring = TrajectoryScoreConfig(conditions=tuple(condition or ["distance=5"]), spacing=spacing)
     check_outputs(json_path, overwrite=overwrite)
-    parameters = read_config(LocalisationConfig, compared.config, "localisation")
-    sequence = open_drive(source, compared.remap)
+    opened, config = open_as(source, compared.remap, compared.config)
+    parameters, sequence = read_config(LocalisationConfig, config, "localisation"), drive_of(opened)
     check_conditions(sequence.ground_truth, scoring.conditions, lenient=lenient)
     methods, missing = methods_to_compare(Task.LOCALISATION, compared.peer_python, vocabulary, compared.method or ())
     start = start_pose(sequence, "identity" if sequence.ground_truth is None else "truth").T_ds_rb
@@ -98,7 +98,6 @@ def localise(
             progress=lambda: bar.advance(shown),
         )
     _present({"source": str(source), **result, "missing": missing}, json_path)
-    _conclude(result)
 
 
 @app.command(
@@ -111,12 +110,13 @@ def map_(
 ) -> None:
     """Our mapper against OpenCV's semi-global matching, Pandora where installed, and any other method."""
     from sfr_loc_map.inputs import Task
+    from sfr_loc_map.io.sequence import panorama_of
     from sfr_loc_map.mapping.config import MappingConfig
     from sfr_loc_map.methods.comparison import compare_mappers, methods_to_compare
 
     check_outputs(json_path, overwrite=overwrite)
-    parameters = read_config(MappingConfig, compared.config, "mapping")
-    sequence = open_panorama(source, compared.remap)
+    opened, config = open_as(source, compared.remap, compared.config)
+    parameters, sequence = read_config(MappingConfig, config, "mapping"), panorama_of(opened)
     methods, missing = methods_to_compare(Task.MAPPING, compared.peer_python, added=compared.method or ())
     with progress_bar("calls") as bar:
         shown = bar.add_task("measuring", total=len(sequence) * len(methods) * compared.repeat)
@@ -124,7 +124,6 @@ def map_(
             sequence, methods, parameters, repeat=compared.repeat, hidden=[source], progress=lambda: bar.advance(shown)
         )
     _present({"source": str(source), **result, "missing": missing}, json_path)
-    _conclude(result)
 
 
 @app.command(
@@ -153,13 +152,15 @@ def faults(
     remap: RemapOption = None,
 ) -> None:
     """Localiser on data with faults: errors beside stated sigmas; exit 1 if one is wrong and does not say so."""
+    from sfr_loc_map.io.sequence import drive_of
     from sfr_loc_map.localisation.config import LocalisationConfig
     from sfr_loc_map.metrics.config import TrajectoryScoreConfig
     from sfr_loc_map.suite.fault_benchmark import FAULTS, Honesty, benchmark_faults
 
     check_outputs(json_path, overwrite=overwrite, inputs=[source])
     wanted = tuple(fault or FAULTS)
-    localiser, drive = read_config(LocalisationConfig, config, "localisation"), open_drive(source, remap)
+    opened, config = open_as(source, remap, config)
+    localiser, drive = read_config(LocalisationConfig, config, "localisation"), drive_of(opened)
     if drive.ground_truth is None:
         raise InputError(f"no drive with ground truth in '{source}': give a source that has one")
     check_conditions(drive.ground_truth, (condition,), lenient=lenient)
@@ -188,9 +189,5 @@ def _present(result: dict[str, Any], json_path: str | None) -> None:
         say(f"found: {name}: {texts[0]}{more}")
     if "interrupted" in result:
         raise InterruptedRunError(f"interrupted: {result['interrupted']} were done, and reported")
-
-
-def _conclude(result: dict[str, Any]) -> None:
-    """Raise FailedVerdictError if a method failed or did something wrong."""
-    if wrong := [*result["failed"], *(name for name in result["findings"] if name not in result["failed"])]:
+    if wrong := dict.fromkeys((*result.get("failed", ()), *result.get("findings", ()))):
         raise FailedVerdictError(f"methods that failed: {', '.join(wrong)}; the figures of the others are written")

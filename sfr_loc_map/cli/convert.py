@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.options import OverwriteOption, RemapOption, SourceArgument, parse_remaps
+from sfr_loc_map.cli.options import ConfigOption, OverwriteOption, RemapOption, SourceArgument, open_as
 from sfr_loc_map.cli.output import check_outputs, check_suffix, output_folder, progress_bar, say, warn
 from sfr_loc_map.errors import ConfigError, InputError, naming
 
@@ -41,6 +42,7 @@ def convert(
         typer.Option("--to", help="Write the drive in the layout of KITTI odometry or EuRoC (ASL)."),
     ] = None,
     remap: RemapOption = None,
+    config: ConfigOption = None,
     jpeg_quality: Annotated[
         int | None, typer.Option(min=1, max=100, metavar="Q", help="JPEG images (bags only).")
     ] = None,
@@ -54,7 +56,7 @@ def convert(
 
     Sources are data set folders, ROS 1 and ROS 2 bags, sequences of KITTI and EuRoC.
     """
-    from sfr_loc_map.io.registry import open_source
+    from sfr_loc_map.io.pairs_file import write_pairs
     from sfr_loc_map.io.trajectory_file import FILE_SUFFIXES, format_of_name
     from sfr_loc_map.pipeline.convert import ConvertOptions, Layout
     from sfr_loc_map.pipeline.convert import convert as run
@@ -71,49 +73,40 @@ def convert(
     if is_poses or (layout is None and format_of_name(destination) is not None):
         if layout is not None:
             raise ConfigError(f"'--to {layout}' writes images: '{source}' is a trajectory alone")
-        _convert_trajectory(source, destination, remap, is_poses=is_poses, overwrite=overwrite)
+        _convert_trajectory(source, destination, remap, config, is_poses=is_poses, overwrite=overwrite)
         return
-    if destination.suffix == PAIRS and layout is None:
+    room: AbstractContextManager[Path] = output_folder(destination, overwrite=overwrite, inputs=(source,))
+    if is_pairs := destination.suffix == PAIRS and layout is None:
         if options != ConvertOptions():
             raise ConfigError(f"'{destination}' will be pairs for a target, which are exact: leave out options of bags")
-        _convert_pairs(source, destination, remap, overwrite=overwrite)
-        return
-    room = output_folder(destination, overwrite=overwrite, inputs=(source,))
-    opened = open_source(source, parse_remaps(remap))
+        check_outputs(destination, overwrite=overwrite, inputs=(source,))
+        room = nullcontext(destination)
+    opened, _ = open_as(source, remap, config)
     if layout is not None and opened.loc is not None and opened.nav is not None:
         warn(f"the mapping pairs of '{source}' are left out: the layout of {layout} has none")
     parts = (opened.loc,) if layout is not None else (opened.loc, opened.nav)
     with room as place, naming(source), progress_bar("pairs") as bar:
         task = bar.add_task("converting", total=sum(len(part) for part in parts if part is not None))
-        count = run(opened, place, options, lambda done: bar.update(task, completed=done))
+        if is_pairs:
+            from sfr_loc_map.pipeline.offline import start_pose
+
+            has_truth = opened.loc is not None and opened.loc.ground_truth is not None
+            start = start_pose(opened.loc, "truth").T_ds_rb if opened.loc is not None and has_truth else None
+            count = write_pairs(place, opened, start, lambda done: bar.update(task, completed=done))
+        else:
+            count = run(opened, place, options, lambda done: bar.update(task, completed=done))
     say(f"{count} pairs: {destination}", err=True)
-    propose("sfr", "doctor", destination, why="is it complete")
-
-
-def _convert_pairs(source: Path, destination: Path, remap: list[str] | None, *, overwrite: bool) -> None:
-    """Write the pairs of a source for a target board."""
-    from sfr_loc_map.io.pairs_file import write_pairs
-    from sfr_loc_map.io.registry import open_source
-    from sfr_loc_map.pipeline.offline import start_pose
-
-    check_outputs(destination, overwrite=overwrite, inputs=(source,))
-    opened = open_source(source, parse_remaps(remap))
-    start = None
-    if opened.loc is not None and opened.loc.ground_truth is not None:
-        start = start_pose(opened.loc, "truth").T_ds_rb
-    parts = [part for part in (opened.loc, opened.nav) if part is not None]
-    with naming(source), progress_bar("pairs") as bar:
-        task = bar.add_task("converting", total=sum(map(len, parts)))
-        count = write_pairs(destination, opened, start, lambda done: bar.update(task, completed=done))
-    say(f"{count} pairs: {destination}", err=True)
-    propose("./harness", destination, "results", why="on the target (docs/howto/target.md), then sfr score results SRC")
+    if is_pairs:
+        why = "on the target (docs/howto/target.md), then sfr score results SRC"
+        propose("./harness", destination, "results", why=why)
+    else:
+        propose("sfr", "doctor", destination, why="is it complete")
 
 
 def _convert_trajectory(
-    source: Path, destination: Path, remap: list[str] | None, *, is_poses: bool, overwrite: bool
+    source: Path, destination: Path, remap: list[str] | None, config: Path | None, *, is_poses: bool, overwrite: bool
 ) -> None:
     """Write a trajectory, or the true one of a source, as a file of poses or as a folder or bag."""
-    from sfr_loc_map.io.registry import open_source
     from sfr_loc_map.io.trajectory_file import ANNOUNCED, files_written, format_of_name, read_trajectory_file
     from sfr_loc_map.pipeline.convert import convert_trajectory
 
@@ -126,7 +119,7 @@ def _convert_trajectory(
         if read.format in ANNOUNCED:
             say(read.text, err=True)
     else:
-        opened = open_source(source, parse_remaps(remap))
+        opened, _ = open_as(source, remap, config)
         if opened.loc is None or opened.loc.ground_truth is None:
             raise InputError(f"'{source}' has no true trajectory to write as '{destination}'")
         poses = opened.loc.ground_truth
@@ -141,7 +134,6 @@ def _convert_trajectory(
 
 
 def _convert_cloud(source: Path, destination: Path, *, overwrite: bool) -> None:
-    """Write a cloud in another format."""
     from sfr_loc_map.io.cloud_file import load_cloud, save_cloud
 
     check_suffix(destination, CLOUDS)

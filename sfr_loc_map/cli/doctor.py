@@ -3,27 +3,31 @@
 from __future__ import annotations
 
 import json
+import shlex
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import (
     ConfigOption,
+    IntakeOptions,
     JsonOption,
     LenientOption,
     OverwriteOption,
-    RemapOption,
     checked_namespace,
-    parse_remaps,
     require_ros,
 )
 from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, progress_bar, say, show
 from sfr_loc_map.cli.verdict import not_judged
-from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError
+from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError, SfrError
+from sfr_loc_map.io.atomic import write_text
 
 if TYPE_CHECKING:
+    from sfr_loc_map.io.source_config import SourceConfig
+    from sfr_loc_map.pipeline.doctor import Finding
     from sfr_loc_map.pipeline.doctor_observation import Observation
 
 SHOWN_HYPOTHESES = 5
@@ -39,6 +43,7 @@ SHOWN_HYPOTHESES = 5
     hint="sfr replay SRC --start truth --out DIR    # through the nodes, scored",
 )
 def doctor(
+    intake: IntakeOptions,
     subject: Annotated[
         Path | None, typer.Argument(metavar="SRC|EST", help="Any source; or an estimated trajectory: TUM, csv, bag.")
     ] = None,
@@ -54,8 +59,10 @@ def doctor(
         float,
         typer.Option(min=0.1, max=600.0, metavar="S", help="How long messages are watched, after the first (--graph)."),
     ] = 3.0,
+    fix: Annotated[
+        bool, typer.Option("--fix", help="Write what the source seems to be into its sfr.yaml, then look again.")
+    ] = False,
     config: ConfigOption = None,
-    remap: RemapOption = None,
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,
     lenient: LenientOption = False,
@@ -72,38 +79,85 @@ def doctor(
     if subject is not None and truth is not None:
         _diagnose(subject, truth, json_path, lenient=lenient)
         return
-    remaps = parse_remaps(remap)
-    extrinsics_given = _gives_extrinsics(config)
+    from sfr_loc_map.pipeline.doctor import examine
+
+    path, sections, given = intake.read(subject, config)
     if subject is None:
         require_ros("doctor --graph")
         from sfr_loc_map.nodes.graph import observe_graph
 
-        seen = observe_graph(seconds, namespace, remaps, extrinsics_given=extrinsics_given)
-    else:
-        seen = _observe(subject, remaps, extrinsics_given=extrinsics_given)
-    _examine(seen, json_path, subject)
+        extrinsics_given = given.extrinsics.transform() is not None
+        seen = observe_graph(seconds, namespace, given.remap, extrinsics_given=extrinsics_given)
+        _show(seen, examine(seen), json_path, None)
+        return
+    if not subject.exists():
+        raise InputError(f"there is no '{subject}': give a data set folder, a bag, KITTI or EuRoC, or --graph")
+    if fix:
+        given = _fixed(subject, sections, config)
+    seen = _observe(subject, given)
+    findings = examine(seen)
+    if not fix and any(finding.is_blocking for finding in findings):
+        findings = _with_fix(subject, sections, path, findings)
+    _show(seen, findings, json_path, subject)
 
 
-def _observe(source: Path, remaps: dict[str, str], *, extrinsics_given: bool) -> Observation:
+def _observe(source: Path, config: SourceConfig) -> Observation:
     from sfr_loc_map.io.bag_files import is_bag
     from sfr_loc_map.pipeline.doctor_observation import observe_bag, observe_source
 
-    if not source.exists():
-        raise InputError(f"there is no '{source}': give a data set folder, a bag, KITTI or EuRoC, or --graph")
-    if is_bag(source):
-        return observe_bag(source, remaps, extrinsics_given=extrinsics_given)
+    if is_bag(source) and replace(config, path=None, remap={}, extrinsics=type(config.extrinsics)()) == type(config)():
+        return observe_bag(source, config)
     with progress_bar("pairs") as bar:
         task = bar.add_task("reading", total=None)
-        return observe_source(source, extrinsics_given=extrinsics_given, progress=lambda: bar.advance(task))
+        return observe_source(source, config, lambda: bar.advance(task))
 
 
-def _examine(seen: Observation, json_path: str | None, source: Path | None) -> None:
-    """Show the findings of a source, or of the graph; raise FailedVerdictError if there is a blocking one."""
+def _fixed(source: Path, sections: dict[str, Any], config: Path | None) -> SourceConfig:
+    """Write what a source seems to be into its configuration; return how it is read then."""
+    from sfr_loc_map.io.source_config import NAME
+    from sfr_loc_map.pipeline.source_proposal import propose_config
+
+    path = config or (source if source.is_dir() else source.parent) / NAME
+    found = propose_config(source, sections, path)
+    write_text(found.text(), path)
+    say(f"configuration: {path}", err=True)
+    for text in (*found.missing, *found.remarks):
+        say(f"{'missing' if text in found.missing else 'remark'}: {text}", err=True)
+    return found.config
+
+
+def _with_fix(source: Path, sections: dict[str, Any], path: Path | None, findings: list[Finding]) -> list[Finding]:
+    """Return findings with the command that ends each which a proposed configuration does end: it is tried."""
     from sfr_loc_map.pipeline.doctor import examine
+    from sfr_loc_map.pipeline.source_proposal import propose_config
 
-    findings = examine(seen)
+    try:
+        found = propose_config(source, sections, path)
+        left = {finding.cause for finding in examine(_observe(source, found.config)) if finding.is_blocking}
+    except SfrError:
+        return findings
+    words = ["sfr", "doctor", str(source), "--fix"]
+    if found.config.calibration.file:
+        words += ["--calibration", found.config.calibration.file]
+    command = shlex.join(words)
+    added = {name: values for name, values in found.sections.items() if values != sections.get(name) and values}
+    if added.keys() - {"conditions"} == {"topics"}:  # these alone will do
+        remaps = [word for name, topic in added["topics"].items() for word in ("--remap", f"{topic}:={name}")]
+        command += f"; for a command alone: {shlex.join(remaps)}"
+    missing = "".join(f"; still missing: {text}" for text in found.missing)
+    return [
+        replace(finding, fix=command + missing) if finding.is_blocking and finding.cause not in left else finding
+        for finding in findings
+    ]
+
+
+def _show(seen: Observation, findings: list[Finding], json_path: str | None, source: Path | None) -> None:
+    """Show the findings of a source, or of the graph; raise FailedVerdictError if there is a blocking one."""
     stops = sum(finding.is_blocking for finding in findings)
-    if stops:
+    fix = next((item.fix.partition(";")[0] for item in findings if item.fix.startswith("sfr doctor")), "")
+    if fix:
+        propose(fix, why="writes the sfr.yaml of the source")
+    elif stops:
         propose("sfr", "doctor", source or "--graph", why="again, after the fix")
     elif source is not None:
         propose("sfr", "replay", source, "--out", "out", why="through the nodes; scored, if it has a truth")
@@ -119,14 +173,6 @@ def _examine(seen: Observation, json_path: str | None, source: Path | None) -> N
             say(f"{seen.subject}: no blocking issue")
     if stops:
         raise FailedVerdictError(f"{stops} blocking issue{'s' * (stops > 1)} on {seen.subject}")
-
-
-def _gives_extrinsics(config: Path | None) -> bool:
-    """Tell whether a parameter file has the pose of a stereo rig on the rover."""
-    from sfr_loc_map.config import flatten_mapping, load_yaml
-
-    values = {} if config is None else flatten_mapping(load_yaml(config))
-    return any(name.endswith("quat_xyzw") and isinstance(value, list) and any(value) for name, value in values.items())
 
 
 def _diagnose(estimate: Path, truth: Path, json_path: str | None, *, lenient: bool) -> None:

@@ -25,7 +25,6 @@ from sfr_loc_map.inputs import one_line
 
 if TYPE_CHECKING:
     from sfr_loc_map.live.foxglove import FoxgloveView
-    from sfr_loc_map.live.server import LiveConfig
     from sfr_loc_map.nodes.processes import LivePage
 
 LiveOption = Annotated[bool, typer.Option("--live", help="Show the run on a page while it goes on (see sfr live).")]
@@ -128,7 +127,13 @@ def live(
             raise ConfigError(f"'--{given}' is of a recording: give SRC, or leave it out (the monitor has its own)")
         require_ros("live")
     view_of = _foxglove_view() if foxglove else None
-    state, config = LiveState(), _page_config(host, port, token) if not terminal else None
+    state, config = LiveState(), None
+    if not terminal:
+        require_live()
+        from sfr_loc_map.config import build
+        from sfr_loc_map.live.server import LiveConfig
+
+        config = build(LiveConfig, {"host": host, "port": port, "token": token}, origin="sfr live")
     with ExitStack() as stack:
         if source is None:
             from sfr_loc_map.nodes.live_feed import RosFeed
@@ -156,14 +161,6 @@ def live(
             Terminal(state, title).show()
         except KeyboardInterrupt:
             raise InterruptedRunError("interrupted: the view has ended, nothing else") from None
-
-
-def _page_config(host: str, port: int, token: str) -> LiveConfig:
-    require_live()
-    from sfr_loc_map.config import build
-    from sfr_loc_map.live.server import LiveConfig
-
-    return build(LiveConfig, {"host": host, "port": port, "token": token}, origin="sfr live")
 
 
 def _foxglove_view() -> type[FoxgloveView]:

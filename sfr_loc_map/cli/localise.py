@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 import typer
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.options import MethodOptions, OverwriteOption, RemapOption, SourceArgument, StartOption, open_drive
+from sfr_loc_map.cli.options import MethodOptions, OverwriteOption, RemapOption, SourceArgument, StartOption, open_as
 from sfr_loc_map.cli.output import beside, check_outputs, check_suffix, progress_bar, say, warn
 from sfr_loc_map.cli.verdict import conclude_findings
 from sfr_loc_map.errors import ConfigError, InterruptedRunError, naming
@@ -51,6 +51,7 @@ def localise(
     """Estimate the trajectory of a drive, with the same code as the node, or by another method."""
     from sfr_loc_map.config import read_config
     from sfr_loc_map.inputs import Task
+    from sfr_loc_map.io.sequence import drive_of
     from sfr_loc_map.io.trajectory_file import FILE_SUFFIXES, files_written, save_trajectory
     from sfr_loc_map.localisation.config import LocalisationConfig
     from sfr_loc_map.methods.registry import record_of_ours
@@ -70,11 +71,12 @@ def localise(
     theirs = None if under_test.is_ours else under_test.find(Task.LOCALISATION)
     if theirs is not None and video is not None:
         raise ConfigError(f"'--video' shows the tracks of our localiser: leave it out with --method {theirs.name}")
-    parameters = read_config(LocalisationConfig, under_test.config if theirs is None else None, "localisation")
-    sequence = open_drive(source, remap)
+    opened, config = open_as(source, remap, under_test.config if theirs is None else None)
+    parameters, sequence = read_config(LocalisationConfig, config, "localisation"), drive_of(opened)
     done: list[tuple[PoseEstimate, CallRecord]]
     with ExitStack() as film, naming(source):
         first_pose = start_pose(sequence, start)
+        truth = source if sequence.ground_truth is not None else "TRUTH"
         if theirs is None:
             about = record_of_ours(Task.LOCALISATION)
             watch = None if video is None else film.enter_context(track_video(video, sequence.rig))
@@ -91,8 +93,9 @@ def localise(
         with beside():
             save_stats(stats, records, about)
     say(f"{len(done)} poses, {states_text(records)}: {output}", err=True)
-    truth = source if sequence.ground_truth is not None else "TRUTH"
-    propose("sfr", "score", output, truth, *(("--stats", stats) if stats is not None else ()), why="against the truth")
+    more = (("--stats", stats), ("--config", under_test.config if under_test.is_ours else None))
+    again = [word for option, file in more if file is not None for word in (option, file)]
+    propose("sfr", "score", output, truth, *again, why="against the truth")
     if (text := tracking_warning(records, source)) is not None:
         warn(text)
     if len(done) < len(sequence):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib
 import logging
 import os
+import pkgutil
 import sys
 from contextlib import suppress
 
@@ -20,15 +21,13 @@ from sfr_loc_map.errors import ExitCode, SfrError
 from sfr_loc_map.inputs import one_line, printable
 from sfr_loc_map.signals import handle_signals, hold, ignore_signals
 
-MODULES = ("start", "doctor", "replay", "localise", "map_cloud", "run", "live", "score", "pages", "convert", "simulate")
-GROUPS = ("bench", "suite")
-
 UsageError: type[Exception] = typer.BadParameter.__bases__[0]  # of click or of the copy within typer, by its version
 
-for _name in MODULES:
-    importlib.import_module(f"sfr_loc_map.cli.{_name}")
-for _name in GROUPS:
-    app.add_typer(importlib.import_module(f"sfr_loc_map.cli.{_name}").app, name=_name)
+for _found in pkgutil.iter_modules([os.path.dirname(__file__)]):
+    if f"sfr_loc_map.cli.{_found.name}" != __name__:
+        _part = getattr(importlib.import_module(f"sfr_loc_map.cli.{_found.name}"), "app", app)
+        if _part is not app:
+            app.add_typer(_part, name=_found.name)
 _panel_of = {name: panel for panel, names in PANELS.items() for name in names}
 for _command in app.registered_commands:
     _command.name = _command.name or str(getattr(_command.callback, "__name__", ""))

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.options import MethodOptions, OverwriteOption, RemapOption, SourceArgument, open_panorama
+from sfr_loc_map.cli.options import MethodOptions, OverwriteOption, RemapOption, SourceArgument, open_as
 from sfr_loc_map.cli.output import beside, check_outputs, check_suffix, progress_bar, say, warn
 from sfr_loc_map.cli.verdict import conclude_findings
 from sfr_loc_map.errors import ConfigError, InterruptedRunError, naming
@@ -51,6 +51,7 @@ def map_cloud(
     from sfr_loc_map.config import read_config
     from sfr_loc_map.inputs import Task
     from sfr_loc_map.io.cloud_file import SUFFIXES
+    from sfr_loc_map.io.sequence import panorama_of
     from sfr_loc_map.mapping.config import MappingConfig
     from sfr_loc_map.methods.registry import record_of_ours
     from sfr_loc_map.pipeline.call_stats import save_stats
@@ -58,7 +59,8 @@ def map_cloud(
     from sfr_loc_map.pipeline.offline import map_pairs, map_pairs_with
 
     check_suffix(output, SUFFIXES)
-    parameters = read_config(MappingConfig, under_test.config if under_test.is_ours else None, "mapping")
+    opened, config = open_as(source, remap, under_test.config if under_test.is_ours else None)
+    parameters = read_config(MappingConfig, config, "mapping")
     parameters = replace(parameters, refine_poses=parameters.refine_poses or refine_poses)
     check_dems(dem or ())
     outputs = MapOutputs(output, fuse, dem or (), parameters.terrain, covariance)
@@ -67,7 +69,7 @@ def map_cloud(
     theirs = None if under_test.is_ours else under_test.find(Task.MAPPING)
     if refine_poses and theirs is not None:
         raise ConfigError(f"'--refine-poses' is of our mapper: leave it out with --method {theirs.name}")
-    sequence = open_panorama(source, remap)
+    sequence = panorama_of(opened)
     done = 0
 
     def progress(count: int) -> None:
@@ -97,7 +99,8 @@ def map_cloud(
         say(parameters.calibration.assumption, err=True)
     for path in outputs.more:
         say(str(path), err=True)
-    propose("sfr", "score", output, source, why="against the truth, if the source has it")
+    given = () if theirs is not None or under_test.config is None else ("--config", under_test.config)
+    propose("sfr", "score", output, source, *given, why="against the truth, if the source has it")
     if len(run.maps) < len(sequence):
         raise InterruptedRunError(f"interrupted: {len(run.maps)} of {len(sequence)} pairs were mapped, and written")
     conclude_findings(about, run.records)

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
+import yaml
 
-from sfr_loc_map.cli.output import HTML_SUFFIXES, check_outputs, check_suffix
+from sfr_loc_map.cli.output import HTML_SUFFIXES, check_outputs, check_suffix, say
+from sfr_loc_map.config import SECTIONS, suggestion
 from sfr_loc_map.errors import ConfigError, MissingExtraError
+from sfr_loc_map.inputs import parse_yaml
 
 if TYPE_CHECKING:
     from sfr_loc_map.inputs import Task
-    from sfr_loc_map.io.sequence import LocSequence, NavSequence
+    from sfr_loc_map.io.sequence import Source
+    from sfr_loc_map.io.source_config import SourceConfig
     from sfr_loc_map.methods.registry import Method, MethodLimits
     from sfr_loc_map.metrics.config import Condition
     from sfr_loc_map.metrics.limits import Limits
@@ -38,7 +42,9 @@ SourceArgument = Annotated[
 NamespaceOption = Annotated[
     str, typer.Option("--namespace", metavar="NS", callback=checked_namespace, help="Namespace of the rover.")
 ]
-ConfigOption = Annotated[Path | None, typer.Option("--config", metavar="P.yaml", help="File with parameters.")]
+ConfigOption = Annotated[
+    Path | None, typer.Option("--config", metavar="F.yaml", help="Configuration; else the sfr.yaml in or beside SRC.")
+]
 RemapOption = Annotated[
     list[str] | None,
     typer.Option("--remap", metavar="FOUND:=EXPECTED", help="Topic of a bag under another name; repeatable."),
@@ -148,6 +154,17 @@ class JudgeOptions:
     condition: ConditionOption = None
     lenient: LenientOption = False
 
+    def by(self, config: Path | None) -> JudgeOptions:
+        """Return them with the `limits` and `conditions` of a configuration where an option does not say so."""
+        from sfr_loc_map.config import read_sections
+
+        sections = {} if config is None else read_sections(config)
+        limits, conditions = sections.get("limits"), sections.get("conditions")
+        if not isinstance(limits, str | None) or not isinstance(conditions, list | None):
+            raise ConfigError(f"{config}: limits is the name of a file, conditions a list such as [distance=5]")
+        file = config.parent / limits if config is not None and limits and self.limits is None else self.limits
+        return replace(self, limits=file, condition=self.condition or conditions)
+
     def read(self) -> tuple[Limits | None, tuple[Condition, ...]]:
         """Return the limits, None without a file, and the conditions that the user named in options or limits."""
         from sfr_loc_map.metrics.config import Condition
@@ -197,20 +214,15 @@ def require_ros(command: str) -> None:
         ) from error
 
 
-def open_drive(source: Path, remap: list[str] | None) -> LocSequence:
-    """Return the localisation pairs of a source; raise InputError if it has none."""
+def open_as(source: Path, remap: list[str] | None = None, config: Path | None = None) -> tuple[Source, Path | None]:
+    """Open a source as a configuration, else the one beside it, and remaps say; return the configuration, too."""
     from sfr_loc_map.io.registry import open_source
-    from sfr_loc_map.io.sequence import drive_of
+    from sfr_loc_map.io.source_config import config_beside, source_config
 
-    return drive_of(open_source(source, parse_remaps(remap)))
-
-
-def open_panorama(source: Path, remap: list[str] | None) -> NavSequence:
-    """Return the mapping pairs of a source; raise InputError if it has none."""
-    from sfr_loc_map.io.registry import open_source
-    from sfr_loc_map.io.sequence import panorama_of
-
-    return panorama_of(open_source(source, parse_remaps(remap)))
+    remaps = parse_remaps(remap)
+    if config is None and (config := config_beside(source)) is not None:
+        say(f"configuration: {config}", err=True)
+    return open_source(source, source_config(source, config, remaps)), config
 
 
 def parse_remaps(remaps: list[str] | None) -> dict[str, str]:
@@ -220,5 +232,65 @@ def parse_remaps(remaps: list[str] | None) -> dict[str, str]:
         found, _, expected = item.partition(":=")
         if not found or not expected:
             raise ConfigError(f"'--remap {item}': must have the form FOUND:=EXPECTED")
+        if found in parsed and parsed[found] != expected:
+            raise ConfigError(f"'--remap {item}': '{found}' is remapped as '{parsed[found]}' already: leave one out")
         parsed[found] = expected
     return parsed
+
+
+def parse_settings(settings: list[str] | None) -> dict[str, Any]:
+    """Return settings `KEY=VALUE`, the values read as YAML; raise ConfigError if one has another form."""
+    values: dict[str, Any] = {}
+    for item in settings or []:
+        key, separator, text = item.partition("=")
+        if not separator or not key:
+            raise ConfigError(f"'--set {item}': must have the form KEY=VALUE, as terrain.relief_m=0.2")
+        try:
+            values[key] = parse_yaml(text)
+        except (yaml.YAMLError, ValueError) as error:
+            raise ConfigError(f"'--set {item}': the value is not valid YAML") from error
+    return values
+
+
+@dataclass(frozen=True, slots=True)
+class IntakeOptions:
+    """What only the owner of a recording knows of it."""
+
+    calibration: Annotated[
+        Path | None, typer.Option("--calibration", metavar="F", help="Of Kalibr, OpenCV, ROS, COLMAP, or a rig.json.")
+    ] = None
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="SECTION.KEY=VALUE", help="A value of sfr.yaml, as truth.sigma_m=0.02."),
+    ] = None
+    remap: RemapOption = None
+
+    def read(self, source: Path | None, config: Path | None) -> tuple[Path | None, dict[str, Any], SourceConfig]:
+        """Return the configuration of a source, its `sections`, and how the source is read by them."""
+        from sfr_loc_map.io.source_config import SourceConfig, config_beside
+
+        path = config_beside(source) if config is None and source is not None else config
+        sections = self.sections(path)
+        return path, sections, SourceConfig.of(sections, path)
+
+    def sections(self, config: Path | None) -> dict[str, Any]:
+        """Return the sections of a configuration with these values; raise ConfigError if one has another form."""
+        from sfr_loc_map.config import read_sections
+
+        found = {} if config is None else read_sections(config)
+        given = parse_settings(self.settings)
+        if isinstance(truth := given.get("truth.source"), str) and Path(truth).is_file():
+            given["truth.source"] = str(Path(truth).resolve())
+        if self.calibration is not None:
+            given["calibration.file"] = str(self.calibration.resolve())
+        for topic, name in parse_remaps(self.remap).items():
+            found.setdefault("topics", {})[name.strip("/")] = topic
+        for key, value in given.items():
+            section, _, name = key.partition(".")
+            if section not in SECTIONS:
+                raise ConfigError(f"'--set {key}': no section '{section}'{suggestion(section, SECTIONS)}")
+            if name:
+                found.setdefault(section, {})[name] = value
+            else:
+                found[section] = value
+        return found

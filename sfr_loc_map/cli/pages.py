@@ -146,7 +146,7 @@ def plot(
     """Draw trajectories from above, in height and, with --truth, their distance to it, for a quick look."""
     from sfr_loc_map.config import build
     from sfr_loc_map.io.bag_files import is_bag
-    from sfr_loc_map.io.truth import read_truth
+    from sfr_loc_map.io.registry import read_truth
     from sfr_loc_map.metrics.config import AlignedErrorConfig
     from sfr_loc_map.pipeline.scoring import load_drive, load_estimates
     from sfr_loc_map.report.path_figure import curves_of, save_path_html

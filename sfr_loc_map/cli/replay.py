@@ -26,7 +26,7 @@ from sfr_loc_map.cli.options import (
     SourceArgument,
     SpacingOption,
     StartOption,
-    parse_remaps,
+    open_as,
     require_ros,
 )
 from sfr_loc_map.cli.output import check_outputs, make_folder, progress_bar, say, warn
@@ -164,15 +164,15 @@ def replay(
 ) -> None:
     """Play a source to the nodes over topics, record what they answer, score it."""
     with live_beside(live, live_port, isolated=True) as page:  # first: its imports are the quicker ones
-        from sfr_loc_map.config import changed, read_config
-        from sfr_loc_map.io.registry import open_source
+        from sfr_loc_map.config import changed, read_config, section
         from sfr_loc_map.localisation.config import LocalisationConfig
         from sfr_loc_map.mapping.config import MappingConfig
         from sfr_loc_map.metrics.config import score_config
         from sfr_loc_map.pipeline.offline import start_pose
         from sfr_loc_map.pipeline.replay import ReplayFiles, save_replay, score_replay
 
-        opened = open_source(source, remaps := parse_remaps(remap))
+        opened, config = open_as(source, remap, config)
+        judge = judge.by(config)
         limits, asked = judge.read()
         correction = conversion.read()
         require_ros("replay")
@@ -197,7 +197,7 @@ def replay(
             offset_s=play.start_offset,
             paused=play.start_paused,
             loop=play.loop,
-            remap=remaps,
+            monitor=section(config, "monitor"),
             page=page,
             external=node.read(opened, correction),
         )
@@ -271,7 +271,6 @@ def _play(source: Source, options: ReplayOptions, correction: Correction) -> tup
 
 
 def _result_of(results: ReplayResults, correction: Correction) -> ReplayResult:
-    """Return what the nodes published as files and score have it."""
     from sfr_loc_map.pipeline.replay import ReplayResult
 
     run = _external_run_of(results, correction)
@@ -283,7 +282,6 @@ def _result_of(results: ReplayResults, correction: Correction) -> ReplayResult:
 
 
 def _external_run_of(results: ReplayResults, correction: Correction) -> ExternalRun | None:
-    """Return what is known of the external node of a replay, None without one."""
     from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, MethodKind, MethodRecord
     from sfr_loc_map.pipeline.replay import ExternalRun
 
@@ -307,7 +305,6 @@ def _external_run_of(results: ReplayResults, correction: Correction) -> External
 
 
 def _say_where(source: Path, result: ReplayResult, files: ReplayFiles, out: Path | None) -> None:
-    """Say how it went and where it was written."""
     from sfr_loc_map.pipeline.offline import states_text, tracking_warning
 
     say(f"{len(result.estimate)} poses, {states_text(result.records)}", err=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Literal
 
 import typer
@@ -40,6 +41,9 @@ def run(
             "--params-file", metavar="P.yaml", help="ROS parameter file, for all nodes named in it; repeatable."
         ),
     ] = None,
+    config: Annotated[
+        Path | None, typer.Option("--config", metavar="F.yaml", help="Configuration of a recording, as of sfr init.")
+    ] = None,
     namespace: NamespaceOption = "",
     remap: Annotated[
         list[str] | None, typer.Option("-r", metavar="FROM:=TO", help="Remapping as of ROS; repeatable.")
@@ -55,6 +59,7 @@ def run(
 ) -> None:
     """Run the nodes, one process each, until Ctrl-C, SIGTERM or SIGHUP; exit 2 if one ends before."""
     require_ros("run")
+    from sfr_loc_map.nodes.parameter_files import run_arguments
     from sfr_loc_map.nodes.processes import node_names, run_nodes
 
     given = list(names or ())
@@ -67,7 +72,9 @@ def run(
     for item in [f"__ns:=/{namespace.strip('/')}"] * bool(namespace) + (remap or []):
         arguments += ["-r", item]
     nodes, more = node_names(given[:cut]), given[cut + 1 :]
-    with live_beside(live, live_port, namespace):
+    with live_beside(live, live_port, namespace), TemporaryDirectory(prefix="sfr-run-") as scratch:
+        if config is not None:
+            arguments[1:1] = run_arguments(config, Path(scratch) / "parameters.yaml")
         run_nodes(nodes, [*arguments, *more], lambda text: say(f"sfr run: {text}", err=True), respawn=respawn)
 
 

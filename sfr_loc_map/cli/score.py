@@ -13,12 +13,14 @@ import typer
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import (
     Align,
+    ConfigOption,
     ConventionOptions,
     JudgeOptions,
     OutputOptions,
     PartialOption,
     RebaseOption,
     SpacingOption,
+    parse_settings,
 )
 from sfr_loc_map.cli.output import STANDARD_OUTPUT, beside, check_suffix, say, show, warn
 from sfr_loc_map.cli.verdict import conclude
@@ -96,19 +98,24 @@ def score(
         str | None,
         typer.Option(metavar="frames=N|distance=M", help="Length of a relative error.", show_default="frames=1"),
     ] = None,
+    config_file: ConfigOption = None,
     settings: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="truth.KEY=VALUE", help="Of the truth, as truth.sigma_m=0.02; repeatable."),
     ] = None,
 ) -> None:
     """Score an estimate against the truth: exit 1 if a limit is missed, 3 if something could not be judged."""
-    from sfr_loc_map.cli.simulate import parse_settings
-    from sfr_loc_map.config import build
+    from sfr_loc_map.config import build, flatten
+    from sfr_loc_map.io.bag_files import is_bag
+    from sfr_loc_map.io.source_config import config_beside, source_config
     from sfr_loc_map.io.truth import TruthConfig
     from sfr_loc_map.metrics.config import aligned_error_config, score_config
     from sfr_loc_map.pipeline.scoring import ScoreInputs, converted_run, load_run, save_point_errors, score_run
     from sfr_loc_map.report.test_report import junit as junit_of
 
+    has_pairs = truth.is_dir() or is_bag(truth)
+    config_file = config_file or (config_beside(truth) if has_pairs else None)
+    judge = judge.by(config_file)
     limits, asked = judge.read()
     of_score: dict[str, object] = {
         "trajectory.spacing": spacing,
@@ -125,9 +132,12 @@ def score(
     if (target is None) != (target_timing is None):
         raise ConfigError("'--target' and '--target-timing' belong together: give the name and the file")
     inputs = ScoreInputs.of(estimate, truth, stats or ())
-    if settings:
+    if config_file is not None or settings:
+        how = source_config(truth, config_file)
         given = {key.removeprefix("truth."): value for key, value in parse_settings(settings).items()}
-        inputs = replace(inputs, truth_config=build(TruthConfig, given, origin="--set truth.KEY=VALUE"))
+        named = flatten(how.truth) | ({} if has_pairs else {"source": ""})  # TRUTH itself is the file
+        of_truth = build(TruthConfig, {**named, **given}, origin="--set truth.KEY=VALUE")
+        inputs = replace(inputs, config=replace(how, truth=of_truth))
     if target_timing is not None:
         inputs = replace(inputs, target=target_timing, target_about=None, target_name=target or "")
     if target_run is not None and inputs.target is None:
@@ -144,7 +154,7 @@ def score(
     output.check(junit, points, inputs=(estimate, truth, *inputs.stats))
     correction = conversion.read(has_poses=has_poses)
     loaded = load_run(inputs, fused)
-    for note in loaded.notes:
+    for note in () if loaded.drive is None else loaded.drive.notes:
         say(note, err=True)
     run = converted_run(loaded, config, correction)
     cloud = None if run.cloud is None else run.cloud.loaded.cloud

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
-import yaml
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.options import OverwriteOption, SourceArgument
+from sfr_loc_map.cli.options import ConfigOption, OverwriteOption, RemapOption, SourceArgument, open_as, parse_settings
 from sfr_loc_map.cli.output import output_folder, progress_bar, say
 from sfr_loc_map.errors import ConfigError, InterruptedRunError, naming
-from sfr_loc_map.inputs import parse_yaml
 
 FAULT_HELP = (
     "KIND, or KIND: and some of amount=A (its unit: docs/simulation.md), share=S of the pairs (0 to 1), burst=N pairs "
@@ -68,20 +66,6 @@ def simulate(
     propose("sfr", "replay", out, "--start", "truth", "--out", f"{out}_result", why="through the nodes, scored")
 
 
-def parse_settings(settings: list[str] | None) -> dict[str, Any]:
-    """Return settings `KEY=VALUE`, the values read as YAML; raise ConfigError if one has another form."""
-    values: dict[str, Any] = {}
-    for item in settings or []:
-        key, separator, text = item.partition("=")
-        if not separator or not key:
-            raise ConfigError(f"'--set {item}': must have the form KEY=VALUE, as terrain.relief_m=0.2")
-        try:
-            values[key] = parse_yaml(text)
-        except (yaml.YAMLError, ValueError) as error:
-            raise ConfigError(f"'--set {item}': the value is not valid YAML") from error
-    return values
-
-
 @app.command(
     epilog=examples(
         "sfr perturb data/ faulty/ --fault dropped:share=0.2 --fault blurred:amount=3,camera=left",
@@ -95,17 +79,18 @@ def perturb(
     ],
     fault: Annotated[list[str] | None, typer.Option("--fault", metavar="KIND[:...]", help=FAULT_HELP)] = None,
     seed: Annotated[int, typer.Option(min=0, metavar="N", help="Seed that selects the affected pairs.")] = 0,
+    config: ConfigOption = None,
+    remap: RemapOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
     """Copy a source and inject faults: of single pairs, of the cameras, of the view, of clock and calibration."""
-    from sfr_loc_map.io.registry import open_source
     from sfr_loc_map.pipeline.convert import EXACT, convert, faulty
     from sfr_loc_map.simulation.faults import FaultKind, parse_fault
 
     if not fault:
         raise ConfigError(f"no --fault given: name at least one of {', '.join(FaultKind)}")
     faults = [parse_fault(text) for text in fault]
-    opened = open_source(source, {})
+    opened, _ = open_as(source, remap, config)
     total = sum(len(part) for part in (opened.loc, opened.nav) if part is not None)
     room = output_folder(destination, overwrite=overwrite, inputs=(source,))
     with room as place, naming(source), progress_bar("pairs") as bar:

@@ -8,8 +8,9 @@ from typing import Annotated
 import typer
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.options import JsonOption, OverwriteOption
+from sfr_loc_map.cli.options import IntakeOptions, JsonOption, OverwriteOption
 from sfr_loc_map.cli.output import check_outputs, make_folder, say, show
+from sfr_loc_map.errors import FailedVerdictError
 from sfr_loc_map.io.atomic import write_text
 
 LIMITS_HEAD = """\
@@ -36,20 +37,30 @@ LIMITS_MEANINGS = {
 }
 
 
-@app.command(epilog=examples("sfr init", "sfr init my_rover/", "sfr init my_rover/ --overwrite"))
+@app.command(epilog=examples("sfr init my_rover/", "sfr init my_rover/ --from drive.mcap --calibration camchain.yaml"))
 def init(
+    intake: IntakeOptions,
     folder: Annotated[
         Path, typer.Argument(metavar="DIR", help="Folder for the files; made if it is not there.")
     ] = Path("."),
+    source: Annotated[
+        Path | None, typer.Option("--from", metavar="SRC", help="Recording that DIR/sfr.yaml shall be for.")
+    ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
     """Write a commented configuration and limits to begin with: DIR/configuration.yaml and DIR/limits.yaml.
 
     Each parameter stands there with its description, unit, range and default. sfr replay, localise and map take the
     configuration as it is (--config), sfr score and replay the limits (--limits).
+
+    With --from it is DIR/sfr.yaml: how SRC is read, each line with what it was inferred from. Exit 1 if something is
+    missing that only you know.
     """
-    configuration, limits = folder / "configuration.yaml", folder / "limits.yaml"
     make_folder(folder, "name")
+    if source is not None:
+        _init_from(source, folder, intake, overwrite=overwrite)
+        return
+    configuration, limits = folder / "configuration.yaml", folder / "limits.yaml"
     check_outputs(configuration, limits, overwrite=overwrite)
     write_text(_configuration_text(), configuration)
     write_text(_limits_text(), limits)
@@ -57,6 +68,31 @@ def init(
     say(f"limits: {limits}")
     words = ("sfr", "replay", "SRC", "--start", "truth", "--config", configuration, "--limits", limits, "--out", "out/")
     propose(*words, why="SRC: a bag or folder of yours; sfr doctor SRC says what it lacks")
+
+
+def _init_from(source: Path, folder: Path, intake: IntakeOptions, *, overwrite: bool) -> None:
+    from sfr_loc_map.io.source_config import NAME
+    from sfr_loc_map.pipeline.source_proposal import propose_config
+
+    path, limits = folder / NAME, folder / "limits.yaml"
+    kept = not overwrite and limits.exists()
+    check_outputs(path, *([] if kept else [limits]), overwrite=overwrite, inputs=(source,))
+    found = propose_config(source, intake.sections(None), path)
+    if "limits" not in found.sections:
+        found.sections["limits"], found.reasons["limits"] = limits.name, "placeholders: write those of your document"
+    write_text(found.text(), path)
+    if not kept:
+        conditions = found.sections.get("conditions") or ["distance=5"]
+        write_text(_limits_text().replace("- condition: distance=5", f"- condition: {conditions[0]}"), limits)
+    say(f"configuration: {path}")
+    say(f"limits: {limits}")
+    for text in found.remarks:
+        say(f"remark: {text}", err=True)
+    if found.missing:
+        propose("... --overwrite", why="with what is missing")
+        raise FailedVerdictError(f"'{path}' is not complete: {'; '.join(found.missing)}")
+    start = ("--start", "truth") if found.has_poses else ()
+    propose("sfr", "replay", source, "--config", path, *start, "--out", "out", why="through the nodes, scored")
 
 
 @app.command(
@@ -86,7 +122,6 @@ def methods(
 
 
 def _configuration_text() -> str:
-    """Return a configuration file of localiser and mapper with the defaults."""
     from sfr_loc_map.config import to_yaml_lines
     from sfr_loc_map.localisation.config import LocalisationConfig
     from sfr_loc_map.mapping.config import MappingConfig

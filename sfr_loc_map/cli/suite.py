@@ -198,7 +198,6 @@ def history(
 
 
 def _open_store(folder: Path) -> Store:
-    """Return the folder of a suite that has run; raise InputError if it is none."""
     from sfr_loc_map.suite.store import Store
 
     if not (folder / "plan.json").is_file():

@@ -6,13 +6,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import FrameTree, Transform
 
-RB_FRAME, LOCSB_FRAME = "rb", "locsb"
+RB_FRAME, LOCSB_FRAME, NAVSB_FRAME = "rb", "locsb", "navsb"
 BASE_FRAMES = (RB_FRAME, "base_link", "base_footprint", "base", "body", "chassis")
 """Names of the rover's own frame, in the order of trying."""
 OPTICAL_IN_SB = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Turns an optical frame (x right, y down, z forward) into SB (x forward, y left, z up) [3.2.3]."""
+MAST_XY_RB_M = (0.451, 0.317)  #: Base of the mast (DMA) and the pan axis in RB [3.2.2, 3.2.6].
+TILT_AXIS_Z_RB_M = 0.594  #: Height of the tilt axis in RB [3.2.6].
+TILT_AXIS_X_RB_M = 0.451  #: Place of the tilt axis along RB x at pan 0 [3.2.6].
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,3 +53,13 @@ def rig_in_body(
         T_left_sb = Transform(turn, turn @ np.array([0.0, -0.5 * baseline_m, 0.0]))
         return RigInBody(T_base_frame @ T_left_sb, text)
     return None
+
+
+def mast_head_in_rb(pan_rad: float, tilt_rad: float) -> Transform:
+    """Return `T_rb_head`: the mast head, origin where the tilt axis meets the pan axis' x-z plane [3.2.6].
+
+    Pan is about z of RB, positive to the left, and carries the tilt axis; tilt about y of RB at pan 0, positive down.
+    """
+    pan: FloatArray = matrix_from_rotvec([0.0, 0.0, pan_rad])
+    tilt: FloatArray = matrix_from_rotvec([0.0, tilt_rad, 0.0])
+    return Transform(pan @ tilt, np.array([TILT_AXIS_X_RB_M, MAST_XY_RB_M[1], TILT_AXIS_Z_RB_M]))

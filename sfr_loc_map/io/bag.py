@@ -9,6 +9,7 @@ import struct
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +18,13 @@ from rosbags.typesys import Stores, get_typestore
 
 from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.extrinsics import LOCSB_FRAME, RB_FRAME
+from sfr_loc_map.geometry.extrinsics import rig_in_body
 from sfr_loc_map.geometry.plausibility import check_extrinsics
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import FrameTree, Transform
 from sfr_loc_map.inputs import NS_PER_S, SIDES, parse_json, refusing
 from sfr_loc_map.io.bag_files import is_unfinished, reader_paths
+from sfr_loc_map.io.bag_frames import pose_row, trajectory_of
 from sfr_loc_map.io.bag_readers import BagReader, reader_of
 from sfr_loc_map.io.text_table import check_order
 
@@ -40,7 +42,7 @@ CONFIGURATION = "localisation/configuration"
 _OF_CAMERA = ("image_rect", "image_rect/compressed", "image_raw", "image_raw/compressed", "camera_info")
 TOPICS_READ = (
     *(f"{task}/{side}/{name}" for task in ("loc", "nav") for side in SIDES for name in _OF_CAMERA),
-    *("nav/pose", "localisation/odometry", GROUND_TRUTH, "ground_truth/points", "tf_static"),
+    *("nav/pose", "joint_states", "localisation/odometry", GROUND_TRUTH, "ground_truth/points", "tf", "tf_static"),
 )
 """Names of the topics that are read from a bag, within any one namespace."""
 STAMPED = {IMAGE, COMPRESSED, CAMERA_INFO, POSE, ODOMETRY, POINTS, "stereo_msgs/msg/DisparityImage"}
@@ -58,6 +60,11 @@ class Topic:
     msgtype: str
 
 
+@cache
+def _warn_unfinished(path: Path) -> None:
+    _log.warning("bag '%s' was not finished: it is read up to its last whole part", path)
+
+
 class Bag:
     """A bag, and its `topics` by name; `unfinished` where its recording broke off: what was written whole is read."""
 
@@ -67,13 +74,14 @@ class Bag:
         self._files = reader_paths(path)
         self.unfinished = any(is_unfinished(file) for file in self._files if file.is_file())
         if self.unfinished:
-            _log.warning("bag '%s' was not finished: it is read up to its last whole part", path)
+            _warn_unfinished(path)
         with self._reading() as readers:
-            self.topics: dict[str, str] = {c.topic: c.msgtype for reader in readers for c in reader.connections}
+            connections = [c for reader in readers for c in reader.connections]
+            self.topics: dict[str, str] = {c.topic: c.msgtype for c in connections}
             if not all(isinstance(text, str) for pair in self.topics.items() for text in pair):  # in a database
                 raise TypeError("the name or the type of a topic is not text")
-            count = sum(reader.message_count for reader in readers)
-        if not count:
+            self.counts = {name: sum(c.msgcount for c in connections if c.topic == name) for name in self.topics}
+        if not any(self.counts.values()):
             raise InputError(f"bag '{path}' holds no message: record it again")
         self._names = self._renamed(remap or {})
 
@@ -199,16 +207,13 @@ def pose_of(position: Any, orientation: Any) -> Transform:  # noqa: ANN401 - of 
 
 
 def read_odometry(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
-    """Read the poses of an odometry topic in the order of recording, and their covariances `(N, 6, 6)` (m^2, rad^2)."""
-    stamps, rows, covariances = [], [], []
-    for _, stamp_ns, message in bag.messages([topic]):
-        position, quat = message.pose.pose.position, message.pose.pose.orientation
-        stamps.append(stamp_ns)
-        rows.append((position.x, position.y, position.z, quat.x, quat.y, quat.z, quat.w))
+    """Read poses with covariances `(N, 6, 6)` (m^2, rad^2), of odometry for one, in the order of recording."""
+    rows, covariances = [], []
+    for _, _, message in bag.messages([topic]):
+        rows.append(pose_row(message, message.pose.pose))
         covariances.append(message.pose.covariance)
-    values = np.array(rows, np.float64).reshape(-1, 7)
     with refusing(f"'{topic.bag_name}' of bag '{bag.path}'", "record it again"):
-        trajectory = Trajectory(np.array(stamps, np.int64), values[:, :3].copy(), values[:, 3:].copy())
+        trajectory = trajectory_of(rows)
     return trajectory, np.array(covariances, np.float64).reshape(-1, 6, 6)
 
 
@@ -222,19 +227,21 @@ def read_trajectory(bag: Bag, name: str) -> Trajectory | None:
     return trajectory if len(trajectory) else None
 
 
-def read_extrinsics(bag: Bag) -> Transform | None:
-    """Return `T_rb_sb` of `/tf_static`, else of the parameters of the localisation node that was recorded, or None."""
-    topic = bag.find("tf_static", TF)
-    if topic is not None:
-        frames = FrameTree()
-        for _, _, message in bag.messages([topic]):
-            for item in message.transforms:
-                with refusing(f"/tf_static of bag '{bag.path}': '{item.child_frame_id}'", "record it again"):
-                    pose = pose_of(item.transform.translation, item.transform.rotation)
-                frames.add(item.header.frame_id.strip("/"), item.child_frame_id.strip("/"), pose)
-        found = frames.find(RB_FRAME, LOCSB_FRAME)
-        if found is not None:
-            return found
+def read_frames(bag: Bag) -> FrameTree:
+    """Return the frames that `/tf_static` joins; none where it is not there."""
+    frames, topic = FrameTree(), bag.find("tf_static", TF)
+    for _, _, message in () if topic is None else bag.messages([topic]):
+        for item in message.transforms:
+            with refusing(f"/tf_static of bag '{bag.path}': '{item.child_frame_id}'", "record it again"):
+                pose = pose_of(item.transform.translation, item.transform.rotation)
+            frames.add(item.header.frame_id.strip("/"), item.child_frame_id.strip("/"), pose)
+    return frames
+
+
+def read_extrinsics(bag: Bag, camera_frame: str, baseline_m: float, base_frame: str = "") -> Transform | None:
+    """Return `T_rb_sb` of /tf_static (`rig_in_body`), else of a recorded localisation node's parameters, or None."""
+    if (found := rig_in_body(read_frames(bag), camera_frame, baseline_m, base_frame)) is not None:
+        return found.T_rb_sb
     names = [name for name in bag.matches(CONFIGURATION) if bag.topics[name] == STRING]
     if len(names) != 1:  # none, or of several rovers
         return None

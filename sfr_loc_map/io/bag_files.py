@@ -19,18 +19,23 @@ def is_bag(path: Path) -> bool:
     if path.is_dir():
         parts = ("metadata.yaml", *(f"*{suffix}" for suffix in STORAGE_SUFFIXES))
         return any(True for part in parts for _ in path.glob(part))
-    return path.suffix in STORAGE_SUFFIXES or (path.suffix in ROS1_SUFFIXES and is_ros1_bag(path))
+    return path.suffix in STORAGE_SUFFIXES or is_ros1_bag(path)
 
 
 def is_ros1_bag(path: Path) -> bool:
     """Tell whether a path is a file of a ROS 1 bag, by its first bytes; an empty file by its ending."""
-    if path.suffix not in ROS1_SUFFIXES or not path.is_file():
-        return False
+    return path.suffix in ROS1_SUFFIXES and path.is_file() and _ends(path, len(ROS1_MAGIC))[0] in (ROS1_MAGIC, b"")
+
+
+def _ends(path: Path, count: int) -> tuple[bytes | None, bytes]:
+    """Return the first and the last bytes of a file; None where it cannot be read."""
     try:
         with path.open("rb") as stream:
-            return stream.read(len(ROS1_MAGIC)) in (ROS1_MAGIC, b"")
+            first = stream.read(count)
+            stream.seek(max(path.stat().st_size - count, 0))
+            return first, stream.read()
     except OSError:
-        return False
+        return None, b""
 
 
 def reader_paths(path: Path) -> list[Path]:
@@ -59,10 +64,5 @@ def _is_mixed(metadata: Path) -> bool:
 
 def is_unfinished(path: Path) -> bool:
     """Tell whether a file is mcap that was not closed."""
-    try:
-        with path.open("rb") as stream:
-            begins = stream.read(len(MCAP_MAGIC)) == MCAP_MAGIC
-            stream.seek(max(path.stat().st_size - len(MCAP_MAGIC), 0))
-            return begins and stream.read() != MCAP_MAGIC
-    except OSError:
-        return False
+    first, last = _ends(path, len(MCAP_MAGIC))
+    return first == MCAP_MAGIC and last != MCAP_MAGIC

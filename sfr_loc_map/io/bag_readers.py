@@ -23,7 +23,7 @@ from rosbags.rosbag2 import Reader, storage_mcap
 from rosbags.rosbag2.errors import ReaderError
 from rosbags.rosbag2.reader import DirectoryReader
 from rosbags.rosbag2.storage_mcap import DECOMPRESSORS, McapReader, decompress
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from sfr_loc_map.inputs import check_expansion, check_regular, expansion_limit, parse_yaml, read_text
 from sfr_loc_map.io.bag_files import MCAP_MAGIC, is_ros1_bag, is_unfinished
@@ -181,7 +181,6 @@ class _BoundedDirectoryReader(DirectoryReader):
     def messages(
         self, connections: Collection[Connection], start: int | None = None, stop: int | None = None
     ) -> Generator[tuple[Connection, int, bytes], None, None]:
-        """Yield connection, time and bytes of messages."""
         for connection, time_ns, data in super().messages(connections, start, stop):
             yield connection, time_ns, unpack(data, zstd.ZstdDecompressor) if self._messages_compressed else data
 
@@ -217,12 +216,26 @@ class Ros1Reader(rosbag1.Reader):
         """Yield connection, time and the message as CDR."""
         wanted = {each.id: each for each in connections or self.connections}
         for each in wanted.values():
-            known = each.msgtype in _ROS1.fielddefs
-            if known and each.digest not in ("*", _ROS1.generate_msgdef(each.msgtype, ros_version=1)[1]):
+            if not _has_known_fields(each):
                 raise Ros1Error(f"{each.msgtype} of '{each.topic}' has other fields than that of ROS Noetic.")
         for each, time_ns, data in super().messages(connections, start, stop):
             connection = wanted[each.id]
             yield connection, time_ns, bytes(_ROS2.ros1_to_cdr(data, connection.msgtype))
+
+
+def _has_known_fields(connection: Connection) -> bool:
+    """Tell whether the messages are laid out as in ROS Noetic; rosbags-convert names fields as ROS 2 does, `k`."""
+    msgtype = connection.msgtype
+    if msgtype not in _ROS1.fielddefs:
+        return True
+    if connection.digest in ("*", _ROS1.generate_msgdef(msgtype, ros_version=1)[1]):
+        return True
+    given = get_types_from_msg(connection.msgdef.data, msgtype)
+    return all(_fields(item) == _fields(_ROS1.fielddefs.get(name, ([], []))) for name, item in given.items())
+
+
+def _fields(definition: Any) -> list[tuple[str, Any]]:  # noqa: ANN401 - a definition of the library
+    return [(name.lower(), kind) for name, kind in definition[1]]
 
 
 BagReader: TypeAlias = Ros2Reader | Ros1Reader

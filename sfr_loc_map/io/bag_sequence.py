@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Mapping
+from copy import copy
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from statistics import median_low
+from typing import Any
+
+import numpy as np
 
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
@@ -18,6 +24,7 @@ from sfr_loc_map.io.bag import (
     COMPRESSED,
     GROUND_TRUTH,
     IMAGE,
+    ODOMETRY,
     POINTS,
     POSE,
     Bag,
@@ -26,13 +33,17 @@ from sfr_loc_map.io.bag import (
     read_extrinsics,
     read_trajectory,
 )
+from sfr_loc_map.io.calibration_file import Calibration, read_calibration
 from sfr_loc_map.io.camera_info import rig_from_camera_info
-from sfr_loc_map.io.image_codec import image_from_compressed_message, image_from_message, points_image
+from sfr_loc_map.io.head_pose import head_poses
+from sfr_loc_map.io.image_codec import image_from_message, points_image
 from sfr_loc_map.io.image_files import check_size
 from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.stamp_pairing import STAMP_TOLERANCE_S, match_stamps
+from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig, SyncConfig
+from sfr_loc_map.io.stamp_pairing import match_stamps
 from sfr_loc_map.io.text_table import check_order
+from sfr_loc_map.io.truth import TruthConfig, truth_of_file
 
 LOOK_AHEAD = 32
 """Most stamps whose messages are waited for at a time: bounds the memory whatever the order in the bag."""
@@ -43,33 +54,55 @@ _log = logging.getLogger(__name__)
 
 
 class _BagPairs:
-    """The pairs of the cameras of a task, and what their topics say of it."""
+    """The pairs of the cameras of a task, and what their topics and the configuration say of it."""
 
     task: Task
 
-    def __init__(self, bag: Bag) -> None:
-        rig = self.task.rig
-        self._bag, self._rig_name = bag, rig
-        self._tolerance_ns = round(STAMP_TOLERANCE_S * NS_PER_S)
-        kind = _image_name(bag, rig)
-        self._sides = [_require(bag, f"{rig}/{side}/{kind}", IMAGE, COMPRESSED) for side in SIDES]
+    def __init__(self, bag: Bag, config: SourceConfig) -> None:
+        rig, of_drive = self.task.rig, self.task is Task.LOCALISATION
+        self._bag, self._rig_name, self._config = bag, rig, config
+        self._tolerance_ns = round(config.sync.stamp_tolerance_s * NS_PER_S)
+        self._offset_ns = round(config.sync.right_offset_s * NS_PER_S) if of_drive else 0
+        calibration = config.calibration if of_drive else CalibrationConfig()
+        self._layout = calibration.stereo_layout
+        kind = image_name(bag, rig)
+        sides = SIDES[:1] if self._layout else SIDES
+        self._sides = [_require(bag, f"{rig}/{side}/{kind}", IMAGE, COMPRESSED) for side in sides]
         self._points = bag.find("ground_truth/points", POINTS) if self.task is Task.MAPPING else None
         self._topics = [*self._sides, *([self._points] if self._points else [])]
+        found, self.frame = self._calibrated(calibration, kind == RECTIFIED)
+        left, right = found.infos
+        if calibration.baseline_m:
+            right = copy(right)
+            right.p = np.array([*right.p[:3], -right.p[0] * calibration.baseline_m, *right.p[4:]])
         self._rectifier: StereoRectifier | None = None
-        infos = [_require(bag, f"{rig}/{side}/camera_info", CAMERA_INFO) for side in SIDES]
-        first = bag.first(infos)
-        for topic in infos:
-            if topic.name not in first:
-                raise InputError(f"bag '{bag.path}' has no message on '{topic.bag_name}': the rig is not known")
-        left, right = (first[topic.name] for topic in infos)
-        extrinsics = read_extrinsics(bag) if self.task is Task.LOCALISATION else None
         try:
-            if kind == RAW:
-                self.rig, self._rectifier = rectified_rig((left, right), rig, T_rb_sb=extrinsics)
+            if found.is_rectified:
+                self.rig = rig_from_camera_info(left, right, rig)
             else:
-                self.rig = rig_from_camera_info(left, right, rig, extrinsics)
+                self.rig, self._rectifier = rectified_rig((left, right), rig)
         except InputError as error:
             raise InputError(f"bag '{bag.path}': {error}") from error
+        if of_drive:
+            T_rb_sb = config.extrinsics.transform() or found.T_rb_sb
+            T_rb_sb = T_rb_sb or read_extrinsics(bag, self.frame, self.rig.baseline_m, config.frames.base)
+            self.rig = replace(self.rig, T_rb_sb=T_rb_sb)
+        self.is_adapted = calibration != CalibrationConfig() or config.sync != SyncConfig()
+
+    def _calibrated(self, config: CalibrationConfig, is_rectified: bool) -> tuple[Calibration, str]:
+        if config.file:
+            first = next(iter(self._bag.first(self._sides[:1]).values()), None)
+            if first is None:
+                raise InputError(f"bag '{self._bag.path}' has no message on '{self._sides[0].bag_name}'")
+            height, width = self._halves(self._decoded(self._sides[0], first))[0].shape
+            return read_calibration(Path(config.file), (width, height)), str(first.header.frame_id)
+        topics = [_require(self._bag, f"{self._rig_name}/{side}/camera_info", CAMERA_INFO) for side in SIDES]
+        infos = self._bag.first(topics)
+        for topic in topics:
+            if topic.name not in infos:
+                raise InputError(f"bag '{self._bag.path}' has no message on '{topic.bag_name}': the rig is not known")
+        left, right = (infos[topic.name] for topic in topics)
+        return Calibration((left, right), is_rectified, None, "camera_info"), str(left.header.frame_id)
 
     @property
     def stamps_ns(self) -> tuple[int, ...]:
@@ -87,13 +120,16 @@ class _BagPairs:
             stamps[topic.name].append(stamp_ns)
         for topic in self._topics:
             check_order(stamps[topic.name], f"bag '{self._bag.path}', '{topic.bag_name}'", strict=True)
-        (one, left), (other, right) = ((topic.name, stamps[topic.name]) for topic in self._sides)
+        left, right = (stamps[self._sides[at].name] for at in (0, -1))
+        if self._layout:
+            return {stamp: {self._sides[0].name: stamp} for stamp in left}
+        right = [stamp + self._offset_ns for stamp in right]
         where, within = f"bag '{self._bag.path}', '{self._rig_name}'", f"{self._tolerance_ns / NS_PER_MS:g} ms"
         matched = match_stamps(left, right, self._tolerance_ns)
         if not matched:
             raise InputError(
                 f"{where}: none of {len(left)} left and {len(right)} right images have stamps within {within}: record "
-                f"both from one trigger, or set sync.stamp_tolerance_s"
+                f"both from one trigger, or set sync.stamp_tolerance_s or sync.right_offset_s in sfr.yaml"
             )
         if apart := [abs(after - stamp) for stamp, after in matched.items() if after != stamp]:
             typical, largest = (f"{value / NS_PER_MS:.3g}" for value in (median_low(apart), max(apart)))
@@ -103,7 +139,8 @@ class _BagPairs:
             )
         if single := len(left) + len(right) - 2 * len(matched):
             _log.warning(f"{where}: {single} images without the other side left out")
-        pairs = {stamp: {one: stamp, other: after} for stamp, after in matched.items()}
+        one, other = (topic.name for topic in self._sides)
+        pairs = {stamp: {one: stamp, other: after - self._offset_ns} for stamp, after in matched.items()}
         if self._points:
             for stamp, of_truth in match_stamps(list(pairs), stamps[self._points.name], self._tolerance_ns).items():
                 pairs[stamp][self._points.name] = of_truth
@@ -129,19 +166,26 @@ class _BagPairs:
                 )
 
     def _pair(self, stamp_ns: int, raw: Mapping[str, bytes]) -> StereoPair:
-        images = []
-        for topic in self._sides:
-            where = f"bag '{self._bag.path}', '{topic.bag_name}'"
-            message = self._bag.deserialise(topic, raw[topic.name])
-            decode = image_from_compressed_message if topic.msgtype == COMPRESSED else image_from_message
-            try:
-                image = decode(message)
-            except InputError as error:
-                raise InputError(f"{where}: {error}") from error
-            check_size(image, self.rig, f"{where}: image of stamp {stamp_ns}")
-            images.append(image)
-        left, right = images
+        images = [self._decoded(topic, self._bag.deserialise(topic, raw[topic.name])) for topic in self._sides]
+        left, right = self._halves(images[0]) if self._layout else images
+        for image, topic in ((left, self._sides[0]), (right, self._sides[-1])):
+            check_size(image, self.rig, f"bag '{self._bag.path}', '{topic.bag_name}': image of stamp {stamp_ns}")
         return StereoPair(stamp_ns, *(self._rectifier.rectify(left, right) if self._rectifier else (left, right)))
+
+    def _decoded(self, topic: Topic, message: Any) -> GreyImage:  # noqa: ANN401 - made at run time
+        try:
+            return image_from_message(message)
+        except InputError as error:
+            raise InputError(f"bag '{self._bag.path}', '{topic.bag_name}': {error}") from error
+
+    def _halves(self, image: GreyImage) -> list[GreyImage]:
+        """Return the left and the right image that one holds; of a camera of its own, the image alone."""
+        axis = {"": None, "side_by_side": 1, "top_bottom": 0}[self._layout]
+        if axis is None:
+            return [image]
+        if image.shape[axis] % 2:
+            raise InputError(f"bag '{self._bag.path}': images {image.shape} do not halve as {self._layout} says")
+        return [np.ascontiguousarray(half) for half in np.split(image, 2, axis)]
 
 
 class BagLocSequence(_BagPairs):
@@ -151,8 +195,13 @@ class BagLocSequence(_BagPairs):
 
     @cached_property
     def ground_truth(self) -> Trajectory | None:
-        """Poses on `ground_truth/odometry`, or None; read at the first use."""
-        return read_trajectory(self._bag, GROUND_TRUTH)
+        """True poses as configured, else on `ground_truth/odometry`, or None; read at the first use."""
+        config = self._config.truth
+        if config == TruthConfig() and not self._bag.matches(GROUND_TRUTH):
+            return None
+        if config == TruthConfig() and self._bag.topics[self._bag.matches(GROUND_TRUTH)[0]] == ODOMETRY:
+            return read_trajectory(self._bag, GROUND_TRUTH)
+        return truth_of_file(self._bag.path, config, self._config.remap)
 
     def pairs(self) -> Iterator[StereoPair]:
         """Yield the pairs in the order of stamps."""
@@ -164,10 +213,14 @@ class BagNavSequence(_BagPairs):
 
     task = Task.MAPPING
 
-    def __init__(self, bag: Bag) -> None:
-        """Find the topics and read the rig and the poses."""
-        super().__init__(bag)
+    def __init__(self, bag: Bag, config: SourceConfig) -> None:
+        super().__init__(bag, config)
         self._poses: dict[int, Transform] = {}
+        if not bag.matches("nav/pose"):
+            stamps = self.stamps_ns
+            poses = head_poses(bag, self.frame, self.rig.baseline_m, stamps, config.frames)
+            self._poses, self.is_adapted = dict(zip(stamps, poses, strict=True)), True
+            return
         topic = _require(bag, "nav/pose", POSE)
         for _, stamp_ns, message in bag.messages([topic]):
             where = f"bag '{bag.path}', '{topic.bag_name}', stamp {stamp_ns}"
@@ -189,21 +242,24 @@ class BagNavSequence(_BagPairs):
             yield PosedStereoPair(pair, self._poses[pose_of_pair[pair.stamp_ns]], truth)
 
 
-def open_bag(path: Path, remap: Mapping[str, str] | None = None) -> Source:
-    """Open a bag (a folder, or a .mcap, .db3 or .bag file) as a source; `remap` has new names of topics by the old."""
-    bag = Bag(path, remap)
-    kinds = {task: _image_name(bag, task.rig) for task in Task}
+def open_bag(path: Path, config: SourceConfig | None = None) -> Source:
+    """Open a bag (a folder, or a .mcap, .db3 or .bag file) as a source."""
+    config = config or SourceConfig()
+    bag = Bag(path, config.remap)
+    kinds = {task: image_name(bag, task.rig) for task in Task}
     if not any(kinds.values()):
         raise InputError(
             f"bag '{path}' has neither loc/left/image_rect nor nav/left/image_rect: it has "
-            f"{', '.join(sorted(bag.topics))}; name the topics by --remap old:=new"
+            f"{', '.join(sorted(bag.topics))}; sfr doctor '{path}' names those that could be it"
         )
-    loc = BagLocSequence(bag) if kinds[Task.LOCALISATION] else None
-    nav = BagNavSequence(bag) if kinds[Task.MAPPING] else None
-    return Source(path, "bag of raw images" if RAW in kinds.values() else "bag", loc, nav)
+    loc = BagLocSequence(bag, config) if kinds[Task.LOCALISATION] else None
+    nav = BagNavSequence(bag, config) if kinds[Task.MAPPING] else None
+    adapted = any(part is not None and part.is_adapted for part in (loc, nav)) or config.truth != TruthConfig()
+    kind = "bag of raw images" if RAW in kinds.values() else "bag, read as configured" if adapted else "bag"
+    return Source(path, kind, loc, nav, remap=config.remap)
 
 
-def _image_name(bag: Bag, rig: str) -> str | None:
+def image_name(bag: Bag, rig: str) -> str | None:
     """Return the last part of the names of a rig's images: rectified ones before raw ones, None without any."""
     for name in (RECTIFIED, RAW):
         if any(bag.find(f"{rig}/{side}/{name}", IMAGE, COMPRESSED) for side in SIDES):

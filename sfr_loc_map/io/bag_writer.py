@@ -102,7 +102,6 @@ class BagWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close the bag; its metadata is written only if nothing was raised."""
         with _database_errors():
             self._writer.__exit__(kind, error, trace)
 
@@ -195,12 +194,10 @@ class _SafeMcapWriter(CheckedMcapWriter):
         self._put(END)
 
     def close_chunk(self) -> None:
-        """End the chunk if it is large enough."""
         if self.chunk.bio.tell() > CHUNK_BYTES:
             self.flush()
 
     def flush(self) -> None:
-        """Write what has been gathered."""
         if self.chunk.bio.tell():
             super().close_chunk()
             data = self.bio.getvalue()
@@ -209,11 +206,9 @@ class _SafeMcapWriter(CheckedMcapWriter):
             self.bio = _Part(self._offset)
 
     def sync(self) -> None:
-        """Let the system bring to the disk what was written."""
         os.fdatasync(self._file.fileno())
 
     def close(self, version: int, metadata: str) -> None:
-        """Write the index."""
         self.flush()
         super().close(version, metadata)
         self._put(self.bio.getvalue())

@@ -10,7 +10,6 @@ import numpy as np
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import SIDES, Side, refusing
 
 TOLERANCE = 1e-6
@@ -41,12 +40,7 @@ def baseline_from_projection(fx: float, shift: float) -> float:
 
 
 def rig_from_projections(
-    p_left: FloatArray,
-    p_right: FloatArray,
-    size: tuple[int, int],
-    where: str,
-    names: tuple[str, str] = SIDES,
-    T_rb_sb: Transform | None = None,
+    p_left: FloatArray, p_right: FloatArray, size: tuple[int, int], where: str, names: tuple[str, str] = SIDES
 ) -> StereoRig:
     """Return the rig of two rectified cameras of one size (width, height), by P `(12,)` of each in one frame."""
     if not np.abs(np.delete(p_left - p_right, [3, 7, 11])).max() <= TOLERANCE:
@@ -61,10 +55,10 @@ def rig_from_projections(
             f"it must be -fx * baseline < 0; are left and right swapped?"
         )
     with refusing(where, "correct the calibration"):
-        return StereoRig(*size, fx, fy, cx, cy, baseline_from_projection(fx, shift) if fx else 0.0, T_rb_sb)
+        return StereoRig(*size, fx, fy, cx, cy, baseline_from_projection(fx, shift) if fx else 0.0)
 
 
-def rig_from_camera_info(left: Any, right: Any, name: str, T_rb_sb: Transform | None = None) -> StereoRig:  # noqa: ANN401
+def rig_from_camera_info(left: Any, right: Any, name: str) -> StereoRig:  # noqa: ANN401
     """Return the rig that two sensor_msgs/CameraInfo of `loc` or `nav` describe."""
     for side, info in zip(SIDES, (left, right), strict=True):
         _check_rectified(f"{name}/{side}", info)
@@ -72,7 +66,7 @@ def rig_from_camera_info(left: Any, right: Any, name: str, T_rb_sb: Transform | 
         sizes = f"{left.width} x {left.height} and {right.width} x {right.height}"
         raise InputError(f"camera_info of {name}/left and {name}/right are {sizes}: both images need one size")
     size = int(left.width), int(left.height)
-    return rig_from_projections(_matrix(left.p), _matrix(right.p), size, f"camera_info of {name}", T_rb_sb=T_rb_sb)
+    return rig_from_projections(_matrix(left.p), _matrix(right.p), size, f"camera_info of {name}")
 
 
 def _check_rectified(name: str, info: Any) -> None:  # noqa: ANN401 - a CameraInfo of any library

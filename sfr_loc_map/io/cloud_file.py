@@ -100,10 +100,8 @@ def save_cloud(path: Path, cloud: PointCloud) -> None:
 
 def save_points(path: Path, xyz: FloatArray) -> None:
     """Write points `(N, 3)` alone, without pixels, as .npz."""
-    buffer = io.BytesIO()
-    np.savez(buffer, x=xyz[:, 0], y=xyz[:, 1], z=xyz[:, 2])
     with atomic_path(path) as temporary:
-        temporary.write_bytes(buffer.getvalue())
+        np.savez(temporary, x=xyz[:, 0], y=xyz[:, 1], z=xyz[:, 2])
 
 
 def _comments(cloud: PointCloud) -> list[str]:

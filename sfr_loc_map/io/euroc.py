@@ -17,18 +17,16 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.plausibility import check_camera, check_distortion, check_extrinsics
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
-from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import parse_yaml, refusing
 from sfr_loc_map.io.image_codec import encode_png
-from sfr_loc_map.io.image_files import ImageFileSequence, TableWriter, pairs_of, whole_pairs
+from sfr_loc_map.io.image_files import ImageFileSequence, ImagePair, TableWriter, whole_pairs
 from sfr_loc_map.io.rectification import CalibratedCamera, rectified_pair
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.text_table import check_order, parse_stamp_ns, read_data, read_lines
-from sfr_loc_map.io.trajectory_file import EUROC_HEADER, parse_euroc_table
+from sfr_loc_map.io.text_table import check_order, parse_stamp_ns, read_lines
+from sfr_loc_map.io.trajectory_file import TrajectoryFormat, read_trajectory_file, save_trajectory
 
 CAMERAS = ("cam0", "cam1")
 TRUTH = "state_groundtruth_estimate0"
@@ -46,8 +44,15 @@ def open_euroc(path: Path) -> Source:
     folder = path / "mav0" if (path / "mav0").is_dir() else path
     rig, rectify = rectified_pair(f"'{folder}'", *(_load_camera(folder / name / "sensor.yaml") for name in CAMERAS))
     left, right = (_load_list(folder / name / "data.csv") for name in CAMERAS)
-    entries, left_out = whole_pairs(pairs_of(left, right, f"'{folder}'"), f"'{folder}'")
-    sequence = ImageFileSequence(rig, entries, load_body_truth(folder / TRUTH / "data.csv"), rectify)
+    pairs = [ImagePair(stamp, left[stamp], right[stamp]) for stamp in sorted(left.keys() & right.keys())]
+    if not pairs:
+        raise InputError(f"'{folder}': none of {len(left)} left and {len(right)} right images have equal stamps")
+    entries, left_out = whole_pairs(pairs, f"'{folder}'")
+    truth, file = None, folder / TRUTH / "data.csv"
+    if file.exists():
+        truth = read_trajectory_file(file).trajectory
+        check_order(truth.stamps_ns, f"'{file}'", strict=False)
+    sequence = ImageFileSequence(rig, entries, truth, rectify)
     return Source(path, "euroc", sequence, None, left_out)
 
 
@@ -68,13 +73,8 @@ def _load_camera(path: Path) -> CalibratedCamera:
     with refusing(f"'{path}' is not a sensor.yaml of an EuRoC camera"):
         content = parse_yaml("\n".join(line for line in read_lines(path) if line[:1] != "%"))
         camera = msgspec.convert(content, _SensorYaml, strict=False)  # YAML takes 1e-5 for a text
-        fx, fy, cx, cy = camera.intrinsics
-        check_camera(camera.resolution, (fx, fy), (cx, cy))
-        check_distortion(camera.distortion_coefficients)
         pose = Transform.from_matrix(np.array(camera.T_BS.data).reshape(4, 4))
-        check_extrinsics(pose.translation)
-    k = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-    return CalibratedCamera(camera.resolution, k, np.array(camera.distortion_coefficients), pose)
+        return CalibratedCamera(camera.resolution, camera.intrinsics, camera.distortion_coefficients, pose)
 
 
 def _load_list(path: Path) -> dict[int, Path]:
@@ -87,20 +87,10 @@ def _load_list(path: Path) -> dict[int, Path]:
     return files
 
 
-def load_body_truth(path: Path) -> Trajectory | None:
-    """Read poses `timestamp [ns], p_xyz [m], q_wxyz, ...`; None without the file or a pose."""
-    if not path.exists():
-        return None
-    table = parse_euroc_table(read_data(path), f"'{path}'")
-    truth = table.trajectory(table.values[:, :3], table.values[:, [4, 5, 6, 3]])
-    check_order(truth.stamps_ns, f"'{path}'", strict=False)
-    return truth if len(truth) else None
-
-
 class EurocWriter(TableWriter):
     """A sequence that is being written; a context manager. The layout has no mapping pairs: they are left out."""
 
-    _has_body, _told = True, False
+    _has_body = True
 
     def write_loc_rig(self, rig: StereoRig) -> None:
         """Write the two cameras; comes before the first pair and the truth."""
@@ -126,13 +116,10 @@ class EurocWriter(TableWriter):
             (self._path / "mav0" / name / "data" / file).write_bytes(encode_png(image))
             self.append(f"mav0/{name}/data.csv", f"{pair.stamp_ns},{file}", LIST_HEADER)
 
-    def write_truth(self, stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> None:
-        """Write one true pose of RB in DS."""
-        if not self._has_body:
-            if not self._told:
-                _log.warning("the truth is left out: the pose of the cameras on the rover (T_rb_locsb) is not known")
-            self._told = True
-        else:
-            x, y, z, w = quat_xyzw.tolist()
-            row = ",".join([str(stamp_ns), *map(repr, (*position.tolist(), w, x, y, z))])
-            self.append(f"mav0/{TRUTH}/data.csv", row, EUROC_HEADER)
+    def _finish(self) -> None:
+        if self._truth and not self._has_body:
+            _log.warning("the truth is left out: the pose of the cameras on the rover (T_rb_locsb) is not known")
+        elif self._truth:
+            folder = self._path / "mav0" / TRUTH
+            folder.mkdir()
+            save_trajectory(folder / "data.csv", self._true_poses, TrajectoryFormat.EUROC)

@@ -13,7 +13,6 @@ import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import msgspec
@@ -21,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import GeometryError, InputError
-from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import quat_conjugate
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
@@ -31,8 +29,8 @@ from sfr_loc_map.io.camera_info import baseline_from_projection
 from sfr_loc_map.io.image_codec import checked_points, encode_png
 from sfr_loc_map.io.image_files import ImageFiles, ImageFileSequence, ImagePair, TableWriter, read_pair, whole_pairs
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.text_table import BOM, parse_number, parse_stamp_ns
-from sfr_loc_map.io.trajectory_file import CSV_HEADER, TrajectoryFormat, csv_row, read_trajectory_file
+from sfr_loc_map.io.text_table import BOM, check_order, parse_number, parse_stamp_ns
+from sfr_loc_map.io.trajectory_file import CSV_HEADER, TrajectoryFormat, read_trajectory_file, save_trajectory
 
 LOC_COLUMNS = ("stamp_ns", "left", "right")
 NAV_COLUMNS = (
@@ -68,17 +66,7 @@ def open_folder(path: Path) -> Source:
         file, table, truth_file = folder / "rig.json", folder / "pairs.csv", folder / "groundtruth.csv"
         with refusing(f"cannot read '{table}'", "a data set folder needs its pairs.csv"):
             text = read_bytes(table, MAX_TABLE_BYTES, table=True).decode("utf-8-sig")
-        with refusing(f"cannot read '{file}'", "a data set folder needs its rig.json"):
-            found = msgspec.json.decode(read_bytes(file, MAX_TEXT_BYTES).removeprefix(BOM), type=_RigFile)
-        with refusing(f"'{file}'"):
-            fx, skew, cx, low, fy, cy, *last = found.k
-            if (skew, low, *last) != (0, 0, 0, 0, 1):
-                raise GeometryError(f"k is {list(found.k)}: [fx, 0, cx, 0, fy, cy, 0, 0, 1] is needed")
-            pose = found.T_rb_locsb
-            T_rb_sb = None if pose is None else Transform.from_quat(pose.translation_m, pose.quat_xyzw)
-            # as it comes out of camera_info messages: a rig from a file and one from topics are equal to the last digit
-            baseline_m = baseline_from_projection(fx, -(fx * found.baseline_m)) if fx else found.baseline_m
-            rig = StereoRig(found.width, found.height, fx, fy, cx, cy, baseline_m, T_rb_sb)
+        rig = read_rig(file)
 
         header, *rows = [[word.strip() for word in line.split(",")] for line in text.splitlines()] or [[""]]
         if tuple(header) not in HEADERS:
@@ -116,9 +104,7 @@ def open_folder(path: Path) -> Source:
                 raise InputError(
                     f"'{truth_file}' line 1 is not '{CSV_HEADER}': the truth of a data set folder needs it"
                 )
-            if len(back := np.flatnonzero(np.diff(truth.stamps_ns) < 0)):
-                before, after = truth.stamps_ns[back[0] : back[0] + 2].tolist()
-                raise InputError(f"'{truth_file}': stamp {after} goes back behind {before}: stamps must be in order")
+            check_order(truth.stamps_ns, f"'{truth_file}'", strict=False)
         loc = ImageFileSequence(rig, whole, truth)
     return Source(path, "sfr", loc, nav, left_out)
 
@@ -146,6 +132,21 @@ class _RigFile(msgspec.Struct, forbid_unknown_fields=True):
     T_rb_locsb: _PoseOfRig | None = None
 
 
+def read_rig(file: Path) -> StereoRig:
+    """Read a rig.json; InputError if it cannot be that of a rig."""
+    with refusing(f"cannot read '{file}'", "a data set folder needs its rig.json"):
+        found = msgspec.json.decode(read_bytes(file, MAX_TEXT_BYTES).removeprefix(BOM), type=_RigFile)
+    with refusing(f"'{file}'"):
+        fx, skew, cx, low, fy, cy, *last = found.k
+        if (skew, low, *last) != (0, 0, 0, 0, 1):
+            raise GeometryError(f"k is {list(found.k)}: [fx, 0, cx, 0, fy, cy, 0, 0, 1] is needed")
+        pose = found.T_rb_locsb
+        T_rb_sb = None if pose is None else Transform.from_quat(pose.translation_m, pose.quat_xyzw)
+        # as it comes out of camera_info messages: a rig from a file and one from topics are equal to the last digit
+        baseline_m = baseline_from_projection(fx, -(fx * found.baseline_m)) if fx else found.baseline_m
+        return StereoRig(found.width, found.height, fx, fy, cx, cy, baseline_m, T_rb_sb)
+
+
 def rig_json(rig: StereoRig) -> str:
     """Return the text of the rig.json that `open_folder` reads as this rig."""
     content: dict[str, Any] = {
@@ -164,21 +165,18 @@ class FolderWriter(TableWriter):
     """A data set folder that is being written, as a stream; with both tasks in `loc/` and `nav/`. A context manager."""
 
     def __init__(self, path: Path, *, loc: bool, nav: bool) -> None:
-        """Prepare a folder, made when the block begins, of a drive, of mapping pairs or of both."""
         super().__init__(path)
         self._loc, self._nav = ("loc", "nav") if loc and nav else (".", ".")
         self._loc_count = 0
         self._nav_rows: list[list[str]] = []
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Write the list of mapping pairs and close all tables."""
+    def _finish(self) -> None:
         has_truth = any(row[-1] for row in self._nav_rows)
         header = (*NAV_COLUMNS, TRUTH_COLUMN) if has_truth else NAV_COLUMNS
         for row in self._nav_rows:
             self.append(f"{self._nav}/pairs.csv", ",".join(row[: len(header)]), ",".join(header))
-        super().__exit__(kind, error, trace)
+        if self._truth:
+            save_trajectory(self._path / self._loc / "groundtruth.csv", self._true_poses)
 
     def write_loc_rig(self, rig: StereoRig) -> None:
         """Write the rig of the localisation cameras; comes before their first pair."""
@@ -205,10 +203,6 @@ class FolderWriter(TableWriter):
             np.save(self._path / self._nav / truth, np.asarray(nav.truth, np.float32))
         names = self._write_images(self._nav, index, nav.pair)
         self._nav_rows.append([str(nav.pair.stamp_ns), *names, *numbers, truth])
-
-    def write_truth(self, stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> None:
-        """Write one true pose of RB in DS; comes after the rig of the localisation cameras."""
-        self.append(f"{self._loc}/groundtruth.csv", csv_row(stamp_ns, position, quat_xyzw), CSV_HEADER)
 
     def _start(self, part: str, rig: StereoRig) -> None:
         for name in (".", *SIDES):

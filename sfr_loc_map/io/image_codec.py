@@ -112,14 +112,15 @@ def claimed_size(data: bytes) -> tuple[int, int] | None:
 
 
 def _decoded_pixel_bytes(data: bytes) -> int:
-    """Return how many bytes a pixel of an image file may have once decoded."""
     if data.startswith(PNG_MAGIC):
         return (2 if data[24:25] == b"\x10" else 1) * (1 if data[25:26] == b"\0" else 4)  # depth, kind of colour
     return 1 if data.startswith((JPEG_MAGIC, b"P2", b"P5")) else 4  # 8-bit grey, rarely 16 bits
 
 
-def image_from_message(message: Any) -> GreyImage:  # noqa: ANN401 - a sensor_msgs/Image of any library
-    """Return a sensor_msgs/Image as 8-bit grey `(H, W)`."""
+def image_from_message(message: Any) -> GreyImage:  # noqa: ANN401 - a message of any library
+    """Return a sensor_msgs/Image or sensor_msgs/CompressedImage (JPEG or PNG) as 8-bit grey `(H, W)`."""
+    if not hasattr(message, "encoding"):
+        return image_from_compressed_message(message)
     stamp = stamp_of(message)
     if message.encoding not in ENCODINGS:
         known = ", ".join(ENCODINGS)

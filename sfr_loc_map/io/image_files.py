@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
 
+import numpy as np
+
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.arrays import GreyImage
+from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
@@ -51,14 +53,6 @@ def whole_pairs(entries: Sequence[ImagePair], name: str) -> tuple[list[ImagePair
     left_out = len(entries) - len(whole)
     _log.warning("%s: %d of %d pairs left out, images are not there: %s", name, left_out, len(entries), files)
     return whole, left_out
-
-
-def pairs_of(lefts: Mapping[int, Path], rights: Mapping[int, Path], name: str) -> list[ImagePair]:
-    """Return the pairs of images by stamp."""
-    entries = [ImagePair(stamp, lefts[stamp], rights[stamp]) for stamp in sorted(lefts.keys() & rights.keys())]
-    if not entries:
-        raise InputError(f"{name}: none of {len(lefts)} left and {len(rights)} right images have equal stamps")
-    return entries
 
 
 def check_size(image: GreyImage, rig: StereoRig, name: str) -> None:
@@ -113,6 +107,7 @@ class TableWriter:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._tables: dict[Path, IO[str]] = {}
+        self._truth: list[tuple[int, FloatArray, FloatArray]] = []
 
     def __enter__(self) -> Self:
         self._path.mkdir(exist_ok=True)
@@ -121,6 +116,8 @@ class TableWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if error is None:
+            self._finish()
         for stream in self._tables.values():
             stream.close()
 
@@ -129,6 +126,18 @@ class TableWriter:
 
     def write_nav_pair(self, nav: PosedStereoPair) -> None:
         """Leave out a mapping pair."""
+
+    def write_truth(self, stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> None:
+        """Take one true pose of RB in DS, which is written at the end."""
+        self._truth.append((stamp_ns, position, quat_xyzw))
+
+    @property
+    def _true_poses(self) -> Trajectory:
+        stamps_ns, positions, quats = (np.array(column) for column in zip(*self._truth, strict=True))
+        return Trajectory(stamps_ns, positions, quats)
+
+    def _finish(self) -> None:
+        """Write what is known only at the end."""
 
     def append(self, name: str, row: str, header: str = "") -> None:
         """Write a row of the table of a name in the folder, after its header if it is the first."""

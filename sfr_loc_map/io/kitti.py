@@ -11,23 +11,22 @@ RB is the stereo bench frame SB itself, and DS is RB at the first pose: x forwar
 from __future__ import annotations
 
 import logging
-from bisect import bisect_left
+from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 
 from sfr_loc_map.errors import InputError, OutputError
-from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.geometry.transform import Transform, interpolated
-from sfr_loc_map.inputs import NS_PER_S, SIDES, refusing
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import SIDES, refusing
+from sfr_loc_map.io.bag_frames import covered, sampled
 from sfr_loc_map.io.camera_info import projection, rig_from_projections
 from sfr_loc_map.io.image_codec import encode_png, read_grey
 from sfr_loc_map.io.image_files import ImageFileSequence, ImagePair, TableWriter, whole_pairs
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.text_table import numbers_of, parse_table, read_data, read_lines, seconds_text
+from sfr_loc_map.io.text_table import parse_number, parse_table, read_data, read_lines, seconds_text
 from sfr_loc_map.io.trajectory_file import read_times
 
 CAMERAS = ((0, 1), (2, 3))  #: Numbers of the left and right cameras that are looked for: grey, colour.
@@ -56,12 +55,14 @@ def open_kitti(path: Path) -> Source:
     for line in read_lines(calibration):
         name, _, rest = line.partition(":")
         if name in ("P0", "P1", "P2", "P3"):
-            cameras[int(name[1])] = np.array(numbers_of(rest.split(), 12, f"'{calibration}' {name}"))
+            with refusing(f"'{calibration}' {name}: 12 finite numbers are needed"):
+                cameras[int(name[1])] = np.array([parse_number(word) for word in rest.split()]).reshape(12)
     if left not in cameras or right not in cameras:
         found = sorted(f"P{i}" for i in cameras)
         raise InputError(f"'{calibration}' has {found}: P{left} and P{right} are needed")
     size, where, names = (width, height), f"'{calibration}'", (f"P{left}", f"P{right}")
-    rig = rig_from_projections(cameras[left], cameras[right], size, where, names, Transform.identity())
+    rig = rig_from_projections(cameras[left], cameras[right], size, where, names)
+    rig = replace(rig, T_rb_sb=Transform.identity())
     truth = _load_poses(path, stamps, rig, -cameras[left][3] / cameras[left][0])
     return Source(path, "kitti", ImageFileSequence(rig, whole, truth), None, left_out)
 
@@ -90,15 +91,6 @@ class KittiWriter(TableWriter):
         super().__init__(path)
         self._rig: StereoRig | None = None
         self._stamps_ns: list[int] = []
-        self._truth: list[tuple[int, Transform]] = []
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Write the poses, unless something was raised, and close all tables."""
-        if error is None and self._truth and self._rig is not None:
-            self._write_poses(self._rig)
-        super().__exit__(kind, error, trace)
 
     def write_loc_rig(self, rig: StereoRig) -> None:
         """Write the calibration."""
@@ -116,25 +108,20 @@ class KittiWriter(TableWriter):
         self._stamps_ns.append(pair.stamp_ns)
         self.append("times.txt", seconds_text(pair.stamp_ns))
 
-    def write_truth(self, stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> None:
-        """Take a true pose of RB in DS."""
-        self._truth.append((stamp_ns, Transform.from_quat(position, quat_xyzw)))
-
-    def _write_poses(self, rig: StereoRig) -> None:
+    def _finish(self) -> None:
         """Write the pose at each image: that of its stamp, else between neighbours at most 1 s apart."""
+        rig = self._rig
+        if rig is None or not self._truth:
+            return
         if rig.T_rb_sb is None:
             _log.warning("poses.txt is left out: the pose of the cameras on the rover (T_rb_locsb) is not known")
             return
-        known, poses = [stamp for stamp, _ in self._truth], []
-        for stamp in self._stamps_ns:
-            after = min(bisect_left(known, stamp), len(known) - 1)
-            (before_ns, before), (after_ns, pose) = self._truth[max(after - 1, 0)], self._truth[after]
-            if after_ns != stamp:
-                if not before_ns < stamp < after_ns <= before_ns + NS_PER_S:
-                    _log.warning("poses.txt is left out: the truth does not cover every image")
-                    return
-                pose = interpolated(before, pose, (stamp - before_ns) / (after_ns - before_ns))
-            poses.append(pose @ rig.T_rb_left)
+        truth, stamps = self._true_poses, np.array(self._stamps_ns, np.int64)
+        if not covered(truth.stamps_ns, stamps).all():
+            _log.warning("poses.txt is left out: the truth does not cover every image")
+            return
+        places_and_turns = zip(*sampled(truth, stamps), strict=True)
+        poses = [Transform.from_quat(place, turn) @ rig.T_rb_left for place, turn in places_and_turns]
         T_first_ds = poses[0].inverse()
         for pose in poses:
             matrix = (T_first_ds @ pose).matrix[:3]

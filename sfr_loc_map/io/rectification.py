@@ -12,10 +12,11 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
+from sfr_loc_map.geometry.plausibility import check_camera, check_distortion, check_extrinsics
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import SIDES, refusing
-from sfr_loc_map.io.camera_info import baseline_from_projection, rig_from_camera_info
+from sfr_loc_map.io.camera_info import TOLERANCE, rig_from_camera_info, rig_from_projections
 
 Rectify = Callable[[GreyImage, GreyImage], tuple[GreyImage, GreyImage]]
 COEFFICIENTS = {"plumb_bob": (4, 5), "rational_polynomial": (8, 12, 14), "equidistant": (4,), "fisheye": (4,)}
@@ -39,7 +40,7 @@ class RawCamera:
 
     @classmethod
     def of(cls, name: str, info: Any) -> RawCamera:  # noqa: ANN401 - a CameraInfo of any library
-        """Return the calibration that a sensor_msgs/CameraInfo gives; `name` says whose (`loc/left`)."""
+        """Return the calibration that a sensor_msgs/CameraInfo gives; `name` says whose (`loc/left/camera_info`)."""
         lists = (np.asarray(values, np.float64).reshape(-1).tolist() for values in (info.d, info.k, info.r, info.p))
         d, k, r, p = (tuple(values) for values in lists)
         model = str(info.distortion_model)
@@ -47,23 +48,22 @@ class RawCamera:
             model = "plumb_bob"
         if model not in COEFFICIENTS:
             known = ", ".join(COEFFICIENTS)
-            raise InputError(f"{name}/camera_info has distortion model '{model[:40]}': one of {known} can be rectified")
+            raise InputError(f"{name} has distortion model '{model[:40]}': one of {known} can be rectified")
         d = d or (0.0,) * COEFFICIENTS[model][0]  # none at all are those of a lens without distortion
         if len(d) not in COEFFICIENTS[model]:
             wanted = " or ".join(map(str, COEFFICIENTS[model]))
-            raise InputError(f"{name}/camera_info has {len(d)} coefficients d: model {model} needs {wanted}")
+            raise InputError(f"{name} has {len(d)} coefficients d: model {model} needs {wanted}")
         roi = info.roi
         whole = (roi.width, roi.height) in ((0, 0), (info.width, info.height)) and not (roi.x_offset or roi.y_offset)
         if not whole or info.binning_x > 1 or info.binning_y > 1:
-            raise InputError(
-                f"{name}/camera_info has binning or a region of interest: send whole images to be rectified"
-            )
-        if not np.isfinite([*d, *k, *r, *p]).all() or k[0] <= 0.0 or k[4] <= 0.0 or p[0] <= 0.0:
-            raise InputError(f"{name}/camera_info has no k or p, or numbers that are not finite: calibrate the camera")
+            raise InputError(f"{name} has binning or a region of interest: send whole images to be rectified")
+        complete = (len(k), len(r), len(p)) == (9, 9, 12) and np.isfinite([*d, *k, *r, *p]).all()
+        if not complete or k[0] <= 0.0 or k[4] <= 0.0 or p[0] <= 0.0:
+            raise InputError(f"{name} has no k or p, or numbers that are not finite: calibrate the camera")
         r = r if any(r) else tuple(np.eye(3).reshape(-1).tolist())
         rotation = np.reshape(r, (3, 3))
         if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3:
-            raise InputError(f"{name}/camera_info: r is not a rotation: calibrate the pair")
+            raise InputError(f"{name}: r is not a rotation: calibrate the pair")
         return cls((int(info.width), int(info.height)), model, d, k, r, p)
 
     def maps(self) -> Sequence[Any]:
@@ -73,10 +73,20 @@ class RawCamera:
         return make(k, np.array(self.d), r, p, self.size, cv2.CV_16SC2)
 
     @property
-    def rectified_info(self) -> SimpleNamespace:
-        """What the camera_info of the rectified images says."""
+    def info(self) -> SimpleNamespace:
+        """The calibration with the fields of a sensor_msgs/CameraInfo."""
         width, height = self.size
-        return SimpleNamespace(width=width, height=height, d=(), k=np.zeros(9), r=np.zeros(9), p=self.p)
+        roi = SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0)
+        matrices = {"d": self.d, "k": self.k, "r": self.r, "p": self.p}
+        rest = {"distortion_model": self.model, "roi": roi, "binning_x": 0, "binning_y": 0}
+        return SimpleNamespace(width=width, height=height, **matrices, **rest)
+
+    @property
+    def is_rectified(self) -> bool:
+        """Whether its images need no rectification."""
+        p = np.reshape(self.p, (3, 4))[:, :3].reshape(-1)
+        turned, apart = (np.abs(np.subtract(*two)).max() for two in ((self.r, np.eye(3).reshape(-1)), (self.k, p)))
+        return bool(not any(self.d) and max(turned, apart) <= TOLERANCE)
 
 
 class StereoRectifier:
@@ -92,11 +102,12 @@ class StereoRectifier:
 
 
 def rectified_rig(
-    infos: Sequence[Any], name: str, before: StereoRectifier | None = None, T_rb_sb: Transform | None = None
+    infos: Sequence[Any], name: str, before: StereoRectifier | None = None
 ) -> tuple[StereoRig, StereoRectifier]:
     """Return the rig of two raw CameraInfo (`loc` or `nav`) and its rectifier, `before` if it is of these cameras."""
-    left, right = (RawCamera.of(f"{name}/{side}", info) for side, info in zip(SIDES, infos, strict=True))
-    rig = rig_from_camera_info(left.rectified_info, right.rectified_info, name, T_rb_sb)
+    left, right = (RawCamera.of(f"{name}/{side}/camera_info", info) for side, info in zip(SIDES, infos, strict=True))
+    one, other = (replace(camera, d=(), k=(0.0,) * 9, r=(0.0,) * 9).info for camera in (left, right))
+    rig = rig_from_camera_info(one, other, name)
     if before is not None and before.cameras == (left, right):
         return rig, before
     return rig, StereoRectifier((left, right))
@@ -104,56 +115,78 @@ def rectified_rig(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibratedCamera:
-    """A camera of a data set, before rectification."""
+    """A camera of a calibration, before rectification."""
 
     size: tuple[int, int]
     """Width and height of its images, pixels."""
-    k: FloatArray
-    """`(3, 3)` camera matrix, pixel centres at whole numbers."""
-    distortion: FloatArray
-    """Radial-tangential coefficients k1 k2 p1 p2 (k3) of OpenCV."""
+    intrinsics: tuple[float, float, float, float]
+    """fx, fy, cx, cy, pixels; pixel centres at whole numbers."""
+    distortion: tuple[float, ...]
+    """Coefficients of the model, in the order of OpenCV."""
     T_body_cam: Transform
+    model: str = "plumb_bob"
+
+    def __post_init__(self) -> None:
+        fx, fy, cx, cy = self.intrinsics
+        check_camera(self.size, (fx, fy), (cx, cy))
+        check_distortion(self.distortion)
+        check_extrinsics(self.T_body_cam.translation)
+
+    @property
+    def k(self) -> FloatArray:
+        """Camera matrix `(3, 3)`."""
+        fx, fy, cx, cy = self.intrinsics
+        return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+
+def rectified_cameras(name: str, left: CalibratedCamera, right: CalibratedCamera) -> tuple[RawCamera, RawCamera]:
+    """Return both with the r and p that rectify them (Bouguet, no black rim), the identity where nothing need be."""
+    if left.size != right.size:
+        raise InputError(f"{name}: the left camera is {left.size}, the right {right.size}: both need one size")
+    fisheye = left.model in FISHEYE
+    if fisheye != (right.model in FISHEYE):
+        raise InputError(
+            f"{name}: the left lens is {left.model}, the right {right.model}: calibrate both with one model"
+        )
+    T_right_left = right.T_body_cam.inverse() @ left.T_body_cam
+    across = -T_right_left.rotation.T @ T_right_left.translation
+    off = max(float(np.abs(T_right_left.rotation - np.eye(3)).max()), float(np.abs(across[1:]).max()))
+    plain = not any(left.distortion) and not any(right.distortion) and left.intrinsics == right.intrinsics
+    if plain and off <= RECTIFIED_TOLERANCE and across[0] > 0.0:
+        shift = -(left.intrinsics[0] * round(float(across[0]), 12))  # without what the product of poses adds
+        rotations, projections = (np.eye(3), np.eye(3)), (np.c_[left.k, np.zeros(3)], np.c_[left.k, (shift, 0.0, 0.0)])
+    else:
+        lenses = (np.array(values) for values in (left.k, left.distortion, right.k, right.distortion))
+        with refusing(f"{name}: the cameras cannot be rectified", "correct the calibration"):
+            try:
+                *rotations, one, other = (cv2.fisheye if fisheye else cv2).stereoRectify(
+                    *(*lenses, left.size, T_right_left.rotation, T_right_left.translation),
+                    flags=cv2.CALIB_ZERO_DISPARITY,
+                    **{"balance" if fisheye else "alpha": 0},
+                )[:4]
+            except cv2.error as error:
+                raise ValueError(str(error)) from error
+        projections = (one, other)
+        if not other[0, 3] < 0 or other[1, 3] != 0:
+            raise InputError(f"{name}: the right camera is not right of the left: swapped, or one above the other?")
+    one, other = (
+        RawCamera(
+            camera.size, camera.model, camera.distortion, *(tuple(np.ravel(m).tolist()) for m in (camera.k, r, p))
+        )
+        for camera, r, p in zip((left, right), rotations, projections, strict=True)
+    )
+    return one, other
 
 
 def rectified_pair(name: str, left: CalibratedCamera, right: CalibratedCamera) -> tuple[StereoRig, Rectify | None]:
-    """Return the rectified rig and what rectifies images (Bouguet, no black rim), None where nothing need be done."""
-    if left.size != right.size:
-        raise InputError(f"{name}: the left camera is {left.size}, the right {right.size}: both need one size")
-    T_left_right = left.T_body_cam.inverse() @ right.T_body_cam
-    across = T_left_right.translation
-    off = max(float(np.abs(T_left_right.rotation - np.eye(3)).max()), float(np.abs(across[1:]).max()))
-    plain = not left.distortion.any() and not right.distortion.any() and np.array_equal(left.k, right.k)
-    if plain and off <= RECTIFIED_TOLERANCE and across[0] > 0.0:
-        baseline = round(float(across[0]), 12)  # without what the product of poses adds
-        return _rig_in_body(name, left, left.k, baseline, left.T_body_cam), None
-    T_right_left = right.T_body_cam.inverse() @ left.T_body_cam
-    rotations_and_projections = cv2.stereoRectify(
-        *(left.k, left.distortion, right.k, right.distortion, left.size),
-        *(T_right_left.rotation, T_right_left.translation),
-        flags=cv2.CALIB_ZERO_DISPARITY,
-        alpha=0,
-    )
-    r_left, r_right, p_left, p_right = (np.asarray(m, np.float64) for m in rotations_and_projections[:4])
-    if not p_right[0, 3] < 0 or p_right[1, 3] != 0:
-        raise InputError(f"{name}: cam1 is not to the right of cam0; are the cameras swapped or one above the other?")
-    T_body_left = Transform(left.T_body_cam.rotation @ r_left.T, left.T_body_cam.translation)
-    baseline = baseline_from_projection(float(p_left[0, 0]), float(p_right[0, 3]))
-    rig = _rig_in_body(name, left, p_left, baseline, T_body_left)
-    maps = [
-        cv2.initUndistortRectifyMap(camera.k, camera.distortion, rotation, p[:, :3], camera.size, cv2.CV_32FC1)
-        for camera, rotation, p in ((left, r_left, p_left), (right, r_right, p_right))
-    ]
-    return rig, lambda one, other: (_remapped(one, maps[0]), _remapped(other, maps[1]))
-
-
-def _rig_in_body(
-    name: str, camera: CalibratedCamera, k: FloatArray, baseline_m: float, T_body_left: Transform
-) -> StereoRig:
+    """Return the rectified rig in the body and what rectifies images, None where nothing need be done."""
+    cameras = one, other = rectified_cameras(name, left, right)
+    rig = rig_from_projections(np.array(one.p), np.array(other.p), one.size, name)
+    T_body_left = Transform(left.T_body_cam.rotation @ np.reshape(one.r, (3, 3)).T, left.T_body_cam.translation)
+    T_rb_sb = T_body_left @ rig.T_sb_left.inverse()
     with refusing(f"{name}: the cameras cannot be rectified", "correct the calibration"):
-        fx, fy, cx, cy = (float(k[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2)))
-        rig = StereoRig(*camera.size, fx, fy, cx, cy, baseline_m)
-        T_rb_sb = T_body_left @ rig.T_sb_left.inverse()
-        return replace(rig, T_rb_sb=Transform.from_quat(T_rb_sb.translation, T_rb_sb.quat_xyzw))
+        rig = replace(rig, T_rb_sb=Transform.from_quat(T_rb_sb.translation, T_rb_sb.quat_xyzw))
+    return rig, None if one.is_rectified and other.is_rectified else StereoRectifier(cameras).rectify
 
 
 def _remapped(image: GreyImage, maps: Sequence[Any]) -> GreyImage:

@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.euroc import is_euroc, open_euroc
 from sfr_loc_map.io.folder import PLACES, open_folder
 from sfr_loc_map.io.kitti import is_kitti, open_kitti
 from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.source_config import AS_IT_IS, SourceConfig, source_config
+from sfr_loc_map.io.truth import TruthConfig, truth_of_file
 
-Remap = Mapping[str, str] | None
-Opener = Callable[[Path, Remap], Source]
+Opener = Callable[[Path, SourceConfig], Source]
 
 
-def _open_bag(path: Path, remap: Remap) -> Source:
+def _open_bag(path: Path, config: SourceConfig) -> Source:
     from sfr_loc_map.io.bag_sequence import open_bag  # the library of the bags is loaded for a bag only
 
-    return open_bag(path, remap)
+    return open_bag(path, config)
 
 
 READERS: dict[str, tuple[Callable[[Path], bool], Opener]] = {
@@ -34,17 +38,48 @@ Formats of trajectories stand in `trajectory_file.py`, those of clouds in `cloud
 """
 
 
-def open_source(path: Path, remap: Remap = None) -> Source:
-    """Open a source of any format; each pass opens its files itself. `remap`: new names of topics by those in a bag."""
+def open_source(path: Path, config: SourceConfig | None = None) -> Source:
+    """Open a source of any format as a configuration says, else the one beside it; each pass opens its files."""
     path = Path(path)
     if not path.exists():
         raise InputError(f"there is no '{path}': give a data set folder, a ROS bag, or a sequence of another data set")
-    for matches, opener in READERS.values():
+    config = source_config(path) if config is None else config
+    for name, (matches, opener) in READERS.items():
         if matches(path):
-            return opener(path, remap)
+            source = opener(path, config)
+            source = source if name == "bag" or config == AS_IT_IS else _configured(source, config)
+            return replace(source, configuration=config.path)
     found = ", ".join(sorted(item.name for item in path.iterdir())[:6]) or "nothing" if path.is_dir() else "a file"
     raise InputError(
         f"'{path}' is of no format that is read: sought pairs.csv, loc/, nav/ (data set folder), metadata.yaml, "
         f"*.mcap, *.db3 (ROS 2 bag), *.bag (ROS 1 bag), image_0/ and calib.txt (KITTI), mav0/ (EuRoC); found {found}; "
         f"give the folder that holds them"
     )
+
+
+def _configured(source: Source, config: SourceConfig) -> Source:
+    """Return a source of files with the extrinsics and the truth that a configuration gives."""
+    loc: Any = source.loc
+    T_rb_sb, truth = config.extrinsics.transform(), config.truth
+    if loc is not None and T_rb_sb is not None:
+        loc = replace(loc, rig=replace(loc.rig, T_rb_sb=T_rb_sb))
+    if loc is not None and truth.source:
+        loc = replace(loc, ground_truth=truth_of_file(source.path, truth))
+    elif loc is not None and truth != TruthConfig() and loc.ground_truth is not None:
+        loc = replace(loc, ground_truth=truth.applied(loc.ground_truth, read_from=str(source.path)))
+    return replace(source, loc=loc)
+
+
+def read_truth(place: Path, config: TruthConfig | None = None, remap: Mapping[str, str] | None = None) -> Truth:
+    """Read the truth that belongs to a source (bag, folder, file of poses): in it, or where the configuration says.
+
+    InputError, in one line, if there is none.
+    """
+    config = config or TruthConfig()
+    if config.source or place.is_file() or is_bag(place):
+        return truth_of_file(place, config, remap)
+    loc = open_source(place).loc
+    found = None if loc is None else loc.ground_truth
+    if found is None or not len(found):
+        raise InputError(f"'{place}' has no true poses (groundtruth.csv): give a source with truth")
+    return found if isinstance(found, Truth) else config.applied(found, read_from=str(place))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
@@ -53,12 +53,12 @@ class Source:
     """An opened source: its drive and its mapping pairs, None where it has none."""
 
     path: Path
-    format: str
-    """`sfr`, `bag`, `kitti`, ..."""
+    format: str  #: `sfr`, `bag`, `kitti`, ...
     loc: LocSequence | None
     nav: NavSequence | None
-    left_out: int = 0
-    """Pairs of files that are listed but not there."""
+    left_out: int = 0  #: Pairs of files that are listed but not there.
+    configuration: Path | None = None  #: File that says how it is read.
+    remap: Mapping[str, str] = field(default_factory=dict)  #: Of a bag, names of the suite by those in the bag.
 
 
 def drive_of(source: Source) -> LocSequence:

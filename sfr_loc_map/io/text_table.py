@@ -80,15 +80,6 @@ def parse_number(text: str) -> float:
     return value
 
 
-def numbers_of(words: Sequence[str], count: int, where: str) -> list[float]:
-    """Return `count` finite numbers."""
-    with refusing(where):
-        values = [parse_number(word) for word in words]
-    if len(values) != count:
-        raise InputError(f"{where}: {count} finite numbers are needed, found '{' '.join(words)[:60]}'")
-    return values
-
-
 def check_order(stamps_ns: ArrayLike, name: str, *, strict: bool) -> None:
     """Check that stamps do not go backwards (strict: that they grow)."""
     stamps = np.asarray(stamps_ns, dtype=np.int64)
@@ -124,20 +115,17 @@ class Table:
     values: FloatArray  #: `(N, K)` finite numbers.
 
     def trajectory(self, positions: FloatArray, quats_xyzw: FloatArray) -> Trajectory:
-        """Return the poses that stand in the rows."""
+        """Return the poses that stand in the rows; the error names the first line that holds none."""
         try:
             return Trajectory(self.stamps_ns, positions.copy(), quats_xyzw.copy())
         except GeometryError as error:
-            raise self.no_pose(positions, quats_xyzw) from error
-
-    def no_pose(self, positions: FloatArray, quats_xyzw: FloatArray) -> InputError:
-        """Return the error that names the first line that holds no pose."""
-        near, unit = plausible_positions(positions), plausible_quats(quats_xyzw)
-        row = int(np.argmin(near & unit))
-        problem = f"the quaternion {quats_xyzw[row].tolist()} is not a rotation: a unit quaternion is needed"
-        if not near[row]:
-            problem = f"the position is absurd: numbers up to {MAX_POSITION_M:g} are possible, in metres"
-        return InputError(f"{self.name} line {self.lines[row]}: {problem}; correct or leave out the line")
+            near, unit = plausible_positions(positions), plausible_quats(quats_xyzw)
+            row = int(np.argmin(near & unit))
+            problem = f"the quaternion {quats_xyzw[row].tolist()} is not a rotation: a unit quaternion is needed"
+            if not near[row]:
+                problem = f"the position is absurd: numbers up to {MAX_POSITION_M:g} are possible, in metres"
+            text = f"{self.name} line {self.lines[row]}: {problem}; correct or leave out the line"
+            raise InputError(text) from error
 
 
 def parse_table(
@@ -158,15 +146,15 @@ def parse_table(
     `more`: lines may have more columns than the last of them. Spaces separate without a `separator`. `name` and `form`
     (what stands in a line) are for messages.
     """
-    stamp_at, columns = (places[0], list(places[1:])) if stamp else (None, list(places))
+    columns = list(places[1:] if stamp else places)
     width, parting = max(places) + 1, separator.encode() if separator else None
 
     def check(row: bytes) -> None:
         cells = row.decode("utf-8", "replace").split(separator)
         if len(cells) < width or (len(cells) > width and not more):
             raise ValueError(f"{len(cells)} columns found where {width} ({form}) are needed")
-        if stamp is not None and stamp_at is not None:
-            stamp(cells[stamp_at])
+        if stamp:
+            stamp(cells[places[0]])
         for column in columns:
             parse_number(cells[column])
 
@@ -179,24 +167,22 @@ def parse_table(
         rows = [texts[k] for k in chosen]
         stamps_ns, values = np.zeros(0, np.int64), np.zeros((0, len(columns)))
         try:
-            if stamp is not None and stamp_at is not None:
-                words = (row.split(parting, stamp_at + 1)[stamp_at] for row in rows)
+            if stamp:
+                words = (row.split(parting, places[0] + 1)[places[0]] for row in rows)
                 stamps_ns = np.array([stamp(word.decode("ascii")) for word in words], np.int64)
             if rows:
                 used = columns if more else None  # without them numpy refuses rows of unequal length
                 values = np.loadtxt(rows, np.float64, None, separator, usecols=used, ndmin=2, encoding="ascii")
-                is_table = more or values.shape[1] == width
+                if not more and values.shape[1] != width:
+                    raise ValueError("columns that nobody needs")
                 values = values if more else values[:, columns]
-            else:
-                is_table = True
-            is_table = is_table and bool(np.isfinite(values).all())
-        except (ValueError, IndexError):
-            is_table = False
-        if not is_table:
+            if not np.isfinite(values).all():
+                raise ValueError("a number that is none")
+        except (ValueError, IndexError) as error:
             for k in chosen:
                 with refusing(f"{name} line {number + k + 1}", "correct or leave out the line"):
                     check(texts[k])
-            raise InputError(f"{name} cannot be read as a table of {form}")
+            raise InputError(f"{name} cannot be read as a table of {form}") from error
         parts.append((np.array(chosen, np.int64) + number + 1, stamps_ns, values))
         begin, number = end, number + len(texts)
     lines, stamps_ns, values = (np.concatenate(column) for column in zip(*parts, strict=True))

@@ -26,17 +26,16 @@ from typing import Any
 
 import numpy as np
 
-from sfr_loc_map.errors import GeometryError, InputError
-from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.plausibility import plausible_positions, plausible_rotations
 from sfr_loc_map.geometry.pose_convention import OPTICAL_IN_BODY
-from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_conjugate, quat_from_matrix
+from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_from_matrix
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import MAX_TABLE_BYTES, NS_PER_S, read_bytes, refusing
-from sfr_loc_map.io.atomic import atomic_path
+from sfr_loc_map.inputs import NS_PER_S, refusing
+from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.io.text_table import (
     BOM,
-    Table,
     parse_number,
     parse_seconds,
     parse_stamp_ns,
@@ -129,8 +128,7 @@ def read_trajectory_file(path: Path, columns: str = "") -> LoadedTrajectory:
     """
     path = Path(path)
     name = f"'{path}'"
-    with refusing(f"cannot read '{path}'", "give a csv, TUM, KITTI or EuRoC file"):
-        data = read_bytes(path, MAX_TABLE_BYTES, table=True)
+    data = read_data(path, "give a csv, TUM, KITTI or EuRoC file")
     lines = [line.strip() for line in data[:HEAD_BYTES].removeprefix(BOM).splitlines() if line.strip()]
     header = lines[0].decode("utf-8", "replace").replace(" ", "") if lines else ""
     row = next((line for line in lines if not line.startswith(b"#")), b"")
@@ -147,7 +145,8 @@ def read_trajectory_file(path: Path, columns: str = "") -> LoadedTrajectory:
             f"give the first line '{CSV_HEADER}' or '{EUROC_HEADER}'"
         )
     elif len(cells) >= 8 and cells[0].strip().isdigit():
-        table, kind = parse_euroc_table(data, name), TrajectoryFormat.EUROC
+        form, kind = "timestamp [ns], p_x, p_y, p_z, q_w, q_x, q_y, q_z", TrajectoryFormat.EUROC
+        table = parse_table(data, name, form, range(8), stamp=parse_stamp_ns, separator=",", more=True)
         quats = table.values[:, [4, 5, 6, 3]]
     elif len(row.split()) == KITTI_COLUMNS:
         return _parse_kitti(path, data, name)
@@ -155,28 +154,15 @@ def read_trajectory_file(path: Path, columns: str = "") -> LoadedTrajectory:
         return _parse_columns(path, data, name, "")
     else:
         table = parse_table(data, name, TUM_HEADER[2:], range(8), stamp=parse_seconds)
-        quats = table.values[:, 3:].copy()
+        quats = table.values[:, 3:]
     if not len(table.lines):
         raise InputError(f"{name} has no pose: at least one line with one is needed")
-    positions = table.values[:, :3].copy()
-    try:
-        trajectory = Trajectory(table.stamps_ns, positions, quats)
-    except GeometryError as error:
-        raise table.no_pose(positions, quats) from error
-    return LoadedTrajectory(path, trajectory, kind)
-
-
-def parse_euroc_table(data: bytes, name: str) -> Table:
-    """Return the table of a text of EuRoC, which may have no row; the body S is RB, the world R is DS."""
-    form = "timestamp [ns], p_x, p_y, p_z, q_w, q_x, q_y, q_z"
-    return parse_table(data, name, form, range(8), stamp=parse_stamp_ns, separator=",", more=True)
+    return LoadedTrajectory(path, table.trajectory(table.values[:, :3], quats), kind)
 
 
 def _parse_kitti(path: Path, data: bytes, name: str) -> LoadedTrajectory:
     """Return KITTI poses with stamps from a file of seconds; without one the numbers of the lines, 1 s apart."""
     table = parse_table(data, name, "the first three rows of a pose matrix (KITTI)", range(KITTI_COLUMNS))
-    if not len(table.lines):
-        raise InputError(f"{name} has no pose: at least one line with one is needed")
     matrices = table.values.reshape(-1, 3, 4)
     good = plausible_rotations(matrices[:, :, :3]) & plausible_positions(matrices[:, :, 3])
     if not good.all():
@@ -250,7 +236,6 @@ def _parse_columns(path: Path, data: bytes, name: str, columns: str) -> LoadedTr
 
 
 def _stamp(text: str, unit: str) -> int:
-    """Return nanoseconds of a time in a unit, exactly."""
     if unit == UTC_UNIT:
         moment = datetime.fromisoformat(text)
         since = (moment if moment.tzinfo else moment.replace(tzinfo=UTC)) - datetime.fromtimestamp(0, UTC)
@@ -297,13 +282,8 @@ def save_trajectory(path: Path, trajectory: Trajectory, kind: TrajectoryFormat |
     kind = kind or format_of_name(path) or TrajectoryFormat.CSV
     if kind is TrajectoryFormat.KITTI:
         times = "".join(f"{seconds_text(stamp_ns)}\n" for stamp_ns in trajectory.stamps_ns.tolist())
-        _write(times_beside(path), times)
-    _write(path, trajectory_text(trajectory, kind))
-
-
-def _write(path: Path, text: str) -> None:
-    with atomic_path(path) as temporary:
-        temporary.write_text(text, encoding="ascii")
+        write_text(times, times_beside(path))
+    write_text(trajectory_text(trajectory, kind), path)
 
 
 def trajectory_text(trajectory: Trajectory, kind: TrajectoryFormat = TrajectoryFormat.CSV) -> str:
@@ -322,8 +302,3 @@ def trajectory_text(trajectory: Trajectory, kind: TrajectoryFormat = TrajectoryF
     numbers = np.hstack((trajectory.positions, quats)).tolist()
     body = [f"{stamp}{separator}{separator.join(map(repr, row))}" for stamp, row in zip(stamps, numbers, strict=True)]
     return "\n".join([header, *body]) + "\n"
-
-
-def csv_row(stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> str:
-    """Return one line of the csv, without its end: the pose of RB in DS, orientation given as in ROS messages."""
-    return ",".join([str(stamp_ns), *map(repr, (*position.tolist(), *quat_conjugate(quat_xyzw).tolist()))])

@@ -10,18 +10,19 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import ConfigError, InputError
-from sfr_loc_map.geometry.arrays import FloatArray, IntArray
-from sfr_loc_map.geometry.quaternion_kernels import slerp, unit_quats
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_multiply, quat_rotate
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, refusing
 from sfr_loc_map.io.bag_files import is_bag
+from sfr_loc_map.io.bag_frames import chain_above, pose_row, read_frames, sampled, trajectory_of
+from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.io.text_table import check_order
 from sfr_loc_map.io.trajectory_file import read_trajectory_file
 
@@ -61,7 +62,6 @@ class TrackedBody:
     )
 
     def __post_init__(self) -> None:
-        """Check the lever arm; ConfigError if it is no pose."""
         if len(self.lever_arm_m) != 3 or len(self.lever_quat_xyzw) != 4:
             raise ConfigError("truth.lever_arm_m is x, y, z and truth.lever_quat_xyzw x, y, z, w")
         if abs(float(np.linalg.norm(self.lever_quat_xyzw)) - 1.0) > 1e-2:
@@ -120,30 +120,24 @@ def sigma_of(variances: FloatArray) -> float:
     return float(np.sqrt(np.median(known.mean(axis=1)))) if len(known) else 0.0
 
 
-def read_truth(place: Path, config: TruthConfig = TruthConfig(), remap: Mapping[str, str] | None = None) -> Truth:
-    """Read the truth that belongs to a source (bag, folder, file of poses): in it, or where the configuration says.
+def truth_of_file(place: Path, config: TruthConfig = TruthConfig(), remap: Mapping[str, str] | None = None) -> Truth:
+    """Read the truth of a bag or a file of poses, or of the topic, bag or file that the configuration names.
 
     InputError, in one line, if there is none.
     """
-    if config.source and not (is_bag(place) and _topics_named(place, config.source, remap)):
-        file = Path(config.source)
-        if not file.exists():
-            raise InputError(f"truth '{file}' is neither a file nor a topic of '{place}': give one of both")
-        return read_truth(file, replace(config, source=""))
     if is_bag(place):
         from sfr_loc_map.io.bag import Bag
 
-        return truth_of_bag(Bag(place, remap), config)
-    if place.is_file():
-        loaded = read_trajectory_file(place, config.columns)
-        return config.applied(loaded.trajectory, read_from=loaded.text)
-    from sfr_loc_map.io.registry import open_source
-
-    loc = open_source(place).loc
-    found = None if loc is None else loc.ground_truth
-    if found is None or not len(found):
-        raise InputError(f"'{place}' has no true poses (groundtruth.csv): give a source with truth")
-    return found if isinstance(found, Truth) else config.applied(found, read_from=str(place))
+        bag = Bag(place, remap)
+        if not config.source or bag.matches(config.source.strip("/")):
+            return truth_of_bag(bag, config)
+    if config.source:
+        file = Path(config.source)
+        if not file.exists():
+            raise InputError(f"truth '{file}' is neither a file nor a topic of '{place}': give one of both")
+        return truth_of_file(file, replace(config, source=""))
+    loaded = read_trajectory_file(place, config.columns)
+    return config.applied(loaded.trajectory, read_from=loaded.text)
 
 
 def truth_of_bag(bag: Bag, config: TruthConfig = TruthConfig()) -> Truth:
@@ -166,45 +160,21 @@ def truth_of_bag(bag: Bag, config: TruthConfig = TruthConfig()) -> Truth:
     return config.applied(poses, variances, f"{bag.path}, {topic.bag_name} ({kind}), {len(poses)} poses")
 
 
-def _topics_named(place: Path, source: str, remap: Mapping[str, str] | None) -> list[str]:
-    from sfr_loc_map.io.bag import Bag
-
-    return Bag(place, remap).matches(source.strip("/"))
-
-
 # ---- messages
 
 Poses = tuple[Trajectory, FloatArray | None]
 
 
-def _with_pose(places: str, covariance: bool) -> Callable[[Bag, Topic], Poses]:
-    """Return the reader of a type whose position and orientation stand at places such as `pose.pose`."""
+def _with_covariances(bag: Bag, topic: Topic) -> Poses:
+    from sfr_loc_map.io.bag import read_odometry
 
-    def read(bag: Bag, topic: Topic) -> Poses:
-        rows, covariances = [], []
-        for _, _, message in bag.messages([topic]):
-            found = message
-            for name in places.split("."):
-                found, owner = getattr(found, name), found
-            rows.append(_row(message.header, found))
-            if covariance:
-                covariances.append(owner.covariance)
-        variances = np.diagonal(np.reshape(covariances, (-1, 6, 6)), axis1=1, axis2=2) if covariance else None
-        return _trajectory(rows), variances
-
-    return read
+    poses, covariances = read_odometry(bag, topic)
+    return poses, np.diagonal(covariances, axis1=1, axis2=2)
 
 
-def _row(header: Any, pose: Any) -> tuple[int, tuple[float, ...]]:  # noqa: ANN401 - messages
-    place = getattr(pose, "position", None) or pose.translation
-    quat = getattr(pose, "orientation", None) or pose.rotation
-    stamp_ns = header.stamp.sec * NS_PER_S + header.stamp.nanosec
-    return stamp_ns, (place.x, place.y, place.z, quat.x, quat.y, quat.z, quat.w)
-
-
-def _trajectory(rows: list[tuple[int, tuple[float, ...]]]) -> Trajectory:
-    values = np.array([row for _, row in rows], np.float64).reshape(-1, 7)
-    return Trajectory(np.array([stamp for stamp, _ in rows], np.int64), values[:, :3].copy(), values[:, 3:].copy())
+def _plain_poses(bag: Bag, topic: Topic) -> Poses:
+    found = ((message, getattr(message, "pose", None) or message.transform) for _, _, message in bag.messages([topic]))
+    return trajectory_of([pose_row(*each) for each in found]), None
 
 
 def _last_path(bag: Bag, topic: Topic) -> Poses:
@@ -213,10 +183,10 @@ def _last_path(bag: Bag, topic: Topic) -> Poses:
     for _, _, raw in bag.stream([topic]):
         last = raw
     poses = [] if last is None else bag.deserialise(topic, last).poses
-    rows = [_row(item.header, item.pose) for item in poses]
+    rows = [pose_row(item, item.pose) for item in poses]
     if rows and not rows[-1][0] > rows[0][0]:
         raise ValueError("the poses of the path have no stamps of their own")
-    return _trajectory(rows), None
+    return trajectory_of(rows), None
 
 
 def _fixes(bag: Bag, topic: Topic) -> Poses:
@@ -224,7 +194,7 @@ def _fixes(bag: Bag, topic: Topic) -> Poses:
     stamps, places, variances = [], [], []
     for _, _, message in bag.messages([topic]):
         if message.status.status > NO_FIX:
-            stamps.append(message.header.stamp.sec * NS_PER_S + message.header.stamp.nanosec)
+            stamps.append(stamp_of(message))
             places.append((message.latitude, message.longitude, message.altitude))
             known = np.nan if message.position_covariance_type == 0 else 1.0
             variances.append([*(known * message.position_covariance[[0, 4, 8]]), np.nan, np.nan, np.nan])
@@ -252,10 +222,10 @@ def enu_m(places: FloatArray) -> FloatArray:
 
 
 TRUTH_TYPES: dict[str, Callable[[Bag, Topic], Poses]] = {
-    "nav_msgs/msg/Odometry": _with_pose("pose.pose", covariance=True),
-    "geometry_msgs/msg/PoseWithCovarianceStamped": _with_pose("pose.pose", covariance=True),
-    "geometry_msgs/msg/PoseStamped": _with_pose("pose", covariance=False),
-    "geometry_msgs/msg/TransformStamped": _with_pose("transform", covariance=False),
+    "nav_msgs/msg/Odometry": _with_covariances,
+    "geometry_msgs/msg/PoseWithCovarianceStamped": _with_covariances,
+    "geometry_msgs/msg/PoseStamped": _plain_poses,
+    "geometry_msgs/msg/TransformStamped": _plain_poses,
     PATH: _last_path,
     FIX: _fixes,
 }
@@ -267,30 +237,15 @@ TRUTH_TYPES: dict[str, Callable[[Bag, Topic], Poses]] = {
 
 def _tf_poses(bag: Bag, frame: str) -> Trajectory:
     """Return the poses of a frame in the root of its tree, or in a parent (`PARENT:CHILD`), of /tf and /tf_static."""
-    from sfr_loc_map.io.bag import TF
-
-    edges: dict[str, list[tuple[str, tuple[int, tuple[float, ...]]]]] = {}
-    static = set()
-    for name in ("tf_static", "tf"):
-        topic = bag.find(name, TF)
-        for _, _, message in () if topic is None else bag.messages([topic]):
-            for item in message.transforms:
-                child = item.child_frame_id.strip("/")
-                edges.setdefault(child, []).append((item.header.frame_id.strip("/"), _row(item.header, item.transform)))
-                if name == "tf_static":
-                    static.add(child)
-    parent, _, child = frame.rpartition(":")
-    chain: list[str] = []
-    at = child.strip("/")
-    while at in edges and at != parent.strip("/") and len(chain) <= len(edges):
-        chain.append(at)
-        at = edges[at][0][0]
-    moving = [name for name in chain if name not in static]
-    if not moving or (parent and at != parent.strip("/")):
-        known = ", ".join(sorted(f"{items[0][0]}:{name}" for name, items in edges.items())) or "none"
+    frames = read_frames(bag)
+    parent, _, child = (name.strip("/") for name in frame.rpartition(":"))
+    chain = chain_above(frames, child, parent)
+    moving = [name for name in chain if not frames[name].is_static]
+    if not moving or (parent and frames[chain[-1]].parent != parent):
+        known = ", ".join(sorted(f"{item.parent}:{name}" for name, item in frames.items())) or "none"
         raise InputError(f"bag '{bag.path}' has no moving transform '{frame}' on /tf: it has {known}")
     with refusing(f"/tf of bag '{bag.path}'", "record it again"):
-        series = {name: _trajectory([row for _, row in edges[name]][-1 if name in static else 0 :]) for name in chain}
+        series = {name: frames[name].poses for name in chain}
         stamps = series[max(moving, key=lambda name: len(series[name]))].stamps_ns
         for name in moving:
             check_order(series[name].stamps_ns, f"/tf of bag '{bag.path}', '{name}'", strict=False)
@@ -298,18 +253,6 @@ def _tf_poses(bag: Bag, frame: str) -> Trajectory:
             stamps = stamps[(stamps >= first) & (stamps <= last)]
         positions, quats = np.zeros((len(stamps), 3)), np.tile(NO_TURN, (len(stamps), 1))
         for name in chain:
-            place, turn = _sampled(series[name], stamps)
+            place, turn = sampled(series[name], stamps)
             positions, quats = place + quat_rotate(turn, positions), quat_multiply(turn, quats)
         return Trajectory(stamps, positions, quats)
-
-
-def _sampled(poses: Trajectory, stamps_ns: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return positions and unit quaternions at stamps, interpolated; the only pose of a static transform at all."""
-    if len(poses) == 1:
-        return np.repeat(poses.positions, len(stamps_ns), 0), np.repeat(unit_quats(poses.quats_xyzw), len(stamps_ns), 0)
-    known = poses.stamps_ns
-    after = np.clip(np.searchsorted(known, stamps_ns, "right"), 1, len(known) - 1)
-    before = after - 1
-    share = (stamps_ns - known[before]) / np.maximum(known[after] - known[before], 1)
-    positions = poses.positions[before] + share[:, None] * (poses.positions[after] - poses.positions[before])
-    return positions, slerp(unit_quats(poses.quats_xyzw[before]), unit_quats(poses.quats_xyzw[after]), share)

@@ -31,9 +31,8 @@ from sfr_loc_map.inputs import NS_PER_S, SIDES, hash_path, read_table, read_text
 from sfr_loc_map.io.bag import GROUND_TRUTH, ODOMETRY, Bag, read_trajectory
 from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.cloud_file import load_cloud
-from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.registry import open_source, read_truth
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.truth import read_truth
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.media import CloudTruth, cloud_samples, image_sample
 from sfr_loc_map.live.state import MAX_REPORT_CHARACTERS, LiveState
@@ -120,7 +119,7 @@ def open_recording(path: Path, truth: Path | None = None) -> Recording:
     if truth is not None:
         true_poses: Trajectory | None = read_truth(truth)
     else:
-        true_poses = _truth_of(source) if bag is None else read_trajectory(bag, GROUND_TRUTH)
+        true_poses = _truth_of(source) if source is not None or bag is None else read_trajectory(bag, GROUND_TRUTH)
     said = [] if bag is None else list(_diagnostics(bag))
     return _recording(path, load_estimates(path) if is_run else None, true_poses, said, source)
 

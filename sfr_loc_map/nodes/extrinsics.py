@@ -3,51 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from sfr_loc_map.config import param
-from sfr_loc_map.errors import ConfigError, GeometryError
+from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.extrinsics import LOCSB_FRAME, RB_FRAME, rig_in_body
 from sfr_loc_map.geometry.transform import FrameTree, Transform
+from sfr_loc_map.io.source_config import ExtrinsicsConfig
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
 from sfr_loc_map.nodes.messages import header_msg, pose_msg, tf_message_type, transform_msg
 
 TF_STATIC = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-
-
-@dataclass(frozen=True, slots=True)
-class ExtrinsicsConfig:
-    """Pose of the localisation stereo rig on the rover."""
-
-    translation_m: tuple[float, ...] = param(
-        (0.0, 0.0, 0.0), unit="m", doc="Origin of LOCSB in RB: x, y, z.", low=-100.0, high=100.0
-    )
-    quat_xyzw: tuple[float, ...] = param(
-        (0.0, 0.0, 0.0, 0.0),
-        doc="Orientation of LOCSB in RB: x, y, z, w; takes components in LOCSB to RB. All zero: not given, the "
-        "extrinsics are then taken from /tf_static where tf2_msgs is installed: of locsb_frame, or of the frame that "
-        "the left camera_info names, in rb_frame (or base_link, base_footprint, ... while that is rb).",
-        low=-10.0,
-        high=10.0,
-    )
-
-    def transform(self) -> Transform | None:
-        """Return `T_rb_locsb`, None where it is not given."""
-        if len(self.translation_m) != 3 or len(self.quat_xyzw) != 4:
-            raise ConfigError("T_rb_locsb needs translation_m [x, y, z] and quat_xyzw [x, y, z, w]")
-        if not any(self.quat_xyzw):
-            if any(self.translation_m):
-                raise ConfigError("T_rb_locsb.translation_m is given but quat_xyzw is not: give both")
-            return None
-        try:
-            return Transform.from_quat(self.translation_m, self.quat_xyzw)
-        except GeometryError as error:
-            raise ConfigError(f"T_rb_locsb: {error}") from error
 
 
 def add_static_transforms(message: Any, tree: FrameTree) -> None:  # noqa: ANN401 - tf2_msgs need not be there

@@ -25,6 +25,7 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S, SIDES
 from sfr_loc_map.io.image_codec import stamp_of
+from sfr_loc_map.io.source_config import ExtrinsicsConfig
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, TrackingState
 from sfr_loc_map.localisation.frontend.feature_detection import read_mask
@@ -32,7 +33,7 @@ from sfr_loc_map.localisation.frontend.tracking import INLIER_CHI2_PER_DOF, Trac
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks
 from sfr_loc_map.nodes.diagnostics import Level
-from sfr_loc_map.nodes.extrinsics import Extrinsics, ExtrinsicsConfig
+from sfr_loc_map.nodes.extrinsics import Extrinsics
 from sfr_loc_map.nodes.lifecycle.endpoints import profile
 from sfr_loc_map.nodes.messages import (
     MASK_SCALE,

@@ -39,14 +39,7 @@ from sfr_loc_map.geometry.plausibility import MAX_VARIANCE, check_image_size, is
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import LOST_VARIANCE, refusing
-from sfr_loc_map.io.image_codec import (
-    JPEG_MAGIC,
-    PNG_MAGIC,
-    claimed_size,
-    image_from_compressed_message,
-    image_from_message,
-    stamp_of,
-)
+from sfr_loc_map.io.image_codec import JPEG_MAGIC, PNG_MAGIC, claimed_size, image_from_message, stamp_of
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, StepEstimate
 
 if TYPE_CHECKING:
@@ -213,7 +206,7 @@ def tf_message_type() -> type[Any] | None:
 def grey_from_image(message: Image | CompressedImage, size: tuple[int, int]) -> GreyImage:
     """Return an image message (PNG or JPEG where compressed) as 8-bit grey `(H, W)`; `size` is that of camera_info."""
     check_image(message, size)
-    return image_from_message(message) if isinstance(message, Image) else image_from_compressed_message(message)
+    return image_from_message(message)
 
 
 def check_image(message: Image | CompressedImage, size: tuple[int, int]) -> None:

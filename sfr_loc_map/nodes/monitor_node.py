@@ -212,7 +212,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     def _on_pose(self, message: PoseStamped) -> None:
         stamp_ns = stamp_of(message)
         pose = transform_from_pose(message.pose, f"nav/pose of stamp {stamp_ns}")
-        self._score.map_inputs.add_pose(stamp_ns, pose)
+        self._score.map_inputs.poses[stamp_ns] = pose
         self._score_maps()
 
     def _on_camera_info(self, side: Side, message: CameraInfo) -> None:
@@ -229,11 +229,11 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         if rig is None:
             self._early_points.append(message)
             return
-        self._score.map_inputs.add_true_points(stamp_of(message), points_image(message, (rig.width, rig.height)))
+        self._score.map_inputs.true_points[stamp_of(message)] = points_image(message, (rig.width, rig.height))
         self._score_maps()
 
     def _on_cloud(self, message: PointCloud2) -> None:
-        self._score.map_inputs.add_cloud(stamp_of(message), cloud_from_msg(message))
+        self._score.map_inputs.clouds[stamp_of(message)] = cloud_from_msg(message)
         self._score_maps()
 
     def _on_configuration(self, task: str, message: String) -> None:

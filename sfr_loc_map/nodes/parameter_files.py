@@ -6,11 +6,19 @@ Run `python -m sfr_loc_map.nodes.parameter_files config` after a change of a dec
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from sfr_loc_map.config import to_yaml_lines
+import yaml
+
+from sfr_loc_map.config import changed, read_config, read_sections, section, to_yaml_lines
+from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.atomic import atomic_path
+from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.nodes.localisation_node import LocalisationNodeConfig
 from sfr_loc_map.nodes.mapping_node import MappingNodeConfig
 from sfr_loc_map.nodes.monitor_node import MonitorNodeConfig
@@ -33,6 +41,46 @@ def parameter_file(node_name: str, config_type: type[Any]) -> str:
         *to_yaml_lines(config_type, "    "),
     ]
     return "\n".join(lines) + "\n"
+
+
+def run_arguments(config: Path, written: Path) -> list[str]:
+    """Return the arguments of the nodes that an `sfr.yaml` comes to; their parameters are written to a file.
+
+    ConfigError for what only a recording can be read with: a node takes topics as their drivers publish them.
+    """
+    sections = read_sections(config)
+    how = SourceConfig.of(sections, config)
+    if how.calibration != CalibrationConfig() or how.sync.right_offset_s:
+        raise ConfigError(
+            f"'{config}': calibration and sync.right_offset_s are for recordings: publish camera_info and images of "
+            f"both sides by one clock, or convert the recording (sfr convert)"
+        )
+    values: dict[str, dict[str, Any]] = {
+        "localisation": changed(read_config(LocalisationConfig, config, "localisation"), "localisation."),
+        "mapping": changed(read_config(MappingConfig, config, "mapping"), "mapping."),
+        "monitor": {
+            **section(config, "monitor"),
+            **changed(replace(how.truth, source="", frame="", columns=""), "truth."),
+        },
+    }
+    values["localisation"] |= changed(how.extrinsics, "T_rb_locsb.")
+    if how.frames.base:
+        values["localisation"]["rb_frame"] = how.frames.base
+    if isinstance(limits := sections.get("limits"), str):
+        values["monitor"]["limits_file"] = str((config.parent / limits).resolve())
+    if conditions := sections.get("conditions"):
+        values["monitor"]["score.trajectory.conditions"] = conditions
+    for task in ("localisation", "mapping"):
+        values[task]["input.stamp_tolerance_s"] = how.sync.stamp_tolerance_s
+        raw = f"{Task(task).rig}/left/image_raw"
+        values[task]["input.rectify"] = any(name.endswith(raw) for name in how.remap.values())
+    content = {f"/**/{name}_node": {"ros__parameters": parameters} for name, parameters in values.items()}
+    written.write_text(yaml.safe_dump(content), encoding="utf-8")
+    topics = {name: topic for topic, name in how.remap.items()}
+    if how.truth.source.startswith("/"):
+        topics["ground_truth/odometry"] = how.truth.source
+    remaps = [word for name, topic in topics.items() for word in ("-r", f"{name}:={topic}")]
+    return ["--params-file", str(written), *remaps]
 
 
 def main(folder: Path) -> None:

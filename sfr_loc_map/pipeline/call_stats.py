@@ -15,7 +15,7 @@ import numpy as np
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import read_table
+from sfr_loc_map.inputs import read_table, refusing
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.text_table import parse_stamp_ns
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
@@ -184,21 +184,16 @@ def save_stats(path: Path, records: Sequence[CallRecord], method: MethodRecord |
 
 def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
     """Read the file; all columns but the needed one are optional. Without `stamp_ns` the calls are numbered."""
-    try:
+    with refusing(f"cannot read statistics '{path}'", "give a CSV with one row for each call"):
         text = read_table(path).decode("utf-8-sig")
         rows = list(csv.DictReader(io.StringIO(text, newline="")))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(f"cannot read statistics '{path}': {reason}; give a CSV with one row for each call") from error
     if not rows or needed not in rows[0]:
         found = ", ".join(list(rows[0])[:5]) if rows else "no row"
         raise InputError(f"statistics '{path}' need a column {needed} and at least one row: found {found}")
     stamps_ns = np.arange(len(rows), dtype=np.int64)
     if "stamp_ns" in rows[0]:
-        try:
+        with refusing(f"statistics '{path}': a stamp is not a whole number of nanoseconds"):
             stamps_ns = np.array([parse_stamp_ns(row["stamp_ns"] or "") for row in rows], np.int64)
-        except (TypeError, ValueError, OverflowError) as error:
-            raise InputError(f"statistics '{path}': a stamp is not a whole number of nanoseconds ({error})") from error
     states = [row.get("state") or "" for row in rows]
     for number, state in enumerate(states, 2):
         if state and state not in STATES:

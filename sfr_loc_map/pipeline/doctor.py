@@ -16,7 +16,7 @@ from sfr_loc_map.inputs import NS_PER_S, SIDES
 from sfr_loc_map.io.bag import COMPRESSED, IMAGE
 from sfr_loc_map.io.bag_sequence import RAW, RECTIFIED
 from sfr_loc_map.io.camera_info import rig_from_camera_info
-from sfr_loc_map.io.image_codec import image_from_compressed_message, image_from_message, stamp_of
+from sfr_loc_map.io.image_codec import image_from_message, stamp_of
 from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig
 from sfr_loc_map.pipeline.doctor_observation import EXPECTED, Observation, ObservedTopic, Reliability, allowed_types
 from sfr_loc_map.pipeline.reception import MUCH_LOST, loss_fix
@@ -206,10 +206,7 @@ def _stereo(seen: Observation, task: str) -> Findings:
         if (topic := seen.images(task, side)) is None:
             return
         try:
-            read = [
-                image_from_message(item) if hasattr(item, "encoding") else image_from_compressed_message(item)
-                for item in topic.messages
-            ]
+            read = [image_from_message(item) for item in topic.messages]
         except InputError as error:
             fix = "publish mono8, mono16, rgb8, bgr8, a Bayer mosaic or yuv422"
             yield Finding(Cause.ENCODING, topic.found, str(error), fix)

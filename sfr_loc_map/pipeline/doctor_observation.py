@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +29,7 @@ from sfr_loc_map.io.bag import (
 )
 from sfr_loc_map.io.bag_sequence import RAW, RECTIFIED
 from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.pipeline.message_stream import messages_of
 
 TASKS = ("loc", "nav")
@@ -159,83 +162,75 @@ class Observation:
         return all((topic := self.images(task, side)) is not None and topic.messages for side in SIDES)
 
 
-class _Messages:
-    """Stamps and first messages of topics; what was read before an error stays."""
-
-    def __init__(self) -> None:
-        self._stamps: dict[str, list[int]] = {}
-        self._kept: dict[str, list[Any]] = {}
-
-    def note(self, name: str, stamp_ns: int, make: Callable[..., Any], *values: object) -> None:
-        """Note a stamp of a topic, and while few are kept the message that `make` makes of the values."""
-        self._stamps.setdefault(name, []).append(stamp_ns)
-        kept = self._kept.setdefault(name, [])
-        if len(kept) < MESSAGES_KEPT:
-            kept.append(make(*values))
-
-    def topics(self) -> dict[str, ObservedTopic]:
-        """Return all topics that have messages, by their names in the suite."""
-        return {
-            name: ObservedTopic(
-                name, EXPECTED[name], stamps_ns=np.array(stamps, np.int64), messages=(*self._kept[name],)
-            )
-            for name, stamps in self._stamps.items()
-        }
+def _collected(stream: Iterable[tuple[str, int, Callable[[], Any]]]) -> tuple[dict[str, ObservedTopic], str]:
+    """Return the topics of a stream of names, stamps and messages, and why it ended early; what came before stays."""
+    stamps, kept, broken = defaultdict[str, list[int]](list), defaultdict[str, list[Any]](list), ""
+    try:
+        for name, stamp_ns, make in stream:
+            stamps[name].append(stamp_ns)
+            if len(kept[name]) < MESSAGES_KEPT:
+                kept[name].append(make())
+    except InputError as error:
+        broken = str(error)
+    return {
+        name: ObservedTopic(name, EXPECTED[name], stamps_ns=np.array(found, np.int64), messages=tuple(kept[name]))
+        for name, found in stamps.items()
+    }, broken
 
 
-def observe_bag(path: Path, remap: Mapping[str, str], *, extrinsics_given: bool) -> Observation:
+def observe_bag(path: Path, config: SourceConfig) -> Observation:
     """Observe a bag: all stamps, a few messages."""
     subject = f"bag '{path}'"
     try:
-        bag = Bag(path, remap)
+        bag = Bag(path, config.remap)
     except InputError as error:
         return Observation(subject, live=False, broken=str(error))
     names = {name: tuple(bag.matches(name)) for name in EXPECTED}
     topics = {n: ObservedTopic(f[0], (bag.topics[f[0]],)) for n, f in names.items() if len(f) == 1}
     readable = [Topic(n, t.found, t.types[0]) for n, t in topics.items() if t.types[0] in allowed_types(n)]
-    messages, in_tf, broken = _Messages(), False, ""
+    stream = ((topic.name, stamp, partial(bag.deserialise, topic, raw)) for topic, stamp, raw in bag.stream(readable))
+    (read, broken), in_tf = _collected(stream), False
+    for name, topic in read.items():
+        topics[name] = replace(topic, found=topics[name].found, types=topics[name].types)
     try:
-        for topic, stamp_ns, raw in bag.stream(readable):
-            messages.note(topic.name, stamp_ns, bag.deserialise, topic, raw)
-        in_tf = read_extrinsics(bag) is not None
+        if not broken:
+            infos = read.get("loc/left/camera_info")
+            frame = "" if infos is None else str(infos.messages[0].header.frame_id)
+            in_tf = read_extrinsics(bag, frame, 0.0, config.frames.base) is not None
     except InputError as error:
         broken = str(error)
-    for name, read in messages.topics().items():
-        topics[name] = replace(read, found=topics[name].found, types=topics[name].types)
     return Observation(
         subject,
         live=False,
         topics=topics,
         ambiguous={name: found for name, found in names.items() if len(found) > 1},
         others={name: (kind,) for name, kind in bag.topics.items()},
-        extrinsics_given=extrinsics_given,
+        extrinsics_given=config.extrinsics.transform() is not None,
         extrinsics_in_tf=in_tf,
         broken=broken,
         unfinished=bag.unfinished,
     )
 
 
-def observe_source(path: Path, *, extrinsics_given: bool, progress: Callable[[], None] = lambda: None) -> Observation:
-    """Observe a source of files as the messages that it would be played as: every image is read."""
-    messages = _Messages()
-    subject, broken, in_file, left_out = f"'{path}'", "", False, 0
+def observe_source(path: Path, config: SourceConfig, progress: Callable[[], None] = lambda: None) -> Observation:
+    """Observe a source as the messages that it would be played as, not as it is: every image is read."""
     try:
-        source = open_source(path)
-        subject = f"{source.format} source '{path}'"
-        in_file = source.loc is not None and source.loc.rig.T_rb_sb is not None
-        left_out = source.left_out
-        for message in messages_of(source, {}):
-            messages.note(message.topic, message.stamp_ns, TYPESTORE.deserialize_cdr, message.raw, message.msgtype)
+        source = open_source(path, config)
+    except InputError as error:
+        return Observation(f"'{path}'", live=False, broken=str(error), left_out=0)
+
+    def stream() -> Iterator[tuple[str, int, Callable[[], Any]]]:
+        for message in messages_of(source):
+            yield message.topic, message.stamp_ns, partial(TYPESTORE.deserialize_cdr, message.raw, message.msgtype)
             if message.topic.endswith("left/image_rect"):
                 progress()
-    except InputError as error:
-        broken = str(error)
+
+    topics, broken = _collected(stream())
     return Observation(
-        subject,
+        f"{source.format} source '{path}'",
         live=False,
-        topics=messages.topics(),
-        extrinsics_given=extrinsics_given,
-        extrinsics_in_tf=in_file,
+        topics=topics,
+        extrinsics_in_tf=source.loc is not None and source.loc.rig.T_rb_sb is not None,
         broken=broken,
-        left_out=left_out,
+        left_out=source.left_out,
     )

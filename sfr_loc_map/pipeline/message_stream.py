@@ -6,7 +6,7 @@ Messages of a bag are passed on byte by byte. Those of other sources are made as
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -38,7 +38,7 @@ class Message:
         return "nav" if self.topic.startswith("nav/") or self.topic == POINTS_TOPIC else "loc"
 
 
-def topics_of(source: Source, remap: Mapping[str, str]) -> dict[str, str]:
+def topics_of(source: Source) -> dict[str, str]:
     """Return the topics that `messages_of` publishes: types by relative name; camera_info first."""
     tasks = [name for name, part in (("loc", source.loc), ("nav", source.nav)) if part is not None]
     cameras = [f"{task}/{side}" for task in tasks for side in SIDES]
@@ -51,15 +51,16 @@ def topics_of(source: Source, remap: Mapping[str, str]) -> dict[str, str]:
         topics |= {POSE_TOPIC: POSE, POINTS_TOPIC: POINTS}
     if not is_bag:
         return topics
-    bag = Bag(source.path, remap)
+    bag = Bag(source.path, source.remap)
     found = [bag.find(name, *((IMAGE, COMPRESSED) if kind == IMAGE else ())) for name, kind in topics.items()]
     return {topic.name: topic.msgtype for topic in found if topic is not None}
 
 
-def messages_of(source: Source, remap: Mapping[str, str]) -> Iterator[Message]:
+def messages_of(source: Source) -> Iterator[Message]:
     """Yield the messages of a source; camera_info of both rigs comes first."""
     if source.format == "bag":
-        bag, names = Bag(source.path, remap), [name.removesuffix("/compressed") for name in topics_of(source, remap)]
+        bag = Bag(source.path, source.remap)
+        names = [name.removesuffix("/compressed") for name in topics_of(source)]
         infos = {name for name in names if name.endswith("camera_info")}
         for raw in bag.raw_messages(sorted(infos)):
             if raw[0] in infos:

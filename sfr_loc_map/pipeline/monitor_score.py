@@ -137,50 +137,41 @@ class PairSets:
         return PairSet(stamps[-count:], count > 1 if fused is None else bool(fused))
 
 
+class _Latest(OrderedDict[int, T]):
+    """The last values by stamp."""
+
+    def __setitem__(self, stamp_ns: int, value: T) -> None:
+        super().__setitem__(stamp_ns, value)
+        while len(self) > MAX_KEPT:
+            self.popitem(last=False)
+
+
 class MapInputs:
     """Clouds, and the truth of the pairs that they are made of, by stamp, until a score can be made of them."""
 
     def __init__(self) -> None:
         self.rig: StereoRig | None = None  # of the navigation cameras
         self._pair_sets = PairSets()
-        self._points: OrderedDict[int, PointImage] = OrderedDict()
-        self._poses: OrderedDict[int, Transform] = OrderedDict()
-        self._sets: OrderedDict[int, PairSet] = OrderedDict()
-        self._clouds: OrderedDict[int, PointCloud] = OrderedDict()
-
-    def add_true_points(self, stamp_ns: int, points: PointImage) -> None:
-        """Add the true points `(H, W, 3)` of a pair, metres, LM."""
-        _keep(self._points, stamp_ns, points)
-
-    def add_pose(self, stamp_ns: int, T_lm_navsb: Transform) -> None:
-        """Add the pose of a pair."""
-        _keep(self._poses, stamp_ns, T_lm_navsb)
+        self.true_points = _Latest[PointImage]()  # `(H, W, 3)` of each pair, metres, LM
+        self.poses = _Latest[Transform]()  # `T_lm_navsb` of each pair
+        self.clouds = _Latest[PointCloud]()  # as published; the stamp is that of the last pair
+        self._sets = _Latest[PairSet]()
 
     def add_call(self, record: CallRecord) -> None:
         """Add a call; those of the mapper say which pairs a cloud is made of."""
         pairs = self._pair_sets.add(record)
         if pairs is not None:
-            _keep(self._sets, record.stamp_ns, pairs)
-
-    def add_cloud(self, stamp_ns: int, cloud: PointCloud) -> None:
-        """Add a published cloud; its stamp is that of its last pair."""
-        _keep(self._clouds, stamp_ns, cloud)
+            self._sets[record.stamp_ns] = pairs
 
     def take_complete(self) -> Iterator[tuple[PointCloud, list[PairTruth]]]:
         """Yield, and forget, the clouds whose pairs and truth are known, with the truth of each pair."""
-        for stamp_ns in list(self._clouds):
+        for stamp_ns in list(self.clouds):
             pairs = self._sets.get(stamp_ns)
             wanted = () if pairs is None else pairs.stamps_ns
-            if pairs is None or self.rig is None or not all(s in self._points and s in self._poses for s in wanted):
+            if pairs is None or self.rig is None or not all(s in self.true_points and s in self.poses for s in wanted):
                 continue
-            truths = [PairTruth(self._points[s], self._poses[s] @ self.rig.T_sb_left, self.rig) for s in wanted]
-            yield replace(self._clouds.pop(stamp_ns), fused=pairs.fused), truths
-
-
-def _keep(kept: OrderedDict[int, T], stamp_ns: int, value: T) -> None:
-    kept[stamp_ns] = value
-    while len(kept) > MAX_KEPT:
-        kept.popitem(last=False)
+            truths = [PairTruth(self.true_points[s], self.poses[s] @ self.rig.T_sb_left, self.rig) for s in wanted]
+            yield replace(self.clouds.pop(stamp_ns), fused=pairs.fused), truths
 
 
 class MonitorScore:
@@ -313,7 +304,6 @@ class ReportFile:
     """The file of a report that is saved again and again, and that of a run before; only reports are replaced."""
 
     def __init__(self, path: Path) -> None:
-        """Touch nothing yet."""
         self._path = path
 
     def check(self) -> None:

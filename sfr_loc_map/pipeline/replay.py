@@ -179,7 +179,7 @@ def score_replay(
     truth, images = (None, None) if source.loc is None else (source.loc.ground_truth, source.loc.stamps_ns)
     if source.loc is not None and truth is not None and len(result.estimate):
         drive = ScoredDrive(load_estimates(files.estimate, stats), truth, source.loc.rig, np.asarray(images, np.int64))
-        inputs = replace(inputs, estimate=files.estimate, truth=source.path)
+        inputs = replace(inputs, estimate=files.estimate, truth=source.path, configuration=source.configuration)
     missing = ""
     if images is not None and not len(result.estimate):
         missing = f"no pose for any of {len(images)} images"
@@ -187,7 +187,7 @@ def score_replay(
         missing = f"the map holds {len(result.mapped_ns)} of {len(source.nav)} pairs"
     if (cloud := _scored_cloud(source, result)) is not None:
         place = files.cloud if result.points is None else files.points
-        inputs = replace(inputs, cloud=place, map_truth=source.path)
+        inputs = replace(inputs, cloud=place, map_truth=source.path, configuration=source.configuration)
     task = Task.MAPPING if drive is None else Task.LOCALISATION
     run = Run(inputs, stats, drive=drive, cloud=cloud, method=record_of_ours(task), missing=missing)
     if (node := result.external) is not None:

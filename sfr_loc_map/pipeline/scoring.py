@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import platform
 from collections.abc import Iterator, Mapping, Sequence
@@ -23,13 +22,14 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.pose_convention import PoseConvention
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
-from sfr_loc_map.inputs import COMMIT, hash_arrays, hash_path, read_text
+from sfr_loc_map.inputs import COMMIT, hash_arrays, hash_path, read_text, refusing
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.cloud_file import SUFFIXES as CLOUD_SUFFIXES
 from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud
+from sfr_loc_map.io.source_config import AS_IT_IS, SourceConfig, source_config
 from sfr_loc_map.io.trajectory_file import ANNOUNCED, LoadedTrajectory, read_trajectory_file
-from sfr_loc_map.io.truth import TruthConfig, read_truth
+from sfr_loc_map.io.truth import truth_of_file
 from sfr_loc_map.metrics.aligned_error import aligned_errors
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.calls import ScoredCalls, parts_of, score_calls, score_target, with_external
@@ -83,8 +83,11 @@ class ScoreInputs:
     target_name: str = ""  #: Name of the target.
     target_run: str | None = None  #: Which run its calls are of, where it is not that of the estimate.
     target_about: Path | None = None  #: What the target says of itself (`target.json`).
-    truth_config: TruthConfig | None = None  #: Where the truth is and what it is of; None: as its source says.
+    config: SourceConfig | None = (
+        None  #: How the source of the truth is read; None: as the configuration beside it says.
+    )
     limits: Path | None = None  #: File of the limits, for provenance.
+    configuration: Path | None = None  #: File of `config`, for provenance.
     command: str | None = None  #: Command that scores them, for provenance.
 
     @classmethod
@@ -153,11 +156,6 @@ class Run:
     convention: ConventionRecord | None = None
     missing: str = ""  #: What of a source has no result, where no estimate or cloud says so.
     in_memory: Mapping[str, str] = field(default_factory=dict)  #: Hash of inputs that are no file, by role.
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What the formats of its files were found to be, one line each."""
-        return () if self.drive is None else self.drive.notes
 
 
 # ---- from a run to its score
@@ -256,7 +254,7 @@ def score_run(
         warnings += [f"the times of {target.name} are of {100.0 * target.matched_share:.3g} % of the estimates"]
 
     files = {}
-    roles = ("estimate", "truth", "cloud", "map_truth", "target", "target_about", "limits")
+    roles = ("estimate", "truth", "cloud", "map_truth", "target", "target_about", "limits", "configuration")
     named = {name: getattr(inputs, name) for name in roles}
     for name, path in (named | {f"stats_{number}": path for number, path in enumerate(inputs.stats)}).items():
         if path is None:
@@ -306,7 +304,6 @@ def score_run(
 
 
 def _of_process(method: MethodRecord, stats: Sequence[CallStats]) -> Iterator[str]:
-    """Yield what is to be told of a method's process."""
     if "not " in (method.isolation or ""):
         yield f"method {method.name} was not shut in, it may have read what it liked: {method.isolation}"
     for usage in (item.processes for item in stats if item.processes is not None):
@@ -368,19 +365,24 @@ def load_run(
     if inputs.cloud is not None and inputs.map_truth is not None:
         loaded = said_fused(load_cloud(inputs.cloud), fused, f"cloud '{inputs.cloud}'")
         stamps_ns = None if loaded.cloud is None else loaded.cloud.pair_stamps_ns
-        run = replace(run, cloud=ScoredCloud(loaded, load_map_truth(inputs.map_truth, stamps_ns)))
+        run = replace(run, cloud=ScoredCloud(loaded, load_map_truth(inputs.map_truth, stamps_ns, inputs.config)))
 
-    in_memory, place, loc, given = Path(IN_MEMORY), inputs.truth, None, inputs.truth_config
+    in_memory, place, loc, how = Path(IN_MEMORY), inputs.truth, None, inputs.config or AS_IT_IS
+    read = place or inputs.map_truth
+    if read is not None and inputs.config is None and (read.is_dir() or is_bag(read)):
+        how = source_config(read)
+    run = replace(run, inputs=replace(inputs, configuration=how.path))
+    given = how.truth
     if place is None and truth is not None:
         true = LoadedTrajectory(in_memory, truth)
     elif place is None:
         return run
-    elif is_bag(place) or (given is not None and given.source):
-        true, loc = LoadedTrajectory(place, read_truth(place, given or TruthConfig())), cameras_of(place)
+    elif is_bag(place) or given.source:
+        true, loc = LoadedTrajectory(place, truth_of_file(place, given, how.remap)), cameras_of(place, how)
     elif place.is_file():
-        true = read_trajectory_file(place, "" if given is None else given.columns)
+        true = read_trajectory_file(place, given.columns)
     else:
-        loc = _open_source(place).loc
+        loc = _open_source(place, how).loc
         if loc is None or loc.ground_truth is None:
             raise InputError(NO_TRUTH.format(place))
         true = LoadedTrajectory(place, loc.ground_truth)
@@ -400,7 +402,7 @@ def load_run(
         estimates = estimates_of(found.trajectory, known)
     if true.by_index:
         true = true.with_stamps_of(found)
-    if given is not None:
+    if given != AS_IT_IS.truth:
         true = replace(true, trajectory=given.applied(true.trajectory, read_from=true.text))
     notes = tuple(item.text for item in (found, true) if item.format in ANNOUNCED)
     rig, images = None, None
@@ -413,13 +415,11 @@ def load_run(
 
 def load_target(path: Path) -> TargetRecord:
     """Read what a target says of itself; InputError if it is not as the harness writes it."""
-    try:
-        content = json.loads(read_text(path))
+    with refusing(f"target '{path}' cannot be read", "give what the harness wrote"):
+        content = msgspec.json.decode(read_text(path), type=dict[str, Any])
         if content.pop("schema", None) != TARGET_SCHEMA:
             raise ValueError(f"no schema {TARGET_SCHEMA}")
         return msgspec.convert(content, TargetRecord)
-    except (OSError, ValueError, AttributeError, TypeError, msgspec.ValidationError) as error:
-        raise InputError(f"target '{path}' cannot be read: {error}; give what the harness wrote") from error
 
 
 def load_drive(estimate: Path, truth: Path) -> ScoredDrive:
@@ -449,19 +449,21 @@ def estimates_of(trajectory: Trajectory, stats: Sequence[CallStats] = ()) -> Est
     return Estimates.of(trajectory)
 
 
-def cameras_of(truth: Path) -> LocSequence | None:
+def cameras_of(truth: Path, config: SourceConfig | None = None) -> LocSequence | None:
     """Return the localisation pairs of a source, None where it has none."""
     if truth.is_file() and not is_bag(truth):
         return None
     try:
-        return _open_source(truth).loc
+        return _open_source(truth, config).loc
     except SfrError:  # true poses alone, without cameras: whoever needs the images reports what is wrong with them
         return None
 
 
-def load_map_truth(path: Path, stamps_ns: Sequence[int] | None = None) -> list[PairTruth]:
+def load_map_truth(
+    path: Path, stamps_ns: Sequence[int] | None = None, config: SourceConfig | None = None
+) -> list[PairTruth]:
     """Read the truth of the mapping pairs of a source, all or those of some stamps in their order."""
-    nav = _open_source(path).nav
+    nav = _open_source(path, config).nav
     if nav is None:
         raise InputError(f"'{path}' has no mapping pairs: a cloud is scored against a source with nav pairs and truth")
     if stamps_ns is None:
@@ -492,10 +494,10 @@ def said_fused(loaded: LoadedCloud, fused: bool | None, name: str) -> LoadedClou
     return replace(loaded, cloud=replace(loaded.cloud, fused=fused if said is None else said))
 
 
-def _open_source(path: Path) -> Source:
+def _open_source(path: Path, config: SourceConfig | None = None) -> Source:
     from sfr_loc_map.io.registry import open_source  # files of trajectories need no images
 
-    return open_source(path)
+    return open_source(path, config)
 
 
 # ---- beside the score

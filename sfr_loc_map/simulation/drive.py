@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.extrinsics import MAST_XY_RB_M, TILT_AXIS_Z_RB_M, mast_head_in_rb
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -22,24 +23,12 @@ from sfr_loc_map.simulation.config import CamerasConfig, DriveConfig, Simulation
 from sfr_loc_map.simulation.terrain import Mesh, Terrain
 
 GROUND_HEIGHT_RB_M = -0.540  #: Height of the ground plane in RB when deployed on flat ground [3.2.1].
-MAST_XY_RB_M = (0.451, 0.317)  #: Base of the mast (DMA) and the pan axis in RB [3.2.2, 3.2.6].
-TILT_AXIS_Z_RB_M = 0.594  #: Height of the tilt axis in RB [3.2.6].
 WHEELS_RB_M = np.array([(x, y) for x in (0.62, 0.0, -0.62) for y in (0.52, -0.52)])
 """Positions of the six wheels in RB, metres (size of a fetch rover; the document gives none)."""
 WHEEL_RADIUS_M = 0.18
 HALF_WIDTH_M = 0.70
 _ROLLING = np.linspace(-0.75, 0.75, 7) * WHEEL_RADIUS_M
 _SPACING_M = 0.02
-
-
-def mast_head_in_rb(pan_rad: float, tilt_rad: float) -> Transform:
-    """Return `T_rb_head`: the mast head, origin where the tilt axis meets the pan axis' x-z plane [3.2.6].
-
-    Pan is about z of RB, positive to the left, and carries the tilt axis; tilt about y of RB at pan 0, positive down.
-    """
-    pan: FloatArray = matrix_from_rotvec([0.0, 0.0, pan_rad])
-    tilt: FloatArray = matrix_from_rotvec([0.0, tilt_rad, 0.0])
-    return Transform(pan @ tilt, np.array([*MAST_XY_RB_M, TILT_AXIS_Z_RB_M]))
 
 
 def settle_on_terrain(

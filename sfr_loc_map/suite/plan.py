@@ -14,10 +14,10 @@ from pathlib import Path
 
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import ConfigError, SfrError
-from sfr_loc_map.inputs import GIT, hash_path
+from sfr_loc_map.inputs import GIT
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.job import NO_CONFIGURATION, Job, JobKind, JobSource, SourceKind
-from sfr_loc_map.suite.proof import PACKAGE, code_fingerprint, data_hash
+from sfr_loc_map.suite.proof import PACKAGE, code_fingerprint, data_hash, files_hash
 from sfr_loc_map.suite.sources import fetch
 from sfr_loc_map.suite.specification import Refusal, SuiteSpecification
 
@@ -110,7 +110,7 @@ def inspect_source(path: Path) -> SourceFacts:
 
     source = open_source(path)
     pairs, nav_pairs = (0 if part is None else len(part) for part in (source.loc, source.nav))
-    return SourceFacts(sha256=hash_path(path), pairs=pairs, nav_pairs=nav_pairs)
+    return SourceFacts(sha256=files_hash(str(path)), pairs=pairs, nav_pairs=nav_pairs)
 
 
 def about_run() -> dict[str, object]:

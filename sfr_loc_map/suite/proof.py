@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 from sfr_loc_map import __version__
 from sfr_loc_map.errors import InputError, MethodError
 from sfr_loc_map.inputs import Task, hash_path, one_line
+from sfr_loc_map.io.source_config import config_beside
 from sfr_loc_map.methods.registry import find_method
 from sfr_loc_map.suite.job import Job, JobSource, SourceKind, digest
 
@@ -115,7 +116,14 @@ def data_hash(source: JobSource) -> str:
     """Return the hash of a source's data as they are here; of a simulation that of its settings."""
     if source.kind is SourceKind.SIMULATED:
         return source.sha256
-    hashes = [known(Path(path), hash_path) for path in (source.path, source.truth) if path]
+    return files_hash(source.path, source.truth)
+
+
+def files_hash(*paths: str) -> str:
+    """Return a hash of files or folders, and of the configurations by which they are read."""
+    places = [Path(path) for path in paths if path]
+    configurations = [path for path in map(config_beside, places) if path is not None]
+    hashes = [known(path, hash_path) for path in (*places, *configurations)]
     return hashes[0] if len(hashes) == 1 else digest(hashes)
 
 

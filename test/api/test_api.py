@@ -18,7 +18,7 @@ from sfr_loc_map.errors import ConfigError, InputError
 
 LIMITS = {"trajectory": [{"condition": "frames=2", "position_mean_plus_3sigma_m": 0.5}]}
 SIGNATURES = {
-    "open": ["source", "remap"],
+    "open": ["source", "remap", "config"],
     "localise": ["source", "start", "live", "config", "method"],
     "map": ["source", "fuse", "refine_poses", "config", "method"],
     "score": ["estimate", "truth", "conditions", "limits", "align", "stats", "settings"],

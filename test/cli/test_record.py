@@ -57,7 +57,7 @@ def test_the_end_on_request_leaves_a_source_for_all_else(rover: Process, tmp_pat
         assert "messages of 5 topics, 0 lost" in counted
         assert advice.startswith("next: sfr doctor")
     assert (out / "metadata.yaml").exists()
-    source = open_source(out, {})
+    source = open_source(out)
     assert source.loc is not None
     assert len(source.loc) >= 10
     with AnyReader([out]) as reader:
@@ -81,4 +81,4 @@ def test_kill_9_leaves_what_any_reader_reads(rover: Process, tmp_path: Path) -> 
         assert "/rosout" in reader.topics
     ours = [stamp for name, _, stamp, _ in Bag(out).raw_messages(IMAGES[:1])]
     assert len(ours) == len(theirs)
-    assert len(open_source(out, {}).loc or ()) >= 10
+    assert len(open_source(out).loc or ()) >= 10

@@ -40,7 +40,7 @@ def test_scenario_to_data_set_to_score(sfr: Sfr, tmp_path: Path, tiny: Path) -> 
     assert made.err == f"3 pairs: {out}\n"
     settings = yaml.safe_load((out / "simulation.yaml").read_text())
     assert (settings["seed"], settings["drive.pairs"], settings["loc.width"]) == (8, 2, 48)
-    source = open_source(out, {})
+    source = open_source(out)
     assert source.loc is not None
     assert source.nav is not None
     assert (len(source.loc), len(source.nav)) == (2, 1)
@@ -56,7 +56,7 @@ def test_perturb_writes_what_it_says(sfr: Sfr, tmp_path: Path) -> None:
     done = sfr("perturb", source, bad, *fault)
     assert (done.code, done.out, done.err.strip()) == (0, "", f"5 of 5 pairs: {bad}")
     assert sfr("perturb", source, again, *fault).code == 0
-    sources = [open_source(path, {}).loc for path in (source, bad, again)]
+    sources = [open_source(path).loc for path in (source, bad, again)]
     assert all(part is not None for part in sources)
     for clean, noisy, same in zip(*(part.pairs() for part in sources if part is not None), strict=True):
         assert clean.stamp_ns == noisy.stamp_ns == same.stamp_ns

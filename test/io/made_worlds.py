@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -127,3 +127,21 @@ def centre_of(image: np.ndarray) -> np.ndarray:
     weights = np.where(image > 20, image, 0).astype(float)
     v, u = np.mgrid[: image.shape[0], : image.shape[1]]
     return np.array([(weights * u).sum(), (weights * v).sum()]) / weights.sum()
+
+
+def seen_at(ray: Sequence[float], model: str, d: Sequence[float], k: Sequence[float]) -> np.ndarray:
+    """Return the pixel of a ray by the formula of a model (OpenCV's documentation of its camera models)."""
+    x, y = ray[0] / ray[2], ray[1] / ray[2]
+    r = np.hypot(x, y)
+    if model == "equidistant":
+        theta = np.arctan(r)
+        scale = theta * (1 + d[0] * theta**2 + d[1] * theta**4 + d[2] * theta**6 + d[3] * theta**8) / r
+        x, y = x * scale, y * scale
+    else:
+        d = (*d, *(0.0,) * (8 - len(d)))
+        radial = (1 + d[0] * r**2 + d[1] * r**4 + d[4] * r**6) / (1 + d[5] * r**2 + d[6] * r**4 + d[7] * r**6)
+        x, y = (
+            x * radial + 2 * d[2] * x * y + d[3] * (r**2 + 2 * x**2),
+            y * radial + d[2] * (r**2 + 2 * y**2) + 2 * d[3] * x * y,
+        )
+    return np.array([k[0] * x + k[2], k[4] * y + k[5]])

@@ -20,6 +20,7 @@ from sfr_loc_map.io.bag_sequence import open_bag
 from sfr_loc_map.io.bag_writer import CheckedWriter
 from sfr_loc_map.io.rectification import rectified_rig
 from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.pipeline.message_stream import messages_of
 
 Entry = tuple[str, int, Any]
@@ -71,7 +72,7 @@ def test_topics_of_others_by_remap_and_namespace(tmp_path: Path, world: World) -
     with pytest.raises(InputError, match=r"no topic 'loc/left/image_rect'.*/front_l/pic.*--remap"):
         open_source(bag)
     for old, new in (("/front_l/pic", "/loc/left/image_rect"), ("front_l/pic", "rover/loc/left/image_rect")):
-        loc = open_source(bag, {old: new}).loc
+        loc = open_source(bag, SourceConfig(remap={old: new})).loc
         assert_same_pairs(loc.pairs(), world.pairs)
         assert (loc.ground_truth, loc.rig.T_rb_sb) == (None, None)
     spaced = open_source(write_messages(tmp_path / "spaced", loc_entries(world, "/rover_1/"))).loc
@@ -108,7 +109,7 @@ def test_a_bag_of_raw_images_is_rectified_as_it_is_read(tmp_path: Path, world: W
     for found, pair in zip(source.loc.pairs(), world.pairs, strict=True):
         np.testing.assert_array_equal((found.left, found.right), rectifier.rectify(pair.left, pair.right))
         assert not np.array_equal(found.left, pair.left)
-    assert "loc/left/image_rect" in [item.topic for item in messages_of(source, {})]  # as nodes expect them
+    assert "loc/left/image_rect" in [item.topic for item in messages_of(source)]  # as nodes expect them
 
 
 def read_all(path: Path) -> None:

@@ -17,6 +17,7 @@ from sfr_loc_map.io.bag import Bag
 from sfr_loc_map.io.bag_files import MCAP_MAGIC
 from sfr_loc_map.io.bag_readers import LZ4FrameDecompressor, unpack
 from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.source_config import SourceConfig
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -77,7 +78,9 @@ def ros2(tmp_path: Path, world: World) -> Path:
 def test_a_ros_1_bag_holds_the_same_world(tmp_path: Path, ros2: Path, world: World, compression: str) -> None:
     assert_is_world(open_source(write_ros1(tmp_path / "a.bag", ros2, compression=compression)), world)
     names = {f"/loc/{side}/image_rect": f"/cam{i}/image" for i, side in enumerate(("left", "right"))}
-    source = open_source(write_ros1(tmp_path / "b.bag", ros2, names), {new: old for old, new in names.items()})
+    source = open_source(
+        write_ros1(tmp_path / "b.bag", ros2, names), SourceConfig(remap={new: old for old, new in names.items()})
+    )
     assert_same_pairs(source.loc.pairs(), world.pairs)
 
 

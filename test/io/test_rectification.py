@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_worlds import blob, centre_of
+from made_worlds import blob, centre_of, seen_at
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
@@ -31,25 +31,6 @@ def info(side: Any, model: str = "plumb_bob", **changes: Any) -> SimpleNamespace
     return SimpleNamespace(**fields | changes)
 
 
-def distorted(normalised: np.ndarray, model: str) -> np.ndarray:
-    """Return the pixel of a ray by the formula of the model (OpenCV's documentation of its camera models)."""
-    x, y = normalised
-    d = D[model]
-    r = np.hypot(x, y)
-    if model == "equidistant":
-        theta = np.arctan(r)
-        scale = theta * (1 + d[0] * theta**2 + d[1] * theta**4 + d[2] * theta**6 + d[3] * theta**8) / r
-        x, y = x * scale, y * scale
-    else:
-        k = (*d, *(0.0,) * (8 - len(d)))
-        radial = (1 + k[0] * r**2 + k[1] * r**4 + k[4] * r**6) / (1 + k[5] * r**2 + k[6] * r**4 + k[7] * r**6)
-        x, y = (
-            x * radial + 2 * k[2] * x * y + k[3] * (r**2 + 2 * x**2),
-            y * radial + k[2] * (r**2 + 2 * y**2) + 2 * k[3] * x * y,
-        )
-    return np.array([K[0] * x + K[2], K[4] * y + K[5]])
-
-
 @pytest.mark.parametrize("model", D)
 def test_a_point_is_where_the_rectified_rig_sees_it(model: str) -> None:
     rig, rectifier = rectified_rig([info("left", model), info("right", model)], "loc")
@@ -59,7 +40,7 @@ def test_a_point_is_where_the_rectified_rig_sees_it(model: str) -> None:
         for side, shift in (("left", 0.0), ("right", rig.baseline_m)):
             rectified = np.array(point) - [shift, 0.0, 0.0]
             ray = matrix_from_rotvec(ROTVEC[side]).T @ rectified
-            raw.append(blob(distorted(ray[:2] / ray[2], model), (160, 200)))
+            raw.append(blob(seen_at(ray, model, D[model], K), (160, 200)))
             wanted.append(rectified[:2] / rectified[2] * 150.0 + [99.5, 79.5])
         for image, pixel in zip(rectifier.rectify(*raw), wanted, strict=True):
             assert np.abs(centre_of(image) - pixel).max() < 0.1

@@ -18,8 +18,9 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.bag import TYPESTORE
+from sfr_loc_map.io.registry import read_truth
 from sfr_loc_map.io.trajectory_file import read_trajectory_file, save_trajectory, trajectory_text
-from sfr_loc_map.io.truth import TruthConfig, enu_m, read_truth
+from sfr_loc_map.io.truth import TruthConfig, enu_m
 
 T = TYPESTORE.types
 COUNT = 40

@@ -16,14 +16,15 @@ from sfr_loc_map.io.bag import TYPESTORE
 from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import image_from_message
 from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.pipeline.message_stream import Message, messages_of, start_at, topics_of
 
 
 def played(path: Path, remap: dict[str, str] | None = None) -> dict[tuple[str, int], Message]:
     """Return the messages of a source in their order, by topic and stamp."""
-    source = open_source(path, remap or {})
-    messages = list(messages_of(source, remap or {}))
-    assert {m.topic: m.msgtype for m in messages} == topics_of(source, remap or {})
+    source = open_source(path, SourceConfig(remap=remap or {}))
+    messages = list(messages_of(source))
+    assert {m.topic: m.msgtype for m in messages} == topics_of(source)
     return {(m.topic, m.stamp_ns): m for m in messages}
 
 

@@ -32,7 +32,7 @@ SAMPLE = Path(__file__).parents[2] / "sample" / "sample.mcap"
 
 
 def mapped(path: Path) -> tuple[Source, MapRun]:
-    source = open_source(path, {})
+    source = open_source(path)
     return source, map_pairs(source.nav, MappingConfig())
 
 
@@ -45,13 +45,13 @@ def live_score(source: Source, run: MapRun, cloud: PointCloud) -> dict[str, Any]
     monitor = MonitorScore(ScoreConfig(), None)
     monitor.map_inputs.rig = source.nav.rig
     for item in source.nav.pairs():
-        monitor.map_inputs.add_pose(item.pair.stamp_ns, item.T_lm_navsb)
-        monitor.map_inputs.add_true_points(item.pair.stamp_ns, item.truth)
+        monitor.map_inputs.poses[item.pair.stamp_ns] = item.T_lm_navsb
+        monitor.map_inputs.true_points[item.pair.stamp_ns] = item.truth
     for record in run.records:
         says = {"fused": float(cloud.fused is True)} if record.state == "fused" else {}
         monitor.add_call(replace(record, statistics={**record.statistics, **says}))
     message = replace(cloud, fused=None, pair_stamps_ns=None)  # it does not say
-    monitor.map_inputs.add_cloud(run.maps[-1].stamp_ns, message)
+    monitor.map_inputs.clouds[run.maps[-1].stamp_ns] = message
     assert monitor.score_maps()
     return dict(to_dict(monitor.result())["map"])
 
@@ -75,7 +75,7 @@ def test_live_replay_and_score_of_every_file_format_are_equal_to_the_last_digit(
 
 def test_a_cloud_is_judged_by_the_truth_of_its_own_pairs(tmp_path: Path) -> None:
     """Of four pairs the first two were refused: the cloud's pairs 0 and 1 are the source's 2 and 3."""
-    source = open_source(write_folder(tmp_path / "source", 0, 4), {})
+    source = open_source(write_folder(tmp_path / "source", 0, 4))
     mapper = Mapper(source.nav.rig, MappingConfig())
     last = list(source.nav.pairs())[2:]
     cloud = mapper.fuse([mapper.process(item.pair, item.T_lm_navsb, k) for k, item in enumerate(last)]).cloud
@@ -89,7 +89,7 @@ def test_a_cloud_is_judged_by_the_truth_of_its_own_pairs(tmp_path: Path) -> None
 
 
 def test_a_replay_is_judged_by_the_images_of_its_source(tmp_path: Path) -> None:
-    source = open_source(write_folder(tmp_path / "source", 12, 0), {})
+    source = open_source(write_folder(tmp_path / "source", 12, 0))
     truth = source.loc.ground_truth
     parts = {
         rows: Trajectory(truth.stamps_ns[:rows], truth.positions[:rows], truth.quats_xyzw[:rows]) for rows in (12, 6, 0)
@@ -125,7 +125,7 @@ def test_a_replay_says_that_pairs_have_no_cloud_and_that_truth_is_sparse(tmp_pat
     place = path / "loc" / "groundtruth.csv"
     head, *rows = place.read_text().splitlines(keepends=True)
     place.write_text(head + "".join(rows[::5]))
-    source = open_source(path, {})
+    source = open_source(path)
     stamps = np.asarray(source.loc.stamps_ns)
     estimate = Trajectory(stamps, np.zeros((12, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (12, 1)))
     result = ReplayResult(estimate, None, [], "", ())

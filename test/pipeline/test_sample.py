@@ -22,7 +22,7 @@ SAMPLE = ROOT / "sample" / "sample.mcap"
 
 def test_sample_has_the_truth_of_its_scenario_and_is_small_enough_to_clone() -> None:
     plan = Plan.make(build(SimulationConfig, load_yaml(ROOT / "config" / "simulation" / "sample.yaml")))
-    source, expected = open_source(SAMPLE, {}), plan.trajectory()
+    source, expected = open_source(SAMPLE), plan.trajectory()
     assert (len(source.loc), len(source.nav)) == (plan.count(Task.LOCALISATION), plan.count(Task.MAPPING))
     truth = source.loc.ground_truth
     assert np.array_equal(truth.stamps_ns, expected.stamps_ns)
@@ -34,7 +34,7 @@ def test_sample_has_the_truth_of_its_scenario_and_is_small_enough_to_clone() -> 
 
 
 def mapped(baseline_factor: float) -> FusedMap:
-    nav = panorama_of(open_source(SAMPLE, {}))
+    nav = panorama_of(open_source(SAMPLE))
     mapper = Mapper(replace(nav.rig, baseline_m=baseline_factor * nav.rig.baseline_m), MappingConfig())
     return mapper.fuse([mapper.process(item.pair, item.T_lm_navsb, i) for i, item in enumerate(nav.pairs())])
 
@@ -47,7 +47,7 @@ def test_a_wrong_baseline_is_named_where_pairs_overlap(factor: float) -> None:
 
 @pytest.mark.slow
 def test_the_map_has_no_warning_no_points_in_the_sky_and_the_hazards_of_the_truth() -> None:
-    truths = [item.truth for item in panorama_of(open_source(SAMPLE, {})).pairs() if item.truth is not None]
+    truths = [item.truth for item in panorama_of(open_source(SAMPLE)).pairs() if item.truth is not None]
     fused = mapped(1.0)
     assert not fused.warnings
     true = np.stack(truths)[fused.cloud.pair, fused.cloud.v, fused.cloud.u]

@@ -53,7 +53,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_folder_reads_back_with_the_plans_truth_and_two_workers_make_the_same_bytes(made: Path, tmp_path: Path) -> None:
-    source, plan = open_source(made, {}), Plan.make(CONFIG)
+    source, plan = open_source(made), Plan.make(CONFIG)
     drive = drive_of(source)
     assert np.array_equal(drive.ground_truth.positions, plan.trajectory().positions)
     assert [pair.left.std() > 3 for pair in drive.pairs()] == [True] * 3

@@ -51,7 +51,7 @@ class Drive:
 
 def load_drive(pairs: int = PAIRS) -> Drive:
     """Read the first pairs of the sample, halved: a pixel is the mean of four, so that f and c halve exactly."""
-    source = open_source(SAMPLE, {})
+    source = open_source(SAMPLE)
     assert source.loc is not None
     assert source.loc.ground_truth is not None
     images = [(half(pair.left), half(pair.right)) for pair in islice(source.loc.pairs(), pairs)]

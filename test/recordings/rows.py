@@ -36,9 +36,11 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.rosbag2.storage_mcap import McapWriter, Schema
 from rosbags.typesys import Stores, get_typestore
 
+from sfr_loc_map.geometry.extrinsics import mast_head_in_rb
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.folder import rig_json as rig_text
 from sfr_loc_map.simulation.config import NavCamerasConfig, PanoramaConfig
-from sfr_loc_map.simulation.drive import mast_head_in_rb, rig_extrinsics
+from sfr_loc_map.simulation.drive import rig_extrinsics
 
 TRUTH = "/ground_truth/odom"
 
@@ -316,11 +318,8 @@ def colmap(folder: Path, drive: Drive) -> Made:
 
 
 def write_rig(folder: Path, drive: Drive) -> Path:
-    rig, file = drive.rig, folder / "rig.json"
-    assert rig.T_rb_sb is not None
-    values = {name: getattr(rig, name) for name in ("width", "height", "fx", "fy", "cx", "cy", "baseline_m")}
-    mounted = {"translation_m": rig.T_rb_sb.translation.tolist(), "quat_xyzw": rig.T_rb_sb.quat_xyzw.tolist()}
-    file.write_text(json.dumps(values | {"T_rb_locsb": mounted}))
+    file = folder / "rig.json"
+    file.write_text(rig_text(drive.rig))
     return file
 
 
@@ -545,8 +544,14 @@ def truth_motion_capture(folder: Path, drive: Drive) -> Made:
         numbers = [*(f"{value:.5f}" for value in body.translation), *(f"{value:.9f}" for value in body.quat_xyzw)]
         lines.append((seconds(stamp_ns), *numbers))
     file = table(folder / "markers.csv", "timestamp,x,y,z,qx,qy,qz,qw", lines)
-    lever = {"truth.lever_arm_m": list(ANTENNA_M), "truth.lever_quat_xyzw": list(MARKERS_XYZW)}
-    return with_file(folder, drive, file, lever)
+    own = {"truth.lever_arm_m": list(ANTENNA_M), "truth.lever_quat_xyzw": list(MARKERS_XYZW)}
+    units = {
+        "t": "timestamp[s]",
+        **{name: f"{name}[m]" for name in "xyz"},
+        **{f"q{name}": f"q{name}" for name in "xyzw"},
+    }
+    own["truth.columns"] = ",".join("=".join(item) for item in units.items())  # the header has no units
+    return with_file(folder, drive, file, own)
 
 
 @row(0.01, "numbers in full")

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.geometry.extrinsics import mast_head_in_rb
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.simulation.config import SimulationConfig
-from sfr_loc_map.simulation.drive import GROUND_HEIGHT_RB_M, Plan, mast_head_in_rb
+from sfr_loc_map.simulation.drive import GROUND_HEIGHT_RB_M, Plan
 
 Maker = Callable[..., SimulationConfig]
 

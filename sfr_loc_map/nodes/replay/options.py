@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from sfr_loc_map.config import flatten, load_yaml
+from sfr_loc_map.config import changed, load_yaml
 from sfr_loc_map.geometry.pose_convention import PoseConvention
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.inputs import Task
@@ -70,8 +70,8 @@ class ReplayOptions:
     offset_s: float  #: Where it starts, seconds after the first message.
     paused: bool  #: Whether it waits for the operator before the first pair.
     loop: bool  #: Whether it starts again at its end, until the operator or a signal ends it.
-    remap: Mapping[str, str]  #: New names of topics by the names in the bag.
     parameter_file: Path | None  #: ROS parameter file for all nodes; the parameters above override it.
+    monitor: Mapping[str, Any] = field(default_factory=dict)  #: More parameters of the monitor.
     page: LivePage | None = None  #: Page that shows the run, None for none.
     external: ExternalOptions | None = None  #: Node under test in place of one of ours, None for ours.
 
@@ -79,14 +79,14 @@ class ReplayOptions:
 def node_arguments(source: Source, options: ReplayOptions, folder: Path) -> dict[str, list[str]]:
     """Write the parameter files of the nodes into a folder; return the command line of each node by its name."""
     pairs = len(source.nav) if source.nav is not None else MAX_PAIRS
-    localisation = _changed("localisation", options.localisation)
-    mapping = _changed("mapping", options.mapping) | {"pairs_per_map": pairs}
-    monitor = _changed("score", options.score)
+    localisation = changed(options.localisation, "localisation.")
+    mapping = changed(options.mapping, "mapping.") | {"pairs_per_map": pairs}
+    monitor = {**options.monitor, **changed(options.score, "score.")}
     truth = None if source.loc is None else source.loc.ground_truth
     if isinstance(truth, Truth):  # it comes as poses of RB, or positions of a point of it
         attitude = "auto" if truth.has_attitude else "no"
         body = TrackedBody(truth.lever_arm_m, sigma_m=truth.sigma_m, sigma_deg=truth.sigma_deg, attitude=attitude)
-        monitor |= _changed("truth", body)
+        monitor |= changed(body, "truth.")
     if options.limits is not None:
         monitor["limits_file"] = str(options.limits.resolve())
     if source.loc is not None and source.loc.rig.T_rb_sb is not None:
@@ -111,10 +111,3 @@ def node_arguments(source: Source, options: ReplayOptions, folder: Path) -> dict
 def is_ros_parameter_file(path: Path) -> bool:
     """Tell whether a YAML file has the layout of ROS parameter files."""
     return any(isinstance(block, dict) and "ros__parameters" in block for block in load_yaml(path).values())
-
-
-def _changed(prefix: str, config: Any) -> dict[str, Any]:  # noqa: ANN401 - any configuration dataclass
-    """Return the values that are not the defaults by name, so that a parameter file decides on the others."""
-    defaults = flatten(type(config)())
-    values = {name: value for name, value in flatten(config).items() if value != defaults[name]}
-    return {f"{prefix}.{name}": list(v) if isinstance(v, tuple) else v for name, v in values.items()}

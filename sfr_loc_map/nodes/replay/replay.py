@@ -213,7 +213,7 @@ def replay(
     end_s, external = check_source(source, options.offset_s), options.external
     environment.isolate()
     environment.prepare()
-    topics = topics_of(source, options.remap)
+    topics = topics_of(source)
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="sfr-replay-")))
         os.environ.setdefault("ROS_LOG_DIR", str(folder / "log"))
@@ -265,7 +265,7 @@ def _play(
         if pose is not None:
             player.set_pose(pose)
         say(f"{announcement} {offset_s:g} s")
-        player.play(start_at(messages_of(source, options.remap), offset_s, controls.moved_to), progress)
+        player.play(start_at(messages_of(source), offset_s, controls.moved_to), progress)
         collector.results.whole = not controls.interrupted
         at_end = controls.seek_s is None
         offset_s, announcement = controls.next_start_s(), AGAIN
@@ -277,8 +277,8 @@ def check_source(source: Source, offset_s: float = 0.0) -> float:
     """Check what would fail late; return the position of the last pair, seconds."""
     if source.loc is not None and source.loc.rig.T_rb_sb is None:
         raise InputError(
-            f"'{source.path}' does not say where the stereo rig is on the rover (T_rb_locsb): add it to rig.json, or "
-            f"rb to locsb to /tf_static of the bag"
+            f"'{source.path}' does not say where the stereo rig is on the rover (T_rb_locsb): give extrinsics in "
+            f"sfr.yaml (sfr init DIR --from SRC), in rig.json, or on /tf_static of the bag"
         )
     if source.nav is not None and not 1 <= len(source.nav) <= MAX_PAIRS:
         raise MappingError(

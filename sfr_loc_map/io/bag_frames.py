@@ -1,0 +1,92 @@
+"""Frames of a bag as series of poses, by /tf and /tf_static."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
+from sfr_loc_map.geometry.quaternion_kernels import slerp, unit_quats
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.io.image_codec import stamp_of
+
+if TYPE_CHECKING:
+    from sfr_loc_map.io.bag import Bag
+
+LONGEST_GAP_S = 1.0  #: Between messages further apart what moves is not known.
+PoseRow = tuple[int, tuple[float, ...]]  #: Stamp, ns, and x, y, z, qx, qy, qz, qw.
+
+
+@dataclass(slots=True)
+class Frame:
+    """A frame in its parent."""
+
+    parent: str
+    is_static: bool
+    rows: list[PoseRow] = field(default_factory=list)
+
+    @property
+    def poses(self) -> Trajectory:
+        """Its poses in the parent; the last one where it is static. GeometryError if one is none."""
+        return trajectory_of(self.rows[-1 if self.is_static else 0 :])
+
+
+def read_frames(bag: Bag) -> dict[str, Frame]:
+    """Return the frames that have a parent, by their names without a slash at the ends."""
+    from sfr_loc_map.io.bag import TF
+
+    frames: dict[str, Frame] = {}
+    for name in ("tf_static", "tf"):
+        topic = bag.find(name, TF)
+        for _, _, message in () if topic is None else bag.messages([topic]):
+            for item in message.transforms:
+                of_item = Frame(item.header.frame_id.strip("/"), name == "tf_static")
+                frame = frames.setdefault(item.child_frame_id.strip("/"), of_item)
+                frame.rows.append(pose_row(item, item.transform))
+    return frames
+
+
+def chain_above(frames: Mapping[str, Frame], name: str, end: str = "") -> list[str]:
+    """Return a frame and those above it that have a parent, up to `end` or the root."""
+    chain: list[str] = []
+    while name in frames and name != end and len(chain) <= len(frames):
+        chain.append(name)
+        name = frames[name].parent
+    return chain
+
+
+def pose_row(message: Any, pose: Any) -> PoseRow:  # noqa: ANN401 - messages
+    """Return the stamp of a message with a header and the numbers of its pose or transform."""
+    place = getattr(pose, "position", None) or pose.translation
+    quat = getattr(pose, "orientation", None) or pose.rotation
+    return stamp_of(message), (place.x, place.y, place.z, quat.x, quat.y, quat.z, quat.w)
+
+
+def trajectory_of(rows: list[PoseRow]) -> Trajectory:
+    """Return the poses of rows; GeometryError if one is none."""
+    values = np.array([row for _, row in rows], np.float64).reshape(-1, 7)
+    return Trajectory(np.array([stamp for stamp, _ in rows], np.int64), values[:, :3].copy(), values[:, 3:].copy())
+
+
+def sampled(poses: Trajectory, stamps_ns: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return positions and unit quaternions at stamps, interpolated; the only pose of a static transform at all."""
+    if len(poses) == 1:
+        return np.repeat(poses.positions, len(stamps_ns), 0), np.repeat(unit_quats(poses.quats_xyzw), len(stamps_ns), 0)
+    known = poses.stamps_ns
+    after = np.clip(np.searchsorted(known, stamps_ns, "right"), 1, len(known) - 1)
+    before = after - 1
+    share = (stamps_ns - known[before]) / np.maximum(known[after] - known[before], 1)
+    positions = poses.positions[before] + share[:, None] * (poses.positions[after] - poses.positions[before])
+    return positions, slerp(unit_quats(poses.quats_xyzw[before]), unit_quats(poses.quats_xyzw[after]), share)
+
+
+def covered(known_ns: IntArray, stamps_ns: IntArray) -> Mask:
+    """Tell of each stamp whether it lies between known ones that are at most `LONGEST_GAP_S` apart."""
+    after = np.searchsorted(known_ns, stamps_ns).clip(max=len(known_ns) - 1)
+    before = np.where(known_ns[after] == stamps_ns, after, (after - 1).clip(0))
+    near = known_ns[after] - known_ns[before] <= LONGEST_GAP_S * NS_PER_S
+    return np.asarray((known_ns[before] <= stamps_ns) & (stamps_ns <= known_ns[after]) & near)

@@ -1,0 +1,129 @@
+"""How a source is read, as the sections of `sfr.yaml` before `localisation` say; docs/configuration.md."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any, get_type_hints
+
+from sfr_loc_map.config import SECTIONS, build, param, read_sections
+from sfr_loc_map.errors import ConfigError, GeometryError
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.head_pose import FramesConfig
+from sfr_loc_map.io.stamp_pairing import STAMP_TOLERANCE_S
+from sfr_loc_map.io.truth import TruthConfig
+
+NAME = "sfr.yaml"
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationConfig:
+    """The calibration of the localisation cameras where the source has none, and what their images are."""
+
+    file: str = param("", doc="Calibration by Kalibr, OpenCV, ROS or COLMAP, or a rig.json; empty: as the source says.")
+    baseline_m: float = param(
+        0.0, unit="m", doc="Distance of the cameras, where P[3] of camera_info is 0; 0: as P says.", low=0.0, high=100.0
+    )
+    stereo_layout: str = param(
+        "",
+        doc="Both images in one, on loc/left/image_rect or image_raw: the left one first; empty: each for itself.",
+        choices=("", "side_by_side", "top_bottom"),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class ExtrinsicsConfig:
+    """Pose of the localisation stereo rig on the rover."""
+
+    translation_m: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0), unit="m", doc="Origin of LOCSB in RB: x, y, z.", low=-100.0, high=100.0
+    )
+    quat_xyzw: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0, 0.0),
+        doc="Orientation of LOCSB in RB: x, y, z, w; takes components in LOCSB to RB. All zero: not given, the "
+        "extrinsics are then taken from /tf_static where tf2_msgs is installed: of locsb_frame, or of the frame that "
+        "the left camera_info names, in rb_frame (or base_link, base_footprint, ... while that is rb).",
+        low=-10.0,
+        high=10.0,
+    )
+
+    def transform(self) -> Transform | None:
+        """Return `T_rb_locsb`, None where it is not given."""
+        if len(self.translation_m) != 3 or len(self.quat_xyzw) != 4:
+            raise ConfigError("T_rb_locsb needs translation_m [x, y, z] and quat_xyzw [x, y, z, w]")
+        if not any(self.quat_xyzw):
+            if any(self.translation_m):
+                raise ConfigError("T_rb_locsb.translation_m is given but quat_xyzw is not: give both")
+            return None
+        try:
+            return Transform.from_quat(self.translation_m, self.quat_xyzw)
+        except GeometryError as error:
+            raise ConfigError(f"T_rb_locsb: {error}") from error
+
+
+@dataclass(frozen=True, slots=True)
+class SyncConfig:
+    """Which left and right images are of one moment."""
+
+    stamp_tolerance_s: float = param(
+        STAMP_TOLERANCE_S,
+        unit="s",
+        doc="Largest difference between the stamps of left and right, always below half a period; 0: equal.",
+        low=0.0,
+        high=0.5,
+    )
+    right_offset_s: float = param(
+        0.0, unit="s", doc="Added to the stamps of the right images, whose clock differs.", low=-1e4, high=1e4
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class SourceConfig:
+    """How a source is read; without any of it as its own topics and files say."""
+
+    path: Path | None = None  #: File that it was read from.
+    remap: Mapping[str, str] = field(default_factory=dict)  #: Names of the suite by the names in the bag (`topics`).
+    frames: FramesConfig = field(default_factory=FramesConfig)
+    calibration: CalibrationConfig = CalibrationConfig()
+    extrinsics: ExtrinsicsConfig = ExtrinsicsConfig()
+    sync: SyncConfig = SyncConfig()
+    truth: TruthConfig = field(default_factory=TruthConfig)
+
+    @classmethod
+    def of(cls, sections: Mapping[str, Any], path: Path | None = None) -> SourceConfig:
+        """Build it from the sections of a configuration; names of files are relative to the folder of its file."""
+        origin, folder = str(path or "settings"), Path() if path is None else path.parent
+        types, topics = get_type_hints(cls), sections.get("topics") or {}
+        if wrong := [name for name, topic in topics.items() if not isinstance(topic, str) or not topic]:
+            raise ConfigError(f"{origin}: topics.{wrong[0]} must be the name of a topic of the source")
+        parts = {
+            item.name: build(types[item.name], sections.get(item.name) or {}, origin=f"{origin}, {item.name}")
+            for item in fields(cls)
+            if item.name in SECTIONS
+        }
+        config = cls(path, {topic: name for name, topic in topics.items()}, **parts)
+        if config.truth.source and (file := folder / config.truth.source).is_file():
+            config = replace(config, truth=replace(config.truth, source=str(file)))
+        if name := config.calibration.file:
+            config = replace(config, calibration=replace(config.calibration, file=str(folder / name)))
+        return config
+
+
+AS_IT_IS = SourceConfig()  #: A source is read as its own topics and files say.
+
+
+def config_beside(source: Path) -> Path | None:
+    """Return the `sfr.yaml` in the folder of a source, or in the one that it lies in; None without one."""
+    places = (source, source.parent) if source.is_dir() else (source.parent,)
+    return next((place / NAME for place in places if (place / NAME).is_file()), None)
+
+
+def source_config(source: Path, path: Path | None = None, remap: Mapping[str, str] | None = None) -> SourceConfig:
+    """Return how a source is read: by a configuration file, else the one beside it; `remap` has more topics."""
+    path = path or config_beside(source)
+    config = AS_IT_IS if path is None else SourceConfig.of(read_sections(path), path)
+    if not remap:
+        return config
+    kept = {topic: name for topic, name in config.remap.items() if name not in remap.values()}
+    return replace(config, remap={**kept, **remap})

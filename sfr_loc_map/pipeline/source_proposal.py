@@ -1,0 +1,188 @@
+"""What a recording seems to be: an `sfr.yaml` for it, each line with what it was inferred from, and what is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sfr_loc_map.config import yaml_text
+from sfr_loc_map.errors import InputError, SfrError
+from sfr_loc_map.inputs import NS_PER_S, SIDES
+from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, Bag, Topic, read_frames
+from sfr_loc_map.io.bag_files import is_bag
+from sfr_loc_map.io.bag_sequence import image_name
+from sfr_loc_map.io.image_codec import claimed_size
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.io.stamp_pairing import STAMP_TOLERANCE_S, below_half_period
+from sfr_loc_map.io.topic_guess import SeenTopic, guess_topics
+from sfr_loc_map.io.truth import TRUTH_TYPES
+
+SHORT_M = 12.0  #: A drive below this has too few sub-trajectories of 5 m: they are 1 m long.
+STEADY = 0.1  #: Share of a period in which a constant offset of the right stamps may vary.
+
+
+@dataclass(slots=True)
+class Proposal:
+    """Sections of an `sfr.yaml` with the reason of each value, what only the owner can add, and remarks."""
+
+    source: Path
+    sections: dict[str, Any]
+    path: Path | None = None  #: File that it is for; names of files are relative to its folder.
+    reasons: dict[str, str] = field(default_factory=dict)  #: By `section.name`.
+    missing: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
+    has_poses: bool = False  #: Whether it has a truth with attitudes.
+
+    def set(self, section: str, name: str, value: object, reason: str) -> None:
+        """Propose a value, unless it is given."""
+        if name not in self.sections.setdefault(section, {}):
+            self.sections[section][name] = value
+            self.reasons[f"{section}.{name}"] = reason
+
+    @property
+    def config(self) -> SourceConfig:
+        """How the source is read by it."""
+        return SourceConfig.of(self.sections, self.path)
+
+    def text(self) -> str:
+        """Return it as `sfr.yaml`, each value with its reason."""
+        lines = [f"# How '{self.source}' is read, by every command and the nodes: docs/configuration.md."]
+        lines += [f"# MISSING: {text}" for text in self.missing] + [f"# {text}" for text in self.remarks]
+        for section, values in self.sections.items():
+            if not isinstance(values, Mapping):
+                lines.append(f"{section}: {yaml_text(values)}  # {self.reasons.get(section, 'given')}")
+            elif values:
+                lines.append(f"{section}:")
+                for name, value in values.items():
+                    reason = self.reasons.get(f"{section}.{name}", "given")
+                    lines.append(f"  {name}: {yaml_text(value)}  # {reason}")
+        return "\n".join(lines) + "\n"
+
+
+def propose_config(source: Path, given: Mapping[str, Any], path: Path | None = None) -> Proposal:
+    """Look at a source and propose how it is read; `given` are sections, whose values stand. InputError if broken."""
+    if not source.exists():
+        raise InputError(f"there is no '{source}' to look at: give a recording")
+    sections = {name: dict(v) if isinstance(v, Mapping) else v for name, v in given.items()}
+    found = Proposal(source, sections, path)
+    found.sections.setdefault("topics", {})
+    if is_bag(source):
+        bag = Bag(source)
+        _topics(found, bag)
+        bag = Bag(source, found.config.remap)
+        _calibration(found, bag)
+        _sync(found, bag)
+    _mounting_and_truth(found)
+    return found
+
+
+def seen_topics(bag: Bag) -> list[SeenTopic]:
+    """Return the topics of a bag: type, messages, frame and size of the first message."""
+    looked_at = [
+        Topic(name, name, kind) for name, kind in bag.topics.items() if kind in (IMAGE, COMPRESSED, CAMERA_INFO)
+    ]
+    frames, sizes = {}, {}
+    for name, message in bag.first([topic for topic in looked_at if bag.counts[topic.name]]).items():
+        frames[name] = str(message.header.frame_id)
+        if bag.topics[name] != COMPRESSED:
+            sizes[name] = (int(message.width), int(message.height))
+        elif size := claimed_size(bytes(message.data)):
+            sizes[name] = size
+    return [
+        SeenTopic(n, kind, bag.counts[n], frames.get(n, ""), sizes.get(n, (0, 0))) for n, kind in bag.topics.items()
+    ]
+
+
+def _topics(found: Proposal, bag: Bag) -> None:
+    guess = guess_topics(seen_topics(bag))
+    for name, topic in guess.topics.items():
+        if not bag.matches(name) and topic not in found.sections["topics"].values():
+            found.set("topics", name, topic, guess.reasons.get(name, "by its name and type"))
+    if guess.layout:
+        found.set("calibration", "stereo_layout", guess.layout, "by the width and height of its images; sure")
+    truth = found.sections.get("truth", {})
+    if guess.truth and not bag.matches("ground_truth/odometry") and not {"source", "frame"} & truth.keys():
+        found.set("truth", "source", guess.truth, guess.truth_reason)
+    found.remarks += guess.remarks
+
+
+def _calibration(found: Proposal, bag: Bag) -> None:
+    infos = [bag.find(f"loc/{side}/camera_info", CAMERA_INFO) for side in SIDES]
+    there = bag.first([topic for topic in infos if topic is not None and bag.counts[topic.bag_name]])
+    if image_name(bag, "loc") is None or "file" in found.sections.get("calibration", {}):
+        return
+    if len(there) < len(SIDES):
+        found.missing.append("no camera_info: give --calibration FILE (Kalibr, OpenCV, ROS, COLMAP or rig.json)")
+        return
+    left, right = (there[f"loc/{side}/camera_info"] for side in SIDES)
+    if right.p[3] == 0 and left.p[3] == 0:
+        joined = read_frames(bag).find(left.header.frame_id.strip("/"), right.header.frame_id.strip("/"))
+        if joined is None:
+            found.missing.append("P[3] of the right camera_info is 0: give --set calibration.baseline_m=METRES")
+        else:
+            baseline = float(round(np.linalg.norm(joined.translation), 9))
+            found.set("calibration", "baseline_m", baseline, "P[3] is 0; from /tf_static, left to right frame; sure")
+
+
+def _sync(found: Proposal, bag: Bag) -> None:
+    """Estimate a constant difference of the clocks of left and right."""
+    stamps: dict[str, list[int]] = {}
+    images = [bag.find(f"loc/{side}/{image_name(bag, 'loc')}", IMAGE, COMPRESSED) for side in SIDES]
+    topics = [topic for topic in images if topic is not None]
+    for topic, stamp_ns, _ in bag.stream(topics):
+        stamps.setdefault(topic.name, []).append(stamp_ns)
+    if len(stamps) < len(SIDES):
+        return
+    left, right = (np.array(stamps[topic.name], np.int64) for topic in topics)
+    if min(len(left), len(right)) < 3:
+        return
+    period = min(np.median(np.diff(side)) for side in (left, right))
+    after = np.clip(np.searchsorted(right, left), 1, len(right) - 1)
+    near = (
+        np.where(np.abs(right[after] - left) < np.abs(right[after - 1] - left), right[after], right[after - 1]) - left
+    )
+    typical, spread = float(np.median(near)), float(np.percentile(np.abs(near - np.median(near)), 95))
+    limit = below_half_period(round(STAMP_TOLERANCE_S * NS_PER_S), [int(period)])
+    if abs(typical) + spread > limit and spread < STEADY * period:
+        text = (
+            f"right stamps are {typical / NS_PER_S:.4g} s late, within {spread / NS_PER_S:.2g} s; but for whole periods"
+        )
+        found.set("sync", "right_offset_s", round(-typical / NS_PER_S, 6), text)
+    elif abs(typical) + spread > limit and 2 * (abs(typical) + spread) < period:
+        tolerance = round(1.5 * (abs(typical) + spread) / NS_PER_S, 4)
+        found.set("sync", "stamp_tolerance_s", tolerance, f"pairs are up to {spread / NS_PER_S:.2g} s apart")
+
+
+def _mounting_and_truth(found: Proposal) -> None:
+    """Try to read the source as proposed; say what is still missing."""
+    try:
+        loc = open_source(found.source, found.config).loc
+    except SfrError as error:
+        found.missing += [] if found.missing else [str(error)]  # the first is its cause
+        return
+    if loc is None:
+        return
+    if loc.rig.T_rb_sb is None:
+        found.missing.append(
+            "no extrinsics of the cameras on the rover: give --set 'extrinsics.translation_m=[X, Y, Z]' "
+            "--set 'extrinsics.quat_xyzw=[X, Y, Z, W]' (LOCSB in RB)"
+        )
+    elif "extrinsics" not in found.sections:
+        found.remarks.append("extrinsics are those of the source (/tf_static, rig.json or the calibration)")
+    truth = loc.ground_truth
+    found.has_poses = truth is not None and getattr(truth, "has_attitude", True)
+    if truth is None and is_bag(found.source):
+        could = sorted(name for name, kind in Bag(found.source).topics.items() if kind in TRUTH_TYPES)
+        named = f"; these could be: {', '.join(could)}" if could else ""
+        found.remarks.append(f"no truth: nothing is scored without --set truth.source=TOPIC or FILE{named}")
+    if truth is not None and len(truth) > 1:
+        length_m = float(np.linalg.norm(np.diff(truth.positions, axis=0), axis=1).sum())
+        metres = 5 if length_m >= SHORT_M else 1
+        if "conditions" not in found.sections:
+            found.sections["conditions"] = [f"distance={metres}"]
+            found.reasons["conditions"] = f"the true path is {length_m:.1f} m long"

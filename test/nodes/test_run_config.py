@@ -1,0 +1,60 @@
+"""An `sfr.yaml` as nodes take it: parameters that they declare, topics as remaps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from sfr_loc_map.config import build
+from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.nodes.localisation_node import LocalisationNodeConfig
+from sfr_loc_map.nodes.mapping_node import MappingNodeConfig
+from sfr_loc_map.nodes.monitor_node import MonitorNodeConfig
+from sfr_loc_map.nodes.parameter_files import run_arguments
+
+pytestmark = pytest.mark.ros
+TEXT = """
+topics: {loc/left/image_raw: /cam/left/image_raw, loc/right/image_raw: /cam/right/image_raw}
+frames: {base: base_link}
+extrinsics: {translation_m: [0.3, 0, 0.6], quat_xyzw: [0, 0, 0, 1]}
+sync: {stamp_tolerance_s: 0.02}
+truth: {source: /gt, lever_arm_m: [0, 0, 0.8], sigma_m: 0.01}
+localisation: {max_features: 500}
+mapping: {max_range_m: 8.0}
+monitor: {publish_period_s: 2.0}
+conditions: [distance=2]
+limits: limits.yaml
+"""
+
+
+def test_the_nodes_declare_all_that_a_configuration_comes_to(tmp_path: Path) -> None:
+    config, written = tmp_path / "sfr.yaml", tmp_path / "parameters.yaml"
+    config.write_text(TEXT)
+    arguments = run_arguments(config, written)
+    remaps = dict(word.split(":=") for word in arguments if ":=" in word)
+    assert remaps == {
+        "loc/left/image_raw": "/cam/left/image_raw",
+        "loc/right/image_raw": "/cam/right/image_raw",
+        "ground_truth/odometry": "/gt",
+    }
+    content = yaml.safe_load(written.read_text())
+    values = {name.rpartition("/")[2]: node["ros__parameters"] for name, node in content.items()}
+    localisation = build(LocalisationNodeConfig, values["localisation_node"])
+    assert localisation.T_rb_locsb.transform() is not None
+    assert (localisation.rb_frame, localisation.input.rectify) == ("base_link", True)
+    assert (localisation.input.stamp_tolerance_s, localisation.localisation.max_features) == (0.02, 500)
+    assert build(MappingNodeConfig, values["mapping_node"]).input.rectify is False
+    monitor = build(MonitorNodeConfig, values["monitor_node"])
+    assert monitor.truth.lever_arm_m == (0, 0, 0.8)
+    assert monitor.publish_period_s == 2.0
+    assert monitor.score.trajectory.conditions == ("distance=2",)
+    assert monitor.limits_file == str(tmp_path / "limits.yaml")
+
+
+def test_what_nodes_cannot_do_is_said(tmp_path: Path) -> None:
+    config = tmp_path / "sfr.yaml"
+    config.write_text("calibration: {stereo_layout: side_by_side}\n")
+    with pytest.raises(ConfigError, match="are for recordings"):
+        run_arguments(config, tmp_path / "parameters.yaml")
