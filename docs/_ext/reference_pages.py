@@ -72,13 +72,26 @@ def parameters() -> str:
     return "\n".join(parts)
 
 
+def configuration() -> str:
+    """Return the keys of `sfr.yaml` that say how a source is read, section by section."""
+    from sfr_loc_map.config import parameters as declared
+    from sfr_loc_map.io.source_config import SourceConfig
+
+    parts = []
+    for name, config in get_type_hints(SourceConfig).items():
+        if dataclasses.is_dataclass(config):
+            parts.append(f"### `{name}`\n\n{_prose(inspect.cleandoc(config.__doc__ or ''))}\n")
+            parts += [_parameter(info) for info in declared(config)]
+    return "\n".join(parts)
+
+
 def _parameter(info: Any) -> str:  # noqa: ANN401 - a ParamInfo
     default = list(info.default) if isinstance(info.default, tuple) else info.default
     facts = [f"default `{default!r}`"]
     if info.unit:
         facts.append(f"unit {info.unit}")
     if info.choices:
-        facts.append("one of " + ", ".join(f"`{choice}`" for choice in info.choices))
+        facts.append("one of " + ", ".join(f"`{choice or repr(choice)}`" for choice in info.choices))
     if info.low is not None:
         facts.append(f"{info.low:g} to {info.high:g}")
     if info.live:
@@ -206,6 +219,7 @@ def api() -> str:
 PAGES: dict[str, Callable[[], str]] = {
     "commands": commands,
     "parameters": parameters,
+    "configuration": configuration,
     "topics": topics,
     "score": score,
     "api": api,

@@ -1,0 +1,51 @@
+"""The commands of the recipes work on a recording as their camera makes it, and give the configuration shown."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+import yaml
+from cli_result import Sfr
+from drive import Drive, load_drive
+from rows import ROWS
+
+HOWTO = Path(__file__).parents[2] / "docs" / "howto"
+PAGES = {
+    HOWTO / "zed.md": ("zed",),
+    HOWTO / "realsense.md": ("realsense_without_p3",),
+    HOWTO / "oak_d.md": ("oak_d",),
+    HOWTO / "nav2_rover.md": ("nav2_rover",),
+    HOWTO / "motion_capture.md": ("motion_capture_lab",),
+    HOWTO.parent / "formats.md": ("kalibr_yaml", "side_by_side", "pan_tilt_joints"),
+}
+"""The recordings of each page, in the order of its commands."""
+INIT = re.compile(r"^sfr (init .*--from (\S+).*)$", re.MULTILINE)
+SHOWN = re.compile(r"```yaml\n(.*?)```", re.DOTALL)
+OF_THE_DRIVE = ("conditions", "limits")  # that of the page is longer
+
+
+@pytest.fixture(scope="module")
+def drive() -> Drive:
+    return load_drive(4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_the_commands_of_a_recipe_give_what_it_shows(
+    page: Path, drive: Drive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sfr: Sfr
+) -> None:
+    text = page.read_text(encoding="utf-8").replace("\\\n", "")
+    found = INIT.findall(text)
+    assert len(found) == len(PAGES[page])
+    for name, (command, source) in zip(PAGES[page], found, strict=True):
+        place = tmp_path / name
+        place.mkdir()
+        monkeypatch.chdir(place)
+        ROWS[name].make(place, drive).source.rename(source)
+        result = sfr(*shlex.split(command))
+        assert result.code == 0, result.err
+        written = yaml.safe_load(Path("sfr.yaml").read_text(encoding="utf-8"))
+        for shown in map(yaml.safe_load, SHOWN.findall(text)):
+            assert {n: v for n, v in shown.items() if n not in OF_THE_DRIVE}.items() <= written.items()
+        assert sfr("doctor", source).code == 0
