@@ -24,7 +24,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import FrameTree, Transform
 from sfr_loc_map.inputs import NS_PER_S, SIDES, parse_json, refusing
 from sfr_loc_map.io.bag_files import is_unfinished, reader_paths
-from sfr_loc_map.io.bag_frames import pose_row, trajectory_of
+from sfr_loc_map.io.bag_frames import TF, pose_row, trajectory_of
 from sfr_loc_map.io.bag_readers import BagReader, reader_of
 from sfr_loc_map.io.text_table import check_order
 
@@ -35,7 +35,6 @@ CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 POSE = "geometry_msgs/msg/PoseStamped"
 ODOMETRY = "nav_msgs/msg/Odometry"
 POINTS = "sensor_msgs/msg/PointCloud2"
-TF = "tf2_msgs/msg/TFMessage"
 STRING = "std_msgs/msg/String"
 GROUND_TRUTH = "ground_truth/odometry"
 CONFIGURATION = "localisation/configuration"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,9 +14,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.image_codec import stamp_of
 
-if TYPE_CHECKING:
-    from sfr_loc_map.io.bag import Bag
-
+TF = "tf2_msgs/msg/TFMessage"
 LONGEST_GAP_S = 1.0  #: Between messages further apart what moves is not known.
 PoseRow = tuple[int, tuple[float, ...]]  #: Stamp, ns, and x, y, z, qx, qy, qz, qw.
 
@@ -35,10 +33,8 @@ class Frame:
         return trajectory_of(self.rows[-1 if self.is_static else 0 :])
 
 
-def read_frames(bag: Bag) -> dict[str, Frame]:
-    """Return the frames that have a parent, by their names without a slash at the ends."""
-    from sfr_loc_map.io.bag import TF
-
+def read_frames(bag: Any) -> dict[str, Frame]:  # noqa: ANN401 - an opened `bag.Bag`
+    """Return the frames of a bag that have a parent, by their names without a slash at the ends."""
     frames: dict[str, Frame] = {}
     for name in ("tf_static", "tf"):
         topic = bag.find(name, TF)
