@@ -13,7 +13,8 @@ from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S, Side
-from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE, TF, TYPESTORE
+from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE, TYPESTORE
+from sfr_loc_map.io.bag_frames import TF
 from sfr_loc_map.io.camera_info import projection
 from sfr_loc_map.io.image_codec import encode_jpeg
 

@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.io.bag import ODOMETRY, TF, Bag, Topic, read_odometry
+from sfr_loc_map.io.bag import ODOMETRY, Bag, Topic, read_odometry
+from sfr_loc_map.io.bag_frames import TF
 from sfr_loc_map.metrics.association import UPPER, Estimates, lost_by_covariance
 from sfr_loc_map.pipeline.call_stats import CallRecord, call_of, stats_of
 
