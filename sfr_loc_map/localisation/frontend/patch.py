@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, GreyImage, Mask
+from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, GreyImage
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
 from sfr_loc_map.jit import jit_fast, jit_fast_inline, jit_fast_ir_inline
 
@@ -135,10 +135,6 @@ class Templates(NamedTuple):
     #: `(N, 6)`: sum of the squared grey levels; what a change of contrast explains of the two derivatives, as factors
     #: of the grey levels; sums of products xx, xy, yy of the derivatives that are left.
     moments: FloatArray
-
-    def subset(self, kept: Mask | NDArray[np.intp]) -> Templates:
-        """Return some of them, a mask `(N,)` or rows."""
-        return Templates(self.values[kept], self.moments[kept])
 
 
 class PatchPixels(NamedTuple):

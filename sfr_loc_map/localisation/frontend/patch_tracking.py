@@ -65,15 +65,6 @@ class _Place(NamedTuple):
     high_y: float
 
 
-class _Shift(NamedTuple):
-    """Estimated shift of a patch; NaN where it did not converge."""
-
-    x: float
-    y: float
-    residual: float
-    correlation: float
-
-
 @jit_fast_inline
 def _place(pixels: PatchPixels, warped: LocalWarp) -> _Place:
     """Return where the warped pixels of a patch are; those of its corners span them."""
@@ -97,16 +88,7 @@ def _normal(moments: FloatArray, warped: LocalWarp) -> WarpedNormal:
 
 
 @jit_fast_inline
-def _inside(image: FloatImage, place: _Place, sx: float, sy: float) -> bool:
-    """Tell whether a shifted patch lies inside an image."""
-    height, width = image.shape
-    if place.low_x + sx < 0.0 or place.low_y + sy < 0.0:
-        return False
-    return not (place.high_x + sx >= width - 1.001 or place.high_y + sy >= height - 1.001)
-
-
-@jit_fast_inline
-def _estimate_shift(
+def _track(
     image: FloatImage,
     place: _Place,
     normal: WarpedNormal,
@@ -114,14 +96,19 @@ def _estimate_shift(
     template: Patch,
     power: float,
     limits: TrackingLimits,
-) -> _Shift:
-    """Estimate the shift of a warped patch, whose template has some power, by Gauss-Newton."""
+    tracks: PatchTracks,
+    n: int,
+) -> None:
+    """Estimate the shift of a warped patch, whose template has some power, by Gauss-Newton; fill its track."""
+    height, width = image.shape
     det = normal.xx * normal.yy - normal.xy * normal.xy
     sx, sy, residual, correlation = 0.0, 0.0, 0.0, -1.0
     converged = False
     for _ in range(limits.iterations):
         converged = False
-        if max(abs(sx), abs(sy)) > limits.max_shift or not _inside(image, place, sx, sy):
+        if max(abs(sx), abs(sy)) > limits.max_shift or place.low_x + sx < 0.0 or place.low_y + sy < 0.0:
+            break
+        if place.high_x + sx >= width - 1.001 or place.high_y + sy >= height - 1.001:
             break
         x, y = np.float32(place.x + sx), np.float32(place.y + sy)
         found = products_with_samples(image, pixels.x, pixels.y, x, y, template)
@@ -142,8 +129,10 @@ def _estimate_shift(
         if step < FINISHED_PX:
             break
     if converged and correlation >= limits.min_correlation:
-        return _Shift(sx, sy, residual, correlation)
-    return _Shift(np.nan, np.nan, np.nan, np.nan)
+        cov = tracks.covariance[n]
+        cov[0], cov[1], cov[2] = normal.yy / det, -normal.xy / det, normal.xx / det
+        tracks.uv[n, 0], tracks.uv[n, 1] = place.x + sx, place.y + sy
+        tracks.residual[n], tracks.correlation[n] = residual, correlation
 
 
 @jit_fast
@@ -167,12 +156,5 @@ def track_patches(
         place = _place(pixels, warped)
         if place.high_x - place.low_x > MAX_SPAN_PX or place.high_y - place.low_y > MAX_SPAN_PX:
             continue
-        shift = _estimate_shift(image, place, normal, pixels, values[n], moments[n, 0], limits)
-        if np.isnan(shift.x):
-            continue
-        det = normal.xx * normal.yy - normal.xy * normal.xy
-        tracks.uv[n, 0], tracks.uv[n, 1] = warped.x + shift.x, warped.y + shift.y
-        cov = tracks.covariance[n]
-        cov[0], cov[1], cov[2] = normal.yy / det, -normal.xy / det, normal.xx / det
-        tracks.residual[n], tracks.correlation[n] = shift.residual, shift.correlation
+        _track(image, place, normal, pixels, values[n], moments[n, 0], limits, tracks, n)
     return tracks

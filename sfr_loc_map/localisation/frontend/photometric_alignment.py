@@ -43,20 +43,14 @@ class PoseAlignment(NamedTuple):
     correlation: float
 
 
-class _Warps(NamedTuple):
-    """Warps of N patches at their centres."""
+class _Patches(NamedTuple):
+    """Templates of N patches with their warps at the centres, and pixels of one of them."""
 
-    shapes: FloatArray  #: `(N, 4)` their derivatives: xu, xv, yu, yv.
+    templates: Templates
+    shapes: FloatArray  #: `(N, 4)` derivatives of the warps, xu, xv, yu, yv; 0 behind the camera.
     #: `(N, 4)` inverse transposes of these, which take derivatives of the grey level to the target.
     gradients: FloatArray
     normal: FloatArray  #: `(N, 3)` normal matrix xx, xy, yy in the target; 0 where a patch cannot be aligned.
-
-
-class _Patches(NamedTuple):
-    """Templates, their warps, and pixels of one of them."""
-
-    templates: Templates
-    warps: _Warps
     pixels: PatchPixels
 
 
@@ -67,14 +61,6 @@ class _Match(NamedTuple):
     y: float
     weight: float
     correlation: float
-
-
-class _System(NamedTuple):
-    """Normal equations of the pose `(6, 6)`, `(6,)`, and a workspace: Jacobian `(2, 6)`."""
-
-    information: FloatArray
-    rhs: FloatArray
-    jacobian: FloatArray
 
 
 class _Point(NamedTuple):
@@ -89,31 +75,23 @@ class _Point(NamedTuple):
 
 
 @jit_fast_inline
-def _shapes(homographies: FloatArray, uv: FloatArray) -> FloatArray:
-    """Return the derivatives `(N, 4)` of the warps at the patch centres; zero behind the camera."""
-    out = np.zeros((len(uv), 4))
-    for n in range(len(uv)):
+def _warped(templates: Templates, homographies: FloatArray, uv: FloatArray) -> _Patches:
+    """Return the patches with the warps that homographies `(N, 3, 3)` have at their centres `(N, 2)`."""
+    moments, count = templates.moments, len(uv)
+    shapes, gradients, normal = np.zeros((count, 4)), np.zeros((count, 4)), np.zeros((count, 3))
+    for n in range(count):
         by = local_warp(homographies[n], uv[n, 0], uv[n, 1])
-        out[n, 0], out[n, 1], out[n, 2], out[n, 3] = by.xu, by.xv, by.yu, by.yv
-    return out
-
-
-@jit_fast_inline
-def _warps(moments: FloatArray, shapes: FloatArray) -> _Warps:
-    """Return the warps of templates of some moments `(N, 6)` that have some shapes `(N, 4)`."""
-    gradients, normal = np.zeros((len(shapes), 4)), np.zeros((len(shapes), 3))
-    for n in range(len(shapes)):
-        a00, a01, a10, a11 = shapes[n, 0], shapes[n, 1], shapes[n, 2], shapes[n, 3]
-        det = a00 * a11 - a01 * a10
+        shapes[n, 0], shapes[n, 1], shapes[n, 2], shapes[n, 3] = by.xu, by.xv, by.yu, by.yv
+        det = by.xu * by.yv - by.xv * by.yu
         power, x, y = moments[n, 0], moments[n, 1], moments[n, 2]
         if power == 0.0 or abs(det) < MIN_DETERMINANT or abs(det) > MAX_DETERMINANT:
             continue
         # derivatives with what a change of contrast explains: the gain is not estimated with the pose
         xx, xy, yy = moments[n, 3] + x * x * power, moments[n, 4] + x * y * power, moments[n, 5] + y * y * power
-        found = warped_normal(LocalWarp(0.0, 0.0, a00, a01, a10, a11, 0.0, 0.0), det, xx, xy, yy)
+        found = warped_normal(by, det, xx, xy, yy)
         gradients[n, 0], gradients[n, 1], gradients[n, 2], gradients[n, 3] = found.b00, found.b01, found.b10, found.b11
         normal[n, 0], normal[n, 1], normal[n, 2] = found.xx, found.xy, found.yy
-    return _Warps(shapes, gradients, normal)
+    return _Patches(templates, shapes, gradients, normal, patch_pixels(templates.values.shape[2]))
 
 
 @jit_fast_ir_inline
@@ -136,10 +114,10 @@ def _project(planes: LocalPlanes, n: int, pose: Pose, camera: StereoCamera) -> _
 @jit_fast_ir_inline
 def _compare(image: FloatImage, u: float, v: float, patches: _Patches, n: int) -> _Match:
     """Compare a patch with an image around a pixel."""
-    templates, warps, at = patches.templates, patches.warps, patches.pixels
+    templates, shape, b, at = patches.templates, patches.shapes[n], patches.gradients[n], patches.pixels
     height, width = image.shape
     nothing = _Match(0.0, 0.0, 0.0, 0.0)
-    a00, a01, a10, a11 = warps.shapes[n, 0], warps.shapes[n, 1], warps.shapes[n, 2], warps.shapes[n, 3]
+    a00, a01, a10, a11 = shape[0], shape[1], shape[2], shape[3]
     half = half_width(at.x.size)
     reach_x, reach_y = half * (abs(a00) + abs(a01)), half * (abs(a10) + abs(a11))
     if u < reach_x or v < reach_y or u + reach_x >= width - 1.01 or v + reach_y >= height - 1.01:
@@ -154,10 +132,9 @@ def _compare(image: FloatImage, u: float, v: float, patches: _Patches, n: int) -
     # products of the derivatives with the difference of both patches
     difference = gain * found.grey - power
     x, y = gain * found.x + along_x * difference, gain * found.y + along_y * difference
-    b00, b01, b10, b11 = warps.gradients[n, 0], warps.gradients[n, 1], warps.gradients[n, 2], warps.gradients[n, 3]
     # patches that differ much say little: the weight falls with what the warp leaves unexplained
     weight = 1.0 / (RESIDUAL_FLOOR + 2.0 * power * (1.0 - correlation) / at.x.size)
-    return _Match(b00 * x + b01 * y, b10 * x + b11 * y, weight, correlation)
+    return _Match(b[0] * x + b[1] * y, b[2] * x + b[3] * y, weight, correlation)
 
 
 @jit_fast_ir_inline
@@ -178,12 +155,21 @@ def _fill_jacobian(
 
 @jit_fast_ir_inline
 def _linearise(
-    level: ImageLevel, patches: _Patches, planes: LocalPlanes, pose: Pose, camera: StereoCamera, system: _System
+    level: ImageLevel,
+    patches: _Patches,
+    planes: LocalPlanes,
+    pose: Pose,
+    camera: StereoCamera,
+    h: FloatArray,
+    g: FloatArray,
+    d: FloatArray,
 ) -> tuple[int, float]:
-    """Add to the normal equations at a pose; return the number of patches in view and their summed correlation."""
+    """Add to the normal equations `(6, 6)`, `(6,)` at a pose; `d` `(2, 6)` has room for a Jacobian.
+
+    Returns the number of patches in view and their summed correlation.
+    """
     fx, fy, cx, cy, scale = camera.fx, camera.fy, camera.cx, camera.cy, level.scale
-    rho, normal = planes.inverse_depth, patches.warps.normal
-    h, g, d = system.information, system.rhs, system.jacobian
+    rho, normal = planes.inverse_depth, patches.normal
     seen, total = 0, 0.0
     for n in range(len(rho)):
         xx, xy, yy = normal[n, 0], normal[n, 1], normal[n, 2]
@@ -224,29 +210,24 @@ def align_patches(
     The homographies `(N, 3, 3)` from host pixels to those that the start gives are the shapes of the patches. Their
     planes and the camera are in pixels of full size.
     """
-    rho = planes.inverse_depth
-    depth = 0.0
-    for n in range(len(rho)):
-        depth += rho[n]
-    depth /= len(rho)
-    warps = _warps(templates.moments, _shapes(homographies, planes.uv))
-    patches, jacobian = _Patches(templates, warps, patch_pixels(templates.values.shape[2])), np.empty((2, 6))
-    best_rotation, best_position, best = start.rotation.copy(), start.position.copy(), -1.0
+    depth = planes.inverse_depth.mean()  # 1/m
+    patches, jacobian = _warped(templates, homographies, planes.uv), np.empty((2, 6))
     rotation, position = start.rotation.copy(), start.position.copy()
+    best = PoseAlignment(Pose(rotation, position), -1.0)
     for _ in range(iterations + 1):
-        system = _System(np.zeros((6, 6)), np.zeros(6), jacobian)
-        h = system.information
+        h, g = np.zeros((6, 6)), np.zeros(6)
         for i in range(6):
             h[i, i] = 1e-6
-        seen, total = _linearise(level, patches, planes, Pose(rotation, position), camera, system)
+        pose = Pose(rotation, position)
+        seen, total = _linearise(level, patches, planes, pose, camera, h, g, jacobian)
         if seen < MIN_PATCHES:
             break
-        if total / seen > best:
-            best_rotation, best_position, best = rotation, position, total / seen
+        if total / seen > best.correlation:
+            best = PoseAlignment(pose, total / seen)
         for i in range(6):
             for j in range(i):
                 h[i, j] = h[j, i]
-        update = solve(h, system.rhs)
+        update = solve(h, g)
         position = position.copy()
         largest = 0.0
         for i in range(3):
@@ -256,4 +237,4 @@ def align_patches(
         # a hundredth of a pixel of this level is enough
         if largest * camera.fx < 0.02 * level.scale:
             break
-    return PoseAlignment(Pose(best_rotation, best_position), best)
+    return best

@@ -39,7 +39,7 @@ def nearest(
     It walks from each point's place to both sides, until what lies there is too far along u alone. Points `(N, 2)`
     begin at their places `(N,)` in the support `(M, 2)`, which is in the order of u and has at least `count`.
     """
-    index, distance = np.empty((len(points), count), np.intp), np.empty((len(points), count))
+    index, square = np.empty((len(points), count), np.intp), np.empty((len(points), count))
     for n in range(len(points)):
         u, v = points[n]
         best, who = np.full(count, np.inf), np.zeros(count, np.intp)
@@ -57,41 +57,28 @@ def nearest(
                 high += 1
             if along == np.inf:
                 break
-            square = along + (support[at, 1] - v) ** 2
-            if square < best[count - 1]:
+            found = along + (support[at, 1] - v) ** 2
+            if found < best[count - 1]:
                 place = count - 1
-                while place > 0 and best[place - 1] > square:
+                while place > 0 and best[place - 1] > found:
                     best[place], who[place] = best[place - 1], who[place - 1]
                     place -= 1
-                best[place], who[place] = square, at
-        for place in range(count):
-            index[n, place], distance[n, place] = who[place], np.sqrt(best[place])
-    return distance, index
-
-
-class RowSearch(NamedTuple):
-    """Disparity of the best correlation, that correlation, and the best one more than two pixels away; `(N,)` each."""
-
-    disparity: FloatArray
-    correlation: FloatArray
-    second: FloatArray
-
-
-class _RowSums(NamedTuple):
-    """Sums over a patch at many positions of a row: values, their squares, their products with the template."""
-
-    total: Patch
-    square: Patch
-    dot: Patch
+                best[place], who[place] = found, at
+        index[n], square[n] = who, best
+    return np.sqrt(square), index
 
 
 @jit_fast_inline
-def _sum_along_row(image: FloatImage, template: Patch, u: int, v: int, sums: _RowSums) -> int:
-    """Fill the sums for patches around the pixels from (u, v) on along the row; return for how many there was room."""
-    half = half_width(template.size)
-    total, square, dot = sums.total, sums.square, sums.dot
-    places = len(total)
-    total[:], square[:], dot[:] = 0.0, 0.0, 0.0
+def _fill_scores(
+    image: FloatImage, template: Patch, power: np.float32, u: int, v: int, sums: Patch, scores: FloatArray
+) -> None:
+    """Fill the correlations of a template with patches from the pixel (u, v) on along the row, the last one first.
+
+    They are -1 without texture. The sums `(3, P)` are over each patch: values, squares, products with the template.
+    """
+    places, half, size = len(scores), half_width(template.size), template.size
+    total, square, dot = sums[0, :places], sums[1, :places], sums[2, :places]
+    total[:], square[:], dot[:], scores[:] = 0.0, 0.0, 0.0, -1.0
     usable = places if u + places - 1 + half < image.shape[1] else places - 1
     k = 0
     for j in range(v - half, v + half + 1):
@@ -104,15 +91,6 @@ def _sum_along_row(image: FloatImage, template: Patch, u: int, v: int, sums: _Ro
                 total[p] += value
                 square[p] += value * value
                 dot[p] += value * weight
-    return usable
-
-
-@jit_fast_inline
-def _fill_scores(sums: _RowSums, usable: int, power: np.float32, size: int, scores: FloatArray) -> None:
-    """Fill the correlations of disparities from -1 on, the last position of the row first; -1 without texture."""
-    total, square, dot = sums.total, sums.square, sums.dot
-    places = len(total)
-    scores[:places] = -1.0
     for p in range(usable):
         variance = square[p] - total[p] * total[p] / size
         if variance > MIN_POWER:
@@ -120,9 +98,9 @@ def _fill_scores(sums: _RowSums, usable: int, power: np.float32, size: int, scor
 
 
 @jit_fast_inline
-def _peak(scores: FloatArray, count: int) -> tuple[float, float, float]:
+def _peak(scores: FloatArray) -> tuple[float, float, float]:
     """Return the position of the highest score by a parabola, that score, and the highest more than two away."""
-    best, second = 0, -1.0
+    best, second, count = 0, -1.0, len(scores)
     for d in range(1, count):
         if scores[d] > scores[best]:
             best = d
@@ -138,12 +116,16 @@ def _peak(scores: FloatArray, count: int) -> tuple[float, float, float]:
 
 
 @jit_fast
-def search_row(image: FloatImage, patches: Patch, uv: FloatArray, max_disparity: int, offset_v: int) -> RowSearch:
-    """Search patches `(N, S * S)` around left pixels along the rows of the right image; 0 where there is no texture."""
+def search_row(image: FloatImage, patches: Patch, uv: FloatArray, max_disparity: int, offset_v: int) -> FloatArray:
+    """Search patches `(N, S * S)` around left pixels along the rows of the right image.
+
+    Returns `(N, 3)` the disparity of the best correlation, that correlation, and the best one more than two pixels
+    away; 0 where there is no texture.
+    """
     count, size = patches.shape
     height, width = image.shape
     half = half_width(size)
-    found = RowSearch(np.zeros(count), np.zeros(count), np.zeros(count))
+    found = np.zeros((count, 3))
     sums, scores = np.empty((3, max_disparity + 2), np.float32), np.empty(max_disparity + 2)
     for n in range(count):
         template = patches[n].copy()
@@ -153,12 +135,9 @@ def search_row(image: FloatImage, patches: Patch, uv: FloatArray, max_disparity:
         if power < MIN_POWER or v < half or v >= height - half or u >= width - half or last < 2:
             continue
         # position p is the disparity last - p, from last down to -1: all of them at once, along the row
-        places = last + 2
-        along = _RowSums(sums[0, :places], sums[1, :places], sums[2, :places])
-        usable = _sum_along_row(image, template, u - last, v, along)
-        _fill_scores(along, usable, power, size, scores)
-        position, correlation, second = _peak(scores, places)
-        found.disparity[n], found.correlation[n], found.second[n] = position - 1.0, correlation, second
+        _fill_scores(image, template, power, u - last, v, sums, scores[: last + 2])
+        position, correlation, second = _peak(scores[: last + 2])
+        found[n, 0], found[n, 1], found[n, 2] = position - 1.0, correlation, second
     return found
 
 
@@ -169,19 +148,12 @@ MAX_SLOPE_SHIFT_PX, MAX_SLOPE = 1.0, 0.7  #: A patch that moves farther, or beco
 FINISHED_PX = 0.01  #: Largest movement of a pixel of the patch below which no further iteration follows.
 
 
-class _Plane(NamedTuple):
-    """Centre of a patch in the right image, pixels, and its slopes."""
-
-    x: float
-    y: float
-    along_u: float
-    along_v: float
-
-
 class _Workspace(NamedTuple):
-    """Arrays that all patches share."""
+    """Arrays that all patches share. A plane is `(4,)`: centre of the patch in the right image, pixels, its slopes."""
 
     pixels: PatchPixels  #: Pixels of the left patch.
+    start: FloatArray  #: Plane as the neighbours give it.
+    at: FloatArray  #: Plane as it is found.
     columns: Patch  #: `(5, S * S)` grey levels and derivatives by the four unknowns.
     normal: FloatArray  #: `(4, 4)` normal matrix of the derivatives.
     damped: FloatArray  #: `(4, 4)` the same with the prior.
@@ -190,15 +162,16 @@ class _Workspace(NamedTuple):
 
 
 @jit_fast_inline
-def _fill_columns(patch: Patch, start: _Plane, work: _Workspace) -> float:
+def _fill_columns(patch: Patch, work: _Workspace) -> float:
     """Fill grey levels and derivatives; return the power of the grey levels.
 
     Derivatives are left without their mean and without what a change of contrast explains.
     """
     columns, pixels, size = work.columns, work.pixels, work.pixels.columns.size
+    along_u, along_v = np.float32(1.0 - work.start[2]), np.float32(work.start[3])
     for k in range(size):
-        by_x = patch[1, k] / np.float32(1.0 - start.along_u)
-        columns[0, k], columns[1, k], columns[2, k] = patch[0, k], by_x, patch[2, k] + np.float32(start.along_v) * by_x
+        by_x = patch[1, k] / along_u
+        columns[0, k], columns[1, k], columns[2, k] = patch[0, k], by_x, patch[2, k] + along_v * by_x
         columns[3, k], columns[4, k] = -pixels.columns[k] * by_x, -pixels.rows[k] * by_x
     power = normalise(columns[0])
     if power < MIN_POWER:
@@ -229,14 +202,14 @@ def _fill_normal(work: _Workspace) -> bool:
 
 
 @jit_fast_inline
-def _compare(image: FloatImage, at: _Plane, power: float, work: _Workspace) -> float:
+def _compare(image: FloatImage, plane: tuple[float, float, float, float], power: float, work: _Workspace) -> float:
     """Fill the products; return the mean squared residual, grey levels squared, NaN where there is nothing."""
     columns, pixels, products = work.columns, work.pixels, work.products
-    size, half = pixels.columns.size, half_width(pixels.columns.size)
-    reach, (height, width) = half * (abs(1.0 - at.along_u) + abs(at.along_v)), image.shape
-    if at.x < reach or at.x + reach >= width - 1.001 or at.y < half or at.y + half >= height - 1.001:
+    (at_x, at_y, slope_u, slope_v), size, half = plane, pixels.columns.size, half_width(pixels.columns.size)
+    reach, (height, width) = half * (abs(1.0 - slope_u) + abs(slope_v)), image.shape
+    if at_x < reach or at_x + reach >= width - 1.001 or at_y < half or at_y + half >= height - 1.001:
         return np.nan
-    x, y, along_u, along_v = np.float32(at.x), np.float32(at.y), np.float32(1.0 - at.along_u), np.float32(at.along_v)
+    x, y, along_u, along_v = np.float32(at_x), np.float32(at_y), np.float32(1.0 - slope_u), np.float32(slope_v)
     level = sample(image, x, y)
     total, squares, grey = np.float32(0.0), np.float32(0.0), np.float32(0.0)
     p0, p1, p2, p3 = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
@@ -259,47 +232,31 @@ def _compare(image: FloatImage, at: _Plane, power: float, work: _Workspace) -> f
 
 
 @jit_fast_inline
-def _improved(at: _Plane, start: _Plane, square: float, work: _Workspace) -> _Plane:
-    """Return the plane after one step, from the products at it."""
-    damped, p, inverse, weight = work.damped, work.products, work.inverse, max(square, MIN_SQUARE) / PRIOR_SIGMA**2
-    for a in range(4):
-        for b in range(4):
-            damped[a, b] = work.normal[a, b]
-    damped[2, 2] += weight
-    damped[3, 3] += weight
-    p[2] += weight * (at.along_u - start.along_u)
-    p[3] += weight * (at.along_v - start.along_v)
-    fill_inverse_4(damped, inverse)
-    dx = inverse[0, 0] * p[0] + inverse[0, 1] * p[1] + inverse[0, 2] * p[2] + inverse[0, 3] * p[3]
-    dy = inverse[1, 0] * p[0] + inverse[1, 1] * p[1] + inverse[1, 2] * p[2] + inverse[1, 3] * p[3]
-    du = inverse[2, 0] * p[0] + inverse[2, 1] * p[1] + inverse[2, 2] * p[2] + inverse[2, 3] * p[3]
-    dv = inverse[3, 0] * p[0] + inverse[3, 1] * p[1] + inverse[3, 2] * p[2] + inverse[3, 3] * p[3]
-    return _Plane(at.x - dx, at.y - dy, at.along_u - du, at.along_v - dv)
-
-
-@jit_fast_inline
-def _is_near(at: _Plane, start: _Plane) -> bool:
-    """Tell whether a plane is plausible after another one; NaN is not."""
-    moved = max(abs(at.x - start.x), abs(at.y - start.y))
-    return bool(moved <= MAX_SLOPE_SHIFT_PX and max(abs(at.along_u), abs(at.along_v)) <= MAX_SLOPE)
-
-
-@jit_fast_inline
-def _fit(image: FloatImage, start: _Plane, power: float, work: _Workspace) -> _Plane:
-    """Return the plane of a patch, that of its neighbours if it gives none."""
-    half = half_width(work.pixels.columns.size)
-    at = start
+def _fit(image: FloatImage, power: float, work: _Workspace) -> bool:
+    """Find the plane of a patch from that of its neighbours; tell whether it gives a plausible one."""
+    half, start, at, p = half_width(work.pixels.columns.size), work.start, work.at, work.products
+    damped, inverse = work.damped, work.inverse
+    at[:] = start
     for _ in range(SLOPE_ITERATIONS):
-        square = _compare(image, at, power, work)
+        square = _compare(image, (at[0], at[1], at[2], at[3]), power, work)
         if np.isnan(square):
-            return start
-        before, at = at, _improved(at, start, square, work)
-        if not _is_near(at, start):
-            return start
-        turned = half * max(abs(at.along_u - before.along_u), abs(at.along_v - before.along_v))
-        if max(abs(at.x - before.x), abs(at.y - before.y), turned) < FINISHED_PX:
+            return False
+        weight, damped[:] = max(square, MIN_SQUARE) / PRIOR_SIGMA**2, work.normal
+        for a in range(2, 4):
+            damped[a, a] += weight
+            p[a] += weight * (at[a] - start[a])
+        fill_inverse_4(damped, inverse)
+        moved = 0.0
+        for a in range(4):
+            step = inverse[a, 0] * p[0] + inverse[a, 1] * p[1] + inverse[a, 2] * p[2] + inverse[a, 3] * p[3]
+            at[a] -= step
+            moved = max(moved, abs(step) * (1 if a < 2 else half))
+        shift, slope = max(abs(at[0] - start[0]), abs(at[1] - start[1])), max(abs(at[2]), abs(at[3]))
+        if not (shift <= MAX_SLOPE_SHIFT_PX and slope <= MAX_SLOPE):  # nor if they are NaN
+            return False
+        if moved < FINISHED_PX:
             break
-    return at
+    return True
 
 
 @jit_fast
@@ -310,23 +267,17 @@ def refine_slopes(image: FloatImage, patches: Patch, right: FloatArray, slope: F
     known. A slope is the change of the disparity per pixel along u and v.
     """
     refined, size = slope.copy(), patches.shape[2]
-    work = _Workspace(
-        patch_pixels(size),
-        np.empty((5, size), np.float32),
-        np.zeros((4, 4)),
-        np.zeros((4, 4)),
-        np.zeros((4, 4)),
-        np.zeros(4),
-    )
+    matrices, vectors, columns = np.zeros((3, 4, 4)), np.zeros((3, 4)), np.empty((5, size), np.float32)
+    normal, damped, inverse = matrices
+    start, at, products = vectors
+    work = _Workspace(patch_pixels(size), start, at, columns, normal, damped, inverse, products)
     for n in range(len(patches)):
-        start = _Plane(right[n, 0], right[n, 1], slope[n, 0], slope[n, 1])
-        if np.isnan(start.x):
+        start[0], start[1], start[2], start[3] = right[n, 0], right[n, 1], slope[n, 0], slope[n, 1]
+        if np.isnan(start[0]):
             continue
-        power = _fill_columns(patches[n], start, work)
-        if power < MIN_POWER or not _fill_normal(work):
-            continue
-        found = _fit(image, start, power, work)
-        refined[n, 0], refined[n, 1] = found.along_u, found.along_v
+        power = _fill_columns(patches[n], work)
+        if power >= MIN_POWER and _fill_normal(work) and _fit(image, power, work):
+            refined[n, 0], refined[n, 1] = at[2], at[3]
     return refined
 
 
@@ -383,9 +334,9 @@ def match_corners(
     patches = cut_patches(image, np.clip(small, margin, [width - 1 - margin, height - 1 - margin]), SEARCH_HALF)
     last, down = int(np.ceil(max_disparity / scale)), int(np.round(offset_v / scale))
     search = partial(search_row, target, max_disparity=last, offset_v=down)
-    row = in_halves(search, patches[:, 0], small)
-    good = (row.correlation > MIN_SEARCH_NCC) & (1.0 - row.correlation < MAX_AMBIGUITY * (1.0 - row.second))
-    uv, disparity = uv[good], row.disparity[good] * scale
+    disparity, correlation, second = in_halves(search, patches[:, 0], small).T
+    good = (correlation > MIN_SEARCH_NCC) & (1.0 - correlation < MAX_AMBIGUITY * (1.0 - second))
+    uv, disparity = uv[good], disparity[good] * scale
     # refined by least squares, with the slopes of the planes through the neighbours
     templates = templates_of(cut_patches(left[0].image, uv, HALF))
     support = np.concatenate((uv, known[:, :2]))
@@ -403,9 +354,9 @@ def match_corners(
         disparity = np.where(good, uv[:, 0] - tracks.uv[:, 0], disparity)
     slope = _slopes(uv, disparity, good, known, around)
     if own_slopes:
-        patches = cut_patches(left[0].image, uv, HALF)
-        slope = in_halves(partial(refine_slopes, right[0].image), patches, tracks.uv, slope)
-        del patches
+        slope = in_halves(
+            partial(refine_slopes, right[0].image), cut_patches(left[0].image, uv, HALF), tracks.uv, slope
+        )
         tracks = _refine(right[0].image, templates, uv, disparity, slope, offset_v)
         disparity = uv[:, 0] - tracks.uv[:, 0]
     good &= (tracks.correlation > MIN_NCC) & (disparity > MIN_DISPARITY_PX)
@@ -413,9 +364,10 @@ def match_corners(
     if right_mask is not None:
         column, line = np.rint(np.where(good[:, None], tracks.uv, 0.0)).astype(int).T
         good &= right_mask[np.clip(line, 0, len(right_mask) - 1), np.clip(column, 0, right_mask.shape[1] - 1)] > 0
-    matched = Templates(templates.values[good], templates.moments[good])
-    covariance, residual = tracks.covariance[good], tracks.residual[good]
-    return StereoMatches(uv[good], tracks.uv[good], covariance, residual, slope[good], matched)
+    matched = Templates(*(array[good] for array in templates))
+    return StereoMatches(
+        uv[good], tracks.uv[good], tracks.covariance[good], tracks.residual[good], slope[good], matched
+    )
 
 
 def _refine(
