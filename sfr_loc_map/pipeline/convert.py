@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from sfr_loc_map.errors import InputError, OutputError
-from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.bag_writer import STORAGE_BY_SUFFIX, BagWriter
@@ -150,11 +150,7 @@ class _Faulty(Generic[S]):
     def __init__(self, inner: S, faults: Sequence[Fault], seed: int) -> None:
         self._inner: S = inner
         self._perturber = Perturber(faults, seed, len(inner), inner.rig)
-
-    @property
-    def rig(self) -> StereoRig:
-        """The rig of the faulty calibration."""
-        return self._perturber.rig
+        self.rig = self._perturber.rig
 
     def __len__(self) -> int:
         return int(np.count_nonzero(self._perturber.kept))

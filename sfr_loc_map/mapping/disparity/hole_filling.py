@@ -84,7 +84,9 @@ def fill_holes(
     noise is the standard deviation of a residual, grey levels; pixels are filled where they may.
     """
     known, beside = valid, may
-    limit = _cost_limit(HoleScene(left, right, disparity, valid, ~valid, matched, disparity))
+    chosen = np.flatnonzero(within(~valid, BESIDE) & valid)[::SAMPLE]
+    costs = own_costs(HoleScene(left, right, disparity, valid, ~valid, matched, disparity), chosen)
+    limit = np.percentile(costs, COST_PERCENTILE) if len(costs) >= MIN_SAMPLES else 0.0
     for _ in range(PASSES if limit > 0.0 else 0):
         distance = np.asarray(cv2.distanceTransform((~known).astype(np.uint8), cv2.DIST_C, 3), F)
         scene = HoleScene(left, right, disparity, known, beside & ~known, matched, distance)
@@ -96,14 +98,6 @@ def fill_holes(
         beside = may & within(added, REACH)
     near_enough = depth_ratio(np.where(known, disparity, F(0.0)), NEAR_PX) < MAX_DEPTH_RATIO
     return disparity, known & ~valid & near_enough
-
-
-def _cost_limit(scene: HoleScene) -> float:
-    """Return the matching cost that a filled pixel may have, grey levels; 0 if too little is known."""
-    chosen = np.flatnonzero(within(scene.open, BESIDE) & scene.valid)[::SAMPLE]
-    if len(chosen) < MIN_SAMPLES:
-        return 0.0
-    return float(np.percentile(own_costs(scene, chosen), COST_PERCENTILE))
 
 
 @jit_rows

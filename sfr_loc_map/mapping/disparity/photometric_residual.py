@@ -118,7 +118,6 @@ def mean_template(left: FloatImage, residual: FloatImage, offset: FloatImage, li
 
 @jit_rows_inline
 def _slope(row: FloatImage, n: int) -> np.float32:
-    """Return the slope of a row at column n + 2."""
     near: np.float32 = row[n + 3] - row[n + 1]
     far: np.float32 = row[n + 4] - row[n]
     return DERIVATIVE_NEAR * near + DERIVATIVE_FAR * far

@@ -121,7 +121,6 @@ def _residual_and_mean(left: FloatImage, right: FloatImage, disparity: FloatImag
 
 
 def _shifted_up(image: FloatImage, vertical: FloatArray) -> FloatImage:
-    """Return the image with its content moved up by a vertical disparity (cubic along columns)."""
     height, width = image.shape
     y, x = np.linspace(-1.0, 1.0, height)[:, None], np.linspace(-1.0, 1.0, width)[None]
     return shift_rows(image, (vertical[0] + vertical[1] * x + vertical[2] * y).astype(F))

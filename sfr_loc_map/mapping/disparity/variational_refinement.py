@@ -81,7 +81,10 @@ def refine(left: FloatImage, right: FloatImage, initial_px: FloatImage) -> Refin
     """Return the disparity field that fits both images `(H, W)` best; the start is right to about a pixel, or NaN."""
     height, width = left.shape
     least_noise = rounding_noise(left)
-    left, right, cells = padded(left), padded(right), initial_cells(padded(initial_px))
+    left, right = padded(left), padded(right)
+    cells = fill_occlusions(cells_from_pixels(padded(initial_px), JUMP_PX))
+    for tolerance in START_TOLERANCES_PX:
+        cells = edge_preserving_mean(cells, 3, tolerance)
     correction, right = correct_rectification(left, right, pixels_from_cells(cells, JUMP_PX))
     grey = downsample_mean(left, 2)
     order = np.argsort(grey[::4, ::2].ravel(), kind="stable")
@@ -110,14 +113,6 @@ def padded(image: FloatImage) -> FloatImage:
     """Return the image with its last rows and columns repeated up to a multiple of `PAD`."""
     below, beside = -image.shape[0] % PAD, -image.shape[1] % PAD
     return np.ascontiguousarray(cv2.copyMakeBorder(image, 0, below, 0, beside, cv2.BORDER_REPLICATE), F)
-
-
-def initial_cells(initial_px: FloatImage) -> FloatImage:
-    """Return the matcher's disparities `(H, W)` as a field on cells without holes, its steps smoothed."""
-    cells = fill_occlusions(cells_from_pixels(initial_px, JUMP_PX))
-    for tolerance in START_TOLERANCES_PX:
-        cells = edge_preserving_mean(cells, 3, tolerance)
-    return cells
 
 
 def linearise(
@@ -252,6 +247,4 @@ def pixels_from_cells(cells: FloatImage, jump: np.float32) -> FloatImage:
         for j in (0, cols - 1):
             edge = _between(cells[i, j], cells[i2, j], cells[i, j], cells[i2, j], jump)
             out[y, 2 * j + (0 if j == 0 else 1)] = edge
-        if cols == 1:
-            out[y, 1] = out[y, 0]
     return out

@@ -97,7 +97,6 @@ def _likeness(a: FloatImage, b: FloatImage, noise: np.float32) -> FloatImage:
 
 
 def _window_mean(image: FloatImage) -> FloatImage:
-    """Return the mean over the window around each sample; beyond the border there is nothing."""
     return np.asarray(cv2.blur(image, (WINDOW, WINDOW), borderType=cv2.BORDER_CONSTANT), F)
 
 

@@ -115,14 +115,6 @@ def _bilinear(image: FloatImage, i: int, j: int, t: float, s: float) -> float:
     return value
 
 
-@jit_rows_inline
-def _is_smooth(disparity: FloatImage, i: int, j: int) -> bool:
-    """Tell whether the four pixels from (i, j) on belong to one surface."""
-    a, b, c, d = disparity[i, j], disparity[i, j + 1], disparity[i + 1, j], disparity[i + 1, j + 1]
-    smooth: bool = max(max(a, b), max(c, d)) - min(min(a, b), min(c, d)) < JUMP_PX
-    return smooth
-
-
 @jit_rows
 def _sample_view(xyz: FloatImage, to_left: Pose, camera: StereoCamera, images: ViewImages) -> FloatImage:
     """Return difference, weight, grey level, shifted one and offset `(5, N)` of the points `(N, 3)` that a view sees.
@@ -147,8 +139,11 @@ def _sample_view(xyz: FloatImage, to_left: Pose, camera: StereoCamera, images: V
         j, i = int(u), int(v)
         s, t = u - j, v - i
         y, x = i + int(t > 0.5), j + int(s > 0.5)
-        found, weight = _bilinear(images.disparity, i, j, t, s), images.weight[y, x]
-        if not (_is_smooth(images.disparity, i, j) and found > 0.0 and weight > 0.0):
+        upper, lower, weight = images.disparity[i], images.disparity[i + 1], images.weight[y, x]
+        nearest = max(max(upper[j], upper[j + 1]), max(lower[j], lower[j + 1]))
+        farthest = min(min(upper[j], upper[j + 1]), min(lower[j], lower[j + 1]))
+        found = _bilinear(images.disparity, i, j, t, s)
+        if not (nearest - farthest < JUMP_PX and found > 0.0 and weight > 0.0):
             continue
         length = np.sqrt(xl * xl + yl * yl + zl * zl) / zl
         out[0, n] = (scale / found - zl) * length

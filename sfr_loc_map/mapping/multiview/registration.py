@@ -14,7 +14,7 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.disparity.filters import mad_sigma
 from sfr_loc_map.mapping.multiview.fusion import MIN_OVERLAP
-from sfr_loc_map.mapping.multiview.pair_view import PairView, ReprojectedPoints, ViewImages, reproject_into_view
+from sfr_loc_map.mapping.multiview.pair_view import PairView, ViewImages, reproject_into_view
 
 POINTS = 10_000
 BLURS_PX = (12.0, 5.0, 2.0, 0.7)
@@ -90,7 +90,12 @@ def _gauss_newton_step(
     """Return one step `(6,)`, rotation vector and translation in the left optical frame; None for too few points."""
 
     def residuals(parameters: FloatArray) -> FloatArray:
-        return _residuals(points, reproject_into_view(points, pose @ _motion(parameters), images, rig))
+        """Return differences of range over standard deviation, and of grey level `(2, N)`; NaN where there are none."""
+        seen = reproject_into_view(points, pose @ _motion(parameters), images, rig)
+        out = np.full((2, len(points)), np.nan)
+        out[0, seen.index] = seen.difference / np.sqrt(np.square(points.sigma[seen.index]) + np.square(seen.deviation))
+        out[1, seen.index] = seen.grey_difference
+        return out
 
     present = residuals(np.zeros(6))
     differences = [(residuals(h) - residuals(-h)) / (2.0 * h.sum()) for h in np.diag(DERIVATIVE_STEPS)]
@@ -109,11 +114,3 @@ def _gauss_newton_step(
         normal = normal + weighted.T @ j
         rhs = rhs - weighted.T @ r
     return np.asarray(np.linalg.solve(normal, rhs))
-
-
-def _residuals(points: PointCloud, seen: ReprojectedPoints) -> FloatArray:
-    """Return differences of range over standard deviation, and of grey level `(2, N)`; NaN where there are none."""
-    out = np.full((2, len(points)), np.nan)
-    out[0, seen.index] = seen.difference / np.sqrt(np.square(points.sigma[seen.index]) + np.square(seen.deviation))
-    out[1, seen.index] = seen.grey_difference
-    return out
