@@ -61,6 +61,7 @@ class GroundMotion(NamedTuple):
     #: Metres and radians by which the pose may be wrong, as two motions cannot be told apart; None if they can.
     doubt: tuple[float, float] | None = None
     whole: bool = True  #: Whether the pair is of one exposure.
+    sheared: bool = False  #: Whether its rows are of different moments.
     seen: bool = True  #: Whether the image agrees that anything moved like that.
 
 

@@ -36,7 +36,8 @@ class KeyframeBackend:
 
     While `add_keyframe` is at work (`pending`) all of it belongs to the background thread: the caller
     waits before it reads anything, so that results do not depend on timing. No landmark is made where `dynamic_mask`
-    `(H, W)` is 0, as the image does not move with the ground there.
+    `(H, W)` is 0, as the image does not move with the ground there. `corrected`: the last keyframe moved all right
+    positions, and so the pose.
     """
 
     def __init__(self, rig: StereoRig, config: LocalisationConfig, tracker: Tracker) -> None:
@@ -54,7 +55,7 @@ class KeyframeBackend:
         """Forget everything, after the keyframe in work."""
         self.leave_window()
         self.calibration = OnlineCalibration(self._camera, self._config.window_keyframes)
-        self.keyframe_count = 0
+        self.keyframe_count, self.corrected = 0, False
 
     def leave_window(self) -> None:
         """Forget the window; what is known of the right camera stays."""
@@ -102,7 +103,8 @@ class KeyframeBackend:
         window.active[rows[~good]] = False
         window.add_keyframe(result.pose, rows[good], result.observations[good], result.variance[good])
         change = self.calibration.learn_yaw(*window.right_offset)
-        if change != 0.0:  # all right positions move as by a yaw of the right camera
+        self.corrected = change != 0.0
+        if self.corrected:  # all right positions move as by a yaw of the right camera
             uv = window.problem.observations.copy()
             x = (uv[:, :, 2] - self._camera.cx) / self._camera.fx
             uv[:, :, 2] -= change * (1.0 + x * x)

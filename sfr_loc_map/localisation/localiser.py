@@ -13,6 +13,7 @@ from sfr_loc_map.errors import LocalisationError
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
+from sfr_loc_map.localisation.backend.online_calibration import UNSETTLED_PX
 from sfr_loc_map.localisation.backend.sliding_window import SlidingWindow
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import (
@@ -39,6 +40,9 @@ MIN_RIGHT_SHARE = 0.3
 """Share of the landmarks seen in the left image that are seen in the right one too, below which the images may be
 swapped."""
 
+MAX_SHEAR = 6.0
+"""Squared shear of the rows over its variance, per degree of freedom, of an image of one moment: at most 3.4 on clean
+drives, at least 7 where the rows are sheared by a pixel."""
 KEYFRAME_SHARE = 0.65  #: Share of the last keyframe's landmarks below which a new keyframe is made.
 Outcome = tuple[TrackingStatistics, StepEstimate | None, tuple[SlidingWindow, StereoFrame, TrackingResult] | None]
 """Figures of a call, the step to its pose (None when lost), and the keyframe to be made of its pair."""
@@ -120,7 +124,7 @@ class Localiser:
         if backend.pending is not None and backend.window is not None:
             self._stage_s["keyframe"], backend.pending = backend.pending.result(), None
             rotations, positions = backend.window.problem.keyframes
-            if not track.adjusted(Pose(rotations[-1], positions[-1]), backend.window.covariance):
+            if not track.adjusted(Pose(rotations[-1], positions[-1]), backend.window.covariance, backend.corrected):
                 backend.reset()
             elif relocaliser.last is not None:  # that image is a keyframe now
                 before, landmarks = relocaliser.last, backend.landmarks
@@ -188,7 +192,9 @@ class Localiser:
                 backend.landmarks = window.landmarks()
         if result.trusted:  # follow a drift of the right camera
             seen = StereoObservations(result.observations, result.variance)
-            px = calibration.learn_shift(*right_shift(result.pose, result.landmarks.estimates, seen, camera))
+            px, variance, shear = right_shift(result.pose, result.landmarks.estimates, seen, camera)
+            ground = ground._replace(sheared=shear > MAX_SHEAR)
+            px = calibration.learn_shift(px, variance)
             if px != 0.0:
                 observations = result.observations.copy()
                 observations[:, 2:] -= RightOffset(u=px).at(observations[:, 2:], camera)
@@ -248,16 +254,16 @@ class Localiser:
             calibration,
             chi_median,
             follows=self._state is not TrackingState.LOST,
-            late=not ground.whole,
+            late=ground.sheared or not ground.whole,
             doubt=ground.doubt,
         )
         if step is None:
             return self._lose(frame, StateReason.IMPLAUSIBLE_MOTION)
         reasons = (
             (doubt is not None, doubt),
-            (not ground.whole, StateReason.TORN_IMAGES),
             (backend.keyframe_count < self._doubted_keyframes, StateReason.UNSEEN_MOTION),
-            (calibration.drifts, StateReason.CALIBRATION_DRIFT),
+            (calibration.drifts or abs(calibration.remaining_u) > UNSETTLED_PX, StateReason.CALIBRATION_DRIFT),
+            (ground.sheared or not ground.whole, StateReason.TORN_IMAGES),
             (ground.doubt is not None, StateReason.MOVING_REGIONS),
         )
         self._reason = next((reason for there, reason in reasons if there), None)

@@ -53,6 +53,11 @@ COMMON_DISPARITY_PX: Final = 0.01
 INFLATION: Final = 2.0  #: Factor on the covariance of an adjustment: errors of neighbouring landmarks are correlated.
 DRIFT_SHARE: Final = 0.1
 """Standard deviation of the attitude that a drift of the right camera leaves, as a share of the drift followed."""
+ATTITUDE_SHARE: Final = 0.25
+"""Standard deviation of the attitude that a yaw of the right camera bends before it is found, as a share of the yaw."""
+UNSETTLED_SHARE: Final = 0.5
+"""Standard deviation of a yaw of the right camera, as a share of what is left to correct: it is found smaller than it
+is as long as the path is bent by it."""
 KEYFRAME_PX: Final = 0.01
 """Standard deviation of the position error of a keyframe that its landmarks share, pixels at their median depth."""
 MIN_SHARE: Final = 0.02
@@ -223,8 +228,7 @@ class PoseTrack:
         white = propagated_covariance(white, -T_rb_left.translation, T_rb_left.rotation @ now.rotation.T)
         noise_before, self._noise = self._noise, 0.5 * (white + white.T)
         # one standard deviation of what the common error of all disparities adds
-        remaining = calibration.target_u - calibration.constant_u
-        sigma_px = np.sqrt(COMMON_DISPARITY_PX**2 + calibration.sigma_u**2 + remaining**2)
+        sigma_px = np.sqrt(COMMON_DISPARITY_PX**2 + calibration.sigma_u**2 + calibration.remaining_u**2)
         systematic = sigma_px * depth_m / self._per_px * (now.translation - before.translation)
         self._given_out, self._unseen_to_given = (stamp_ns, now), unseen
         if follows:
@@ -241,8 +245,11 @@ class PoseTrack:
         unsteady = NOTHING if follows else self._unseen_in(seconds)
         return StepEstimate(seconds, vector, covariance, systematic, self._noise, noise_before, unsteady)
 
-    def adjusted(self, pose: Pose, covariance: FloatArray) -> bool:
-        """Go on from the adjusted pose of the last pair and its covariance `(6, 6)`; tell whether it is plausible."""
+    def adjusted(self, pose: Pose, covariance: FloatArray, corrected: bool) -> bool:
+        """Go on from the adjusted pose of the last pair and its covariance `(6, 6)`; tell whether it is plausible.
+
+        Where it was corrected for an error of the right camera, the step that follows is as uncertain as that is far.
+        """
         if not (np.isfinite(np.column_stack(pose)).all() and np.isfinite(covariance).all()):
             return False
         T_world_left = Transform(*pose)
@@ -251,6 +258,8 @@ class PoseTrack:
         if not (metres <= SLACK_M and angle <= SLACK_RAD):
             return False
         self.T_world_left, self._in_window, self._unseen = T_world_left, covariance, NOTHING
+        if corrected:
+            self._unseen_to_given = self._unseen_to_given + covariance_of_doubt((float(metres), float(angle)))
         return True
 
     def begin(self, stamp_ns: int, in_window: FloatArray, depth_m: float) -> StepEstimate:
@@ -312,9 +321,11 @@ class PoseTrack:
         # the path travelled before the yaw was found
         bias = self._bias - self._bias_before[0]
         uncorrected = calibration.target_u * bias - (self._corrected_bias - self._bias_before[1])
-        variance = COMMON_DISPARITY_PX**2 + calibration.sigma_u**2
+        variance = COMMON_DISPARITY_PX**2 + calibration.sigma_u**2 + (UNSETTLED_SHARE * calibration.remaining_u) ** 2
         covariance[:3, :3] += variance * np.outer(bias, bias) + np.outer(uncorrected, uncorrected)
-        covariance[3:, 3:] += np.eye(3) * (DRIFT_SHARE * calibration.followed_px / self._fx) ** 2
+        turned_px = ATTITUDE_SHARE * np.hypot(calibration.sigma_u, calibration.target_u)
+        turned_px = np.hypot(turned_px, DRIFT_SHARE * calibration.followed_px)
+        covariance[3:, 3:] += np.eye(3) * (turned_px / self._fx) ** 2
         return np.asarray(covariance + self._unseen)
 
     def unseen_s(self, stamp_ns: int) -> float:

@@ -43,6 +43,7 @@ FAULTS: tuple[Figure, ...] = (
     ("lost", NONE, "lost"),
     ("position error / 3 sigma", NONE, "position_ratio"),
     ("attitude error / 3 sigma", NONE, "attitude_ratio"),
+    ("step error / 3 sigma", NONE, "step_ratio"),
     ("beyond 5 times", PERCENT, "beyond_share"),
     ("vertical disparity", PIXEL, "vertical_offset_px"),
     ("disparity bias", PIXEL, "disparity_offset_px"),

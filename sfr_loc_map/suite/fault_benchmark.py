@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.rotation import rotvec_from_matrix
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec, rotvec_from_matrix
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
@@ -32,7 +34,8 @@ FAULTS = (
     "exposure:share=0.3,camera=right,amount=0.7", "roll:amount=0.1", "pitch:amount=0.06", "yaw:amount=0.03",
     "drift", "start", "fade", "frozen", "frozen:camera=right", "torn", "identical", "saturation:share=0.3", "body",
     "object:share=0.2", "dirt", "shadow", "body:amount=0.6", "texture", "arm:share=0.2", "reflection",
-    "reflection:start=20", "scratch", "ghost:share=0.3", "interlaced:share=0.3",
+    "reflection:start=20", "scratch", "ghost:share=0.3", "interlaced:share=0.3", "shear:share=0.3",
+    "yaw:amount=0.3", "shift",
 )  # fmt: skip
 """Faults of real rovers; 0.06 deg of rotation of the right camera is about half a pixel at 512 px and 60 deg."""
 LIMIT = 5.0  #: Largest error over the stated 3 sigma that still counts as stated.
@@ -56,7 +59,8 @@ class StatedErrors:
     lost: int  #: Number of pairs whose state is lost.
     position_ratio: float | None  #: Largest position error over its stated 3 sigma (root of the covariance's trace).
     attitude_ratio: float | None  #: The same of the attitude.
-    beyond_share: float | None  #: Share of such pairs with either beyond `LIMIT`.
+    step_ratio: float | None  #: Largest error, of translation or rotation, of the step to such a pair, likewise.
+    beyond_share: float | None  #: Share of such pairs with any of them beyond `LIMIT`.
     largest_error_m: float | None  #: Largest position error of such pairs, metres.
 
     @property
@@ -72,9 +76,14 @@ def stated_errors(estimates: Sequence[PoseEstimate], truth: Trajectory) -> State
     states = [str(estimate.state.value) for estimate in estimates]
     valid = [estimate for estimate, state in zip(estimates, states, strict=True) if state in VALID]
     errors, sigmas = error_and_sigma(valid, truth)
+    step_errors, step_sigmas = step_error_and_sigma(valid, truth)
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratios = np.where(errors > 0.0, errors / (3.0 * sigmas), 0.0)
-    figures: list[float | None] = [None] * 4
+        ratios, steps = (
+            np.where(found > 0.0, found / (3.0 * sigma), 0.0)
+            for found, sigma in ((errors, sigmas), (step_errors, step_sigmas))
+        )
+        ratios = np.column_stack((ratios, steps.max(axis=1)))
+    figures: list[float | None] = [None] * 5
     if len(ratios):
         beyond = (ratios > LIMIT).any(axis=1).mean()
         figures = [float(value) for value in (*ratios.max(axis=0), beyond, errors[:, 0].max())]
@@ -91,11 +100,31 @@ def error_and_sigma(estimates: Sequence[PoseEstimate], truth: Trajectory) -> tup
     known = [estimate for estimate in estimates if estimate.stamp_ns in at]
     errors, variances = np.zeros((len(known), 2)), np.zeros((len(known), 2))
     for row, estimate in enumerate(known):
-        true, found, covariance = truth.pose(at[estimate.stamp_ns]), estimate.T_ds_rb, estimate.covariance
-        turn = rotvec_from_matrix(found.rotation @ true.rotation.T)
-        errors[row] = np.linalg.norm(found.translation - true.translation), np.linalg.norm(turn)
-        variances[row] = np.trace(covariance[:3, :3]), np.trace(covariance[3:, 3:])
+        errors[row] = distance(estimate.T_ds_rb, truth.pose(at[estimate.stamp_ns]))
+        variances[row] = np.trace(estimate.covariance[:3, :3]), np.trace(estimate.covariance[3:, 3:])
     return errors, np.sqrt(variances + 3.0 * np.square(noise))
+
+
+def step_error_and_sigma(estimates: Sequence[PoseEstimate], truth: Trajectory) -> tuple[FloatArray, FloatArray]:
+    """Return the same of the steps to these poses; 0 where there is no step between stamps with truth."""
+    noise = (truth.sigma_m, np.radians(truth.sigma_deg)) if isinstance(truth, Truth) else (0.0, 0.0)
+    at = {int(stamp): index for index, stamp in enumerate(truth.stamps_ns)}
+    known = [estimate for estimate in estimates if estimate.stamp_ns in at]
+    errors, variances = np.zeros((len(known), 2)), np.zeros((len(known), 2))
+    for row, (estimate, step) in enumerate((estimate, estimate.step) for estimate in known):
+        before = None if step is None else at.get(estimate.stamp_ns - round(step.seconds * NS_PER_S))
+        if step is None or before is None:
+            continue
+        true = truth.pose(before).inverse() @ truth.pose(at[estimate.stamp_ns])
+        errors[row] = distance(Transform(matrix_from_rotvec(step.motion[3:]), step.motion[:3]), true)
+        variances[row] = np.trace(step.motion_covariance[:3, :3]), np.trace(step.motion_covariance[3:, 3:])
+    return errors, np.sqrt(variances + 6.0 * np.square(noise))
+
+
+def distance(one: Transform, other: Transform) -> tuple[float, float]:
+    """Return the distance between two poses, metres, and the angle, radians."""
+    turn = rotvec_from_matrix(one.rotation @ other.rotation.T)
+    return float(np.linalg.norm(one.translation - other.translation)), float(np.linalg.norm(turn))
 
 
 def benchmark_faults(

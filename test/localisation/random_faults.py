@@ -128,7 +128,7 @@ def main(count: int, seed: int, *sources: str) -> int:
         first = int(rng.integers(0, len(sequence) - pairs + 1))
         faults, fault_seed = (random_faults(rng, pairs), int(rng.integers(2**31))) if number >= 0 else ("", 0)
         errors = errors_of(Part(sequence, first, pairs), faults, fault_seed)
-        ratio = max(errors.position_ratio or 0.0, errors.attitude_ratio or 0.0)
+        ratio = max(errors.position_ratio or 0.0, errors.attitude_ratio or 0.0, errors.step_ratio or 0.0)
         states = f"tracking {errors.tracking}, degraded {errors.degraded}, lost {errors.lost}"
         print(f"{errors.honesty:7} {ratio:6.2f}  {states}: {name} {first}: {faults or 'no fault'}", flush=True)
         counts[errors.honesty] += 1

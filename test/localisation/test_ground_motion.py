@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
@@ -20,7 +21,7 @@ from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.simulation.faults import parse_fault
 from sfr_loc_map.simulation.perturber import Perturber
-from sfr_loc_map.suite.fault_benchmark import LIMIT, error_and_sigma
+from sfr_loc_map.suite.fault_benchmark import Honesty, stated_errors
 
 SAMPLE, PAIRS = Path(__file__).parents[2] / "sample" / "sample.mcap", 14
 
@@ -66,25 +67,30 @@ def test_dirt_and_own_shadow_do_not_hold_the_pose(fault: str) -> None:
     assert worst_ratio(with_fault(fault)) < 1.0
 
 
-@pytest.mark.parametrize(
-    "fault", ["texture", "reflection", "body:amount=0.6", "ghost:share=0.3", "interlaced:share=0.3"]
-)
-def test_nothing_is_the_ground_before_it_has_been_seen_to_move(fault: str) -> None:
-    """What does not move with the ground, or is of another moment, fills most of the image."""
+SEVERE = ("texture", "reflection", "body:amount=0.6", "ghost:share=0.3", "interlaced:share=0.3", "shear:share=0.3")
+
+
+@pytest.mark.parametrize("fault", [*SEVERE, "yaw:amount=0.3", "shift:amount=2"])
+def test_what_no_pose_explains_is_said(fault: str) -> None:
+    """Most of the image does not move with the ground, or is of another moment; the right camera looks elsewhere."""
     sequence = drive_of(open_source(SAMPLE))
     truth = sequence.ground_truth
     assert truth is not None
     pairs = list(islice(sequence.pairs(), PAIRS))
     by = Localiser(sequence.rig, LocalisationConfig(), truth.pose(0))
     estimates = run((pair for _, pair in Perturber([parse_fault(fault)], 1, PAIRS, sequence.rig).pairs(pairs)), by)
-    errors, sigmas = error_and_sigma([item for item in estimates if item.state is not TrackingState.LOST], truth)
-    assert np.all(errors < LIMIT * 3.0 * sigmas + 1e-9)
+    known = [item for item in estimates if item.state is not TrackingState.LOST]
+    assert stated_errors(estimates, truth).honesty is not Honesty.SILENT
+    assert (
+        stated_errors([replace(item, state=TrackingState.TRACKING) for item in known], truth).honesty
+        is not Honesty.SILENT
+    )
     states = Counter(item.state for item in estimates[1:])
     assert "body" in fault or states[TrackingState.DEGRADED] + states[TrackingState.LOST] > 0
     if fault in ("texture", "reflection"):
         assert states[TrackingState.TRACKING] == 0
-    else:
-        assert states[TrackingState.TRACKING] > PAIRS // 2
+    elif fault in SEVERE:
+        assert states[TrackingState.TRACKING] > PAIRS // 3
 
 
 @pytest.mark.parametrize("fault", ["arm:share=1,start=5", "scratch", "reflection:amount=0.3"])

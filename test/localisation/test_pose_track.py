@@ -15,7 +15,13 @@ from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.localisation.backend.online_calibration import FIRST_SIGMA_PX, OnlineCalibration
 from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.estimate import StartPose, StepEstimate
-from sfr_loc_map.localisation.pose_track import COMMON_DISPARITY_PX, COMMON_PX, MAX_MISSED_PAIRS, PoseTrack
+from sfr_loc_map.localisation.pose_track import (
+    COMMON_DISPARITY_PX,
+    COMMON_PX,
+    MAX_MISSED_PAIRS,
+    UNSETTLED_SHARE,
+    PoseTrack,
+)
 
 RIG = StereoRig(640, 480, 400.0, 400.0, 320.0, 240.0, 0.2, Transform.from_quat([0.3, 0.1, 0.2], [0.5, -0.5, 0.5, -0.5]))
 IN_CAMERA = replace(RIG, T_rb_sb=RIG.T_sb_left.inverse())
@@ -114,7 +120,9 @@ def test_a_yaw_found_late_leaves_the_path_before_it_uncertain() -> None:
     known.target_u, known.sigma_u = 0.5, 0.0
     common = COMMON_DISPARITY_PX * PER_PX * LENGTH
     move(track, 1, STEP, known=known)  # not corrected
-    assert np.trace(of_path(track, known)) == pytest.approx((0.5 * PER_PX * LENGTH) ** 2 + common**2)
+    assert np.trace(of_path(track, known)) == pytest.approx(
+        (1.0 + UNSETTLED_SHARE**2) * (0.5 * PER_PX * LENGTH) ** 2 + common**2
+    )
     known.constant_u = 0.5
     move(track, 2, 2.0 * STEP, known=known)
     assert np.trace(of_path(track, known)) == pytest.approx((0.5 * PER_PX * LENGTH) ** 2 + (2 * common) ** 2)

@@ -26,7 +26,9 @@ AFTERMATH_PAIRS: Final = 20  #: Pairs after the last correction in which the cam
 FIRST_SIGMA_PX: Final = 0.3  #: Standard deviation of the offset along the rows before any observation.
 DRIFT_PX: Final = 0.002  #: Random walk of the offset per keyframe.
 DRIFT_UNCERTAINTY: Final = 0.1  #: Standard deviation of each correction of a drift, as a share of it.
-MAX_STEP_PX: Final = 0.05  #: Maximum change of the correction along the rows per keyframe.
+MAX_STEP_PX: Final = 0.05  #: Maximum change of the correction along the rows per keyframe, or, if that is more,
+STEP_SHARE: Final = 0.2  #: this share of what is left to correct.
+UNSETTLED_PX: Final = 0.2  #: Offset left to correct beyond which poses may be off.
 MIN_MATCHES: Final = 20  #: Minimum number of matches of a keyframe that is learnt from.
 VERTICAL_NOISE_PX: Final = 0.15  #: Typical noise of the vertical disparity of a match.
 RETENTION: Final = 0.98  #: Weight that the information about vertical disparity keeps with each keyframe.
@@ -53,6 +55,11 @@ class OnlineCalibration:
         self._camera, self._shared = camera, float(window_keyframes)
         self._mean_u, self._variance_u = 0.0, FIRST_SIGMA_PX**2
         self._information, self._information_vector = np.diag(VERTICAL_PRIOR), np.zeros(2)
+
+    @property
+    def remaining_u(self) -> float:
+        """What is left to correct along the rows, pixels."""
+        return self.target_u - self.constant_u
 
     def interrupt(self) -> None:
         """Note that the next pair has new landmarks: the shifts of pairs before do not belong to them."""
@@ -121,7 +128,8 @@ class OnlineCalibration:
         self.sigma_u = float(np.sqrt(self._variance_u))
         self.target_u = self._mean_u if abs(self._mean_u) > DETECTION_SIGMAS * self.sigma_u else 0.0
         # small steps: the pose moves a little with each
-        u = before + float(np.clip(self.target_u - before, -MAX_STEP_PX, MAX_STEP_PX))
+        most = max(MAX_STEP_PX, STEP_SHARE * abs(self.remaining_u))
+        u = before + float(np.clip(self.remaining_u, -most, most))
         self.offset = self.offset._replace(u=u + self.drift_u)
         self.constant_u = self.offset.u - self.drift_u
         return u - before

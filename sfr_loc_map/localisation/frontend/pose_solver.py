@@ -307,6 +307,8 @@ class RightShift(NamedTuple):
 
     px: float  #: Pixels to the right, beyond the corrections that the landmarks were made with.
     variance: float  #: Of it, px^2, by the landmarks alone; infinite without enough of them.
+    #: Squared shear of the rows of both images, as by a rolling shutter, over its variance, per degree of freedom.
+    shear: float
 
 
 def right_shift(
@@ -316,7 +318,8 @@ def right_shift(
 
     The landmarks' depths come from pairs before. If the right camera has turned since, all right positions are shifted
     alike and the left ones are not: no motion explains that. The pose of the left camera was solved for without a
-    shift; of the N landmarks those observed in both images count.
+    shift; of the N landmarks those observed in both images count. Another step has a shear of each image as well: over
+    flat ground it looks like a sideways motion, stones and the horizon tell it from one.
     """
     some = np.arange(0, len(observations.uv), max(1, len(observations.uv) // ENOUGH))
     both = some[np.isfinite(observations.uv[some, 0] + observations.uv[some, 2])]
@@ -325,11 +328,16 @@ def right_shift(
     seen = StereoObservations(*(array[both] for array in observations))
     whitening, by_pose, residuals, chi2 = linearise(pose, marks, seen, camera)
     weight = 1.0 / (1.0 + np.where(np.isnan(chi2), np.inf, chi2) / ROBUST_CHI2) ** 2
-    if np.count_nonzero(weight) < 7:
-        return RightShift(0.0, np.inf)
+    if np.count_nonzero(weight) < 9:
+        return RightShift(0.0, np.inf, 0.0)
     x, y = camera.normalised(seen.uv[:, 2:]).T
-    jacobian = np.zeros((len(both), 4, 7))
+    jacobian = np.zeros((len(both), 4, 9))
     jacobian[:, :, :6], jacobian[:, 2, 6], jacobian[:, 3, 6] = by_pose, 1.0 + x * x, x * y
-    weighted = (whitening * weight[:, None, None] @ jacobian).reshape(-1, 7)
-    by_shift = np.linalg.solve(weighted.T @ jacobian.reshape(-1, 7), np.eye(7)[6])
-    return RightShift(float(by_shift @ (weighted.T @ residuals.ravel())), float(by_shift[6]))
+    jacobian[:, 0, 7], jacobian[:, 2, 8] = camera.normalised(seen.uv[:, :2])[:, 1], y
+    weighted = (whitening * weight[:, None, None] @ jacobian).reshape(-1, 9)
+    information, rhs = weighted.T @ jacobian.reshape(-1, 9), weighted.T @ residuals.ravel()
+    by_shift = np.linalg.solve(information[:7, :7], np.eye(7)[6])
+    covariance = np.linalg.inv(information)
+    sheared = (covariance @ rhs)[7:]
+    shear = float(sheared @ np.linalg.solve(covariance[7:, 7:], sheared)) / 2.0
+    return RightShift(float(by_shift @ rhs[:7]), float(by_shift[6]), shear)
