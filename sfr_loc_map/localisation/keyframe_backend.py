@@ -59,7 +59,9 @@ class KeyframeBackend:
 
     def leave_window(self) -> None:
         """Forget the window; what is known of the right camera stays."""
-        self.wait()
+        if self.pending is not None:
+            self.pending.result()
+        self.pending = None
         self.window: SlidingWindow | None = None
         self.landmarks = Landmarks.none()
 
@@ -70,11 +72,6 @@ class KeyframeBackend:
         if left is None or dynamic is None:
             return dynamic if left is None else left, self._right_mask
         return np.minimum(left, dynamic), self._right_mask
-
-    def wait(self) -> float | None:
-        """Wait for the keyframe in work; return the seconds that it took, None without one."""
-        pending, self.pending = self.pending, None
-        return None if pending is None else pending.result()
 
     def begin(self, frame: StereoFrame, T_world_left: Transform) -> int:
         """Begin a window with its first keyframe; the window before stays where there are too few landmarks.

@@ -59,25 +59,55 @@ class Relocaliser:
         self.last = self.best = KnownImage(image, landmarks.last_seen[:, :2], landmarks)
         self.attempts = 0
 
-    def pose_by_flow(self, frame: StereoFrame, landmarks: Landmarks) -> Pose | None:
-        """Return the pose that some landmarks of the last tracked image give by optical flow, None without one."""
+    def pose_by_flow(self, frame: StereoFrame, among: Landmarks | None = None) -> Pose | None:
+        """Return the pose that landmarks of the last tracked image give by optical flow, None where too few agree.
+
+        Pyramidal optical flow with a check backwards (Bouguet 2001), then a perspective pose by random samples. If
+        landmarks are given, those among them.
+        """
         if self.last is None:
             return None
-        places = self.last.places(landmarks)
-        return pnp_from_optical_flow(self.last.image, *places, frame.image, self._camera, self._config.min_tracked)
+        before, image, enough = self.last.image, frame.image, self._config.min_tracked
+        uv, points = self.last.places(among)
+        if len(uv) < enough:
+            return None
+        start = uv.astype(np.float32)[:, None]
+        levels = int(np.clip(np.log2(min(image.shape) / 16), 2, 6))
+        moved, found = _flow(before, image, start, levels)
+        back, found_back = _flow(image, before, moved, levels)
+        round_trip = np.abs(back - start).max(axis=(1, 2))
+        good = (found[:, 0] > 0) & (found_back[:, 0] > 0) & (round_trip < MAX_FLOW_ROUND_TRIP_PX)
+        if good.sum() < enough:
+            return None
+        points, uv = points[good], moved[good, 0].astype(np.float64)
+        return _pnp(points, uv, self._camera, iterations=300, min_inliers=max(enough, 0.3 * len(points)))
+
+    def _pose_by_descriptors(self, frame: StereoFrame, best: KnownImage) -> Pose | None:
+        """Return the pose of an image taken far from the best one, as after lost images; None where too few agree.
+
+        Upright SIFT descriptors (Lowe 2004) of one size at corners, mutual best matches, then a perspective pose by
+        random samples.
+        """
+        corners = find_corners(frame.left[0].image, NO_POINTS, 2 * self._config.max_features, BORDER)
+        (uv, points), enough = best.places(), self._config.min_tracked
+        if min(len(uv), len(corners)) < enough:
+            return None
+        before, now = _sift(best.image, uv), _sift(frame.image, corners)
+        matches = cv2.BFMatcher(cv2.NORM_L2, crossCheck=True).match(before, now)
+        if len(matches) < enough:
+            return None
+        pairs = np.array([(match.queryIdx, match.trainIdx) for match in matches])
+        points, uv = points[pairs[:, 0]], np.ascontiguousarray(corners[pairs[:, 1]])
+        return _pnp(points, uv, self._camera, iterations=2000, min_inliers=max(enough, 0.05 * len(points)))
 
     def relocalise(self, frame: StereoFrame, landmarks: Landmarks, offset: RightOffset) -> TrackingResult | None:
         """Track by optical flow, then by descriptors; return the first trusted result, else the last, or None."""
-        if self.last is None or self.best is None:
-            return None
-        camera, enough, result = self._camera, self._config.min_tracked, None
-        pose = pnp_from_optical_flow(self.last.image, *self.last.places(), frame.image, camera, enough)
+        pose, result = self.pose_by_flow(frame), None
         if pose is not None:
             result = self._tracker.refine_from_afar(frame, landmarks, pose, offset)
             if result.trusted:
                 return result
-        corners = find_corners(frame.left[0].image, NO_POINTS, 2 * self._config.max_features, BORDER)
-        pose = pnp_from_descriptors(self.best.image, *self.best.places(), frame.image, corners, camera, enough)
+        pose = None if self.best is None else self._pose_by_descriptors(frame, self.best)
         return result if pose is None else self._tracker.refine_from_afar(frame, landmarks, pose, offset)
 
     def gives_up(self, frame: StereoFrame, landmarks: Landmarks) -> bool:
@@ -86,52 +116,6 @@ class Relocaliser:
         enough = max(self._config.min_tracked, len(landmarks.index) // 2)
         self.attempts += len(corners) >= enough and is_textured(frame.right)
         return self.attempts > RELOCALISATION_ATTEMPTS
-
-
-def pnp_from_optical_flow(
-    before: GreyImage, uv: FloatArray, points: FloatArray, image: GreyImage, camera: StereoCamera, min_inliers: int
-) -> Pose | None:
-    """Find the pose of a left image from points `(N, 3)` observed at pixels `(N, 2)` of an earlier one.
-
-    Pyramidal optical flow with a check backwards (Bouguet 2001), then a perspective pose by random samples; None where
-    fewer points agree than `min_inliers`.
-    """
-    if len(uv) < min_inliers:
-        return None
-    start = uv.astype(np.float32)[:, None]
-    levels = int(np.clip(np.log2(min(image.shape) / 16), 2, 6))
-    moved, found = _flow(before, image, start, levels)
-    back, found_back = _flow(image, before, moved, levels)
-    round_trip = np.abs(back - start).max(axis=(1, 2))
-    good = (found[:, 0] > 0) & (found_back[:, 0] > 0) & (round_trip < MAX_FLOW_ROUND_TRIP_PX)
-    if good.sum() < min_inliers:
-        return None
-    points, uv = points[good], moved[good, 0].astype(np.float64)
-    return _pnp(points, uv, camera, iterations=300, min_inliers=max(min_inliers, 0.3 * len(points)))
-
-
-def pnp_from_descriptors(
-    before: GreyImage,
-    uv: FloatArray,
-    points: FloatArray,
-    image: GreyImage,
-    corners: FloatArray,
-    camera: StereoCamera,
-    min_inliers: int,
-) -> Pose | None:
-    """Find the pose of a left image taken far from an earlier one, as after lost images.
-
-    Upright SIFT descriptors (Lowe 2004) of one size at corners `(M, 2)`, mutual best matches, then a perspective pose
-    by random samples; the points `(N, 3)`, world, were observed at pixels `(N, 2)` of the earlier image.
-    """
-    if min(len(uv), len(corners)) < min_inliers:
-        return None
-    matches = cv2.BFMatcher(cv2.NORM_L2, crossCheck=True).match(_sift(before, uv), _sift(image, corners))
-    if len(matches) < min_inliers:
-        return None
-    pairs = np.array([(match.queryIdx, match.trainIdx) for match in matches])
-    points, uv = points[pairs[:, 0]], np.ascontiguousarray(corners[pairs[:, 1]])
-    return _pnp(points, uv, camera, iterations=2000, min_inliers=max(min_inliers, 0.05 * len(points)))
 
 
 def _flow(

@@ -17,10 +17,8 @@ from sfr_loc_map.jit import jit_fast, jit_fast_inline
 from sfr_loc_map.localisation.frontend.patch import (
     MIN_POWER,
     LocalWarp,
-    Patch,
     PatchPixels,
     Templates,
-    WarpedNormal,
     half_width,
     local_warp,
     patch_pixels,
@@ -54,64 +52,45 @@ class TrackingLimits(NamedTuple):
     min_correlation: float  #: Smallest accepted correlation.
 
 
-class _Place(NamedTuple):
-    """Warped centre of a patch, and the bounding box of its warped pixels."""
-
-    x: float
-    y: float
-    low_x: float
-    low_y: float
-    high_x: float
-    high_y: float
-
-
-@jit_fast_inline
-def _place(pixels: PatchPixels, warped: LocalWarp) -> _Place:
-    """Return where the warped pixels of a patch are; those of its corners span them."""
-    x, y, side, last = pixels.x, pixels.y, 2 * half_width(pixels.x.size), pixels.x.size - 1
-    low_x, high_x = min(x[0], x[side], x[last - side], x[last]), max(x[0], x[side], x[last - side], x[last])
-    low_y, high_y = min(y[0], y[side], y[last - side], y[last]), max(y[0], y[side], y[last - side], y[last])
-    return _Place(warped.x, warped.y, warped.x + low_x, warped.y + low_y, warped.x + high_x, warped.y + high_y)
-
-
-@jit_fast_inline
-def _normal(moments: FloatArray, warped: LocalWarp) -> WarpedNormal:
-    """Return the normal matrix of a template of some moments `(6,)` in the target; all 0 if it cannot be tracked."""
-    nothing = WarpedNormal(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    det = warped.xu * warped.yv - warped.xv * warped.yu
-    if abs(det) < MIN_DETERMINANT or moments[0] == 0.0:
-        return nothing
-    normal = warped_normal(warped, det, moments[3], moments[4], moments[5])
-    if normal.xx * normal.yy - normal.xy * normal.xy <= 1e-6 * (normal.xx + normal.yy) ** 2:
-        return nothing
-    return normal
-
-
 @jit_fast_inline
 def _track(
     image: FloatImage,
-    place: _Place,
-    normal: WarpedNormal,
+    templates: Templates,
+    n: int,
+    warped: LocalWarp,
     pixels: PatchPixels,
-    template: Patch,
-    power: float,
     limits: TrackingLimits,
     tracks: PatchTracks,
-    n: int,
 ) -> None:
-    """Estimate the shift of a warped patch, whose template has some power, by Gauss-Newton; fill its track."""
-    height, width = image.shape
+    """Estimate the shift of a warped patch by Gauss-Newton; fill its track if there is one."""
+    template, moments, half = templates.values[n], templates.moments[n], half_width(pixels.x.size)
+    power, det = moments[0], warped.xu * warped.yv - warped.xv * warped.yu
+    # what is in front of the camera at its corners lies between them
+    if abs(det) < MIN_DETERMINANT or power == 0.0 or half * (abs(warped.wu) + abs(warped.wv)) > MAX_DEPTH_CHANGE:
+        return
+    normal = warped_normal(warped, det, moments[3], moments[4], moments[5])
     det = normal.xx * normal.yy - normal.xy * normal.xy
+    if det <= 1e-6 * (normal.xx + normal.yy) ** 2:
+        return
+    warp_pixels(pixels, warped)
+    # the corners span the patch
+    x, y, side, last = pixels.x, pixels.y, 2 * half, pixels.x.size - 1
+    low_x = warped.x + min(x[0], x[side], x[last - side], x[last])
+    high_x = warped.x + max(x[0], x[side], x[last - side], x[last])
+    low_y = warped.y + min(y[0], y[side], y[last - side], y[last])
+    high_y = warped.y + max(y[0], y[side], y[last - side], y[last])
+    if high_x - low_x > MAX_SPAN_PX or high_y - low_y > MAX_SPAN_PX:
+        return
+    height, width = image.shape
     sx, sy, residual, correlation = 0.0, 0.0, 0.0, -1.0
     converged = False
     for _ in range(limits.iterations):
         converged = False
-        if max(abs(sx), abs(sy)) > limits.max_shift or place.low_x + sx < 0.0 or place.low_y + sy < 0.0:
+        if max(abs(sx), abs(sy)) > limits.max_shift or low_x + sx < 0.0 or low_y + sy < 0.0:
             break
-        if place.high_x + sx >= width - 1.001 or place.high_y + sy >= height - 1.001:
+        if high_x + sx >= width - 1.001 or high_y + sy >= height - 1.001:
             break
-        x, y = np.float32(place.x + sx), np.float32(place.y + sy)
-        found = products_with_samples(image, pixels.x, pixels.y, x, y, template)
+        found = products_with_samples(image, x, y, np.float32(warped.x + sx), np.float32(warped.y + sy), template)
         if found.power < MIN_POWER:
             break
         # the derivatives are orthogonal to the template, so only the target enters
@@ -131,7 +110,7 @@ def _track(
     if converged and correlation >= limits.min_correlation:
         cov = tracks.covariance[n]
         cov[0], cov[1], cov[2] = normal.yy / det, -normal.xy / det, normal.xx / det
-        tracks.uv[n, 0], tracks.uv[n, 1] = place.x + sx, place.y + sy
+        tracks.uv[n, 0], tracks.uv[n, 1] = warped.x + sx, warped.y + sy
         tracks.residual[n], tracks.correlation[n] = residual, correlation
 
 
@@ -140,21 +119,12 @@ def track_patches(
     image: FloatImage, templates: Templates, host_uv: FloatArray, homographies: FloatArray, limits: TrackingLimits
 ) -> PatchTracks:
     """Find patches in an image, from their host pixels `(N, 2)` and homographies `(N, 3, 3)` from host to target."""
-    values, moments = templates.values, templates.moments
-    count, size = len(values), values.shape[2]
+    count, size = len(host_uv), templates.values.shape[2]
     tracks = PatchTracks(
         np.full((count, 2), np.nan), np.full((count, 3), np.nan), np.full(count, np.nan), np.full(count, np.nan)
     )
-    pixels, half = patch_pixels(size), half_width(size)
+    pixels = patch_pixels(size)
     for n in range(count):
         warped = local_warp(homographies[n], host_uv[n, 0], host_uv[n, 1])
-        normal = _normal(moments[n], warped)
-        # what is in front of the camera at its corners lies between them
-        if normal.xx + normal.yy == 0.0 or half * (abs(warped.wu) + abs(warped.wv)) > MAX_DEPTH_CHANGE:
-            continue
-        warp_pixels(pixels, warped)
-        place = _place(pixels, warped)
-        if place.high_x - place.low_x > MAX_SPAN_PX or place.high_y - place.low_y > MAX_SPAN_PX:
-            continue
-        _track(image, place, normal, pixels, values[n], moments[n, 0], limits, tracks, n)
+        _track(image, templates, n, warped, pixels, limits, tracks)
     return tracks
