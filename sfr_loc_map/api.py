@@ -25,7 +25,7 @@ from sfr_loc_map.geometry import trajectory as trajectory_base
 from sfr_loc_map.geometry.pose_convention import PoseConvention
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import NS_PER_S, Task, hash_arrays, printable, read_text
+from sfr_loc_map.inputs import NS_PER_S, Task, hash_arrays, printable
 from sfr_loc_map.io import registry, sequence
 from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud, save_cloud
@@ -35,7 +35,7 @@ from sfr_loc_map.io.trajectory_file import read_trajectory_file, save_trajectory
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.methods.registry import OURS, MethodLimits, find_method, record_of_ours
+from sfr_loc_map.methods.registry import OURS, MethodLimits, config_text, find_method, record_of_ours
 from sfr_loc_map.metrics import score as score_base
 from sfr_loc_map.metrics.config import AlignedErrorConfig, aligned_error_config, score_config
 from sfr_loc_map.metrics.limits import Limits, load_limits, parse_limits, value_at
@@ -405,7 +405,7 @@ def localise(
         runs = offline.localise(drive, _parameters(LocalisationConfig, config, "localisation"), first)
         steps = ((estimate, record, about) for estimate, record in runs)
     else:
-        chosen = find_method(method, Task.LOCALISATION, _text(config))
+        chosen = find_method(method, Task.LOCALISATION, config_text(None if config is None else Path(str(config))))
         steps = offline.localise_with(chosen, drive, first.T_ds_rb, MethodLimits(), [opened.path])
     steps = _named(opened.path, steps)
     if live:
@@ -439,7 +439,7 @@ def map(
         elif refine_poses:
             raise ConfigError(f"refine_poses is of our mapper: leave it out with method {method}")
         else:
-            chosen = find_method(method, Task.MAPPING, _text(config))
+            chosen = find_method(method, Task.MAPPING, config_text(None if config is None else Path(str(config))))
             run, about = offline.map_pairs_with(chosen, panorama, MethodLimits(), hidden=[opened.path])
     for line in run.warnings:
         warnings.warn(line, UserWarning, stacklevel=2)
@@ -577,15 +577,6 @@ def _parameters(kind: type[C], config: object, section: str) -> C:
     if isinstance(config, Mapping):
         return build(kind, config, origin="config")
     return read_config(kind, Path(str(config)), section)
-
-
-def _text(config: object) -> str:
-    if config is None:
-        return ""
-    try:
-        return read_text(Path(str(config)))
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"config '{config}' cannot be read ({error}): give a text file") from error
 
 
 def _data_frame(columns: Mapping[str, Any]) -> pandas.DataFrame:

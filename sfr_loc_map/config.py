@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
@@ -68,9 +68,18 @@ def parameters(config_type: type, prefix: str = "") -> Iterator[ParamInfo]:
         yield ParamInfo(name=name, type=kind, default=item.default, **item.metadata)
 
 
-def flatten(config: Any, prefix: str = "") -> dict[str, Any]:  # noqa: ANN401 - any configuration dataclass
-    """Return the values of a configuration by dotted name."""
-    return flatten_mapping(asdict(config), prefix)
+def flatten(config: Any, prefix: str = "") -> dict[str, Any]:  # noqa: ANN401 - a mapping or configuration dataclass
+    """Return the values of a configuration, or nested names, by dotted name."""
+    flat: dict[str, Any] = {}
+    items = (
+        config if isinstance(config, Mapping) else {item.name: getattr(config, item.name) for item in fields(config)}
+    )
+    for name, value in items.items():
+        if isinstance(value, Mapping) or is_dataclass(value):
+            flat.update(flatten(value, f"{prefix}{name}."))
+        else:
+            flat[f"{prefix}{name}"] = value
+    return flat
 
 
 def changed(config: Any, prefix: str = "") -> dict[str, Any]:  # noqa: ANN401 - any configuration dataclass
@@ -115,7 +124,7 @@ def yaml_text(value: object) -> str:
 
 def build(config_type: type[C], values: Mapping[str, Any], *, origin: str = "configuration") -> C:
     """Make a configuration from dotted or nested names, the rest default; ConfigError, in one line, for all faults."""
-    flat = flatten_mapping(values)
+    flat = flatten(values)
     known = {info.name: info for info in parameters(config_type)}
     problems = [f"unknown key '{name}'{suggestion(name, known)}" for name in flat if name not in known]
     checked: dict[str, Any] = {}
@@ -172,17 +181,6 @@ def suggestion(name: str, known: Collection[str]) -> str:
     return f" (did you mean '{close[0]}'?)" if close else f" (known: {', '.join(sorted(known)[:8])}, ...)"
 
 
-def flatten_mapping(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return nested names with dots."""
-    flat: dict[str, Any] = {}
-    for name, value in values.items():
-        if isinstance(value, Mapping):
-            flat.update(flatten_mapping(value, f"{prefix}{name}."))
-        else:
-            flat[f"{prefix}{name}"] = value
-    return flat
-
-
 def _construct(config_type: type[C], values: Mapping[str, Any], prefix: str) -> C:
     types = get_type_hints(config_type)
     chosen: dict[str, Any] = {}
@@ -213,7 +211,7 @@ def read_sections(path: Path) -> dict[str, Any]:
     The file is an `sfr.yaml`, a ROS parameter file (`/**: ros__parameters:` or `NODE: ros__parameters:`), or a plain
     mapping of parameter names of localiser or mapper, which come under an empty name.
     """
-    flat = flatten_mapping(load_yaml(path))
+    flat = flatten(load_yaml(path))
     of_nodes = [(*name.split(".ros__parameters.", 1), value) for name, value in flat.items() if ".ros__para" in name]
     sections: dict[str, Any] = {}
     for node, name, value in sorted(of_nodes, key=lambda item: not item[0].startswith("/**")):  # what is for all first

@@ -137,11 +137,6 @@ def read_text(path: Path, limit: int = MAX_TEXT_BYTES) -> str:
     return read_bytes(path, limit).decode("utf-8-sig")
 
 
-def read_table(path: Path) -> bytes:
-    """Return the content of a table of text; OSError as `read_bytes`."""
-    return read_bytes(path, MAX_TABLE_BYTES, table=True)
-
-
 def expansion_limit(compressed: int) -> int:
     """Return how many bytes something may become that is compressed to a number of bytes."""
     return max(FREE_BYTES, LARGEST_RATIO * compressed)

@@ -120,16 +120,11 @@ class MethodOptions:
 
     def find(self, task: Task) -> Method:
         """Return the method under test with the text of `--config`; raise MethodError or ConfigError."""
-        from sfr_loc_map.inputs import read_text
-        from sfr_loc_map.methods.registry import EXTERNAL, find_method
+        from sfr_loc_map.methods.registry import EXTERNAL, config_text, find_method
 
         if self.method == EXTERNAL:
             raise ConfigError("'--method external': a node is scored by sfr replay SRC --external TASK")
-        try:
-            text = "" if self.config is None else read_text(self.config)
-        except (OSError, ValueError) as error:
-            raise ConfigError(f"'--config {self.config}' cannot be read ({error}): give a text file") from error
-        return find_method(self.method, task, text)
+        return find_method(self.method, task, config_text(self.config))
 
 
 @dataclass(frozen=True, slots=True)

@@ -41,14 +41,14 @@ def simulate(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Render a drive or a panorama with exact truth; a stopped run continues when called again."""
-    from sfr_loc_map.config import build, flatten_mapping, load_yaml
+    from sfr_loc_map.config import build, flatten, load_yaml
     from sfr_loc_map.pipeline.simulate import can_continue
     from sfr_loc_map.pipeline.simulate import simulate as run
     from sfr_loc_map.simulation.config import SimulationConfig
 
     if len(paths) > 2:
         raise ConfigError(f"{len(paths)} paths given: a configuration (optional) and an output are needed")
-    values = flatten_mapping(load_yaml(paths[0])) if len(paths) == 2 else {}
+    values = flatten(load_yaml(paths[0])) if len(paths) == 2 else {}
     values.update(parse_settings(settings))
     if seed is not None:
         values["seed"] = seed

@@ -19,7 +19,7 @@ def is_bag(path: Path) -> bool:
     if path.is_dir():
         parts = ("metadata.yaml", *(f"*{suffix}" for suffix in STORAGE_SUFFIXES))
         return any(True for part in parts for _ in path.glob(part))
-    return path.suffix in STORAGE_SUFFIXES or is_ros1_bag(path)
+    return path.suffix in STORAGE_SUFFIXES or (path.suffix in ROS1_SUFFIXES and is_ros1_bag(path))
 
 
 def is_ros1_bag(path: Path) -> bool:

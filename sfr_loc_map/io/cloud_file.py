@@ -19,7 +19,7 @@ from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M
-from sfr_loc_map.inputs import MAX_CLOUD_BYTES, read_bytes
+from sfr_loc_map.inputs import MAX_CLOUD_BYTES, read_bytes, refusing
 from sfr_loc_map.io.array_file import parse_npz
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.text_table import parse_count
@@ -58,13 +58,11 @@ def load_cloud(path: Path) -> LoadedCloud:
     names = ", ".join(SUFFIXES)
     if path.suffix not in _FORMATS:
         raise InputError(f"cloud '{path}' ends in '{path.suffix}': {names} are read")
-    try:
-        columns, comments = _FORMATS[path.suffix][0](read_bytes(path, MAX_CLOUD_BYTES))
+    with refusing(f"cannot read cloud '{path}'", f"give a file {names}"):
+        data = read_bytes(path, MAX_CLOUD_BYTES)
+    with refusing(f"cloud '{path}' cannot be read", "write it again"):
+        columns, comments = _FORMATS[path.suffix][0](data)
         fused, pair_stamps_ns = _said(comments)
-    except OSError as error:
-        raise InputError(f"cannot read cloud '{path}': {error.strerror}; give a file {names}") from error
-    except (ValueError, KeyError, IndexError, TypeError) as error:
-        raise InputError(f"cloud '{path}' cannot be read: {error}; write it again") from error
     missing = [name for name in "xyz" if name not in columns]
     if missing:
         found = ", ".join(columns) or "none"

@@ -29,7 +29,7 @@ from sfr_loc_map.io.camera_info import baseline_from_projection
 from sfr_loc_map.io.image_codec import checked_points, encode_png
 from sfr_loc_map.io.image_files import ImageFiles, ImageFileSequence, ImagePair, TableWriter, read_pair, whole_pairs
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.text_table import BOM, check_order, parse_number, parse_stamp_ns
+from sfr_loc_map.io.text_table import BOM, parse_number, parse_stamp_ns
 from sfr_loc_map.io.trajectory_file import CSV_HEADER, TrajectoryFormat, read_trajectory_file, save_trajectory
 
 LOC_COLUMNS = ("stamp_ns", "left", "right")
@@ -104,7 +104,9 @@ def open_folder(path: Path) -> Source:
                 raise InputError(
                     f"'{truth_file}' line 1 is not '{CSV_HEADER}': the truth of a data set folder needs it"
                 )
-            check_order(truth.stamps_ns, f"'{truth_file}'", strict=False)
+            if len(back := np.flatnonzero(np.diff(truth.stamps_ns) < 0)):
+                before, after = truth.stamps_ns[back[0] : back[0] + 2].tolist()
+                raise InputError(f"'{truth_file}': stamp {after} goes back behind {before}: stamps must be in order")
         loc = ImageFileSequence(rig, whole, truth)
     return Source(path, "sfr", loc, nav, left_out)
 

@@ -22,7 +22,7 @@ from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, plausible_positions, plausible_quats
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S, read_table, refusing
+from sfr_loc_map.inputs import MAX_TABLE_BYTES, NS_PER_S, read_bytes, refusing
 
 MAX_NUMBER_LENGTH = 400
 STAMP_LIMIT = 2**63
@@ -95,14 +95,14 @@ def check_order(stamps_ns: ArrayLike, name: str, *, strict: bool) -> None:
 def read_lines(path: Path) -> list[str]:
     """Return the lines of a text file that are not empty and no comment (`#`)."""
     with refusing(f"cannot read '{path}'", "the data set needs it"):
-        lines = read_table(path).decode("utf-8-sig").splitlines()
+        lines = read_data(path).decode("utf-8-sig").splitlines()
     return [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
 
 
 def read_data(path: Path, needed: str = "the data set needs it") -> bytes:
     """Return the content of a text file."""
     with refusing(f"cannot read '{path}'", needed):
-        return read_table(path)
+        return read_bytes(path, MAX_TABLE_BYTES, table=True)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

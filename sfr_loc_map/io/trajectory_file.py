@@ -32,7 +32,7 @@ from sfr_loc_map.geometry.plausibility import plausible_positions, plausible_rot
 from sfr_loc_map.geometry.pose_convention import OPTICAL_IN_BODY
 from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_from_matrix
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S, refusing
+from sfr_loc_map.inputs import MAX_TABLE_BYTES, NS_PER_S, read_bytes, refusing
 from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.io.text_table import (
     BOM,
@@ -128,7 +128,8 @@ def read_trajectory_file(path: Path, columns: str = "") -> LoadedTrajectory:
     """
     path = Path(path)
     name = f"'{path}'"
-    data = read_data(path, "give a csv, TUM, KITTI or EuRoC file")
+    with refusing(f"cannot read '{path}'", "give a csv, TUM, KITTI or EuRoC file"):
+        data = read_bytes(path, MAX_TABLE_BYTES, table=True)
     lines = [line.strip() for line in data[:HEAD_BYTES].removeprefix(BOM).splitlines() if line.strip()]
     header = lines[0].decode("utf-8", "replace").replace(" ", "") if lines else ""
     row = next((line for line in lines if not line.startswith(b"#")), b"")

@@ -13,8 +13,8 @@ from pathlib import Path
 
 from sfr_loc_map import __version__
 from sfr_loc_map.config import param
-from sfr_loc_map.errors import MethodError
-from sfr_loc_map.inputs import Task, hash_path
+from sfr_loc_map.errors import ConfigError, MethodError
+from sfr_loc_map.inputs import Task, hash_path, read_text
 from sfr_loc_map.metrics.score import MethodKind, MethodRecord
 
 WORKERS = Path(__file__).parent / "workers"
@@ -101,6 +101,14 @@ PEERS: dict[Task, dict[str, Method]] = {
     },
 }  # fmt: skip
 """Methods of `sfr bench` that a user may have installed in an interpreter of its own."""
+
+
+def config_text(path: Path | None) -> str:
+    """Return the text of a method's configuration, empty without one."""
+    try:
+        return "" if path is None else read_text(path)
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"config '{path}' cannot be read ({error}): give a text file") from error
 
 
 def find_method(spec: str, task: Task, config: str = "") -> Method:

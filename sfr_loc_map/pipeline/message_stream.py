@@ -5,9 +5,11 @@ Messages of a bag are passed on byte by byte. Those of other sources are made as
 
 from __future__ import annotations
 
+import heapq
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Any
 
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
@@ -72,20 +74,12 @@ def messages_of(source: Source) -> Iterator[Message]:
             yield Message(*raw)
         return
     if (loc := source.loc) is not None:
-        truth, done = loc.ground_truth or Trajectory.empty(), 0
-        stamps = truth.stamps_ns.tolist()
-
-        def true_pose(index: int) -> Message:
-            pose = bag_messages.odometry(stamps[index], truth.positions[index], truth.quats_xyzw[index])
-            return _message(TRUTH_TOPIC, stamps[index], pose)
-
-        for pair in loc.pairs():
-            while done < len(stamps) and stamps[done] <= pair.stamp_ns:
-                yield true_pose(done)
-                done += 1
-            yield from _pair_messages("loc", loc.rig, pair)
-        for index in range(done, len(stamps)):
-            yield true_pose(index)
+        truth = loc.ground_truth or Trajectory.empty()
+        rows = zip(truth.stamps_ns.tolist(), truth.positions, truth.quats_xyzw, strict=True)
+        poses = ((row[0], [_message(TRUTH_TOPIC, row[0], bag_messages.odometry(*row))]) for row in rows)
+        pairs = ((pair.stamp_ns, _pair_messages("loc", loc.rig, pair)) for pair in loc.pairs())
+        for _, messages in heapq.merge(poses, pairs, key=itemgetter(0)):
+            yield from messages
     if (nav := source.nav) is not None:
         for item in nav.pairs():
             stamp_ns = item.pair.stamp_ns

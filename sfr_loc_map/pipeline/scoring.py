@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import numpy as np
 
-from sfr_loc_map import __version__
+from sfr_loc_map import __version__, io  # whose `open_source` is loaded late: files of trajectories need no images
 from sfr_loc_map.config import flatten
 from sfr_loc_map.errors import ConfigError, InputError, MetricsError, MissingExtraError, SfrError
 from sfr_loc_map.geometry.arrays import IntArray
@@ -57,7 +57,7 @@ from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.pipeline.call_stats import CallStats, load_call_stats
 
 if TYPE_CHECKING:
-    from sfr_loc_map.io.sequence import LocSequence, Source
+    pass
 
 _log = logging.getLogger(__name__)
 TARGET_FILE, TARGET_RESULTS = "target.json", ("estimate.csv", "cloud_0.ply")
@@ -67,7 +67,6 @@ FEW_TRUE_POSES = 0.5  #: Below so many true poses an image it is said that frame
 OUTSIDE_SHARE, OUTSIDE_S = 0.5, 0.2  #: Processor time that is of no call from which it is said: share of all, s.
 MAX_EXCESS = 0.05  #: Share of the path of a truth that may be noise without a word.
 IN_MEMORY = "(in memory)"  #: Path of an input that is no file.
-NO_TRUTH = "'{}' has no true poses (groundtruth.csv, ground_truth/odometry): give a source with truth"
 
 
 @dataclass(frozen=True, slots=True)
@@ -378,13 +377,17 @@ def load_run(
     elif place is None:
         return run
     elif is_bag(place) or given.source:
-        true, loc = LoadedTrajectory(place, truth_of_file(place, given, how.remap)), cameras_of(place, how)
+        true = LoadedTrajectory(place, truth_of_file(place, given, how.remap))
+        if is_bag(place) or not place.is_file():
+            with suppress(SfrError):  # true poses alone: whoever needs the images reports what is wrong with them
+                loc = io.open_source(place, how).loc
     elif place.is_file():
         true = read_trajectory_file(place, given.columns)
     else:
-        loc = _open_source(place, how).loc
+        loc = io.open_source(place, how).loc
         if loc is None or loc.ground_truth is None:
-            raise InputError(NO_TRUTH.format(place))
+            text = f"'{place}' has no true poses (groundtruth.csv, ground_truth/odometry): give a source with truth"
+            raise InputError(text)
         true = LoadedTrajectory(place, loc.ground_truth)
     if inputs.estimate is not None and is_bag(inputs.estimate):
         estimates = load_estimates(inputs.estimate)
@@ -449,21 +452,11 @@ def estimates_of(trajectory: Trajectory, stats: Sequence[CallStats] = ()) -> Est
     return Estimates.of(trajectory)
 
 
-def cameras_of(truth: Path, config: SourceConfig | None = None) -> LocSequence | None:
-    """Return the localisation pairs of a source, None where it has none."""
-    if truth.is_file() and not is_bag(truth):
-        return None
-    try:
-        return _open_source(truth, config).loc
-    except SfrError:  # true poses alone, without cameras: whoever needs the images reports what is wrong with them
-        return None
-
-
 def load_map_truth(
     path: Path, stamps_ns: Sequence[int] | None = None, config: SourceConfig | None = None
 ) -> list[PairTruth]:
     """Read the truth of the mapping pairs of a source, all or those of some stamps in their order."""
-    nav = _open_source(path, config).nav
+    nav = io.open_source(path, config).nav
     if nav is None:
         raise InputError(f"'{path}' has no mapping pairs: a cloud is scored against a source with nav pairs and truth")
     if stamps_ns is None:
@@ -492,12 +485,6 @@ def said_fused(loaded: LoadedCloud, fused: bool | None, name: str) -> LoadedClou
         option, word = ("--fused", "not fused") if fused else ("--not-fused", "fused")
         raise ConfigError(f"'{option}': {name} says that it is {word}; leave the option out")
     return replace(loaded, cloud=replace(loaded.cloud, fused=fused if said is None else said))
-
-
-def _open_source(path: Path, config: SourceConfig | None = None) -> Source:
-    from sfr_loc_map.io.registry import open_source  # files of trajectories need no images
-
-    return open_source(path, config)
 
 
 # ---- beside the score
