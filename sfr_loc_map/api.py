@@ -527,17 +527,10 @@ def _run(estimate: Estimate, truth: Truth, stats: tuple[Path, ...], fused: bool 
         return Run(ScoreInputs(map_truth=Path(place), stats=stats), read, cloud=cloud, in_memory=in_memory)
     if not isinstance(estimate, trajectory_base.Trajectory) and not isinstance(place, trajectory_base.Trajectory):
         return load_run(ScoreInputs.of(Path(estimate), Path(place), stats), fused)
-    given = {
-        role: item
-        for role, item in (("estimate", estimate), ("truth", place))
-        if isinstance(item, trajectory_base.Trajectory)
-    }
-    inputs = ScoreInputs(
-        estimate=None if isinstance(estimate, trajectory_base.Trajectory) else Path(estimate),
-        truth=None if isinstance(place, trajectory_base.Trajectory) else Path(place),
-        stats=stats,
-    )
-    run = load_run(inputs, fused, calls=_own_stats(estimate), **given)
+    both: dict[str, Any] = {"estimate": estimate, "truth": place}
+    given = {role: item for role, item in both.items() if isinstance(item, trajectory_base.Trajectory)}
+    files: dict[str, Any] = {role: Path(item) for role, item in both.items() if role not in given}
+    run = load_run(ScoreInputs(**files, stats=stats), fused, calls=_own_stats(estimate), **given)
     hashes = {role: hash_arrays((item.stamps_ns, item.positions, item.quats_xyzw)) for role, item in given.items()}
     return replace(run, in_memory=hashes)
 

@@ -142,14 +142,6 @@ def expansion_limit(compressed: int) -> int:
     return max(FREE_BYTES, LARGEST_RATIO * compressed)
 
 
-def check_expansion(compressed: int, size: int, what: str) -> None:
-    """Raise ValueError, before memory is taken, if something compressed claims more than `expansion_limit`."""
-    if size > expansion_limit(compressed):
-        raise ValueError(
-            f"{what} of {compressed} bytes claims to hold {size}: up to {expansion_limit(compressed)} are read"
-        )
-
-
 def hash_path(path: Path) -> str:
     """Return the SHA-256 of a file, or of the names and hashes of a folder's files that are not hidden."""
     path = Path(path)

@@ -25,7 +25,7 @@ from rosbags.rosbag2.reader import DirectoryReader
 from rosbags.rosbag2.storage_mcap import DECOMPRESSORS, McapReader, decompress
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from sfr_loc_map.inputs import check_expansion, check_regular, expansion_limit, parse_yaml, read_text
+from sfr_loc_map.inputs import check_regular, expansion_limit, parse_yaml, read_text
 from sfr_loc_map.io.bag_files import MCAP_MAGIC, is_ros1_bag, is_unfinished
 
 if sys.version_info >= (3, 14):
@@ -44,9 +44,10 @@ _ROS1, _ROS2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_JAZZ
 
 def unpack(data: bytes, new: Callable[[], Any], size: int | None = None) -> bytes:
     """Return what compressed frames hold; `new` makes a decompressor of one, `size` is how many bytes are announced."""
-    if size is not None:
-        check_expansion(len(data), size, "compressed data")
-    limit, parts, total, rest = expansion_limit(len(data)) if size is None else size, [], 0, data
+    most = expansion_limit(len(data))
+    if size is not None and size > most:  # before memory is taken
+        raise ValueError(f"compressed data of {len(data)} bytes claims to hold {size}: up to {most} are read")
+    limit, parts, total, rest = most if size is None else size, [], 0, data
     while rest:
         decompressor = new()
         parts.append(bytes(decompressor.decompress(rest, max_length=limit - total + 1)))

@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from io import BytesIO
 from pathlib import Path
-from types import MappingProxyType, TracebackType
+from types import MappingProxyType
 from typing import Any, Literal
 
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
@@ -99,11 +99,9 @@ class BagWriter:
             self._writer.open()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: Any) -> None:  # noqa: ANN401 - handed on
         with _database_errors():
-            self._writer.__exit__(kind, error, trace)
+            self._writer.__exit__(*raised)
 
     def write_loc_rig(self, rig: StereoRig) -> None:
         """Set the rig of the localisation cameras; comes before their first pair."""
@@ -259,9 +257,7 @@ class BagRecorder:
         self._syncing.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """Close the bag; after an error it stays as it is, which any reader can read."""
         self._stop.set()
         self._syncing.join()
