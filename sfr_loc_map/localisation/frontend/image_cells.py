@@ -25,7 +25,8 @@ SIDE: Final = 8  #: Pixels of that level along a cell.
 CELL: Final = SIDE << LEVEL  #: Pixels of the image along a cell.
 NOISE_CORRELATION: Final = 0.35  #: Correlation of neighbouring pixels, of that level, beyond which it is no noise.
 MIN_CHANGE: Final = 0.03
-"""Smallest part of the variance of the steps between neighbours that counts as moved: that of a third of a pixel."""
+"""Smallest part of the variance of the steps between neighbours, along which it is least, that counts as moved: that of
+a third of a pixel."""
 MAX_NOISE: Final = 0.33  #: Largest part of it that a difference may have where texture is said to stay.
 MIN_STEP: Final = 1.0  #: Smallest variance of such steps, grey levels squared, that is texture.
 CONTRAST: Final = 4.0  #: Variance, grey levels squared, below which a cell tells nothing of a change of contrast.
@@ -49,7 +50,7 @@ def change_of(before: FloatImage, now: FloatImage) -> Change:
     """Compare the cells of two images of the level."""
     rows, columns = now.shape[0] // SIDE, now.shape[1] // SIDE
     changed, stays = np.zeros((rows, columns), np.bool_), np.zeros((rows, columns), np.bool_)
-    rest, count, pairs = np.empty((SIDE, SIDE), np.float32), np.float32(SIDE * SIDE), np.float32(SIDE * (SIDE - 1))
+    rest, count, pairs = np.empty((SIDE, SIDE), np.float32), np.float32(SIDE * SIDE), np.float32((SIDE - 1) ** 2)
     for row in range(rows):
         for column in range(columns):
             old = before[SIDE * row : SIDE * row + SIDE, SIDE * column : SIDE * column + SIDE]
@@ -69,16 +70,18 @@ def change_of(before: FloatImage, now: FloatImage) -> Change:
                 for i in range(SIDE):
                     rest[j, i] = new[j, i] - of_new - gain * (old[j, i] - of_old)
                     variance += rest[j, i] * rest[j, i]
-            alike_u = alike_v = step_u = step_v = mean_u = mean_v = np.float32(0.0)
-            for j in range(SIDE):
+            alike_u = alike_v = along_uu = along_uv = along_vv = mean_u = mean_v = np.float32(0.0)
+            for j in range(SIDE - 1):
                 for i in range(SIDE - 1):
                     alike_u += rest[j, i] * rest[j, i + 1]
-                    alike_v += rest[i, j] * rest[i + 1, j]
-                    along_u, along_v = new[j, i + 1] - new[j, i], new[i + 1, j] - new[i, j]
-                    mean_u, mean_v = mean_u + along_u / pairs, mean_v + along_v / pairs
-                    step_u, step_v = step_u + along_u * along_u / pairs, step_v + along_v * along_v / pairs
-            # an even slope that moves is a change of brightness
-            step = min(step_u - mean_u * mean_u, step_v - mean_v * mean_v)
+                    alike_v += rest[j, i] * rest[j + 1, i]
+                    u, v = new[j, i + 1] - new[j, i], new[j + 1, i] - new[j, i]
+                    mean_u, mean_v = mean_u + u, mean_v + v
+                    along_uu, along_uv, along_vv = along_uu + u * u, along_uv + u * v, along_vv + v * v
+            # an even slope that moves is a change of brightness, an edge may move along itself
+            mean_u, mean_v = mean_u / pairs, mean_v / pairs
+            uu, uv, vv = along_uu / pairs - mean_u**2, along_uv / pairs - mean_u * mean_v, along_vv / pairs - mean_v**2
+            step = 0.5 * (uu + vv) - np.sqrt(0.25 * (uu - vv) ** 2 + uv * uv)
             variance, structure = variance / count, max(alike_u, alike_v) / pairs
             changed[row, column] = structure > NOISE_CORRELATION * variance and structure > MIN_CHANGE * step
             stays[row, column] = not changed[row, column] and step > MIN_STEP + variance / MAX_NOISE
@@ -125,6 +128,7 @@ def judge(
     length, cell, stays = np.full(count, np.nan), np.zeros(count, np.intp), np.zeros(count, np.bool_)
     fixed, rest, in_view = stays.copy(), stays.copy(), 0
     sums, counts, seen = np.zeros((rows, columns)), np.zeros((rows, columns)), np.empty((2, 2))
+    least = np.full((rows, columns), MOST_PX)
     all_stay = change.stays.ravel()
     for n in range(count):
         rho = max(inverse_depth[n], MIN_INVERSE_DEPTH)
@@ -148,16 +152,19 @@ def judge(
             rest[n] = not inliers[n]
             in_view += 1
             if cell[n] < rows * columns:
-                sums[cell[n] // columns, cell[n] % columns] += min(length[n], MOST_PX)
-                counts[cell[n] // columns, cell[n] % columns] += 1.0
+                at = cell[n] // columns, cell[n] % columns
+                sums[at] += min(length[n], MOST_PX)
+                counts[at] += 1.0
+                least[at] = min(length[n], least[at])
     cells, wrong = np.zeros((rows, columns), np.bool_), 0
     for r in range(rows):
         for c in range(columns):
             if change.stays[r, c] or change.changed[r, c]:
                 area = slice(max(r - NEAR, 0), r + NEAR + 1), slice(max(c - NEAR, 0), c + NEAR + 1)
-                near, flow = counts[area].sum(), sums[area].sum()
-                cells[r, c] = change.stays[r, c] and flow > MOVED_PX * near
-                wrong += change.changed[r, c] and flow < STILL_PX * near
+                near, beside = counts[area].sum(), (slice(max(r - 1, 0), r + 2), slice(max(c - 1, 0), c + 2))
+                # beside the point from which all moves away the motion differs from cell to cell
+                cells[r, c] = change.stays[r, c] and counts[beside].sum() > 0.0 and least[beside].min() > MOVED_PX
+                wrong += change.changed[r, c] and sums[area].sum() < STILL_PX * near
     all_fixed = cells.ravel()
     for n in range(count):
         host = _cell_of(host_uv[n, 0], host_uv[n, 1], rows, columns)
