@@ -89,6 +89,17 @@ class _LandmarkBlock(NamedTuple):
     coupling: FloatArray
 
 
+class _Residual(NamedTuple):
+    """Residual `(2,)` of one position, its information, and robust weight; `row` is its first in the projection."""
+
+    row: int
+    px: FloatArray
+    uu: float
+    uv: float
+    vv: float
+    weight: float
+
+
 class _Workspace(NamedTuple):
     """Arrays that all landmarks share: residual `(2,)`, weighted Jacobian `(2, 3)`, keyframes `(K,)`, ray `(3,)`.
 
@@ -105,43 +116,54 @@ class _Workspace(NamedTuple):
 
 
 @jit_fast_ir_inline
-def _add_position(
-    problem: BundleProblem, n: int, k: int, side: int, system: _System, own: _LandmarkBlock, work: _Workspace
-) -> tuple[float, float]:
-    """Add the left (0) or right (1) position of landmark n in keyframe k; return the offset's information and rhs."""
-    observed, variance, projection, residual = problem.observations, problem.variance, work.projection, work.residual
-    j, j_mark, weighted, i = projection.by_target, projection.by_landmark, work.weighted, 2 * side
-    coupling, h, g, first, last = own.coupling, system.information, system.rhs, 6 * k, len(system.rhs) - 1
-    residual[0], residual[1] = observed[n, k, i] - projection.uv[i], observed[n, k, i + 1] - projection.uv[i + 1]
+def _residual(problem: BundleProblem, n: int, k: int, side: int, work: _Workspace) -> _Residual:
+    """Return the residual of the left (0) or right (1) position of landmark n in keyframe k."""
+    observed, variance, out, residual = problem.observations, problem.variance, work.projection.uv, work.residual
+    i = 2 * side
+    residual[0], residual[1] = observed[n, k, i] - out[i], observed[n, k, i + 1] - out[i + 1]
     uu, uv, vv = variance[n, k, side, 0], variance[n, k, side, 1], variance[n, k, side, 2]
     det = uu * vv - uv * uv
     i00, i01, i11 = vv / det, -uv / det, uu / det
     chi2 = i00 * residual[0] ** 2 + 2.0 * i01 * residual[0] * residual[1] + i11 * residual[1] ** 2
-    weight = 1.0 / (1.0 + chi2 / KERNEL_CHI2) ** 2
+    return _Residual(i, residual, i00, i01, i11, 1.0 / (1.0 + chi2 / KERNEL_CHI2) ** 2)
+
+
+@jit_fast_ir_inline
+def _add_to_landmark(r: _Residual, j: FloatArray, weighted: FloatArray, own: _LandmarkBlock) -> None:
+    i, residual, information, rhs = r.row, r.px, own.information, own.rhs
     for a in range(3):
-        p, q = weight * j_mark[i, a], weight * j_mark[i + 1, a]
-        weighted[0, a], weighted[1, a] = i00 * p + i01 * q, i01 * p + i11 * q
-        own.rhs[a] += weighted[0, a] * residual[0] + weighted[1, a] * residual[1]
+        p, q = r.weight * j[i, a], r.weight * j[i + 1, a]
+        weighted[0, a], weighted[1, a] = r.uu * p + r.uv * q, r.uv * p + r.vv * q
+        rhs[a] += weighted[0, a] * residual[0] + weighted[1, a] * residual[1]
         for b in range(3):
-            own.information[a, b] += weighted[0, a] * j_mark[i, b] + weighted[1, a] * j_mark[i + 1, b]
-    offset_information, offset_rhs = 0.0, 0.0
-    if side == 1:
-        p, q = weight * i00, weight * i01
+            information[a, b] += weighted[0, a] * j[i, b] + weighted[1, a] * j[i + 1, b]
+
+
+@jit_fast_ir_inline
+def _add_offset(r: _Residual, j_mark: FloatArray, coupling: FloatArray, last: int) -> tuple[float, float]:
+    """Add a right position to the coupling of the right-image offset; return the offset's information and rhs."""
+    i, residual = r.row, r.px
+    p, q = r.weight * r.uu, r.weight * r.uv
+    for b in range(3):
+        coupling[b, last] += p * j_mark[i, b] + q * j_mark[i + 1, b]
+    return p, p * residual[0] + q * residual[1]
+
+
+@jit_fast_ir_inline
+def _add_motion(r: _Residual, projection: Projection, k: int, system: _System, coupling: FloatArray) -> None:
+    """Add a position to the terms of the motion of keyframe k."""
+    i, h, g, residual = r.row, system.information, system.rhs, r.px
+    j, j_mark, first, last = projection.by_target, projection.by_landmark, 6 * k, len(g) - 1
+    for a in range(6):
+        p, q = r.weight * j[i, a], r.weight * j[i + 1, a]
+        p, q = r.uu * p + r.uv * q, r.uv * p + r.vv * q
+        g[first + a] += p * residual[0] + q * residual[1]
         for b in range(3):
-            coupling[b, last] += p * j_mark[i, b] + q * j_mark[i + 1, b]
-        offset_information, offset_rhs = p, p * residual[0] + q * residual[1]
-    if k != problem.host[n]:  # the host observes its landmarks where they are, wherever it is
-        for a in range(6):
-            p, q = weight * j[i, a], weight * j[i + 1, a]
-            p, q = i00 * p + i01 * q, i01 * p + i11 * q
-            g[first + a] += p * residual[0] + q * residual[1]
-            for b in range(3):
-                coupling[b, first + a] += p * j_mark[i, b] + q * j_mark[i + 1, b]
-            for b in range(a, 6):
-                h[first + a, first + b] += p * j[i, b] + q * j[i + 1, b]
-            if side == 1:
-                h[first + a, last] += p
-    return offset_information, offset_rhs
+            coupling[b, first + a] += p * j_mark[i, b] + q * j_mark[i + 1, b]
+        for b in range(a, 6):
+            h[first + a, first + b] += p * j[i, b] + q * j[i + 1, b]
+        if i == 2:
+            h[first + a, last] += p
 
 
 @jit_fast_ir_inline
@@ -151,7 +173,8 @@ def _add_landmark(
     """Add all observations of a landmark; return how many keyframes but its host see it, and the offset's terms."""
     observed, ray, seen_by = problem.observations, work.ray, work.keyframes
     keyframes, projection, hk = problem.keyframes, work.projection, problem.host[n]
-    landmarks = problem.uv_inverse_depth
+    landmarks, coupling = problem.uv_inverse_depth, own.coupling
+    rotations, positions = keyframes.rotations, keyframes.positions
     ray[0], ray[1] = (
         (landmarks[n, 0] - camera.centre[0]) / camera.focal[0],
         (landmarks[n, 1] - camera.centre[1]) / camera.focal[1],
@@ -164,7 +187,7 @@ def _add_landmark(
         if k == hk:
             linearise_in_host(landmarks[n], camera, projection)
         else:
-            pose = Pose(keyframes.rotations[k], keyframes.positions[k])
+            pose = Pose(rotations[k], positions[k])
             if linearise_landmark(pose, keyframes, hk, ray, landmarks[n, 2], camera, projection) <= 0.0:
                 continue
             seen_by[count] = k
@@ -172,9 +195,14 @@ def _add_landmark(
         for side in range(2):
             if not (left if side == 0 else right):
                 continue
-            p, q = _add_position(problem, n, k, side, system, own, work)
-            offset_information += p
-            offset_rhs += q
+            r = _residual(problem, n, k, side, work)
+            _add_to_landmark(r, projection.by_landmark, work.weighted, own)
+            if side == 1:
+                p, q = _add_offset(r, projection.by_landmark, coupling, len(system.rhs) - 1)
+                offset_information += p
+                offset_rhs += q
+            if k != hk:  # the host observes its landmarks where they are, wherever it is
+                _add_motion(r, projection, k, system, coupling)
     return count, offset_information, offset_rhs
 
 
