@@ -18,7 +18,16 @@ from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.frontend.image_cells import LEVEL, MOVED_PX, Change, ImageCells, Judged, change_of, judge
+from sfr_loc_map.localisation.frontend.image_cells import (
+    CELL,
+    LEVEL,
+    MOVED_PX,
+    Change,
+    ImageCells,
+    Judged,
+    change_of,
+    judge,
+)
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
 from sfr_loc_map.localisation.frontend.pose_solver import RightOffset
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, TrackingResult
@@ -37,6 +46,7 @@ MORE_THAN_USUAL = 1.25  #: Factor on the typical share, which is added.
 TYPICAL_SHARE = 0.1  #: Share of a pair in the typical share.
 MAX_WRONG_FIRST, MAX_WRONG = 0.05, 0.4
 """Share of the cells that may contradict a pose, before the ground was seen to move and after."""
+MIN_WITNESSES = 12  #: Fewest landmarks on either side of a tear that tell whether it is there.
 MIN_FIXED = 12  #: Fewest landmarks that are taken as fixed to the camera.
 AGREED = 3  #: Pairs that one motion must explain before it is the ground's.
 DOUBTED = 10  #: As many more where there were two motions before.
@@ -44,6 +54,7 @@ MAX_TEARS = 10  #: Pairs in a row that may be of several exposures: what lasts l
 ENOUGH_PX = 3.0  #: Image motion that tells well what is fixed to the camera: the next image is compared with this one.
 MAX_AGE = 10  #: Pairs after which an image is no longer compared with, however slow the motion.
 NO_ROWS = np.zeros(0, np.intp)
+NO_TEAR = np.zeros(0, np.bool_)
 
 
 class Guesses(NamedTuple):
@@ -61,7 +72,7 @@ class GroundMotion(NamedTuple):
     #: Metres and radians by which the pose may be wrong, as two motions cannot be told apart; None if they can.
     doubt: tuple[float, float] | None = None
     whole: bool = True  #: Whether the pair is of one exposure.
-    sheared: bool = False  #: Whether its rows are of different moments.
+    sheared: bool = False  #: Whether its rows may be of different moments.
     seen: bool = True  #: Whether the image agrees that anything moved like that.
 
 
@@ -84,6 +95,7 @@ class GroundMotionFinder:
         """Begin with a window: its ground has not been seen to move."""
         self._tears = self._age = self._agreed = 0
         self._typical: float | None = None
+        self._stale = NO_TEAR
         self._image: FloatImage = frame.left[LEVEL].image
         self._still = pose  # where that image was taken
 
@@ -127,15 +139,19 @@ class GroundMotionFinder:
             if second is None or self._judge(second).wrong > MAX_WRONG_FIRST:
                 return GroundMotion(first, seen=False)
             return self._decide(frame, first, second, judged, guesses)
-        if not usual and 0 < self._tears < MAX_TEARS:
-            return self._torn(first)
+        if 0 < self._tears < MAX_TEARS:
+            if not usual:
+                return self._torn(first)
+            if len(self._stale) and not self._is_whole(first, judged):
+                return self._torn(first)._replace(whole=True, sheared=True)
         if not usual:
             second = self._search(frame, first.landmarks.subset(judged.rest), guesses)
             if second is not None and self._differ(first, second):
                 return self._decide(frame, first, second, judged, guesses)
             if judged.share >= MAX_SHARE and self._tears < MAX_TEARS:
                 return self._torn(first)
-        self._tears, self._typical = 0, typical + TYPICAL_SHARE * (judged.share - typical)
+        self._tears, self._stale = 0, NO_TEAR
+        self._typical = typical + TYPICAL_SHARE * (judged.share - typical)
         if not known and judged.far > MOVED_PX:
             self._agreed = self._agreed + 1 if self.cells.moving_share < MIN_SHARE else min(self._agreed, 0)
         # one motion; what is fixed to the camera is left out
@@ -149,9 +165,19 @@ class GroundMotionFinder:
             doubt = float(steps[:, 0].max()), float(steps[:, 1].max())
         return GroundMotion(first, first.landmarks.index[judged.fixed], doubt)
 
-    def tear(self) -> None:
-        """Take a pair that is torn: those after it may be, until one motion explains one."""
-        self._tears = 1
+    def tear(self, stale: Mask) -> None:
+        """Take a pair that is torn, some rows `(H,)` old: those after it may be, until both sides agree on a motion."""
+        rows = stale[: CELL * self.cells.count[0]].reshape(-1, CELL).all(axis=1)
+        self._tears, self._stale = 1, np.append(rows, False) if rows.any() else NO_TEAR
+
+    def _is_whole(self, first: TrackingResult, judged: Judged) -> bool:
+        """Tell whether enough landmarks on both sides of the last tear agree with a pose."""
+        row = judged.cell // self.cells.count[1]
+        for side in (self._stale, ~self._stale):
+            there = side[row] & (row < self.cells.count[0]) & (first.inliers | judged.rest)
+            if there.sum() < MIN_WITNESSES or (first.inliers & there).sum() < 0.5 * there.sum():
+                return False
+        return True
 
     def _torn(self, first: TrackingResult) -> GroundMotion:
         self._tears += 1

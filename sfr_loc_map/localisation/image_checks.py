@@ -51,13 +51,14 @@ class StaleRows(NamedTuple):
 
 
 class StaleImageFilter:
-    """Blanks what an image repeats from the one before, which is not tracked.
+    """Blanks what an image repeats from the one before, which is not tracked; `rows` `(H,)` is what was blanked last.
 
     A part that stays the same for longer is no torn image but something fixed to the camera, and is left as it is.
     """
 
     def __init__(self) -> None:
         self._before: StereoPair | None = None
+        self.rows: Mask = np.zeros(0, np.bool_)
         self._last: tuple[StaleRows, StaleRows] | None = None
 
     def fresh(self, pair: StereoPair, *, may_repeat: bool) -> tuple[StereoPair | None, StateReason | None]:
@@ -105,6 +106,7 @@ class StaleImageFilter:
         )
         if not (blank_left.any() or blank_right.any()):
             return pair, None
+        self.rows = blank_left | blank_right
         reason = StateReason.REPEATED_IMAGES if left.all or right.all else StateReason.TORN_IMAGES
         return replace(pair, left=_blanked(pair.left, blank_left), right=_blanked(pair.right, blank_right)), reason
 

@@ -167,6 +167,8 @@ class Localiser:
         self._stage_s["pyramid"] = perf_counter() - start
         if window is None:
             return self._begin(frame)
+        if doubt is StateReason.TORN_IMAGES:
+            self._ground.tear(self._stale.rows)
         if len(backend.landmarks.index) < self._config.min_tracked:
             return self._lose(frame, _few_landmarks(frame))
         landmarks, start = backend.landmarks.followed, perf_counter()
@@ -180,9 +182,7 @@ class Localiser:
             result = self._relocaliser.relocalise(frame, landmarks, guesses.offset) or result
             self._stage_s["relocate"] = perf_counter() - refined
         ground = GroundMotion(result)
-        if doubt is StateReason.TORN_IMAGES:
-            self._ground.tear()
-        else:
+        if doubt is not StateReason.TORN_IMAGES:
             ground = self._ground.find(frame, result, guesses)
             if not ground.seen:
                 return self._keep(stamp_ns, StateReason.MOVING_REGIONS, TrackingStatistics())
@@ -193,7 +193,7 @@ class Localiser:
         if result.trusted:  # follow a drift of the right camera
             seen = StereoObservations(result.observations, result.variance)
             px, variance, shear = right_shift(result.pose, result.landmarks.estimates, seen, camera)
-            ground = ground._replace(sheared=shear > MAX_SHEAR)
+            ground = ground._replace(sheared=ground.sheared or shear > MAX_SHEAR)
             px = calibration.learn_shift(px, variance)
             if px != 0.0:
                 observations = result.observations.copy()
