@@ -48,7 +48,7 @@ def propose(*words: str | Path, why: str = "") -> None:
     A first word `...` stands for the command line as it was given.
     """
     line = str(words[0]) if len(words) == 1 else shlex.join(map(str, words))
-    if line.startswith("... "):
+    if line.startswith("..."):
         line = shlex.join(["sfr", *sys.argv[1:]]) + line[3:]
     _proposed[:] = [f"{line}    # {why}" if why else line] if line else []
 

@@ -87,18 +87,22 @@ def doctor(
         from sfr_loc_map.nodes.graph import observe_graph
 
         extrinsics_given = given.extrinsics.transform() is not None
-        seen = observe_graph(seconds, namespace, given.remap, extrinsics_given=extrinsics_given)
-        _show(seen, examine(seen), json_path, None)
+        remap = {topic: name for name, topic in given.topics.items()}
+        seen = observe_graph(seconds, namespace, remap, extrinsics_given=extrinsics_given)
+        _show(seen, examine(seen), json_path, ["sfr", "record", "drive"])
         return
     if not subject.exists():
         raise InputError(f"there is no '{subject}': give a data set folder, a bag, KITTI or EuRoC, or --graph")
     if fix:
-        given = _fixed(subject, sections, config)
+        given = _fixed(subject, sections, path)
     seen = _observe(subject, given)
     findings = examine(seen)
+    of_config = [] if config is None else ["--config", str(config)]
     if not fix and any(finding.is_blocking for finding in findings):
-        findings = _with_fix(subject, sections, path, findings)
-    _show(seen, findings, json_path, subject)
+        words = ["sfr", "doctor", str(subject), "--fix", *of_config, *intake.words()]
+        findings = _with_fix(subject, sections, path, findings, words)
+    start = ["--start", "truth"] if seen.truth_has_attitude else []
+    _show(seen, findings, json_path, ["sfr", "replay", str(subject), *of_config, *start, "--out", "out"])
 
 
 def _observe(source: Path, config: SourceConfig) -> Observation:
@@ -112,21 +116,24 @@ def _observe(source: Path, config: SourceConfig) -> Observation:
         return observe_source(source, config, lambda: bar.advance(task))
 
 
-def _fixed(source: Path, sections: dict[str, Any], config: Path | None) -> SourceConfig:
-    """Write what a source seems to be into its configuration; return how it is read then."""
+def _fixed(source: Path, sections: dict[str, Any], read: Path | None) -> SourceConfig:
+    """Write what a source seems to be into the configuration that was read, else a new one; return how it is read."""
+    from sfr_loc_map.config import read_sections
     from sfr_loc_map.io.source_config import NAME
     from sfr_loc_map.pipeline.source_proposal import propose_config
 
-    path = config or (source if source.is_dir() else source.parent) / NAME
-    found = propose_config(source, sections, path)
+    path = read or (source if source.is_dir() else source.parent) / NAME
+    found = propose_config(source, sections, path, {} if read is None else read_sections(read))
     write_text(found.text(), path)
-    say(f"configuration: {path}", err=True)
+    say(f"configuration: {path}{'' if read is None else ', written again: its values stand'}", err=True)
     for text in (*found.missing, *found.remarks):
         say(f"{'missing' if text in found.missing else 'remark'}: {text}", err=True)
     return found.config
 
 
-def _with_fix(source: Path, sections: dict[str, Any], path: Path | None, findings: list[Finding]) -> list[Finding]:
+def _with_fix(
+    source: Path, sections: dict[str, Any], path: Path | None, findings: list[Finding], words: list[str]
+) -> list[Finding]:
     """Return findings with the command that ends each which a proposed configuration does end: it is tried."""
     from sfr_loc_map.pipeline.doctor import examine
     from sfr_loc_map.pipeline.source_proposal import propose_config
@@ -136,9 +143,6 @@ def _with_fix(source: Path, sections: dict[str, Any], path: Path | None, finding
         left = {finding.cause for finding in examine(_observe(source, found.config)) if finding.is_blocking}
     except SfrError:
         return findings
-    words = ["sfr", "doctor", str(source), "--fix"]
-    if found.config.calibration.file:
-        words += ["--calibration", found.config.calibration.file]
     command = shlex.join(words)
     added = {name: values for name, values in found.sections.items() if values != sections.get(name) and values}
     if added.keys() - {"conditions"} == {"topics"}:  # these alone will do
@@ -151,18 +155,16 @@ def _with_fix(source: Path, sections: dict[str, Any], path: Path | None, finding
     ]
 
 
-def _show(seen: Observation, findings: list[Finding], json_path: str | None, source: Path | None) -> None:
-    """Show the findings of a source, or of the graph; raise FailedVerdictError if there is a blocking one."""
+def _show(seen: Observation, findings: list[Finding], json_path: str | None, after: list[str]) -> None:
+    """Show findings, and the command that is useful after them; raise FailedVerdictError if there is a blocking one."""
     stops = sum(finding.is_blocking for finding in findings)
     fix = next((item.fix.partition(";")[0] for item in findings if item.fix.startswith("sfr doctor")), "")
     if fix:
         propose(fix, why="writes the sfr.yaml of the source")
     elif stops:
-        propose("sfr", "doctor", source or "--graph", why="again, after the fix")
-    elif source is not None:
-        propose("sfr", "replay", source, "--out", "out", why="through the nodes; scored, if it has a truth")
+        propose("...", why="again, after the fix")
     else:
-        propose("sfr", "record", "drive", why="inputs and outputs of the nodes into a bag")
+        propose(*after, why="inputs and outputs into a bag" if seen.live else "through the nodes, scored")
     content = {"subject": seen.subject, "stops": stops, "findings": [finding.as_dict() for finding in findings]}
     show(json.dumps(content, allow_nan=False) + "\n", json_path, ())
     if json_path != STANDARD_OUTPUT:

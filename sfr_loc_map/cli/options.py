@@ -268,6 +268,13 @@ class IntakeOptions:
         sections = self.sections(path)
         return path, sections, SourceConfig.of(sections, path)
 
+    def words(self) -> list[str]:
+        """Return these options as words of a command line."""
+        words = [] if self.calibration is None else ["--calibration", str(self.calibration)]
+        for option, values in (("--set", self.settings), ("--remap", self.remap)):
+            words += [word for value in values or () for word in (option, value)]
+        return words
+
     def sections(self, config: Path | None) -> dict[str, Any]:
         """Return the sections of a configuration with these values; raise ConfigError if one has another form."""
         from sfr_loc_map.config import read_sections

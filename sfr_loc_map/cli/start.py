@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated
 
@@ -24,10 +25,13 @@ minimum_count: 2
 # Errors at the end of sub-trajectories: one entry for each condition.
 trajectory:
   # distance=METRES, time=SECONDS, frames=NUMBER, displacement=METRES, turn=DEGREES, or several: distance=5,time=10
-  - condition: distance=5
+  - condition: {condition}
     # id: LOC-12
     # text: 3D position error over 5 m
     # certain: true    (a pass needs the whole 95 % interval within the limit)"""
+CONDITION = "distance=5"
+POSES = "position_mean_plus_3sigma_m", "attitude_mean_plus_3sigma_deg", "heading_mean_plus_3sigma_deg"
+POSITIONS = "position_mean_plus_3sigma_m", "chord_mean_plus_3sigma_m"  #: What can be judged by a truth of positions.
 LIMITS_MEANINGS = {
     "completeness": "Shares: what the estimate or the cloud leaves out, or cannot be judged",
     "map": "Of a map; a score without one then says: not enough data",
@@ -56,10 +60,10 @@ def init(
     With --from it is DIR/sfr.yaml: how SRC is read, each line with what it was inferred from. Exit 1 if something is
     missing that only you know.
     """
-    make_folder(folder, "name")
     if source is not None:
         _init_from(source, folder, intake, overwrite=overwrite)
         return
+    make_folder(folder, "name")
     configuration, limits = folder / "configuration.yaml", folder / "limits.yaml"
     check_outputs(configuration, limits, overwrite=overwrite)
     write_text(_configuration_text(), configuration)
@@ -75,23 +79,26 @@ def _init_from(source: Path, folder: Path, intake: IntakeOptions, *, overwrite: 
     from sfr_loc_map.pipeline.source_proposal import propose_config
 
     path, limits = folder / NAME, folder / "limits.yaml"
-    kept = not overwrite and limits.exists()
-    check_outputs(path, *([] if kept else [limits]), overwrite=overwrite, inputs=(source,))
+    if folder.is_dir():
+        check_outputs(path, overwrite=overwrite, inputs=(source,))
     found = propose_config(source, intake.sections(None), path)
+    make_folder(folder, "name")
     if "limits" not in found.sections:
-        found.sections["limits"], found.reasons["limits"] = limits.name, "placeholders: write those of your document"
+        kept = limits.exists() and not _is_placeholder(limits.read_text(encoding="utf-8", errors="replace"))
+        found.sections["limits"] = limits.name
+        found.reasons["limits"] = "it was there, and is kept" if kept else "placeholders: write those of your document"
+        if not kept:
+            conditions = found.sections.get("conditions") or [CONDITION]
+            write_text(_limits_text(conditions[0], POSITIONS if found.has_attitude is False else POSES), limits)
+        say(f"limits: {limits} ({found.reasons['limits']})")
     write_text(found.text(), path)
-    if not kept:
-        conditions = found.sections.get("conditions") or ["distance=5"]
-        write_text(_limits_text().replace("- condition: distance=5", f"- condition: {conditions[0]}"), limits)
     say(f"configuration: {path}")
-    say(f"limits: {limits}")
     for text in found.remarks:
         say(f"remark: {text}", err=True)
     if found.missing:
-        propose("... --overwrite", why="with what is missing")
+        propose("..." if overwrite else "... --overwrite", why="with what is missing")
         raise FailedVerdictError(f"'{path}' is not complete: {'; '.join(found.missing)}")
-    start = ("--start", "truth") if found.has_poses else ()
+    start = ("--start", "truth") if found.has_attitude else ()
     propose("sfr", "replay", source, "--config", path, *start, "--out", "out", why="through the nodes, scored")
 
 
@@ -137,12 +144,17 @@ def _configuration_text() -> str:
     return "\n".join(lines) + "\n"
 
 
-def _limits_text() -> str:
-    """Return a limits file: those of the trajectory in force, all others behind a '#', to be taken in."""
+def _is_placeholder(text: str) -> bool:
+    """Tell whether a limits file is still as it was written here."""
+    found = re.search("- condition: (.*)", text)
+    return found is not None and text in (_limits_text(found[1], POSES), _limits_text(found[1], POSITIONS))
+
+
+def _limits_text(condition: str = CONDITION, active: tuple[str, ...] = POSES) -> str:
+    """Return a limits file: some of the trajectory in force, all others behind a '#', to be taken in."""
     from sfr_loc_map.metrics.limits import NAMES, LimitPart
 
-    active = "position_mean_plus_3sigma_m", "attitude_mean_plus_3sigma_deg", "heading_mean_plus_3sigma_deg"
-    lines = [LIMITS_HEAD]
+    lines = [LIMITS_HEAD.replace("{condition}", condition)]
     for name in NAMES[LimitPart.TRAJECTORY]:
         lines.append(f"    {'' if name in active else '# '}{name}: {0.1 if name.endswith('_m') else 1.0}")
     for part, meaning in LIMITS_MEANINGS.items():

@@ -18,7 +18,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.extrinsics import rig_in_body
+from sfr_loc_map.geometry.extrinsics import RigInBody, rig_in_body
 from sfr_loc_map.geometry.plausibility import check_extrinsics
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import FrameTree, Transform
@@ -237,10 +237,10 @@ def read_frames(bag: Bag) -> FrameTree:
     return frames
 
 
-def read_extrinsics(bag: Bag, camera_frame: str, baseline_m: float, base_frame: str = "") -> Transform | None:
-    """Return `T_rb_sb` of /tf_static (`rig_in_body`), else of a recorded localisation node's parameters, or None."""
+def read_extrinsics(bag: Bag, camera_frame: str, baseline_m: float, base_frame: str = "") -> RigInBody | None:
+    """Return the pose of the rig by /tf_static, else by a recorded localisation node's parameters, or None."""
     if (found := rig_in_body(read_frames(bag), camera_frame, baseline_m, base_frame)) is not None:
-        return found.T_rb_sb
+        return RigInBody(found.T_rb_sb, f"/tf_static, {found.text}")
     names = [name for name in bag.matches(CONFIGURATION) if bag.topics[name] == STRING]
     if len(names) != 1:  # none, or of several rovers
         return None
@@ -256,4 +256,4 @@ def read_extrinsics(bag: Bag, camera_frame: str, baseline_m: float, base_frame: 
             return None
         transform = Transform.from_quat(np.array(translation, np.float64), np.array(quat, np.float64))
         check_extrinsics(transform.translation)
-    return transform
+    return RigInBody(transform, names[0])

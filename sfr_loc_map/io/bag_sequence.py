@@ -57,6 +57,7 @@ class _BagPairs:
     """The pairs of the cameras of a task, and what their topics and the configuration say of it."""
 
     task: Task
+    mounted_by = ""  #: What in the bag says where the rig is on the rover; empty where nothing does.
 
     def __init__(self, bag: Bag, config: SourceConfig) -> None:
         rig, of_drive = self.task.rig, self.task is Task.LOCALISATION
@@ -85,7 +86,8 @@ class _BagPairs:
             raise InputError(f"bag '{bag.path}': {error}") from error
         if of_drive:
             T_rb_sb = config.extrinsics.transform() or found.T_rb_sb
-            T_rb_sb = T_rb_sb or read_extrinsics(bag, self.frame, self.rig.baseline_m, config.frames.base)
+            if T_rb_sb is None and (seen := read_extrinsics(bag, self.frame, self.rig.baseline_m, config.frames.base)):
+                T_rb_sb, self.mounted_by = seen.T_rb_sb, seen.text
             self.rig = replace(self.rig, T_rb_sb=T_rb_sb)
         self.is_adapted = calibration != CalibrationConfig() or config.sync != SyncConfig()
 
@@ -250,12 +252,12 @@ def open_bag(path: Path, config: SourceConfig | None = None) -> Source:
     if not any(kinds.values()):
         raise InputError(
             f"bag '{path}' has neither loc/left/image_rect nor nav/left/image_rect: it has "
-            f"{', '.join(sorted(bag.topics))}; sfr doctor '{path}' names those that could be it"
+            f"{', '.join(sorted(bag.topics))}; sfr doctor '{path}' --fix writes those that seem to be it"
         )
     loc = BagLocSequence(bag, config) if kinds[Task.LOCALISATION] else None
     nav = BagNavSequence(bag, config) if kinds[Task.MAPPING] else None
     adapted = any(part is not None and part.is_adapted for part in (loc, nav)) or config.truth != TruthConfig()
-    kind = "bag of raw images" if RAW in kinds.values() else "bag, read as configured" if adapted else "bag"
+    kind = "bag of raw images" if RAW in kinds.values() else "bag, as configured" if adapted else "bag"
     return Source(path, kind, loc, nav, remap=config.remap)
 
 

@@ -97,7 +97,9 @@ def _by_joints(bag: Bag, camera_frame: str, stamps_ns: IntArray, config: FramesC
         turns.append(np.interp(stamps_ns - known[0], known - known[0], np.unwrap(values)))
     place, turn = config.head_to_navsb_m, config.head_to_navsb_quat_xyzw
     if not any((*place, *turn)):
-        raise InputError(f"{where}: joints move the cameras: set where on the head they are, frames.head_to_navsb_m")
+        raise InputError(
+            f"{where}: joints move the cameras: give their place on the head, --set 'frames.head_to_navsb_m=[X, Y, Z]'"
+        )
     with refusing("frames.head_to_navsb_m, frames.head_to_navsb_quat_xyzw", "correct them"):
         T_head_navsb = Transform.from_quat(place, turn if any(turn) else (0.0, 0.0, 0.0, 1.0))
     return [mast_head_in_rb(float(pan), float(tilt)) @ T_head_navsb for pan, tilt in zip(*turns, strict=True)]

@@ -41,14 +41,20 @@ Formats of trajectories stand in `trajectory_file.py`, those of clouds in `cloud
 def open_source(path: Path, config: SourceConfig | None = None) -> Source:
     """Open a source of any format as a configuration says, else the one beside it; each pass opens its files."""
     path = Path(path)
+    name = format_of(path)
+    config = source_config(path) if config is None else config
+    source = READERS[name][1](path, config)
+    source = source if name == "bag" or config == AS_IT_IS else _configured(source, config)
+    return replace(source, configuration=config.path)
+
+
+def format_of(path: Path) -> str:
+    """Return the name of the format of a source; InputError, in one line, if it is of none, or not there."""
     if not path.exists():
         raise InputError(f"there is no '{path}': give a data set folder, a ROS bag, or a sequence of another data set")
-    config = source_config(path) if config is None else config
-    for name, (matches, opener) in READERS.items():
+    for name, (matches, _) in READERS.items():
         if matches(path):
-            source = opener(path, config)
-            source = source if name == "bag" or config == AS_IT_IS else _configured(source, config)
-            return replace(source, configuration=config.path)
+            return name
     found = ", ".join(sorted(item.name for item in path.iterdir())[:6]) or "nothing" if path.is_dir() else "a file"
     raise InputError(
         f"'{path}' is of no format that is read: sought pairs.csv, loc/, nav/ (data set folder), metadata.yaml, "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from sfr_loc_map.io.stamp_pairing import STAMP_TOLERANCE_S
 from sfr_loc_map.io.truth import TruthConfig
 
 NAME = "sfr.yaml"
+TOPIC = re.compile(r"(/[A-Za-z_]\w*)+")  #: A name on a graph; that of a file has an ending.
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +91,12 @@ class SourceConfig:
     extrinsics: ExtrinsicsConfig = ExtrinsicsConfig()
     sync: SyncConfig = SyncConfig()
     truth: TruthConfig = field(default_factory=TruthConfig)
+
+    @property
+    def topics(self) -> dict[str, str]:
+        """Topics of a graph by their names in the suite; that of the truth is ground_truth/odometry."""
+        truth = {"ground_truth/odometry": self.truth.source} if TOPIC.fullmatch(self.truth.source) else {}
+        return {name: topic for topic, name in self.remap.items()} | truth
 
     @classmethod
     def of(cls, sections: Mapping[str, Any], path: Path | None = None) -> SourceConfig:

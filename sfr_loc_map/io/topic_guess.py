@@ -29,14 +29,19 @@ NO_IMAGE = _words("(?:compressed_)?depth(?!_cam)", "disparity", "confidence", "m
 GREY, COLOUR, STEREO = _words("gr[ae]y", "mono"), _words("colou?r", "rgb8?", "bgr8?"), _words("stereo")
 OF_NAV = "(?:nav|pan|pantilt|ptu|mast|head)_?(?:cams?|camera)?"
 LOC, NAV = _words("loc(?:cam)?", "front"), _words(OF_NAV)
+TRACKERS = _words(
+    *("mocap", "motion_?capture", "opti_?track", "vicon", "vrpn", "qualisys", "leica", "prism", "total_?station")
+)
 TRUTH_WORDS = (
     re.compile("ground_truth/odometry "),
     _words("ground_?truth", "gt", "truth"),
-    _words("mocap", "motion_?capture", "opti_?track", "vicon", "vrpn", "qualisys", "leica", "prism", "total_?station"),
+    TRACKERS,
     _words("rtk"),
     re.compile("fix .*/NavSatFix"),
 )  #: By rank, for the name and the type.
 NO_TRUTH = _words("estimated?", "fused", "filtered", "origin", "set_?point", "slam", "vi?o")
+OWN = _words("wheels?", "encoders?", "odom(?:etry)?", "visual", "zed_node", "goal", "initial_?pose")
+"""Of topics with what the rover itself thinks or is told; those of TRUTH_WORDS apart."""
 OTHERS = {
     "nav/pose": (POSES[1], _words(rf"{OF_NAV}[/_]pose")),
     "joint_states": (JOINTS, _words("joints?")),
@@ -132,6 +137,18 @@ def guess_topics(seen: Sequence[SeenTopic]) -> Guess:
     truth, truth_reason = found.pop("truth", ("", ""))
     topics, reasons = ({name: pair[k] for name, pair in found.items()} for k in (0, 1))
     return Guess(topics, reasons, layout, truth, truth_reason, tuple(remarks))
+
+
+def is_tracker(name: str) -> bool:
+    """Tell whether a topic, frame or file is named after a system that tracks a body of its own."""
+    return TRACKERS.search(_text(name)) is not None
+
+
+def is_own(name: str) -> bool:
+    """Tell whether a topic is named after what the rover itself thinks, as wheel odometry: no truth."""
+    text = _text(name)
+    told = any(words.search(text) for words in TRUTH_WORDS)
+    return NO_TRUTH.search(text) is not None or (OWN.search(text) is not None and not told)
 
 
 def _text(name: str) -> str:

@@ -24,6 +24,7 @@ from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.bag_frames import chain_above, pose_row, read_frames, sampled, trajectory_of
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.io.text_table import check_order
+from sfr_loc_map.io.topic_guess import is_own
 from sfr_loc_map.io.trajectory_file import read_trajectory_file
 
 if TYPE_CHECKING:
@@ -148,9 +149,8 @@ def truth_of_bag(bag: Bag, config: TruthConfig = TruthConfig()) -> Truth:
         return config.applied(_tf_poses(bag, config.frame), None, f"{bag.path}, frame {config.frame} on /tf")
     topic = bag.find(config.source.strip("/") or GROUND_TRUTH, *TRUTH_TYPES)
     if topic is None:
-        others = [name for name, kind in sorted(bag.topics.items()) if kind in TRUTH_TYPES]
-        could = f"; these could be: {', '.join(others)}" if others else ""
-        raise InputError(f"bag '{bag.path}' has no true poses on '{GROUND_TRUTH}': name their topic (truth){could}")
+        text = f"bag '{bag.path}' has no true poses on '{GROUND_TRUTH}'"
+        raise InputError(f"{text}: name their topic by --set truth.source=TOPIC{could_be_truth(bag)}")
     with refusing(f"'{topic.bag_name}' of bag '{bag.path}'", "record it again"):
         poses, variances = TRUTH_TYPES[topic.msgtype](bag, topic)
     if not len(poses):
@@ -158,6 +158,12 @@ def truth_of_bag(bag: Bag, config: TruthConfig = TruthConfig()) -> Truth:
     check_order(poses.stamps_ns, f"'{topic.bag_name}' of bag '{bag.path}'", strict=False)
     kind = topic.msgtype.rpartition("/")[2]
     return config.applied(poses, variances, f"{bag.path}, {topic.bag_name} ({kind}), {len(poses)} poses")
+
+
+def could_be_truth(bag: Bag) -> str:
+    """Name the topics whose type is one of true poses, without those of what the rover thinks; the end of a message."""
+    found = sorted(name for name, kind in bag.topics.items() if kind in TRUTH_TYPES and not is_own(name))
+    return f"; these could be: {', '.join(found)}" if found else ""
 
 
 # ---- messages

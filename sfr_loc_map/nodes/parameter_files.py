@@ -76,10 +76,7 @@ def run_arguments(config: Path, written: Path) -> list[str]:
         values[task]["input.rectify"] = any(name.endswith(raw) for name in how.remap.values())
     content = {f"/**/{name}_node": {"ros__parameters": parameters} for name, parameters in values.items()}
     written.write_text(yaml.safe_dump(content), encoding="utf-8")
-    topics = {name: topic for topic, name in how.remap.items()}
-    if how.truth.source.startswith("/"):
-        topics["ground_truth/odometry"] = how.truth.source
-    remaps = [word for name, topic in topics.items() for word in ("-r", f"{name}:={topic}")]
+    remaps = [word for name, topic in how.topics.items() for word in ("-r", f"{name}:={topic}")]
     return ["--params-file", str(written), *remaps]
 
 

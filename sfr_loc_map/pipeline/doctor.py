@@ -87,6 +87,10 @@ def examine(seen: Observation) -> list[Finding]:
     found = [*_source(seen)]
     if not seen.broken or seen.topics:
         found += _names(seen)
+        for node in seen.waiting:
+            fix = "start them, or name their topics (sfr run --config); else leave the node out"
+            text = "none of its cameras is on the graph: it waits"
+            found.append(Finding(Cause.NO_PUBLISHER, node.name, text, fix, False))
         for task in seen.tasks:
             found += _camera_topics(seen, task)
             if seen.has_images(task):

@@ -103,6 +103,7 @@ class Observation:
     now_ns: int | None = None  # time of the host at the end; None where stamps are of a recording
     export_line: str = ""  # line of a shell that gives a publisher the shared memory it needs
     broken: str = ""  # why reading ended early
+    truth_has_attitude: bool = False
     unfinished: bool = False  # the bag was not closed, its last second may be missing
     left_out: int | None = None  # of a source of files the pairs that are listed but not there; None of a bag or graph
 
@@ -113,9 +114,15 @@ class Observation:
 
     @property
     def tasks(self) -> list[str]:
-        """The tasks that are meant: of nodes that run, else those with a topic."""
-        running = [task for task in TASKS if self.node(task) is not None]
+        """The tasks that are meant: of nodes that run, those that wait apart, else those with a topic."""
+        running = [task for task in TASKS if self.node(task) is not None and self.node(task) not in self.waiting]
         return running or [task for task in TASKS if any(name.startswith(f"{task}/") for name in self.topics)]
+
+    @property
+    def waiting(self) -> list[ObservedNode]:
+        """The nodes without a camera on the graph, where another one has some."""
+        fed = {name.partition("/")[0] for name, topic in self.topics.items() if topic.offers}
+        return [node for node in self.nodes if {node.task} - fed - {""} and any(n.task in fed for n in self.nodes)]
 
     def node(self, task: str) -> ObservedNode | None:
         """Return the node of a task, None where it does not run."""
@@ -207,6 +214,7 @@ def observe_bag(path: Path, config: SourceConfig) -> Observation:
         others={name: (kind,) for name, kind in bag.topics.items()},
         extrinsics_given=config.extrinsics.transform() is not None,
         extrinsics_in_tf=in_tf,
+        truth_has_attitude=bool(read.get("ground_truth/odometry")),
         broken=broken,
         unfinished=bag.unfinished,
     )
@@ -226,11 +234,13 @@ def observe_source(path: Path, config: SourceConfig, progress: Callable[[], None
                 progress()
 
     topics, broken = _collected(stream())
+    truth = None if source.loc is None else source.loc.ground_truth
     return Observation(
-        f"{source.format} source '{path}'",
+        f"'{path}' ({source.format})",
         live=False,
         topics=topics,
         extrinsics_in_tf=source.loc is not None and source.loc.rig.T_rb_sb is not None,
+        truth_has_attitude=truth is not None and getattr(truth, "has_attitude", True),
         broken=broken,
         left_out=source.left_out,
     )

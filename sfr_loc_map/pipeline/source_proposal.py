@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sfr_loc_map.config import yaml_text
-from sfr_loc_map.errors import InputError, SfrError
+from sfr_loc_map.config import flatten, yaml_text
+from sfr_loc_map.errors import SfrError
+from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S, SIDES
 from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, Bag, Topic, read_frames
-from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.bag_sequence import image_name
 from sfr_loc_map.io.image_codec import claimed_size
-from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.registry import format_of, open_source
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.stamp_pairing import STAMP_TOLERANCE_S, below_half_period
-from sfr_loc_map.io.topic_guess import SeenTopic, guess_topics
-from sfr_loc_map.io.truth import TRUTH_TYPES
+from sfr_loc_map.io.topic_guess import SeenTopic, guess_topics, is_tracker
+from sfr_loc_map.io.truth import could_be_truth
 
 SHORT_M = 12.0  #: A drive below this has too few sub-trajectories of 5 m: they are 1 m long.
+SPACING = 10  #: Pairs from the start of a sub-trajectory to that of the next, as `sfr score` has it.
 STEADY = 0.1  #: Share of a period in which a constant offset of the right stamps may vary.
 
 
@@ -36,7 +37,7 @@ class Proposal:
     reasons: dict[str, str] = field(default_factory=dict)  #: By `section.name`.
     missing: list[str] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
-    has_poses: bool = False  #: Whether it has a truth with attitudes.
+    has_attitude: bool | None = None  #: Whether its truth has attitudes; None without a truth.
 
     def set(self, section: str, name: str, value: object, reason: str) -> None:
         """Propose a value, unless it is given."""
@@ -64,20 +65,31 @@ class Proposal:
         return "\n".join(lines) + "\n"
 
 
-def propose_config(source: Path, given: Mapping[str, Any], path: Path | None = None) -> Proposal:
-    """Look at a source and propose how it is read; `given` are sections, whose values stand. InputError if broken."""
-    if not source.exists():
-        raise InputError(f"there is no '{source}' to look at: give a recording")
+def propose_config(
+    source: Path, given: Mapping[str, Any], path: Path | None = None, before: Mapping[str, Any] | None = None
+) -> Proposal:
+    """Look at a source and propose how it is read; `given` are sections, whose values stand, as some do in `before`.
+
+    Files in or below the folder of `path` are named relative to it. InputError if the source is none, or broken.
+    """
+    is_bag = format_of(source) == "bag"
     sections = {name: dict(v) if isinstance(v, Mapping) else v for name, v in given.items()}
-    found = Proposal(source, sections, path)
+    found, values = Proposal(source, sections, path), flatten(sections)
+    kept = {name for name, value in flatten(before or {}).items() if values.get(name) == value}
+    found.reasons |= dict.fromkeys(kept, "as before")
     found.sections.setdefault("topics", {})
-    if is_bag(source):
+    folder = None if path is None else path.parent.resolve()
+    for section, name in (("calibration", "file"), ("truth", "source")):
+        file = Path(str(sections.get(section, {}).get(name, "")))
+        if folder is not None and file.is_file() and file.is_relative_to(folder):
+            sections[section][name] = str(file.relative_to(folder))
+    if is_bag:
         bag = Bag(source)
         _topics(found, bag)
         bag = Bag(source, found.config.remap)
         _calibration(found, bag)
         _sync(found, bag)
-    _mounting_and_truth(found)
+    _mounting_and_truth(found, is_bag=is_bag)
     return found
 
 
@@ -158,7 +170,7 @@ def _sync(found: Proposal, bag: Bag) -> None:
         found.set("sync", "stamp_tolerance_s", tolerance, f"pairs are up to {spread / NS_PER_S:.2g} s apart")
 
 
-def _mounting_and_truth(found: Proposal) -> None:
+def _mounting_and_truth(found: Proposal, *, is_bag: bool) -> None:
     """Try to read the source as proposed; say what is still missing."""
     try:
         loc = open_source(found.source, found.config).loc
@@ -173,16 +185,36 @@ def _mounting_and_truth(found: Proposal) -> None:
             "--set 'extrinsics.quat_xyzw=[X, Y, Z, W]' (LOCSB in RB)"
         )
     elif "extrinsics" not in found.sections:
-        found.remarks.append("extrinsics are those of the source (/tf_static, rig.json or the calibration)")
+        mounted, read_from = loc.rig.T_rb_sb, getattr(loc, "mounted_by", "")
+        if read_from:  # for nodes that cannot read /tf_static
+            found.set("extrinsics", "translation_m", mounted.translation.tolist(), f"from {read_from}; sure")
+            found.set("extrinsics", "quat_xyzw", mounted.quat_xyzw.tolist(), f"from {read_from}; sure")
+        else:
+            found.remarks.append("extrinsics are those of the source (rig.json or the calibration)")
     truth = loc.ground_truth
-    found.has_poses = truth is not None and getattr(truth, "has_attitude", True)
-    if truth is None and is_bag(found.source):
-        could = sorted(name for name, kind in Bag(found.source).topics.items() if kind in TRUTH_TYPES)
-        named = f"; these could be: {', '.join(could)}" if could else ""
-        found.remarks.append(f"no truth: nothing is scored without --set truth.source=TOPIC or FILE{named}")
-    if truth is not None and len(truth) > 1:
-        length_m = float(np.linalg.norm(np.diff(truth.positions, axis=0), axis=1).sum())
-        metres = 5 if length_m >= SHORT_M else 1
-        if "conditions" not in found.sections:
-            found.sections["conditions"] = [f"distance={metres}"]
-            found.reasons["conditions"] = f"the true path is {length_m:.1f} m long"
+    if truth is None and is_bag:
+        could = could_be_truth(Bag(found.source))
+        found.remarks.append(f"no truth: nothing is scored without --set truth.source=TOPIC or FILE{could}")
+    if truth is None or len(truth) < 2:
+        return
+    given = found.sections.get("truth", {})
+    name = str(given.get("source") or given.get("frame") or "of the source")
+    found.has_attitude = getattr(truth, "has_attitude", True)
+    if "lever_arm_m" not in given and (is_tracker(name) or not found.has_attitude):
+        text = f"the truth {name} is taken as RB itself: lever arm 0; give --set 'truth.lever_arm_m=[X, Y, Z]'"
+        found.remarks.append(text)
+    if "conditions" not in found.sections:
+        _conditions(found, loc.stamps_ns, truth)
+
+
+def _conditions(found: Proposal, stamps_ns: Sequence[int], truth: Trajectory) -> None:
+    """Propose ends of sub-trajectories of which the drive has at least two."""
+    along_m = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(truth.positions, axis=0), axis=1)))
+    left_m = along_m[-1] - np.interp(stamps_ns, truth.stamps_ns, along_m)[::SPACING]
+    metres, pairs = 5 if along_m[-1] >= SHORT_M else 1, len(stamps_ns)
+    found.reasons["conditions"] = f"the true path is {along_m[-1]:.1f} m long"
+    found.sections["conditions"] = [f"distance={metres}"]
+    if np.sum(left_m >= metres) < 2:
+        found.sections["conditions"] = [f"frames={max(1, min(SPACING, pairs - SPACING - 1))}"]
+        if pairs < SPACING + 2:
+            found.remarks.append(f"{pairs} pairs are too few: nothing can be judged, which takes {SPACING + 2}")

@@ -115,7 +115,11 @@ REFUSED: dict[str, tuple[Callable[[], Recording], FramesConfig, str]] = {
     ),
     "before the joints": (lambda: joints_at(600, 700), PLACE, "joint 'pan' at stamp 1700000000500000000 is not known"),
     "a gap of the joints": (lambda: joints_at(0, 1400), PLACE, "is not known: record it from before the first pair"),
-    "a place not given": (lambda: joints_at(0, 900), FramesConfig(), "set where on the head they are, frames.head_to"),
+    "a place not given": (
+        lambda: joints_at(0, 900),
+        FramesConfig(),
+        "give their place on the head, --set 'frames.head_to",
+    ),
     "a turn that is none": (
         lambda: joints_at(0, 900),
         FramesConfig(head_to_navsb_quat_xyzw=(0.5, 0.0, 0.0, 0.0)),

@@ -12,7 +12,13 @@ from cli_result import Sfr
 from drive import Drive, load_drive
 from rows import ROWS, write_rig
 
+from sfr_loc_map.io.bag import IMAGE
 from sfr_loc_map.io.source_config import NAME
+from sfr_loc_map.io.topic_guess import is_own
+from sfr_loc_map.metrics.config import Condition
+from sfr_loc_map.metrics.limits import load_limits
+from sfr_loc_map.pipeline.doctor import examine
+from sfr_loc_map.pipeline.doctor_observation import EXPECTED, TASK_OF_NODE, Observation, ObservedNode, ObservedTopic
 
 EXTRINSICS = {"translation_m": [0.3, 0.0, 0.6], "quat_xyzw": [0.0, 0.3826834323650898, 0.0, 0.9238795325112867]}
 
@@ -115,3 +121,91 @@ def test_a_wrong_configuration_is_one_line(sfr: Sfr, tmp_path: Path, drive: Driv
     assert result.code == 2
     assert len(result.err.strip().splitlines()) == 1
     assert re.search(words, result.err), result.err
+
+
+def test_a_fix_is_written_where_the_configuration_was_read(sfr: Sfr, tmp_path: Path, drive: Drive) -> None:
+    made = ROWS["realsense_without_p3"].make(tmp_path, drive)
+    beside = tmp_path / NAME
+    beside.write_text("truth: {sigma_m: 0.02}\nlimits: limits.yaml\n")
+    result = sfr("doctor", made.source, "--fix", "--set", "truth.sigma_deg=0.5")
+    assert result.code == 0, result.err
+    assert f"{beside}, written again" in result.err
+    assert not (made.source / NAME).exists()
+    lines = beside.read_text().splitlines()
+    for line in ("  sigma_m: 0.02  # as before", "  sigma_deg: 0.5  # given", "limits: limits.yaml  # as before"):
+        assert line in lines
+    written = yaml.safe_load(beside.read_text())
+    assert written["extrinsics"]["translation_m"] == pytest.approx(drive.rig.T_rb_sb.translation.tolist())  # type: ignore[union-attr]
+
+
+def test_limits_that_were_edited_are_kept(sfr: Sfr, tmp_path: Path, drive: Drive) -> None:
+    made = ROWS["zed"].make(tmp_path, drive)
+    limits, init = tmp_path / "mine" / "limits.yaml", ("init", tmp_path / "mine", "--from", made.source)
+    assert sfr(*init).code == 0
+    assert load_limits(limits).conditions == [Condition.parse("frames=1")]  # of 12 pairs; starts are 10 apart
+    assert sfr(*init, "--overwrite", "--set", "conditions=[time=1]").code == 0
+    assert load_limits(limits).conditions == [Condition.parse("time=1")]  # nobody had edited it
+    edited = limits.read_text().replace(": 0.1", ": 0.2")
+    limits.write_text(edited)
+    result = sfr(*init, "--overwrite")
+    assert limits.read_text() == edited
+    assert "kept" in result.out
+    assert "placeholders" not in (tmp_path / "mine" / NAME).read_text()
+
+
+@pytest.mark.parametrize("name", ["truth_pose", "truth_nav_sat_fix"])
+def test_a_tracked_body_is_named_and_its_verdict_can_be_judged(sfr: Sfr, tmp_path: Path, name: str) -> None:
+    drive = load_drive(22)
+    made = ROWS[name].make(tmp_path, drive)
+    result = sfr("init", tmp_path, "--from", made.source)
+    assert result.code == 0, result.err
+    for text in (result.err, (tmp_path / NAME).read_text()):
+        assert "is taken as RB itself: lever arm 0; give --set 'truth.lever_arm_m=" in text
+    keys = {limit.key for limit in load_limits(tmp_path / "limits.yaml").limits}
+    assert ("chord_mean_plus_3sigma_m" in keys) == ("attitude_mean_plus_3sigma_deg" not in keys) == ("fix" in name)
+    assert sfr("localise", made.source, "-o", tmp_path / "e.csv").code == 0
+    scored = sfr("score", tmp_path / "e.csv", made.source, "--json", "-")
+    assert json.loads(scored.out)["verdicts"]
+    assert scored.code in (0, 1), scored.err  # 3 if one could not be judged
+    again = sfr("init", tmp_path, "--from", made.source, "--overwrite", "--set", "truth.lever_arm_m=[0, 0, 1]")
+    assert "lever arm 0" not in again.err
+
+
+def test_init_writes_nothing_of_what_is_no_source(sfr: Sfr, tmp_path: Path) -> None:
+    (tmp_path / "photos").mkdir()
+    for source in ("photos", "gone"):
+        result = sfr("init", tmp_path / "new", "--from", tmp_path / source)
+        assert result.code == 2
+        assert re.search(r"of no format that is read|there is no", result.err)
+    assert [item.name for item in tmp_path.iterdir()] == ["photos"]
+
+
+def test_a_calibration_beside_is_named_by_where_it_lies(sfr: Sfr, tmp_path: Path, drive: Drive) -> None:
+    made = ROWS["rig_json"].make(tmp_path, drive)
+    assert sfr("info", made.source).code == 0  # it shows what is there
+    unfixed = sfr("doctor", made.source, "--calibration", made.calibration)
+    assert f"--fix --calibration {made.calibration}" in unfixed.out
+    assert sfr("init", tmp_path, "--from", made.source, "--calibration", made.calibration).code == 0
+    assert yaml.safe_load((tmp_path / NAME).read_text())["calibration"]["file"] == made.calibration.name  # type: ignore[union-attr]
+    assert sfr("info", made.source).code == 0
+
+
+def test_wheel_odometry_is_not_named_as_a_truth() -> None:
+    assert [*map(is_own, ("/odom", "/wheel/odometry", "/zed/zed_node/pose", "/odometry/filtered"))] == [True] * 4
+    assert [*map(is_own, ("/ground_truth/odom", "/rtk/odometry", "/vrpn/rover/pose", "/robot/state"))] == [False] * 4
+
+
+def test_a_node_without_its_cameras_waits() -> None:
+    """A plain `sfr run` on a rover without mapping cameras is no fault."""
+    nodes = tuple(ObservedNode(name, task, extrinsics_given=True) for name, task in TASK_OF_NODE.items())
+    topics = {
+        f"loc/{side}/{what}": ObservedTopic(f"/loc/{side}/{what}", EXPECTED[f"loc/{side}/{what}"])
+        for side in ("left", "right")
+        for what in ("image_rect", "camera_info")
+    }
+    unheard = {"nav/left/image_rect": ObservedTopic("/nav/left/image_rect", (IMAGE,), offers=())}  # of the subscriber
+    findings = examine(Observation("", live=True, topics=topics | unheard, nodes=nodes))
+    assert [(item.where, item.is_blocking) for item in findings if "wait" in item.text] == [("mapping_node", False)]
+    assert not [item for item in findings if "nav/" in item.where]
+    alone = examine(Observation("", live=True, topics=unheard, nodes=nodes))
+    assert {item.where for item in alone if item.is_blocking} >= {"/nav/left/image_rect", "loc/left/image_rect"}
