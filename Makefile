@@ -70,7 +70,7 @@ example-candidate: $(STAMP)  ## Compile the example candidate in C and run it on
 fuzz: $(COMPILED)  ## Feed 2000 mutated files to all readers (SEED=N); what fails is kept in out/fuzz
 	PYTHONPATH=. $(BIN)/python test/fuzz --seed $(SEED)
 
-recordings: $(COMPILED)  ## From 46 kinds of recordings to a verdict: commands, seconds, error, what is said without (ROWS=)
+recordings: $(COMPILED)  ## From 48 kinds of recordings to a verdict: commands, seconds, error, what is said without (ROWS=)
 	PYTHONPATH=.:test/recordings $(BIN)/python test/recordings $(ROWS)
 
 random-faults: $(COMPILED)  ## Localise 100 drives with random faults: is one wrong without saying so (SEED=N)
