@@ -13,6 +13,7 @@ from sfr_loc_map.geometry.transform import FrameTree, Transform
 RB_FRAME, LOCSB_FRAME, NAVSB_FRAME = "rb", "locsb", "navsb"
 BASE_FRAMES = (RB_FRAME, "base_link", "base_footprint", "base", "body", "chassis")
 """Names of the rover's own frame, in the order of trying."""
+COULD_BE = "the rover's frame could also be"  #: In the text where several of `BASE_FRAMES` are joined.
 OPTICAL_IN_SB = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Turns an optical frame (x right, y down, z forward) into SB (x forward, y left, z up) [3.2.3]."""
 MAST_XY_RB_M = (0.451, 0.317)  #: Base of the mast (DMA) and the pan axis in RB [3.2.2, 3.2.6].
@@ -45,6 +46,8 @@ def rig_in_body(
         if T_base_frame is None:
             continue
         text = f"{bases[0]} to {frame}"
+        if len(bases) > 1:
+            text += f"; {COULD_BE} {' or '.join(bases[1:])}"
         if frame == sb_frame:
             return RigInBody(T_base_frame, text)
         turn = OPTICAL_IN_SB.T

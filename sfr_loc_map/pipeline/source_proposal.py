@@ -11,6 +11,7 @@ import numpy as np
 
 from sfr_loc_map.config import flatten, yaml_text
 from sfr_loc_map.errors import SfrError
+from sfr_loc_map.geometry.extrinsics import COULD_BE
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S, SIDES
 from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, Bag, Topic, read_frames
@@ -187,8 +188,10 @@ def _mounting_and_truth(found: Proposal, *, is_bag: bool) -> None:
     elif "extrinsics" not in found.sections:
         mounted, read_from = loc.rig.T_rb_sb, getattr(loc, "mounted_by", "")
         if read_from:  # for nodes that cannot read /tf_static
-            found.set("extrinsics", "translation_m", mounted.translation.tolist(), f"from {read_from}; sure")
-            found.set("extrinsics", "quat_xyzw", mounted.quat_xyzw.tolist(), f"from {read_from}; sure")
+            how = "unsure" if COULD_BE in read_from else "sure"
+            found.set("extrinsics", "translation_m", mounted.translation.tolist(), f"from {read_from}; {how}")
+            found.set("extrinsics", "quat_xyzw", mounted.quat_xyzw.tolist(), f"from {read_from}; {how}")
+            found.remarks += [f"extrinsics are from {read_from}: --set frames.base=NAME"] if how == "unsure" else []
         else:
             found.remarks.append("extrinsics are those of the source (rig.json or the calibration)")
     truth = loc.ground_truth

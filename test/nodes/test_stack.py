@@ -132,7 +132,9 @@ def test_extrinsics_follow_from_the_frames_of_drivers(driver: str) -> None:
         xyz = (0.1, 0.06, 0.5) if child == "mast" else (0.0, 0.0, 0.0)
         add_static_transforms(tf(parent, child, xyz, turn), extrinsics._tree)
     extrinsics.look(chain[-1], 0.12, said.append)
-    assert said == [f"extrinsics of the stereo rig from /tf_static: base_link to {chain[-1]}"]
+    assert [text.partition(";")[0] for text in said] == [
+        f"extrinsics of the stereo rig from /tf_static: base_link to {chain[-1]}"
+    ]
     assert extrinsics.T_rb_sb is not None
     np.testing.assert_allclose(extrinsics.T_rb_sb.translation, (0.1, 0.0, 0.5), atol=1e-12)  # half a baseline right
     np.testing.assert_allclose(extrinsics.T_rb_sb.rotation, np.eye(3), atol=1e-12)

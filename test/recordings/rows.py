@@ -366,6 +366,12 @@ def deep_frames(folder: Path, drive: Drive) -> Made:
     return Made(camera_of(drive, *STEREO, links).write(folder / "deep"))
 
 
+@row(0.01, "the chain of transforms is that of the plain recording")
+def two_base_frames(folder: Path, drive: Drive) -> Made:
+    links = ("base_footprint", "base_link", "camera_link", "camera_left_frame")
+    return Made(camera_of(drive, *STEREO, links).write(folder / "bases"), settings={"frames.base": "base_footprint"})
+
+
 def add_mapping(recording: Recording, drive: Drive, prefix: str, head_by: str) -> Recording:
     """Add three mapping pairs of a head that pans, taken before the drive: LM is RB; `head_by`: pose, joints or tf."""
     angles, T_head_sb = PanoramaConfig(), rig_extrinsics(NavCamerasConfig())

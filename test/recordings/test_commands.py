@@ -190,6 +190,16 @@ def test_a_calibration_beside_is_named_by_where_it_lies(sfr: Sfr, tmp_path: Path
     assert sfr("info", made.source).code == 0
 
 
+def test_two_frames_that_could_be_the_rovers_are_named(sfr: Sfr, tmp_path: Path, drive: Drive) -> None:
+    made = ROWS["two_base_frames"].make(tmp_path, drive)
+    result = sfr("init", tmp_path / "mine", "--from", made.source)
+    assert "could also be base_footprint: --set frames.base=NAME" in result.err
+    assert (
+        "could also be"
+        not in sfr("init", tmp_path / "m", "--from", made.source, "--set", "frames.base=base_footprint").err
+    )
+
+
 def test_wheel_odometry_is_not_named_as_a_truth() -> None:
     assert [*map(is_own, ("/odom", "/wheel/odometry", "/zed/zed_node/pose", "/odometry/filtered"))] == [True] * 4
     assert [*map(is_own, ("/ground_truth/odom", "/rtk/odometry", "/vrpn/rover/pose", "/robot/state"))] == [False] * 4
