@@ -171,10 +171,12 @@ class LiveServer:
 
     def end(self) -> None:
         """Tell the pages that the run is over: what is silent from now on is not missing."""
+        now_s = time.time()
         with self.state.lock:
-            self.state.ended = True
+            if self.state.ended_s is None:
+                self.state.ended_s = now_s
         self._nodes_s = 0.0
-        self.tell(time.time())
+        self.tell(now_s)
 
     def tell(self, now_s: float) -> None:
         """Let the pages send what has changed."""

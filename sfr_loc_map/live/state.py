@@ -152,7 +152,7 @@ class LiveState:
         self.problems: deque[str] = deque(maxlen=MAX_PROBLEMS)  # what could not be read, the latest last
         self.timeline = Timeline()
         self.place_s: float | None = None  # of a recording that is played: what it tells is in the time line before
-        self.ended = False  # a run that is under way is not incomplete
+        self.ended_s: float | None = None  # when; a run that is under way is not incomplete
         self.aborted: dict[str, Any] | None = None  # by what, and when, seconds
         self.report_page = b""  # of a run that is over: HTML
         self._missing = ""  # what is known to be missing at the end
@@ -160,6 +160,11 @@ class LiveState:
         self._published: OrderedDict[int, float] = OrderedDict()
         self._call_count = 0
         self._heard_s = 0.0
+
+    @property
+    def ended(self) -> bool:
+        """Whether the run is over."""
+        return self.ended_s is not None
 
     @property
     def wanted(self) -> frozenset[updates.View]:
@@ -193,9 +198,10 @@ class LiveState:
     def end(self, missing: str = "", aborted: str = "", now_s: float = 0.0) -> None:
         """Take note that the run is over, or was aborted by something: what its estimate does not cover is missing."""
         with self.lock:
-            if not self.ended:
+            if self.ended_s is None:
                 self.timeline.end(now_s)
-            self.ended, self._missing = True, missing
+                self.ended_s = now_s
+            self._missing = missing
             if aborted and self.aborted is None:
                 self.aborted = {"by": aborted, "at": now_s}
                 self.timeline.mark(now_s, EventKind.ABORTED, f"aborted: {aborted}")
@@ -239,6 +245,7 @@ class LiveState:
                 "age_s": None if report is None else round(now_s - min(report.received_s, self._result_s), 3),
                 "stale_reasons": self._stale_reasons(topics, silent, now_s),
                 "ended": self.ended,
+                "ended_at": self.ended_s,
                 "aborted": self.aborted,
                 "has_report": bool(self.report_page),
                 "report_age_s": None if report is None else round(now_s - report.received_s, 3),

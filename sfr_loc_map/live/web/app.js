@@ -12,7 +12,7 @@ import { showNodes } from "./nodes_view.js";
 import { Panels } from "./panels.js";
 import { showError, showPath } from "./path_view.js";
 import { showCalls } from "./plot.js";
-import { Store } from "./store.js";
+import { Store, stateOf } from "./store.js";
 import { dressAllHelp } from "./terms.js";
 import { moment as timeText, offerTimeline, showMoment, showTimeline } from "./timeline.js";
 import { View } from "./view.js";
@@ -70,7 +70,7 @@ panels.add("health", (moment) => showNodes(moment.nodes, store.ended), (moment) 
 
 function imagesKey(moment) {
   const lost = moment.rowCount > 0 && moment.rows[moment.rowCount - 1].lost;
-  return [choice("rig"), byId("tracks").checked, lost, moment.tracked, ["loc/left", "loc/right", "nav/left", "nav/right"].map((name) => moment.images.get(name)?.stamp_ns).join(" ")];
+  return [choice("rig"), byId("tracks").checked, lost && stateOf(moment), moment.tracked, ["loc/left", "loc/right", "nav/left", "nav/right"].map((name) => moment.images.get(name)?.stamp_ns).join(" ")];
 }
 
 /** Return `light` or `dark`: as the system says, until the button is pressed. */

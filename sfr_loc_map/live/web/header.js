@@ -1,6 +1,7 @@
 // The header: the verdict with its age and its end, the state of localisation, nodes, connection.
 
 import { byId, clockTime, setPill, setText } from "./dom.js";
+import { stateOf } from "./store.js";
 
 const short = (node) => node.name.replace("_node", "");
 
@@ -14,7 +15,7 @@ export function showHeader(moment, store, now, lostAt) {
   showNodesPill(nodes, ended, cut);
   const pill = byId("connection");
   if (aborted) setPill(pill, "fail", "■", `aborted at ${clockTime(aborted.at)}`);
-  else if (ended) setPill(pill, "open", "■", "the run has ended");
+  else if (ended) setPill(pill, "open", "■", `ended at ${clockTime(store.nodes.ended_at)}`);
   else if (cut) setPill(pill, "fail", "✖", `no connection since ${clockTime(lostAt)}`);
   else setPill(pill, lostAt ? "open" : "pass", lostAt ? "…" : "●", lostAt ? "connecting" : "connected");
   byId("report").hidden = !store.nodes?.has_report;
@@ -42,13 +43,14 @@ function showVerdict(moment, { aborted, ended, reasons, age }) {
     told.unshift(`${reasons.join(", ")}.`);
   } else setPill(pill, overall?.style ?? "open", overall?.icon ?? "–", word);
   setText(byId("overall"), told.join(" "));
+  setText(byId("age"), !overall || ended || reasons.length || age === null ? "" : `${Math.max(age, 0).toFixed(0)} s old`);
   const name = byId("title").textContent;
   document.title = [pill.textContent.trim(), name, "sfr live"].filter(Boolean).join(" · ");
 }
 
 function showState(moment, ended, cut) {
   const pill = byId("state"), row = moment.rows[moment.rowCount - 1], nodes = moment.nodes;
-  const node = nodes?.nodes.find((item) => item.name === "localisation_node"), word = node?.state || (row?.lost ? "lost" : "tracking");
+  const node = nodes?.nodes.find((item) => item.name === "localisation_node"), word = stateOf(moment);
   const compiling = nodes?.nodes.find((item) => item.message.toLowerCase().startsWith("compiling"));
   if (cut) setPill(pill, "stale", "○", "not known");
   else if (!row && compiling) setPill(pill, "open", "…", `${short(compiling)} ${compiling.message}`);

@@ -1,6 +1,7 @@
 // Images of both cameras with feature tracks and masks drawn on them, and whether localisation is lost.
 
 import { byId, colour, element, setText } from "./dom.js";
+import { stateOf } from "./store.js";
 
 const slots = new Map();
 const HATCH = 8, LEVELS = 8;
@@ -11,12 +12,11 @@ const HATCH = 8, LEVELS = 8;
  */
 export function showImages(moment, rig, wantsTracks, drawn) {
   const lost = moment.rowCount > 0 && moment.rows[moment.rowCount - 1].lost;
-  const node = moment.nodes?.nodes.find((item) => item.name === "localisation_node");
   const tracked = wantsTracks && rig === "loc" ? moment.tracked : null;
   for (const side of ["left", "right"]) {
     const found = tracked?.images[side] ?? moment.images.get(`${rig}/${side}`);
     const own = tracked && found && found.stamp_ns === tracked.tracks.stamp_ns ? tracked.tracks : null;
-    show(slotOf(side), found, own, rig === "loc" && lost ? node?.state || "lost" : "", drawn);
+    show(slotOf(side), found, own, rig === "loc" && lost ? stateOf(moment) : "", drawn);
   }
 }
 

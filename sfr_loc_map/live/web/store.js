@@ -7,6 +7,13 @@ const MAX_CALLS = 600;
 const RECENT = 24;
 const TRACKS_HOLD_S = 2;
 
+/** Return the state of localisation of a moment: as the node says, but for one that has not yet said that it is lost. */
+export function stateOf(moment) {
+  const lost = Boolean(moment.rows[moment.rowCount - 1]?.lost);
+  const word = moment.nodes?.nodes.find((item) => item.name === "localisation_node")?.state || "tracking";
+  return lost && word.startsWith("tracking") ? "lost" : word;
+}
+
 export class Store {
   constructor() {
     this.server = {};
