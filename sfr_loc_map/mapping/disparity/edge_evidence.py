@@ -208,9 +208,22 @@ def edge_network() -> EdgeNetwork:
     return EdgeNetwork(*(np.asarray(weights[name], F) for name in EdgeNetwork._fields))
 
 
+@jit_rows
+def _log_odds(network: EdgeNetwork, evidence: FloatImage) -> FloatImage:
+    low, high = network.low, network.high
+    hidden, hidden_offset, output = network.hidden, network.hidden_offset, network.output
+    out = np.empty(len(evidence), F)
+    for n in prange(len(evidence)):
+        total = network.output_offset[0]
+        for k in range(len(output)):
+            unit = hidden_offset[k]
+            for i in range(hidden.shape[1]):
+                unit += hidden[k, i] * min(max(evidence[n, i], low[i]), high[i])
+            total += output[k] * max(unit, F(0.0))
+        out[n] = total
+    return out
+
+
 def wrong_surface_log_odds(scene: EdgeScene, chosen: IntArray) -> FloatImage:
     """Return the log odds `(N,)` that pixels, given by their places in the flat image, are on the wrong surface."""
-    network = edge_network()
-    evidence = np.clip(edge_evidence(scene, chosen), network.low, network.high)
-    units = np.maximum(evidence @ network.hidden.T + network.hidden_offset, F(0.0))
-    return np.asarray(units @ network.output + network.output_offset, F)
+    return _log_odds(edge_network(), edge_evidence(scene, chosen))

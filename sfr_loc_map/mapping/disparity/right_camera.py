@@ -75,8 +75,9 @@ def correct_rectification(
 
 def _exposure(left: FloatImage, right: FloatImage, disparity: FloatImage) -> tuple[float, float]:
     """Return gain and offset of the right image against the left, from the spread of their common grey levels."""
+    rows = [np.ascontiguousarray(image[::4]) for image in (left, right, disparity)]
     a = left[::4, ::4]
-    b = photometric_residual(left, right, disparity)[::4, ::4] + a
+    b = photometric_residual(*rows)[:, ::4] + a
     usable = (a > MIN_GREY) & (a < MAX_GREY) & (b > MIN_GREY) & (b < MAX_GREY)
     if usable.sum() < MIN_EXPOSURE_PIXELS:
         return 1.0, 0.0
@@ -115,9 +116,8 @@ def _vertical_step(left: FloatImage, right: FloatImage, disparity: FloatImage) -
 def _residual_and_mean(left: FloatImage, right: FloatImage, disparity: FloatImage) -> tuple[FloatImage, FloatImage]:
     """Return the residual `(H, W)`, and the mean of each left pixel and its partner: the left one without a partner."""
     residual = photometric_residual(left, right, disparity)
-    mean = left + F(0.5) * residual
-    np.copyto(mean, left, where=np.isnan(residual))
-    return residual, mean
+    known = cv2.patchNaNs(residual.copy(), 0.0)
+    return residual, np.asarray(cv2.scaleAdd(known, 0.5, left), F)
 
 
 def _shifted_up(image: FloatImage, vertical: FloatArray) -> FloatImage:
@@ -153,7 +153,7 @@ def camera_rotation(
     """
     fit, deviation = np.zeros(5), np.full(5, np.inf)
     residual, mean = _residual_and_mean(left, right, disparity_px)
-    slope = cv2.filter2D(cv2.filter2D(mean, -1, DIFFERENCE.T), -1, SMOOTHING)[::STRIDE, ::STRIDE]
+    slope = cv2.filter2D(cv2.filter2D(mean, -1, DIFFERENCE.T)[::STRIDE], -1, SMOOTHING)[:, ::STRIDE]
     residual = residual[::STRIDE, ::STRIDE]
     usable = np.isfinite(residual) & valid[::STRIDE, ::STRIDE]
     v, u = np.nonzero(usable)

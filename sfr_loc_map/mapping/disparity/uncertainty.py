@@ -9,10 +9,12 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numba import prange
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatImage, GreyImage, Mask, median
 from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.jit import jit_rows
 from sfr_loc_map.mapping.disparity.filters import box_mean, second_differences, upsample_bilinear
 from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity
 
@@ -77,16 +79,25 @@ class Saturation:
     def widen(self, sigma: NDArray[np.float32], cloud: PointCloud, number: int) -> None:
         """Multiply the standard deviations `(N,)` of the points of a cloud's pair by their factors, in place."""
         if self.share > 0.0:
-            rows = np.flatnonzero(cloud.pair == number)
-            sigma[rows] *= SIGMA_FACTORS[self.around[cloud.v[rows], cloud.u[rows]]]
+            _widen(sigma, cloud.v, cloud.u, cloud.pair == number, self.around)
+
+
+@jit_rows
+def _widen(
+    sigma: NDArray[np.float32], v: NDArray[np.uint16], u: NDArray[np.uint16], which: Mask, around: GreyImage
+) -> None:
+    for n in prange(len(sigma)):
+        if which[n]:
+            sigma[n] *= SIGMA_FACTORS[around[v[n], u[n]]]
 
 
 def saturation(left: GreyImage, right: GreyImage, disparity_px: FloatImage) -> Saturation:
     """Return how saturated both images are around each pixel and its partner; the disparity `(H, W)` has no holes."""
     clipped_left, clipped_right = cv2.LUT(left, _CLIPPED), cv2.LUT(right, _CLIPPED)
     if clipped_right.any():
-        x, y = np.meshgrid(np.arange(left.shape[1], dtype=F), np.arange(left.shape[0], dtype=F))
-        clipped_right = cv2.remap(clipped_right, x - disparity_px, y, cv2.INTER_NEAREST)  # 0 outside
+        rows, cols = left.shape
+        x, y = np.arange(cols, dtype=F) - disparity_px, np.arange(rows, dtype=F)[:, None].repeat(cols, axis=1)
+        clipped_right = cv2.remap(clipped_right, x, y, cv2.INTER_NEAREST)  # 0 outside
     square = np.ones((FLAT_PX, FLAT_PX), np.uint8)
     flat = np.maximum(cv2.erode(clipped_left, square), cv2.erode(clipped_right, square)) > 0
     either = np.maximum(clipped_left, clipped_right)

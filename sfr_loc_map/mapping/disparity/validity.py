@@ -127,10 +127,14 @@ def valid_segments(left: FloatImage, right: FloatImage, disparity: FloatImage, v
     steps = np.rint(disparity * STEPS).astype(np.int32)
     steps[~valid] = -1
     number, pixels = find_segments(steps, np.int32(STEPS))
-    tested = (pixels > MIN_PIXELS) & (pixels <= LARGE_PIXELS)
-    correlation = gradient_correlation(left, right, disparity, number, tested)
-    kept = np.append((pixels > LARGE_PIXELS) | (correlation >= MIN_CORRELATION), np.False_)  # the last: no segment
-    return kept[number]
+    size = np.append(pixels > MIN_PIXELS, np.False_).astype(np.uint8)  # the last: no segment
+    size[:-1] += pixels > LARGE_PIXELS
+    sizes = size[number]
+    kept: Mask = sizes == 2
+    chosen = np.flatnonzero(sizes == 1)
+    correlation = gradient_correlation(left, right, disparity, chosen, number.flat[chosen], len(size))
+    kept.flat[chosen] = correlation >= MIN_CORRELATION
+    return kept
 
 
 @jit_inline
@@ -191,17 +195,20 @@ def find_segments(steps: NDArray[np.int32], largest: np.int32) -> tuple[NDArray[
 
 
 def gradient_correlation(
-    left: FloatImage, right: FloatImage, disparity: FloatImage, number: NDArray[np.int32], tested: Mask
+    left: FloatImage, right: FloatImage, disparity: FloatImage, chosen: IntArray, number: NDArray[np.int32], count: int
 ) -> FloatArray:
-    """Return the correlation of the grey level gradients of both images over each segment `(S,)`; 0 if not tested.
+    """Return the correlation of the grey level gradients of both images over the segment of each chosen pixel `(N,)`.
 
     It is `sum g_l . g_r / sqrt(sum |g_l|^2 sum |g_r|^2)` with central differences along both axes, those of the right
     image at `u - d` of each pixel. The rows count since the matcher chose the columns to be alike.
+
+    Pixels are given by their places in the flat image and by which of so many segments they belong to.
     """
-    y, x = (places + 1 for places in np.nonzero(np.append(tested, np.False_)[number[1:-1, 1:-1]]))
+    rows, cols = left.shape
+    y, x = chosen // cols, chosen % cols
     column = x.astype(F) - disparity[y, x]
     k = np.floor(column).astype(np.intp)
-    inside = (k >= 1) & (k <= left.shape[1] - 3)
+    inside = (k >= 1) & (k <= cols - 3) & (y > 0) & (y < rows - 1) & (x > 0) & (x < cols - 1)
     y, x, k, t = y[inside], x[inside], k[inside], (column - k.astype(F))[inside]
 
     def at(y: NDArray[np.intp], k: NDArray[np.intp]) -> FloatImage:
@@ -214,5 +221,5 @@ def gradient_correlation(
         left_x * left_x + left_y * left_y,
         right_x * right_x + right_y * right_y,
     )
-    common, of_left, of_right = (np.bincount(number[y, x], values, len(tested)) for values in products)
-    return np.asarray(common / np.sqrt(np.maximum(of_left * of_right, 1e-12)))
+    common, of_left, of_right = (np.bincount(number[inside], values, count) for values in products)
+    return np.asarray(common / np.sqrt(np.maximum(of_left * of_right, 1e-12)))[number]

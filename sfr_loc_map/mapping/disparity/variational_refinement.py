@@ -176,23 +176,51 @@ def coarse_to_fine_step(
     return cells + step, weights
 
 
+@jit_rows
 def cells_from_pixels(disparity: FloatImage, jump: np.float32) -> FloatImage:
     """Return the mean disparity of each cell's nearest surface `(H/2, W/2)`, NaN for a cell without any."""
-    pixels = [disparity[i::2, j::2] for i in range(2) for j in range(2)]
-    least = np.fmax.reduce(pixels) - jump
-    near = [pixel > least for pixel in pixels]
-    total = sum(np.where(here, pixel, F(0.0)) for here, pixel in zip(near, pixels, strict=True))
-    with np.errstate(invalid="ignore"):
-        return np.asarray(total / np.add.reduce(near, dtype=F), F)
+    rows, cols = disparity.shape[0] // 2, disparity.shape[1] // 2
+    cells = np.empty((rows, cols), F)
+    for i in prange(rows):
+        for j in range(cols):
+            nearest = F(-1.0)
+            for k in range(4):
+                nearest = max(nearest, disparity[2 * i + k // 2, 2 * j + k % 2])
+            total, count = F(0.0), F(0.0)
+            for k in range(4):
+                value = disparity[2 * i + k // 2, 2 * j + k % 2]
+                if value > nearest - jump:
+                    total += value
+                    count += F(1.0)
+            cells[i, j] = total / count if count > 0 and nearest >= 0 else F(np.nan)
+    return cells
 
 
+@jit_rows
 def fill_occlusions(cells: FloatImage) -> FloatImage:
     """Return the cells with each hole given the farther of its two neighbours along the row: holes are occlusions."""
-    known, column = np.isfinite(cells), np.arange(cells.shape[1])
-    before = np.maximum.accumulate(np.where(known, column, 0), axis=1)
-    after = np.minimum.accumulate(np.where(known, column, len(column) - 1)[:, ::-1], axis=1)[:, ::-1]
-    farther = np.fmin(*(np.take_along_axis(cells, place, axis=1) for place in (before, after)))
-    return np.nan_to_num(farther, nan=0.0)
+    rows, cols = cells.shape
+    out = cells.copy()
+    for i in prange(rows):
+        last = F(np.nan)
+        j = 0
+        while j < cols:
+            if cells[i, j] == cells[i, j]:
+                last = cells[i, j]
+                j += 1
+                continue
+            end = j
+            while end < cols and cells[i, end] != cells[i, end]:
+                end += 1
+            value = last
+            if end < cols and not value <= cells[i, end]:
+                value = cells[i, end]
+            if value != value:
+                value = F(0.0)
+            for k in range(j, end):
+                out[i, k] = value
+            j = end
+    return out
 
 
 @jit_rows

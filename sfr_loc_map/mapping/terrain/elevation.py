@@ -103,23 +103,24 @@ def elevation_of_cells(
     error that they share has no say in their weights, and no mean removes it.
     """
     inside = np.flatnonzero(cell >= 0)
-    cell, xyz = cell[inside], cloud.xyz[inside].astype(np.float64)
-    height, total = xyz[:, 2], np.square(cloud.sigma[inside], dtype=np.float64)
+    at, xyz = cell[inside].astype(np.intp), cloud.xyz.take(inside, axis=0)  # faster than an index of rows
+    height, total = xyz[:, 2].astype(np.float64), np.square(cloud.sigma[inside], dtype=np.float64)
     random = total if random_sigma is None else np.square(random_sigma[inside], dtype=np.float64)
     share = np.ones(len(inside))  # of a point's variance along its ray: that of its height
     if T_lm_left is not None:
-        squares = np.square(xyz - np.stack([pose.translation for pose in T_lm_left])[cloud.pair[inside]])
-        share = squares[:, 2] / (squares[:, 0] + squares[:, 1] + squares[:, 2])
+        centres = np.stack([pose.translation for pose in T_lm_left])
+        x, y, z = np.square(xyz - centres.take(cloud.pair[inside], axis=0)).T
+        share = z / (x + y + z)
     share = share + SLOPE**2
 
     def sums(values: FloatArray) -> FloatArray:
-        return np.asarray(np.bincount(cell, values, grid.rows * grid.columns), np.float64)
+        return np.asarray(np.bincount(at, values, grid.rows * grid.columns), np.float64)
 
     weight = 1.0 / (share * random)
     with np.errstate(divide="ignore", invalid="ignore"):
-        points, weights = np.bincount(cell, minlength=grid.rows * grid.columns), sums(weight)
+        points, weights = np.bincount(at, minlength=grid.rows * grid.columns), sums(weight)
         mean = sums(weight * height) / weights
-        spread = sums(np.square(height - mean[cell]) / (share * random))
+        spread = sums(np.square(height - mean[at]) / (share * random))
         common = sums(weight * (share * np.maximum(total - random, 0.0)))
         variance = points / weights + spread / weights / points + common / weights
     shape = (grid.rows, grid.columns)
