@@ -122,7 +122,7 @@ def _verdict(state: LiveState, live: dict[str, Any]) -> tuple[str, str, str]:
         text = f"{aborted['by']} at {_clock(aborted['at'])}. Verdict on what there was: {word}. {text}"
         return "■ aborted", text, BAD
     if live["ended"]:
-        return f"{word}, ended", text, style
+        return f"{word}, ended at {_clock(live['ended_at'])}", text, style
     if live["stale_reasons"]:
         age = "" if live["age_s"] is None else f", {live['age_s']:.0f} s old"
         return f"STALE {word}{age}", f"{', '.join(live['stale_reasons'])}. {text}", "bold yellow"

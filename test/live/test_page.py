@@ -81,7 +81,9 @@ async def check_panels(browser: Browser, server: LiveServer) -> None:
     limits = server.state.to_plain(0.0)["live"]["limits"]
     assert len(bars) == len(limits) == len(server.state.to_plain(0.0)["verdicts"]) > 3
     assert all(limit["text"] in bar for limit, bar in zip(limits, bars, strict=True))
-    assert limits[0]["text"] in await browser.value(text("overall")), "the worst is told in the header"
+    assert limits[0]["text"] in (await browser.value(text("overall"))).replace("\u00a0", " "), (
+        "the worst is told in the header"
+    )
     assert "limit of" in await browser.value("document.getElementById('error-canvas').dataset.marks")
     figures = dict(await browser.value(FIGURES))
     tables = [t for t in server.state.to_plain(0.0)["live"]["tables"] if t["name"] in SHOWN]

@@ -32,12 +32,14 @@ def recorded() -> list[Any]:
     return list(updates(COUNT, BEGIN_S))
 
 
-def drawn(records: list[Any], now_s: float, width: int = 80, height: int = 50, aborted: str = "") -> str:
+def drawn(
+    records: list[Any], now_s: float, width: int = 80, height: int = 50, aborted: str = "", ended: bool = False
+) -> str:
     state, text = LiveState(), io.StringIO()
     console = Console(file=text, width=width, height=height, highlight=False, force_terminal=True, color_system=None)
     for record in records:
         state.put(record)
-    if aborted:
+    if aborted or ended:
         state.end("", aborted, now_s)
     console.print(Terminal(state, "rover1", console).drawing(now_s), end="")
     return text.getvalue()
@@ -75,6 +77,7 @@ def test_small_terminals_show_verdict_state_nodes_and_the_worst_limit(
     ended = " ".join(drawn(recorded, END_S + 0.1, width, height, "monitor_node was killed by SIGKILL").split())
     assert "■ aborted" in ended
     assert "monitor_node was killed by SIGKILL at" in ended
+    assert "ended at " in drawn(recorded, END_S + 0.1, width, height, ended=True)
 
 
 def test_what_is_stale_lost_or_hostile_is_said_in_words(recorded: list[Any]) -> None:

@@ -42,7 +42,7 @@ function showVerdict(moment, { aborted, ended, reasons, age }) {
     setPill(pill, "stale", "○", overall ? `${word}, ${(age ?? 0).toFixed(0)} s old` : word);
     told.unshift(`${reasons.join(", ")}.`);
   } else setPill(pill, overall?.style ?? "open", overall?.icon ?? "–", word);
-  setText(byId("overall"), told.join(" "));
+  setText(byId("overall"), told.join(" ").replaceAll(/≤ ([^ ]+) /g, "≤\u00a0$1\u00a0"));  // a limit stays in one line
   setText(byId("age"), !overall || ended || reasons.length || age === null ? "" : `${Math.max(age, 0).toFixed(0)} s old`);
   const name = byId("title").textContent;
   document.title = [pill.textContent.trim(), name, "sfr live"].filter(Boolean).join(" · ");

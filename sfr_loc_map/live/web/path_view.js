@@ -162,8 +162,9 @@ function drawEllipse(context, [xx, yy, xy], x, y, scale) {
   context.stroke();
   if (gain > 1) {
     context.fillStyle = colour("muted");
-    context.textAlign = "left";
-    context.fillText(`3 sigma × ${gain}`, x + 12, y - axes[0] * gain - 4 > 12 ? y - axes[0] * gain - 4 : y + 16);
+    const right = x + 100 < context.canvas.clientWidth;
+    context.textAlign = right ? "left" : "right";
+    context.fillText(`3 sigma × ${gain}`, right ? x + 12 : x - 12, y - axes[0] * gain - 4 > 12 ? y - axes[0] * gain - 4 : y + 16);
   }
 }
 
