@@ -8,10 +8,12 @@ from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from loc_drive import drive, noisy, run
 from made_scene import LOC_RIG, true_pose
+from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.io.registry import open_source
@@ -96,6 +98,21 @@ def test_what_no_pose_explains_is_said(fault: str) -> None:
 @pytest.mark.parametrize("fault", ["arm:share=1,start=5", "scratch", "reflection:amount=0.3"])
 def test_arms_and_windows_do_not_carry_the_pose_along(fault: str) -> None:
     assert worst_ratio(with_fault(fault)) < 1.0
+
+
+def test_a_fast_drive_on_a_bare_road_is_not_lost(shared_data: Path) -> None:
+    loc = open_source(shared_data / "kitti-1").loc
+    assert loc is not None
+    rows = np.clip((np.arange(loc.rig.height) - 175) / 40.0, 0.0, 1.0)[:, None]  # how bare: all from the horizon down
+
+    def bare(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        return np.asarray(image * (1.0 - rows) + cv2.GaussianBlur(image, (0, 0), 5.0) * rows, np.uint8)
+
+    localiser = Localiser(loc.rig)
+    pairs = islice(loc.pairs(), 1, None, 3)  # 36 m/s
+    states = [localiser.process(replace(pair, left=bare(pair.left), right=bare(pair.right))).state for pair in pairs]
+    assert TrackingState.LOST not in states
+    assert states.count(TrackingState.TRACKING) > 0.6 * len(states)
 
 
 def test_nothing_is_left_out_of_a_fault_free_drive_or_of_one_that_stands_still() -> None:
