@@ -104,6 +104,7 @@ docs-check: docs $(DEV_STAMP)  ## Open every page of the site in a browser, at 1
 
 figures: $(DOCS_STAMP)  ## Draw the figures of the concept pages again
 	PYTHONPATH=. $(BIN)/python docs/_figures/draw.py
+	PYTHONPATH=. $(BIN)/python docs/_figures/mars.py
 
 screens: $(DEV_STAMP)  ## Film and photograph the pages of the suite for the site: needs chromium
 	PYTHONPATH=.:test/live $(BIN)/python docs/_figures/screens.py

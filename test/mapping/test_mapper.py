@@ -22,6 +22,7 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper, PairMap
 
 T_LM_NAVSB = Transform(matrix_from_rotvec([0.1, 0.35, -0.4]), np.array([1.0, -2.0, 2.0]))
+SAMPLE = Path(__file__).resolve().parents[2] / "sample"
 INNER = np.s_[16:-16, 48:-16]
 """Pixels whose neighbourhood both cameras see."""
 
@@ -231,3 +232,17 @@ def test_real_pairs(shared_data: Path, name: str, density: float, bad: float, me
     assert len(known) > density * len(error)
     assert (known > 2.0).mean() < bad
     assert known.mean() < mean
+
+
+@pytest.mark.parametrize(("name", "density"), [("spirit-1", 0.73), ("spirit-5", 0.77)])
+def test_mars(name: str, density: float) -> None:
+    """A pair of Spirit: as dense as the page says, and the ground ahead of the lander is a plane at height 0."""
+    panorama = panorama_of(open_source(SAMPLE / name))
+    item = next(iter(panorama.pairs()))
+    cloud = Mapper(panorama.rig).process(item.pair, item.T_lm_navsb, 0).cloud
+    assert np.count_nonzero(cloud.u >= 56) > density * 200 * 256
+    height = cloud.xyz[cloud.v < 75, 2]
+    assert abs(np.median(height)) < 0.01
+    assert np.percentile(np.abs(height), 80) < 0.06
+    deck = cloud.xyz[cloud.v > 150, 2]
+    assert 0.2 < np.median(deck) < 0.7

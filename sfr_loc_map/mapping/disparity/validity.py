@@ -1,4 +1,4 @@
-"""Which disparities are valid: visible to both cameras, textured, alike in both images, on the right surface.
+"""Which disparities are valid: visible to both cameras, alike in both images, on the right surface.
 
 Where there is no texture (sky, shadow, a flat wall) the matcher finds noise that happens to be alike in both images,
 and its smoothness spreads that over a segment of one disparity. Such a segment passes tests of its residuals, which
@@ -18,13 +18,10 @@ from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, IntArray, Mask, 
 from sfr_loc_map.jit import jit, jit_inline, jit_rows
 from sfr_loc_map.mapping.disparity.edge_evidence import NEIGHBOURHOOD, EdgeScene, wrong_surface_log_odds
 from sfr_loc_map.mapping.disparity.filters import MAD_TO_SIGMA, box_mean, depth_ratio, within
-from sfr_loc_map.mapping.disparity.uncertainty import NOISE_INFORMATION
 from sfr_loc_map.mapping.disparity.variational_refinement import JUMP_PX, RefinedDisparity
 
 F = np.float32
 
-MIN_TEXTURE = F(0.06)  #: Mean information of a cell beyond that of noise below which a region counts as textureless.
-TEXTURE_CELLS = 13
 MAX_CHI2_PER_DOF = F(4.0)  #: Mean square of normalised residuals in 5 x 5 pixels beyond which a match is doubtful.
 MAX_SQUARE = F(36.0)  #: Squares of single normalised residuals are clipped to this, unknown ones take it.
 MAX_CONTRAST_SHARE = F(0.7)
@@ -42,7 +39,7 @@ MAX_SLOPE = F(0.7)
 joins two surfaces across a part that one of the cameras does not see."""
 STEPS = F(16.0)
 """Disparities are compared in whole sixteenths of a pixel; neighbours of a segment differ by at most one pixel."""
-MIN_PIXELS = 80  #: Segments of so many pixels or fewer agree with nothing around them.
+MIN_PIXELS = 40  #: Segments of so many pixels or fewer agree with nothing around them.
 LARGE_PIXELS = 2000
 """Segments of more pixels are not of noise: in 100 images with a sky of noise the largest had 740."""
 MIN_CORRELATION = 0.7
@@ -55,8 +52,8 @@ def valid_mask(
 ) -> Mask:
     """Tell which pixels `(H, W)` have a valid disparity.
 
-    Invalid are pixels that the matcher left out, that refinement moved far, that are occluded in the right image, have
-    no texture, differ between the images, are likely on the wrong side of an edge (`edge_evidence`), or belong to a
+    Invalid are pixels that the matcher left out, that refinement moved far, that are occluded in the right image,
+    differ between the images, are likely on the wrong side of an edge (`edge_evidence`), or belong to a
     segment that is small or has no content in common. `contrast` is the `local_variance` of the left image.
     """
     disparity = refined.disparity_px
@@ -75,7 +72,6 @@ def locally_valid(refined: RefinedDisparity, initial_px: FloatImage, contrast: F
     Residuals must be no larger than their noise explains, or small against the image's contrast.
     """
     disparity = refined.disparity_px
-    rows, cols = disparity.shape
     change = np.abs(disparity - initial_px)
     valid: Mask = change <= max(MAX_CHANGE_PX, 5.0 * MAD_TO_SIGMA * median(change[~np.isnan(change)]))
     if not valid.any():
@@ -87,8 +83,6 @@ def locally_valid(refined: RefinedDisparity, initial_px: FloatImage, contrast: F
         (chi2_per_dof > MAX_CHI2_PER_DOF)
         & (chi2_per_dof * F(refined.noise * refined.noise) > MAX_CONTRAST_SHARE * contrast)
     )
-    textured = box_mean(refined.information, TEXTURE_CELLS) > NOISE_INFORMATION + MIN_TEXTURE
-    valid &= textured.repeat(2, axis=0).repeat(2, axis=1)[:rows, :cols]
     slope = cv2.filter2D(disparity, -1, np.array([[-0.5, 0.0, 0.5]], F), borderType=cv2.BORDER_REPLICATE)
     steep = (np.abs(slope) > MAX_SLOPE).astype(np.uint8)
     valid &= cv2.dilate(steep, np.ones((1, 3), np.uint8)) == 0
