@@ -23,7 +23,7 @@ PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
 CAMPAIGN := PYTHONPATH=test/scenes:test/nodes $(BIN)/python test/campaign
 SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
 
-.PHONY: help demo sample test test-fast faults misbehaviour signals drivers soak example-candidate fuzz recordings random-faults history-power suite-overhead lint types config format check docs docs-check figures screens traceability docs-test dist dist-test clean
+.PHONY: help demo sample test test-fast faults misbehaviour signals drivers soak example-candidate fuzz recordings random-faults history-power kernels suite-overhead lint types config format check docs docs-check figures screens traceability docs-test dist dist-test clean
 
 help:  ## Show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -78,6 +78,9 @@ random-faults: $(COMPILED)  ## Localise 100 drives with random faults: is one wr
 
 history-power: $(COMPILED)  ## Simulate 2000 histories of suites: false alarms, what is found, nights needed (SEED=N)
 	$(BIN)/python test/campaign/history_power.py --seed $(SEED)
+
+kernels: $(CORE)  ## Compile all kernels as after an installation: seconds of each
+	PYTHONPATH=. $(BIN)/python tools/kernel_times.py $(PARTS)
 
 suite-overhead: $(COMPILED)  ## Measure what a suite adds to tasks of known length, and how long workers wait
 	$(BIN)/python test/campaign/suite_overhead.py
