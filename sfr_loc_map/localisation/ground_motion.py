@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from operator import attrgetter
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -69,7 +70,8 @@ class GroundMotion(NamedTuple):
 
     result: TrackingResult  #: Tracking by it.
     dynamic: NDArray[np.intp] = NO_ROWS  #: `(N,)` rows in the window of landmarks that follow another motion.
-    #: Metres and radians by which the pose may be wrong, as two motions cannot be told apart; None if they can.
+    #: Metres and radians by which the pose may be wrong besides what no image shows, as it is not known which motion is
+    #: the ground's; None if it is.
     doubt: tuple[float, float] | None = None
     whole: bool = True  #: Whether the pair is of one exposure.
     sheared: bool = False  #: Whether its rows may be of different moments.
@@ -89,11 +91,13 @@ class GroundMotionFinder:
         self._shape, self._min_tracked, self._camera = (rig.height, rig.width), config.min_tracked, rig.camera
         self.cells = ImageCells(self._shape)
         nothing = np.zeros(self.cells.count, np.bool_)
-        self._change = Change(nothing, nothing)
+        self._change, self._doubted = Change(nothing, nothing), nothing
+        self._agreed = 0
 
     def begin(self, frame: StereoFrame, pose: Pose) -> None:
         """Begin with a window: its ground has not been seen to move."""
-        self._tears = self._age = self._agreed = 0
+        self._tears = self._age = 0
+        self._agreed = min(self._agreed, 0)  # what was in doubt still is
         self._typical: float | None = None
         self._stale = NO_TEAR
         self._image: FloatImage = frame.left[LEVEL].image
@@ -137,6 +141,7 @@ class GroundMotionFinder:
         if wrong:
             second = self._search(frame, first.landmarks.subset(judged.rest), guesses)
             if second is None or self._judge(second).wrong > MAX_WRONG_FIRST:
+                self._doubt(judged)
                 return GroundMotion(first, seen=False)
             return self._decide(frame, first, second, judged, guesses)
         if 0 < self._tears < MAX_TEARS:
@@ -151,18 +156,19 @@ class GroundMotionFinder:
             if judged.share >= MAX_SHARE and self._tears < MAX_TEARS:
                 return self._torn(first)
         self._tears, self._stale = 0, NO_TEAR
-        self._typical = typical + TYPICAL_SHARE * (judged.share - typical)
+        if self._agreed >= 0:  # what is learnt in doubt would be typical of the doubt
+            self._typical = typical + TYPICAL_SHARE * (judged.share - typical)
         if not known and judged.far > MOVED_PX:
-            self._agreed = self._agreed + 1 if self.cells.moving_share < MIN_SHARE else min(self._agreed, 0)
+            if self._agreed < 0 and not usual:
+                self._doubt(judged)
+            elif self.cells.moving_share < MIN_SHARE and (self._agreed >= 0 or self._covers(first, judged)):
+                self._agreed += 1
+            else:
+                self._agreed = min(self._agreed, 0)
         # one motion; what is fixed to the camera is left out
         if judged.cells.any():
             self.cells.leave_out(judged.cells, np.zeros_like(judged.cells))
-        doubt = None
-        if (
-            judged.share >= MAX_SHARE or self._agreed < 0
-        ):  # any motion: the larger of the one found and the one expected
-            steps = np.array([pose_distance(pose, guesses.poses[1]) for pose in (first.pose, guesses.poses[0])])
-            doubt = float(steps[:, 0].max()), float(steps[:, 1].max())
+        doubt = (0.0, 0.0) if judged.share >= MAX_SHARE or self._agreed < 0 else None
         return GroundMotion(first, first.landmarks.index[judged.fixed], doubt)
 
     def tear(self, stale: Mask) -> None:
@@ -178,6 +184,17 @@ class GroundMotionFinder:
             if there.sum() < MIN_WITNESSES or (first.inliers & there).sum() < 0.5 * there.sum():
                 return False
         return True
+
+    def _doubt(self, judged: Judged) -> None:
+        """Take it as unknown which motion is the ground's, unless that has been seen."""
+        if self._agreed < AGREED:
+            before = self._doubted if self._agreed < 0 else np.zeros_like(self._doubted)
+            self._agreed, self._doubted = -DOUBTED, before | self._cells(judged.cell[judged.rest])
+
+    def _covers(self, first: TrackingResult, judged: Judged) -> bool:
+        """Tell whether a motion is now seen in half of the cells that have contradicted one."""
+        seen = cv2.dilate(self._cells(judged.cell[first.inliers]).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        return bool((seen & self._doubted).sum() >= 0.5 * self._doubted.sum())
 
     def _torn(self, first: TrackingResult) -> GroundMotion:
         self._tears += 1
@@ -209,7 +226,7 @@ class GroundMotionFinder:
         ratio = self._evidence(first, second, expected) / self._evidence(second, first, expected)
         if self._agreed < AGREED or 1.0 / CLEAR < ratio < CLEAR:
             doubt = pose_distance(first.pose, second.pose)
-            self._agreed = AGREED if self._agreed >= AGREED else -DOUBTED
+            self._doubt(judged)
             if ratio < 1.0:
                 first = self._tracker.refine(frame, first.landmarks, second.pose, guesses.offset)
             return GroundMotion(first, doubt=doubt)

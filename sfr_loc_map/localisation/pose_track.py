@@ -177,7 +177,7 @@ class PoseTrack:
             chi_median: Median of the squared Mahalanobis residuals per degree of freedom; NaN without any.
             follows: Whether the pair before was tracked, too.
             late: Whether the pair may not show all of the motion.
-            doubt: Metres and radians by which the motion may be another one, always the same way.
+            doubt: Metres and radians by which it may be another one, always the same way, if that is more than it is.
         """
         now, last = Transform(*result.pose), self.T_world_left
         seconds = abs(stamp_ns - (self.known_ns or 0)) / NS_PER_S
@@ -186,7 +186,9 @@ class PoseTrack:
         most_m, most_rad = self._bounds.max_speed_m_s * seconds, self._bounds.max_turn_rad_s * seconds
         if not (metres <= SLACK_M + most_m and angle <= SLACK_RAD + most_rad):
             return None
-        if doubt is not None:
+        if doubt is not None:  # at least what no image shows
+            allowed = np.sqrt(self._unseen_in(seconds).diagonal())
+            doubt = max(doubt[0], metres, allowed[0]), max(doubt[1], angle, allowed[5])
             self._add_doubt(now.translation, doubt)
         # the path, and what the covariance of the pose is made of; the step was corrected by an offset, pixels
         per_bias = (now.translation - last.translation) * depth_m / self._per_px
