@@ -51,6 +51,7 @@ MIN_WITNESSES = 12  #: Fewest landmarks on either side of a tear that tell wheth
 MIN_FIXED = 12  #: Fewest landmarks that are taken as fixed to the camera.
 AGREED = 3  #: Pairs that one motion must explain before it is the ground's.
 DOUBTED = 10  #: As many more where there were two motions before.
+AFTER_TEAR = 0.5  #: Part of the share that makes a pair unusual where the one before was torn.
 MAX_TEARS = 10  #: Pairs in a row that may be of several exposures: what lasts longer is something else.
 ENOUGH_PX = 3.0  #: Image motion that tells well what is fixed to the camera: the next image is compared with this one.
 MAX_AGE = 10  #: Pairs after which an image is no longer compared with, however slow the motion.
@@ -74,7 +75,7 @@ class GroundMotion(NamedTuple):
     #: the ground's; None if it is.
     doubt: tuple[float, float] | None = None
     whole: bool = True  #: Whether the pair is of one exposure.
-    sheared: bool = False  #: Whether its rows may be of different moments.
+    sheared: bool = False  #: Whether its parts may be of different moments, as its rows, or as nothing explains more.
     seen: bool = True  #: Whether the image agrees that anything moved like that.
 
 
@@ -128,7 +129,8 @@ class GroundMotionFinder:
         stays, known = judged.stays, self._agreed >= AGREED
         wrong = judged.wrong > (MAX_WRONG if known else MAX_WRONG_FIRST)
         typical = judged.share if self._typical is None else self._typical
-        usual = judged.share < min(MIN_SHARE + MORE_THAN_USUAL * (self._typical or 0.0), MAX_SHARE)
+        margin = AFTER_TEAR * MIN_SHARE if self._tears else MIN_SHARE
+        usual = judged.share < min(margin + MORE_THAN_USUAL * (self._typical or 0.0), MAX_SHARE)
         if (wrong or not first.trusted or not (known or usual)) and np.count_nonzero(stays) >= MIN_FIXED:
             # what stays is rather the own body than the ground
             second = self._search(frame, first.landmarks.subset(~stays), guesses)
@@ -156,7 +158,7 @@ class GroundMotionFinder:
             if judged.share >= MAX_SHARE and self._tears < MAX_TEARS:
                 return self._torn(first)
         self._tears, self._stale = 0, NO_TEAR
-        if self._agreed >= 0:  # what is learnt in doubt would be typical of the doubt
+        if usual if known else self._agreed >= 0:  # what is learnt in doubt would be typical of the doubt
             self._typical = typical + TYPICAL_SHARE * (judged.share - typical)
         if not known and judged.far > MOVED_PX:
             if self._agreed < 0 and not usual:
@@ -169,7 +171,7 @@ class GroundMotionFinder:
         if judged.cells.any():
             self.cells.leave_out(judged.cells, np.zeros_like(judged.cells))
         doubt = (0.0, 0.0) if judged.share >= MAX_SHARE or self._agreed < 0 else None
-        return GroundMotion(first, first.landmarks.index[judged.fixed], doubt)
+        return GroundMotion(first, first.landmarks.index[judged.fixed], doubt, sheared=known and not usual)
 
     def tear(self, stale: Mask) -> None:
         """Take a pair that is torn, some rows `(H,)` old: those after it may be, until both sides agree on a motion."""

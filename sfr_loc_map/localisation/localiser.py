@@ -43,6 +43,8 @@ swapped."""
 MAX_SHEAR = 6.0
 """Squared shear of the rows over its variance, per degree of freedom, of an image of one moment: at most 3.4 on clean
 drives, at least 7 where the rows are sheared by a pixel."""
+SHEAR_SHARE = 0.05  #: Share of a pair in the mean of it over the last pairs,
+MAX_MEAN_SHEAR = 1.6  #: which is at most 1.3 on clean drives, real ones too, and 2 to 5 at a shear of 0.3 px.
 KEYFRAME_SHARE = 0.65  #: Share of the last keyframe's landmarks below which a new keyframe is made.
 Outcome = tuple[TrackingStatistics, StepEstimate | None, tuple[SlidingWindow, StereoFrame, TrackingResult] | None]
 """Figures of a call, the step to its pose (None when lost), and the keyframe to be made of its pair."""
@@ -79,7 +81,7 @@ class Localiser:
         self._state = TrackingState.INITIALISING
         self._reason: StateReason | None = None
         self._stage_s: dict[str, float] = {}
-        self._doubted_keyframes = 0
+        self._doubted_keyframes, self._shear = 0, 0.0
         self.last_result: TrackingResult | None = None
 
     def set_pose(self, pose: StartPose | Transform) -> None:
@@ -193,7 +195,9 @@ class Localiser:
         if result.trusted:  # follow a drift of the right camera
             seen = StereoObservations(result.observations, result.variance)
             px, variance, shear = right_shift(result.pose, result.landmarks.estimates, seen, camera)
-            ground = ground._replace(sheared=ground.sheared or shear > MAX_SHEAR)
+            self._shear += SHEAR_SHARE * (shear - self._shear)
+            sheared = ground.sheared or shear > MAX_SHEAR or self._shear > MAX_MEAN_SHEAR
+            ground = ground._replace(sheared=sheared)
             px = calibration.learn_shift(px, variance)
             if px != 0.0:
                 observations = result.observations.copy()
@@ -208,7 +212,7 @@ class Localiser:
             return self._lose(frame, StateReason.IMPLAUSIBLE_MOTION)
         one_sided = result.right_share <= MIN_RIGHT_SHARE and is_textured(frame.right)
         if one_sided and tracker.fits_swapped(frame, result, calibration.offset):
-            return self._lose(frame, StateReason.NO_STEREO)
+            return self._unknown(StateReason.NO_STEREO, TrackingStatistics(inliers=0))  # no window begins with it
         return self._update(frame, window, ground._replace(result=result), doubt)
 
     def _update(
