@@ -50,6 +50,7 @@ MAX_WRONG_FIRST, MAX_WRONG = 0.05, 0.4
 MIN_WITNESSES = 12  #: Fewest landmarks on either side of a tear that tell whether it is there.
 MIN_FIXED = 12  #: Fewest landmarks that are taken as fixed to the camera.
 AGREED = 3  #: Pairs that one motion must explain before it is the ground's.
+SETTLED = 3  #: Pairs after one that contradicted its pose that may be late, too.
 DOUBTED = 10  #: As many more where there were two motions before.
 AFTER_TEAR = 0.5  #: Part of the share that makes a pair unusual where the one before was torn.
 MAX_TEARS = 10  #: Pairs in a row that may be of several exposures: what lasts longer is something else.
@@ -97,7 +98,7 @@ class GroundMotionFinder:
 
     def begin(self, frame: StereoFrame, pose: Pose) -> None:
         """Begin with a window: its ground has not been seen to move."""
-        self._tears = self._age = 0
+        self._tears = self._age = self._unsettled = 0
         self._agreed = min(self._agreed, 0)  # what was in doubt still is
         self._typical: float | None = None
         self._stale = NO_TEAR
@@ -144,6 +145,7 @@ class GroundMotionFinder:
             second = self._search(frame, first.landmarks.subset(judged.rest), guesses)
             if second is None or self._judge(second).wrong > MAX_WRONG_FIRST:
                 self._doubt(judged)
+                self._unsettled = SETTLED
                 return GroundMotion(first, seen=False)
             return self._decide(frame, first, second, judged, guesses)
         if 0 < self._tears < MAX_TEARS:
@@ -171,7 +173,9 @@ class GroundMotionFinder:
         if judged.cells.any():
             self.cells.leave_out(judged.cells, np.zeros_like(judged.cells))
         doubt = (0.0, 0.0) if judged.share >= MAX_SHARE or self._agreed < 0 else None
-        return GroundMotion(first, first.landmarks.index[judged.fixed], doubt, sheared=known and not usual)
+        sheared = self._unsettled > 0 or (known and not usual)
+        self._unsettled = max(self._unsettled - 1, 0)
+        return GroundMotion(first, first.landmarks.index[judged.fixed], doubt, sheared=sheared)
 
     def tear(self, stale: Mask) -> None:
         """Take a pair that is torn, some rows `(H,)` old: those after it may be, until both sides agree on a motion."""

@@ -41,7 +41,7 @@ MIN_RIGHT_SHARE = 0.3
 swapped."""
 
 MAX_SHEAR = 6.0
-"""Squared shear of the rows over its variance, per degree of freedom, of an image of one moment: at most 3.4 on clean
+"""Squared shear of the rows over its variance, per degree of freedom, of an image of one moment: at most 4.1 on clean
 drives, at least 7 where the rows are sheared by a pixel."""
 SHEAR_SHARE = 0.05  #: Share of a pair in the mean of it over the last pairs,
 MAX_MEAN_SHEAR = 1.6  #: which is at most 1.3 on clean drives, real ones too, and 2 to 5 at a shear of 0.3 px.

@@ -71,8 +71,10 @@ def test_dirt_and_own_shadow_do_not_hold_the_pose(fault: str) -> None:
 
 SEVERE = ("texture", "reflection", "body:amount=0.6", "ghost:share=0.3", "interlaced:share=0.3", "shear:share=0.3")
 
+LATER = ("reflection:share=1,start=5", "ghost:amount=0.66,share=0.5,burst=4,start=5")
 
-@pytest.mark.parametrize("fault", [*SEVERE, "yaw:amount=0.3", "shift:amount=2"])
+
+@pytest.mark.parametrize("fault", [*SEVERE, "yaw:amount=0.3", "shift:amount=2", "ghost:share=1", *LATER])
 def test_what_no_pose_explains_is_said(fault: str) -> None:
     """Most of the image does not move with the ground, or is of another moment; the right camera looks elsewhere."""
     sequence = drive_of(open_source(SAMPLE))
