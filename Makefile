@@ -5,6 +5,7 @@ BIN := $(VENV)/bin
 OUT ?= out/demo
 SEED ?= 1
 HOURS ?= 8
+SEEDS ?= 8101
 CORE := $(VENV)/.installed-core
 STAMP := $(VENV)/.installed
 DEV_STAMP := $(VENV)/.installed-dev
@@ -23,7 +24,7 @@ PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
 CAMPAIGN := PYTHONPATH=test/scenes:test/nodes $(BIN)/python test/campaign
 SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
 
-.PHONY: help demo sample test test-fast faults misbehaviour signals drivers soak example-candidate fuzz recordings random-faults history-power kernels suite-overhead lint types config format check docs docs-check figures screens traceability docs-test dist dist-test clean
+.PHONY: help demo sample test test-fast faults misbehaviour signals drivers soak example-candidate fuzz recordings random-faults history-power kernels nees suite-overhead lint types config format check docs docs-check figures screens traceability docs-test dist dist-test clean
 
 help:  ## Show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -108,6 +109,9 @@ docs-check: docs $(DEV_STAMP)  ## Open every page of the site in a browser, at 1
 figures: $(DOCS_STAMP)  ## Draw the figures of the concept pages again
 	PYTHONPATH=. $(BIN)/python docs/_figures/draw.py
 	PYTHONPATH=. $(BIN)/python docs/_figures/mars.py
+
+nees: $(DEV_STAMP)  ## NEES of the motion by interval, twelve rendered drives from SEEDS on, and KITTI=PATH: an hour at first
+	PYTHONPATH=. $(BIN)/python tools/nees.py --seeds $(SEEDS) $(if $(KITTI),--kitti $(KITTI))
 
 screens: $(DEV_STAMP)  ## Film and photograph the pages of the suite for the site: needs chromium
 	PYTHONPATH=.:test/live $(BIN)/python docs/_figures/screens.py

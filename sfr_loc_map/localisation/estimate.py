@@ -86,7 +86,7 @@ class StepEstimate:
     seconds: float  #: Time since the pose before; 0 at the first pose.
     motion: FloatArray  #: `(6,)` metres and rotation vector, radians.
     covariance: FloatArray  #: `(6, 6)` of it, ROS order, independent from step to step.
-    #: `(6,)` one standard deviation of the error that all steps have alike: those of several steps add up.
+    #: `(6,)` independent standard deviations, on the axes of RB, of what all steps have alike: they add up.
     systematic: FloatArray
     noise: FloatArray  #: `(6, 6)` white noise of the pose itself, in RB there: the step that follows takes it back.
     noise_before: FloatArray  #: The same of the pose before, in RB there.
@@ -106,7 +106,7 @@ class StepEstimate:
         T_before_now = Transform(matrix_from_rotvec(self.motion[3:]), self.motion[:3])
         before = propagated_covariance(self.noise_before, T_before_now.translation)
         turn = np.kron(np.eye(2), T_before_now.rotation)
-        systematic = np.outer(self.systematic, self.systematic)
+        systematic = np.diag(np.square(self.systematic))
         total = self.covariance + before + turn @ self.noise @ turn.T + systematic + self.unsteady
         return np.asarray(0.5 * (total + total.T))
 

@@ -8,7 +8,7 @@ the motion between them is known. That is made of steps:
   adjustment, in proportion to the size of the step and to the variance factor: the residuals found, over those stated
   (the variance factor of least squares, as in Foerstner and Wrobel, Photogrammetric Computer Vision, chapter 4);
 - a common error of all disparities, alike in all steps: it scales each by `depth / (fx baseline)`, and adds up with
-  its sign;
+  its sign; one that differs over the image turns the path and bends it aside;
 - what no image showed: it is in the step to a pose that was kept or may be late, and in the step from it.
 
 Positions are `(3,)`, metres, in the world, depths the median ones of the landmarks. A covariance `(6, 6)` is of
@@ -50,6 +50,9 @@ COMMON_PX: Final = 0.03
 """Standard deviation of the error of a whole image (blur, jitter), pixels: it is unobservable."""
 COMMON_DISPARITY_PX: Final = 0.01
 """Standard deviation of the error that all disparities share, pixels: it scales the path."""
+SHAPE_PX: Final = 0.0007
+"""Standard deviation of the disparity error that differs over the image (lens, matching), pixels, alike in all steps:
+landmarks too near on one side and too far on the other turn each step by `metres / (fx baseline)` a pixel."""
 INFLATION: Final = 2.0  #: Factor on the covariance of an adjustment: errors of neighbouring landmarks are correlated.
 DRIFT_SHARE: Final = 0.1
 """Standard deviation of the attitude that a drift of the right camera leaves, as a share of the drift followed."""
@@ -242,7 +245,8 @@ class PoseTrack:
             TrackedPose(stamp_ns, now, follows, self._window, of_window, self._bias, self._corrected_bias, self._doubt)
         )
         vector = np.concatenate((of_rb.translation, rotvec_from_matrix(of_rb.rotation)))
-        systematic = np.concatenate((to_rb @ systematic, np.zeros(3)))
+        turned = SHAPE_PX / self._per_px * np.copysign(np.linalg.norm(of_left.translation), vector[0])
+        systematic = np.concatenate((to_rb @ systematic, np.full(3, turned)))
         seconds = (stamp_ns - before_ns) / NS_PER_S
         unsteady = NOTHING if follows else self._unseen_in(seconds)
         return StepEstimate(seconds, vector, covariance, systematic, self._noise, noise_before, unsteady)

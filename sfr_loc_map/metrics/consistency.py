@@ -34,14 +34,14 @@ from sfr_loc_map.metrics.statistics import chi2_interval95
 
 PARTS = (slice(0, 6), slice(0, 3), slice(3, 6))  #: Pose, position, attitude.
 STEP_SIZE: Final = 48
-"""Numbers of a step: upper triangle of its covariance, systematic vector, upper triangle of the noise of its pose."""
+"""Numbers of a step: upper triangle of its covariance, systematic errors, upper triangle of the noise of its pose."""
 WITHOUT_NOISE: Final = 27  #: Of a step without the last of these.
-SUMS_SIZE: Final = 79  #: Numbers of the sums up to a pose: C, G, count of unknown steps, W of the pose.
+SUMS_SIZE: Final = 109  #: Numbers of the sums up to a pose: C, G, count of unknown steps, W of the pose.
 AXES: Final = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 def sums_of_steps(estimates: Estimates, steps: FloatArray, wanted: IntArray) -> dict[int, FloatArray]:
-    """Return the sums `(79,)` of the steps `(E, 48)` of the estimates up to each that is wanted, by its row."""
+    """Return the sums `(109,)` of the steps `(E, 48)` of the estimates up to each that is wanted, by its row."""
     poses = estimates.trajectory
     rows = unique_rows(poses.stamps_ns)
     positions, quats = np.ascontiguousarray(poses.positions[rows]), unit_quats(poses.quats_xyzw[rows])
@@ -121,12 +121,12 @@ def relative_error(frames: Frames, start: int, end: int) -> FloatArray:
 def relative_covariance(start: FloatArray, end: FloatArray, position: FloatArray) -> FloatArray | None:
     """Return the covariance `(6, 6)` of a pose at a position, from the sums at both; None where a step is unknown."""
     between = end - start
-    if between[42] > 0.0:
+    if between[72] > 0.0:
         return None
     carried = propagation(position)
-    systematic = carried @ between[36:42]
-    parts = between[:36] + start[43:] + end[43:]
-    covariance = carried @ parts.reshape(6, 6) @ carried.T + np.outer(systematic, systematic)
+    systematic = carried @ between[36:72].reshape(6, 6)
+    parts = between[:36] + start[73:] + end[73:]
+    covariance = carried @ parts.reshape(6, 6) @ carried.T + systematic @ systematic.T
     return np.asarray(0.5 * (covariance + covariance.T))
 
 
@@ -134,7 +134,7 @@ def relative_covariance(start: FloatArray, end: FloatArray, position: FloatArray
 def accumulated(
     steps: FloatArray, lost: Mask, positions: FloatArray, quats: FloatArray, wanted: IntArray
 ) -> FloatArray:
-    """Return the sums `(W, 79)` at rows that go up, of steps `(N, 48)` to poses in the order of their stamps.
+    """Return the sums `(W, 109)` at rows that go up, of steps `(N, 48)` to poses in the order of their stamps.
 
     Steps are NaN where not known; a lost pose repeats the one before and has none. Metres, DS; unit quaternions.
     """
@@ -147,21 +147,21 @@ def accumulated(
             known = known and np.isfinite(value)
         now = row_quat(quats, k)
         if not known and not lost[k]:
-            total[42] += 1.0
+            total[72] += 1.0
         elif not lost[k]:
             _carry(before, positions[k], carried)
             _fill(part, steps[k], 0)
             _add(total, 0, carried, part)
             for i in range(6):
                 for a in range(6):
-                    total[36 + i] += carried[i, a] * steps[k, 21 + a]
+                    total[36 + 6 * i + a] += carried[i, a] * steps[k, 21 + a]
         before = now
         if found < len(wanted) and wanted[found] == k:
-            total[43:] = 0.0
+            total[73:] = 0.0
             if known and not lost[k]:
                 _carry(now, positions[k], carried)
                 _fill(part, steps[k], WITHOUT_NOISE)
-                _add(total, 43, carried, part)
+                _add(total, 73, carried, part)
             copy_row(total, result[found])
             found += 1
     return result

@@ -88,12 +88,12 @@ STEPS = np.column_stack((COVARIANCES[:, *UPPER], SYSTEMATIC, NOISE[:, *UPPER]))
 
 
 def test_steps_are_composed_as_one_after_the_other() -> None:
-    composed, systematic = np.zeros((6, 6)), np.zeros(6)
+    composed, systematic = np.zeros((6, 6)), np.zeros((6, 6))
     for k in range(5, 21):
         move = POSITIONS[k] - POSITIONS[k - 1] if k > 5 else np.zeros(3)
         in_ds = np.kron(np.eye(2), matrix_from_quat(QUATS[k - 1]))
         composed = propagated_covariance(composed, move) + in_ds @ COVARIANCES[k] @ in_ds.T
-        systematic = propagation(move) @ systematic + in_ds @ SYSTEMATIC[k]
+        systematic = propagation(move) @ systematic + in_ds @ np.diag(SYSTEMATIC[k])
     for k in (4, 20):  # the noise of the poses at both ends
         in_ds = np.kron(np.eye(2), matrix_from_quat(QUATS[k]))
         composed += propagated_covariance(in_ds @ NOISE[k] @ in_ds.T, POSITIONS[20] - POSITIONS[k])
@@ -103,4 +103,4 @@ def test_steps_are_composed_as_one_after_the_other() -> None:
     assert relative_covariance(sums[24], sums[26], POSITIONS[26]) is None, "a step is not known"
     found = relative_covariance(sums[4], sums[20], POSITIONS[20])
     assert found is not None
-    np.testing.assert_allclose(found, composed + np.outer(systematic, systematic), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(found, composed + systematic @ systematic.T, rtol=1e-9, atol=1e-12)
