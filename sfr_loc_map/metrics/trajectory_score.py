@@ -140,6 +140,11 @@ def score_trajectory(
 
     tolerance_s, scores, rows = config.association.tolerance_s, [], []
     for condition, (starts, ends) in zip(conditions, pairs, strict=True):
+        by_reading = {  # before the errors that are kept: one of them at a time takes memory
+            name: None if other == reading else moments(sub_trajectory_errors(poses, starts, ends, other))
+            for name, other in READINGS.items()
+            if placed is None
+        }
         errors = sub_trajectory_errors(poses, starts, ends, reading)
         mean, squares = moments(errors)
         stretches = block_sums(errors[:, : CHORD + 1])
@@ -153,10 +158,8 @@ def score_trajectory(
             interval = interval95(stretches, which, overlap, unsigned=name == "attitude_deg")
             figures[name] = IntervalStatistic(**vars(plain), mean_plus_3sigma_ci95=interval)
         readings = {}
-        for name, other in READINGS.items() if placed is None else ():
-            mean_of, squares_of = mean, squares
-            if other != reading:
-                mean_of, squares_of = moments(sub_trajectory_errors(poses, starts, ends, other))
+        for name, found in by_reading.items():
+            mean_of, squares_of = found or (mean, squares)
             readings[str(name)] = ReadingScore(
                 **{name: statistic(len(errors), mean_of[which], squares_of[which]) for name, which in FIGURES.items()}
             )
@@ -187,6 +190,7 @@ def score_trajectory(
                 **dict(zip(COLUMNS, map(column, errors[::every].T), strict=True)),
             )
             rows.append(made)
+        del errors
 
     by_distance = []
     for metres in DISTANCES_M:
