@@ -24,28 +24,32 @@ def main(parts: list[str]) -> None:
 
     seconds: dict[tuple[str, str], float] = defaultdict(float)
     count: dict[tuple[str, str], int] = defaultdict(int)
-    for part in parts or PARTS:
-        open_kernels: list[list[float]] = []  # begin, seconds of those within
 
-        class Times(event.Listener):
-            def on_start(self, event: event.Event) -> None:
-                if event.data["dispatcher"] not in KERNELS:
-                    return
-                open_kernels.append([time.perf_counter(), 0.0])  # noqa: B023
+    class Times(event.Listener):
+        part = ""
 
-            def on_end(self, event: event.Event) -> None:
-                if event.data["dispatcher"] not in KERNELS:
-                    return
-                begin, within = open_kernels.pop()  # noqa: B023
+        def __init__(self) -> None:
+            self.begun: list[list[float]] = []  # of the kernels in work: begin, seconds of those within
+
+        def on_start(self, event: event.Event) -> None:
+            if event.data["dispatcher"] in KERNELS:
+                self.begun.append([time.perf_counter(), 0.0])
+
+        def on_end(self, event: event.Event) -> None:
+            kernel = event.data["dispatcher"]
+            if kernel in KERNELS:
+                begin, within = self.begun.pop()
                 took = time.perf_counter() - begin
-                if open_kernels:  # noqa: B023
-                    open_kernels[-1][1] += took  # noqa: B023
-                key = part, event.data["dispatcher"].py_func.__qualname__  # noqa: B023
+                if self.begun:
+                    self.begun[-1][1] += took
+                key = self.part, kernel.py_func.__qualname__
                 seconds[key] += took - within
                 count[key] += 1
 
-        with event.install_listener(COMPILE, Times()):
-            PARTS[part]()
+    times = Times()
+    with event.install_listener(COMPILE, times):
+        for times.part in parts or PARTS:
+            PARTS[times.part]()
     print("| part | kernel | specialisations | seconds |\n|---|---|---|---|")
     for key in sorted(seconds, key=seconds.__getitem__, reverse=True):
         print(f"| {key[0]} | `{key[1]}` | {count[key]} | {seconds[key]:.2f} |")

@@ -14,19 +14,21 @@ from __future__ import annotations
 import argparse
 import subprocess
 import sys
-from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.rotation import matrix_from_quat, rotvec_from_matrix
-from sfr_loc_map.geometry.transform import propagated_covariance, propagation
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.rotation import matrix_from_quat
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import drive_of
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
-from sfr_loc_map.localisation.localiser import Localiser
+from sfr_loc_map.metrics.association import associate
+from sfr_loc_map.metrics.config import AssociationConfig
+from sfr_loc_map.metrics.consistency import relative_covariance, relative_error, sums_of_steps
+from sfr_loc_map.pipeline.call_stats import stats_of
+from sfr_loc_map.pipeline.offline import localise, start_pose, trajectory_of
 
 SCENARIOS = ("rocky", "rolling", "crater_rim", "flat", "low_sun", "sample")
 PAIRS, SPEED_M_S = 80, 0.35  #: Of each drive: 14 m at most.
@@ -39,7 +41,7 @@ class Stretch(NamedTuple):
 
     velocity: float
     rotation: float
-    by_axis: np.ndarray
+    by_axis: FloatArray
 
 
 def rendered(scenario: str, seed: int, folder: Path) -> Path:
@@ -56,46 +58,33 @@ def rendered(scenario: str, seed: int, folder: Path) -> Path:
 def stretches(path: Path) -> dict[float, list[Stretch]]:
     """Localise a drive; return its stretches that share no pair, by least length in metres."""
     source = drive_of(open_source(path))
-    localiser, truth = Localiser(source.rig, LocalisationConfig()), source.ground_truth
+    truth = source.ground_truth
     assert truth is not None
-    estimates = [localiser.process(pair) for pair in source.pairs()]
-    estimates = [estimate for estimate in estimates if estimate.step is not None]
-    degraded = sum(estimate.state is TrackingState.DEGRADED for estimate in estimates)
-    print(f"{path}: {len(estimates)} poses, {degraded} degraded")
-    rows = np.searchsorted(truth.stamps_ns, [estimate.stamp_ns for estimate in estimates])
-    positions = truth.positions[rows]
-    rotations = np.array([matrix_from_quat(quat) for quat in truth.quats_xyzw[rows]])
+    found, calls = zip(*localise(source, LocalisationConfig(), start_pose(source, "truth")), strict=True)
+    estimates = stats_of(calls).estimates(trajectory_of(found))
+    assert estimates.steps is not None
+    print(f"{path}: {len(calls)} poses, {np.count_nonzero(estimates.degraded)} degraded")
+    frames, _, _ = associate(estimates.trajectory, truth, AssociationConfig())
+    sums = sums_of_steps(estimates, estimates.steps, frames.est_rows)
     result: dict[float, list[Stretch]] = {}
     for least in INTERVALS_M:
-        start, found = 0, []
-        for end in range(1, len(estimates)):
-            if estimates[end].state is TrackingState.DEGRADED:
+        start, result[least] = 0, []
+        for end in range(1, len(frames.est_rows)):
+            first, last = (int(frames.est_rows[k]) for k in (start, end))
+            if estimates.degraded[last] or estimates.lost[last]:
                 start = end
-                continue
-            moved = estimates[end].T_ds_rb.translation - estimates[start].T_ds_rb.translation
-            if np.linalg.norm(moved) >= least:
-                found.append(judged(estimates[start : end + 1], positions[[start, end]], rotations[[start, end]]))
+            elif np.linalg.norm(frames.est_pos[end] - frames.est_pos[start]) >= least:
+                covariance = relative_covariance(sums[first], sums[last], frames.est_pos[end])
+                if covariance is not None:
+                    to_start = np.kron(np.eye(2), matrix_from_quat(frames.est_quat[start]).T)
+                    error = to_start @ relative_error(frames, start, end)
+                    result[least].append(judged(error, to_start @ covariance @ to_start.T))
                 start = end
-        result[least] = found
     return result
 
 
-def judged(estimates: list[PoseEstimate], positions: np.ndarray, rotations: np.ndarray) -> Stretch:
-    """Return how the error over the poses compares to its covariance; truth `(2, 3)`, `(2, 3, 3)` at both ends."""
-    first, last = estimates[0].T_ds_rb, estimates[-1].T_ds_rb
-    to_start = first.rotation.T
-    error = to_start @ (last.translation - first.translation) - rotations[0].T @ (positions[1] - positions[0])
-    turn = (to_start @ last.rotation) @ (rotations[0].T @ rotations[1]).T
-    error = np.concatenate((error, rotvec_from_matrix(turn)))
-    covariance, systematic = np.zeros((6, 6)), np.zeros((6, 6))
-    for before, now in pairwise(estimates):
-        lever = to_start @ (last.translation - now.T_ds_rb.translation)
-        axes = to_start @ before.T_ds_rb.rotation
-        covariance += propagated_covariance(now.step.covariance, lever, axes)
-        systematic += propagation(lever) @ np.kron(np.eye(2), axes) @ np.diag(now.step.systematic)
-    covariance += propagated_covariance(estimates[0].step.noise, to_start @ (last.translation - first.translation))
-    covariance += propagated_covariance(estimates[-1].step.noise, np.zeros(3), to_start @ last.rotation)
-    covariance += systematic @ systematic.T
+def judged(error: FloatArray, covariance: FloatArray) -> Stretch:
+    """Return how an error `(6,)` compares to its covariance `(6, 6)`."""
     velocity, rotation = (
         float(error[part] @ np.linalg.solve(covariance[part, part], error[part])) / 3
         for part in (slice(3), slice(3, 6))
