@@ -160,7 +160,8 @@ class GroundMotionFinder:
             if judged.share >= MAX_SHARE and self._tears < MAX_TEARS:
                 return self._torn(first)
         self._tears, self._stale = 0, NO_TEAR
-        if usual if known else self._agreed >= 0:  # what is learnt in doubt would be typical of the doubt
+        settled = usual if known else self._agreed >= 0
+        if settled:  # what is learnt in doubt would be typical of the doubt
             self._typical = typical + TYPICAL_SHARE * (judged.share - typical)
         if not known and judged.far > MOVED_PX:
             if self._agreed < 0 and not usual:

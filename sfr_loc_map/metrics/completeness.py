@@ -36,8 +36,9 @@ def completeness(
     """Return what of a drive is covered, where the score has `matched` frames; MetricsError for two runs in one."""
     order = np.argsort(estimate.stamps_ns, kind="stable")
     given_ns, given = estimate.stamps_ns[order], estimate.positions[order]
-    stamps = given_ns[np.diff(given_ns, prepend=given_ns[:1] - 1) > 0]
-    elsewhere = int(np.count_nonzero((np.diff(given_ns) == 0) & (np.diff(given, axis=0) != 0.0).any(axis=1)))
+    new = np.diff(given_ns, prepend=given_ns[:1] - 1) > 0
+    stamps = given_ns[new]
+    elsewhere = int(np.count_nonzero(~new[1:] & (np.diff(given, axis=0) != 0.0).any(axis=1)))
     if elsewhere > DOUBLED_SHARE * len(stamps):
         raise MetricsError(
             f"the estimate holds two runs: {elsewhere} of {len(stamps)} stamps come again at another position: give one"
