@@ -7,6 +7,7 @@ import shlex
 import signal
 import sys
 import time
+from itertools import count
 from pathlib import Path
 
 import pytest
@@ -133,11 +134,18 @@ def test_the_unit_file_starts_the_nodes_and_ends_them_as_it_says(tmp_path: Path)
             run.wait_for(f"[{name}_node]: listens to")
         pids = nodes_of(run.popen.pid)
         rclpy.init(args=[])
-        with Peer() as peer:
-            send_infos(peer, "loc", LOC_RIG)
-            send_pair(peer, "loc", loc_pair(0))
-            peer.until(lambda: report.exists() and pose.exists(), "what the nodes keep")
-        rclpy.try_shutdown()
+        try:
+            with Peer() as peer:
+                pairs = count()
+
+                def kept() -> bool:  # what comes once is lost to a node that has not found its writer yet
+                    send_infos(peer, "loc", LOC_RIG)
+                    send_pair(peer, "loc", loc_pair(next(pairs)))
+                    return report.exists() and pose.exists()
+
+                peer.until(kept, "what the nodes keep")
+        finally:
+            rclpy.try_shutdown()
         begin = time.monotonic()
         assert run.end(signal.Signals[service["KillSignal"]]) == 0
         assert time.monotonic() - begin < float(service["TimeoutStopSec"])
