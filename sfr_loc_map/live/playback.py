@@ -46,12 +46,12 @@ from sfr_loc_map.metrics.config import MappingState, ScoreConfig
 from sfr_loc_map.metrics.limits import Limits, limits_of, load_limits
 from sfr_loc_map.metrics.score import InputFile, Score
 from sfr_loc_map.metrics.score_json import from_json, to_json
-from sfr_loc_map.pipeline.call_stats import STATISTIC, STEP_NAMES, call_of, load_call_stats
+from sfr_loc_map.pipeline.bag_estimates import statuses_of
+from sfr_loc_map.pipeline.call_stats import STATISTIC, STEP_NAMES, call_of, load_call_stats, values_of
 from sfr_loc_map.pipeline.monitor_score import MonitorScore
 from sfr_loc_map.pipeline.replay import ReplayFiles
 from sfr_loc_map.pipeline.scoring import load_estimates
 
-DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 LOCALISATION_NODE, MAPPING_NODE = "localisation_node", "mapping_node"
 LEVELS = {TrackingState.DEGRADED.value: 1, TrackingState.LOST.value: 2}
 TICK_S, REPORT_PERIOD_S, TIME_LINE_PERIOD_S = 0.05, 1.0, 0.25
@@ -257,13 +257,11 @@ def _calls(stats: Path) -> Iterator[updates.Status]:
 
 
 def _diagnostics(bag: Bag) -> Iterator[updates.Status]:
-    topic = bag.find("diagnostics", DIAGNOSTICS)
-    for _, _, message in () if topic is None else bag.messages([topic]):
-        for item in message.status:
-            name, _, kind = item.name.partition(": ")
-            if kind in set(updates.StatusKind):
-                values, node = {pair.key: pair.value for pair in item.values}, PurePosixPath("/" + name).name
-                yield updates.Status(node, updates.StatusKind(kind), int(item.level), item.message, values, 0.0)
+    for _, item in statuses_of(bag):
+        name, _, kind = item.name.partition(": ")
+        if kind in set(updates.StatusKind):
+            node, level = PurePosixPath("/" + name).name, int(item.level)
+            yield updates.Status(node, updates.StatusKind(kind), level, item.message, values_of(item), 0.0)
 
 
 class Player:

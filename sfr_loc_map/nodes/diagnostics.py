@@ -25,11 +25,10 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from sfr_loc_map.config import param
-from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import NS_PER_S, one_line
 from sfr_loc_map.metrics.calls import CallMeter, CallUsage
 from sfr_loc_map.nodes.messages import header_msg
-from sfr_loc_map.pipeline.call_stats import STATISTIC, CallRecord, TaskRecord, call_of
+from sfr_loc_map.pipeline.call_stats import STATISTIC, CallRecord
 
 Value = str | bool | int | float
 TOPIC = "/diagnostics"
@@ -83,23 +82,10 @@ def _text(value: Value) -> str:
     return value if isinstance(value, str) else repr(item() if item is not None else value)
 
 
-def values_of(status: DiagnosticStatus) -> dict[str, str]:
-    """Return the values of a status by name."""
-    return {pair.key: pair.value for pair in status.values}
-
-
 def level_of(status: DiagnosticStatus) -> Level:
     """Return the level of a status; the message class gives it as one byte."""
     level = status.level
     return Level(level[0] if isinstance(level, bytes) else int(level))
-
-
-def task_record(status: DiagnosticStatus) -> TaskRecord | None:
-    """Return the call that a status describes, None where it describes something else."""
-    try:
-        return call_of(values_of(status))
-    except InputError as error:
-        raise InputError(f"status '{status.name}' on {TOPIC} cannot be read: {error}") from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +131,7 @@ class StatusReporter:
         """Publish the health of a node with a task periodically; `activity` returns what it does at the moment."""
         self._node, self._task, self._config, self._activity = node, task, config, activity
         self._last_kind: tuple[str, ...] = ()
-        self._lock, self._process, self._meter = Lock(), psutil.Process(), CallMeter()
+        self._lock, self._process, self.meter = Lock(), psutil.Process(), CallMeter()
         self.calls = 0
         self.publisher = node.create_publisher(DiagnosticArray, TOPIC, QoSProfile(depth=QUEUE_DEPTH))
         clock = Clock(clock_type=ClockType.STEADY_TIME)
@@ -257,14 +243,10 @@ class StatusReporter:
         span = min(self._config.window_s, max(now - self._since, 1.0))
         return sum(now - moment <= span for moment in moments) / span
 
-    def mark_idle(self) -> None:
-        """Take the present memory as that of the idle process, which the memory of calls is compared with."""
-        self._meter.mark_idle()
-
     @contextmanager
     def measure(self) -> Iterator[CallUsage]:
         """Measure the `with` block."""
-        with _ONE_AT_A_TIME, self._meter.measure() as usage:
+        with _ONE_AT_A_TIME, self.meter.measure() as usage:
             yield usage
 
     def call(self, call: CallRecord, level: Level, times: Mapping[str, float], counts: Mapping[str, int]) -> None:
@@ -278,7 +260,7 @@ class StatusReporter:
             "stamp_ns": call.stamp_ns,
             "state": call.state,
             "reason": call.reason,
-            "memory_method": self._meter.method,
+            "memory_method": self.meter.method,
             **took,
         }
         values |= {STATISTIC + name: float(value) for name, value in call.statistics.items()}

@@ -28,6 +28,7 @@ from sfr_loc_map.nodes.extrinsics import TF_STATIC, add_static_transforms
 from sfr_loc_map.nodes.messages import message_type, tf_message_type
 from sfr_loc_map.nodes.peer import POLL_S, Peer
 from sfr_loc_map.nodes.replay import graph_node
+from sfr_loc_map.pipeline.call_stats import values_of
 from sfr_loc_map.pipeline.doctor_observation import (
     EXPECTED,
     MESSAGES_KEPT,
@@ -144,7 +145,7 @@ class _GraphObserver(Peer):
         """Note nodes that have made a call since they became active."""
         for status in message.status:
             name, _, kind = status.name.partition(": ")
-            if kind == "health" and "last_processing_time_s" in diagnostics.values_of(status):
+            if kind == "health" and "last_processing_time_s" in values_of(status):
                 self._worked.add(name)
 
     def _topic(self, name: str, full_name: str, types: list[str]) -> ObservedTopic:

@@ -37,7 +37,7 @@ from sfr_loc_map.inputs import NS_PER_S, SIDES
 from sfr_loc_map.io.image_codec import decode_grey, image_from_message, stamp_of
 from sfr_loc_map.live import media, updates
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.nodes.diagnostics import TOPIC, level_of, values_of
+from sfr_loc_map.nodes.diagnostics import TOPIC, level_of
 from sfr_loc_map.nodes.lifecycle.worker import Overload, Worker
 from sfr_loc_map.nodes.messages import (
     ELEVATION_FIELDS,
@@ -51,10 +51,10 @@ from sfr_loc_map.nodes.messages import (
 )
 from sfr_loc_map.nodes.peer import Peer
 from sfr_loc_map.nodes.processes import page_node_name
+from sfr_loc_map.pipeline.call_stats import values_of
 from sfr_loc_map.pipeline.reception import TransportGaps
 
 SUITE_NODES = ("localisation_node", "mapping_node", "monitor_node")
-KINDS = frozenset(kind.value for kind in updates.StatusKind)
 DEPTH = 200
 GRAPH_PERIOD_S = 0.5
 SPIN_S = 0.1
@@ -145,7 +145,11 @@ class RosFeed(Peer):
         for status in message.status:
             full_name, _, kind = status.name.partition(": ")
             name = PurePosixPath("/" + full_name)
-            if str(name.parent).strip("/") != self._space or kind not in KINDS or name.name not in SUITE_NODES:
+            if (
+                str(name.parent).strip("/") != self._space
+                or kind not in set(updates.StatusKind)
+                or name.name not in SUITE_NODES
+            ):
                 continue
             what, level = updates.StatusKind(kind), int(level_of(status))
             self._state.put(updates.Status(name.name, what, level, status.message, values_of(status), time.time()))

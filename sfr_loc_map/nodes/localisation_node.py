@@ -117,7 +117,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         base = "" if config.rb_frame == RB_FRAME else self._rb_frame
         self._extrinsics = Extrinsics(config.T_rb_locsb, base, config.frame(config.locsb_frame))
         self._motion_prior = OdometryBuffer()
-        self.status.mark_idle()
+        self.status.meter.mark_idle()
         self._odometry = add_publisher(Odometry, "localisation/odometry", OUTPUT_DEPTH)
         self._path_publisher = add_publisher(PathMsg, "localisation/path", 1, latched=True)
         self._path: ThinnedPath[PoseStamped] = ThinnedPath()

@@ -76,7 +76,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
         """Load compiled code, create publishers."""
         self.load_kernels("mapping", "terrain")
         self._stages: deque[CallUsage] = deque(maxlen=MAX_PAIRS)  # what mapping the last pairs took
-        self.status.mark_idle()
+        self.status.meter.mark_idle()
         self._lm_frame, add_publisher = self.config.frame(self.config.lm_frame), self.endpoints.add_publisher
         self._cloud = add_publisher(PointCloud2, "mapping/points", 1, latched=True)
         self._elevation = add_publisher(PointCloud2, "mapping/elevation", 1, latched=True)

@@ -33,13 +33,13 @@ from std_msgs.msg import Header
 from stereo_msgs.msg import DisparityImage
 
 from sfr_loc_map.errors import GeometryError, InputError, NodeError
-from sfr_loc_map.geometry.arrays import FloatArray, FloatArray32, GreyImage
+from sfr_loc_map.geometry.arrays import FloatArray, FloatArray32
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.geometry.plausibility import MAX_VARIANCE, check_image_size, is_plausible_covariance
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import LOST_VARIANCE, refusing
-from sfr_loc_map.io.image_codec import JPEG_MAGIC, PNG_MAGIC, claimed_size, image_from_message, stamp_of
+from sfr_loc_map.io.image_codec import JPEG_MAGIC, PNG_MAGIC, claimed_size, stamp_of
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, StepEstimate
 
 if TYPE_CHECKING:
@@ -201,12 +201,6 @@ def tf_message_type() -> type[Any] | None:
         return message_type("tf2_msgs/msg/TFMessage")
     except NodeError:
         return None
-
-
-def grey_from_image(message: Image | CompressedImage, size: tuple[int, int]) -> GreyImage:
-    """Return an image message (PNG or JPEG where compressed) as 8-bit grey `(H, W)`; `size` is that of camera_info."""
-    check_image(message, size)
-    return image_from_message(message)
 
 
 def check_image(message: Image | CompressedImage, size: tuple[int, int]) -> None:

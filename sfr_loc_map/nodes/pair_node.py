@@ -19,7 +19,7 @@ from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.inputs import NS_PER_S, SIDES, Side
 from sfr_loc_map.io.camera_info import rig_from_camera_info
-from sfr_loc_map.io.image_codec import stamp_of
+from sfr_loc_map.io.image_codec import image_from_message, stamp_of
 from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig
 from sfr_loc_map.io.stamp_pairing import STAMP_TOLERANCE_S, StampPairing
 from sfr_loc_map.nodes.diagnostics import Level
@@ -28,7 +28,7 @@ from sfr_loc_map.nodes.lifecycle.endpoints import RELIABILITIES, profile
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.worker import Overload
-from sfr_loc_map.nodes.messages import check_image, grey_from_image
+from sfr_loc_map.nodes.messages import check_image
 from sfr_loc_map.pipeline.reception import MUCH_LOST, TransportGaps, jumped_back, latencies, loss_fix
 
 LOSS_WINDOW = 40  #: Images of which the share lost is taken, at the least.
@@ -95,7 +95,7 @@ class ReceivedPair:
     def _grey(self, side: int) -> GreyImage:
         message = self.images[side][0]
         try:
-            return grey_from_image(message, (self.rig.width, self.rig.height))
+            return image_from_message(message)
         except InputError:
             raise
         except Exception as error:  # data from the network: whatever a decoder raises, the node goes on
@@ -114,7 +114,7 @@ class StereoInput:
         stem, transport = "image_raw" if config.rectify else "image_rect", config.image_transport
         kinds = (("compressed", stem, Image), ("raw", f"{stem}/compressed", CompressedImage))
         self._images: dict[str, type[Any]] = {name: kind for other, name, kind in kinds if transport != other}
-        self._last_ns: int | None = None
+        self.last_ns: int | None = None
         self._infos: dict[Side, CameraInfo] = {}
         self._fresh_sides: set[Side] = set()
         self._rectifier: StereoRectifier | None = None
@@ -180,11 +180,7 @@ class StereoInput:
         """Forget what waits and which stamp was last."""
         self._pairing.clear()
         self._without_rig.clear()
-        self._last_ns = None
-
-    def is_ahead_of(self, now_ns: int) -> bool:
-        """Tell whether the last pair lies so far after a moment that the clock must have jumped back since."""
-        return self._last_ns is not None and jumped_back(self._last_ns, now_ns)
+        self.last_ns = None
 
     def add_camera_info(self, side: Side, message: CameraInfo) -> None:
         """Take a camera_info; a rig is made of one new one of each side, since on a change one side comes first."""
@@ -234,12 +230,12 @@ class StereoInput:
             self.dropped["rejected"] += 1
             self._report(str(error))
             return
-        if self._last_ns is not None and stamp_ns <= self._last_ns:
-            if not jumped_back(self._last_ns, stamp_ns):
+        if self.last_ns is not None and stamp_ns <= self.last_ns:
+            if not jumped_back(self.last_ns, stamp_ns):
                 self.dropped["stale"] += 1
                 return
             self._node.restart("stamps have gone back")
-        self._last_ns = stamp_ns
+        self.last_ns = stamp_ns
         self._unused.clear()
         frame_id = str(self._infos["left"].header.frame_id)
         self._node._on_pair(ReceivedPair(stamp_ns, rig, frame_id, images, self._rectifier))
@@ -341,7 +337,7 @@ class PairNode(ManagedNode[P]):
             return
         from sfr_loc_map.nodes.waiting import waits_for
 
-        self.status.mark_idle()  # with the memory of this import
+        self.status.meter.mark_idle()  # with the memory of this import
         config = self.config.input
         about = {"stamp_tolerance_ns": config.stamp_tolerance_ns, "rectifies": config.rectify, "task": self.rig_name}
         ended = "the source has ended or is silent: " if silent and calls else ""
@@ -356,7 +352,8 @@ class PairNode(ManagedNode[P]):
 
     def clock_jumped_back(self) -> None:
         """Start a new run, unless its pairs have come already."""
-        if self._stereo.is_ahead_of(self.get_clock().now().nanoseconds):
+        last_ns = self._stereo.last_ns
+        if last_ns is not None and jumped_back(last_ns, self.get_clock().now().nanoseconds):
             self.restart("the clock has gone back")
 
     def counts(self) -> dict[str, int]:

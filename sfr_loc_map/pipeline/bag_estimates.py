@@ -5,8 +5,10 @@ A module of its own: the library of the bags is loaded for a bag only.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +16,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.bag import ODOMETRY, Bag, Topic, read_odometry
 from sfr_loc_map.io.bag_frames import TF
 from sfr_loc_map.metrics.association import UPPER, Estimates, lost_by_covariance
-from sfr_loc_map.pipeline.call_stats import CallRecord, call_of, stats_of
+from sfr_loc_map.pipeline.call_stats import CallRecord, stats_of, task_record, values_of
 
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 
@@ -39,21 +41,17 @@ def bag_estimates(path: Path) -> Estimates:
 
 
 def _calls_of(bag: Bag, odometry: Topic) -> list[CallRecord]:
-    topic = bag.find("diagnostics", DIAGNOSTICS)
-    if topic is None:
-        return []
     namespace = odometry.bag_name.strip("/").removesuffix(odometry.name).strip("/")
     calls = []
-    for _, _, message in bag.messages([topic]):
-        for status in message.status:
-            values = {pair.key: pair.value for pair in status.values}
-            node = status.name.partition(":")[0].strip("/")
-            if node.rpartition("/")[0] != namespace or values.get("task") != "localisation":
-                continue
-            try:
-                call = call_of(values)
-            except InputError as error:
-                raise InputError(f"status '{status.name}' of '{topic.bag_name}' cannot be read: {error}") from error
-            if call is not None:
-                calls.append(call.record)
-    return calls
+    for topic, status in statuses_of(bag):
+        space = status.name.partition(":")[0].strip("/").rpartition("/")[0]
+        if space == namespace and values_of(status).get("task") == "localisation":
+            calls.append(task_record(status, f"of '{topic.bag_name}'"))
+    return [call.record for call in calls if call is not None]
+
+
+def statuses_of(bag: Bag) -> Iterator[tuple[Topic, Any]]:
+    """Yield the statuses on the diagnostics of a bag, each with its topic."""
+    topic = bag.find("diagnostics", DIAGNOSTICS)
+    for found, _, message in () if topic is None else bag.messages([topic]):
+        yield from ((found, status) for status in message.status)

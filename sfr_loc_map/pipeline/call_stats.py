@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -261,6 +261,19 @@ class TaskRecord(NamedTuple):
     task: str
     record: CallRecord
     memory_method: str
+
+
+def values_of(status: Any) -> dict[str, str]:  # noqa: ANN401 - a DiagnosticStatus of any library
+    """Return the values of a status by name."""
+    return {pair.key: pair.value for pair in status.values}
+
+
+def task_record(status: Any, topic: str = "on /diagnostics") -> TaskRecord | None:  # noqa: ANN401 - likewise
+    """Return the call that a status describes, None where it describes something else; `topic` is for messages."""
+    try:
+        return call_of(values_of(status))
+    except InputError as error:
+        raise InputError(f"status '{status.name}' {topic} cannot be read: {error}") from error
 
 
 def call_of(values: Mapping[str, str]) -> TaskRecord | None:

@@ -29,17 +29,13 @@ class Controls:
     position_s: float = 0.0
     end_s: float = math.inf  # of the last pair: no run starts after it
 
-    def pause(self) -> None:
-        """Pause."""
-        self.paused, self.steps = True, 0
-
-    def resume(self) -> None:
-        """Resume."""
-        self.paused, self.steps = False, 0
+    def hold(self, paused: bool) -> None:
+        """Pause or resume."""
+        self.paused, self.steps = paused, 0
 
     def toggle(self) -> None:
-        """Pause or resume."""
-        self.paused, self.steps = not self.paused, 0
+        """Pause if it plays, else resume."""
+        self.hold(not self.paused)
 
     def stop(self) -> None:
         """Publish nothing more."""
@@ -49,10 +45,6 @@ class Controls:
         """Publish one more pair and pause."""
         self.paused = True
         self.steps += 1
-
-    def step_done(self) -> None:
-        """Count a pair that was published."""
-        self.steps = max(self.steps - 1, 0)
 
     def seek(self, position_s: float) -> None:
         """Continue at another position; one after the last pair has no effect."""

@@ -18,6 +18,7 @@ from sfr_loc_map.io.bag_sequence import RAW, RECTIFIED
 from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import image_from_message, stamp_of
 from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig
+from sfr_loc_map.metrics.association import nearest_stamps
 from sfr_loc_map.pipeline.doctor_observation import EXPECTED, Observation, ObservedTopic, Reliability, allowed_types
 from sfr_loc_map.pipeline.reception import MUCH_LOST, loss_fix
 
@@ -344,10 +345,7 @@ def _host_clock(seen: Observation) -> Findings:
 
 
 def _paired(first: IntArray, second: IntArray, tolerance_ns: int) -> tuple[float, int]:
-    second = np.sort(second)
-    at = np.searchsorted(second, first)
-    below, above = second[np.maximum(at - 1, 0)], second[np.minimum(at, len(second) - 1)]
-    apart = np.minimum(np.abs(first - below), np.abs(above - first))
+    _, apart = nearest_stamps(first, np.sort(second))
     edge = EDGE * float(first.max() - first.min())
     inner = (first >= first.min() + edge) & (first <= first.max() - edge)
     if len(first) > 2 and inner.any():

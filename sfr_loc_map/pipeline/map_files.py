@@ -62,8 +62,10 @@ def save_map(
     save_cloud(outputs.cloud, cloud)
     if not outputs.more:
         return cloud
-    T_lm_left = run.fused.T_lm_left if outputs.fuse else tuple(item.view.T_lm_left for item in run.maps)
-    random_sigma = run.fused.random_sigma if outputs.fuse else run.unfused_random_sigma
+    T_lm_left, random_sigma = run.fused.T_lm_left, run.fused.random_sigma
+    if not outputs.fuse:
+        T_lm_left = tuple(item.view.T_lm_left for item in run.maps)
+        random_sigma = np.concatenate([item.random_sigma for item in run.maps])
     if outputs.dem:
         with beside():
             load_kernels("terrain")

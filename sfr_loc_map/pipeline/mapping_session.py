@@ -17,16 +17,10 @@ MAX_WAITING = 2 * MAX_PAIRS  # pairs that are kept for poses still to come
 class PoseMatching(Generic[T]):
     """Holds pairs until the pose of their stamp was received; `dropped` counts those whose pose never came."""
 
-    def __init__(
-        self,
-        tolerance_ns: float,
-        timeout_s: float,
-        on_drop: Callable[[int], None],
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
+    def __init__(self, tolerance_ns: float, timeout_s: float, on_drop: Callable[[int], None]) -> None:
         """Start empty; a pair waits until the timeout, `on_drop` is called with the stamp of one that is dropped."""
         self.dropped = 0
-        self._tolerance_ns, self._timeout_s, self._on_drop, self._clock = tolerance_ns, timeout_s, on_drop, clock
+        self._tolerance_ns, self._timeout_s, self._on_drop = tolerance_ns, timeout_s, on_drop
         self._poses: dict[int, Transform] = {}
         self._waiting: dict[int, tuple[float, T]] = {}
 
@@ -39,14 +33,14 @@ class PoseMatching(Generic[T]):
 
     def add_pair(self, stamp_ns: int, pair: T) -> list[tuple[T, Transform]]:
         """Take a pair; return the pairs that now have a pose, in the order of their arrival."""
-        self._waiting[stamp_ns] = (self._clock(), pair)
+        self._waiting[stamp_ns] = (time.monotonic(), pair)
         if len(self._waiting) > MAX_WAITING:
             self._drop(next(iter(self._waiting)))
         return self._matched()
 
     def drop_overdue(self) -> None:
         """Drop the pairs that have waited too long."""
-        limit = self._clock() - self._timeout_s
+        limit = time.monotonic() - self._timeout_s
         for stamp_ns in [stamp for stamp, (since, _) in self._waiting.items() if since < limit]:
             self._drop(stamp_ns)
 

@@ -15,7 +15,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from sfr_loc_map.errors import InputError, MappingError, OutputError
 from sfr_loc_map.geometry.cloud import PointCloud
@@ -185,11 +184,6 @@ class MapRun:
         return replace(PointCloud.concatenate([item.cloud for item in self.maps]), pair_stamps_ns=stamps_ns)
 
     @property
-    def unfused_random_sigma(self) -> NDArray[np.float32]:
-        """The random part of the sigma of the points of every pair `(N,)`, metres."""
-        return np.concatenate([item.random_sigma for item in self.maps])
-
-    @property
     def warnings(self) -> list[str]:
         """What is suspicious about each pair and about their fusion, one line each."""
         pairs = [f"pair {number}: {line}" for number, item in enumerate(self.maps) for line in item.warnings]
@@ -203,7 +197,7 @@ def map_pairs(
     ended: Callable[[], bool] = lambda: False,
 ) -> MapRun:
     """Map the pairs of a source and fuse them; those that are done when it `ended`."""
-    _check_count(sequence)
+    check_count(sequence)
     mapper = Mapper(sequence.rig, config)
     load_kernels("mapping")
     meter = CallMeter()
@@ -239,7 +233,7 @@ def map_pairs_with(
 
     `ended` is as of `map_pairs`.
     """
-    _check_count(sequence)
+    check_count(sequence)
     maps: list[PairMap] = []
     records: list[CallRecord] = []
     searched = search_range(sequence.rig, MappingConfig()).count
@@ -267,6 +261,7 @@ def map_pairs_with(
         return MapRun(maps, fused, records), mapper.record
 
 
-def _check_count(sequence: NavSequence) -> None:
+def check_count(sequence: NavSequence) -> None:
+    """Raise MappingError where a map cannot be made of so many pairs."""
     if not 1 <= len(sequence) <= MAX_PAIRS:
         raise MappingError(f"a map is made of 1 to {MAX_PAIRS} stereo pairs, the source has {len(sequence)}: split it")

@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -56,9 +56,6 @@ from sfr_loc_map.metrics.score import (
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.pipeline.call_stats import CallStats, load_call_stats
 
-if TYPE_CHECKING:
-    pass
-
 _log = logging.getLogger(__name__)
 TARGET_FILE, TARGET_RESULTS = "target.json", ("estimate.csv", "cloud_0.ply")
 """In a folder of results of a target: what it says of itself, and what it may have estimated."""
@@ -82,9 +79,8 @@ class ScoreInputs:
     target_name: str = ""  #: Name of the target.
     target_run: str | None = None  #: Which run its calls are of, where it is not that of the estimate.
     target_about: Path | None = None  #: What the target says of itself (`target.json`).
-    config: SourceConfig | None = (
-        None  #: How the source of the truth is read; None: as the configuration beside it says.
-    )
+    #: How the source of the truth is read; None: as the configuration beside it says.
+    config: SourceConfig | None = None
     limits: Path | None = None  #: File of the limits, for provenance.
     configuration: Path | None = None  #: File of `config`, for provenance.
     command: str | None = None  #: Command that scores them, for provenance.

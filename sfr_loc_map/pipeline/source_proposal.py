@@ -22,6 +22,7 @@ from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.stamp_pairing import STAMP_TOLERANCE_S, below_half_period
 from sfr_loc_map.io.topic_guess import SeenTopic, guess_topics, is_tracker
 from sfr_loc_map.io.truth import could_be_truth
+from sfr_loc_map.metrics.association import nearest_stamps
 
 SHORT_M = 12.0  #: A drive below this has too few sub-trajectories of 5 m: they are 1 m long.
 SPACING = 10  #: Pairs from the start of a sub-trajectory to that of the next, as `sfr score` has it.
@@ -155,10 +156,7 @@ def _sync(found: Proposal, bag: Bag) -> None:
     if min(len(left), len(right)) < 3:
         return
     period = min(np.median(np.diff(side)) for side in (left, right))
-    after = np.clip(np.searchsorted(right, left), 1, len(right) - 1)
-    near = (
-        np.where(np.abs(right[after] - left) < np.abs(right[after - 1] - left), right[after], right[after - 1]) - left
-    )
+    near = right[nearest_stamps(left, right)[0]] - left
     typical, spread = float(np.median(near)), float(np.percentile(np.abs(near - np.median(near)), 95))
     limit = below_half_period(round(STAMP_TOLERANCE_S * NS_PER_S), [int(period)])
     if abs(typical) + spread > limit and spread < STEADY * period:

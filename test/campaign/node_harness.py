@@ -35,11 +35,12 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.image_codec import stamp_of
-from sfr_loc_map.nodes.diagnostics import TOPIC, Level, level_of, values_of
+from sfr_loc_map.nodes.diagnostics import TOPIC, Level, level_of
 from sfr_loc_map.nodes.environment import start_ros
 from sfr_loc_map.nodes.messages import pose_msg
 from sfr_loc_map.nodes.processes import ChildProcess, end_processes, node_process
 from sfr_loc_map.nodes.replay.options import RELIABLE_INPUT
+from sfr_loc_map.pipeline.call_stats import values_of
 
 LOCALISATION, MAPPING, MONITOR = NODES = ("localisation_node", "mapping_node", "monitor_node")
 START_S = 300.0

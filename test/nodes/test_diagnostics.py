@@ -9,17 +9,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from scenes import sent
 
 from sfr_loc_map.metrics.calls import CallUsage
-from sfr_loc_map.nodes.diagnostics import (
-    HealthConfig,
-    Level,
-    NodeActivity,
-    StatusReporter,
-    level_of,
-    status_msg,
-    task_record,
-    values_of,
-)
-from sfr_loc_map.pipeline.call_stats import CallRecord
+from sfr_loc_map.nodes.diagnostics import HealthConfig, Level, NodeActivity, StatusReporter, level_of, status_msg
+from sfr_loc_map.pipeline.call_stats import CallRecord, task_record, values_of
 
 STEP = np.random.default_rng(0).normal(size=48) / 3.0
 

@@ -18,7 +18,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.io.image_codec import encode_jpeg, encode_png, stamp_of
+from sfr_loc_map.io.image_codec import encode_jpeg, encode_png, image_from_message, stamp_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.localisation.localiser import Localiser
@@ -26,12 +26,12 @@ from sfr_loc_map.mapping.terrain.elevation import ElevationModel
 from sfr_loc_map.mapping.terrain.grid import TerrainGrid
 from sfr_loc_map.nodes.messages import (
     ELEVATION_FIELDS,
+    check_image,
     cloud_from_msg,
     cloud_msg,
     covariance_of,
     elevation_from_msg,
     elevation_msg,
-    grey_from_image,
     hazard_from_msg,
     hazard_msg,
     header_msg,
@@ -130,7 +130,9 @@ def compressed(data: bytes) -> CompressedImage:
 
 
 def grey_of(message: Image | CompressedImage) -> np.ndarray:
-    return grey_from_image(sent(message), SIZE)
+    received = sent(message)
+    check_image(received, SIZE)
+    return image_from_message(received)
 
 
 def test_images_of_any_encoding_become_grey() -> None:

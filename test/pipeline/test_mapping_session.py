@@ -11,12 +11,11 @@ from sfr_loc_map.pipeline.mapping_session import MAX_POSES, MAX_WAITING, PoseMat
 
 
 class Matching(PoseMatching[int]):
-    """Has a clock of its own; pairs are their stamps, poses have their stamp as x."""
+    """Pairs are their stamps, poses have their stamp as x."""
 
     def __init__(self, tolerance_ns: int = 0) -> None:
-        self.now = 0.0
         self.drops: list[int] = []
-        super().__init__(tolerance_ns, 1.0, self.drops.append, lambda: self.now)
+        super().__init__(tolerance_ns, 1.0, self.drops.append)
 
     def pose(self, stamp: int) -> list[tuple[int, float]]:
         found = self.add_pose(stamp, Transform(np.eye(3), np.array([stamp, 0.0, 0.0])))

@@ -16,12 +16,13 @@ from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.nodes import diagnostics
-from sfr_loc_map.nodes.diagnostics import Level, level_of, task_record, values_of
+from sfr_loc_map.nodes.diagnostics import Level, level_of
 from sfr_loc_map.nodes.messages import cloud_from_msg, covariance_of, odometry_row
 from sfr_loc_map.nodes.peer import POLL_S
 from sfr_loc_map.nodes.replay.external import ExternalNode
 from sfr_loc_map.nodes.replay.graph_node import ANSWER_TIMEOUT_S, ReplayNode
 from sfr_loc_map.nodes.replay.results import ReplayResults
+from sfr_loc_map.pipeline.call_stats import task_record, values_of
 
 QUEUE_DEPTH = 1000
 NODE_OF_TASK = {"loc": "localisation_node", "nav": "mapping_node"}

@@ -13,6 +13,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -24,10 +25,9 @@ from rclpy.qos import QoSProfile
 from std_srvs.srv import SetBool, Trigger
 
 from sfr_loc_map import signals
-from sfr_loc_map.errors import InputError, MappingError
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.localisation.estimate import StartPose
-from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.completeness import MISSING_SHARE
 from sfr_loc_map.nodes import environment
 from sfr_loc_map.nodes.extrinsics import publish_extrinsics
@@ -50,6 +50,7 @@ from sfr_loc_map.pipeline.message_stream import (
     start_at,
     topics_of,
 )
+from sfr_loc_map.pipeline.offline import check_count
 
 AGAIN = "plays again from"  #: Beginning of the line that announces another run.
 START_TIMEOUT_S = 300.0  #: The first start after an installation compiles the kernels.
@@ -138,7 +139,7 @@ class Player:
                     collector.external.look_after()
             else:
                 collector.wait_for_pair(*pair)
-            self.controls.step_done()
+            self.controls.steps = max(self.controls.steps - 1, 0)
             progress(pair[0])
 
     def _hold(self, pacer: Pacer, message: Message) -> None:
@@ -154,8 +155,8 @@ class Player:
 
 def _offer_controls(node: Node, controls: Controls) -> None:
     actions: dict[str, Callable[[], None]] = {
-        "pause": controls.pause,
-        "resume": controls.resume,
+        "pause": partial(controls.hold, True),
+        "resume": partial(controls.hold, False),
         "toggle_paused": controls.toggle,
         "is_paused": lambda: None,
         "play_next": controls.step,
@@ -280,10 +281,8 @@ def check_source(source: Source, offset_s: float = 0.0) -> float:
             f"'{source.path}' does not say where the stereo rig is on the rover (T_rb_locsb): give extrinsics in "
             f"sfr.yaml (sfr init DIR --from SRC), in rig.json, or on /tf_static of the bag"
         )
-    if source.nav is not None and not 1 <= len(source.nav) <= MAX_PAIRS:
-        raise MappingError(
-            f"a map is made of 1 to {MAX_PAIRS} stereo pairs, the source has {len(source.nav)}: split it"
-        )
+    if source.nav is not None:
+        check_count(source.nav)
     if source.loc is not None and not len(source.loc):
         raise InputError(f"'{source.path}' has no stereo pair: at least one is needed")
     end_s = end_of(source)

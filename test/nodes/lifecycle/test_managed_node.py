@@ -17,11 +17,12 @@ from scenes import MOUNT, RELIABLE, calls, params, send_infos, send_pair
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
-from sfr_loc_map.nodes.diagnostics import Level, values_of
+from sfr_loc_map.nodes.diagnostics import Level
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
 from sfr_loc_map.nodes.messages import covariance_of
 from sfr_loc_map.nodes.monitor_node import MonitorNode
 from sfr_loc_map.nodes.pair_node import ReceivedPair
+from sfr_loc_map.pipeline.call_stats import values_of
 
 CONFIGURE, CLEANUP = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP
 ACTIVATE, DEACTIVATE = Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_DEACTIVATE
