@@ -14,7 +14,6 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
-from pathlib import PurePosixPath
 from threading import Event, Thread
 from typing import Any
 
@@ -144,15 +143,11 @@ class RosFeed(Peer):
     def _on_diagnostics(self, message: DiagnosticArray, _: dict[str, Any]) -> None:
         for status in message.status:
             full_name, _, kind = status.name.partition(": ")
-            name = PurePosixPath("/" + full_name)
-            if (
-                str(name.parent).strip("/") != self._space
-                or kind not in set(updates.StatusKind)
-                or name.name not in SUITE_NODES
-            ):
+            space, _, name = full_name.strip("/").rpartition("/")
+            if space != self._space or name not in SUITE_NODES or kind not in set(updates.StatusKind):
                 continue
             what, level = updates.StatusKind(kind), int(level_of(status))
-            self._state.put(updates.Status(name.name, what, level, status.message, values_of(status), time.time()))
+            self._state.put(updates.Status(name, what, level, status.message, values_of(status), time.time()))
 
     def _look_around(self) -> None:
         """Find out which nodes are there, and receive images and clouds as the pages want."""
