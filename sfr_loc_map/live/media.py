@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import replace
-from typing import Any
 
 import cv2
 import numpy as np
@@ -12,8 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray32, PointImage
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.geometry.plausibility import check_image_size
-from sfr_loc_map.io.image_codec import points_image
 from sfr_loc_map.live.updates import ELEVATION, POINTS, CloudSample, ElevationSample, ImageSample
 from sfr_loc_map.mapping.config import MAX_PAIRS
 
@@ -53,13 +50,7 @@ class CloudTruth:
     def __init__(self) -> None:
         self._truths: deque[tuple[int, PointImage]] = deque(maxlen=MAX_PAIRS)
 
-    def add(self, stamp_ns: int, message: Any) -> None:  # noqa: ANN401 - a PointCloud2 of any library
-        """Keep the true points of a pair, an organised sensor_msgs/PointCloud2; SfrError if it is none."""
-        width, height = int(message.width), int(message.height)
-        check_image_size(width, height, "ground_truth/points")
-        self.add_points(stamp_ns, points_image(message, (width, height)))
-
-    def add_points(self, stamp_ns: int, points: PointImage) -> None:
+    def add(self, stamp_ns: int, points: PointImage) -> None:
         """Keep the true points of a pair, `(H, W, 3)` metres, LM; an earlier stamp begins a new run."""
         self._truths = deque([item for item in self._truths if item[0] < stamp_ns], maxlen=MAX_PAIRS)
         self._truths.append((stamp_ns, points))

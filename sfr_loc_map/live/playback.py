@@ -191,7 +191,7 @@ def _recording(
     calls = [call_of(status.values) if status.kind is updates.StatusKind.CALL else None for status in said]
     for status, call in zip(said, calls, strict=True):
         if call is not None:
-            (panorama if status.node == MAPPING_NODE else drive).append(call.record.stamp_ns)
+            (panorama if status.node == MAPPING_NODE else drive).append(call.stamp_ns)
     nav = None if source is None else source.nav
     if source is not None:
         drive += getattr(source.loc, "stamps_ns", ())  # files and bags know their stamps without their images
@@ -205,7 +205,7 @@ def _recording(
     for status, call in zip(said, calls, strict=True):
         is_map = status.node == MAPPING_NODE
         if call is not None:
-            latest[is_map] = _place(call.record.stamp_ns, begin_ns[is_map])
+            latest[is_map] = _place(call.stamp_ns, begin_ns[is_map])
         # health has no stamp of the drive and stands where it was recorded
         moments.append((latest[is_map] if call is not None else max(latest), status))
     if estimates is not None:
@@ -217,7 +217,7 @@ def _recording(
             for item in nav.pairs():  # in the order of their stamps, as those of the cloud
                 if item.pair.stamp_ns in cloud_ns and (known := PairTruth.of(item, nav.rig)) is not None:
                     truths.append(known)
-                    true_points.add_points(item.pair.stamp_ns, known.points)
+                    true_points.add(item.pair.stamp_ns, known.points)
         if cloud.fused is None or len(truths) != len(cloud_ns):
             truths.clear()
         media = cloud_samples(cloud_ns[-1], cloud.xyz, cloud.sigma, 0.0, true_points.errors(cloud))
@@ -369,7 +369,7 @@ class Player:
             case updates.Status(kind=updates.StatusKind.CALL):
                 call = call_of(update.values)
                 if call is not None:
-                    score.add_call(call.record)
+                    score.add_call(call)
             case updates.CloudSample():
                 cloud, truths = self._recording.cloud, self._recording.truths
                 if cloud is not None and truths and self._map_score is None:  # it takes seconds: once is enough

@@ -91,13 +91,6 @@ class ReportView:
         self.score, self.received_s, self.content = score, received_s, to_dict(score)
         self.overall, self.tables, self.bars = overall_of(score), score_tables(score), limit_bars(score)
 
-    @classmethod
-    def read(cls, text: str, received_s: float) -> ReportView:
-        """Return a report of its JSON; InputError if it is not a score."""
-        if len(text) > MAX_REPORT_CHARACTERS:
-            raise InputError(f"metrics/report has {len(text)} characters: up to {MAX_REPORT_CHARACTERS} are read")
-        return cls(from_json(text, "metrics/report"), received_s)
-
     def ended(self, missing: str) -> ReportView:
         """Return the report of a run that is over, which may be incomplete; the figures stay as they are."""
         score, whole = self.score, None if self.score.trajectory is None else self.score.trajectory.completeness
@@ -293,7 +286,9 @@ class LiveState:
         match update:
             case updates.Report():
                 self._note_topic(REPORT, None, update.received_s)
-                report = ReportView.read(update.text, update.received_s)
+                if (length := len(update.text)) > MAX_REPORT_CHARACTERS:
+                    raise InputError(f"{REPORT} has {length} characters: up to {MAX_REPORT_CHARACTERS} are read")
+                report = ReportView(from_json(update.text, REPORT), update.received_s)
                 self.report = report.ended(self._missing) if self.ended else report
                 judged = {bar.place: bar for bar in self.report.bars}
                 states = self.report.score.verdicts

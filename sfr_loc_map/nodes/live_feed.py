@@ -32,8 +32,9 @@ from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import InputError, NodeError, SfrError
 from sfr_loc_map.geometry.arrays import FloatArray32
+from sfr_loc_map.geometry.plausibility import check_image_size
 from sfr_loc_map.inputs import NS_PER_S, SIDES
-from sfr_loc_map.io.image_codec import decode_grey, image_from_message, stamp_of
+from sfr_loc_map.io.image_codec import decode_grey, image_from_message, points_image, stamp_of
 from sfr_loc_map.live import media, updates
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.nodes.diagnostics import TOPIC, level_of
@@ -308,7 +309,9 @@ class MapFeed:
 
     def add_true_points(self, message: PointCloud2, published_s: float) -> None:
         """Take the true points of a pair in."""
-        self._truth.add(stamp_of(message), message)
+        size = int(message.width), int(message.height)
+        check_image_size(*size, updates.TRUE_POINTS)
+        self._truth.add(stamp_of(message), points_image(message, size))
 
     def add_cloud(self, message: PointCloud2, published_s: float) -> None:
         """Take a cloud in."""

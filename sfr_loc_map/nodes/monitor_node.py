@@ -206,9 +206,9 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
             is_ours = status.name.split(":")[0].rpartition("/")[0] == namespace
             found = task_record(status) if is_ours else None
             if found is not None:
-                self._score.add_call(found.record)
+                self._score.add_call(found)
                 self._score.score_maps()
-                self._note(found.record.stamp_ns)
+                self._note(found.stamp_ns)
 
     def _on_pose(self, message: PoseStamped) -> None:
         stamp_ns = stamp_of(message)

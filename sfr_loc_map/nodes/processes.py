@@ -12,7 +12,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 
@@ -130,7 +130,7 @@ def user_command(command: str, folder: Path) -> Iterator[ChildProcess]:
         process.send(signal.SIGKILL)  # what it started and left behind
 
 
-class LivePage:
+class LivePage(AbstractContextManager["LivePage"]):
     """The live page beside a replay or the nodes: a process whose end matters to nobody; a context manager.
 
     It writes its address to standard output, and what it has to say of its end to standard error.
@@ -140,9 +140,6 @@ class LivePage:
         self._folder = Path(tempfile.mkdtemp(prefix="sfr-live-"))
         self._end_file, self._told = self._folder / "end.json", dict[str, str]()
         self._process = node_process("nodes.live_page", (*arguments, "--end-file", str(self._end_file)))
-
-    def __enter__(self) -> LivePage:
-        return self
 
     def __exit__(self, *_: object) -> None:
         end_processes([self._process])
@@ -178,16 +175,13 @@ def page_node_name(pid: int) -> str:
     return f"sfr_live_{pid}"
 
 
-class Supervisor:
+class Supervisor(AbstractContextManager["Supervisor"]):
     """Starts nodes and makes sure that none is left; a context manager."""
 
     def __init__(self, folder: Path | None = None) -> None:
         """Start nothing yet; the nodes' logs go to the folder, or to standard output and error of this process."""
         self._folder = folder
         self.processes: dict[str, ChildProcess] = {}
-
-    def __enter__(self) -> Supervisor:
-        return self
 
     def __exit__(self, *_: object) -> None:
         end_processes(list(self.processes.values()))

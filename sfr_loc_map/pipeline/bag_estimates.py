@@ -47,7 +47,7 @@ def _calls_of(bag: Bag, odometry: Topic) -> list[CallRecord]:
         space = status.name.partition(":")[0].strip("/").rpartition("/")[0]
         if space == namespace and values_of(status).get("task") == "localisation":
             calls.append(task_record(status, f"of '{topic.bag_name}'"))
-    return [call.record for call in calls if call is not None]
+    return [call for call in calls if call is not None]
 
 
 def statuses_of(bag: Bag) -> Iterator[tuple[Topic, Any]]:

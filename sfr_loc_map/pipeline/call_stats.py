@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -59,6 +59,7 @@ class CallRecord:
     """`(48,)` upper triangle of the covariance of the motion since the pose before, in RB there, one standard deviation
     of the error that all such motions have alike, upper triangle of the pose's own noise; None where not known."""
     finding: str = ""  # what the method did wrong in this call, `KIND: text`
+    task: str = ""  # that a status says, `localisation` or `mapping`
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -255,20 +256,12 @@ def findings_of(texts: Sequence[str], stamps_ns: Sequence[int]) -> tuple[Finding
     return tuple(counted.values())
 
 
-class TaskRecord(NamedTuple):
-    """A call of a node, the task it belongs to (`localisation`, `mapping`), and how the memory was measured."""
-
-    task: str
-    record: CallRecord
-    memory_method: str
-
-
 def values_of(status: Any) -> dict[str, str]:  # noqa: ANN401 - a DiagnosticStatus of any library
     """Return the values of a status by name."""
     return {pair.key: pair.value for pair in status.values}
 
 
-def task_record(status: Any, topic: str = "on /diagnostics") -> TaskRecord | None:  # noqa: ANN401 - likewise
+def task_record(status: Any, topic: str = "on /diagnostics") -> CallRecord | None:  # noqa: ANN401 - likewise
     """Return the call that a status describes, None where it describes something else; `topic` is for messages."""
     try:
         return call_of(values_of(status))
@@ -276,7 +269,7 @@ def task_record(status: Any, topic: str = "on /diagnostics") -> TaskRecord | Non
         raise InputError(f"status '{status.name}' {topic} cannot be read: {error}") from error
 
 
-def call_of(values: Mapping[str, str]) -> TaskRecord | None:
+def call_of(values: Mapping[str, str]) -> CallRecord | None:
     """Return the call that the values of a status describe, None where they describe something else."""
     if "task" not in values or "processing_time_s" not in values:
         return None
@@ -292,7 +285,7 @@ def call_of(values: Mapping[str, str]) -> TaskRecord | None:
         if not 0.0 <= seconds <= MAX_CALL_S:
             raise ValueError(f"a call of {seconds} s")
         step = np.array([float(word) for word in values.get("step", "").split()[: STEP_SIZE + 1]])
-        record = CallRecord(
+        return CallRecord(
             whole("stamp_ns"),
             seconds,
             values.get("state") or DEFAULT_STATE[values["task"]],
@@ -301,7 +294,7 @@ def call_of(values: Mapping[str, str]) -> TaskRecord | None:
             {name.removeprefix(STATISTIC): float(text) for name, text in values.items() if name.startswith(STATISTIC)},
             reason=values.get("reason", ""),
             step=step if len(step) == STEP_SIZE and np.isfinite(step).all() else None,
+            task=values["task"],
         )
     except (KeyError, ValueError) as error:
         raise InputError(str(error)) from error
-    return TaskRecord(values["task"], record, values.get("memory_method", ""))

@@ -76,7 +76,7 @@ def stated_errors(estimates: Sequence[PoseEstimate], truth: Trajectory) -> State
     states = [str(estimate.state.value) for estimate in estimates]
     valid = [estimate for estimate, state in zip(estimates, states, strict=True) if state in VALID]
     errors, sigmas = error_and_sigma(valid, truth)
-    step_errors, step_sigmas = step_error_and_sigma(valid, truth)
+    step_errors, step_sigmas = error_and_sigma(valid, truth, steps=True)
     with np.errstate(divide="ignore", invalid="ignore"):
         ratios, steps = (
             np.where(found > 0.0, found / (3.0 * sigma), 0.0)
@@ -90,35 +90,30 @@ def stated_errors(estimates: Sequence[PoseEstimate], truth: Trajectory) -> State
     return StatedErrors(len(valid), states.count("degraded"), states.count("lost"), *figures)
 
 
-def error_and_sigma(estimates: Sequence[PoseEstimate], truth: Trajectory) -> tuple[FloatArray, FloatArray]:
+def error_and_sigma(
+    estimates: Sequence[PoseEstimate], truth: Trajectory, *, steps: bool = False
+) -> tuple[FloatArray, FloatArray]:
     """Return errors and standard deviations `(N, 2)` of position (m) and attitude (rad) where there is truth.
 
-    The standard deviations are those stated, with the noise of the truth.
+    The standard deviations are those stated, with the noise of the truth. Of `steps`: the same of the steps to these
+    poses, 0 where there is no step between stamps with truth.
     """
     noise = (truth.sigma_m, np.radians(truth.sigma_deg)) if isinstance(truth, Truth) else (0.0, 0.0)
     at = {int(stamp): index for index, stamp in enumerate(truth.stamps_ns)}
     known = [estimate for estimate in estimates if estimate.stamp_ns in at]
     errors, variances = np.zeros((len(known), 2)), np.zeros((len(known), 2))
     for row, estimate in enumerate(known):
-        errors[row] = distance(estimate.T_ds_rb, truth.pose(at[estimate.stamp_ns]))
-        variances[row] = np.trace(estimate.covariance[:3, :3]), np.trace(estimate.covariance[3:, 3:])
-    return errors, np.sqrt(variances + 3.0 * np.square(noise))
-
-
-def step_error_and_sigma(estimates: Sequence[PoseEstimate], truth: Trajectory) -> tuple[FloatArray, FloatArray]:
-    """Return the same of the steps to these poses; 0 where there is no step between stamps with truth."""
-    noise = (truth.sigma_m, np.radians(truth.sigma_deg)) if isinstance(truth, Truth) else (0.0, 0.0)
-    at = {int(stamp): index for index, stamp in enumerate(truth.stamps_ns)}
-    known = [estimate for estimate in estimates if estimate.stamp_ns in at]
-    errors, variances = np.zeros((len(known), 2)), np.zeros((len(known), 2))
-    for row, (estimate, step) in enumerate((estimate, estimate.step) for estimate in known):
-        before = None if step is None else at.get(estimate.stamp_ns - round(step.seconds * NS_PER_S))
-        if step is None or before is None:
-            continue
-        true = truth.pose(before).inverse() @ truth.pose(at[estimate.stamp_ns])
-        errors[row] = distance(Transform(matrix_from_rotvec(step.motion[3:]), step.motion[:3]), true)
-        variances[row] = np.trace(step.motion_covariance[:3, :3]), np.trace(step.motion_covariance[3:, 3:])
-    return errors, np.sqrt(variances + 6.0 * np.square(noise))
+        pose, true, covariance = estimate.T_ds_rb, truth.pose(at[estimate.stamp_ns]), estimate.covariance
+        if steps:
+            step = estimate.step
+            before = None if step is None else at.get(estimate.stamp_ns - round(step.seconds * NS_PER_S))
+            if step is None or before is None:
+                continue
+            pose, covariance = Transform(matrix_from_rotvec(step.motion[3:]), step.motion[:3]), step.motion_covariance
+            true = truth.pose(before).inverse() @ true
+        errors[row] = distance(pose, true)
+        variances[row] = np.trace(covariance[:3, :3]), np.trace(covariance[3:, 3:])
+    return errors, np.sqrt(variances + (6.0 if steps else 3.0) * np.square(noise))
 
 
 def distance(one: Transform, other: Transform) -> tuple[float, float]:

@@ -106,16 +106,13 @@ FAILURES: Columns = (
     ("message", WORDS, "message"),
     ("result", FILE, "key"),
 )
-RATIO: Columns = (
+COMPARISON: Columns = (
+    ("runs", HEAD, "runs"),
+    ("figure", WORDS, "figure"),
     ("drives", NONE, "drives"),
     ("ratio", NONE, "ratio"),
     ("95 % interval", INTERVAL, "ci95"),
     ("p", NONE, "p"),
-)
-COMPARISON: Columns = (
-    ("runs", HEAD, "runs"),
-    ("figure", WORDS, "figure"),
-    *RATIO,
     ("p, corrected", NONE, "p_corrected"),
     ("the other is", WORDS, "outcome"),
     ("largest ratio", NONE, "largest"),

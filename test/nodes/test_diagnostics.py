@@ -31,12 +31,11 @@ def test_a_call_comes_back_to_the_last_bit(ros: None) -> None:
     status = published(CallUsage(0.1 + 0.2, 123456789, 1000))
     assert (status.name, level_of(status), status.message) == ("rover/tried: call", Level.ERROR, "lost: few_landmarks")
     assert values_of(status)["dropped_stale"] == "4"
-    found = task_record(status)
-    record = found.record
-    assert (found.task, record.stamp_ns, record.processing_time_s) == ("localisation", 5, 0.1 + 0.2)
+    record = task_record(status)
+    assert (record.task, record.stamp_ns, record.processing_time_s) == ("localisation", 5, 0.1 + 0.2)
     assert (record.state, record.reason) == ("lost", "few_landmarks")
     assert (record.peak_rss_bytes, record.above_idle_bytes) == (123456789, 1000)
     np.testing.assert_array_equal(record.step, STEP)
     assert record.statistics == {"inliers": 1 / 3, "features": 12.0}
-    assert task_record(published(CallUsage(1.0))).record.peak_rss_bytes is None
+    assert task_record(published(CallUsage(1.0))).peak_rss_bytes is None
     assert task_record(status_msg("battery", Level.OK, "", {"volts": 12.5})) is None

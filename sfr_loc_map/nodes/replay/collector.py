@@ -156,9 +156,9 @@ class ResultCollector:
             if external is not None and found.task == external.options.task:
                 external.version = values_of(status).get("version") or external.version
             if found.task == "localisation":
-                results.localisation[found.record.stamp_ns] = found.record
+                results.localisation[found.stamp_ns] = found
             else:
-                results.mapping[found.record.state, found.record.stamp_ns] = found.record
+                results.mapping[found.state, found.stamp_ns] = found
 
     def _on_cloud(self, message: PointCloud2) -> None:
         self.results.clouds.append((stamp_of(message), cloud_from_msg(message)))
