@@ -56,9 +56,8 @@ def settle_on_terrain(
     forward /= np.linalg.norm(forward, axis=1, keepdims=True)
     rotation = np.stack((forward, np.cross(up, forward), up), axis=-1)
     # The plane of the wheels' centres passes below the origin along z of RB, not along the plumb line.
-    foot = np.stack((x, y, plane[:, 0]), axis=-1)
-    height = (-GROUND_HEIGHT_RB_M - WHEEL_RADIUS_M) / up[:, 2]
-    return foot + np.stack((np.zeros_like(x), np.zeros_like(x), height), axis=-1), rotation
+    height = plane[:, 0] + (-GROUND_HEIGHT_RB_M - WHEEL_RADIUS_M) / up[:, 2]
+    return np.stack((x, y, height), axis=-1), rotation
 
 
 def rover_mesh() -> Mesh:
@@ -96,7 +95,6 @@ class Drive:
 
     times_s: FloatArray  #: `(N,)` float64, seconds from the start.
     origins: FloatArray  #: `(N, 3)` float64, metres, DS.
-    headings: FloatArray  #: `(N,)` float64, radians, not wrapped.
     rotations: FloatArray  #: `(N, 3, 3)` float64, RB to DS.
     moving: FloatArray  #: `(N,)` float64, 1 where the wheels turn.
     vibration: FloatArray  #: `(M, 4)` float64, standard normal values at `VIBRATION_HZ`.
@@ -148,7 +146,7 @@ def make_drive(seed: int, config: DriveConfig, terrain: Terrain) -> Drive:
     x, y, heading, moving = states.T
     origins, rotations = settle_on_terrain(terrain, x, y, heading)
     vibration = rng.normal(size=(int(times[-1] * VIBRATION_HZ) + 3, 4))
-    return Drive(times, origins, heading, rotations, moving, vibration, config)
+    return Drive(times, origins, rotations, moving, vibration, config)
 
 
 def _legs(config: DriveConfig) -> list[Leg]:
@@ -301,9 +299,9 @@ class Plan:
 
     def trajectory(self) -> Trajectory:
         """Return the true poses of RB in DS at the stamps of the localisation pairs."""
-        task, period = Task.LOCALISATION, self.config.drive.period_s
+        task = Task.LOCALISATION
         return Trajectory.from_poses(
-            (self.stamp_ns(task, k), self.drive.pose(k * period)) for k in range(self.count(task))
+            (self.stamp_ns(task, k), self.rover_pose(task, k)) for k in range(self.count(task))
         )
 
     def path(self) -> FloatArray:

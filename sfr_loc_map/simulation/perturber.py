@@ -27,12 +27,8 @@ SPOT_RADIUS = 0.04  #: Typical radius of a spot of dirt, as a share of the image
 SPEED = 0.006  #: Motion of a texture from pair to pair, as a share of the image's width.
 ALL_PAIRS = (*RIG_KINDS, *ROTATION_AXES, FaultKind.SHIFT, FaultKind.CLOCK)  #: Kinds that affect all pairs.
 REPEATING = (FaultKind.REPEATED, FaultKind.FROZEN)  #: Kinds that show the images of a pair before.
-OF_BEFORE = (FaultKind.TORN, FaultKind.GHOST, FaultKind.INTERLACED)  #: Kinds that show parts of the pair before.
-EPISODES = (
-    FaultKind.FADE,
-    FaultKind.OBJECT,
-    FaultKind.ARM,
-)  #: Kinds whose bursts are whole: one begins only where it can end.
+EPISODES = (FaultKind.FADE, FaultKind.OBJECT, FaultKind.ARM)
+"""Kinds whose bursts are whole: one begins only where it can end."""
 DRIFT_PAIRS = 100.0
 UNAFFECTED = -1
 LAST_STAMP_NS = 2**63 - 1
@@ -96,7 +92,7 @@ class Perturber:
         """Return a pair with one fault more; `beside` are the last new pair, as the fault found it, and the next."""
         previous, following = beside
         first = int(self._bursts[number][index])
-        if first == UNAFFECTED:
+        if first == UNAFFECTED or fault.kind in RIG_KINDS:
             return pair
         rng = np.random.default_rng([self._seed, number, index])
         moment = Moment((index - first + 0.5) / fault.burst, index, rng.random(2), rng)
@@ -111,32 +107,26 @@ class Perturber:
             return replace(pair, right=rotated(pair.right, fault.kind, angle_deg, self._true_rig))
         if fault.kind is FaultKind.SHIFT:
             return replace(pair, right=as_grey(_moved(pair.right.astype(np.float32), fault.amount)))
-        if fault.kind in (*REPEATING, *OF_BEFORE) and previous is None:
-            return pair
         left, right = pair.left, pair.right
-        if fault.kind is FaultKind.REPEATED and previous is not None:
-            return replace(previous, stamp_ns=pair.stamp_ns)
         if fault.kind is FaultKind.SWAPPED:
-            return StereoPair(pair.stamp_ns, right, left)
+            return replace(pair, left=right, right=left)
         if fault.kind is FaultKind.IDENTICAL:
-            return StereoPair(pair.stamp_ns, left, left)
+            return replace(pair, right=left)
         if fault.kind in VIEW_FAULTS:  # its look is the same for all pairs of a drive
             fixed = np.random.default_rng([self._seed, number, self._count])
             left, right = VIEW_FAULTS[fault.kind](pair, fault.amount, moment, self._true_rig, fixed)
         elif fault.kind in IMAGE_KINDS:
             left = left if fault.camera == "right" else degraded(left, fault.kind, fault.amount, moment)
             right = right if fault.camera == "left" else degraded(right, fault.kind, fault.amount, moment)
-        elif fault.kind is FaultKind.FROZEN and previous is not None:
-            left = with_noise(previous.left.astype(np.float32), fault.amount, rng)
-            right = with_noise(previous.right.astype(np.float32), fault.amount, rng)
-        elif fault.kind in OF_BEFORE and previous is not None:
-            left = with_old(left, previous.left, fault)
-            right = with_old(right, previous.right, fault)
+        elif previous is not None:
+            if fault.kind is FaultKind.REPEATED:
+                return replace(previous, stamp_ns=pair.stamp_ns)
+            left, right = with_old(left, previous.left, fault, rng), with_old(right, previous.right, fault, rng)
         if fault.camera == "right":
             left = pair.left
         elif fault.camera == "left":
             right = pair.right
-        return StereoPair(pair.stamp_ns, left, right)
+        return replace(pair, left=left, right=right)
 
 
 def burst_starts(fault: Fault, rng: np.random.Generator, count: int) -> NDArray[np.intp]:
@@ -169,8 +159,10 @@ def with_noise(grey: FloatImage, sigma: float, rng: np.random.Generator) -> Grey
     return as_grey(grey + sigma * rng.standard_normal(grey.shape, np.float32))
 
 
-def with_old(image: GreyImage, old: GreyImage, fault: Fault) -> GreyImage:
-    """Return an image `(H, W)` with parts of an old one, by a fault of `OF_BEFORE`."""
+def with_old(image: GreyImage, old: GreyImage, fault: Fault, rng: np.random.Generator) -> GreyImage:
+    """Return an image `(H, W)` with parts of an old one, or the old one with new noise."""
+    if fault.kind is FaultKind.FROZEN:
+        return with_noise(old.astype(np.float32), fault.amount, rng)
     if fault.kind is FaultKind.GHOST:
         return as_grey((1.0 - fault.amount) * image + fault.amount * old)
     rows = np.arange(len(image)) % 2 == 1
@@ -191,16 +183,13 @@ def degraded(image: GreyImage, kind: FaultKind, amount: float, moment: Moment) -
     if kind is FaultKind.BLURRED:
         return np.asarray(cv2.GaussianBlur(image, (0, 0), max(amount, 1e-3)), np.uint8)
     grey = image.astype(np.float32)
+    height, width = image.shape
     if kind is FaultKind.SHEAR:
-        height, width = image.shape
         slope = (amount if moment.spot[0] < 0.5 else -amount) / height
         shear = np.array([[1.0, slope, -0.5 * slope * height], [0.0, 1.0, 0.0]])
-        flags, border = cv2.INTER_CUBIC, cv2.BORDER_REFLECT
-        return as_grey(
-            np.asarray(cv2.warpAffine(grey, shear, (width, height), flags=flags, borderMode=border), np.float32)
-        )
+        return as_grey(_warped(grey, shear))
     if kind is FaultKind.EXPOSURE:
-        return with_noise(amount * grey, 0.0, moment.rng)
+        return as_grey(amount * grey)
     if kind is FaultKind.NOISY:
         return with_noise(grey, amount, moment.rng)
     if kind is FaultKind.FADE:  # darker to the middle of the burst, where it is black, and brighter again
@@ -210,11 +199,10 @@ def degraded(image: GreyImage, kind: FaultKind, amount: float, moment: Moment) -
         return with_noise(255.0 / white * grey, READ_NOISE, moment.rng)
     if kind is not FaultKind.BLINDED:
         raise ValueError(f"no image is changed by {kind}")
-    height, width = image.shape  # glare around a point
     y, x = np.mgrid[:height, :width]
     r = np.hypot(x - moment.spot[0] * width, y - moment.spot[1] * height) / max(0.5 * amount * width, 1e-6)
     glare = (255.0 * np.minimum(1.2, 1.2 / np.maximum(r, 1e-3) ** 3)).astype(np.float32)
-    return with_noise(grey + glare, 0.0, moment.rng)
+    return as_grey(grey + glare)
 
 
 def rotated(image: GreyImage, kind: FaultKind, angle_deg: float, rig: StereoRig) -> GreyImage:
@@ -267,7 +255,7 @@ def _with_reflection(
     texture = _texture(rig.height, rig.width, pair.left, fixed)
     textures = texture, _moved(texture, -rig.fx / BODY_DEPTH)
     left, right = (
-        with_noise((1.0 - amount) * image + amount * view, 0.0, moment.rng)
+        as_grey((1.0 - amount) * image + amount * view)
         for image, view in zip((pair.left, pair.right), textures, strict=True)
     )
     return left, right
@@ -311,7 +299,7 @@ def _with_dirt(pair: StereoPair, amount: float, moment: Moment, rig: StereoRig, 
             radius = max(1, round(SPOT_RADIUS * (0.5 + fixed.random()) * rig.width))
             cv2.circle(cover, centre, radius, 1, -1)
         shade = cv2.GaussianBlur(cover.astype(np.float32), (0, 0), 0.25 * SPOT_RADIUS * rig.width)
-        views.append(_darkened(image, np.asarray(shade, np.float32), DIRT_BRIGHTNESS, moment.rng))
+        views.append(_darkened(image, np.asarray(shade, np.float32), DIRT_BRIGHTNESS))
     return views[0], views[1]
 
 
@@ -323,8 +311,8 @@ def _with_shadow(pair: StereoPair, amount: float, moment: Moment, rig: StereoRig
     shade = np.zeros((rig.height, rig.width), np.float32)
     shade[rig.height - min(height, rig.height) :, first : first + width] = 1.0
     shade = cv2.GaussianBlur(shade, (0, 0), 0.01 * rig.width).astype(np.float32)
-    left = _darkened(pair.left, shade, SHADOW_BRIGHTNESS, moment.rng)
-    return left, _darkened(pair.right, _moved(shade, -rig.fx / SHADOW_DEPTH), SHADOW_BRIGHTNESS, moment.rng)
+    there = _moved(shade, -rig.fx / SHADOW_DEPTH)
+    return _darkened(pair.left, shade, SHADOW_BRIGHTNESS), _darkened(pair.right, there, SHADOW_BRIGHTNESS)
 
 
 Views = tuple[GreyImage, GreyImage]  #: Left and right image.
@@ -351,10 +339,12 @@ def _texture(height: int, width: int, like: GreyImage, fixed: np.random.Generato
 
 def _moved(image: FloatImage, columns: float) -> FloatImage:
     """Return an image moved to the right by a part of a pixel too, mirrored at its edges."""
-    height, width = image.shape
-    transform = np.array([[1.0, 0.0, columns], [0.0, 1.0, 0.0]])
+    return _warped(image, np.array([[1.0, 0.0, columns], [0.0, 1.0, 0.0]]))
+
+
+def _warped(image: FloatImage, transform: FloatArray) -> FloatImage:
     flags, border = cv2.INTER_CUBIC, cv2.BORDER_REFLECT
-    return np.asarray(cv2.warpAffine(image, transform, (width, height), flags=flags, borderMode=border), np.float32)
+    return np.asarray(cv2.warpAffine(image, transform, image.shape[::-1], flags=flags, borderMode=border), np.float32)
 
 
 def _covered(image: GreyImage, view: FloatImage, cover: FloatImage, moment: Moment) -> GreyImage:
@@ -363,5 +353,5 @@ def _covered(image: GreyImage, view: FloatImage, cover: FloatImage, moment: Mome
     return np.where(cover > 0.5, new, image).astype(np.uint8)
 
 
-def _darkened(image: GreyImage, shade: FloatImage, brightness: float, rng: np.random.Generator) -> GreyImage:
-    return with_noise(image * (1.0 - (1.0 - brightness) * shade), 0.0, rng)
+def _darkened(image: GreyImage, shade: FloatImage, brightness: float) -> GreyImage:
+    return as_grey(image * (1.0 - (1.0 - brightness) * shade))

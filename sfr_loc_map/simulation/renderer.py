@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, NamedTuple
 
@@ -96,14 +95,6 @@ def require_tracer() -> None:
         ) from error
 
 
-class FirstHits(NamedTuple):
-    """First hits of N rays as the ray tracer returns them."""
-
-    triangles: NDArray[np.int32]  #: `(N,)` int32, index of the triangle; -1 for none.
-    us: Float32s  #: `(N,)` float32, barycentric coordinate of the second corner.
-    vs: Float32s  #: `(N,)` float32, barycentric coordinate of the third corner.
-
-
 class Tracer:
     """Finds what rays hit first, and whether light reaches a point."""
 
@@ -116,10 +107,10 @@ class Tracer:
             self._scene, mesh.vertices, mesh.triangles
         )
 
-    def first(self, origins: Float32s, rays: Float32s) -> FirstHits:
-        """Return the first hit of each ray `(N, 3)`."""
+    def first(self, origins: Float32s, rays: Float32s) -> tuple[NDArray[np.int32], Float32s, Float32s]:
+        """Return the triangle `(N,)` that each ray `(N, 3)` hits first, -1 for none, and where: barycentric u, v."""
         hits = self._scene.run(origins, rays, output=1)
-        return FirstHits(hits["primID"], hits["u"], hits["v"])
+        return hits["primID"], hits["u"], hits["v"]
 
     def blocked(self, origins: Float32s, rays: Float32s, reach: Float32s | None = None) -> Mask:
         """Return the mask of the rays `(N, 3)` that hit anything, before `reach` ray lengths if given."""
@@ -133,22 +124,30 @@ def trace_primary_rays(tracer: Tracer, origin: FloatArray, rays: FloatArray) -> 
     starts = np.empty((count, 3), np.float32)
     starts[:] = origin
     first = tracer.first(starts, rays.astype(np.float32))
-    leaks = np.flatnonzero((first.triangles < 0) & (rays[:, 2] < LEVEL_RAY))
+    leaks = np.flatnonzero((first[0] < 0) & (rays[:, 2] < LEVEL_RAY))
     if len(leaks):  # rays that slipped through the seam of two tiles
         again = tracer.first(starts[leaks], (rays[leaks] + NUDGE).astype(np.float32))
         for values, found in zip(first, again, strict=True):
             values[leaks] = found
     hits = Hits(np.empty((count, 3)), np.empty((count, 3)), np.empty(count, np.int32), np.empty(count))
-    _intersect_planes(origin, rays, first, tracer.mesh, hits)
+    _intersect_planes(origin, rays, *first, tracer.mesh, hits)
     return hits
 
 
 @jit
-def _intersect_planes(origin: FloatArray, rays: FloatArray, first: FirstHits, mesh: Mesh, out: Hits) -> None:
+def _intersect_planes(
+    origin: FloatArray,
+    rays: FloatArray,
+    triangles: NDArray[np.int32],
+    us: Float32s,
+    vs: Float32s,
+    mesh: Mesh,
+    out: Hits,
+) -> None:
     """Write the hits: intersections of the rays with the planes of their triangles, in double precision."""
     edge1, edge2, face = np.empty(3), np.empty(3), np.empty(3)
-    for n in range(len(first.triangles)):
-        number = first.triangles[n]
+    for n in range(len(triangles)):
+        number = triangles[n]
         if number < 0:
             out.objects[n], out.ranges[n] = SKY, SKY_RANGE_M
             for k in range(3):
@@ -168,7 +167,7 @@ def _intersect_planes(origin: FloatArray, rays: FloatArray, first: FirstHits, me
             top += face[k] * (np.float64(mesh.vertices[a, k]) - origin[k])
             bottom += face[k] * rays[n, k]
         out.ranges[n] = top / bottom
-        u, v = first.us[n], first.vs[n]
+        u, v = us[n], vs[n]
         for k in range(3):
             out.points[n, k] = origin[k] + out.ranges[n] * rays[n, k]
             out.normals[n, k] = (1.0 - u - v) * mesh.normals[a, k] + u * mesh.normals[b, k] + v * mesh.normals[c, k]
@@ -178,16 +177,13 @@ def _intersect_planes(origin: FloatArray, rays: FloatArray, first: FirstHits, me
             out.normals[n, k] *= length
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Occluder:
-    """Something that moves and casts a shadow but is not visible."""
+def trace_shadow_rays(
+    tracer: Tracer, hits: Hits, suns: Float32s, occluder: tuple[Tracer, Transform] | None = None
+) -> Float32s:
+    """Return 1 where light arrives from the direction `suns` `(N, 3)`, 0 where it is blocked; `(N,)`.
 
-    tracer: Tracer  #: Its shape in its own frame.
-    T_ds_own: Transform  #: Its pose.
-
-
-def trace_shadow_rays(tracer: Tracer, hits: Hits, suns: Float32s, occluder: Occluder | None = None) -> Float32s:
-    """Return 1 where light arrives from the direction `suns` `(N, 3)`, 0 where it is blocked; `(N,)`."""
+    An occluder, its shape and its pose in DS, casts a shadow but is not visible.
+    """
     lit = np.zeros(len(suns), np.float32)
     # the others need no ray
     sunward = np.flatnonzero((hits.objects != SKY) & (np.einsum("ij,ij->i", hits.normals, suns) > 0.0))
@@ -196,9 +192,9 @@ def trace_shadow_rays(tracer: Tracer, hits: Hits, suns: Float32s, occluder: Occl
     starts, rays = _just_above(hits, sunward), suns[sunward]
     free = ~tracer.blocked(starts, rays)
     if occluder is not None:
-        T_own_ds = occluder.T_ds_own.inverse()
+        shape, T_own_ds = occluder[0], occluder[1].inverse()
         own = T_own_ds.apply(starts).astype(np.float32)
-        free &= ~occluder.tracer.blocked(own, (rays @ T_own_ds.rotation.T).astype(np.float32))
+        free &= ~shape.blocked(own, (rays @ T_own_ds.rotation.T).astype(np.float32))
     lit[sunward] = free
     return lit
 

@@ -69,8 +69,8 @@ def place_rocks(seed: int, config: RockConfig, terrain: Terrain, path: FloatArra
     return Rocks(np.column_stack((x, y, z)), diameters, pixels)
 
 
-def rock_mesh(seed: int, config: RockConfig, rocks: Rocks) -> Mesh:
-    """Return the triangles of placed rocks."""
+def rock_meshes(seed: int, config: RockConfig, rocks: Rocks) -> list[Mesh]:
+    """Return the triangles of placed rocks, those of one shape and level in a mesh."""
     rng = np.random.default_rng([seed, 3])
     count = len(rocks.diameters)
     rotations = _random_rotations(rng, count)
@@ -83,10 +83,25 @@ def rock_mesh(seed: int, config: RockConfig, rocks: Rocks) -> Mesh:
         library = _library(seed, config.angular, level)
         for shape in range(SHAPES):
             which = np.flatnonzero((levels == level) & (shapes == shape))
-            if len(which):
-                parts.append(_instances(library[shape], rocks, which, rotations, axes, sunk))
-    none = np.zeros((0, 3), np.float32)
-    return Mesh.join(parts) if parts else Mesh(none, none, none.astype(np.int32), np.zeros(0, np.int32))
+            if not len(which):
+                continue
+            points, normals, triangles = library[shape]
+            half, buried = 0.5 * rocks.diameters[which], sunk[which]
+            rotated = np.einsum("nij,nvj->nvi", rotations[which], points[None] * axes[which][:, None])
+            tilted = np.einsum("nij,nvj->nvi", rotations[which], normals[None] / axes[which][:, None])
+            tilted /= np.linalg.norm(tilted, axis=2, keepdims=True)
+            top, bottom = rotated[..., 2].max(axis=1), rotated[..., 2].min(axis=1)
+            vertices = rotated * half[:, None, None] + rocks.centres[which][:, None]
+            vertices[..., 2] += (half * -(bottom * (1 - buried) + top * buried))[:, None]
+            starts = (np.arange(len(which), dtype=np.int32) * len(points))[:, None, None]
+            part = Mesh(
+                vertices.reshape(-1, 3).astype(np.float32),
+                tilted.reshape(-1, 3).astype(np.float32),
+                (triangles[None] + starts).reshape(-1, 3).astype(np.int32),
+                np.repeat(which.astype(np.int32), len(triangles)),
+            )
+            parts.append(part)
+    return parts
 
 
 def _scatter_rocks(
@@ -101,34 +116,6 @@ def _scatter_rocks(
     diameter = 1.0 / (1.0 / low - rng.random(count) * (1.0 / low - 1.0 / high))
     kept = path_distance(position, path) < reach * (0.6 + 0.4 * rng.random(count))
     return np.asarray(np.column_stack((position, diameter))[kept])
-
-
-def _instances(
-    shape: tuple[FloatArray, FloatArray, NDArray[np.int32]],
-    rocks: Rocks,
-    which: NDArray[np.intp],
-    rotations: FloatArray,
-    axes: FloatArray,
-    sunk: FloatArray,
-) -> Mesh:
-    points, normals, triangles = shape
-    half = 0.5 * rocks.diameters[which]
-    scaled = points[None] * axes[which][:, None]
-    rotated = np.einsum("nij,nvj->nvi", rotations[which], scaled)
-    tilted = normals[None] / axes[which][:, None]
-    tilted = np.einsum("nij,nvj->nvi", rotations[which], tilted)
-    tilted /= np.linalg.norm(tilted, axis=2, keepdims=True)
-    top, bottom = rotated[..., 2].max(axis=1), rotated[..., 2].min(axis=1)
-    lift = half * -(bottom * (1 - sunk[which]) + top * sunk[which])
-    vertices = rotated * half[:, None, None] + rocks.centres[which][:, None]
-    vertices[..., 2] += lift[:, None]
-    starts = (np.arange(len(which), dtype=np.int32) * len(points))[:, None, None]
-    return Mesh(
-        vertices.reshape(-1, 3).astype(np.float32),
-        tilted.reshape(-1, 3).astype(np.float32),
-        (triangles[None] + starts).reshape(-1, 3).astype(np.int32),
-        np.repeat(which.astype(np.int32), len(triangles)),
-    )
 
 
 def _random_rotations(rng: np.random.Generator, count: int) -> FloatArray:
@@ -188,19 +175,16 @@ def _sphere(level: int) -> tuple[FloatArray, NDArray[np.int32]]:
     vertices /= np.linalg.norm(vertices, axis=1, keepdims=True)
     triangles = np.array(numbers, dtype=np.int32).reshape(-1, 3)
     for _ in range(level):
-        vertices, triangles = _split(vertices, triangles)
+        edges = np.sort(np.concatenate((triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]])), axis=1)
+        unique, inverse = np.unique(edges, axis=0, return_inverse=True)
+        middle = vertices[unique].sum(axis=1)
+        middle /= np.linalg.norm(middle, axis=1, keepdims=True)
+        ab, bc, ca = (inverse.reshape(3, -1) + len(vertices)).astype(np.int32)
+        a, b, c = triangles.T
+        parts = ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))
+        vertices = np.concatenate((vertices, middle))
+        triangles = np.concatenate([np.stack(part, axis=1) for part in parts])
     return vertices, triangles
-
-
-def _split(vertices: FloatArray, triangles: NDArray[np.int32]) -> tuple[FloatArray, NDArray[np.int32]]:
-    edges = np.sort(np.concatenate((triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]])), axis=1)
-    unique, inverse = np.unique(edges, axis=0, return_inverse=True)
-    middle = vertices[unique].sum(axis=1)
-    middle /= np.linalg.norm(middle, axis=1, keepdims=True)
-    ab, bc, ca = (inverse.reshape(3, -1) + len(vertices)).astype(np.int32)
-    a, b, c = triangles.T
-    parts = ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))
-    return np.concatenate((vertices, middle)), np.concatenate([np.stack(p, axis=1) for p in parts])
 
 
 SIZES = 5

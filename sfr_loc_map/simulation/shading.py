@@ -200,7 +200,13 @@ def shade(
     field, cache = PebbleField(surface.pebbles, surface.bump, light.shadow, seed), pebble_cache()
     for start in range(0, len(hits.objects), RUN):
         end = min(start + RUN, len(hits.objects))
-        count = _gather_ground(hits, rays, pixel_rad, start, end, ground)
+        count = 0
+        for n in range(start, end):
+            if hits.objects[n] == GROUND:
+                ground.ray[count], ground.range[count] = n, hits.ranges[n]
+                ground.x[count], ground.y[count] = hits.points[n, 0], hits.points[n, 1]
+                ground.footprint[count] = _footprint(hits.normals[n], rays[n], hits.ranges[n] * pixel_rad)
+                count += 1
         ground_texture(count, ground, surface.bump, parameters.shares, seed, texture)
         for m in range(count):
             n = ground.ray[m]
@@ -220,19 +226,6 @@ def shade(
                 slanted = _bumped(normal, bump)
                 mu = _emission_cosine(normal, rays[n])
                 out[n] = _brightness(slanted, mu, hits.ranges[n], light.target * albedo, 1.0, lit[n], parameters)
-
-
-@jit
-def _gather_ground(hits: Hits, rays: FloatArray, pixel_rad: float, start: int, end: int, out: GroundHits) -> int:
-    """Collect the hits of the ground; return their number."""
-    count = 0
-    for n in range(start, end):
-        if hits.objects[n] == GROUND:
-            out.ray[count] = n
-            out.x[count], out.y[count], out.range[count] = hits.points[n, 0], hits.points[n, 1], hits.ranges[n]
-            out.footprint[count] = _footprint(hits.normals[n], rays[n], hits.ranges[n] * pixel_rad)
-            count += 1
-    return count
 
 
 @jit_inline

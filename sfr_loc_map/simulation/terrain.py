@@ -222,12 +222,6 @@ class Mesh(NamedTuple):
         )
 
 
-def ground_mesh(terrain: Terrain, path: FloatArray) -> Mesh:
-    """Return the ground around positions of the rover `(P, 2)`, metres, DS."""
-    corner = np.floor(0.5 * (path.min(axis=0) + path.max(axis=0))) - 0.5 * ROOT_M
-    return _tiles(terrain, corner, _leaves(terrain, corner, path), path)
-
-
 def path_distance(xy: FloatArray, path: FloatArray) -> FloatArray:
     """Return the distance of positions `(N, 2)` from the nearest point of a path `(P, 2)`, metres."""
     return np.asarray(KDTree(path).query(xy)[0])
@@ -260,12 +254,16 @@ def _leaves(terrain: Terrain, corner: FloatArray, path: FloatArray) -> list[tupl
     return done
 
 
-def _tiles(terrain: Terrain, corner: FloatArray, leaves: list[tuple[int, int, int]], path: FloatArray) -> Mesh:
+def ground_mesh(terrain: Terrain, path: FloatArray) -> Mesh:
+    """Return the ground around positions of the rover `(P, 2)`, metres, DS."""
+    corner = np.floor(0.5 * (path.min(axis=0) + path.max(axis=0))) - 0.5 * ROOT_M
+    leaves = _leaves(terrain, corner, path)
     known = set(leaves)
     side = np.arange(-1, CELLS + 2)
     ii, jj = np.meshgrid(side, side, indexing="ij")
-    quads = _grid_triangles()
-    count = (CELLS + 1) ** 2
+    index = np.arange((CELLS + 1) ** 2, dtype=np.int32).reshape(CELLS + 1, CELLS + 1)
+    a, b, c, d = (q.ravel() for q in (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]))
+    quads = np.concatenate((np.stack((a, b, c), axis=1), np.stack((a, c, d), axis=1)))
     vertices = np.empty((len(leaves), CELLS + 1, CELLS + 1, 3), np.float32)
     normals = np.empty_like(vertices)
     for n, (level, i, j) in enumerate(leaves):
@@ -288,31 +286,16 @@ def _tiles(terrain: Terrain, corner: FloatArray, leaves: list[tuple[int, int, in
         vertices[n, ..., 0] = x.reshape(ii.shape)[1:-1, 1:-1]
         vertices[n, ..., 1] = y.reshape(ii.shape)[1:-1, 1:-1]
         vertices[n, ..., 2] = inner
-    starts = np.arange(len(leaves), dtype=np.int32)[:, None, None] * np.int32(count)
+    starts = np.arange(len(leaves), dtype=np.int32)[:, None, None] * np.int32(index.size)
     triangles = (quads[None] + starts).reshape(-1, 3)
     return Mesh(vertices.reshape(-1, 3), normals.reshape(-1, 3), triangles, np.full(len(triangles), -1, np.int32))
-
-
-def _grid_triangles() -> NDArray[np.int32]:
-    index = np.arange((CELLS + 1) ** 2, dtype=np.int32).reshape(CELLS + 1, CELLS + 1)
-    a, b, c, d = (q.ravel() for q in (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]))
-    return np.concatenate((np.stack((a, b, c), axis=1), np.stack((a, c, d), axis=1)))
 
 
 def _stitch(z: FloatArray, known: set[tuple[int, int, int]], level: int, i: int, j: int) -> None:
     """Straighten the edges that a coarser tile shares."""
     edges = ((-1, 0, z[0, :]), (1, 0, z[-1, :]), (0, -1, z[:, 0]), (0, 1, z[:, -1]))
     for di, dj, edge in edges:
-        up = _levels_up(known, level, i + di, j + dj)
-        if up > 0:
-            step = min(2**up, CELLS)
-            index = np.arange(CELLS + 1)
-            edge[:] = np.interp(index, index[::step], edge[::step])
-
-
-def _levels_up(known: set[tuple[int, int, int]], level: int, i: int, j: int) -> int:
-    """Return how many levels coarser the tile that covers `(level, i, j)` is; 0 if it is not coarser."""
-    for up in range(level + 1):
-        if (level - up, i >> up, j >> up) in known:
-            return up
-    return 0
+        beside = ((level - up, (i + di) >> up, (j + dj) >> up) for up in range(level + 1))
+        step = min(2 ** next((up for up, tile in enumerate(beside) if tile in known), 0), CELLS)
+        index = np.arange(CELLS + 1)
+        edge[:] = np.interp(index, index[::step], edge[::step])

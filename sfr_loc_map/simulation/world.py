@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatImage, GreyImage, PointImage
+from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.simulation.drive import HALF_WIDTH_M, Plan, rover_mesh
 from sfr_loc_map.simulation.noise import sub_seed
 from sfr_loc_map.simulation.renderer import (
     BAND_RAYS,
     SKY,
-    Occluder,
     Tracer,
     camera_pose,
     occlusion_mask,
@@ -25,7 +25,7 @@ from sfr_loc_map.simulation.renderer import (
     trace_primary_rays,
     trace_shadow_rays,
 )
-from sfr_loc_map.simulation.rocks import place_rocks, rock_mesh
+from sfr_loc_map.simulation.rocks import place_rocks, rock_meshes
 from sfr_loc_map.simulation.sensor import TASK_SEEDS, sensor_image
 from sfr_loc_map.simulation.shading import shade, shading_parameters
 from sfr_loc_map.simulation.terrain import Mesh, ground_mesh
@@ -48,7 +48,9 @@ class World:
         self.plan = plan
         path = plan.path()
         rocks = place_rocks(config.seed, config.rocks, plan.terrain, path, HALF_WIDTH_M)
-        self._tracer = Tracer(Mesh.join([ground_mesh(plan.terrain, path), rock_mesh(config.seed, config.rocks, rocks)]))
+        self._tracer = Tracer(
+            Mesh.join([ground_mesh(plan.terrain, path), *rock_meshes(config.seed, config.rocks, rocks)])
+        )
         elevation, azimuth = math.radians(config.light.sun_elevation_deg), math.radians(config.light.sun_azimuth_deg)
         level = math.cos(elevation)
         self._sun = np.array([level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation)])
@@ -103,5 +105,5 @@ class World:
             mask[pixels] = MaskBit.SKY * sky + MaskBit.SHADOW * (~sky & (lit == 0)) + MaskBit.OCCLUDED * occluded
         return points.reshape(rig.height, rig.width, 3), mask.reshape(rig.height, rig.width)
 
-    def _occluder(self, task: Task, frame: int, delay_s: float) -> Occluder | None:
-        return None if self._rover is None else Occluder(self._rover, self.plan.rover_pose(task, frame, delay_s))
+    def _occluder(self, task: Task, frame: int, delay_s: float) -> tuple[Tracer, Transform] | None:
+        return None if self._rover is None else (self._rover, self.plan.rover_pose(task, frame, delay_s))
