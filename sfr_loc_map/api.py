@@ -305,7 +305,7 @@ class Score(score_base.Score):
         for _, part in keyed_conditions(self):
             values = {name: value for name, value in vars(part).items() if isinstance(value, Statistic)}
             found |= {(part.condition.label, name): (value, part.count) for name, value in values.items()}
-        if (error := map_error(self.map)) is not None:
+        if (error := map_error(self)) is not None:
             found["map", error.key.rpartition(".")[2]] = error.value, error.value.count
         for kind, calls in () if self.timing is None else self.timing.kinds():
             found[kind, "seconds"] = calls, calls.count

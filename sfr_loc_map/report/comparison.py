@@ -33,22 +33,7 @@ from sfr_loc_map.report.plots import (
 )
 from sfr_loc_map.report.score_figures import growth, path_errors
 from sfr_loc_map.report.score_tables import UNTOLD, convention_text, map_error
-from sfr_loc_map.report.tables import (
-    ABSENT,
-    DEGREE,
-    MARKS,
-    MIB,
-    MILLIMETRE,
-    MILLISECOND,
-    NONE,
-    Cell,
-    Column,
-    Row,
-    Table,
-    Unit,
-    fitting,
-    number,
-)
+from sfr_loc_map.report.tables import ABSENT, MARKS, NONE, Cell, Column, Row, Table, Unit, fitting, number
 
 NEUTRAL = ("frames",)  #: Columns whose figures are neither good nor bad.
 POSITION = "trajectory.first.position_m.mean_plus_3sigma"
@@ -143,21 +128,21 @@ def _methods(named: Named) -> Table:
     ]
     if any(score.trajectory is not None for _, score in named):
         shown += [
-            (Column(f"position over {over}", MILLIMETRE), _position),
-            (Column(f"attitude over {over}", DEGREE), _value("trajectory.first.attitude_deg.mean_plus_3sigma")),
-            (Column(f"heading over {over}", DEGREE), _value("trajectory.first.heading_deg.mean_plus_3sigma")),
+            (Column(f"position over {over}", Unit("mm")), _position),
+            (Column(f"attitude over {over}", Unit("deg")), _value("trajectory.first.attitude_deg.mean_plus_3sigma")),
+            (Column(f"heading over {over}", Unit("deg")), _value("trajectory.first.heading_deg.mean_plus_3sigma")),
             (Column("frames"), _value("trajectory.matched")),
             (Column("lost"), _value("trajectory.lost")),
         ]
     if any(score.map is not None for _, score in named):
         shown += [
-            (Column("map point", MILLIMETRE), lambda score: _cell(_map_error(score), MILLIMETRE)),
+            (Column("map point", Unit("mm")), lambda score: _cell(_map_error(score), Unit("mm"))),
             (Column("coverage"), _value("map.coverage")),
         ]
     shown += [
-        (Column("time p50", MILLISECOND), lambda score: _times(score, "p50")),
-        (Column("time p95", MILLISECOND), lambda score: _times(score, "p95")),
-        (Column("memory", MIB), lambda score: _of_kinds(score, "memory", "peak_bytes", MIB)),
+        (Column("time p50", Unit("ms")), lambda score: _times(score, "p50")),
+        (Column("time p95", Unit("ms")), lambda score: _times(score, "p95")),
+        (Column("memory", Unit("MiB")), lambda score: _of_kinds(score, "memory", "peak_bytes", Unit("MiB"))),
         (Column("findings"), lambda score: Cell.number(sum(item.count for item in score.findings))),
     ]
     ordered = sorted(named, key=lambda item: value_at(item[1], POSITION) or _map_error(item[1]) or float("inf"))
@@ -179,20 +164,20 @@ def _position(score: Score) -> Cell:
     total, bounds = (value_at(score, f"{POSITION}{end}") for end in ("", "_ci95"))
     if total is None:
         return Cell(ABSENT)
-    interval = f" ({Cell.interval(bounds, unit=MILLIMETRE).text})" if bounds is not None else ""
-    return Cell(number(total, unit=MILLIMETRE) + interval, total)
+    interval = f" ({Cell.interval(bounds, unit=Unit('mm')).text})" if bounds is not None else ""
+    return Cell(number(total, unit=Unit("mm")) + interval, total)
 
 
 def _map_error(score: Score) -> float | None:
-    error = map_error(score.map)
+    error = map_error(score)
     return None if error is None else error.value.mean_plus_3sigma
 
 
 def _times(score: Score, name: str) -> Cell:
     latency = value_at(score, f"external.latency_s.{name}")
     if latency is not None and all(value_at(score, f"timing.{kind}") is None for kind in KINDS):
-        return Cell(f"latency {number(latency, unit=MILLISECOND)}")
-    return _of_kinds(score, "timing", name, MILLISECOND)
+        return Cell(f"latency {number(latency, unit=Unit('ms'))}")
+    return _of_kinds(score, "timing", name, Unit("ms"))
 
 
 def _of_kinds(score: Score, part: str, name: str, unit: Unit) -> Cell:
@@ -209,7 +194,7 @@ def _provenance(named: Named) -> Table:
         own = inputs.get("estimate") or inputs.get("cloud")
         texts = (
             UNTOLD if method is None else f"{method.name} {method.version or ''}".strip(),
-            ABSENT if score.convention is None else convention_text(score.convention),
+            convention_text(score) or ABSENT,
             ABSENT if own is None else own.path,
             ABSENT if own is None else own.sha256[:16],
             UNTOLD if origin is None else f"sfr_loc_map {origin.version}",

@@ -266,7 +266,7 @@ def _worth_a_look(score: Score) -> Iterator[LookFirst]:
         if condition.nees is not None and condition.nees.pose.consistent is False:
             mean, low = condition.nees.pose.mean or 0.0, (condition.nees.pose.interval95 or (0.0, 0.0))[0]
             why = f"Over {condition.condition} the normalised squared error (NEES) is {number(mean)} in place of 6. "
-            why += "" if part is None else truth_text(part) or EXACT
+            why += "" if part is None else truth_text(score) or EXACT
             size = "large" if mean < low else "small"
             yield LookFirst(f"the covariance of the odometry, which is too {size}", why.strip())
     met = [item for item in score.verdicts if item.state is VerdictState.PASS]

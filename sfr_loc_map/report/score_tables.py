@@ -9,34 +9,11 @@ from typing import Any, NamedTuple
 
 from sfr_loc_map.metrics.config import CallKind, Condition, Rebase
 from sfr_loc_map.metrics.limits import value_at
-from sfr_loc_map.metrics.score import (
-    ConditionScore,
-    ConventionRecord,
-    MapScore,
-    MemoryScore,
-    NeesPart,
-    SampleStatistic,
-    Score,
-    SigmaNees,
-    Statistic,
-    TargetScore,
-    TimingScore,
-    TrajectoryScore,
-    Verdict,
-)
+from sfr_loc_map.metrics.score import ConditionScore, SampleStatistic, Score, Statistic, TargetScore, Verdict
 from sfr_loc_map.report.tables import (
     ABSENT,
-    DEGREE,
-    METRE,
-    MIB,
-    MILLIMETRE,
-    MILLISECOND,
     NONE,
     NOT_ENOUGH,
-    PERCENT,
-    PIXEL,
-    SECOND,
-    SHARE,
     UNKNOWN,
     Cell,
     Column,
@@ -121,11 +98,10 @@ def score_tables(score: Score) -> list[Table]:
         _component_table(score),
         _map_table(score),
         _consistency_table(score),
-        _time_table(score.timing, target=target),
+        _time_table(score),
         _stage_table(score),
-        _memory_table(score.memory),
-        None if target is None else _time_table(target.timing, of=target.name),
-        None if target is None else _memory_table(target.memory, of=target.name),
+        _memory_table(score),
+        *(() if target is None else (_time_table(target), _memory_table(target))),
         _external_table(score),
         _method_table(score),
         _association_table(score),
@@ -187,8 +163,9 @@ class MapError(NamedTuple):
     title: str
 
 
-def map_error(part: MapScore | None) -> MapError | None:
-    """Return the error of a map."""
+def map_error(score: Score) -> MapError | None:
+    """Return the error of a map, None without one."""
+    part = score.map
     if part is not None and part.errors is not None:
         return MapError(part.errors.point_error_m, "map.point_error_m", "map: point error")
     if part is not None and part.nearest_distance_m is not None:
@@ -245,14 +222,14 @@ def name_of(item: Verdict) -> str:
 def unit_of(item: Verdict, *more: float | None) -> Unit:
     """Return the unit that suits a limit, its figure and more values beside them; shares in per cent."""
     unit = limit_unit(item.metric)
-    return PERCENT if unit is SHARE else fitting(unit, item.limit, item.value, *more)
+    return Unit("%") if unit == Unit("share") else fitting(unit, item.limit, item.value, *more)
 
 
 def limit_unit(metric: str) -> Unit:
     """Return the unit to show a figure in, from its name in the limits, which ends in the unit of its value."""
     if metric.endswith(("_min", "_share")):
-        return SHARE
-    return MIB if metric.endswith("_bytes") else Unit(metric.rpartition("_")[2])
+        return Unit("share")
+    return Unit("MiB") if metric.endswith("_bytes") else Unit(metric.rpartition("_")[2])
 
 
 def headline_table(score: Score) -> Table | None:
@@ -262,7 +239,7 @@ def headline_table(score: Score) -> Table | None:
     note = "Statistic: the one that is limited, else mean + 3 sigma. n: sub-trajectories, map points or calls. "
     note += f"{NO_INTERVAL} "
     for key, condition in keyed_conditions(score):
-        names = {"position": METRE, "chord": METRE, "attitude": DEGREE, "heading": DEGREE}
+        names = {"position": Unit("m"), "chord": Unit("m"), "attitude": Unit("deg"), "heading": Unit("deg")}
         of_chord = condition.rebase.is_fit or limits_on(score, "chord_m", condition.condition)
         if condition.chord_m is None or not of_chord:
             del names["chord"]
@@ -275,12 +252,12 @@ def headline_table(score: Score) -> Table | None:
             shown.append((title, unit, getattr(condition, figure), f"{key}.{figure}", _count(condition, key)))
     if part is not None:
         note += f"{part.matched} frames of {part.estimate_poses} estimates, {part.lost} lost, "
-        note += f"{part.degraded} degraded; re-based by {part.first.rebase.replace('_', ' ')}. {truth_text(part)}"
-    if (error := map_error(score.map)) is not None:
-        shown.append((error.title, METRE, error.value, error.key, _count(error.value, error.key)))
+        note += f"{part.degraded} degraded; re-based by {part.first.rebase.replace('_', ' ')}. {truth_text(score)}"
+    if (error := map_error(score)) is not None:
+        shown.append((error.title, Unit("m"), error.value, error.key, _count(error.value, error.key)))
     for kind, calls in () if score.timing is None else score.timing.kinds():
         key = f"timing.{kind}_s"
-        shown.append((f"{kind.words} time per call", SECOND, calls, key, _count(calls, key)))
+        shown.append((f"{kind.words} time per call", Unit("s"), calls, key, _count(calls, key)))
     rows: list[Row] = []
     for title, unit, value, key, count in shown:
         owner, _, figure = key.rpartition(".")
@@ -294,7 +271,7 @@ def headline_table(score: Score) -> Table | None:
             word = Cell(STATISTIC.get(judged, judged))
             rows.append((Cell.head(title), Cell(unit.symbol), *cells[:2], word, cells[2], interval, count))
     columns = _headed("figure", "unit", "mean", "sigma", "statistic", "value", "95 % interval", "n")
-    note = (note + clock_text(score.timing, score.target)).rstrip()
+    note = (note + clock_text(score)).rstrip()
     return Table("headline", "Figures", columns, tuple(rows), note) if rows else None
 
 
@@ -334,7 +311,7 @@ def covered_tables(score: Score) -> Iterator[Table]:
 def readings_table(score: Score) -> Table:
     """Return mean + 3 sigma by each reading of the document, and which verdicts depend on it."""
     rows: list[Row] = []
-    units = {"position_m": MILLIMETRE, "attitude_deg": DEGREE, "heading_deg": DEGREE}
+    units = {"position_m": Unit("mm"), "attitude_deg": Unit("deg"), "heading_deg": Unit("deg")}
     for key, part in keyed_conditions(score):
         for rebase in READINGS if part.readings is not None else ():
             figures = getattr(part.readings, rebase)
@@ -367,8 +344,8 @@ def _aligned_table(score: Score) -> Table | None:
     rows: list[Row] = []
     for key, part in (("ape", score.aligned.ape), ("rpe", score.aligned.rpe)):
         for name, unit, values, place in (
-            ("position", METRE, part.translation, key),
-            ("attitude", DEGREE, part.rotation_deg, f"{key}.rotation_deg"),
+            ("position", Unit("m"), part.translation, key),
+            ("attitude", Unit("deg"), part.rotation_deg, f"{key}.rotation_deg"),
         ):
             head = Cell.head(f"{key.upper()}, {name}, align {part.alignment}")
             rows.append((head, Cell(unit.symbol), *_figures(values, names, place), _count(part, key)))
@@ -380,8 +357,8 @@ def _aligned_table(score: Score) -> Table | None:
 def _growth_table(score: Score) -> Table | None:
     steps = () if score.trajectory is None else score.trajectory.by_distance
     names, rows = ("mean", "mean_plus_3sigma"), []
-    position = fitting(METRE, *(item.position_m.mean_plus_3sigma for item in steps))
-    units = {"position_m": position, "attitude_deg": DEGREE, "heading_deg": DEGREE}
+    position = fitting(Unit("m"), *(item.position_m.mean_plus_3sigma for item in steps))
+    units = {"position_m": position, "attitude_deg": Unit("deg"), "heading_deg": Unit("deg")}
     for k, item in enumerate(steps):
         key = f"trajectory.by_distance.{k}"
         cells = (_figures(getattr(item, name), names, f"{key}.{name}", unit) for name, unit in units.items())
@@ -396,7 +373,7 @@ def _component_table(score: Score) -> Table:
     for key, part in keyed_conditions(score):
         for name, title in DIRECTIONS.items():
             value: Statistic = getattr(part.components, name)
-            unit = fitting(METRE, value.mean, value.sigma, value.mean_plus_3sigma)
+            unit = fitting(Unit("m"), value.mean, value.sigma, value.mean_plus_3sigma)
             head = Cell.head(f"{title}, over {part.condition}")
             rows.append((head, Cell(unit.symbol), *_figures(value, STATISTIC, f"{key}.components.{name}", unit)))
     columns, note = _headed("position error", "unit", *STATISTIC.values()), "x, y, z of DS. Means with their signs."
@@ -404,7 +381,7 @@ def _component_table(score: Score) -> Table:
 
 
 def _consistency_table(score: Score) -> Table:
-    shown: list[tuple[str, NeesPart | SigmaNees, str, Cell, str]] = []
+    shown: list[tuple[str, Any, str, Cell, str]] = []
     for key, part in keyed_conditions(score):
         if part.nees is not None:
             count = _count(part.nees, f"{key}.nees")
@@ -428,13 +405,13 @@ def _consistency_table(score: Score) -> Table:
     note = "Above the interval the estimated sigma is too small (errors are larger than it says), below it too large. "
     note += "n: sub-trajectories that share no frame, or points of blocks far apart. Sigma of a map point assumes "
     note += "baseline, focal length and yaw as exact as mapping.calibration states: no pair can show them."
-    note += "" if score.trajectory is None else f" {truth_text(score.trajectory) or EXACT}"
+    note += "" if score.trajectory is None else f" {truth_text(score) or EXACT}"
     return Table("consistency", "Consistency of the estimated uncertainty (NEES)", columns, tuple(rows), note)
 
 
-def truth_text(part: TrajectoryScore) -> str:
+def truth_text(score: Score) -> str:
     """Return what is known of a truth that has noise, or positions alone; nothing of any other."""
-    about, said = part.truth, []
+    about, said = value_at(score, "trajectory.truth"), []
     if about is None:
         return ""
     if about.sigma_m or about.sigma_deg:
@@ -465,11 +442,11 @@ def _association_table(score: Score) -> Table | None:
 
 
 def _map_table(score: Score) -> Table | None:
-    part, error = score.map, map_error(score.map)
+    part, error = score.map, map_error(score)
     if part is None or error is None:
         return None
     errors = part.errors
-    unit = fitting(METRE, error.value.mean_plus_3sigma, error.value.p95)
+    unit = fitting(Unit("m"), error.value.mean_plus_3sigma, error.value.p95)
     disparities = None if errors is None else errors.disparity_error_px
     shown = [("all points", error.value, error.key, "map", part.coverage, disparities)]
     for k, item in enumerate(() if errors is None else errors.by_range):
@@ -487,7 +464,7 @@ def _map_table(score: Score) -> Table | None:
         cells = _figures(value, (*STATISTIC, "p50", "p95"), key, unit)
         rows.append((Cell.head(title), *cells, pixels, _count(value, key), covered))
     figures = _columns((*STATISTIC.values(), "p50", "p95"), unit)
-    columns = (Column("points", words=True), *figures, Column("|disparity error| p50", PIXEL))
+    columns = (Column("points", words=True), *figures, Column("|disparity error| p50", Unit("px")))
     low, high = (number(bound) for bound in part.coverage_range_m)
     without_truth = 0 if errors is None else errors.points_without_truth
     note = f"{part.points} points of {part.pairs} pairs, {without_truth} of them without truth (not scored). "
@@ -498,37 +475,33 @@ def _map_table(score: Score) -> Table | None:
 # ---- calls, of this host and of a target
 
 
-def clock_text(timing: TimingScore | None, target: TargetScore | None = None) -> str:
+def clock_text(of: Score | TargetScore) -> str:
     """Return which clock the times were measured with, and that a host time is no time of the target."""
-    clocks = sorted({calls.clock for _, calls in timing.kinds()}) if timing is not None else []
-    if not clocks:
-        return ""
-    text = f"Clock: {', '.join(clocks)}."
+    clocks = sorted({calls.clock for _, calls in of.timing.kinds()}) if of.timing is not None else []
+    text, target = f"Clock: {', '.join(clocks)}.", value_at(of, "target.name")
     if any(clock.startswith(HOST) for clock in clocks):
-        text += f" Host times are of the machine the run was made on{f', not of {target.name}' if target else ''}."
-    return text
+        text += f" Host times are of the machine the run was made on{f', not of {target}' if target else ''}."
+    return text if clocks else ""
 
 
-def _time_table(timing: TimingScore | None, *, of: str = "", target: TargetScore | None = None) -> Table | None:
-    if timing is None:
-        return None
-    name, on, place = ("target-time", f" on {of}", "target.") if of else ("time", "", "")
+def _time_table(of: Score | TargetScore) -> Table:
+    name, on, place = ("time", "", "") if isinstance(of, Score) else ("target-time", f" on {of.name}", "target.")
     titles = {name: name for name in ("p50", "p95", "p99", "max")}
     titles |= {"mean_plus_3sigma": "mean + 3 sigma", "first": "first call", "max_after_first": "max without it"}
     rows: list[Row] = []
-    for kind, calls in timing.kinds():
+    for kind, calls in () if of.timing is None else of.timing.kinds():
         key = f"{place}timing.{kind}_s"
-        unit = fitting(SECOND, calls.max, calls.mean_plus_3sigma)
+        unit = fitting(Unit("s"), calls.max, calls.mean_plus_3sigma)
         cells = (*_figures(calls, titles, key, unit), _count(calls, key), Cell(calls.clock))
         rows.append((Cell.head(kind.words), Cell(unit.symbol), *cells))
     columns = _headed("call", "unit", *titles.values(), "n", "clock")
-    return Table(name, f"Time per call{on}", columns, tuple(rows), clock_text(timing, target))
+    return Table(name, f"Time per call{on}", columns, tuple(rows), clock_text(of))
 
 
 def _stage_table(score: Score) -> Table | None:
     kinds = [] if score.timing is None else list(score.timing.kinds())
     names = ("mean", "p50", "p95", "max")
-    unit = fitting(SECOND, *(times.max for _, calls in kinds for times in calls.stages.values()))
+    unit = fitting(Unit("s"), *(times.max for _, calls in kinds for times in calls.stages.values()))
     rows: list[Row] = []
     for kind, calls in kinds:
         for stage, times in calls.stages.items():
@@ -541,19 +514,18 @@ def _stage_table(score: Score) -> Table | None:
     return Table("stages", "Time of stages", columns, tuple(rows), note)
 
 
-def _memory_table(memory: MemoryScore | None, *, of: str = "") -> Table | None:
-    if memory is None:
-        return None
-    name, place = ("target-memory", "target.") if of else ("memory", "")
+def _memory_table(of: Score | TargetScore) -> Table:
+    name, place, title = "memory", "", "Peak resident memory during a call"
+    if isinstance(of, TargetScore):
+        name, place, title = "target-memory", "target.", f"Peak memory on {of.name}"
     rows: list[Row] = []
     for kind in CallKind:
-        sizes = {size: value_at(memory, f"{kind}.{size}") for size in ("peak_bytes", "above_idle_bytes")}
+        sizes = {size: value_at(of, f"memory.{kind}.{size}") for size in ("peak_bytes", "above_idle_bytes")}
         if any(value is not None for value in sizes.values()):
-            cells = (Cell.number(value, f"{place}memory.{kind}_{size}", MIB) for size, value in sizes.items())
+            cells = (Cell.number(value, f"{place}memory.{kind}_{size}", Unit("MiB")) for size, value in sizes.items())
             rows.append((Cell.head(kind.words), *cells))
-    columns = (Column("call", words=True), Column("peak", MIB), Column("above the idle process", MIB))
-    title = f"Peak memory on {of}" if of else "Peak resident memory during a call"
-    return Table(name, title, columns, tuple(rows), f"Method: {memory.method or UNKNOWN}.")
+    columns = (Column("call", words=True), Column("peak", Unit("MiB")), Column("above the idle process", Unit("MiB")))
+    return Table(name, title, columns, tuple(rows), f"Method: {value_at(of, 'memory.method') or UNKNOWN}.")
 
 
 # ---- a method under test
@@ -568,14 +540,17 @@ def _method_table(score: Score) -> Table:
     if (usage := score.processes) is not None:
         facts["processor time"] = f"{usage.cpu_s:.3g} s, {usage.cpu_outside_s or 0.0:.3g} s of it outside the calls"
         facts["at most"] = f"{usage.threads} threads in {usage.processes} processes"
-    if score.convention is not None:
-        facts["converted"] = convention_text(score.convention)
+    if text := convention_text(score):
+        facts["converted"] = text
     rows = tuple((Cell.head(name), Cell(text)) for name, text in facts.items())
     return Table("method", "Method under test", (Column("of", words=True), Column("is", words=True)), rows)
 
 
-def convention_text(convention: ConventionRecord) -> str:
-    """Return in words how poses were converted before they were scored."""
+def convention_text(score: Score) -> str:
+    """Return in words how poses were converted before they were scored, empty where they were not."""
+    convention = score.convention
+    if convention is None:
+        return ""
     parts = [f"declared: {', '.join(convention.declared)}"] if convention.declared else []
     if convention.diagnosed is not None:
         fitted = ", numbers fitted to the truth" if convention.fitted else ""
@@ -588,11 +563,11 @@ def _external_table(score: Score) -> Table | None:
     if node is None:
         return None
     counts = vars(node.answers).items()
-    shown = [(name.replace("_", " "), value, f"answers.{name}", NONE) for name, value in counts]
+    shown = [(name.replace("_", " "), value, f"answers.{name}", Unit()) for name, value in counts]
     for title, key, unit in (
-        *((f"latency {name}", f"latency_s.{name}", MILLISECOND) for name in ("p50", "p95", "max")),
-        ("processor time", "process.cpu_s", SECOND),
-        ("peak resident memory", "process.peak_rss_bytes", MIB),
+        *((f"latency {name}", f"latency_s.{name}", Unit("ms")) for name in ("p50", "p95", "max")),
+        ("processor time", "process.cpu_s", Unit("s")),
+        ("peak resident memory", "process.peak_rss_bytes", Unit("MiB")),
     ):
         if getattr(node, key.partition(".")[0]) is not None:
             shown.append((title, value_at(node, key), key, unit))

@@ -10,7 +10,7 @@ import io
 import math
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from html import escape
 from typing import TYPE_CHECKING, NamedTuple
@@ -33,14 +33,16 @@ UNKNOWN, NOT_ENOUGH, ABSENT = "unknown", "not enough data", "-"
 class Unit:
     """A unit that values are shown in; `size` is one of it in the unit of the values: 1e-3 for ms of seconds."""
 
-    symbol: str
-    size: float = 1.0
+    symbol: str = ""
+    size: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "size", {"mm": 1e-3, "ms": 1e-3, "%": 1e-2, "MiB": 2.0**20}.get(self.symbol, 1.0))
 
 
-NONE = Unit("")
-METRE, SECOND, DEGREE, PIXEL, SHARE = Unit("m"), Unit("s"), Unit("deg"), Unit("px"), Unit("share")
-MILLIMETRE, MILLISECOND, PERCENT = Unit("mm", 1e-3), Unit("ms", 1e-3), Unit("%", 1e-2)
-MIB = Unit("MiB", 2.0**20)
+NONE, METRE, SECOND, DEGREE, PIXEL, SHARE, MILLIMETRE, MILLISECOND, PERCENT, MIB = map(
+    Unit, ("", "m", "s", "deg", "px", "share", "mm", "ms", "%", "MiB")
+)
 
 
 def fitting(unit: Unit, *values: float | None) -> Unit:
