@@ -45,7 +45,7 @@ def report(
     from sfr_loc_map.report.score_tables import score_markdown, score_tables
     from sfr_loc_map.report.tables import to_csv
     from sfr_loc_map.report.test_report import junit as junit_of
-    from sfr_loc_map.report.test_report import write_test_report
+    from sfr_loc_map.report.test_report import render_test_report
 
     if test_report is not None or junit is not None:
         if output is not None:
@@ -56,7 +56,7 @@ def report(
         if junit is not None:
             write_text(junit_of({f"score {n}": score for n, score in enumerate(all_scores, 1)}), junit)
         if test_report is not None:
-            write_test_report(all_scores, test_report, title)
+            write_text(render_test_report(all_scores, title), test_report)
             say(f"test report: {test_report}")
             propose(f"open {test_report} in a browser, print it for the signatures")
         return

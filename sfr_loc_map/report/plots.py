@@ -104,21 +104,6 @@ def segments(pieces: Sequence[Sequence[Column]]) -> list[Column]:
     return [[value for piece in pieces for value in (*piece[side], None)] for side in (0, 1)]
 
 
-def heat(
-    values: Sequence[Column],
-    x: tuple[float, float],
-    y: tuple[float, float],
-    bounds: tuple[float, float],
-    bar: dict[str, Any],
-    hover: str,
-    **more: Any,  # noqa: ANN401
-) -> Trace:
-    """Return rows of values as colours; x and y: place of the first value, step to the next."""
-    places = {"x0": x[0], "dx": x[1], "y0": y[0], "dy": y[1], "zmin": bounds[0], "zmax": bounds[1]}
-    style = {"colorscale": "@sequential", "colorbar": bar, **more, "hoverongaps": False, "hovertemplate": hover}
-    return {"type": "heatmap", "z": values, **places, **style}
-
-
 def colour_bar(title: str, **ticks: Any) -> dict[str, Any]:  # noqa: ANN401
     """Return a bar that says what the colours mean."""
     return {"title": {"text": title, "side": "right"}, "thickness": 12, **ticks}

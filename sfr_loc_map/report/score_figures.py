@@ -11,16 +11,13 @@ import numpy as np
 from sfr_loc_map.metrics.config import CallKind, Condition
 from sfr_loc_map.metrics.limits import value_at
 from sfr_loc_map.metrics.score import (
-    CallSeries,
     ConditionScore,
     ErrorImage,
     PathRows,
-    PointErrorScore,
     PointRows,
     Score,
     Statistic,
     SubTrajectoryRows,
-    Triangulation,
 )
 from sfr_loc_map.report.plots import (
     COLORS,
@@ -33,7 +30,6 @@ from sfr_loc_map.report.plots import (
     colour_bar,
     error_scale,
     from_above,
-    heat,
     largest,
     line,
     line_style,
@@ -81,7 +77,7 @@ def score_figures(score: Score) -> list[tuple[str, list[Plot]]]:
     """Return the figures by heading, as far as the score has their data."""
     groups = (
         ("Localisation", _drive_figures(score)),
-        ("Time and memory", _cost_figures(score)),
+        ("Time and memory", [plot for kind in CallKind for plot in _timeline(score, kind)]),
         ("Map", _map_figures(score)),
     )
     return [(title, plots) for title, plots in groups if plots]
@@ -89,7 +85,7 @@ def score_figures(score: Score) -> list[tuple[str, list[Plot]]]:
 
 def _drive_figures(score: Score) -> list[Plot]:
     path, parts = value_at(score, "details.trajectory.path"), parts_of(score)
-    figures = [_top_view(path, parts), _height(path), _accumulated(path)] if path and path.stamp_ns else []
+    figures = [_top_view(path, parts), *_along(path)] if path and path.stamp_ns else []
     if not parts:
         return figures
     first, rows, means = parts[0], parts[0].rows, parts[0].score.components
@@ -213,16 +209,12 @@ def _ends(path: PathRows, rows: SubTrajectoryRows) -> Trace:
     )
 
 
-def _height(path: PathRows) -> Plot:
-    data = [
+def _along(path: PathRows) -> list[Plot]:
+    heights = [
         line("truth", (path.travelled_m, path.truth_z_m), "@truth", width=3),
         line("estimate", (path.travelled_m, path.estimate_z_m), "@one", dash="dash"),
     ]
-    layout = {"xaxis": axis(TRAVELLED), "yaxis": axis("z of DS (up), m")}
-    return Plot("height", "Height", "Axes not to one scale.", data, layout)
-
-
-def _accumulated(path: PathRows) -> Plot:
+    upright = {"xaxis": axis(TRAVELLED), "yaxis": axis("z of DS (up), m")}
     *errors, size = path_errors(path)
     factor, unit = error_scale(largest(size))
     styles = (("x (east)", "@one", "dash"), ("y (north)", "@two", "dot"), ("z (up)", "@three", "dashdot"))
@@ -239,7 +231,10 @@ def _accumulated(path: PathRows) -> Plot:
         data.append(line("3 sigma of the covariance", (path.travelled_m, scaled(sigma, factor)), "@five", width=1.5))
     layout = {"xaxis": axis(TRAVELLED), "yaxis": axis(f"estimate - truth in DS, {unit}", zeroline=True)}
     caption = "Error accumulated since the first frame, without re-basing; not a figure of the specification."
-    return Plot("accumulated", "Accumulated position error", caption, data, layout)
+    return [
+        Plot("height", "Height", "Axes not to one scale.", heights, upright),
+        Plot("accumulated", "Accumulated position error", caption, data, layout),
+    ]
 
 
 # ---- sub-trajectories
@@ -334,17 +329,11 @@ def _panels(
 # ---- time and memory of calls
 
 
-def _cost_figures(score: Score) -> list[Plot]:
-    figures: list[Plot] = []
-    for kind in CallKind:
-        calls, times = value_at(score, f"details.calls.{kind}"), value_at(score, f"timing.{kind}")
-        if calls is not None and len(calls.series.stamp_ns) > 1:
-            clock = "host time" if times is not None and times.clock.startswith(HOST) else "time"
-            figures.append(_timeline(score, kind, clock, calls.series))
-    return figures
-
-
-def _timeline(score: Score, kind: CallKind, clock: str, series: CallSeries) -> Plot:
+def _timeline(score: Score, kind: CallKind) -> list[Plot]:
+    series = value_at(score, f"details.calls.{kind}.series")
+    if series is None or len(series.stamp_ns) < 2:
+        return []
+    clock = "host time" if (value_at(score, f"timing.{kind}.clock") or "").startswith(HOST) else "time"
     seconds = [round((stamp - series.stamp_ns[0]) * 1e-9, 6) for stamp in series.stamp_ns]
     shown = [state if state in STATES else "other" for state in series.state]
     data: list[Trace] = []
@@ -372,26 +361,20 @@ def _timeline(score: Score, kind: CallKind, clock: str, series: CallSeries) -> P
         layout["yaxis2"] = axis("peak memory, MiB")
     block = series.slowest_of
     caption = "Each call in turn; memory: resident." if block == 1 else f"The slowest of every {block} calls."
-    return Plot(
-        f"{kind}-timeline", f"Time and memory by call: {kind.words}", caption, data, layout, height=440, width="full"
-    )
+    title = f"Time and memory by call: {kind.words}"
+    return [Plot(f"{kind}-timeline", title, caption, data, layout, height=440, width="full")]
 
 
 # ---- the map
 
 
 def _map_figures(score: Score) -> list[Plot]:
-    details = None if score.details is None else score.details.map
-    errors = value_at(score, "map.errors")
-    figures = []
-    if details is not None:
-        width = "third" if len(details.error_images) % 3 == 0 else "half"
-        figures += [_image(item, width) for item in details.error_images]
-    if errors is not None and errors.by_range:
-        cloud, law = (None, None) if details is None else (details.cloud, details.triangulation)
-        figures.append(_over_range(score, errors, cloud, law))
-    if details is not None and details.cloud.x_m:
-        figures.append(_in_space(details.cloud))
+    images, cloud = value_at(score, "details.map.error_images") or (), value_at(score, "details.map.cloud")
+    figures = [_image(item, "third" if len(images) % 3 == 0 else "half") for item in images]
+    if value_at(score, "map.errors.by_range"):
+        figures.append(_over_range(score))
+    if cloud is not None and cloud.x_m:
+        figures.append(_in_space(cloud))
     return figures
 
 
@@ -407,9 +390,22 @@ def _image(item: ErrorImage, width: str) -> Plot:
     block, columns = item.block_px, len(item.error[0]) if item.error else 0
     values = [[None if value < 0 else value / 10 for value in row] for row in item.error]
     logs, low, high, bar = _coloured([value for row in values for value in row])
-    shown = [logs[first : first + columns] for first in range(0, len(logs), columns)] if columns else values
-    places, hover = ((block - 1) / 2, block), "u %{x:.0f}, v %{y:.0f} px: %{customdata:.4g} mm<extra></extra>"
-    image = heat(shown, places, places, (low, high), bar, hover, customdata=values)
+    shown = [logs[k : k + columns] for k in range(0, len(logs), columns)] if columns else values
+    first = (block - 1) / 2
+    image: Trace = {
+        **{
+            "type": "heatmap",
+            "z": shown,
+            "x0": first,
+            "dx": block,
+            "y0": first,
+            "dy": block,
+            "zmin": low,
+            "zmax": high,
+        },
+        **{"colorscale": "@sequential", "colorbar": bar, "customdata": values, "hoverongaps": False},
+        "hovertemplate": "u %{x:.0f}, v %{y:.0f} px: %{customdata:.4g} mm<extra></extra>",
+    }
     layout = {
         "xaxis": axis("u of the left image, px", constrain="domain", showgrid=False),
         "yaxis": axis("v, px", autorange="reversed", scaleanchor="x", constrain="domain", showgrid=False),
@@ -419,13 +415,14 @@ def _image(item: ErrorImage, width: str) -> Plot:
     return Plot(f"image-{item.pair}", title, caption, [image], layout, height=340, width=width)
 
 
-def _over_range(score: Score, errors: PointErrorScore, cloud: PointRows | None, law: Triangulation | None) -> Plot:
+def _over_range(score: Score) -> Plot:
+    errors, details = value_at(score, "map.errors"), value_at(score, "details.map")
     bins = errors.by_range
     data: list[Trace] = []
-    ranges: Column = () if cloud is None else cloud.range_m
-    if cloud is not None and ranges:
+    ranges: Column = value_at(details, "cloud.range_m") or ()
+    if ranges:
         step = -(-len(ranges) // SCATTER_ROWS)
-        some = ranges[::step], scaled(cloud.error_m[::step], 1e3)
+        some = ranges[::step], scaled(details.cloud.error_m[::step], 1e3)
         data.append(marks("points (some)", some, "@faint", size=3, hoverinfo="skip"))
     low, high = min((value for value in ranges if value), default=0.5), bins[-1].to_m
     for name, color, dash in (
@@ -438,8 +435,15 @@ def _over_range(score: Score, errors: PointErrorScore, cloud: PointRows | None, 
         ]
         data.append(line(STATISTIC.get(name, name), segments(levels), color, dash=dash, width=3))
     data += _limit_lines(score, "point_error_m", [low, high], math.inf, 1e3)
-    if law is not None:
-        data += _law(law, errors.disparity_error_px.p50_abs, low, high)
+    law, ratio = value_at(details, "triangulation"), (high / low) ** (1 / LAW_STEPS)
+    steps = [low * ratio**k for k in range(LAW_STEPS + 1)]
+    for d, width in ((0.1, 1.0), (0.25, 1.0), (1.0, 1.0), (errors.disparity_error_px.p50_abs, 2.5)):
+        if law is not None and d is not None:
+            amounts = scaled([r * r * d / (law.focal_px * law.baseline_m) for r in steps], 1e3)
+            words = [f"{d:.2g} px "] + [""] * LAW_STEPS
+            more = {"mode": "lines+text", "text": words, "textposition": "middle left", "showlegend": d == 1.0}
+            trace = line("law of triangulation", (steps, amounts), "@truth", dash="dot", width=width)
+            data.append(trace | more | {"legendgroup": "law"})
     totals = [value for item in bins for value in (item.point_error_m.p50, item.point_error_m.mean_plus_3sigma)]
     known = [value * 1e3 for value in totals if value] or [1.0]
     layout = {
@@ -454,20 +458,6 @@ def _over_range(score: Score, errors: PointErrorScore, cloud: PointRows | None, 
         "amount to, the bold one for the median that was measured."
     )
     return Plot("over-range", "Point error over range", caption, data, layout, height=480, width="full")
-
-
-def _law(law: Triangulation, measured: float | None, low: float, high: float) -> list[Trace]:
-    ratio = (high / low) ** (1 / LAW_STEPS)
-    ranges = [low * ratio**k for k in range(LAW_STEPS + 1)]
-    traces = []
-    for d, width in ((0.1, 1.0), (0.25, 1.0), (1.0, 1.0), (measured, 2.5)):
-        if d is not None:
-            errors = scaled([r * r * d / (law.focal_px * law.baseline_m) for r in ranges], 1e3)
-            words = [f"{d:.2g} px "] + [""] * LAW_STEPS
-            more = {"mode": "lines+text", "text": words, "textposition": "middle left", "showlegend": d == 1.0}
-            trace = line("law of triangulation", (ranges, errors), "@truth", dash="dot", width=width)
-            traces.append(trace | more | {"legendgroup": "law"})
-    return traces
 
 
 def _in_space(cloud: PointRows) -> Plot:

@@ -9,11 +9,9 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 from sfr_loc_map.inputs import printable
-from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.score import Score, Verdict
 from sfr_loc_map.report.page import from_template, overall_of
@@ -57,11 +55,6 @@ def clause_of(metric: str) -> str:
         return "4.1.1"
     task = "4.2" if name.startswith("localisation") else "4.3"
     return f"{task}.{2 if name.endswith('_bytes') else 1}"
-
-
-def write_test_report(scores: Sequence[Score], path: Path, title: str = "") -> None:
-    """Write the report; an existing file is replaced. OutputError if it cannot be written."""
-    write_text(render_test_report(scores, title), path)
 
 
 def render_test_report(scores: Sequence[Score], title: str = "") -> str:
