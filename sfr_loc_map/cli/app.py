@@ -114,6 +114,8 @@ def _with_groups(function: Callable[..., Any], hint: str, first: list[str]) -> C
         place = -1  # arguments stay first
         if isinstance(option, OptionInfo):
             option = copy(option)
+            if kind is bool and option.default is ...:  # it names none: one that has no `--no-NAME`
+                option.param_decls = (f"--{name.replace('_', '-')}",)
             option.rich_help_panel = None if name in first else title
             place = first.index(name) if name in first else len(first)
         annotation = Annotated[kind, option]

@@ -135,9 +135,7 @@ def faults(
     fault: Annotated[
         list[str] | None,
         typer.Option(
-            "--fault",
-            metavar="KIND[:...]",
-            help="As for sfr perturb, several joined by +; repeatable. By default common faults.",
+            metavar="KIND[:...]", help="As for sfr perturb, several joined by +; repeatable. By default common faults."
         ),
     ] = None,
     condition: Annotated[

@@ -39,7 +39,7 @@ def convert(
     ],
     to: Annotated[
         Literal["kitti", "euroc"] | None,
-        typer.Option("--to", help="Write the drive in the layout of KITTI odometry or EuRoC (ASL)."),
+        typer.Option(help="Write the drive in the layout of KITTI odometry or EuRoC (ASL)."),
     ] = None,
     remap: RemapOption = None,
     config: ConfigOption = None,

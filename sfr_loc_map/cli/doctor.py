@@ -50,17 +50,16 @@ def doctor(
     truth: Annotated[
         Path | None, typer.Argument(metavar="TRUTH", help="With EST: trajectory, bag or data set folder.")
     ] = None,
-    graph: Annotated[bool, typer.Option("--graph", help="Look at the running ROS graph.")] = False,
+    graph: Annotated[bool, typer.Option(help="Look at the running ROS graph.")] = False,
     namespace: Annotated[
-        str,
-        typer.Option("--namespace", metavar="NS", callback=checked_namespace, help="Namespace of the rover (--graph)."),
+        str, typer.Option(metavar="NS", callback=checked_namespace, help="Namespace of the rover (--graph).")
     ] = "",
     seconds: Annotated[
         float,
         typer.Option(min=0.1, max=600.0, metavar="S", help="How long messages are watched, after the first (--graph)."),
     ] = 3.0,
     fix: Annotated[
-        bool, typer.Option("--fix", help="Write what the source seems to be into its sfr.yaml, then look again.")
+        bool, typer.Option(help="Write what the source seems to be into its sfr.yaml, then look again.")
     ] = False,
     config: ConfigOption = None,
     json_path: JsonOption = None,

@@ -27,10 +27,8 @@ if TYPE_CHECKING:
     from sfr_loc_map.live.foxglove import FoxgloveView
     from sfr_loc_map.nodes.processes import LivePage
 
-LiveOption = Annotated[bool, typer.Option("--live", help="Show the run on a page while it goes on (see sfr live).")]
-LivePortOption = Annotated[
-    int, typer.Option("--live-port", metavar="P", min=0, max=65535, help="Port of that page; 0: a free one.")
-]
+LiveOption = Annotated[bool, typer.Option(help="Show the run on a page while it goes on (see sfr live).")]
+LivePortOption = Annotated[int, typer.Option(metavar="P", min=0, max=65535, help="Port of that page; 0: a free one.")]
 
 
 def require_live() -> None:
@@ -88,29 +86,26 @@ def live(
     ] = None,
     namespace: NamespaceOption = "",
     host: Annotated[
-        str, typer.Option("--host", metavar="H", help="Address to listen on; but for loopback it needs --token.")
+        str, typer.Option(metavar="H", help="Address to listen on; but for loopback it needs --token.")
     ] = "127.0.0.1",
-    port: Annotated[int, typer.Option("--port", metavar="P", min=0, max=65535, help="Port; 0: a free one.")] = 8080,
-    token: Annotated[str, typer.Option("--token", metavar="WORD", help="Word that each request must have.")] = "",
+    port: Annotated[int, typer.Option(metavar="P", min=0, max=65535, help="Port; 0: a free one.")] = 8080,
+    token: Annotated[str, typer.Option(metavar="WORD", help="Word that each request must have.")] = "",
     open_browser: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
     terminal: Annotated[
-        bool,
-        typer.Option("--terminal", help="Show the figures on this terminal; one line a second where there is none."),
+        bool, typer.Option(help="Show the figures on this terminal; one line a second where there is none.")
     ] = False,
     rate: Annotated[
-        float, typer.Option("--rate", metavar="R", min=0.01, max=100.0, help="Multiple of the recorded speed.")
+        float, typer.Option(metavar="R", min=0.01, max=100.0, help="Multiple of the recorded speed.")
     ] = 1.0,
     truth: Annotated[
-        Path | None, typer.Option("--truth", metavar="SRC", help="Source with truth and images of what is played.")
+        Path | None, typer.Option(metavar="SRC", help="Source with truth and images of what is played.")
     ] = None,
     limits: LimitsOption = None,
     condition: ConditionOption = None,
     foxglove: Annotated[
-        bool, typer.Option("--foxglove", help="Serve the same over the Foxglove protocol besides, on loopback.")
+        bool, typer.Option(help="Serve the same over the Foxglove protocol besides, on loopback.")
     ] = False,
-    foxglove_port: Annotated[
-        int, typer.Option("--foxglove-port", metavar="P", min=0, max=65535, help="Its port; 0: a free one.")
-    ] = 8765,
+    foxglove_port: Annotated[int, typer.Option(metavar="P", min=0, max=65535, help="Its port; 0: a free one.")] = 8765,
 ) -> None:
     """Serve a page with figures, path, images and map of the running nodes, until Ctrl-C.
 

@@ -38,10 +38,10 @@ def map_cloud(
         ),
     ] = None,
     covariance: Annotated[
-        bool, typer.Option("--covariance", help="Also C.covariance.npz: 3 x 3 of each point, in the cloud's order.")
+        bool, typer.Option(help="Also C.covariance.npz: 3 x 3 of each point, in the cloud's order.")
     ] = False,
     refine_poses: Annotated[
-        bool, typer.Option("--refine-poses", help="Correct the poses of later pairs by registration of the overlaps.")
+        bool, typer.Option(help="Correct the poses of later pairs by registration of the overlaps.")
     ] = False,
     stats: Annotated[Path | None, typer.Option(metavar="S.csv", help="A row for each call: time, memory, ...")] = None,
     remap: RemapOption = None,

@@ -39,50 +39,40 @@ def checked_namespace(text: str) -> str:
 SourceArgument = Annotated[
     Path, typer.Argument(metavar="SRC", help="Data set folder, bag of ROS 2 or 1, or sequence of KITTI or EuRoC.")
 ]
-NamespaceOption = Annotated[
-    str, typer.Option("--namespace", metavar="NS", callback=checked_namespace, help="Namespace of the rover.")
-]
+NamespaceOption = Annotated[str, typer.Option(metavar="NS", callback=checked_namespace, help="Namespace of the rover.")]
 ConfigOption = Annotated[
     Path | None, typer.Option("--config", metavar="F.yaml", help="Configuration; else the sfr.yaml in or beside SRC.")
 ]
 RemapOption = Annotated[
-    list[str] | None,
-    typer.Option("--remap", metavar="FOUND:=EXPECTED", help="Topic of a bag under another name; repeatable."),
+    list[str] | None, typer.Option(metavar="FOUND:=EXPECTED", help="Topic of a bag under another name; repeatable.")
 ]
 ConditionOption = Annotated[
     list[str] | None,
     typer.Option(
-        "--condition",
         metavar="distance=M|time=S|frames=N",
         show_default="distance=5",
         help="End of a sub-trajectory; also displacement=M, turn=DEG; commas: all at once; repeatable.",
     ),
 ]
-StartOption = Annotated[
-    Literal["identity", "truth"], typer.Option("--start", help="First pose: the identity, or the true one.")
-]
+StartOption = Annotated[Literal["identity", "truth"], typer.Option(help="First pose: the identity, or the true one.")]
 Align = Literal["none", "origin", "se3", "sim3"]
 JsonOption = Annotated[
     str | None, typer.Option("--json", metavar="F", help="Write all figures as JSON; - for standard output.")
 ]
-HtmlOption = Annotated[Path | None, typer.Option("--html", metavar="F.html", help="Write a page with figures.")]
+HtmlOption = Annotated[Path | None, typer.Option(metavar="F.html", help="Write a page with figures.")]
 OverwriteOption = Annotated[
     bool, typer.Option("--overwrite/--no-overwrite", help="Replace outputs that exist; without it they are refused.")
 ]
-LenientOption = Annotated[
-    bool, typer.Option("--lenient", help="Exit 0 rather than 3 where something could not be judged.")
-]
+LenientOption = Annotated[bool, typer.Option(help="Exit 0 rather than 3 where something could not be judged.")]
 SpacingOption = Annotated[int, typer.Option(metavar="FRAMES", help="Frames from one start to the next.")]
 RebaseOption = Annotated[
     Literal["pose", "displacement", "position"],
     typer.Option(help="Reading of the document: how error from before a start is kept out."),
 ]
-PartialOption = Annotated[bool, typer.Option("--partial", help="Judge an estimate of a part of the drive, and say so.")]
+PartialOption = Annotated[bool, typer.Option(help="Judge an estimate of a part of the drive, and say so.")]
 
 
-LimitsOption = Annotated[
-    Path | None, typer.Option("--limits", metavar="F.yaml", help="Limits; exit code 1 if one is missed.")
-]
+LimitsOption = Annotated[Path | None, typer.Option(metavar="F.yaml", help="Limits; exit code 1 if one is missed.")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,8 +173,7 @@ class ConventionOptions:
         ),
     ] = None
     apply_diagnosis: Annotated[
-        bool,
-        typer.Option("--apply-diagnosis", help="Correct the convention mismatch that explains the errors, and say so."),
+        bool, typer.Option(help="Correct the convention mismatch that explains the errors, and say so.")
     ] = False
 
     def read(self, *, has_poses: bool = True) -> Correction:
@@ -252,7 +241,7 @@ class IntakeOptions:
     """What only the owner of a recording knows of it."""
 
     calibration: Annotated[
-        Path | None, typer.Option("--calibration", metavar="F", help="Of Kalibr, OpenCV, ROS, COLMAP, or a rig.json.")
+        Path | None, typer.Option(metavar="F", help="Of Kalibr, OpenCV, ROS, COLMAP, or a rig.json.")
     ] = None
     settings: Annotated[
         list[str] | None,

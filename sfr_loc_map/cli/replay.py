@@ -71,7 +71,7 @@ class PlayOptions:
     start_offset: Annotated[float, typer.Option(min=0.0, metavar="S", help="Part of the source that is left out.")] = (
         0.0
     )
-    start_paused: Annotated[bool, typer.Option("--start-paused", help="Wait for space, s or ~/resume.")] = False
+    start_paused: Annotated[bool, typer.Option(help="Wait for space, s or ~/resume.")] = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +150,7 @@ def replay(
     node: NodeUnderTest,
     conversion: ConventionOptions,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Folder for report, estimate, statistics and cloud.")
+        Path | None, typer.Option(metavar="DIR", help="Folder for report, estimate, statistics and cloud.")
     ] = None,
     start: StartOption = "identity",
     config: ConfigOption = None,

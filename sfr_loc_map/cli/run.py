@@ -37,12 +37,10 @@ def run(
     ] = None,
     params_file: Annotated[
         list[Path] | None,
-        typer.Option(
-            "--params-file", metavar="P.yaml", help="ROS parameter file, for all nodes named in it; repeatable."
-        ),
+        typer.Option(metavar="P.yaml", help="ROS parameter file, for all nodes named in it; repeatable."),
     ] = None,
     config: Annotated[
-        Path | None, typer.Option("--config", metavar="F.yaml", help="Configuration of a recording, as of sfr init.")
+        Path | None, typer.Option(metavar="F.yaml", help="Configuration of a recording, as of sfr init.")
     ] = None,
     namespace: NamespaceOption = "",
     remap: Annotated[
@@ -52,7 +50,7 @@ def run(
         Literal["debug", "info", "warn", "error"], typer.Option(help="Least severe messages shown.")
     ] = "info",
     respawn: Annotated[
-        bool, typer.Option("--respawn", help="Restart a node that crashes; by default the others are ended.")
+        bool, typer.Option(help="Restart a node that crashes; by default the others are ended.")
     ] = False,
     live: LiveOption = False,
     live_port: LivePortOption = 8080,
@@ -98,7 +96,7 @@ def record(
     duration: Annotated[
         float | None, typer.Option(min=0.0, metavar="S", help="How long; by default until Ctrl-C.")
     ] = None,
-    zstd: Annotated[bool, typer.Option("--zstd", help="Compress.")] = False,
+    zstd: Annotated[bool, typer.Option(help="Compress.")] = False,
     overwrite: OverwriteOption = False,
 ) -> None:
     """Record topics; every half second all messages are on disk, so that a crash costs no more."""

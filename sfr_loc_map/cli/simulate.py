@@ -77,7 +77,7 @@ def perturb(
     destination: Annotated[
         Path, typer.Argument(metavar="DST", help="*.mcap, *.db3 or *.bag: a ROS 2 bag; else a data set folder.")
     ],
-    fault: Annotated[list[str] | None, typer.Option("--fault", metavar="KIND[:...]", help=FAULT_HELP)] = None,
+    fault: Annotated[list[str] | None, typer.Option(metavar="KIND[:...]", help=FAULT_HELP)] = None,
     seed: Annotated[int, typer.Option(min=0, metavar="N", help="Seed that selects the affected pairs.")] = 0,
     config: ConfigOption = None,
     remap: RemapOption = None,

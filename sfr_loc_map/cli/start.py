@@ -107,9 +107,7 @@ def _init_from(source: Path, folder: Path, intake: IntakeOptions, *, overwrite: 
     hint="sfr localise SRC -o T.csv --method NAME    # the same drive by another method",
 )
 def methods(
-    include_dir: Annotated[
-        bool, typer.Option("--include-dir", help="Print the folder of sfr_candidate.h, and nothing else.")
-    ] = False,
+    include_dir: Annotated[bool, typer.Option(help="Print the folder of sfr_candidate.h, and nothing else.")] = False,
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:

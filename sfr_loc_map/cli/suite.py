@@ -45,13 +45,13 @@ FolderArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a
 )
 def run(
     suite: Annotated[Path, typer.Argument(metavar="SUITE.yaml", help="Sources, faults, configurations, tasks.")],
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder of the results; continued if it is there.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the results; continued if it is there.")],
     workers: Annotated[int | None, typer.Option(min=1, metavar="N", help="Tasks at a time; one a core.")] = None,
     scheduler: Annotated[
         str | None, typer.Option(metavar="ADDR", help="Running Dask scheduler, as tcp://host:8786.")
     ] = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be done.")] = False,
-    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Try again what failed before.")] = False,
+    dry_run: Annotated[bool, typer.Option(help="Say what would be done.")] = False,
+    retry_failed: Annotated[bool, typer.Option(help="Try again what failed before.")] = False,
     json_path: JsonOption = None,
     junit: JunitOption = None,
     mlflow: MlflowOption = None,
