@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
+from typer import Option
 
 from sfr_loc_map.cli.app import App, examples, help_without_command
 from sfr_loc_map.cli.options import (
@@ -34,17 +34,17 @@ class ComparedOptions:
 
     method: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME|package.module:Class|lib:FILE.so", help="One more method to compare; repeatable."),
+        Option(metavar="NAME|package.module:Class|lib:FILE.so", help="One more method to compare; repeatable."),
     ] = None
     peer_python: Annotated[
-        Path | None, typer.Option(metavar="PYTHON", help="Interpreter that has the optional reference methods.")
+        Path | None, Option(metavar="PYTHON", help="Interpreter that has the optional reference methods.")
     ] = None
-    repeat: Annotated[int, typer.Option(min=1, metavar="N", help="Passes; medians are shown.")] = 3
+    repeat: Annotated[int, Option(min=1, metavar="N", help="Passes; medians are shown.")] = 3
     config: ConfigOption = None
     remap: RemapOption = None
 
 
-SpacingOption = Annotated[int, typer.Option(min=1, metavar="FRAMES", help="Frames from one start to the next.")]
+SpacingOption = Annotated[int, Option(min=1, metavar="FRAMES", help="Frames from one start to the next.")]
 
 
 @app.command(
@@ -55,15 +55,13 @@ def localise(
     source: SourceArgument,
     compared: ComparedOptions,
     vocabulary: Annotated[
-        Path | None, typer.Option("--vocab", metavar="F.txt", help="Vocabulary of ORB-SLAM3 (text).")
+        Path | None, Option("--vocab", metavar="F.txt", help="Vocabulary of ORB-SLAM3 (text).")
     ] = None,
     condition: ConditionOption = None,
     spacing: SpacingOption = 10,
     rate: Annotated[
         float | None,
-        typer.Option(
-            min=0.01, metavar="HZ", help="Pairs for methods that work in the background; default: as recorded."
-        ),
+        Option(min=0.01, metavar="HZ", help="Pairs for methods that work in the background; default: as recorded."),
     ] = None,
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,
@@ -134,15 +132,15 @@ def faults(
     source: SourceArgument,
     fault: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             metavar="KIND[:...]", help="As for sfr perturb, several joined by +; repeatable. By default common faults."
         ),
     ] = None,
     condition: Annotated[
-        str, typer.Option(metavar="distance=M|time=S|frames=N", help="End of a sub-trajectory.")
+        str, Option(metavar="distance=M|time=S|frames=N", help="End of a sub-trajectory.")
     ] = "distance=5",
     spacing: SpacingOption = 10,
-    seed: Annotated[int, typer.Option(min=0, metavar="N", help="Seed that selects the affected pairs.")] = 0,
+    seed: Annotated[int, Option(min=0, metavar="N", help="Seed that selects the affected pairs.")] = 0,
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,
     lenient: LenientOption = False,

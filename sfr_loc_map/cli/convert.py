@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Annotated, Literal
 
-import typer
+from typer import Argument, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import ConfigOption, OverwriteOption, RemapOption, SourceArgument, open_as
@@ -31,24 +31,21 @@ def convert(
     source: SourceArgument,
     destination: Annotated[
         Path,
-        typer.Argument(
+        Argument(
             metavar="DST",
             help="*.mcap, *.db3, *.bag: a ROS 2 bag; *.sfrp: pairs for a target board; *.csv, *.txt, *.tum, *.kitti, "
             "*.euroc.csv: the true trajectory; else a folder. Of a cloud: *.ply, *.pcd, *.npz.",
         ),
     ],
     to: Annotated[
-        Literal["kitti", "euroc"] | None,
-        typer.Option(help="Write the drive in the layout of KITTI odometry or EuRoC (ASL)."),
+        Literal["kitti", "euroc"] | None, Option(help="Write the drive in the layout of KITTI odometry or EuRoC (ASL).")
     ] = None,
     remap: RemapOption = None,
     config: ConfigOption = None,
-    jpeg_quality: Annotated[
-        int | None, typer.Option(min=1, max=100, metavar="Q", help="JPEG images (bags only).")
-    ] = None,
-    compression: Annotated[Literal["none", "zstd"], typer.Option(help="Of a bag's chunks (mcap only).")] = "none",
+    jpeg_quality: Annotated[int | None, Option(min=1, max=100, metavar="Q", help="JPEG images (bags only).")] = None,
+    compression: Annotated[Literal["none", "zstd"], Option(help="Of a bag's chunks (mcap only).")] = "none",
     truth_grid: Annotated[
-        float | None, typer.Option(metavar="M", help="Round true points to this power of two (bags only).")
+        float | None, Option(metavar="M", help="Round true points to this power of two (bags only).")
     ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import (
@@ -45,22 +45,19 @@ SHOWN_HYPOTHESES = 5
 def doctor(
     intake: IntakeOptions,
     subject: Annotated[
-        Path | None, typer.Argument(metavar="SRC|EST", help="Any source; or an estimated trajectory: TUM, csv, bag.")
+        Path | None, Argument(metavar="SRC|EST", help="Any source; or an estimated trajectory: TUM, csv, bag.")
     ] = None,
     truth: Annotated[
-        Path | None, typer.Argument(metavar="TRUTH", help="With EST: trajectory, bag or data set folder.")
+        Path | None, Argument(metavar="TRUTH", help="With EST: trajectory, bag or data set folder.")
     ] = None,
-    graph: Annotated[bool, typer.Option(help="Look at the running ROS graph.")] = False,
+    graph: Annotated[bool, Option(help="Look at the running ROS graph.")] = False,
     namespace: Annotated[
-        str, typer.Option(metavar="NS", callback=checked_namespace, help="Namespace of the rover (--graph).")
+        str, Option(metavar="NS", callback=checked_namespace, help="Namespace of the rover (--graph).")
     ] = "",
     seconds: Annotated[
-        float,
-        typer.Option(min=0.1, max=600.0, metavar="S", help="How long messages are watched, after the first (--graph)."),
+        float, Option(min=0.1, max=600.0, metavar="S", help="How long messages are watched, after the first (--graph).")
     ] = 3.0,
-    fix: Annotated[
-        bool, typer.Option(help="Write what the source seems to be into its sfr.yaml, then look again.")
-    ] = False,
+    fix: Annotated[bool, Option(help="Write what the source seems to be into its sfr.yaml, then look again.")] = False,
     config: ConfigOption = None,
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,

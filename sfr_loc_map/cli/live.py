@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option
 
 from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.options import ConditionOption, JudgeOptions, LimitsOption, NamespaceOption, require_ros
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from sfr_loc_map.live.foxglove import FoxgloveView
     from sfr_loc_map.nodes.processes import LivePage
 
-LiveOption = Annotated[bool, typer.Option(help="Show the run on a page while it goes on (see sfr live).")]
-LivePortOption = Annotated[int, typer.Option(metavar="P", min=0, max=65535, help="Port of that page; 0: a free one.")]
+LiveOption = Annotated[bool, Option(help="Show the run on a page while it goes on (see sfr live).")]
+LivePortOption = Annotated[int, Option(metavar="P", min=0, max=65535, help="Port of that page; 0: a free one.")]
 
 
 def require_live() -> None:
@@ -80,32 +80,24 @@ def live_beside(wanted: bool, port: int, namespace: str = "", *, isolated: bool 
 def live(
     source: Annotated[
         Path | None,
-        typer.Argument(
-            metavar="[SRC]", help="Folder of sfr replay --out, bag or data set to play; none: running nodes."
-        ),
+        Argument(metavar="[SRC]", help="Folder of sfr replay --out, bag or data set to play; none: running nodes."),
     ] = None,
     namespace: NamespaceOption = "",
     host: Annotated[
-        str, typer.Option(metavar="H", help="Address to listen on; but for loopback it needs --token.")
+        str, Option(metavar="H", help="Address to listen on; but for loopback it needs --token.")
     ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(metavar="P", min=0, max=65535, help="Port; 0: a free one.")] = 8080,
-    token: Annotated[str, typer.Option(metavar="WORD", help="Word that each request must have.")] = "",
-    open_browser: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+    port: Annotated[int, Option(metavar="P", min=0, max=65535, help="Port; 0: a free one.")] = 8080,
+    token: Annotated[str, Option(metavar="WORD", help="Word that each request must have.")] = "",
+    open_browser: Annotated[bool, Option("--open", help="Open the page in the browser.")] = False,
     terminal: Annotated[
-        bool, typer.Option(help="Show the figures on this terminal; one line a second where there is none.")
+        bool, Option(help="Show the figures on this terminal; one line a second where there is none.")
     ] = False,
-    rate: Annotated[
-        float, typer.Option(metavar="R", min=0.01, max=100.0, help="Multiple of the recorded speed.")
-    ] = 1.0,
-    truth: Annotated[
-        Path | None, typer.Option(metavar="SRC", help="Source with truth and images of what is played.")
-    ] = None,
+    rate: Annotated[float, Option(metavar="R", min=0.01, max=100.0, help="Multiple of the recorded speed.")] = 1.0,
+    truth: Annotated[Path | None, Option(metavar="SRC", help="Source with truth and images of what is played.")] = None,
     limits: LimitsOption = None,
     condition: ConditionOption = None,
-    foxglove: Annotated[
-        bool, typer.Option(help="Serve the same over the Foxglove protocol besides, on loopback.")
-    ] = False,
-    foxglove_port: Annotated[int, typer.Option(metavar="P", min=0, max=65535, help="Its port; 0: a free one.")] = 8765,
+    foxglove: Annotated[bool, Option(help="Serve the same over the Foxglove protocol besides, on loopback.")] = False,
+    foxglove_port: Annotated[int, Option(metavar="P", min=0, max=65535, help="Its port; 0: a free one.")] = 8765,
 ) -> None:
     """Serve a page with figures, path, images and map of the running nodes, until Ctrl-C.
 

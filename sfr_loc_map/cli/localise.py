@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
-import typer
+from typer import Option
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import MethodOptions, OverwriteOption, RemapOption, SourceArgument, StartOption, open_as
@@ -34,16 +34,11 @@ R = TypeVar("R")
 def localise(
     source: SourceArgument,
     output: Annotated[
-        Path,
-        typer.Option(
-            "-o", "--output", metavar="T.csv", help="Trajectory: *.csv, *.txt or *.tum, *.kitti, *.euroc.csv."
-        ),
+        Path, Option("-o", "--output", metavar="T.csv", help="Trajectory: *.csv, *.txt or *.tum, *.kitti, *.euroc.csv.")
     ],
     under_test: MethodOptions,
-    stats: Annotated[
-        Path | None, typer.Option(metavar="S.csv", help="A row for each call: time, memory, state, ...")
-    ] = None,
-    video: Annotated[Path | None, typer.Option(metavar="V.avi", help="Feature-track video, .avi or .mp4.")] = None,
+    stats: Annotated[Path | None, Option(metavar="S.csv", help="A row for each call: time, memory, state, ...")] = None,
+    video: Annotated[Path | None, Option(metavar="V.avi", help="Feature-track video, .avi or .mp4.")] = None,
     start: StartOption = "identity",
     remap: RemapOption = None,
     overwrite: OverwriteOption = False,

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Option
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import MethodOptions, OverwriteOption, RemapOption, SourceArgument, open_as
@@ -27,23 +27,23 @@ from sfr_loc_map.signals import hold, stopping
 )
 def map_cloud(
     source: SourceArgument,
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="C.ply", help="Cloud: .ply, .pcd or .npz.")],
+    output: Annotated[Path, Option("-o", "--output", metavar="C.ply", help="Cloud: .ply, .pcd or .npz.")],
     under_test: MethodOptions,
-    fuse: Annotated[bool, typer.Option("--fuse/--no-fuse", help="One cloud, or the points of every pair.")] = True,
+    fuse: Annotated[bool, Option("--fuse/--no-fuse", help="One cloud, or the points of every pair.")] = True,
     dem: Annotated[
         list[Path] | None,
-        typer.Option(
+        Option(
             metavar="FILE",
             help="Also an elevation model, the grid of the topics: *.tif (GeoTIFF), *.npz, *.png; repeatable.",
         ),
     ] = None,
     covariance: Annotated[
-        bool, typer.Option(help="Also C.covariance.npz: 3 x 3 of each point, in the cloud's order.")
+        bool, Option(help="Also C.covariance.npz: 3 x 3 of each point, in the cloud's order.")
     ] = False,
     refine_poses: Annotated[
-        bool, typer.Option(help="Correct the poses of later pairs by registration of the overlaps.")
+        bool, Option(help="Correct the poses of later pairs by registration of the overlaps.")
     ] = False,
-    stats: Annotated[Path | None, typer.Option(metavar="S.csv", help="A row for each call: time, memory, ...")] = None,
+    stats: Annotated[Path | None, Option(metavar="S.csv", help="A row for each call: time, memory, ...")] = None,
     remap: RemapOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:

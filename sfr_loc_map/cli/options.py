@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import typer
 import yaml
+from typer import Argument, Option
 
 from sfr_loc_map.cli.output import HTML_SUFFIXES, check_outputs, check_suffix, say
 from sfr_loc_map.config import SECTIONS, suggestion
@@ -37,42 +37,42 @@ def checked_namespace(text: str) -> str:
 
 
 SourceArgument = Annotated[
-    Path, typer.Argument(metavar="SRC", help="Data set folder, bag of ROS 2 or 1, or sequence of KITTI or EuRoC.")
+    Path, Argument(metavar="SRC", help="Data set folder, bag of ROS 2 or 1, or sequence of KITTI or EuRoC.")
 ]
-NamespaceOption = Annotated[str, typer.Option(metavar="NS", callback=checked_namespace, help="Namespace of the rover.")]
+NamespaceOption = Annotated[str, Option(metavar="NS", callback=checked_namespace, help="Namespace of the rover.")]
 ConfigOption = Annotated[
-    Path | None, typer.Option("--config", metavar="F.yaml", help="Configuration; else the sfr.yaml in or beside SRC.")
+    Path | None, Option("--config", metavar="F.yaml", help="Configuration; else the sfr.yaml in or beside SRC.")
 ]
 RemapOption = Annotated[
-    list[str] | None, typer.Option(metavar="FOUND:=EXPECTED", help="Topic of a bag under another name; repeatable.")
+    list[str] | None, Option(metavar="FOUND:=EXPECTED", help="Topic of a bag under another name; repeatable.")
 ]
 ConditionOption = Annotated[
     list[str] | None,
-    typer.Option(
+    Option(
         metavar="distance=M|time=S|frames=N",
         show_default="distance=5",
         help="End of a sub-trajectory; also displacement=M, turn=DEG; commas: all at once; repeatable.",
     ),
 ]
-StartOption = Annotated[Literal["identity", "truth"], typer.Option(help="First pose: the identity, or the true one.")]
+StartOption = Annotated[Literal["identity", "truth"], Option(help="First pose: the identity, or the true one.")]
 Align = Literal["none", "origin", "se3", "sim3"]
 JsonOption = Annotated[
-    str | None, typer.Option("--json", metavar="F", help="Write all figures as JSON; - for standard output.")
+    str | None, Option("--json", metavar="F", help="Write all figures as JSON; - for standard output.")
 ]
-HtmlOption = Annotated[Path | None, typer.Option(metavar="F.html", help="Write a page with figures.")]
+HtmlOption = Annotated[Path | None, Option(metavar="F.html", help="Write a page with figures.")]
 OverwriteOption = Annotated[
-    bool, typer.Option("--overwrite/--no-overwrite", help="Replace outputs that exist; without it they are refused.")
+    bool, Option("--overwrite/--no-overwrite", help="Replace outputs that exist; without it they are refused.")
 ]
-LenientOption = Annotated[bool, typer.Option(help="Exit 0 rather than 3 where something could not be judged.")]
-SpacingOption = Annotated[int, typer.Option(metavar="FRAMES", help="Frames from one start to the next.")]
+LenientOption = Annotated[bool, Option(help="Exit 0 rather than 3 where something could not be judged.")]
+SpacingOption = Annotated[int, Option(metavar="FRAMES", help="Frames from one start to the next.")]
 RebaseOption = Annotated[
     Literal["pose", "displacement", "position"],
-    typer.Option(help="Reading of the document: how error from before a start is kept out."),
+    Option(help="Reading of the document: how error from before a start is kept out."),
 ]
-PartialOption = Annotated[bool, typer.Option(help="Judge an estimate of a part of the drive, and say so.")]
+PartialOption = Annotated[bool, Option(help="Judge an estimate of a part of the drive, and say so.")]
 
 
-LimitsOption = Annotated[Path | None, typer.Option(metavar="F.yaml", help="Limits; exit code 1 if one is missed.")]
+LimitsOption = Annotated[Path | None, Option(metavar="F.yaml", help="Limits; exit code 1 if one is missed.")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,16 +81,14 @@ class MethodOptions:
 
     method: Annotated[
         str,
-        typer.Option(
+        Option(
             metavar="NAME|package.module:Class|lib:FILE.so",
             help="Method under test (sfr methods); --config is then the file with its configuration.",
         ),
     ] = OURS
-    call_timeout: Annotated[float, typer.Option(metavar="S", help="Longest time of a call of a method under test.")] = (
-        120.0
-    )
+    call_timeout: Annotated[float, Option(metavar="S", help="Longest time of a call of a method under test.")] = 120.0
     memory_limit: Annotated[
-        int, typer.Option(metavar="MB", help="Resident memory at which a method under test is ended.")
+        int, Option(metavar="MB", help="Resident memory at which a method under test is ended.")
     ] = 4000
     config: ConfigOption = None
 
@@ -166,14 +164,14 @@ class ConventionOptions:
 
     convention: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             metavar="NAME=VALUE",
             help="How the estimate is written, where not as poses of RB in DS: frame=left_optical, world=first_pose, "
             "quaternion=wxyz, inverse=true, metres_per_unit=0.001, ... (docs/metrics.md); repeatable.",
         ),
     ] = None
     apply_diagnosis: Annotated[
-        bool, typer.Option(help="Correct the convention mismatch that explains the errors, and say so.")
+        bool, Option(help="Correct the convention mismatch that explains the errors, and say so.")
     ] = False
 
     def read(self, *, has_poses: bool = True) -> Correction:
@@ -240,12 +238,12 @@ def parse_settings(settings: list[str] | None) -> dict[str, Any]:
 class IntakeOptions:
     """What only the owner of a recording knows of it."""
 
-    calibration: Annotated[
-        Path | None, typer.Option(metavar="F", help="Of Kalibr, OpenCV, ROS, COLMAP, or a rig.json.")
-    ] = None
+    calibration: Annotated[Path | None, Option(metavar="F", help="Of Kalibr, OpenCV, ROS, COLMAP, or a rig.json.")] = (
+        None
+    )
     settings: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="SECTION.KEY=VALUE", help="A value of sfr.yaml, as truth.sigma_m=0.02."),
+        Option("--set", metavar="SECTION.KEY=VALUE", help="A value of sfr.yaml, as truth.sigma_m=0.02."),
     ] = None
     remap: RemapOption = None
 

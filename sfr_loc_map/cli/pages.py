@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import Align, OutputOptions, OverwriteOption
@@ -27,17 +27,16 @@ FORMATS = (*HTML_SUFFIXES, ".md", ".csv")
 )
 def report(
     scores: Annotated[
-        list[Path], typer.Argument(metavar="SCORE.json", help="Score, as sfr score --json or sfr replay write.")
+        list[Path], Argument(metavar="SCORE.json", help="Score, as sfr score --json or sfr replay write.")
     ],
     output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", metavar="F", help="*.html, *.md or *.csv; report.html beside the score."),
+        Path | None, Option("-o", "--output", metavar="F", help="*.html, *.md or *.csv; report.html beside the score.")
     ] = None,
     test_report: Annotated[
-        Path | None, typer.Option(metavar="T.html", help="Write the test report of one score or several, to be signed.")
+        Path | None, Option(metavar="T.html", help="Write the test report of one score or several, to be signed.")
     ] = None,
-    title: Annotated[str, typer.Option(metavar="TEXT", help="Title of the test report.")] = "",
-    junit: Annotated[Path | None, typer.Option(metavar="F.xml", help="Write the verdicts as JUnit XML.")] = None,
+    title: Annotated[str, Option(metavar="TEXT", help="Title of the test report.")] = "",
+    junit: Annotated[Path | None, Option(metavar="F.xml", help="Write the verdicts as JUnit XML.")] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
     """Make the report page, or tables, of a score; or the test report of several."""
@@ -87,7 +86,7 @@ def report(
 def compare(
     scores: Annotated[
         list[Path],
-        typer.Argument(metavar="A.json B.json ...", help="Scores of sfr score --json; the first is the reference."),
+        Argument(metavar="A.json B.json ...", help="Scores of sfr score --json; the first is the reference."),
     ],
     output: OutputOptions,
 ) -> None:
@@ -130,16 +129,15 @@ def _names(paths: list[Path], scores: list[Score]) -> list[str]:
 )
 def plot(
     trajectories: Annotated[
-        list[Path],
-        typer.Argument(metavar="T...", help="Trajectories: csv, TUM, KITTI, EuRoC, bags, sources with truth."),
+        list[Path], Argument(metavar="T...", help="Trajectories: csv, TUM, KITTI, EuRoC, bags, sources with truth.")
     ],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="X.html", help="The page.")],
+    output: Annotated[Path, Option("-o", "--output", metavar="X.html", help="The page.")],
     truth: Annotated[
-        Path | None, typer.Option(metavar="TRUTH", help="True trajectory: also the distance of each to it.")
+        Path | None, Option(metavar="TRUTH", help="True trajectory: also the distance of each to it.")
     ] = None,
-    align: Annotated[Align, typer.Option(help="Alignment of each with the truth.")] = "none",
+    align: Annotated[Align, Option(help="Alignment of each with the truth.")] = "none",
     max_difference: Annotated[
-        float, typer.Option(metavar="S", help="Longest difference of the stamps of estimate and truth.")
+        float, Option(metavar="S", help="Longest difference of the stamps of estimate and truth.")
     ] = 0.01,
     overwrite: OverwriteOption = False,
 ) -> None:

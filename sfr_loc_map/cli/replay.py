@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import typer
+from typer import Option
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.live import LiveOption, LivePortOption, live_beside
@@ -63,15 +63,11 @@ class PlayOptions:
 
     rate: Annotated[
         float,
-        typer.Option(
-            min=0.0, metavar="R", help="0: wait for the result of each pair; else multiple of the recorded speed."
-        ),
+        Option(min=0.0, metavar="R", help="0: wait for the result of each pair; else multiple of the recorded speed."),
     ] = 0.0
-    loop: Annotated[bool, typer.Option("--loop/--no-loop", help="Restart at the end, until q or Ctrl-C.")] = False
-    start_offset: Annotated[float, typer.Option(min=0.0, metavar="S", help="Part of the source that is left out.")] = (
-        0.0
-    )
-    start_paused: Annotated[bool, typer.Option(help="Wait for space, s or ~/resume.")] = False
+    loop: Annotated[bool, Option("--loop/--no-loop", help="Restart at the end, until q or Ctrl-C.")] = False
+    start_offset: Annotated[float, Option(min=0.0, metavar="S", help="Part of the source that is left out.")] = 0.0
+    start_paused: Annotated[bool, Option(help="Wait for space, s or ~/resume.")] = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,28 +75,24 @@ class NodeUnderTest:
     """A node of anyone in place of ours."""
 
     external: Annotated[
-        Literal["localisation", "mapping"] | None, typer.Option(help="A node of anyone in place of ours is under test.")
+        Literal["localisation", "mapping"] | None, Option(help="A node of anyone in place of ours is under test.")
     ] = None
     method: Annotated[
-        Literal["sfr", "external"], typer.Option(help="external: --external of the only task that SRC has.")
+        Literal["sfr", "external"], Option(help="external: --external of the only task that SRC has.")
     ] = "sfr"
-    command: Annotated[
-        str, typer.Option(metavar="CMD", help="Starts the external node, and is ended with the replay.")
-    ] = ""
+    command: Annotated[str, Option(metavar="CMD", help="Starts the external node, and is ended with the replay.")] = ""
     watch: Annotated[
-        str, typer.Option(metavar="PID|NAME", help="External process whose CPU and memory are measured (of CMD).")
+        str, Option(metavar="PID|NAME", help="External process whose CPU and memory are measured (of CMD).")
     ] = ""
     answers: Annotated[
-        str, typer.Option(metavar="TOPIC", help="What it publishes (localisation/odometry, mapping/points).")
+        str, Option(metavar="TOPIC", help="What it publishes (localisation/odometry, mapping/points).")
     ] = ""
     frames: Annotated[
         str,
-        typer.Option(
-            metavar="PARENT,CHILD", help="Frames that its answers name; others are left out (of the first one)."
-        ),
+        Option(metavar="PARENT,CHILD", help="Frames that its answers name; others are left out (of the first one)."),
     ] = ""
     answer_timeout: Annotated[
-        float, typer.Option(min=0.01, metavar="S", help="How long its answer to a pair is waited for.")
+        float, Option(min=0.01, metavar="S", help="How long its answer to a pair is waited for.")
     ] = 5.0
 
     def read(self, source: Source, correction: Correction) -> ExternalOptions | None:
@@ -150,7 +142,7 @@ def replay(
     node: NodeUnderTest,
     conversion: ConventionOptions,
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Folder for report, estimate, statistics and cloud.")
+        Path | None, Option(metavar="DIR", help="Folder for report, estimate, statistics and cloud.")
     ] = None,
     start: StartOption = "identity",
     config: ConfigOption = None,

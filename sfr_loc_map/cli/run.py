@@ -6,7 +6,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Literal
 
-import typer
+from typer import Argument, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.live import LiveOption, LivePortOption, live_beside
@@ -29,29 +29,26 @@ ROS_ARGS = "--ros-args"
 def run(
     names: Annotated[
         list[str] | None,
-        typer.Argument(
+        Argument(
             metavar="[all|localisation|mapping|monitor]... [--ros-args ...]",
             help="Nodes, all by default; what follows --ros-args goes to each of them (a parameter of one: "
             "-p localisation_node:NAME:=VALUE).",
         ),
     ] = None,
     params_file: Annotated[
-        list[Path] | None,
-        typer.Option(metavar="P.yaml", help="ROS parameter file, for all nodes named in it; repeatable."),
+        list[Path] | None, Option(metavar="P.yaml", help="ROS parameter file, for all nodes named in it; repeatable.")
     ] = None,
     config: Annotated[
-        Path | None, typer.Option(metavar="F.yaml", help="Configuration of a recording, as of sfr init.")
+        Path | None, Option(metavar="F.yaml", help="Configuration of a recording, as of sfr init.")
     ] = None,
     namespace: NamespaceOption = "",
     remap: Annotated[
-        list[str] | None, typer.Option("-r", metavar="FROM:=TO", help="Remapping as of ROS; repeatable.")
+        list[str] | None, Option("-r", metavar="FROM:=TO", help="Remapping as of ROS; repeatable.")
     ] = None,
     log_level: Annotated[
-        Literal["debug", "info", "warn", "error"], typer.Option(help="Least severe messages shown.")
+        Literal["debug", "info", "warn", "error"], Option(help="Least severe messages shown.")
     ] = "info",
-    respawn: Annotated[
-        bool, typer.Option(help="Restart a node that crashes; by default the others are ended.")
-    ] = False,
+    respawn: Annotated[bool, Option(help="Restart a node that crashes; by default the others are ended.")] = False,
     live: LiveOption = False,
     live_port: LivePortOption = 8080,
 ) -> None:
@@ -87,16 +84,14 @@ def run(
     )
 )
 def record(
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the bag (mcap).")],
+    out: Annotated[Path, Argument(metavar="OUT", help="Folder of the bag (mcap).")],
     topics: Annotated[
-        list[str] | None, typer.Argument(metavar="TOPIC", help="Topics; by default ours and our inputs.")
+        list[str] | None, Argument(metavar="TOPIC", help="Topics; by default ours and our inputs.")
     ] = None,
-    everything: Annotated[bool, typer.Option("--all", help="All topics.")] = False,
+    everything: Annotated[bool, Option("--all", help="All topics.")] = False,
     namespace: NamespaceOption = "",
-    duration: Annotated[
-        float | None, typer.Option(min=0.0, metavar="S", help="How long; by default until Ctrl-C.")
-    ] = None,
-    zstd: Annotated[bool, typer.Option(help="Compress.")] = False,
+    duration: Annotated[float | None, Option(min=0.0, metavar="S", help="How long; by default until Ctrl-C.")] = None,
+    zstd: Annotated[bool, Option(help="Compress.")] = False,
     overwrite: OverwriteOption = False,
 ) -> None:
     """Record topics; every half second all messages are on disk, so that a crash costs no more."""

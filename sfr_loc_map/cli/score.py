@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import typer
+from typer import Argument, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import (
@@ -45,9 +45,9 @@ POINTS_SUFFIXES = (".parquet", ".csv")
     first="html json_path overwrite limits condition stats align partial convention apply_diagnosis junit",
 )
 def score(
-    estimate: Annotated[Path, typer.Argument(metavar="EST", help="Trajectory (csv, TUM, KITTI, EuRoC, bag) or cloud.")],
+    estimate: Annotated[Path, Argument(metavar="EST", help="Trajectory (csv, TUM, KITTI, EuRoC, bag) or cloud.")],
     truth: Annotated[
-        Path, typer.Argument(metavar="TRUTH", help="Trajectory, bag or data set; for a cloud a source with truth.")
+        Path, Argument(metavar="TRUTH", help="Trajectory, bag or data set; for a cloud a source with truth.")
     ],
     judge: JudgeOptions,
     conversion: ConventionOptions,
@@ -57,51 +57,48 @@ def score(
     partial: PartialOption = False,
     frames: Annotated[
         Literal["truth", "images"],
-        typer.Option(help="What frames are: true poses; or estimates, with the truth interpolated."),
+        Option(help="What frames are: true poses; or estimates, with the truth interpolated."),
     ] = "truth",
     stats: Annotated[
-        list[Path] | None, typer.Option(metavar="S.csv", help="Calls (time, memory, state, covariance); repeatable.")
+        list[Path] | None, Option(metavar="S.csv", help="Calls (time, memory, state, covariance); repeatable.")
     ] = None,
     target: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Name of the target that --target-timing was measured on.")
+        str | None, Option(metavar="NAME", help="Name of the target that --target-timing was measured on.")
     ] = None,
     target_timing: Annotated[
-        Path | None,
-        typer.Option(metavar="S.csv", help="Calls on the target: processing_time_s, state, peak_rss_bytes."),
+        Path | None, Option(metavar="S.csv", help="Calls on the target: processing_time_s, state, peak_rss_bytes.")
     ] = None,
     target_run: Annotated[
-        str | None, typer.Option(metavar="TEXT", help="Which run --target-timing is of, where not the estimate's.")
+        str | None, Option(metavar="TEXT", help="Which run --target-timing is of, where not the estimate's.")
     ] = None,
-    junit: Annotated[Path | None, typer.Option(metavar="F.xml", help="Write the verdicts as JUnit XML.")] = None,
+    junit: Annotated[Path | None, Option(metavar="F.xml", help="Write the verdicts as JUnit XML.")] = None,
     points: Annotated[
-        Path | None, typer.Option(metavar="F.parquet|F.csv", help="Write the error of every map point.")
+        Path | None, Option(metavar="F.parquet|F.csv", help="Write the error of every map point.")
     ] = None,
     associate: Annotated[
-        Literal["auto", "match", "interpolate"], typer.Option(help="How an estimate finds its truth.")
+        Literal["auto", "match", "interpolate"], Option(help="How an estimate finds its truth.")
     ] = "auto",
-    max_gap: Annotated[float, typer.Option(metavar="S", help="Longest gap of the truth that is interpolated.")] = 1.0,
+    max_gap: Annotated[float, Option(metavar="S", help="Longest gap of the truth that is interpolated.")] = 1.0,
     scored_range: Annotated[
         tuple[float, float],
-        typer.Option("--range", metavar="FROM_M TO_M", help="Ranges of the truth that count for coverage."),
+        Option("--range", metavar="FROM_M TO_M", help="Ranges of the truth that count for coverage."),
     ] = (0.0, 10.0),
     fused: Annotated[
-        bool | None,
-        typer.Option("--fused/--not-fused", help="Whether the cloud is fused, for a file that does not say so."),
+        bool | None, Option("--fused/--not-fused", help="Whether the cloud is fused, for a file that does not say so.")
     ] = None,
     align: Annotated[
-        Align | None, typer.Option(help="Also APE (ATE) and RPE after this alignment; other figures stay unaligned.")
+        Align | None, Option(help="Also APE (ATE) and RPE after this alignment; other figures stay unaligned.")
     ] = None,
     max_difference: Annotated[
-        float | None, typer.Option(metavar="S", help="Of stamps paired for APE and RPE.", show_default="0.01")
+        float | None, Option(metavar="S", help="Of stamps paired for APE and RPE.", show_default="0.01")
     ] = None,
     rpe_delta: Annotated[
-        str | None,
-        typer.Option(metavar="frames=N|distance=M", help="Length of a relative error.", show_default="frames=1"),
+        str | None, Option(metavar="frames=N|distance=M", help="Length of a relative error.", show_default="frames=1")
     ] = None,
     config_file: ConfigOption = None,
     settings: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="truth.KEY=VALUE", help="Of the truth, as truth.sigma_m=0.02; repeatable."),
+        Option("--set", metavar="truth.KEY=VALUE", help="Of the truth, as truth.sigma_m=0.02; repeatable."),
     ] = None,
 ) -> None:
     """Score an estimate against the truth: exit 1 if a limit is missed, 3 if something could not be judged."""

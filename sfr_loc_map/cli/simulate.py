@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import ConfigOption, OverwriteOption, RemapOption, SourceArgument, open_as, parse_settings
@@ -31,12 +31,12 @@ FAULT_HELP = (
 def simulate(
     paths: Annotated[
         list[Path],
-        typer.Argument(metavar="[CONFIG] OUT", help="YAML file of a scenario (optional), then the folder to make."),
+        Argument(metavar="[CONFIG] OUT", help="YAML file of a scenario (optional), then the folder to make."),
     ],
-    seed: Annotated[int | None, typer.Option(min=0, metavar="N", help="Seed of everything random.")] = None,
-    workers: Annotated[int, typer.Option(min=1, metavar="N", help="Processes.")] = 2,
+    seed: Annotated[int | None, Option(min=0, metavar="N", help="Seed of everything random.")] = None,
+    workers: Annotated[int, Option(min=1, metavar="N", help="Processes.")] = 2,
     settings: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="One setting, as terrain.relief_m=0.2.")
+        list[str] | None, Option("--set", metavar="KEY=VALUE", help="One setting, as terrain.relief_m=0.2.")
     ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
@@ -75,10 +75,10 @@ def simulate(
 def perturb(
     source: SourceArgument,
     destination: Annotated[
-        Path, typer.Argument(metavar="DST", help="*.mcap, *.db3 or *.bag: a ROS 2 bag; else a data set folder.")
+        Path, Argument(metavar="DST", help="*.mcap, *.db3 or *.bag: a ROS 2 bag; else a data set folder.")
     ],
-    fault: Annotated[list[str] | None, typer.Option(metavar="KIND[:...]", help=FAULT_HELP)] = None,
-    seed: Annotated[int, typer.Option(min=0, metavar="N", help="Seed that selects the affected pairs.")] = 0,
+    fault: Annotated[list[str] | None, Option(metavar="KIND[:...]", help=FAULT_HELP)] = None,
+    seed: Annotated[int, Option(min=0, metavar="N", help="Seed that selects the affected pairs.")] = 0,
     config: ConfigOption = None,
     remap: RemapOption = None,
     overwrite: OverwriteOption = False,

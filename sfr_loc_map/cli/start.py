@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import IntakeOptions, JsonOption, OverwriteOption
@@ -44,11 +44,9 @@ LIMITS_MEANINGS = {
 @app.command(epilog=examples("sfr init my_rover/", "sfr init my_rover/ --from drive.mcap --calibration camchain.yaml"))
 def init(
     intake: IntakeOptions,
-    folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Folder for the files; made if it is not there.")
-    ] = Path("."),
+    folder: Annotated[Path, Argument(metavar="DIR", help="Folder for the files; made if it is not there.")] = Path("."),
     source: Annotated[
-        Path | None, typer.Option("--from", metavar="SRC", help="Recording that DIR/sfr.yaml shall be for.")
+        Path | None, Option("--from", metavar="SRC", help="Recording that DIR/sfr.yaml shall be for.")
     ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
@@ -107,7 +105,7 @@ def _init_from(source: Path, folder: Path, intake: IntakeOptions, *, overwrite: 
     hint="sfr localise SRC -o T.csv --method NAME    # the same drive by another method",
 )
 def methods(
-    include_dir: Annotated[bool, typer.Option(help="Print the folder of sfr_candidate.h, and nothing else.")] = False,
+    include_dir: Annotated[bool, Option(help="Print the folder of sfr_candidate.h, and nothing else.")] = False,
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:

@@ -9,7 +9,7 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option
 
 from sfr_loc_map.cli.app import App, examples, help_without_command, propose
 from sfr_loc_map.cli.app import app as root
@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 app = App(help="Suites of runs: many sources, configurations and faults, resumed where they stopped.")
 app.callback(invoke_without_command=True)(help_without_command)
 
-JunitOption = Annotated[Path | None, typer.Option(metavar="F.xml", help="Write verdicts and failures as JUnit XML.")]
-MlflowOption = Annotated[str | None, typer.Option(metavar="URI", help="Log it as a run of MLflow (extra [mlflow]).")]
-FolderArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a suite, as made by sfr suite run.")]
+JunitOption = Annotated[Path | None, Option(metavar="F.xml", help="Write verdicts and failures as JUnit XML.")]
+MlflowOption = Annotated[str | None, Option(metavar="URI", help="Log it as a run of MLflow (extra [mlflow]).")]
+FolderArgument = Annotated[Path, Argument(metavar="DIR", help="Folder of a suite, as made by sfr suite run.")]
 
 
 @app.command(
@@ -44,14 +44,12 @@ FolderArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a
     hint="sfr suite report DIR    # its page again, from the results",
 )
 def run(
-    suite: Annotated[Path, typer.Argument(metavar="SUITE.yaml", help="Sources, faults, configurations, tasks.")],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the results; continued if it is there.")],
-    workers: Annotated[int | None, typer.Option(min=1, metavar="N", help="Tasks at a time; one a core.")] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDR", help="Running Dask scheduler, as tcp://host:8786.")
-    ] = None,
-    dry_run: Annotated[bool, typer.Option(help="Say what would be done.")] = False,
-    retry_failed: Annotated[bool, typer.Option(help="Try again what failed before.")] = False,
+    suite: Annotated[Path, Argument(metavar="SUITE.yaml", help="Sources, faults, configurations, tasks.")],
+    out: Annotated[Path, Option(metavar="DIR", help="Folder of the results; continued if it is there.")],
+    workers: Annotated[int | None, Option(min=1, metavar="N", help="Tasks at a time; one a core.")] = None,
+    scheduler: Annotated[str | None, Option(metavar="ADDR", help="Running Dask scheduler, as tcp://host:8786.")] = None,
+    dry_run: Annotated[bool, Option(help="Say what would be done.")] = False,
+    retry_failed: Annotated[bool, Option(help="Try again what failed before.")] = False,
     json_path: JsonOption = None,
     junit: JunitOption = None,
     mlflow: MlflowOption = None,
@@ -149,8 +147,8 @@ def report(
     hint="sfr history DIR...    # when it became worse, and where",
 )
 def compare(
-    first: Annotated[Path, typer.Argument(metavar="A", help="Folder of the suite that is the reference.")],
-    other: Annotated[Path, typer.Argument(metavar="B", help="Folder of the suite that is compared with it.")],
+    first: Annotated[Path, Argument(metavar="A", help="Folder of the suite that is the reference.")],
+    other: Annotated[Path, Argument(metavar="B", help="Folder of the suite that is compared with it.")],
     output: OutputOptions,
 ) -> None:
     """Compare two suites over the drives that both have: better, worse, or no difference shown."""
@@ -173,10 +171,10 @@ def compare(
     hint="sfr suite compare A B    # two of these nights in full",
 )
 def history(
-    folders: Annotated[list[Path], typer.Argument(metavar="DIR", help="Folders of suites, in the order of time.")],
+    folders: Annotated[list[Path], Argument(metavar="DIR", help="Folders of suites, in the order of time.")],
     output: OutputOptions,
     bisect: Annotated[
-        str | None, typer.Option(metavar="CMD", help="Run `git bisect` here with this command: docs/suites.md.")
+        str | None, Option(metavar="CMD", help="Run `git bisect` here with this command: docs/suites.md.")
     ] = None,
 ) -> None:
     """Find the nights at which figures changed, and the drives; exit code 1 if one is worse and stayed so."""
