@@ -50,11 +50,13 @@ MAX_WRONG_FIRST, MAX_WRONG = 0.05, 0.4
 MIN_WITNESSES = 12  #: Fewest landmarks on either side of a tear that tell whether it is there.
 MIN_FIXED = 12  #: Fewest landmarks that are taken as fixed to the camera.
 AGREED = 3  #: Pairs that one motion must explain before it is the ground's.
-SETTLED = 3  #: Pairs after one that contradicted its pose that may be late, too.
+SETTLED = 2  #: Pairs after one that contradicted its pose that may be late, too.
 DOUBTED = 10  #: As many more where there were two motions before.
 AFTER_TEAR = 0.5  #: Part of the share that makes a pair unusual where the one before was torn.
 MAX_TEARS = 10  #: Pairs in a row that may be of several exposures: what lasts longer is something else.
 ENOUGH_PX = 3.0  #: Image motion that tells well what is fixed to the camera: the next image is compared with this one.
+FAR_SHARE = 0.06
+"""Share of the width by which a motion moves a landmark in a pair beyond which it may not be found again."""
 MAX_AGE = 10  #: Pairs after which an image is no longer compared with, however slow the motion.
 NO_ROWS = np.zeros(0, np.intp)
 NO_TEAR = np.zeros(0, np.bool_)
@@ -109,22 +111,30 @@ class GroundMotionFinder:
         """Return the ground's motion in a pair; the first result may follow any motion, trusted or not."""
         image = frame.left[LEVEL].image
         self._change = change_of(self._image, image)
+        self._age += 1
         judged = self._judge(first)
         ground = self._find(frame, first, judged, guesses)
         result = ground.result
         if self.cells.mask is not None or len(ground.dynamic):
             self.cells.age(self._change.stays)
-        if result.trusted and ground.seen and ground.whole:
-            self._age += 1
-            if judged.far > ENOUGH_PX or result is not first or self._age > MAX_AGE:
-                self._image, self._still, self._age = image, result.pose, 0
+        if not (ground.seen and ground.whole and ground.doubt is None):
+            self._unsettled = SETTLED
+        elif self._unsettled > 0 and result.trusted:
+            self._unsettled -= judged.far > MOVED_PX  # what stands tells nothing
+            ground = ground._replace(sheared=True)
+        enough = judged.far > ENOUGH_PX or result is not first or self._age > MAX_AGE
+        if result.trusted and ground.seen and ground.whole and enough:
+            self._image, self._still, self._age = image, result.pose, 0
         return ground
 
     def _judge(self, result: TrackingResult, since: Pose | None = None, pose: Pose | None = None) -> Judged:
         """Return what the motion since the image compared with, or a pose, to a result, or another pose, explains."""
         estimates, host_uv = result.landmarks.estimates, result.landmarks.planes.uv
         start, end = since or self._still, pose or result.pose
-        return judge(end, start, estimates, host_uv, result.inliers, self._change, self._camera, self._shape)
+        # a landmark that races by is not found again; after a pair that was not clear it may as well contradict
+        clear = self._unsettled == 0 and self._tears == 0 and self._agreed >= 0
+        far_px = FAR_SHARE * self._shape[1] * self._age if clear else np.inf
+        return judge(end, start, estimates, host_uv, result.inliers, self._change, self._camera, self._shape, far_px)
 
     def _find(self, frame: StereoFrame, first: TrackingResult, judged: Judged, guesses: Guesses) -> GroundMotion:
         stays, known = judged.stays, self._agreed >= AGREED
@@ -145,7 +155,6 @@ class GroundMotionFinder:
             second = self._search(frame, first.landmarks.subset(judged.rest), guesses)
             if second is None or self._judge(second).wrong > MAX_WRONG_FIRST:
                 self._doubt(judged)
-                self._unsettled = SETTLED
                 return GroundMotion(first, seen=False)
             return self._decide(frame, first, second, judged, guesses)
         if 0 < self._tears < MAX_TEARS:
@@ -174,9 +183,7 @@ class GroundMotionFinder:
         if judged.cells.any():
             self.cells.leave_out(judged.cells, np.zeros_like(judged.cells))
         doubt = (0.0, 0.0) if judged.share >= MAX_SHARE or self._agreed < 0 else None
-        sheared = self._unsettled > 0 or (known and not usual)
-        self._unsettled = max(self._unsettled - 1, 0)
-        return GroundMotion(first, first.landmarks.index[judged.fixed], doubt, sheared=sheared)
+        return GroundMotion(first, first.landmarks.index[judged.fixed], doubt, sheared=known and not usual)
 
     def tear(self, stale: Mask) -> None:
         """Take a pair that is torn, some rows `(H,)` old: those after it may be, until both sides agree on a motion."""
@@ -193,10 +200,11 @@ class GroundMotionFinder:
         return True
 
     def _doubt(self, judged: Judged) -> None:
-        """Take it as unknown which motion is the ground's, unless that has been seen."""
-        if self._agreed < AGREED:
-            before = self._doubted if self._agreed < 0 else np.zeros_like(self._doubted)
-            self._agreed, self._doubted = -DOUBTED, before | self._cells(judged.cell[judged.rest])
+        """Take it as unknown which motion is the ground's."""
+        before = self._doubted if self._agreed < 0 else np.zeros_like(self._doubted)
+        short = self._agreed >= AGREED or -SETTLED <= self._agreed < 0
+        self._agreed = -SETTLED if short else -DOUBTED
+        self._doubted = before | self._cells(judged.cell[judged.rest])
 
     def _covers(self, first: TrackingResult, judged: Judged) -> bool:
         """Tell whether a motion is now seen in half of the cells that have contradicted one."""

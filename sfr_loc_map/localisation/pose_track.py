@@ -201,6 +201,8 @@ class PoseTrack:
         self._in_window, self._unseen, unseen = of_pose + window.covariance, NOTHING, NOTHING
         if late:
             unseen = self._allow_unseen(stamp_ns)
+        if doubt is not None:
+            unseen = unseen + covariance_of_doubt(doubt)
         # the variance factor, from the residuals of this pair and of those before it
         found, factor = chi_median / EXPECTED_CHI_MEDIAN, self._variance_factor
         if np.isfinite(found):
@@ -226,8 +228,6 @@ class PoseTrack:
         to_rb = T_rb_left.rotation @ before.rotation.T
         covariance = propagated_covariance(covariance, -of_rb.rotation @ T_rb_left.translation, to_rb)
         covariance = 0.5 * (covariance + covariance.T) + FIRST_VARIANCE * np.eye(6) + self._unseen_to_given + unseen
-        if doubt is not None:
-            covariance = covariance + covariance_of_doubt(doubt)
         # white noise of this pose, in RB
         white = WHITE_SHARE * (1.0 if factor is None else max(factor, MIN_FACTOR)) * of_pose
         white = propagated_covariance(white, -T_rb_left.translation, T_rb_left.rotation @ now.rotation.T)

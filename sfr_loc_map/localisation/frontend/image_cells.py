@@ -35,8 +35,6 @@ FIXED_LIFE, MOVING_LIFE = 10, 8
 NEAR: Final = 4  #: Cells to each side within which landmarks tell how the image moves.
 STILL_PX, MOVED_PX = 0.25, 2.0
 """Image motion up to which a pose leaves a cell where it was, and from which on it moves it."""
-FAR_SHARE: Final = 0.06
-"""Share of the width beyond which a motion is so fast that a landmark that is not found again contradicts nothing."""
 MOST_PX: Final = 10.0  #: Longer motions of landmarks count as so long.
 
 
@@ -120,10 +118,11 @@ def judge(
     change: Change,
     camera: StereoCamera,
     shape: tuple[int, int],
+    far_px: float,
 ) -> Judged:
     """Judge a motion from one pose to another by the landmarks and cells of an image `(height, width)`.
 
-    Landmarks at infinity are taken as far away.
+    Landmarks at infinity are taken as far away. One moved by more than `far_px` and not found contradicts nothing.
     """
     hosts, rays, inverse_depth, _ = landmarks
     count, (rows, columns), (height, width) = len(inverse_depth), change.changed.shape, shape
@@ -150,7 +149,7 @@ def judge(
         length[n], cell[n] = np.hypot(u - seen[1, 0], v - seen[1, 1]), _cell_of(u, v, rows, columns)
         host = _cell_of(host_uv[n, 0], host_uv[n, 1], rows, columns)
         stays[n] = host < rows * columns and all_stay[host]
-        tells = inliers[n] or length[n] < FAR_SHARE * width
+        tells = inliers[n] or length[n] < far_px
         if tells and BORDER < u < width - 1 - BORDER and BORDER < v < height - 1 - BORDER:
             rest[n] = not inliers[n]
             in_view += 1
