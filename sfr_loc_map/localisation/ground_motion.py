@@ -50,7 +50,7 @@ MAX_WRONG_FIRST, MAX_WRONG = 0.05, 0.4
 MIN_WITNESSES = 12  #: Fewest landmarks on either side of a tear that tell whether it is there.
 MIN_FIXED = 12  #: Fewest landmarks that are taken as fixed to the camera.
 AGREED = 3  #: Pairs that one motion must explain before it is the ground's.
-SETTLED = 2  #: Pairs after one that contradicted its pose that may be late, too.
+SETTLED = 3  #: Pairs of one motion from which on, after one that contradicted its pose, they are not late any more.
 DOUBTED = 10  #: As many more where there were two motions before.
 AFTER_TEAR = 0.5  #: Part of the share that makes a pair unusual where the one before was torn.
 MAX_TEARS = 10  #: Pairs in a row that may be of several exposures: what lasts longer is something else.
@@ -117,11 +117,13 @@ class GroundMotionFinder:
         result = ground.result
         if self.cells.mask is not None or len(ground.dynamic):
             self.cells.age(self._change.stays)
-        if not (ground.seen and ground.whole and ground.doubt is None):
+        if not ground.seen or ground.doubt is not None:
             self._unsettled = SETTLED
+        elif not ground.whole:
+            self._unsettled = max(self._unsettled, min(self._tears, SETTLED))
         elif self._unsettled > 0 and result.trusted:
             self._unsettled -= judged.far > MOVED_PX  # what stands tells nothing
-            ground = ground._replace(sheared=True)
+            ground = ground._replace(sheared=ground.sheared or self._unsettled > 0)
         enough = judged.far > ENOUGH_PX or result is not first or self._age > MAX_AGE
         if result.trusted and ground.seen and ground.whole and enough:
             self._image, self._still, self._age = image, result.pose, 0
