@@ -113,6 +113,10 @@ class GroundMotionFinder:
         self._change = change_of(self._image, image)
         self._age += 1
         judged = self._judge(first)
+        if first.trusted and judged.share > MIN_SHARE:  # a pose from few landmarks may show where the others are
+            again = self._tracker.refine(frame, first.landmarks, first.pose, guesses.offset)
+            if again.inlier_count > CLEAR * first.inlier_count:
+                first, judged = again, self._judge(again)
         ground = self._find(frame, first, judged, guesses)
         result = ground.result
         if self.cells.mask is not None or len(ground.dynamic):
