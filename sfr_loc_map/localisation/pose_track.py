@@ -76,6 +76,9 @@ STEP_INFLATION: Final = 1.5
 WHITE_SHARE: Final = 0.5
 """Share of the covariance of a pose given its landmarks that is independent from pair to pair: the noise of the images.
 The rest is the error of the landmarks, which neighbouring pairs share."""
+WHITE_RAD: Final = 1e-5
+"""Standard deviation of the attitude of a whole image, independent from pair to pair: that of its mean exposure is not
+that of its stamp. No residual shows it. With vibration and an exposure of 30 ms it is four times as large."""
 FIRST_VARIANCE: Final = 1e-12  #: Keeps each covariance of a step positive definite (m^2, rad^2).
 NOTHING: Final = np.zeros((6, 6))
 
@@ -189,6 +192,8 @@ class PoseTrack:
         most_m, most_rad = self._bounds.max_speed_m_s * seconds, self._bounds.max_turn_rad_s * seconds
         if not (metres <= SLACK_M + most_m and angle <= SLACK_RAD + most_rad):
             return None
+        # what bends the path does so always the same way
+        self._add_doubt(now.translation, (0.0, SHAPE_PX / self._per_px * float(metres)))
         if doubt is not None:  # at least what no image shows
             allowed = np.sqrt(self._unseen_in(seconds).diagonal())
             doubt = max(doubt[0], metres, allowed[0]), max(doubt[1], angle, allowed[5])
@@ -231,6 +236,7 @@ class PoseTrack:
         # white noise of this pose, in RB
         white = WHITE_SHARE * (1.0 if factor is None else max(factor, MIN_FACTOR)) * of_pose
         white = propagated_covariance(white, -T_rb_left.translation, T_rb_left.rotation @ now.rotation.T)
+        white[3:, 3:] += WHITE_RAD**2 * np.eye(3)
         noise_before, self._noise = self._noise, 0.5 * (white + white.T)
         # one standard deviation of what the common error of all disparities adds
         sigma_px = np.sqrt(COMMON_DISPARITY_PX**2 + calibration.sigma_u**2 + calibration.remaining_u**2)
@@ -318,9 +324,8 @@ class PoseTrack:
         covariance = drift * INFLATION + propagated_covariance(start.covariance, position - start.position)
         if calibration is None:
             return np.asarray(covariance)
-        if self._doubt.any():
-            doubted = self._doubted
-            covariance = covariance + propagated_covariance(doubted.covariance, position - doubted.position)
+        doubted = self._doubted
+        covariance = covariance + propagated_covariance(doubted.covariance, position - doubted.position)
         angle = COMMON_PX / self._fx  # the error of a whole image
         covariance = covariance + np.diag(np.repeat(np.square([angle * depth_m, angle]), 3))
         # errors that all disparities share: a constant one, the yaw of the right camera as far as it is unknown, and
