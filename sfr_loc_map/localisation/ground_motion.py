@@ -44,7 +44,7 @@ MIN_SHARE, MAX_SHARE = 0.12, 0.47
 """Share of the landmarks in view that must be unexplained, beyond the typical one, before a pair is unusual: a second
 motion is sought; and from which on it is in any case."""
 MORE_THAN_USUAL = 1.25  #: Factor on the typical share, which is added.
-TYPICAL_SHARE = 0.1  #: Share of a pair in the typical share.
+TYPICAL_SHARE, LESS_SHARE = 0.1, 0.5  #: Share of a pair in the typical share: of one that has more, and less.
 MAX_WRONG_FIRST, MAX_WRONG = 0.05, 0.4
 """Share of the cells that may contradict a pose, before the ground was seen to move and after."""
 MIN_WITNESSES = 12  #: Fewest landmarks on either side of a tear that tell whether it is there.
@@ -177,7 +177,8 @@ class GroundMotionFinder:
         self._tears, self._stale = 0, NO_TEAR
         settled = usual if known else self._agreed >= 0
         if settled:  # what is learnt in doubt would be typical of the doubt
-            self._typical = typical + TYPICAL_SHARE * (judged.share - typical)
+            more = judged.share - typical
+            self._typical = typical + (TYPICAL_SHARE if more > 0.0 else LESS_SHARE) * more
         if not known and judged.far > MOVED_PX:
             if self._agreed < 0 and not usual:
                 self._doubt(judged)

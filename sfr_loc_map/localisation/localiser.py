@@ -194,7 +194,10 @@ class Localiser:
                 backend.landmarks = window.landmarks()
         if result.trusted:  # follow a drift of the right camera
             seen = StereoObservations(result.observations, result.variance)
-            px, variance, shear = right_shift(result.pose, result.landmarks.estimates, seen, camera)
+            px, variance, shear, *residuals = right_shift(
+                result.pose, result.landmarks.estimates, seen, camera, calibration.lens_px
+            )
+            calibration.learn_lens(*residuals)
             self._shear += SHEAR_SHARE * (shear - self._shear)
             sheared = ground.sheared or shear > MAX_SHEAR or self._shear > MAX_MEAN_SHEAR
             ground = ground._replace(sheared=sheared)

@@ -51,8 +51,10 @@ COMMON_PX: Final = 0.03
 COMMON_DISPARITY_PX: Final = 0.01
 """Standard deviation of the error that all disparities share, pixels: it scales the path."""
 SHAPE_PX: Final = 0.0007
-"""Standard deviation of the disparity error that differs over the image (lens, matching), pixels, alike in all steps:
-landmarks too near on one side and too far on the other turn each step by `metres / (fx baseline)` a pixel."""
+"""Standard deviation of the disparity error that differs over the image (lens, matching) of a rig whose residuals show
+none, pixels, alike in all steps: landmarks too near on one side and too far on the other turn each step by
+`metres / (fx baseline)` a pixel."""
+SHAPE_SHARE: Final = 0.17  #: The same as a share of what the residuals show.
 INFLATION: Final = 2.0  #: Factor on the covariance of an adjustment: errors of neighbouring landmarks are correlated.
 DRIFT_SHARE: Final = 0.1
 """Standard deviation of the attitude that a drift of the right camera leaves, as a share of the drift followed."""
@@ -193,7 +195,8 @@ class PoseTrack:
         if not (metres <= SLACK_M + most_m and angle <= SLACK_RAD + most_rad):
             return None
         # what bends the path does so always the same way
-        self._add_doubt(now.translation, (0.0, SHAPE_PX / self._per_px * float(metres)))
+        turn_per_m = np.hypot(SHAPE_PX, SHAPE_SHARE * calibration.lens_px) / self._per_px
+        self._add_doubt(now.translation, (0.0, turn_per_m * float(metres)))
         if doubt is not None:  # at least what no image shows
             allowed = np.sqrt(self._unseen_in(seconds).diagonal())
             doubt = max(doubt[0], metres, allowed[0]), max(doubt[1], angle, allowed[5])
@@ -251,7 +254,7 @@ class PoseTrack:
             TrackedPose(stamp_ns, now, follows, self._window, of_window, self._bias, self._corrected_bias, self._doubt)
         )
         vector = np.concatenate((of_rb.translation, rotvec_from_matrix(of_rb.rotation)))
-        turned = SHAPE_PX / self._per_px * np.copysign(np.linalg.norm(of_left.translation), vector[0])
+        turned = turn_per_m * np.copysign(np.linalg.norm(of_left.translation), vector[0])
         systematic = np.concatenate((to_rb @ systematic, np.full(3, turned)))
         seconds = (stamp_ns - before_ns) / NS_PER_S
         unsteady = NOTHING if follows else self._unseen_in(seconds)

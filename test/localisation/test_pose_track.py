@@ -68,7 +68,9 @@ def move(
 
 def of_path(track: PoseTrack, known: OnlineCalibration | None = None) -> np.ndarray:
     """Return what the path adds to the covariance of the position."""
-    covariance = track.covariance_of_left(DEPTH_M, known or OnlineCalibration(RIG.camera, 7))
+    covariance = (
+        track.covariance_of_left(DEPTH_M, known or OnlineCalibration(RIG.camera, 7)) - track._doubted.covariance
+    )
     images = IMAGE + propagated_covariance(IMAGE, track.T_world_left.translation)
     return np.asarray((covariance - images)[:3, :3])
 

@@ -33,6 +33,8 @@ MIN_MATCHES: Final = 20  #: Minimum number of matches of a keyframe that is lear
 VERTICAL_NOISE_PX: Final = 0.15  #: Typical noise of the vertical disparity of a match.
 RETENTION: Final = 0.98  #: Weight that the information about vertical disparity keeps with each keyframe.
 VERTICAL_PRIOR: Final = (1e-3, 5e-3)  #: Weight of zero pitch and zero roll before any observation, in keyframes.
+BLOCKS: Final = (4, 6)  #: Rows and columns of blocks of the image, each of which has its residual.
+SIGHTINGS: Final = 8  #: Pairs in which a landmark is seen, with one error.
 DETECTION_SIGMAS: Final = 4.0
 """Standard deviations beyond which an offset along the rows is corrected; a rig without error is left alone."""
 
@@ -42,7 +44,8 @@ class OnlineCalibration:
 
     `offset` is the correction, its `u` 0 while not significant: `drift_u`, which was followed, and `constant_u`, which
     approaches `target_u`, of standard deviation `sigma_u`, in small steps. `followed_px` is the length of all of them;
-    `drifts`: the right camera turns, or has just done so.
+    `drifts`: the right camera turns, or has just done so. `lens_px` is what is left of the disparities, RMS,
+    alike in all pairs but not over the image.
     """
 
     def __init__(self, camera: StereoCamera, window_keyframes: int) -> None:
@@ -50,6 +53,7 @@ class OnlineCalibration:
         self.offset, self.target_u, self.constant_u, self.drift_u = RightOffset(), 0.0, 0.0, 0.0
         self.sigma_u = FIRST_SIGMA_PX
         self.followed_px, self.drifts = 0.0, False
+        self.lens_px, self._pairs, self._residuals = 0.0, 0, np.zeros((3, BLOCKS[0] * BLOCKS[1]))
         self._shifts: deque[float] = deque(maxlen=MAX_PAIRS)
         self._still_pairs = AFTERMATH_PAIRS
         self._camera, self._shared = camera, float(window_keyframes)
@@ -60,6 +64,20 @@ class OnlineCalibration:
     def remaining_u(self) -> float:
         """What is left to correct along the rows, pixels."""
         return self.target_u - self.constant_u
+
+    def learn_lens(self, uv: FloatArray, disparity: FloatArray) -> None:
+        """Take residual disparities `(N,)` at left pixels `(N, 2)`: a lens leaves the same in all pairs."""
+        self._pairs += 1
+        (rows, columns), camera = BLOCKS, self._camera
+        row, column = np.int64(uv[:, 1] * rows / (2.0 * camera.cy)), np.int64(uv[:, 0] * columns / (2.0 * camera.cx))
+        block = np.clip(row, 0, rows - 1) * columns + np.clip(column, 0, columns - 1)
+        for k, of in enumerate((None, disparity, disparity**2)):
+            self._residuals[k] += np.bincount(block, of, rows * columns)
+        count, total, squares = self._residuals
+        of_blocks, number = float(np.sum(total**2 / np.maximum(count, 1.0))), max(float(count.sum()), 1.0)
+        # what the means of blocks have by chance: a landmark has the same error each time it is seen
+        noise = (squares.sum() - of_blocks) / number * min(self._pairs, SIGHTINGS) * np.count_nonzero(count)
+        self.lens_px = float(np.sqrt(max(of_blocks - noise, 0.0) / number))
 
     def interrupt(self) -> None:
         """Note that the next pair has new landmarks: the shifts of pairs before do not belong to them."""

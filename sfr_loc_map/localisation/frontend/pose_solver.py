@@ -299,6 +299,7 @@ def solve_pose(
 
 ROBUST_CHI2 = 4.0
 """Squared residual per degree of freedom at which the weight of a landmark has fallen to a quarter (Geman-McClure)."""
+AGREES = 0.5  #: Weight from which on a landmark agrees with the pose.
 ENOUGH = 300  #: About as many landmarks are used: the error that a whole image has is larger than that of their mean.
 
 
@@ -309,17 +310,20 @@ class RightShift(NamedTuple):
     variance: float  #: Of it, px^2, by the landmarks alone; infinite without enough of them.
     #: Squared shear of the rows of both images, as by a rolling shutter, over its variance, per degree of freedom.
     shear: float
+    uv: FloatArray  #: `(N, 2)` left pixels of the landmarks that agree with the pose,
+    disparity: FloatArray  #: `(N,)` and what is left of their disparities, pixels.
 
 
 def right_shift(
-    pose: Pose, landmarks: LandmarkEstimates, observations: StereoObservations, camera: StereoCamera
+    pose: Pose, landmarks: LandmarkEstimates, observations: StereoObservations, camera: StereoCamera, lens_px: float
 ) -> RightShift:
     """Estimate the shift from a solved pair: one Gauss-Newton step of pose and shift together.
 
     The landmarks' depths come from pairs before. If the right camera has turned since, all right positions are shifted
     alike and the left ones are not: no motion explains that. The pose of the left camera was solved for without a
     shift; of the N landmarks those observed in both images count. Another step has a shear of each image as well: over
-    flat ground it looks like a sideways motion, stones and the horizon tell it from one.
+    flat ground it looks like a sideways motion, stones and the horizon tell it from one. What a lens leaves of the
+    disparities, pixels, may look like it, too.
     """
     some = np.arange(0, len(observations.uv), max(1, len(observations.uv) // ENOUGH))
     both = some[np.isfinite(observations.uv[some, 0] + observations.uv[some, 2])]
@@ -329,7 +333,7 @@ def right_shift(
     whitening, by_pose, residuals, chi2 = linearise(pose, marks, seen, camera)
     weight = 1.0 / (1.0 + np.where(np.isnan(chi2), np.inf, chi2) / ROBUST_CHI2) ** 2
     if np.count_nonzero(weight) < 9:
-        return RightShift(0.0, np.inf, 0.0)
+        return RightShift(0.0, np.inf, 0.0, seen.uv[:0], seen.uv[:0, 0])
     x, y = camera.normalised(seen.uv[:, 2:]).T
     jacobian = np.zeros((len(both), 4, 9))
     jacobian[:, :, :6], jacobian[:, 2, 6], jacobian[:, 3, 6] = by_pose, 1.0 + x * x, x * y
@@ -339,5 +343,8 @@ def right_shift(
     by_shift = np.linalg.solve(information[:7, :7], np.eye(7)[6])
     covariance = np.linalg.inv(information)
     sheared = (covariance @ rhs)[7:]
+    covariance[7:, 7:] += np.eye(2) * (lens_px / np.abs(y).max()) ** 2
     shear = float(sheared @ np.linalg.solve(covariance[7:, 7:], sheared)) / 2.0
-    return RightShift(float(by_shift @ rhs[:7]), float(by_shift[6]), shear)
+    agree = weight > AGREES
+    disparity = residuals[agree, 2] - residuals[agree, 0]
+    return RightShift(float(by_shift @ rhs[:7]), float(by_shift[6]), shear, seen.uv[agree, :2], disparity)
