@@ -180,10 +180,10 @@ class GroundMotionFinder:
             more = judged.share - typical
             self._typical = typical + (TYPICAL_SHARE if more > 0.0 else LESS_SHARE) * more
         if not known and judged.far > MOVED_PX:
-            if self._agreed < 0 and not usual:
-                self._doubt(judged)
-            elif self.cells.moving_share < MIN_SHARE and (self._agreed >= 0 or self._covers(first, judged)):
+            if self.cells.moving_share < MIN_SHARE and (self._agreed >= 0 or self._covers(first, judged)):
                 self._agreed += 1
+            elif self._agreed < 0 and not usual:
+                self._doubt(judged)
             else:
                 self._agreed = min(self._agreed, 0)
         # one motion; what is fixed to the camera is left out
