@@ -36,7 +36,8 @@ from sfr_loc_map.localisation.relocalisation import Relocaliser
 
 MIN_AGREEMENT = 0.3  #: Share of the unexplained landmarks that a second motion must explain.
 CONVINCING = 0.6  #: Share from which it is one in any case, and not sought by flow as well.
-MIN_DIFFERENCE_PX = 1.0  #: Image motion between two poses that are two motions.
+MIN_DIFFERENCE_PX = 1.0  #: Image motion between two poses that are two motions,
+DIFFERENCE_SHARE = 0.05  #: and the least share of the motion itself: some landmarks agree on one that is a little off.
 OLD = 3.0  #: Weight of a landmark that is older than the newest keyframe.
 CLEAR = 1.4  #: Ratio of the evidence for two motions from which the ground's is known.
 EXPECTED = 1.5  #: Factor on the evidence for a motion that continues the one before.
@@ -293,9 +294,8 @@ class GroundMotionFinder:
 
     def _differ(self, first: TrackingResult, second: TrackingResult) -> bool:
         """Tell whether nearly all landmarks agree on the second pose, or both poses see them at different pixels."""
-        return second.inlier_count > CONVINCING * len(second.inliers) or (
-            self._motion(second, first.pose) > MIN_DIFFERENCE_PX
-        )
+        least = max(MIN_DIFFERENCE_PX, DIFFERENCE_SHARE * self._judge(first).far)
+        return second.inlier_count > CONVINCING * len(second.inliers) or self._motion(second, first.pose) > least
 
 
 def pose_distance(one: Pose, other: Pose) -> tuple[float, float]:

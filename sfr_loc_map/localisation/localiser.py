@@ -195,7 +195,7 @@ class Localiser:
         if result.trusted:  # follow a drift of the right camera
             seen = StereoObservations(result.observations, result.variance)
             px, variance, shear, *residuals = right_shift(
-                result.pose, result.landmarks.estimates, seen, camera, calibration.lens_px
+                result.pose, result.landmarks.estimates, seen, camera, calibration.likely_lens_px
             )
             calibration.learn_lens(*residuals)
             self._shear += SHEAR_SHARE * (shear - self._shear)

@@ -35,6 +35,8 @@ RETENTION: Final = 0.98  #: Weight that the information about vertical disparity
 VERTICAL_PRIOR: Final = (1e-3, 5e-3)  #: Weight of zero pitch and zero roll before any observation, in keyframes.
 BLOCKS: Final = (4, 6)  #: Rows and columns of blocks of the image, each of which has its residual.
 SIGHTINGS: Final = 8  #: Pairs in which a landmark is seen, with one error.
+FIRST_LENS_PX: Final = 0.08  #: What a lens is taken to leave of the disparities
+LENS_PAIRS: Final = 20  #: until so many pairs have shown it.
 DETECTION_SIGMAS: Final = 4.0
 """Standard deviations beyond which an offset along the rows is corrected; a rig without error is left alone."""
 
@@ -64,6 +66,11 @@ class OnlineCalibration:
     def remaining_u(self) -> float:
         """What is left to correct along the rows, pixels."""
         return self.target_u - self.constant_u
+
+    @property
+    def likely_lens_px(self) -> float:
+        """The same as `lens_px`, or what is typical before it is known."""
+        return max(self.lens_px, FIRST_LENS_PX) if self._pairs < LENS_PAIRS else self.lens_px
 
     def learn_lens(self, uv: FloatArray, disparity: FloatArray) -> None:
         """Take residual disparities `(N,)` at left pixels `(N, 2)`: a lens leaves the same in all pairs."""
@@ -145,6 +152,8 @@ class OnlineCalibration:
         self._variance_u *= 1.0 - gain
         self.sigma_u = float(np.sqrt(self._variance_u))
         self.target_u = self._mean_u if abs(self._mean_u) > DETECTION_SIGMAS * self.sigma_u else 0.0
+        if abs(self.remaining_u) > UNSETTLED_PX:  # what is left of the disparities is by this
+            self.lens_px, self._pairs, self._residuals = 0.0, 0, np.zeros_like(self._residuals)
         # small steps: the pose moves a little with each
         most = max(MAX_STEP_PX, STEP_SHARE * abs(self.remaining_u))
         u = before + float(np.clip(self.remaining_u, -most, most))
