@@ -31,7 +31,7 @@ from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.parallel import BACKGROUND
 
 DRIVE = drive()
-MOST_FUNCTIONS = 38
+MOST_FUNCTIONS = 39
 """Of a pair that is tracked and makes no keyframe: 18 of localisation, 7 kernels, 6 of geometry at most."""
 MOST_OF_A_KEYFRAME = 75
 
