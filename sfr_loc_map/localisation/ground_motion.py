@@ -19,16 +19,7 @@ from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.frontend.image_cells import (
-    CELL,
-    LEVEL,
-    MOVED_PX,
-    Change,
-    ImageCells,
-    Judged,
-    change_of,
-    judge,
-)
+from sfr_loc_map.localisation.frontend.image_cells import LEVEL, MOVED_PX, Change, ImageCells, Judged, change_of, judge
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
 from sfr_loc_map.localisation.frontend.pose_solver import RightOffset
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, TrackingResult
@@ -48,19 +39,18 @@ MORE_THAN_USUAL = 1.25  #: Factor on the typical share, which is added.
 TYPICAL_SHARE, LESS_SHARE = 0.1, 0.5  #: Share of a pair in the typical share: of one that has more, and less.
 MAX_WRONG_FIRST, MAX_WRONG = 0.05, 0.4
 """Share of the cells that may contradict a pose, before the ground was seen to move and after."""
-MIN_WITNESSES = 12  #: Fewest landmarks on either side of a tear that tell whether it is there.
 MIN_FIXED = 12  #: Fewest landmarks that are taken as fixed to the camera.
 AGREED = 3  #: Pairs that one motion must explain before it is the ground's.
 SETTLED = 3  #: Pairs of one motion from which on, after one that contradicted its pose, they are not late any more.
 DOUBTED = 10  #: As many more where there were two motions before.
 AFTER_TEAR = 0.5  #: Part of the share that makes a pair unusual where the one before was torn.
+MOSTLY = 0.5  #: Share of the rows beyond which an image is mostly old.
 MAX_TEARS = 10  #: Pairs in a row that may be of several exposures: what lasts longer is something else.
 ENOUGH_PX = 3.0  #: Image motion that tells well what is fixed to the camera: the next image is compared with this one.
 FAR_SHARE = 0.06
 """Share of the width by which a motion moves a landmark in a pair beyond which it may not be found again."""
 MAX_AGE = 10  #: Pairs after which an image is no longer compared with, however slow the motion.
 NO_ROWS = np.zeros(0, np.intp)
-NO_TEAR = np.zeros(0, np.bool_)
 
 
 class Guesses(NamedTuple):
@@ -104,7 +94,6 @@ class GroundMotionFinder:
         self._tears = self._age = self._unsettled = 0
         self._agreed = min(self._agreed, 0)  # what was in doubt still is
         self._typical: float | None = None
-        self._stale = NO_TEAR
         self._image: FloatImage = frame.left[LEVEL].image
         self._still = pose  # where that image was taken
 
@@ -164,18 +153,15 @@ class GroundMotionFinder:
                 self._doubt(judged)
                 return GroundMotion(first, seen=False)
             return self._decide(frame, first, second, judged, guesses)
-        if 0 < self._tears < MAX_TEARS:
-            if not usual:
-                return self._torn(first)
-            if len(self._stale) and not self._is_whole(first, judged):
-                return self._torn(first)._replace(whole=True, sheared=True)
+        if 0 < self._tears < MAX_TEARS and not usual:
+            return self._torn(first)
         if not usual:
             second = self._search(frame, first.landmarks.subset(judged.rest), guesses)
             if second is not None and self._differ(first, second):
                 return self._decide(frame, first, second, judged, guesses)
             if judged.share >= MAX_SHARE and self._tears < MAX_TEARS:
                 return self._torn(first)
-        self._tears, self._stale = 0, NO_TEAR
+        self._tears = 0
         settled = usual if known else self._agreed >= 0
         if settled:  # what is learnt in doubt would be typical of the doubt
             more = judged.share - typical
@@ -194,18 +180,11 @@ class GroundMotionFinder:
         return GroundMotion(first, first.landmarks.index[judged.fixed], doubt, sheared=known and not usual)
 
     def tear(self, stale: Mask) -> None:
-        """Take a pair that is torn, some rows `(H,)` old: those after it may be, until both sides agree on a motion."""
-        rows = stale[: CELL * self.cells.count[0]].reshape(-1, CELL).all(axis=1)
-        self._tears, self._stale = 1, np.append(rows, False) if rows.any() else NO_TEAR
+        """Take a pair that is torn, some rows `(H,)` old: those after it may be.
 
-    def _is_whole(self, first: TrackingResult, judged: Judged) -> bool:
-        """Tell whether enough landmarks on both sides of the last tear agree with a pose."""
-        row = judged.cell // self.cells.count[1]
-        for side in (self._stale, ~self._stale):
-            there = side[row] & (row < self.cells.count[0]) & (first.inliers | judged.rest)
-            if there.sum() < MIN_WITNESSES or (first.inliers & there).sum() < 0.5 * there.sum():
-                return False
-        return True
+        Where most are, each of those after it may look like the one before as a whole.
+        """
+        self._tears, self._unsettled = 1, DOUBTED if stale.mean() > MOSTLY else 1
 
     def _doubt(self, judged: Judged) -> None:
         """Take it as unknown which motion is the ground's."""
