@@ -80,11 +80,12 @@ def doctor(
     path, sections, given = intake.read(subject, config)
     if subject is None:
         require_ros("doctor --graph")
-        from sfr_loc_map.nodes.graph import observe_graph
+        from sfr_loc_map.nodes.graph import GraphObserver
 
         extrinsics_given = given.extrinsics.transform() is not None
         remap = {topic: name for name, topic in given.topics.items()}
-        seen = observe_graph(seconds, namespace, remap, extrinsics_given=extrinsics_given)
+        with GraphObserver(remap) as observer:
+            seen = observer.observe(seconds, namespace, extrinsics_given=extrinsics_given)
         _show(seen, examine(seen), json_path, ["sfr", "record", "drive"])
         return
     if not subject.exists():

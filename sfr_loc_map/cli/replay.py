@@ -39,8 +39,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source
     from sfr_loc_map.localisation.estimate import StartPose
     from sfr_loc_map.nodes.replay.options import ExternalOptions, ReplayOptions
-    from sfr_loc_map.nodes.replay.results import ReplayResults
-    from sfr_loc_map.pipeline.replay import ExternalRun, ReplayFiles, ReplayResult
+    from sfr_loc_map.pipeline.replay import ReplayFiles, ReplayResult
     from sfr_loc_map.pipeline.scoring import Correction
 
 HELP = """Play a source to the three nodes over topics, record what they answer, score it.
@@ -197,8 +196,8 @@ def replay(
             files = ReplayFiles(out or Path(scratch))
             with _room_for(files, overwrite=overwrite):
                 with naming(source):
-                    result, interruption = _play(opened, options, correction)
-                    result = result.finished(opened, options.score)
+                    result, interruption = _play(opened, options)
+                    result = result.finished(opened, options.score, correction)
                 for file in files.all:
                     file.unlink(missing_ok=True)  # of an earlier run, which may have written more of them
                 save_replay(result, files)
@@ -231,7 +230,7 @@ def _room_for(files: ReplayFiles, *, overwrite: bool) -> Iterator[None]:
             out.rmdir()
 
 
-def _play(source: Source, options: ReplayOptions, correction: Correction) -> tuple[ReplayResult, str]:
+def _play(source: Source, options: ReplayOptions) -> tuple[ReplayResult, str]:
     """Replay with progress bars; return what came out, and what was finished if the user ended it."""
     from sfr_loc_map.nodes.replay.replay import AGAIN
     from sfr_loc_map.nodes.replay.replay import replay as run
@@ -259,41 +258,10 @@ def _play(source: Source, options: ReplayOptions, correction: Correction) -> tup
     if results.published_stamps("nav") and not results.clouds and theirs != Task.MAPPING:
         raise NodeError("mapping_node gave no cloud: play slower (--rate) or in lock step (--rate 0)")
     text = f"interrupted: {len(results.published)} of {sum(totals.values())} pairs were played, and scored"
-    return _result_of(results, correction), text if results.interrupted else ""
-
-
-def _result_of(results: ReplayResults, correction: Correction) -> ReplayResult:
-    from sfr_loc_map.pipeline.replay import ReplayResult
-
-    run = _external_run_of(results, correction)
-    (cloud, mapped_ns), points = results.last_map(), None
-    if run is not None and run.score.task == Task.MAPPING:
-        cloud, points, mapped_ns = results.external_map()
-    cut_short = tuple(_result_of(item, correction) for item in results.cut_short)
-    return ReplayResult(results.trajectory, cloud, results.records, results.report, mapped_ns, cut_short, run, points)
-
-
-def _external_run_of(results: ReplayResults, correction: Correction) -> ExternalRun | None:
-    from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, MethodKind, MethodRecord
-    from sfr_loc_map.pipeline.replay import ExternalRun
-
-    node, book = results.observed, results.answers
-    if node is None or book is None:
-        return None
-    score = ExternalScore(
-        task=node.options.task.value,
-        topic=node.options.topic,
-        frames=book.frames,
-        answers=book.counts,
-        latency_s=book.latency_s,
-        process=node.usage,
-        ended=book.ended,
-    )
-    method = MethodRecord(name=node.name, version=node.version, kind=MethodKind.EXTERNAL)
-    say(f"external node {node.name}: {book.counts.answered} of {book.counts.pairs} pairs answered", err=True)
-    declared = correction.declared.settings
-    of_cloud = ConventionRecord(declared=declared) if score.task == Task.MAPPING and declared else None  # poses: later
-    return ExternalRun(method, score, book.findings, correction, node.log, convention=of_cloud)
+    if (node := results.external) is not None:
+        answers = node.score.answers
+        say(f"external node {node.method.name}: {answers.answered} of {answers.pairs} pairs answered", err=True)
+    return results.result(), text if results.interrupted else ""
 
 
 def _say_where(source: Path, result: ReplayResult, files: ReplayFiles, out: Path | None) -> None:

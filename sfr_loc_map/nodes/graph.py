@@ -54,13 +54,9 @@ IMAGE_NAMES = tuple(
 PARAMETERS = ("use_sim_time", "input.stamp_tolerance_s", "input.rectify", "T_rb_locsb.quat_xyzw")
 
 
-def observe_graph(seconds: float, namespace: str, remap: Mapping[str, str], *, extrinsics_given: bool) -> Observation:
-    """Observe the graph for some time."""
-    with _GraphObserver(remap) as observer:
-        return observer.observe(seconds, namespace, extrinsics_given=extrinsics_given)
+class GraphObserver(Peer):
+    """Observes the graph for some time; a context manager."""
 
-
-class _GraphObserver(Peer):
     def __init__(self, remap: Mapping[str, str]) -> None:
         super().__init__(f"sfr_doctor_{os.getpid()}")
         self._renamed = {"/" + found.strip("/"): "/" + new.strip("/") for found, new in remap.items()}
@@ -149,17 +145,13 @@ class _GraphObserver(Peer):
                 self._worked.add(name)
 
     def _topic(self, name: str, full_name: str, types: list[str]) -> ObservedTopic:
-        listeners = self.node.get_subscriptions_info_by_topic(full_name)
         requests = {
             f"{info.node_namespace.rstrip('/')}/{info.node_name}": reliability_of(info)
-            for info in listeners
+            for info in self.node.get_subscriptions_info_by_topic(full_name)
             if info.node_name in SUITE_NODES
         }
-        stamps_ns, lost = (
-            np.array(self._stamps.get(name, []), np.int64),
-            self._gaps[name].lost if name in self._gaps else 0,
-        )
-        messages, offers = tuple(self._messages.get(name, ())), offers_of(self.node, full_name)
+        offers, messages = offers_of(self.node, full_name), tuple(self._messages[name])
+        stamps_ns, lost = np.array(self._stamps.get(name, []), np.int64), self._gaps[name].lost
         return ObservedTopic(full_name, tuple(types), offers, stamps_ns, messages, requests, lost)
 
     def _ask(self, name: str, space: str) -> ObservedNode:

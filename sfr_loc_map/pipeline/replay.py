@@ -11,7 +11,6 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.atomic import atomic_path
@@ -46,10 +45,9 @@ class ExternalRun:
     method: MethodRecord
     score: ExternalScore  # how it behaved
     findings: tuple[FindingRecord, ...]  # what was wrong with its answers
-    correction: Correction  # how its poses are to be converted
     log: str = ""  # what its process wrote; empty where it was not started here
+    convention: ConventionRecord | None = None  # how its results have been converted
     as_published: Trajectory | None = None  # its poses as it published them
-    convention: ConventionRecord | None = None  # how they have been converted
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,21 +63,15 @@ class ReplayResult:
     external: ExternalRun | None = None  # `finished` converts its poses
     points: FloatArray | None = None  # `(N, 3)` in LM of an external mapper that tells no pixels
 
-    def finished(self, source: Source, config: ScoreConfig) -> ReplayResult:
-        """Return it with the poses of an external localiser as poses of RB in DS; without one it stays as it is."""
-        run, loc = self.external, source.loc
-        if run is None or run.score.task != CallKind.LOCALISATION or loc is None:
-            return self
-        cut_short = tuple(item.finished(source, config) for item in self.cut_short)
-        return replace(self.converted(run, loc.rig, loc.ground_truth, config), cut_short=cut_short)
+    def finished(self, source: Source, config: ScoreConfig, correction: Correction) -> ReplayResult:
+        """Return it with the poses of an external localiser as poses of RB in DS, and a record for each.
 
-    def converted(
-        self, run: ExternalRun, rig: StereoRig | None, truth: Trajectory | None, config: ScoreConfig
-    ) -> ReplayResult:
-        """Return it with poses that an external node published as poses of RB in DS, and a record for each."""
-        published, correction = self.estimate, run.correction
-        if not len(published):
+        Without one it stays as it is.
+        """
+        run, loc, published = self.external, source.loc, self.estimate
+        if run is None or run.score.task != CallKind.LOCALISATION or loc is None or not len(published):
             return self
+        rig, truth = loc.rig, loc.ground_truth
         told = {item.stamp_ns: item for item in self.records if item.state in set(TrackingState)}
         covariance = np.full((len(published), COVARIANCE_SIZE), np.nan)
         for row, stamp_ns in enumerate(published.stamps_ns.tolist()):

@@ -25,6 +25,7 @@ from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.convention import world_at_first_pose
+from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, MethodKind, MethodRecord
 from sfr_loc_map.nodes.messages import (
     OdometryRow,
     cloud_from_msg,
@@ -38,8 +39,9 @@ from sfr_loc_map.nodes.messages import (
 from sfr_loc_map.nodes.processes import ChildProcess
 from sfr_loc_map.nodes.replay.graph_node import ReplayNode
 from sfr_loc_map.nodes.replay.options import ExternalOptions
-from sfr_loc_map.nodes.replay.results import ObservedNode, ReplayResults
+from sfr_loc_map.nodes.replay.results import ReplayResults
 from sfr_loc_map.pipeline.external_run import AnswerBook, ProcessWatch, processes_named
+from sfr_loc_map.pipeline.replay import ExternalRun
 
 DEPTH = 1000
 PUBLISHER_GRACE_S = 2.0
@@ -115,9 +117,20 @@ class ExternalNode:
         self.look_after()
         if self._watch is not None:
             self._watch.stop()
-        usage = None if self._watch is None else self._watch.usage
-        log = "" if self._command is None else self._command.text
-        results.observed = ObservedNode(self._name, self.version, self.options, usage, log)
+        book, options = results.answers or self._book, self.options
+        score = ExternalScore(
+            task=options.task.value,
+            topic=options.topic,
+            frames=book.frames,
+            answers=book.counts,
+            latency_s=book.latency_s,
+            process=None if self._watch is None else self._watch.usage,
+            ended=book.ended,
+        )
+        method = MethodRecord(name=self._name, version=self.version, kind=MethodKind.EXTERNAL)
+        log, declared = "" if self._command is None else self._command.text, options.convention.settings
+        of_cloud = ConventionRecord(declared=declared) if options.task is Task.MAPPING and declared else None
+        results.external = ExternalRun(method, score, book.findings, log, of_cloud)  # poses are converted later
 
     def wait_for(self, stamp_ns: int) -> None:
         """Wait until a pair is answered, its time is over, or the process is gone."""

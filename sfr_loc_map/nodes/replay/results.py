@@ -9,24 +9,13 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.config import MappingState
-from sfr_loc_map.metrics.score import ProcessUsage
-from sfr_loc_map.nodes.replay.options import ExternalOptions
 from sfr_loc_map.pipeline.call_stats import CallRecord
 from sfr_loc_map.pipeline.external_run import AnswerBook
 from sfr_loc_map.pipeline.monitor_score import PairSet, PairSets
-
-
-@dataclass(frozen=True, slots=True)
-class ObservedNode:
-    """What is known of an external node besides its answers."""
-
-    name: str  #: Its name in the graph.
-    version: str | None  #: As it tells on /diagnostics, None where it does not.
-    options: ExternalOptions  #: What the user said of it.
-    usage: ProcessUsage | None  #: CPU and memory of its processes, None where they were not watched.
-    log: str  #: What its process wrote; empty where it was not started here.
+from sfr_loc_map.pipeline.replay import ExternalRun, ReplayResult
 
 
 @dataclass(slots=True)
@@ -52,7 +41,7 @@ class ReplayResults:
     answers: AnswerBook | None = None
     #: Stamp and points `(N, 3)` in LM of each cloud of an external node.
     points: list[tuple[int, FloatArray]] = field(default_factory=list)
-    observed: ObservedNode | None = None  #: What else is known of the external node, None without one.
+    external: ExternalRun | None = None  #: What is known of the external node at the end, None without one.
 
     @property
     def trajectory(self) -> Trajectory:
@@ -78,6 +67,14 @@ class ReplayResults:
     def count(self) -> int:
         """How many results there are."""
         return sum(map(len, (self.rows, self.localisation, self.mapping, self.clouds, self.points)))
+
+    def result(self) -> ReplayResult:
+        """Return what came out of the replay, for its score and its files."""
+        (cloud, mapped_ns), points = self.last_map(), None
+        if self.external is not None and self.external.score.task == Task.MAPPING:
+            cloud, points, mapped_ns = self.external_map()
+        runs = tuple(run.result() for run in self.cut_short)
+        return ReplayResult(self.trajectory, cloud, self.records, self.report, mapped_ns, runs, self.external, points)
 
     def external_map(self) -> tuple[PointCloud | None, FloatArray | None, tuple[int, ...]]:
         """Return the map of an external node: its cloud, or its points where they tell no pixels; stamps of its pairs.
