@@ -8,20 +8,18 @@ of a sub-trajectory that has not ended, and no figure of the score.
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
 from collections import deque
 from dataclasses import astuple, dataclass, fields, replace
-from operator import itemgetter
 from typing import Any
 
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.transform import Transform, interpolated, propagated_covariance
+from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.live.updates import PoseSample, Track
 from sfr_loc_map.metrics.config import Condition, ConditionKind
-from sfr_loc_map.pipeline.reception import jumped_back
+from sfr_loc_map.pipeline.reception import jumped_back, pose_at
 
 MAX_ROWS = 4000
 """Poses that are kept; beyond them every other one is left out, and from then on every other one of those to come."""
@@ -102,18 +100,7 @@ class LivePath:
             if 0 < estimate.stamp_ns - newest_ns <= MAX_GAP_NS:
                 return  # its truth may be on its way
             self._pending.popleft()
-            self._add_row(estimate, published_s, self._truth_at(estimate.stamp_ns))
-
-    def _truth_at(self, stamp_ns: int) -> Transform | None:
-        """Return the true pose of a stamp, between two of them where none has it."""
-        at = bisect_left(self._truths, stamp_ns, key=itemgetter(0))
-        after_ns, after = self._truths[at] if at < len(self._truths) else (0, None)
-        if after_ns == stamp_ns:
-            return after
-        before_ns, before = self._truths[at - 1] if at else (after_ns, None)
-        if after is None or before is None or after_ns - before_ns > MAX_GAP_NS:
-            return None
-        return interpolated(before, after, (stamp_ns - before_ns) / (after_ns - before_ns))
+            self._add_row(estimate, published_s, pose_at(self._truths, estimate.stamp_ns, MAX_GAP_NS))
 
     def _add_row(self, sample: PoseSample, published_s: float | None, truth: Transform | None) -> None:
         estimate, covariance = Transform.from_quat(sample.position, sample.quat_xyzw), sample.covariance

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections import deque
 from dataclasses import dataclass
 from threading import Condition
 
 from sfr_loc_map.config import param
-from sfr_loc_map.geometry.transform import Transform, interpolated
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.pipeline.reception import pose_at
 
 CAPACITY = 5000  #: Messages kept: 100 s at 50 Hz.
 MAX_GAP_NS = 500_000_000
@@ -54,17 +54,5 @@ class OdometryBuffer:
         with self._changed:
             if self._poses:
                 self._changed.wait_for(lambda: not self._poses or self._poses[-1][0] >= now_ns, wait_s)
-            before, now = self._pose_at(before_ns), self._pose_at(now_ns)
+            before, now = (pose_at(self._poses, stamp_ns, MAX_GAP_NS) for stamp_ns in (before_ns, now_ns))
         return before.inverse() @ now if before is not None and now is not None else None
-
-    def _pose_at(self, stamp_ns: int) -> Transform | None:
-        index = bisect_left(self._poses, stamp_ns, key=lambda item: item[0])
-        if index == len(self._poses):
-            return None
-        later_ns, later = self._poses[index]
-        if later_ns == stamp_ns:
-            return later
-        if index == 0 or later_ns - self._poses[index - 1][0] > MAX_GAP_NS:
-            return None
-        earlier_ns, earlier = self._poses[index - 1]
-        return interpolated(earlier, later, (stamp_ns - earlier_ns) / (later_ns - earlier_ns))

@@ -15,7 +15,7 @@ import yaml
 from sfr_loc_map.config import changed, read_config, read_sections, section, to_yaml_lines
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.inputs import Task
-from sfr_loc_map.io.atomic import atomic_path
+from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
@@ -83,8 +83,7 @@ def run_arguments(config: Path, written: Path) -> list[str]:
 def main(folder: Path) -> None:
     """Write the files into a folder."""
     for name, (node_name, config_type) in FILES.items():
-        with atomic_path(folder / name) as temporary:
-            temporary.write_text(parameter_file(node_name, config_type), encoding="utf-8")
+        write_text(parameter_file(node_name, config_type), folder / name)
 
 
 if __name__ == "__main__":

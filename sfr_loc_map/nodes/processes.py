@@ -18,7 +18,7 @@ from pathlib import Path
 
 from sfr_loc_map.child_process import child_environment, end_with_parent
 from sfr_loc_map.errors import ConfigError, NodeError
-from sfr_loc_map.io.atomic import atomic_path
+from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.nodes import environment
 from sfr_loc_map.signals import END_SIGNALS, hold, stopping
 
@@ -156,8 +156,8 @@ class LivePage(AbstractContextManager["LivePage"]):
         `missing`: what the estimate is known to lack; `aborted`: by what; `report`: the page of the score.
         """
         self._told |= told
-        with suppress(OSError), atomic_path(self._end_file) as temporary:
-            temporary.write_text(json.dumps(self._told), encoding="utf-8")
+        with suppress(OSError):
+            write_text(json.dumps(self._told), self._end_file)
         if self._process.is_running:
             self._process.send(signal.SIGUSR1)
 

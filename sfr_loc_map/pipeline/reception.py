@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Mapping, Sequence
+from operator import itemgetter
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.geometry.transform import Transform, interpolated
 from sfr_loc_map.inputs import JUMP_BACK_NS
 
 T = TypeVar("T")
@@ -26,6 +28,18 @@ TURN_PER_METRE = math.radians(100.0)
 def jumped_back(latest_ns: int, stamp_ns: int) -> bool:
     """Tell whether a stamp lies so far behind the latest one that a new run must have begun."""
     return latest_ns - stamp_ns >= JUMP_BACK_NS
+
+
+def pose_at(poses: Sequence[tuple[int, Transform]], stamp_ns: int, max_gap_ns: int) -> Transform | None:
+    """Return the pose of a stamp, of stamped ones in their order; between two that are not too far apart if need be."""
+    at = bisect_left(poses, stamp_ns, key=itemgetter(0))
+    after_ns, after = poses[at] if at < len(poses) else (0, None)
+    if after_ns == stamp_ns:
+        return after
+    before_ns, before = poses[at - 1] if at else (after_ns, None)
+    if after is None or before is None or after_ns - before_ns > max_gap_ns:
+        return None
+    return interpolated(before, after, (stamp_ns - before_ns) / (after_ns - before_ns))
 
 
 # ---- latency

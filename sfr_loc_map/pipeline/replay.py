@@ -13,7 +13,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import Task
-from sfr_loc_map.io.atomic import atomic_path
+from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.io.cloud_file import LoadedCloud, save_cloud, save_points
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.trajectory_file import save_trajectory
@@ -147,8 +147,7 @@ def save_replay(result: ReplayResult, files: ReplayFiles) -> None:
     log = "" if result.external is None else result.external.log
     for path, text in ((files.monitor_report, result.monitor_report), (files.external_log, log)):
         if text:
-            with atomic_path(path) as temporary:
-                temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
+            write_text(text, path)
 
 
 def score_replay(
