@@ -212,7 +212,7 @@ class RosFeed(Peer):
         """Take maps in, beside the thread that receives: figures do not wait for it; a broken one is left out."""
 
         def received(raw: bytes, published_s: float) -> None:
-            self._worker.enqueue_droppable(lambda: add(deserialize_message(raw, kind), published_s))
+            self._worker.enqueue(lambda: add(deserialize_message(raw, kind), published_s), 0)
 
         return self._receive(kind, topic, received, qos)
 

@@ -177,7 +177,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         def received(message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401 - any message
             gaps.add(info)
             size_bytes = len(message.data) if kind is PointCloud2 else 0
-            self.worker.enqueue_droppable(partial(work, message), size_bytes)
+            self.worker.enqueue(partial(work, message), size_bytes)
 
         self.endpoints.add_subscription(kind, topic, received, qos)
 

@@ -370,7 +370,7 @@ class PairNode(ManagedNode[P]):
                 self._stereo.unprocessed += 1
                 self.status.error(str(error))
 
-        self.worker.enqueue_droppable(job)
+        self.worker.enqueue(job, 0)
 
     def restart_after_fault(self) -> None:
         """Count the pair that was processed."""

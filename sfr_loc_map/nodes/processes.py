@@ -66,14 +66,9 @@ class ChildProcess:
                 stream.close()
 
     @property
-    def exit_code(self) -> int | None:
-        """Its exit code, the negative signal that killed it, or None while it runs."""
-        return self.popen.poll()
-
-    @property
     def is_running(self) -> bool:
         """Tell whether it runs (or is stopped by SIGSTOP)."""
-        return self.exit_code is None
+        return self.popen.poll() is None
 
     @property
     def text(self) -> str:
@@ -91,7 +86,7 @@ class ChildProcess:
     @property
     def ending(self) -> str:
         """How it ended, in words; empty while it runs."""
-        code = self.exit_code
+        code = self.popen.poll()
         if code is None:
             return ""
         return f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
@@ -193,18 +188,17 @@ class Supervisor(AbstractContextManager["Supervisor"]):
     def check(self) -> None:
         """Make sure that all nodes run."""
         for process in self.processes.values():
-            if process.exit_code is not None:
-                line = process.last_log_line
-                raise NodeError(f"{process.name} {process.ending}: {line}; correct that and start again")
+            if ending := process.ending:
+                raise NodeError(f"{process.name} {ending}: {process.last_log_line}; correct that and start again")
 
     def restart_crashed(self) -> list[str]:
         """Start the nodes again that have crashed; return how each of them ended."""
         endings = []
         for process in self.processes.values():
-            if process.exit_code in (0, CANNOT_START):
+            if process.popen.poll() in (0, CANNOT_START):
                 self.check()
-            if process.exit_code is not None:
-                endings.append(f"{process.name} {process.ending}")
+            if ending := process.ending:
+                endings.append(f"{process.name} {ending}")
                 environment.remove_dead_segments()
                 process.start()
         return endings

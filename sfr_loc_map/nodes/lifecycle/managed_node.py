@@ -12,25 +12,30 @@ each state:
 from __future__ import annotations
 
 import gc
+import json
 import traceback
-from collections.abc import Callable
-from typing import Any, TypeVar
+from collections.abc import Callable, Sequence
+from typing import Any, Generic, TypeVar
 
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import JumpThreshold, ROSClock
 from rclpy.duration import Duration
+from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.impl.implementation_singleton import rclpy_implementation
-from rclpy.lifecycle import LifecyclePublisher, LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleNode, LifecyclePublisher, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from sfr_loc_map.errors import NodeError, SfrError
+from sfr_loc_map.config import build, flatten, parameters
+from sfr_loc_map.errors import ConfigError, NodeError, SfrError
 from sfr_loc_map.inputs import JUMP_BACK_NS
 from sfr_loc_map.nodes.diagnostics import DROPS, LOG_PERIOD_S, Level, NodeActivity, State, StatusReporter
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
-from sfr_loc_map.nodes.lifecycle.parameters import ConfiguredNode, NodeConfig
+from sfr_loc_map.nodes.lifecycle.parameters import BUILT_IN, NodeConfig, as_list, descriptor
 from sfr_loc_map.nodes.lifecycle.worker import Worker
 from sfr_loc_map.pipeline.kernels import load_kernels
 
@@ -39,19 +44,35 @@ WAITING_REQUESTS = 1000
 """Requests of a service that wait behind the jobs of the worker; the 10 of ROS are gone within a long call."""
 
 
-class ManagedNode(ConfiguredNode[C]):
+class ManagedNode(LifecycleNode, Generic[C]):
     """A node that is configured, activated, deactivated and cleaned up.
 
-    A subclass says in `setup`, `subscribe`, `teardown`, `clock_jumped_back` and `apply_config` what it does in each
-    step; these are called in the executor's thread. Jobs given to `worker` are done in its thread, in order.
+    Its parameters are one configuration, which live changes replace as a whole. A subclass says in `setup`,
+    `subscribe`, `teardown`, `clock_jumped_back` and `apply_config` what it does in each step; these are called in the
+    executor's thread. Jobs given to `worker` are done in its thread, in order.
     """
 
     task: str  #: What it does; its name is `TASK_node` unless another one is given.
+    config_type: type[C]  #: Its parameters; a subclass may have more, by a dataclass that derives from this one.
+    live: tuple[str, ...] = ()  #: Beginnings of the names of parameters that may be set at any time.
     _worker: Worker | None = None
 
     def __init__(self, name: str = "", **options: Any) -> None:  # noqa: ANN401
-        """Declare the parameters; `options` are those of `rclpy.node.Node`."""
-        super().__init__(name or f"{self.task}_node", **options)
+        """Declare the parameters, as files and command line give them; `options` are those of `rclpy.node.Node`."""
+        name = name or f"{self.task}_node"
+        try:
+            super().__init__(name, **options)
+        except InvalidParameterTypeException as error:  # of a parameter that ROS itself declares
+            raise ConfigError(f"parameters of {name}: {error}") from error
+        self._origin = f"parameters of {self.get_fully_qualified_name()}"
+        self._infos = {info.name: info for info in parameters(self.config_type)}
+        given = {n: as_list(p.value) for n, p in self._parameter_overrides.items() if not n.startswith(BUILT_IN)}
+        self.config: C = build(self.config_type, given, origin=self._origin)
+        self.check_config(self.config)
+        for key, value in flatten(self.config).items():
+            self.declare_parameter(key, as_list(value), descriptor(self._infos[key]), ignore_override=True)
+        self.add_on_set_parameters_callback(self._on_set)
+        self.add_post_set_parameters_callback(self._on_set_done)
         self._last_error: Exception | None = None
         self._counts_before: dict[str, int] = {}
         self._quiet = False  # a failed transition is left to the caller to report
@@ -62,6 +83,9 @@ class ManagedNode(ConfiguredNode[C]):
         self.teardown()
 
     # ---- what a subclass defines
+
+    def check_config(self, config: C) -> None:
+        """Raise an `SfrError` where valid values do not fit together; called before `__init__` has ended, too."""
 
     def setup(self) -> None:
         """Prepare: publishers, compiled code."""
@@ -99,6 +123,15 @@ class ManagedNode(ConfiguredNode[C]):
         """Restart after an exception that was not foreseen; called in the worker's thread."""
 
     # ---- what a subclass uses
+
+    @property
+    def state(self) -> str:
+        """State of the managed node: one of `State`, or that of a transition."""
+        return str(self._state_machine.current_state[1])
+
+    def config_json(self) -> str:
+        """Return the active configuration by dotted names."""
+        return json.dumps({name: as_list(value) for name, value in flatten(self.config).items()})
 
     @property
     def worker(self) -> Worker:
@@ -303,9 +336,42 @@ class ManagedNode(ConfiguredNode[C]):
         self.status.error(f"internal fault, {self.task} restarts: {type(error).__name__}: {error}")
         self.restart_after_fault()
 
-    def on_config(self) -> None:
+    # ---- parameters
+
+    def _with(self, changes: Sequence[Parameter]) -> C:
+        values = flatten(self.config) | {p.name: as_list(p.value) for p in changes if p.name in self._infos}
+        return build(self.config_type, values, origin=self._origin)
+
+    def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
+        infos = sorted((info for c in changes if (info := self._infos.get(c.name))), key=lambda info: info.name)
+        held = [info.name for info in infos if not (info.live or info.name.startswith(self.live))]
+        if held and self.state != State.UNCONFIGURED:
+            reason = f"'{held[0]}' is read-only while the node is {self.state}: deactivate and clean it up first"
+            return SetParametersResult(successful=False, reason=reason)
+        try:
+            self.check_config(self._with(changes))
+        except SfrError as error:
+            return SetParametersResult(successful=False, reason=" ".join(str(error).split()))
+        return SetParametersResult(successful=True)
+
+    def _set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """Set what changes: of the others, as in a dump of this node, ROS refuses those that are read-only."""
+
+        def differs(new: Parameter) -> bool:
+            now = self.get_parameter(new.name) if self.has_parameter(new.name) else None
+            return now is None or now.type_ != new.type_ or as_list(now.value) != as_list(new.value)
+
+        changes = list(filter(differs, parameter_list))
+        if parameter_list and not changes:
+            return SetParametersResult(successful=True)
+        return super()._set_parameters_atomically(changes)
+
+    def _on_set_done(self, changes: list[Parameter]) -> None:
         """Work with other parameters from now on."""
-        config = self.config
+        config = self._with(changes)
+        if config == self.config:
+            return
+        self.config = config
         self.get_logger().info(f"parameters have changed; configuration {self.config_json()}")
         self.endpoints.reliability = config.output_reliability
         self.status.set_config(config.health)

@@ -37,21 +37,22 @@ class Worker:
         self._thread = Thread(target=self._work, name=name, daemon=True)
         self._thread.start()
 
-    def enqueue(self, job: Job) -> None:
-        """Add a job that is never dropped."""
-        self._add(job, None)
+    def enqueue(self, job: Job, droppable_bytes: int | None = None) -> None:
+        """Add a job, which is never dropped unless it says how large it is (0 where that does not matter).
 
-    def enqueue_droppable(self, job: Job, size_bytes: int = 0) -> None:
-        """Add a job; if the queue is full the oldest droppable job is dropped, and counted.
-
-        Where jobs become too large together, the oldest of those that say so are dropped.
+        If the queue is full the oldest droppable job is dropped, and counted. Where jobs become too large together, the
+        oldest of those that are large are dropped.
         """
+        size = droppable_bytes
         with self._changed:
-            while self.waiting >= self._capacity:
+            while size is not None and self.waiting >= self._capacity:
                 self._drop_oldest(0)
-            while size_bytes and 0 < sum(size or 0 for _, size in self._jobs) > MAX_WAITING_BYTES - size_bytes:
+            while size and 0 < sum(other or 0 for _, other in self._jobs) > MAX_WAITING_BYTES - size:
                 self._drop_oldest(1)
-            self._add(job, size_bytes)
+            if not self._ending:
+                self._jobs.append((job, size))
+                self.waiting += size is not None
+                self._changed.notify_all()
 
     @property
     def is_idle(self) -> bool:
@@ -77,13 +78,6 @@ class Worker:
             self.waiting = 0
             self._changed.notify_all()
         self._thread.join(timeout_s)
-
-    def _add(self, job: Job, size_bytes: int | None) -> None:
-        with self._changed:
-            if not self._ending:
-                self._jobs.append((job, size_bytes))
-                self.waiting += size_bytes is not None
-                self._changed.notify_all()
 
     def _drop_oldest(self, least_bytes: int) -> None:
         sizes = enumerate(size for _, size in self._jobs)
