@@ -24,7 +24,7 @@ def test_a_hung_node_is_killed_and_its_shared_memory_removed(tmp_path: Path, mon
         monitor.send(signal.SIGSTOP)  # it does not react to SIGINT and SIGTERM any more
         quick = ((signal.SIGINT, 0.3), (signal.SIGTERM, 0.3), (signal.SIGKILL, 5.0))
         monkeypatch.setattr(processes, "ESCALATION", quick)
-    assert monitor.exit_code == -signal.SIGKILL
+    assert monitor.popen.poll() == -signal.SIGKILL
     assert left
     assert not any(path.exists() for path in left)
 
