@@ -66,7 +66,7 @@ def latencies(
     if all(received):
         known = [seconds(begin, end) for begin, end in zip(sent, received, strict=True) if begin]
         transports = [transport for transport in known if transport is not None]
-        found["latency_transport_s"] = max(transports) if transports and len(transports) == len(known) else None
+        found["latency_transport_s"] = max(transports, default=None) if None not in known else None
         found["latency_receive_to_publish_s"] = seconds(max(received), published_ns)
     found["latency_stamp_to_publish_s"] = seconds(stamp_ns, node_time_ns)
     return {name: value for name, value in found.items() if value is not None}

@@ -10,6 +10,7 @@ from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import Task
@@ -116,7 +117,8 @@ class ResultCollector:
             elif mapped and len(mapped) % self._pairs_per_map:
                 for stamp_ns in mapped:
                     self.wait_for_pair("nav", stamp_ns)
-                self._node.call("mapping_node/finish", "mapping_node did not finish its map")
+                finish = self._node.node.create_client(Trigger, "mapping_node/finish")
+                self._node.call(finish, "mapping_node did not finish its map")
                 clouds += 1
             self.settle(clouds)
             deadline = time.monotonic() + REPORT_TIMEOUT_S

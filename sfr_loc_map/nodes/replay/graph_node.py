@@ -26,7 +26,6 @@ class ReplayNode(Peer):
     def __init__(self, supervisor: Supervisor) -> None:
         super().__init__(NAME, parameters=True)
         self.supervisor = supervisor
-        self._clients: dict[str, Client] = {}
 
     def wait_for(self, condition: Callable[[], bool], timeout_s: float, problem: Callable[[], str]) -> None:
         """Spin until a condition holds, for a limited time; `problem` says what did not happen."""
@@ -55,15 +54,8 @@ class ReplayNode(Peer):
         self.spin(seconds)
         self.supervisor.check()
 
-    def client(self, service: str) -> Client:
-        """Return the client of a Trigger service."""
-        if service not in self._clients:
-            self._clients[service] = self.node.create_client(Trigger, service)
-        return self._clients[service]
-
-    def call(self, service: str, problem: str) -> None:
+    def call(self, client: Client, problem: str) -> None:
         """Call a Trigger service and wait for its answer."""
-        client = self.client(service)
         self.wait_for(client.service_is_ready, ANSWER_TIMEOUT_S, lambda: problem)
         future = client.call_async(Trigger.Request())
         self.wait_for(future.done, ANSWER_TIMEOUT_S, lambda: problem)

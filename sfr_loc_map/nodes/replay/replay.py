@@ -78,7 +78,7 @@ class Player:
             name: node.node.create_publisher(message_type(kind), name, depth) for name, kind in topics.items()
         }
         self._initial_pose = node.node.create_publisher(PoseWithCovarianceStamped, "initialpose", depth)
-        self._resets = {name: node.client(f"{name}/reset") for name in node.supervisor.processes}
+        self._resets = {n: node.node.create_client(Trigger, f"{n}/reset") for n in node.supervisor.processes}
         _offer_controls(node.node, controls)
 
     def wait_until_ready(self) -> None:
@@ -115,8 +115,8 @@ class Player:
 
     def reset_nodes(self) -> None:
         """Reset the nodes and the results for another run."""
-        for name in self._resets:
-            self._node.call(f"{name}/reset", f"{name} did not reset")
+        for name, client in self._resets.items():
+            self._node.call(client, f"{name} did not reset")
         self._node.spin_for(SETTLE_S)  # results on their way
         self.collector.begin_run()
 
