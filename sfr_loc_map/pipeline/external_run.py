@@ -12,6 +12,7 @@ import numpy as np
 import psutil
 
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.methods.isolation import ProcessTree
 from sfr_loc_map.metrics.calls import stage_time
 from sfr_loc_map.metrics.score import AnswerCounts, FindingKind, FindingRecord, ProcessUsage, StageTime
 
@@ -124,17 +125,20 @@ class AnswerBook:
 
 
 def processes_named(text: str) -> list[int]:
-    """Return the process ids that `--watch` means: one by its number, or all whose name or command line has a text."""
-    found = []
+    """Return the process ids that `--watch` means: one by its number, or all whose name or command line has a text.
+
+    Those that another one of them has started are watched with it.
+    """
+    found: dict[int, list[psutil.Process]] = {}
     for process in psutil.process_iter():
         with contextlib.suppress(psutil.Error):
             words = process.cmdline()
             named = "--watch" not in words and (text == process.name() or text in " ".join(words))
             if str(process.pid) == text if text.isdigit() else named:
-                found.append(process.pid)
+                found[process.pid] = process.parents()
     if not found:
         raise ConfigError(f"'--watch {text}': there is no such process; give its number or a part of its command line")
-    return found
+    return [pid for pid, parents in found.items() if not any(parent.pid in found for parent in parents)]
 
 
 class ProcessWatch:
@@ -144,16 +148,13 @@ class ProcessWatch:
     """
 
     def __init__(self, pids: Sequence[int]) -> None:
-        """Watch nothing yet; the processes are the roots of the trees."""
-        self._pids = list(pids)
-        self._cpu_s: dict[tuple[int, float], tuple[float, float]] = {}  # at the begin and last, by id and start
+        """Begin to sample; the processes are the roots of the trees."""
+        self._trees = [ProcessTree(pid, 0) for pid in pids if psutil.pid_exists(pid)]
+        self._begin_s = self._cpu_s = [tree.usage().cpu_s for tree in self._trees]
         self._peak_bytes = self._most = 0
         self._stop = threading.Event()
+        self._sample()
         self._thread = threading.Thread(target=self._run, name="process-watch", daemon=True)
-
-    def start(self) -> None:
-        """Begin to sample."""
-        self._sample(first=True)
         self._thread.start()
 
     def stop(self) -> None:
@@ -166,28 +167,17 @@ class ProcessWatch:
     @property
     def usage(self) -> ProcessUsage | None:
         """What was used since the watch began; None if nothing could be seen."""
-        if not self._most:
+        if not self._peak_bytes:
             return None
-        spent_s = sum(last_s - begin_s for begin_s, last_s in self._cpu_s.values())
+        spent_s = sum(self._cpu_s) - sum(self._begin_s)
         return ProcessUsage(cpu_s=spent_s, peak_rss_bytes=self._peak_bytes, processes=self._most, method=METHOD)
 
     def _run(self) -> None:
         while not self._stop.wait(PERIOD_S):
             self._sample()
 
-    def _sample(self, *, first: bool = False) -> None:
-        tree: dict[int, psutil.Process] = {}
-        for pid in self._pids:
-            with contextlib.suppress(psutil.Error):
-                root = psutil.Process(pid)
-                tree |= {process.pid: process for process in (root, *root.children(recursive=True))}
-        resident = seen = 0
-        for process in tree.values():
-            with contextlib.suppress(psutil.Error):
-                key = (process.pid, process.create_time())
-                cpu_s = sum(process.cpu_times()[:2])
-                resident += process.memory_info().rss
-                begin_s, _ = self._cpu_s.get(key, (cpu_s if first else 0.0, 0.0))
-                self._cpu_s[key] = (begin_s, cpu_s)
-                seen += 1
-        self._peak_bytes, self._most = max(self._peak_bytes, resident), max(self._most, seen)
+    def _sample(self) -> None:
+        now = [tree.usage() for tree in self._trees]
+        self._cpu_s = [max(before_s, item.cpu_s) for before_s, item in zip(self._cpu_s, now, strict=True)]
+        self._peak_bytes = max(self._peak_bytes, sum(item.rss_bytes for item in now))
+        self._most = max(self._most, sum(item.processes for item in now))

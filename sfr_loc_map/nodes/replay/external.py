@@ -109,8 +109,6 @@ class ExternalNode:
             self._watch = ProcessWatch(processes_named(self.options.watch))
         elif command is not None:
             self._watch = ProcessWatch([command.popen.pid])
-        if self._watch is not None:
-            self._watch.start()
 
     def observe(self, results: ReplayResults) -> None:
         """Put what is known of it into the results, while it still runs, and stop watching it."""
