@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from enum import IntEnum, StrEnum
+from enum import IntEnum
 from threading import Lock
 
 import numpy as np
@@ -39,6 +39,8 @@ LATENCY_WINDOW = 200  #: Calls over which the percentile of a latency is taken.
 MAX_MOMENTS = 10_000  #: Arrivals or calls within the window that a rate is taken over.
 MAX_REASONS = 4  #: Reasons that a message names.
 MB = 1_000_000
+UNCONFIGURED, ACTIVE = "unconfigured", "active"
+"""Primary states of a managed node (design.ros2.org, "Managed nodes") that make a difference here."""
 DROPS = {
     "dropped_overload": "came faster than they are processed: slow them down, or give this host more to work with",
     "dropped_in_transport": "were lost between their publisher and this node",
@@ -106,16 +108,9 @@ class HealthConfig:
     )
 
 
-class State(StrEnum):
-    """Primary states of a managed node (design.ros2.org, "Managed nodes") that make a difference here."""
-
-    UNCONFIGURED = "unconfigured"
-    ACTIVE = "active"
-
-
 @dataclass(frozen=True, slots=True)
 class NodeActivity:
-    """What a node does at a moment: one of `State` or a transition, what it dropped, what waits, what is around it."""
+    """What a node does at a moment: its state or transition, what it dropped, what waits, what is around it."""
 
     lifecycle: str
     counts: Mapping[str, int]
@@ -218,7 +213,7 @@ class StatusReporter:
         config, found = self._config, list(activity.findings)
         if memory > config.memory_warn_mb * MB:
             found.append((Level.WARN, f"more than {config.memory_warn_mb} MB of memory in use"))
-        if activity.lifecycle != State.ACTIVE:
+        if activity.lifecycle != ACTIVE:
             return found
         if activity.expects_input and now - self._last_arrival > config.stale_after_s:
             found.append((Level.STALE, f"nothing came for more than {config.stale_after_s:g} s"))

@@ -74,16 +74,6 @@ def record(path: Path, options: RecordOptions, say: Callable[[str], None]) -> di
     return recorder.counts
 
 
-def definition_of(msgtype: str) -> tuple[str, str]:
-    """Return the text of a type with those within it, as bags have it, and its hash (RIHS01).
-
-    Of a type that the bag library does not know both are empty words; readers then need its package.
-    """
-    if msgtype not in TYPESTORE.fielddefs:
-        return "", "RIHS01_unknown"
-    return TYPESTORE.generate_msgdef(msgtype, ros_version=2)[0], TYPESTORE.hash_rihs01(msgtype)
-
-
 class _Recorder(Peer):
     def __init__(self, options: RecordOptions, say: Callable[[str], None]) -> None:
         super().__init__(f"sfr_record_{os.getpid()}")
@@ -115,7 +105,10 @@ class _Recorder(Peer):
         except NodeError as error:
             self._say(f"{name} is not recorded: {error}")
             return
-        topic = bag.add_topic(name, msgtype, *definition_of(msgtype), [_offered_qos(info) for info in infos])
+        definition, digest = "", "RIHS01_unknown"  # of a type that the library does not know: readers need its package
+        if msgtype in TYPESTORE.fielddefs:
+            definition, digest = TYPESTORE.generate_msgdef(msgtype, ros_version=2)[0], TYPESTORE.hash_rihs01(msgtype)
+        topic = bag.add_topic(name, msgtype, definition, digest, [_offered_qos(info) for info in infos])
         recorded, numbered = self.counts.setdefault(name, TransportGaps()), len(infos) == 1
 
         def received(raw: bytes, info: dict[str, Any]) -> None:

@@ -97,7 +97,16 @@ def save_dem(path: Path, grid: TerrainGrid) -> None:
     """Write a grid in the format of the name's ending."""
     model, suffix = grid.elevation, path.suffix
     if suffix in geotiff.SUFFIXES:
-        geotiff.save_geotiff(path, dem_bands(grid), model.origin_m, model.cell_m)
+        bands = [
+            geotiff.Band("height", "m", model.height_m),
+            geotiff.Band("sigma", "m", model.sigma_m),
+            geotiff.Band("count", "points", model.count.astype(np.float32)),
+            geotiff.Band("slope", "rad", grid.slope_rad),
+            geotiff.Band("roughness", "m", grid.roughness_m),
+            geotiff.Band("step", "m", grid.step_m),
+            geotiff.Band("hazard", "percent", np.where(grid.hazard < 0, np.nan, grid.hazard).astype(np.float32)),
+        ]
+        geotiff.save_geotiff(path, bands, model.origin_m, model.cell_m)
         return
     with atomic_path(path) as temporary:
         if suffix == ".npz":
@@ -106,21 +115,6 @@ def save_dem(path: Path, grid: TerrainGrid) -> None:
             np.savez_compressed(temporary, **of_model, **others)
         elif not cv2.imwrite(str(temporary), shaded_heights(model)):
             raise OutputError(f"cannot write '{path}': the image could not be encoded")
-
-
-def dem_bands(grid: TerrainGrid) -> list[geotiff.Band]:
-    """Return the layers of a grid by name and unit, float32, NaN where not known (hazard, too)."""
-    model = grid.elevation
-    hazard = np.where(grid.hazard < 0, np.float32(np.nan), grid.hazard.astype(np.float32))
-    return [
-        geotiff.Band("height", "m", model.height_m),
-        geotiff.Band("sigma", "m", model.sigma_m),
-        geotiff.Band("count", "points", model.count.astype(np.float32)),
-        geotiff.Band("slope", "rad", grid.slope_rad),
-        geotiff.Band("roughness", "m", grid.roughness_m),
-        geotiff.Band("step", "m", grid.step_m),
-        geotiff.Band("hazard", "percent", hazard),
-    ]
 
 
 # ---- the image of an elevation model

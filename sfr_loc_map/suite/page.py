@@ -79,14 +79,12 @@ def render_history(history: History) -> str:
     worse = [change.text for change in history.worse]
     state = VerdictState.FAIL if worse else VerdictState.PASS
     text = "; ".join(worse) or "No figure is certainly worse than before."
-    plots = [_history_plot(number, name, values) for number, (name, values) in enumerate(history.figures.items())]
+    plots, caption = [], "Mean over the drives; geometric but for counts."
+    for number, (figure, values) in enumerate(history.figures.items()):
+        trace = marks("all drives", _columns([*enumerate(values, 1)]), "@one")
+        layout = {"xaxis": axis("night", dtick=None), "yaxis": axis(figure)}
+        plots.append(Plot(f"history-{number}", figure, caption, [trace], layout))
     return render_overview("History of suites", state, text, history_tables(history), [("Figures", plots)])
-
-
-def _history_plot(number: int, figure: str, values: Sequence[float | None]) -> Plot:
-    trace = marks("all drives", _columns([*enumerate(values, 1)]), "@one")
-    layout = {"xaxis": axis("night", dtick=None), "yaxis": axis(figure)}
-    return Plot(f"history-{number}", figure, "Mean over the drives; geometric but for counts.", [trace], layout)
 
 
 def _columns(rows: Sequence[tuple[int, float | None]], factor: float = 1.0) -> list[Column]:

@@ -33,7 +33,7 @@ from std_srvs.srv import Trigger
 from sfr_loc_map.config import build, flatten, parameters
 from sfr_loc_map.errors import ConfigError, NodeError, SfrError
 from sfr_loc_map.inputs import JUMP_BACK_NS
-from sfr_loc_map.nodes.diagnostics import DROPS, LOG_PERIOD_S, Level, NodeActivity, State, StatusReporter
+from sfr_loc_map.nodes.diagnostics import ACTIVE, DROPS, LOG_PERIOD_S, UNCONFIGURED, Level, NodeActivity, StatusReporter
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
 from sfr_loc_map.nodes.lifecycle.parameters import BUILT_IN, NodeConfig, as_list, descriptor
 from sfr_loc_map.nodes.lifecycle.worker import Worker
@@ -126,7 +126,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
 
     @property
     def state(self) -> str:
-        """State of the managed node: one of `State`, or that of a transition."""
+        """State of the managed node, or that of a transition."""
         return str(self._state_machine.current_state[1])
 
     def config_json(self) -> str:
@@ -161,7 +161,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
             return
 
         async def serve(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-            if self.state != State.ACTIVE:
+            if self.state != ACTIVE:
                 response.message = f"the node is {self.state}: activate it first"
                 return response
             first()
@@ -345,7 +345,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
     def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
         infos = sorted((info for c in changes if (info := self._infos.get(c.name))), key=lambda info: info.name)
         held = [info.name for info in infos if not (info.live or info.name.startswith(self.live))]
-        if held and self.state != State.UNCONFIGURED:
+        if held and self.state != UNCONFIGURED:
             reason = f"'{held[0]}' is read-only while the node is {self.state}: deactivate and clean it up first"
             return SetParametersResult(successful=False, reason=reason)
         try:

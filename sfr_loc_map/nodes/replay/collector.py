@@ -93,10 +93,12 @@ class ResultCollector:
 
     def settle(self, clouds: int = 0) -> None:
         """Wait for the results of all published pairs and so many clouds, as long as some are received."""
-        count, deadline = -1, 0.0
-        while not self.results.are_complete(clouds) and (count != self.results.count or time.monotonic() < deadline):
-            if count != self.results.count:
-                count, deadline = self.results.count, time.monotonic() + QUIET_S
+        results, count, deadline = self.results, -1, 0.0
+        while count != results.count or time.monotonic() < deadline:
+            if len(results.clouds) >= clouds and all(results.has_pair(*pair) for pair in results.published):
+                return
+            if count != results.count:
+                count, deadline = results.count, time.monotonic() + QUIET_S
             self._node.spin_for(POLL_S)
 
     @property

@@ -123,7 +123,3 @@ class ReplayResults:
         if task == "loc":
             return stamp_ns in self.localisation and stamp_ns in self.covariances
         return (MappingState.MAPPED, stamp_ns) in self.mapping
-
-    def are_complete(self, clouds: int) -> bool:
-        """Tell whether each published pair has its results, and so many clouds have been received."""
-        return all(self.has_pair(*pair) for pair in self.published) and len(self.clouds) >= clouds
