@@ -29,7 +29,7 @@ from sfr_loc_map.io.source_config import ExtrinsicsConfig
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, TrackingState
 from sfr_loc_map.localisation.frontend.feature_detection import read_mask
-from sfr_loc_map.localisation.frontend.tracking import INLIER_CHI2_PER_DOF, TrackingResult
+from sfr_loc_map.localisation.frontend.tracking import INLIER_CHI2_PER_DOF
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks
 from sfr_loc_map.nodes.diagnostics import Level
@@ -238,18 +238,13 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
                 # a quarter of its width and height, 0 where no landmark is made
                 publisher.publish(image_msg(mask[FIRST::MASK_SCALE, FIRST::MASK_SCALE], "mono8", header))
         if self._tracks.get_subscription_count():
-            self._tracks.publish(tracks_msg(localiser.last_result, header))
+            rows, result = np.empty((0, len(TRACK_FIELDS)), np.float32), localiser.last_result  # without one none
+            if result is not None:
+                residual = np.sqrt(result.chi2_per_dof / INLIER_CHI2_PER_DOF)
+                rows = np.column_stack((result.observations[:, :2], result.landmarks.last_seen[:, :2], residual))
+            self._tracks.publish(float_points_msg(rows, TRACK_FIELDS, header))
         if self._image.get_subscription_count():
             self._image.publish(image_msg(draw_tracks(pair.left, localiser.last_result, estimate), "bgr8", header))
-
-
-def tracks_msg(result: TrackingResult | None, header: Header) -> PointCloud2:
-    """Return the landmarks of a pair; none where no landmark was tracked."""
-    rows = np.empty((0, len(TRACK_FIELDS)), np.float32)
-    if result is not None:
-        residual = np.sqrt(result.chi2_per_dof / INLIER_CHI2_PER_DOF)
-        rows = np.column_stack((result.observations[:, :2], result.landmarks.last_seen[:, :2], residual))
-    return float_points_msg(rows, TRACK_FIELDS, header)
 
 
 main = partial(run, LocalisationNode)

@@ -12,7 +12,6 @@ import os
 import signal
 import sys
 from functools import partial
-from types import FrameType
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -20,7 +19,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 def start(module: str) -> int:
     """Import a module of this package and run its `main`; return its exit code."""
     sys.argv[0] = module.rpartition(".")[2]
-    before = {number: signal.signal(number, _leave) for number in SIGNALS}
+    before = {number: signal.signal(number, lambda *_: os._exit(0)) for number in SIGNALS}
     signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)  # one that came while Python itself started comes now
     gc.disable()
     main = importlib.import_module(f"sfr_loc_map.{module}").main
@@ -34,10 +33,6 @@ def start(module: str) -> int:
 localisation_node = partial(start, "nodes.localisation_node")
 mapping_node = partial(start, "nodes.mapping_node")
 monitor_node = partial(start, "nodes.monitor_node")
-
-
-def _leave(number: int, frame: FrameType | None) -> None:
-    os._exit(0)
 
 
 if __name__ == "__main__":
