@@ -23,6 +23,10 @@ from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, progress_bar,
 from sfr_loc_map.cli.verdict import check_conditions
 from sfr_loc_map.config import read_config
 from sfr_loc_map.errors import FailedVerdictError, InputError, InterruptedRunError
+from sfr_loc_map.inputs import Task
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 
 app = App(help="Methods beside each other: same input, same run, own processes. Ours with injected faults.")
 app.callback(invoke_without_command=True)(help_without_command)
@@ -68,11 +72,8 @@ def localise(
     lenient: LenientOption = False,
 ) -> None:
     """Our localiser against a plain OpenCV one, ORB-SLAM3 (pyorbslam3) where installed, and any other method."""
-    from sfr_loc_map.inputs import Task
     from sfr_loc_map.io.sequence import drive_of
-    from sfr_loc_map.localisation.config import LocalisationConfig
     from sfr_loc_map.methods.comparison import compare_localisers, methods_to_compare
-    from sfr_loc_map.metrics.config import TrajectoryScoreConfig
     from sfr_loc_map.pipeline.offline import start_pose
 
     scoring = TrajectoryScoreConfig(conditions=tuple(condition or ["distance=5"]), spacing=spacing)
@@ -107,9 +108,7 @@ def map_(
     source: SourceArgument, compared: ComparedOptions, json_path: JsonOption = None, overwrite: OverwriteOption = False
 ) -> None:
     """Our mapper against OpenCV's semi-global matching, Pandora where installed, and any other method."""
-    from sfr_loc_map.inputs import Task
     from sfr_loc_map.io.sequence import panorama_of
-    from sfr_loc_map.mapping.config import MappingConfig
     from sfr_loc_map.methods.comparison import compare_mappers, methods_to_compare
 
     check_outputs(json_path, overwrite=overwrite)
@@ -149,8 +148,6 @@ def faults(
 ) -> None:
     """Localiser on data with faults: errors beside stated sigmas; exit 1 if one is wrong and does not say so."""
     from sfr_loc_map.io.sequence import drive_of
-    from sfr_loc_map.localisation.config import LocalisationConfig
-    from sfr_loc_map.metrics.config import TrajectoryScoreConfig
     from sfr_loc_map.suite.fault_benchmark import FAULTS, Honesty, benchmark_faults
 
     check_outputs(json_path, overwrite=overwrite, inputs=[source])
@@ -171,10 +168,9 @@ def faults(
 
 def _present(result: dict[str, Any], json_path: str | None) -> None:
     """Print tables, reference methods left out and failures; write JSON; `--json -` prints JSON alone."""
-    from sfr_loc_map.metrics.score_json import json_line
     from sfr_loc_map.report.benchmark_tables import benchmark_tables
 
-    show(json_line(result), json_path, benchmark_tables(result))
+    show(result, json_path, benchmark_tables(result))
     said = {} if json_path == STANDARD_OUTPUT else result
     for name, reason in said.get("missing", {}).items():
         say(f"left out: {name}: {reason}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 from dataclasses import replace
 from pathlib import Path
@@ -22,8 +21,11 @@ from sfr_loc_map.cli.options import (
 )
 from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, progress_bar, say, show
 from sfr_loc_map.cli.verdict import not_judged
+from sfr_loc_map.config import read_sections
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError, SfrError
 from sfr_loc_map.io.atomic import write_text
+from sfr_loc_map.io.bag_files import is_bag
+from sfr_loc_map.metrics.config import ScoreConfig
 
 if TYPE_CHECKING:
     from sfr_loc_map.io.source_config import SourceConfig
@@ -103,7 +105,6 @@ def doctor(
 
 
 def _observe(source: Path, config: SourceConfig) -> Observation:
-    from sfr_loc_map.io.bag_files import is_bag
     from sfr_loc_map.pipeline.doctor_observation import observe_bag, observe_source
 
     if is_bag(source) and replace(config, path=None, remap={}, extrinsics=type(config.extrinsics)()) == type(config)():
@@ -115,7 +116,6 @@ def _observe(source: Path, config: SourceConfig) -> Observation:
 
 def _fixed(source: Path, sections: dict[str, Any], read: Path | None) -> SourceConfig:
     """Write what a source seems to be into the configuration that was read, else a new one; return how it is read."""
-    from sfr_loc_map.config import read_sections
     from sfr_loc_map.io.source_config import NAME
     from sfr_loc_map.pipeline.source_proposal import propose_config
 
@@ -163,7 +163,7 @@ def _show(seen: Observation, findings: list[Finding], json_path: str | None, aft
     else:
         propose(*after, why="inputs and outputs into a bag" if seen.live else "through the nodes, scored")
     content = {"subject": seen.subject, "stops": stops, "findings": [finding.as_dict() for finding in findings]}
-    show(json.dumps(content, allow_nan=False) + "\n", json_path, ())
+    show(content, json_path, ())
     if json_path != STANDARD_OUTPUT:
         for finding in findings:
             say(f"{'BLOCKING' if finding.is_blocking else 'warning '}  {finding.where}: {finding.text}")
@@ -176,9 +176,7 @@ def _show(seen: Observation, findings: list[Finding], json_path: str | None, aft
 
 def _diagnose(estimate: Path, truth: Path, json_path: str | None, *, lenient: bool) -> None:
     """Show what explains the disagreement of estimate and truth; raise FailedVerdictError if something does."""
-    from sfr_loc_map.metrics.config import ScoreConfig
     from sfr_loc_map.metrics.convention import MIN_POSES
-    from sfr_loc_map.metrics.score_json import to_plain
     from sfr_loc_map.pipeline.scoring import diagnose_files
     from sfr_loc_map.report.tables import Cell, Column, Table
 
@@ -190,7 +188,7 @@ def _diagnose(estimate: Path, truth: Path, json_path: str | None, *, lenient: bo
     ]
     columns = (Column("convention", words=True), Column("disagreement"), Column("corrected by", words=True))
     table = Table("conventions", "Estimate against truth", columns, tuple(rows))
-    show(json.dumps(to_plain(diagnosis), allow_nan=False) + "\n", json_path, [table])
+    show(diagnosis, json_path, [table])
     if diagnosis.found is not None:
         if json_path != STANDARD_OUTPUT:
             say(diagnosis.found.sentence)

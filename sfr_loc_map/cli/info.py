@@ -9,6 +9,7 @@ from sfr_loc_map.cli.options import ConfigOption, IntakeOptions, JsonOption, Ove
 from sfr_loc_map.cli.output import check_outputs, show
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.io.bag_files import is_bag
 
 if TYPE_CHECKING:
     from sfr_loc_map.geometry.stereo import StereoRig
@@ -27,9 +28,7 @@ def info(
 ) -> None:
     """Show what a source holds: pairs, rate, size, topics, calibration, extrinsics, truth, duration, gaps."""
     from sfr_loc_map.io.bag import Bag
-    from sfr_loc_map.io.bag_files import is_bag
     from sfr_loc_map.io.registry import open_source
-    from sfr_loc_map.metrics.score_json import json_line
     from sfr_loc_map.pipeline.source_proposal import seen_topics
     from sfr_loc_map.report.tables import Cell, Column, Table
 
@@ -65,7 +64,7 @@ def info(
         columns = tuple(Column(name, words=True) for name in facts["topics"][0])
         cells = tuple(tuple(Cell(str(value)) for value in topic.values()) for topic in facts["topics"])
         tables.append(Table("topics", "Topics", columns, cells))
-    show(json_line(facts), json_path, tables)
+    show(facts, json_path, tables)
 
 
 def _facts(source: Source) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from typer import Argument, Option
 
 from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.options import ConditionOption, JudgeOptions, LimitsOption, NamespaceOption, require_ros
+from sfr_loc_map.config import build
 from sfr_loc_map.errors import (
     ConfigError,
     FailedVerdictError,
@@ -22,6 +23,7 @@ from sfr_loc_map.errors import (
     NotJudgedError,
 )
 from sfr_loc_map.inputs import one_line
+from sfr_loc_map.metrics.config import score_config
 
 if TYPE_CHECKING:
     from sfr_loc_map.live.foxglove import FoxgloveView
@@ -106,7 +108,6 @@ def live(
     terminal q ends, and of what is played space pauses and the arrows go 5 s back and on.
     """
     from sfr_loc_map.live.state import LiveState
-    from sfr_loc_map.metrics.config import score_config
 
     if source is None:
         options = {"rate": rate != 1.0, "truth": truth, "limits": limits, "condition": condition}
@@ -117,7 +118,6 @@ def live(
     state, config = LiveState(), None
     if not terminal:
         require_live()
-        from sfr_loc_map.config import build
         from sfr_loc_map.live.server import LiveConfig
 
         config = build(LiveConfig, {"host": host, "port": port, "token": token}, origin="sfr live")

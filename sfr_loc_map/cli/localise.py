@@ -13,7 +13,10 @@ from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import MethodOptions, OverwriteOption, RemapOption, SourceArgument, StartOption, open_as
 from sfr_loc_map.cli.output import beside, check_outputs, check_suffix, progress_bar, say, warn
 from sfr_loc_map.cli.verdict import conclude_findings
+from sfr_loc_map.config import read_config
 from sfr_loc_map.errors import ConfigError, InterruptedRunError, naming
+from sfr_loc_map.inputs import Task
+from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.signals import hold
 
 if TYPE_CHECKING:
@@ -44,11 +47,8 @@ def localise(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Estimate the trajectory of a drive, with the same code as the node, or by another method."""
-    from sfr_loc_map.config import read_config
-    from sfr_loc_map.inputs import Task
     from sfr_loc_map.io.sequence import drive_of
     from sfr_loc_map.io.trajectory_file import FILE_SUFFIXES, files_written, save_trajectory
-    from sfr_loc_map.localisation.config import LocalisationConfig
     from sfr_loc_map.methods.registry import record_of_ours
     from sfr_loc_map.pipeline.call_stats import save_stats
     from sfr_loc_map.pipeline.offline import localise as localise_with_ours

@@ -12,7 +12,10 @@ from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import MethodOptions, OverwriteOption, RemapOption, SourceArgument, open_as
 from sfr_loc_map.cli.output import beside, check_outputs, check_suffix, progress_bar, say, warn
 from sfr_loc_map.cli.verdict import conclude_findings
+from sfr_loc_map.config import read_config
 from sfr_loc_map.errors import ConfigError, InterruptedRunError, naming
+from sfr_loc_map.inputs import Task
+from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.signals import hold, stopping
 
 
@@ -48,11 +51,8 @@ def map_cloud(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Map up to three stereo pairs, with the same code as the node, or by another method."""
-    from sfr_loc_map.config import read_config
-    from sfr_loc_map.inputs import Task
     from sfr_loc_map.io.cloud_file import SUFFIXES
     from sfr_loc_map.io.sequence import panorama_of
-    from sfr_loc_map.mapping.config import MappingConfig
     from sfr_loc_map.methods.registry import record_of_ours
     from sfr_loc_map.pipeline.call_stats import save_stats
     from sfr_loc_map.pipeline.map_files import MapOutputs, check_dems, save_map

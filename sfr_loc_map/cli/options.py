@@ -12,16 +12,15 @@ import yaml
 from typer import Argument, Option
 
 from sfr_loc_map.cli.output import HTML_SUFFIXES, check_outputs, check_suffix, say
-from sfr_loc_map.config import SECTIONS, suggestion
+from sfr_loc_map.config import SECTIONS, build, read_sections, suggestion
 from sfr_loc_map.errors import ConfigError, MissingExtraError
-from sfr_loc_map.inputs import parse_yaml
+from sfr_loc_map.inputs import Task, parse_yaml
+from sfr_loc_map.metrics.config import Condition
 
 if TYPE_CHECKING:
-    from sfr_loc_map.inputs import Task
     from sfr_loc_map.io.sequence import Source
     from sfr_loc_map.io.source_config import SourceConfig
     from sfr_loc_map.methods.registry import Method, MethodLimits
-    from sfr_loc_map.metrics.config import Condition
     from sfr_loc_map.metrics.limits import Limits
     from sfr_loc_map.pipeline.scoring import Correction
 
@@ -100,7 +99,6 @@ class MethodOptions:
     @property
     def limits(self) -> MethodLimits:
         """What a method may take; raises ConfigError if an option is out of range."""
-        from sfr_loc_map.config import build
         from sfr_loc_map.methods.registry import MethodLimits
 
         values = {"call_timeout_s": self.call_timeout, "memory_mb": self.memory_limit}
@@ -139,8 +137,6 @@ class JudgeOptions:
 
     def by(self, config: Path | None) -> JudgeOptions:
         """Return them with the `limits` and `conditions` of a configuration where an option does not say so."""
-        from sfr_loc_map.config import read_sections
-
         sections = {} if config is None else read_sections(config)
         limits, conditions = sections.get("limits"), sections.get("conditions")
         if not isinstance(limits, str | None) or not isinstance(conditions, list | None):
@@ -150,7 +146,6 @@ class JudgeOptions:
 
     def read(self) -> tuple[Limits | None, tuple[Condition, ...]]:
         """Return the limits, None without a file, and the conditions that the user named in options or limits."""
-        from sfr_loc_map.metrics.config import Condition
         from sfr_loc_map.metrics.limits import load_limits
 
         limits = load_limits(self.limits) if self.limits is not None else None
@@ -264,8 +259,6 @@ class IntakeOptions:
 
     def sections(self, config: Path | None) -> dict[str, Any]:
         """Return the sections of a configuration with these values; raise ConfigError if one has another form."""
-        from sfr_loc_map.config import read_sections
-
         found = {} if config is None else read_sections(config)
         given = parse_settings(self.settings)
         if isinstance(truth := given.get("truth.source"), str) and Path(truth).is_file():

@@ -19,7 +19,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from sfr_loc_map.cli.app import propose
 from sfr_loc_map.errors import OutputError, SfrError
 from sfr_loc_map.inputs import one_line, printable
-from sfr_loc_map.io.atomic import write_text
+from sfr_loc_map.io.atomic import atomic_path, check_output, exchange, output_target, write_text
 
 if TYPE_CHECKING:
     from sfr_loc_map.report.tables import Table
@@ -40,8 +40,6 @@ def check_suffix(path: Path | None, suffixes: tuple[str, ...]) -> None:
 
 def check_outputs(*outputs: Path | str | None, overwrite: bool, inputs: Sequence[Path] = ()) -> None:
     """Raise OutputError, before the work is done, if a file cannot be written; None and `-` are left out."""
-    from sfr_loc_map.io.atomic import check_output
-
     taken = {path.resolve(): "an input of this command" for path in inputs}
     for path in (Path(item) for item in outputs if item is not None and str(item) != STANDARD_OUTPUT):
         place = path.resolve()
@@ -78,8 +76,6 @@ def output_folder(
         raise OutputError(f"cannot write '{path}': {what} is there; remove it, choose another name or give --overwrite")
     if path.is_dir() and not all(item.name in DATA_SET_NAMES or item.suffix in BAG_SUFFIXES for item in path.iterdir()):
         raise OutputError(f"cannot write '{path}': {what} is there, no data set or bag alone; remove it yourself")
-    from sfr_loc_map.io.atomic import atomic_path, exchange, output_target
-
     if not resumable:
         with atomic_path(path, any_folder=True) as temporary:
             yield temporary
@@ -109,17 +105,18 @@ def make_folder(path: Path, option: str) -> None:
         raise OutputError(f"cannot make the folder '{path}': {error.strerror}; choose another {option}") from error
 
 
-def show(json_text: str, place: str | None, tables: Iterable[Table]) -> None:
-    """Write the JSON where `--json` says and print the tables; the JSON alone where it goes to standard output."""
+def show(content: object, place: str | None, tables: Iterable[Table]) -> None:
+    """Write a record as JSON where `--json` says and print the tables; the JSON alone if to standard output."""
+    from sfr_loc_map.metrics.score_json import json_line
+    from sfr_loc_map.report.tables import print_tables
+
     if place == STANDARD_OUTPUT:
         propose("")
-        typer.echo(json_text, nl=False)
+        typer.echo(json_line(content), nl=False)
         return
     if place is not None:
         with beside():
-            write_text(json_text, Path(place))
-    from sfr_loc_map.report.tables import print_tables
-
+            write_text(json_line(content), Path(place))
     print_tables(tables)
 
 

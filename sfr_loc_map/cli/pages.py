@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,8 +10,11 @@ from typer import Argument, Option
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import Align, OutputOptions, OverwriteOption
 from sfr_loc_map.cli.output import HTML_SUFFIXES, check_outputs, check_suffix, say, show
+from sfr_loc_map.config import build
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.io.atomic import write_text
+from sfr_loc_map.io.bag_files import is_bag
+from sfr_loc_map.metrics.config import AlignedErrorConfig
 
 if TYPE_CHECKING:
     from sfr_loc_map.metrics.score import Score
@@ -107,7 +109,7 @@ def compare(
         write_text(page, output.html)
         propose(f"open {output.html} in a browser")
     shown = [table for table in tables if table.name != "provenance"]  # too wide for a terminal; the page has it
-    show(json.dumps(result.to_dict(), allow_nan=False) + "\n", output.json_path, shown)
+    show(result.to_dict(), output.json_path, shown)
 
 
 def _names(paths: list[Path], scores: list[Score]) -> list[str]:
@@ -142,10 +144,7 @@ def plot(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Draw trajectories from above, in height and, with --truth, their distance to it, for a quick look."""
-    from sfr_loc_map.config import build
-    from sfr_loc_map.io.bag_files import is_bag
     from sfr_loc_map.io.registry import read_truth
-    from sfr_loc_map.metrics.config import AlignedErrorConfig
     from sfr_loc_map.pipeline.scoring import load_drive, load_estimates
     from sfr_loc_map.report.path_figure import curves_of, save_path_html
 

@@ -32,8 +32,12 @@ from sfr_loc_map.cli.options import (
 from sfr_loc_map.cli.output import check_outputs, make_folder, progress_bar, say, warn
 from sfr_loc_map.cli.score import present
 from sfr_loc_map.cli.verdict import conclude
+from sfr_loc_map.config import changed, read_config, section
 from sfr_loc_map.errors import ConfigError, InterruptedRunError, NodeError, naming
 from sfr_loc_map.inputs import Task, printable
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.metrics.config import score_config
 
 if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source
@@ -155,10 +159,6 @@ def replay(
 ) -> None:
     """Play a source to the nodes over topics, record what they answer, score it."""
     with live_beside(live, live_port, isolated=True) as page:  # first: its imports are the quicker ones
-        from sfr_loc_map.config import changed, read_config, section
-        from sfr_loc_map.localisation.config import LocalisationConfig
-        from sfr_loc_map.mapping.config import MappingConfig
-        from sfr_loc_map.metrics.config import score_config
         from sfr_loc_map.pipeline.offline import start_pose
         from sfr_loc_map.pipeline.replay import ReplayFiles, save_replay, score_replay
 

@@ -24,8 +24,11 @@ from sfr_loc_map.cli.options import (
 )
 from sfr_loc_map.cli.output import STANDARD_OUTPUT, beside, check_suffix, say, show, warn
 from sfr_loc_map.cli.verdict import conclude
+from sfr_loc_map.config import build, flatten
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.io.atomic import write_text
+from sfr_loc_map.io.bag_files import is_bag
+from sfr_loc_map.metrics.config import aligned_error_config, score_config
 
 if TYPE_CHECKING:
     from sfr_loc_map.metrics.score import Score
@@ -102,11 +105,8 @@ def score(
     ] = None,
 ) -> None:
     """Score an estimate against the truth: exit 1 if a limit is missed, 3 if something could not be judged."""
-    from sfr_loc_map.config import build, flatten
-    from sfr_loc_map.io.bag_files import is_bag
     from sfr_loc_map.io.source_config import config_beside, source_config
     from sfr_loc_map.io.truth import TruthConfig
-    from sfr_loc_map.metrics.config import aligned_error_config, score_config
     from sfr_loc_map.pipeline.scoring import ScoreInputs, converted_run, load_run, save_point_errors, score_run
     from sfr_loc_map.report.test_report import junit as junit_of
 
@@ -184,14 +184,14 @@ def score(
 
 def present(score: Score, json_path: str | None, html: Path | None) -> None:
     """Write and print a score, its verdict and what to look at first; raise ConfigError if there is nothing in it."""
-    from sfr_loc_map.metrics.score_json import to_json
+    from sfr_loc_map.metrics.score_json import to_dict
     from sfr_loc_map.report.page import look_first, overall_of, run_facts, write_page
     from sfr_loc_map.report.score_tables import summary_tables
 
     tables = summary_tables(score)
     if not tables and json_path != STANDARD_OUTPUT:
         raise ConfigError("nothing was scored: give an estimate and its truth")
-    show(to_json(score), json_path, tables)
+    show(to_dict(score), json_path, tables)
     if json_path != STANDARD_OUTPUT:
         if score.incomplete is not None:
             say(f"incomplete: {score.incomplete}")

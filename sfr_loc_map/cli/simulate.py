@@ -11,7 +11,9 @@ from typer import Argument, Option
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import ConfigOption, OverwriteOption, RemapOption, SourceArgument, open_as, parse_settings
 from sfr_loc_map.cli.output import output_folder, progress_bar, say
+from sfr_loc_map.config import build, flatten, load_yaml
 from sfr_loc_map.errors import ConfigError, InterruptedRunError, naming
+from sfr_loc_map.simulation.config import SimulationConfig
 
 FAULT_HELP = (
     "KIND, or KIND: and some of amount=A (its unit: docs/simulation.md), share=S of the pairs (0 to 1), burst=N pairs "
@@ -41,10 +43,8 @@ def simulate(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Render a drive or a panorama with exact truth; a stopped run continues when called again."""
-    from sfr_loc_map.config import build, flatten, load_yaml
     from sfr_loc_map.pipeline.simulate import can_continue
     from sfr_loc_map.pipeline.simulate import simulate as run
-    from sfr_loc_map.simulation.config import SimulationConfig
 
     if len(paths) > 2:
         raise ConfigError(f"{len(paths)} paths given: a configuration (optional) and an output are needed")

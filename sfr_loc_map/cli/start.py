@@ -11,8 +11,11 @@ from typer import Argument, Option
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import IntakeOptions, JsonOption, OverwriteOption
 from sfr_loc_map.cli.output import check_outputs, make_folder, say, show
+from sfr_loc_map.config import to_yaml_lines
 from sfr_loc_map.errors import FailedVerdictError
 from sfr_loc_map.io.atomic import write_text
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.mapping.config import MappingConfig
 
 LIMITS_HEAD = """\
 # Limits: PLACEHOLDERS, replace them by those of your own document. Upper bounds, except coverage_min; the name of a
@@ -111,7 +114,6 @@ def methods(
 ) -> None:
     """List the methods under test with their versions; a class or a C library needs no entry here."""
     from sfr_loc_map.methods.registry import header_folder, listed_methods
-    from sfr_loc_map.metrics.score_json import json_line
     from sfr_loc_map.report.tables import Cell, Column, Table
 
     if include_dir:
@@ -121,14 +123,10 @@ def methods(
     found = listed_methods()
     rows = tuple(tuple(Cell(text or "-") for text in item.values()) for item in found)
     columns = tuple(Column(title, words=True) for title in ("task", "method", "version", "kind", ""))
-    show(json_line({"methods": found}), json_path, [Table("methods", "Methods", columns, rows)])
+    show({"methods": found}, json_path, [Table("methods", "Methods", columns, rows)])
 
 
 def _configuration_text() -> str:
-    from sfr_loc_map.config import to_yaml_lines
-    from sfr_loc_map.localisation.config import LocalisationConfig
-    from sfr_loc_map.mapping.config import MappingConfig
-
     lines = [
         "# Parameters of localiser and mapper: [unit] (smallest .. largest), at their defaults. Change what you need,",
         "# delete what you do not: a parameter that is missing has its default. Taken by",

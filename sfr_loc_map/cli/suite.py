@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
@@ -19,6 +18,7 @@ from sfr_loc_map.cli.verdict import not_judged
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError, InterruptedRunError
 from sfr_loc_map.inputs import one_line
 from sfr_loc_map.io.atomic import write_text
+from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.signals import hold
 
 if TYPE_CHECKING:
@@ -163,7 +163,7 @@ def compare(
     tables = comparison_tables(result)
     if output.html is not None:
         write_text(render_tables("Comparison of suites", tables), output.html)
-    show(json.dumps(result.to_dict(), allow_nan=False) + "\n", output.json_path, tables)
+    show(result.to_dict(), output.json_path, tables)
 
 
 @root.command(
@@ -186,7 +186,7 @@ def history(
     result = find_changes([Night.read(folder) for folder in folders])
     if output.html is not None:
         write_text(render_history(result), output.html)
-    show(json.dumps(result.to_dict(), allow_nan=False) + "\n", output.json_path, history_tables(result))
+    show(result.to_dict(), output.json_path, history_tables(result))
     for change in result.worse if bisect else ():
         say(f"{change.figure}: first bad commit {find_commit(change, str(bisect), Path())}")
     for change in result.worse:
@@ -207,7 +207,6 @@ def _present(
     summary: Summary, store: Store, json_path: str | None, junit: Path | None, mlflow: str | None, *, lenient: bool
 ) -> None:
     """Print the tables and say how it ended: raise an error if a limit was missed, a job failed, or is not judged."""
-    from sfr_loc_map.metrics.config import VerdictState
     from sfr_loc_map.suite.export import log_to_mlflow, suite_junit
     from sfr_loc_map.suite.tables import suite_tables
 
@@ -215,7 +214,7 @@ def _present(
         write_text(suite_junit(summary), junit)
     if mlflow is not None:
         say(f"MLflow run {log_to_mlflow(summary, store.folder, mlflow)}", err=True)
-    show(json.dumps(summary.to_dict(), allow_nan=False) + "\n", json_path, suite_tables(summary))
+    show(summary.to_dict(), json_path, suite_tables(summary))
     say(f"report: {store.folder / 'report.html'}", err=True)
     for failure in summary.failures:
         say(one_line(f"failed: {failure.label}: {failure.cause}: {failure.message}"), err=True)

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 from sfr_loc_map.cli.output import warn
 from sfr_loc_map.errors import FailedVerdictError, NotJudgedError
+from sfr_loc_map.metrics.config import Condition, VerdictState
 
 if TYPE_CHECKING:
     from sfr_loc_map.geometry.trajectory import Trajectory
-    from sfr_loc_map.metrics.config import Condition
     from sfr_loc_map.metrics.score import MethodRecord, Score
     from sfr_loc_map.pipeline.call_stats import CallRecord
 
@@ -21,7 +21,6 @@ def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> No
     A method that failed has failed. Figures of an estimate and a truth that contradict each other by convention judge
     nothing, whatever the limits; otherwise a limit that was missed counts before one that could not be judged.
     """
-    from sfr_loc_map.metrics.config import VerdictState
     from sfr_loc_map.metrics.limits import finding_verdicts, reasons_not_judged
 
     if score.failed and (score.contradiction is None or lenient or score.failures):
@@ -41,7 +40,6 @@ def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> No
 
 def check_conditions(truth: Trajectory | None, conditions: Sequence[str], *, lenient: bool) -> None:
     """Check before the work is done that a drive meets conditions."""
-    from sfr_loc_map.metrics.config import Condition
     from sfr_loc_map.metrics.limits import conditions_beyond
 
     parsed = [Condition.parse(text) for text in conditions]

@@ -121,9 +121,24 @@ def compare_localisers(
         return None if estimate.state is TrackingState.LOST else estimate.T_ds_rb, done
 
     def figures(run: MethodRun) -> Figures:
-        found: Figures = {"lost": sum(pose is None for pose in run.results)}
-        if sequence.ground_truth is not None:
-            found["accuracy"] = trajectory_errors(run.results, stamps_ns, sequence, T_ds_rb, scoring)
+        """Return the frames without a pose, and mean + 3 sigma of each error (m, deg) by condition."""
+        lost = np.array([pose is None for pose in run.results], np.bool_)
+        found: Figures = {"lost": int(lost.sum())}
+        if sequence.ground_truth is None:
+            return found
+        # the stereo rig's own frame stands for the rover's where its pose is not known
+        T_rb_left = sequence.rig.T_sb_left if sequence.rig.T_rb_sb is None else sequence.rig.T_rb_left
+        T_ds_first, T_left_rb = T_ds_rb @ T_rb_left, T_rb_left.inverse()
+        stamped, T_first_left = [], Transform.identity()
+        for stamp_ns, pose in zip(stamps_ns, run.results, strict=True):
+            T_first_left = T_first_left if pose is None else pose  # the last known one counts
+            stamped.append((stamp_ns, T_ds_first @ T_first_left @ T_left_rb))
+        estimates = Estimates.of(Trajectory.from_poses(stamped), lost)
+        score = score_trajectory(estimates, sequence.ground_truth, scoring).score
+        found["accuracy"] = {
+            text: {"count": part.count, **{name: getattr(part, name).mean_plus_3sigma for name in FIGURES}}
+            for text, part in zip(scoring.conditions, score.conditions, strict=True)
+        }
         return found
 
     given = PassInput(
@@ -133,36 +148,6 @@ def compare_localisers(
         rate_hz / recorded_hz,
     )
     return head | _compared(methods, config, given, figures, repeat, progress)
-
-
-def trajectory_errors(
-    poses: Sequence[Transform | None],
-    stamps_ns: Sequence[int],
-    sequence: LocSequence,
-    T_ds_rb: Transform,
-    scoring: TrajectoryScoreConfig,
-) -> dict[str, Figures]:
-    """Return number of sub-trajectories and mean + 3 sigma of each error (m, deg), by condition.
-
-    Poses are of the left camera in its first one; where None, the last known one counts. `T_ds_rb` is the first of RB.
-    """
-    truth, rig = sequence.ground_truth, sequence.rig
-    assert truth is not None
-    if rig.T_rb_sb is None:  # the stereo rig's own frame stands for the rover's
-        rig = replace(rig, T_rb_sb=Transform.identity())
-    T_ds_first, T_left_rb = T_ds_rb @ rig.T_rb_left, rig.T_rb_left.inverse()
-    last = T_ds_first @ T_left_rb
-    stamped = []
-    for stamp_ns, pose in zip(stamps_ns, poses, strict=True):
-        if pose is not None:
-            last = T_ds_first @ pose @ T_left_rb
-        stamped.append((stamp_ns, last))
-    lost = np.array([pose is None for pose in poses], np.bool_)
-    score = score_trajectory(Estimates.of(Trajectory.from_poses(stamped), lost), truth, scoring).score
-    return {
-        text: {"count": part.count, **{name: getattr(part, name).mean_plus_3sigma for name in FIGURES}}
-        for text, part in zip(scoring.conditions, score.conditions, strict=True)
-    }
 
 
 def compare_mappers(
