@@ -200,27 +200,22 @@ PEBBLE = np.dtype([(name, np.float64) for name in (
 outline coordinates; shift of the shadow in these; skew; tone; tilt; share of filled cells from which on it exists."""
 
 
-class ShadowDirection(NamedTuple):
-    """Where shadows fall."""
-
-    x: float  #: East component of the unit vector in plan towards the sun.
-    y: float  #: North component.
-    length_per_height: float  #: Length of a shadow over the height of what casts it.
-
-    @classmethod
-    def of(cls, sun: FloatArray) -> ShadowDirection:
-        """Return the direction for a unit vector `(3,)` towards the sun, DS."""
-        level = math.hypot(sun[0], sun[1])
-        return cls(float(sun[0] / max(level, 1e-6)), float(sun[1] / max(level, 1e-6)), float(max(level, 1e-3) / sun[2]))
-
-
 class PebbleField(NamedTuple):
     """What all pebbles of a world have in common."""
 
     fill: float  #: Largest share of filled cells on any ground, 0 to 1.
     bump: float  #: Strength of their relief.
-    shadow: ShadowDirection  #: Where their shadows fall.
     seed: np.uint32  #: Seed of the ground.
+    sun_x: float  #: East component of the unit vector in plan towards the sun.
+    sun_y: float  #: North component.
+    shadow_per_height: float  #: Length of a shadow over the height of what casts it.
+
+    @classmethod
+    def of(cls, fill: float, bump: float, seed: np.uint32, sun: FloatArray) -> PebbleField:
+        """Return the field in the light of a sun towards which a unit vector `(3,)` points, DS."""
+        level = math.hypot(sun[0], sun[1])
+        sun_x, sun_y = (float(part / max(level, 1e-6)) for part in sun[:2])
+        return cls(fill, bump, seed, sun_x, sun_y, float(max(level, 1e-3) / sun[2]))
 
 
 class PebbleCache(NamedTuple):
@@ -323,7 +318,7 @@ def _scatter(i0: np.int32, j0: np.int32, k: int, field: PebbleField, out: NDArra
         h1, h2, h3 = mix(h ^ np.uint32(0x51ED27)), mix(h ^ np.uint32(0x2F6E2B)), mix(h ^ np.uint32(0x6C8E94))
         a = 0.16 + 0.26 * _byte(h1, 2) * _byte(h2, 3)
         b = a * (0.5 + 0.5 * _byte(h1, 3))
-        throw = 0.5 * min(0.5 * max(field.shadow.length_per_height, 0.1) * b, 0.45)
+        throw = 0.5 * min(0.5 * max(field.shadow_per_height, 0.1) * b, 0.45)
         ca, sa = _COSINES[h2 & np.uint32(255)], _SINES[h2 & np.uint32(255)]
         skew = 1.3 * (_byte(h2, 1) - 0.5)
         pebble.x, pebble.y = i + 0.25 + 0.5 * _byte(h1, 0), j + 0.25 + 0.5 * _byte(h1, 1)
@@ -332,8 +327,8 @@ def _scatter(i0: np.int32, j0: np.int32, k: int, field: PebbleField, out: NDArra
         px, py = ca * by_a + 0.5 * skew * qx, sa * by_a + 0.5 * skew * qy
         pebble.reach, pebble.inverse_b = 1.6 * a + throw, by_b
         pebble.px, pebble.py, pebble.qx, pebble.qy = px, py, qx, qy
-        pebble.shadow_p = throw * (px * field.shadow.x + py * field.shadow.y)
-        pebble.shadow_q = throw * (qx * field.shadow.x + qy * field.shadow.y)
+        pebble.shadow_p = throw * (px * field.sun_x + py * field.sun_y)
+        pebble.shadow_q = throw * (qx * field.sun_x + qy * field.sun_y)
         pebble.skew = skew
         pebble.tone = 0.55 * (_byte(h3, 0) - 0.45) + 0.3 * (_byte(h3, 3) - 0.5)
         pebble.tilt_x, pebble.tilt_y = _byte(h3, 1) - 0.5, _byte(h3, 2) - 0.5

@@ -17,8 +17,8 @@ from sfr_loc_map.jit import jit, jit_inline
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.noise import hash2, mix, unit, value2, value3
 from sfr_loc_map.simulation.renderer import GROUND, SKY, Hits
-from sfr_loc_map.simulation.rocks import PebbleCache, PebbleField, ShadowDirection, pebble_cache, pebbles
-from sfr_loc_map.simulation.terrain import MaterialShares, Terrain, materials, smooth_step
+from sfr_loc_map.simulation.rocks import PebbleCache, PebbleField, pebble_cache, pebbles
+from sfr_loc_map.simulation.terrain import Terrain, TerrainParameters, materials, smooth_step
 
 UNMESHED_M = 0.12
 UNMESHED_PER_RANGE = 0.03
@@ -58,9 +58,7 @@ def fade_of(length: float, footprint: float) -> float:
 
 
 @jit
-def ground_texture(
-    count: int, hits: GroundHits, bump: float, shares: MaterialShares, seed: np.uint32, out: GroundTexture
-) -> None:
+def ground_texture(count: int, hits: GroundHits, bump: float, terrain: TerrainParameters, out: GroundTexture) -> None:
     """Write materials, tone and slopes of the fine structure: octaves from 3 m down to the footprint.
 
     Waves too short for the triangles of the ground show as slopes; those shorter than `GRAIN_M` are grains. The slopes
@@ -71,8 +69,8 @@ def ground_texture(
     x, y, ranges, footprints = hits.x, hits.y, hits.range, hits.footprint
     tone, sx, sy, grain = out.tone, out.slope_x, out.slope_y, out.grain
     for n in range(count):
-        out.sand[n], out.gravel[n], out.rock[n] = materials(x[n], y[n], shares, seed)
-    finest = np.inf
+        out.sand[n], out.gravel[n], out.rock[n] = materials(x[n], y[n], terrain)
+    finest, seed = np.inf, terrain.seed
     for n in range(count):
         tone[n], sx[n], sy[n] = 0.0, 0.0, 0.0
         grain[n] = 0.5 * out.sand[n] + out.gravel[n] + 0.65 * out.rock[n]
@@ -123,50 +121,39 @@ def plates(x: float, y: float, footprint: float, seed: np.uint32) -> tuple[float
     return crack, 0.16 * (unit(tilt) - 0.5), 0.16 * (unit(mix(tilt)) - 0.5)
 
 
-class Surface(NamedTuple):
-    """Appearance of ground and rocks."""
+class ShadingParameters(NamedTuple):
+    """Appearance of ground and rocks, sun, sky and air; the names of the configuration stand for the same."""
 
     albedo: float  #: Mean reflectance of the ground.
     contrast: float  #: Strength of the changes of reflectance.
     bump: float  #: Strength of the fine relief.
-    pebbles: float  #: Fill of gravel with pebbles.
     lunar: float  #: Share of Lommel-Seeliger against Lambert reflection.
-    rock_albedo: float  #: Mean reflectance of rocks.
-
-
-class Light(NamedTuple):
-    """Sun, sky and air."""
-
-    sun_x: float  #: Unit vector towards the sun, DS.
-    sun_y: float  #: Unit vector towards the sun, DS.
-    sun_z: float  #: Unit vector towards the sun, DS.
-    shadow: ShadowDirection  #: Where shadows fall.
     sky: float  #: Light of the sky on level ground, the overhead sun being 1.
     sky_grey: float  #: Brightness of the sky above the horizon.
     haze_m: float  #: Distance at which haze has taken 63 % of the contrast.
+    rock_albedo: float  #: Mean reflectance of rocks.
+    sun_x: float  #: Unit vector towards the sun, DS.
+    sun_y: float  #: Unit vector towards the sun, DS.
+    sun_z: float  #: Unit vector towards the sun, DS.
     gain: float  #: Factor that gives level mean ground in the sun a brightness of 1.
     target: float  #: Brightness of level mean ground in the image, as a share of the full range.
-
-
-class ShadingParameters(NamedTuple):
-    """All parameters of the shading."""
-
-    surface: Surface  #: Appearance of ground and rocks.
-    light: Light  #: Sun, sky and air.
-    shares: MaterialShares  #: Shares of materials.
-    seed: np.uint32  #: Seed of the ground.
+    field: PebbleField  #: The pebbles.
+    terrain: TerrainParameters  #: The ground.
 
 
 def shading_parameters(config: SimulationConfig, sun: FloatArray, terrain: Terrain) -> ShadingParameters:
     """Return the parameters of the shading, for a unit vector `(3,)` towards the sun."""
     ground, sky = config.ground, config.light
-    of_ground = (ground.albedo, ground.contrast, ground.bump, ground.pebbles, ground.lunar, config.rocks.albedo)
-    surface = Surface(*map(float, of_ground))
-    gain = 1.0 / (surface.albedo * (reflect(sun[2], 0.5, surface.lunar) * sun[2] + sky.sky))
-    x, y, z = map(float, sun)
-    of_sky = (sky.sky, sky.sky_grey, sky.haze_m, gain, config.sensor.target_grey)
-    light = Light(x, y, z, ShadowDirection.of(sun), *map(float, of_sky))
-    return ShadingParameters(surface, light, terrain.parameters.shares, terrain.parameters.seed)
+    names = ShadingParameters._fields
+    return ShadingParameters(
+        **{name: float(getattr(part, name)) for part in (ground, sky) for name in names if hasattr(part, name)},
+        **dict(zip(("sun_x", "sun_y", "sun_z"), map(float, sun), strict=True)),
+        rock_albedo=float(config.rocks.albedo),
+        gain=float(1.0 / (ground.albedo * (reflect(sun[2], 0.5, ground.lunar) * sun[2] + sky.sky))),
+        target=float(config.sensor.target_grey),
+        field=PebbleField.of(float(ground.pebbles), float(ground.bump), terrain.parameters.seed, sun),
+        terrain=terrain.parameters,
+    )
 
 
 @jit_inline
@@ -196,8 +183,7 @@ def shade(
     texture = GroundTexture(
         np.empty(RUN), np.empty(RUN), np.empty(RUN), np.empty(RUN), np.empty(RUN), np.empty(RUN), np.empty(RUN)
     )
-    surface, light, seed = parameters.surface, parameters.light, parameters.seed
-    field, cache = PebbleField(surface.pebbles, surface.bump, light.shadow, seed), pebble_cache()
+    cache, target = pebble_cache(), parameters.target
     for start in range(0, len(hits.objects), RUN):
         end = min(start + RUN, len(hits.objects))
         count = 0
@@ -207,25 +193,25 @@ def shade(
                 ground.x[count], ground.y[count] = hits.points[n, 0], hits.points[n, 1]
                 ground.footprint[count] = _footprint(hits.normals[n], rays[n], hits.ranges[n] * pixel_rad)
                 count += 1
-        ground_texture(count, ground, surface.bump, parameters.shares, seed, texture)
+        ground_texture(count, ground, parameters.bump, parameters.terrain, texture)
         for m in range(count):
             n = ground.ray[m]
-            albedo, sx, sy, sunlit = _ground(ground, texture, m, pixel_rad, surface, field, cache)
+            albedo, sx, sy, sunlit = _ground(ground, texture, m, pixel_rad, parameters, cache)
             normal = hits.normals[n]
             slanted = normal[0] - sx * normal[2], normal[1] - sy * normal[2], normal[2]
             mu = _emission_cosine(normal, rays[n])
-            out[n] = _brightness(slanted, mu, hits.ranges[n], light.target * albedo, sunlit, lit[n], parameters)
+            out[n] = _brightness(slanted, mu, hits.ranges[n], target * albedo, sunlit, lit[n], parameters)
         for n in range(start, end):
             if hits.objects[n] == SKY:
                 up = max(rays[n, 2], 0.0)
-                out[n] = light.sky_grey * (1.0 - 0.25 * up + 0.06 * math.exp(-12.0 * up))
+                out[n] = parameters.sky_grey * (1.0 - 0.25 * up + 0.06 * math.exp(-12.0 * up))
             elif hits.objects[n] != GROUND:
                 normal = hits.normals[n]
                 footprint = _footprint(normal, rays[n], hits.ranges[n] * pixel_rad)
-                albedo, bump = _stone(hits.points[n], footprint, hits.objects[n], surface, seed)
+                albedo, bump = _stone(hits.points[n], footprint, hits.objects[n], parameters)
                 slanted = _bumped(normal, bump)
                 mu = _emission_cosine(normal, rays[n])
-                out[n] = _brightness(slanted, mu, hits.ranges[n], light.target * albedo, 1.0, lit[n], parameters)
+                out[n] = _brightness(slanted, mu, hits.ranges[n], target * albedo, 1.0, lit[n], parameters)
 
 
 @jit_inline
@@ -260,15 +246,14 @@ def _brightness(
     normal: Vector, mu: float, distance: float, albedo: float, sunlit: float, lit: float, parameters: ShadingParameters
 ) -> float:
     """Return the brightness of a surface in the light of sun and sky, through the haze."""
-    light = parameters.light
     nx, ny, nz = normal
     length = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
     nx, ny, nz = nx * length, ny * length, nz * length
-    mu0 = max(nx * light.sun_x + ny * light.sun_y + nz * light.sun_z, 0.0)
-    direct = reflect(mu0, mu, parameters.surface.lunar) * mu0 * sunlit * lit
-    open_sky = light.sky * (0.55 + 0.45 * nz) * (0.6 + 0.4 * sunlit)
-    clear = math.exp(-distance / light.haze_m)
-    return float(light.gain * albedo * (direct + open_sky) * clear + (1.0 - clear) * 0.9 * light.sky_grey)
+    mu0 = max(nx * parameters.sun_x + ny * parameters.sun_y + nz * parameters.sun_z, 0.0)
+    direct = reflect(mu0, mu, parameters.lunar) * mu0 * sunlit * lit
+    open_sky = parameters.sky * (0.55 + 0.45 * nz) * (0.6 + 0.4 * sunlit)
+    clear = math.exp(-distance / parameters.haze_m)
+    return float(parameters.gain * albedo * (direct + open_sky) * clear + (1.0 - clear) * 0.9 * parameters.sky_grey)
 
 
 @jit_inline
@@ -277,8 +262,7 @@ def _ground(
     texture: GroundTexture,
     m: int,
     pixel_rad: float,
-    surface: Surface,
-    field: PebbleField,
+    parameters: ShadingParameters,
     cache: PebbleCache,
 ) -> tuple[float, float, float, float]:
     """Return reflectance, slopes of the fine relief, and the share of the sun that pebbles leave, of one hit."""
@@ -286,24 +270,24 @@ def _ground(
     sand, gravel, rock = texture.sand[m], texture.gravel[m], texture.rock[m]
     tone, sx, sy = texture.tone[m], texture.slope_x[m], texture.slope_y[m]
     tone = 0.85 * tone + 0.10 * sand + 0.14 * rock - 0.10 * gravel
-    sunlit = 1.0
+    sunlit, bump, field = 1.0, parameters.bump, parameters.field
     if rock > 0.02:
         crack, cx, cy = plates(x, y, footprint, field.seed)
         tone -= 0.9 * rock * rock * rock * crack
-        sx, sy = sx + rock * cx * surface.bump, sy + rock * cy * surface.bump
-    fill = surface.pebbles * (gravel + 0.05 * sand + 0.12 * rock)
+        sx, sy = sx + rock * cx * bump, sy + rock * cy * bump
+    fill = field.fill * (gravel + 0.05 * sand + 0.12 * rock)
     cover, grey, px, py, shadow = pebbles(x, y, small, fill, field, cache)
     if cover > 0.0 or shadow > 0.0:
         tone = (1.0 - cover) * tone + cover * grey
         sx, sy = (1.0 - cover) * sx + cover * px, (1.0 - cover) * sy + cover * py
         sunlit = 1.0 - (1.0 - cover) * shadow
-    return surface.albedo * math.exp(min(max(surface.contrast * tone, -1.6), 1.2)), sx, sy, sunlit
+    return parameters.albedo * math.exp(min(max(parameters.contrast * tone, -1.6), 1.2)), sx, sy, sunlit
 
 
 @jit
-def _stone(point: FloatArray, footprint: float, number: int, surface: Surface, seed: np.uint32) -> tuple[float, Vector]:
+def _stone(point: FloatArray, footprint: float, number: int, parameters: ShadingParameters) -> tuple[float, Vector]:
     """Return reflectance and bump gradient of a rock's surface."""
-    x, y, z = point[0], point[1], point[2]
+    x, y, z, seed = point[0], point[1], point[2], parameters.terrain.seed
     h = mix(np.uint32(number) ^ seed ^ _STONE)
     tone = 0.5 * (unit(h) - 0.5)
     gx, gy, gz = 0.0, 0.0, 0.0
@@ -314,9 +298,9 @@ def _stone(point: FloatArray, footprint: float, number: int, surface: Surface, s
             break
         v, a, b, c = value3(x / length + 0.41 * k, y / length + 0.17 * k, z / length, seed ^ _STONE ^ np.uint32(k))
         tone += 0.16 * fade * v
-        slope = 0.13 * fade * surface.bump
+        slope = 0.13 * fade * parameters.bump
         gx, gy, gz = gx + slope * b, gy + slope * c, gz + slope * a  # not the tone's own gradient, as for the ground
         length *= 0.5
     dust = smooth_step(0.75, 1.0, 0.5 + 0.5 * unit(mix(h)))
-    reflectance = surface.rock_albedo * math.exp(min(max(surface.contrast * (tone + 0.2 * dust), -1.5), 1.2))
+    reflectance = parameters.rock_albedo * math.exp(min(max(parameters.contrast * (tone + 0.2 * dust), -1.5), 1.2))
     return reflectance, (gx, gy, gz)

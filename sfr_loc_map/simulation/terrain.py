@@ -22,15 +22,8 @@ OCTAVE_ANGLE = 0.6435
 _HILL, _RELIEF, _RIPPLE, _CRATER, _SAND, _ROCK = (np.uint32(k) for k in (11, 22, 33, 44, 55, 66))
 
 
-class MaterialShares(NamedTuple):
-    """Shares of the ground by material; the rest is sand."""
-
-    gravel: float  #: Share with dense pebbles.
-    bedrock: float  #: Share of bare rock.
-
-
 class TerrainParameters(NamedTuple):
-    """The shape of the ground as kernels take it; the names of `ReliefConfig` stand for the same."""
+    """The ground as kernels take it; the names of `ReliefConfig` and `GroundConfig` stand for the same."""
 
     relief_m: float  #: Standard deviation of the rolling relief.
     relief_length_m: float  #: Longest wavelength of the relief.
@@ -45,7 +38,8 @@ class TerrainParameters(NamedTuple):
     rim_x_m: float  #: East coordinate of its centre in DS.
     rim_y_m: float  #: North coordinate of its centre in DS.
     gradient: float  #: Rise per metre to the east.
-    shares: MaterialShares  #: Shares of materials.
+    gravel: float  #: Share with dense pebbles.
+    bedrock: float  #: Share of bare rock; the rest is sand.
     seed: np.uint32  #: 32 bits.
 
     @classmethod
@@ -53,11 +47,15 @@ class TerrainParameters(NamedTuple):
         """Return the parameters of a configuration."""
         azimuth, number = math.radians(terrain.ripple_azimuth_deg), 2.0 * math.pi
         return cls(
-            **{name: float(getattr(terrain, name)) for name in cls._fields if hasattr(terrain, name)},
+            **{
+                name: float(getattr(part, name))
+                for part in (terrain, ground)
+                for name in cls._fields
+                if hasattr(part, name)
+            },
             gradient=math.tan(math.radians(terrain.slope_deg)),
             ripple_wave_x=number * math.cos(azimuth) / terrain.ripple_length_m,
             ripple_wave_y=number * math.sin(azimuth) / terrain.ripple_length_m,
-            shares=MaterialShares(float(ground.gravel), float(ground.bedrock)),
             seed=sub_seed(seed, 1),
         )
 
@@ -89,8 +87,9 @@ def smooth_step(low: float, high: float, value: float) -> float:
 
 
 @jit_inline
-def materials(x: float, y: float, shares: MaterialShares, seed: np.uint32) -> tuple[float, float, float]:
+def materials(x: float, y: float, ground: TerrainParameters) -> tuple[float, float, float]:
     """Return the shares of sand, gravel and bedrock at a position; they add up to 1."""
+    bedrock, seed = ground.bedrock, ground.seed
     a = value2(x * 0.23 + 0.11 * y, y * 0.23 - 0.11 * x, seed ^ _SAND)[0]
     b = value2(x * 0.9 - 0.3 * y, y * 0.9 + 0.3 * x, seed ^ _SAND ^ np.uint32(1))[0]
     c = value2(x * 3.7 + 1.3 * y, y * 3.7 - 1.3 * x, seed ^ _SAND ^ np.uint32(2))[0]
@@ -98,9 +97,8 @@ def materials(x: float, y: float, shares: MaterialShares, seed: np.uint32) -> tu
     d = value2(x * 0.31 - 0.2 * y, y * 0.31 + 0.2 * x, seed ^ _ROCK)[0]
     e = value2(x * 1.9 + 0.5 * y, y * 1.9 - 0.5 * x, seed ^ _ROCK ^ np.uint32(1))[0]
     bare = 0.5 + 0.5 * d + 0.18 * e + 0.06 * c
-    bedrock = shares.bedrock
     rock = smooth_step(1.0 - bedrock - 0.06, 1.0 - bedrock + 0.06, bare) if bedrock > 0.0 else 0.0
-    gravel = smooth_step(1.0 - shares.gravel - 0.15, 1.0 - shares.gravel + 0.15, cover)
+    gravel = smooth_step(1.0 - ground.gravel - 0.15, 1.0 - ground.gravel + 0.15, cover)
     return (1.0 - rock) * (1.0 - gravel), (1.0 - rock) * gravel, rock
 
 
@@ -151,7 +149,7 @@ def _relief(x: float, y: float, spacing: float, parameters: TerrainParameters) -
 
 @jit
 def _ripples(x: float, y: float, parameters: TerrainParameters) -> float:
-    sand, seed = materials(x, y, parameters.shares, parameters.seed)[0], parameters.seed
+    sand, seed = materials(x, y, parameters)[0], parameters.seed
     if sand <= 0.0:
         return 0.0
     warp = 2.5 * value2(x * 0.5, y * 0.5, seed ^ _RIPPLE)[0] + 0.9 * value2(x * 1.7, y * 1.7, seed ^ _RIPPLE)[0]
