@@ -55,7 +55,7 @@ from sfr_loc_map.pipeline.scoring import (
     score_run,
 )
 from sfr_loc_map.report.page import load_score, overall_of, write_page
-from sfr_loc_map.report.path_figure import curves_of, path_figure
+from sfr_loc_map.report.path_figure import curves_of, path_plot
 from sfr_loc_map.report.plots import to_figure
 from sfr_loc_map.report.score_figures import score_figures
 from sfr_loc_map.report.score_tables import STATISTIC, keyed_conditions, map_error, score_markdown, summary_tables
@@ -147,7 +147,7 @@ class Trajectory(_Shown, trajectory_base.Trajectory):
     def plot(self, truth: trajectory_base.Trajectory | None = None, align: str = "none") -> Figure:
         """Return the path as a plotly figure, as `sfr plot` draws it; with the truth also the distance to it."""
         config = build(AlignedErrorConfig, {"align": align}, origin="align")
-        return path_figure(curves_of({"estimate": self}, truth, config))
+        return to_figure(path_plot(curves_of({"estimate": self}, truth, config)))
 
     def __iter__(self) -> Iterator[tuple[int, Transform]]:
         """Yield stamp (ns) and pose `T_ds_rb` of each pose."""

@@ -64,43 +64,33 @@ class Method:
 
 
 OUR_MODULE, ABOUT_OURS = "sfr_loc_map.methods.ours", "this suite's own, the default"
-BUILT_IN: dict[Task, dict[str, Method]] = {
-    Task.LOCALISATION: {
-        OURS: Method(
-            OURS, Task.LOCALISATION, MethodKind.BUILT_IN, CLASS_WORKER, f"{OUR_MODULE}:localiser",
-            background=True, about=ABOUT_OURS,
-        ),
-        "opencv": Method(
-            "opencv", Task.LOCALISATION, MethodKind.BUILT_IN, "opencv_odometry.py",
-            about="corners, optical flow, PnP from pair to pair",
-        ),
-    },
-    Task.MAPPING: {
-        OURS: Method(
-            OURS, Task.MAPPING, MethodKind.BUILT_IN, CLASS_WORKER, f"{OUR_MODULE}:mapper", about=ABOUT_OURS
-        ),
-        "sgbm": Method(
-            "sgbm", Task.MAPPING, MethodKind.BUILT_IN, "opencv_sgbm.py",
-            about="OpenCV's semi-global matching, three-way",
-        ),
-    },
-}  # fmt: skip
-PEERS: dict[Task, dict[str, Method]] = {
-    Task.LOCALISATION: {
-        "orbslam3": Method(
-            "orbslam3", Task.LOCALISATION, MethodKind.PEER, "peer_orbslam3.py", background=True,
-            modules=("pyorbslam3",), install="pip install pyorbslam3 opencv-python-headless",
-            needs_vocabulary=True,
-        )
-    },
-    Task.MAPPING: {
-        "pandora": Method(
-            "pandora", Task.MAPPING, MethodKind.PEER, "peer_pandora.py",
-            modules=("pandora", "pandora_plugin_libsgm"), install="pip install 'pandora[sgm]' opencv-python-headless",
-        )
-    },
-}  # fmt: skip
-"""Methods of `sfr bench` that a user may have installed in an interpreter of its own."""
+_NAMED = (
+    Method(
+        OURS, Task.LOCALISATION, MethodKind.BUILT_IN, CLASS_WORKER, f"{OUR_MODULE}:localiser", background=True,
+        about=ABOUT_OURS,
+    ),
+    Method(
+        "opencv", Task.LOCALISATION, MethodKind.BUILT_IN, "opencv_odometry.py",
+        about="corners, optical flow, PnP from pair to pair",
+    ),
+    Method(OURS, Task.MAPPING, MethodKind.BUILT_IN, CLASS_WORKER, f"{OUR_MODULE}:mapper", about=ABOUT_OURS),
+    Method(
+        "sgbm", Task.MAPPING, MethodKind.BUILT_IN, "opencv_sgbm.py", about="OpenCV's semi-global matching, three-way"
+    ),
+    Method(
+        "orbslam3", Task.LOCALISATION, MethodKind.PEER, "peer_orbslam3.py", background=True, needs_vocabulary=True,
+        modules=("pyorbslam3",), install="pip install pyorbslam3 opencv-python-headless",
+    ),
+    Method(
+        "pandora", Task.MAPPING, MethodKind.PEER, "peer_pandora.py",
+        modules=("pandora", "pandora_plugin_libsgm"), install="pip install 'pandora[sgm]' opencv-python-headless",
+    ),
+)  # fmt: skip
+BUILT_IN, PEERS = (
+    {task: {item.name: item for item in _NAMED if (item.task, item.kind) == (task, kind)} for task in Task}
+    for kind in (MethodKind.BUILT_IN, MethodKind.PEER)
+)
+"""Methods that have a name; peers are those of `sfr bench` that a user may have installed in another interpreter."""
 
 
 def config_text(path: Path | None) -> str:

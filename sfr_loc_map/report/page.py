@@ -27,17 +27,8 @@ from sfr_loc_map.report.score_tables import EXACT, glossary, name_of, score_tabl
 from sfr_loc_map.report.tables import METRE, OPEN, UNKNOWN, VERDICTS, Table, fitting, number, to_html
 
 TITLE = "Localisation and mapping report"
-FIRST_TABLES = (
-    "verdicts",
-    "pairs",
-    "failures",
-    "headline",
-    "covered",
-    "map-covered",
-    "readings",
-    "counts",
-    "groups",
-)  #: Tables before the figures.
+FIRST_TABLES = ("verdicts", "pairs", "failures", "headline", "covered", "map-covered", "readings", "counts", "groups")
+"""Tables before the figures."""
 TRUTH_ROLES, RESULT_ROLES = ("truth", "map_truth"), ("estimate", "cloud")
 NO_VERDICT, NO_VERDICT_ICON = "no verdict", "\u2013"
 MOST = 5  #: More than this is not to be looked at first.

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from itertools import cycle
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,12 +17,8 @@ from sfr_loc_map.inputs import NS_PER_S, printable
 from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.metrics.aligned_error import aligned_poses
 from sfr_loc_map.metrics.config import AlignedErrorConfig
-from sfr_loc_map.report.plots import Plot, Trace, axis, error_scale, line, scaled, to_figure
+from sfr_loc_map.report.plots import COLORS, Plot, Trace, axis, error_scale, line, scaled, to_figure
 
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
-
-COLOURS = ("one", "two", "three", "four", "five")
 TIME = "time, s"
 MOST_POINTS = 5000  #: Poses of a path that are drawn.
 
@@ -31,7 +27,7 @@ class Curve(NamedTuple):
     """One path: seconds since the first stamp of all, positions `(N, 3)` in m, distance to the truth where known."""
 
     name: str
-    colour: str  #: A name of the palette; `truth` for the truth alone.
+    colour: str  #: `@` and a name of the palette; `@truth` for the truth alone.
     seconds: FloatArray
     positions: FloatArray
     error_m: FloatArray | None = None
@@ -50,12 +46,11 @@ def curves_of(
     begin_ns = min(int(poses.stamps_ns.min()) for poses in given)
     drawn: list[tuple[str, str, Trajectory, FloatArray | None]] = []
     if truth is not None:
-        drawn.append(("truth", "truth", truth, None))
-    for (name, poses), colour in zip(trajectories.items(), cycle(COLOURS), strict=False):
+        drawn.append(("truth", "@truth", truth, None))
+    for (name, poses), colour in zip(trajectories.items(), cycle(COLORS), strict=False):
         paired = None if truth is None else aligned_poses(poses, truth, config)
-        drawn.append(
-            (name, colour, poses, None) if paired is None else (name, colour, paired.estimate, paired.errors_m())
-        )
+        shown = (poses, None) if paired is None else (paired.estimate, paired.errors_m())
+        drawn.append((name, colour, *shown))
     curves = []
     for name, colour, poses, error_m in drawn:
         every = slice(None, None, max(1, -(-len(poses) // MOST_POINTS)))
@@ -72,8 +67,8 @@ def path_plot(curves: Sequence[Curve]) -> Plot:
     )
     data: list[Trace] = []
     for curve in curves:
-        width = 3 if curve.colour == "truth" else 2
-        style: dict[str, Any] = {"color": f"@{curve.colour}", "width": width, "legendgroup": curve.colour}
+        width = 3 if curve.colour == "@truth" else 2
+        style: dict[str, Any] = {"color": curve.colour, "width": width, "legendgroup": curve.colour[1:]}
         name = escape(printable(curve.name))  # plotly reads some tags
         x, y, z = (scaled(column.tolist(), 1.0) for column in curve.positions.T)
         seconds = scaled(curve.seconds.tolist(), 1.0)
@@ -96,13 +91,8 @@ def path_plot(curves: Sequence[Curve]) -> Plot:
     return Plot("paths", "Trajectories", "", data, layout, height=900 if errors else 750, width="full")
 
 
-def path_figure(curves: Sequence[Curve]) -> Figure:
-    """Return the plotly figure of some paths."""
-    return to_figure(path_plot(curves))
-
-
 def save_path_html(curves: Sequence[Curve], path: Path) -> None:
     """Write the figure as a page that needs no network; raises OutputError if it cannot be written."""
-    figure = path_figure(curves).to_html(full_html=False, include_plotlyjs=True)
+    figure = to_figure(path_plot(curves)).to_html(full_html=False, include_plotlyjs=True)
     head = '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>Trajectories</title></head>'
     write_text(f"{head}<body>{figure}</body></html>\n", path)

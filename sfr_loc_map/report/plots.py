@@ -25,11 +25,6 @@ PALETTE = {
     "three": "#007a5a",
     "four": "#8a6d00",
     "five": "#a3437b",
-    "one-soft": "rgba(0,103,168,0.16)",
-    "two-soft": "rgba(193,74,0,0.16)",
-    "three-soft": "rgba(0,122,90,0.16)",
-    "four-soft": "rgba(138,109,0,0.16)",
-    "five-soft": "rgba(163,67,123,0.16)",
     "bad": "#b3001b",
     "faint": "rgba(87,96,106,0.35)",
     "chosen": "#e69f00",
@@ -40,6 +35,7 @@ PALETTE = {
     "zero": "#8c959f",
     "sequential": "Viridis",
 }
+PALETTE |= {f"{name[1:]}-soft": f"rgba{(*bytes.fromhex(PALETTE[name[1:]][1:]), 0.16)}" for name in COLORS}
 """Colours by name: those of the light theme of `templates/page.js` (Okabe and Ito)."""
 
 

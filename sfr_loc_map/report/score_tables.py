@@ -245,10 +245,8 @@ def headline_table(score: Score) -> Table | None:
             del names["chord"]
         for name, unit in names.items():
             fitted = name == "position" and condition.rebase.is_fit
-            figure, title = (
-                f"{name}_{unit.symbol}",
-                f"{FITTED if fitted else f'{name} error'} over {condition.condition}",
-            )
+            figure = f"{name}_{unit.symbol}"
+            title = f"{FITTED if fitted else f'{name} error'} over {condition.condition}"
             shown.append((title, unit, getattr(condition, figure), f"{key}.{figure}", _count(condition, key)))
     if part is not None:
         note += f"{part.matched} frames of {part.estimate_poses} estimates, {part.lost} lost, "
@@ -507,9 +505,8 @@ def _stage_table(score: Score) -> Table | None:
         for stage, times in calls.stages.items():
             key = f"timing.{kind}_s.stages.{stage}"
             rows.append((Cell.head(f"{kind.words}: {stage}"), *_figures(times, names, key, unit), _count(times, key)))
-    note = (
-        "Over the calls that had the stage. Keyframe: in a thread of its own; the next call waits for the rest (wait)."
-    )
+    note = "Over the calls that had the stage. "
+    note += "Keyframe: in a thread of its own; the next call waits for the rest (wait)."
     columns = (Column("stage", words=True), *_columns(names, unit), Column("n"))
     return Table("stages", "Time of stages", columns, tuple(rows), note)
 
