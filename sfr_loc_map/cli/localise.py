@@ -50,16 +50,8 @@ def localise(
     from sfr_loc_map.io.sequence import drive_of
     from sfr_loc_map.io.trajectory_file import FILE_SUFFIXES, files_written, save_trajectory
     from sfr_loc_map.methods.registry import record_of_ours
+    from sfr_loc_map.pipeline import offline
     from sfr_loc_map.pipeline.call_stats import save_stats
-    from sfr_loc_map.pipeline.offline import localise as localise_with_ours
-    from sfr_loc_map.pipeline.offline import (
-        localise_with,
-        start_pose,
-        states_text,
-        track_video,
-        tracking_warning,
-        trajectory_of,
-    )
 
     check_suffix(output, FILE_SUFFIXES)
     check_outputs(*files_written(output), stats, video, overwrite=overwrite, inputs=(source,))
@@ -70,28 +62,28 @@ def localise(
     parameters, sequence = read_config(LocalisationConfig, config, "localisation"), drive_of(opened)
     done: list[tuple[PoseEstimate, CallRecord]]
     with ExitStack() as film, naming(source):
-        first_pose = start_pose(sequence, start)
+        first_pose = offline.start_pose(sequence, start)
         truth = source if sequence.ground_truth is not None else "TRUTH"
         if theirs is None:
             about = record_of_ours(Task.LOCALISATION)
-            watch = None if video is None else film.enter_context(track_video(video, sequence.rig))
-            done = _finished(localise_with_ours(sequence, parameters, first_pose, watch), len(sequence))
+            watch = None if video is None else film.enter_context(offline.track_video(video, sequence.rig))
+            done = _finished(offline.localise(sequence, parameters, first_pose, watch), len(sequence))
         else:
-            results = localise_with(theirs, sequence, first_pose.T_ds_rb, under_test.limits, [source])
+            results = offline.localise_with(theirs, sequence, first_pose.T_ds_rb, under_test.limits, [source])
             given = _finished(results, len(sequence))
             done, about = [(estimate, record) for estimate, record, _ in given], given[-1][2]
         records = [record for _, record in done]
-        save_trajectory(output, trajectory_of(estimate for estimate, _ in done))
+        save_trajectory(output, offline.trajectory_of(estimate for estimate, _ in done))
         with beside():
             film.close()
     if stats is not None:
         with beside():
             save_stats(stats, records, about)
-    say(f"{len(done)} poses, {states_text(records)}: {output}", err=True)
+    say(f"{len(done)} poses, {offline.states_text(records)}: {output}", err=True)
     more = (("--stats", stats), ("--config", under_test.config if under_test.is_ours else None))
     again = [word for option, file in more if file is not None for word in (option, file)]
     propose("sfr", "score", output, truth, *again, why="against the truth")
-    if (text := tracking_warning(records, source)) is not None:
+    if (text := offline.tracking_warning(records, source)) is not None:
         warn(text)
     if len(done) < len(sequence):
         raise InterruptedRunError(f"interrupted: {len(done)} of {len(sequence)} pairs were localised, and written")

@@ -67,7 +67,15 @@ def init(
     make_folder(folder, "name")
     configuration, limits = folder / "configuration.yaml", folder / "limits.yaml"
     check_outputs(configuration, limits, overwrite=overwrite)
-    write_text(_configuration_text(), configuration)
+    lines = [
+        "# Parameters of localiser and mapper: [unit] (smallest .. largest), at their defaults. Change what you need,",
+        "# delete what you do not: a parameter that is missing has its default. Taken by",
+        "#   sfr localise SRC -o T.csv --config FILE, sfr map SRC -o C.ply --config FILE, sfr replay SRC --config FILE",
+        "# The nodes have more: config/localisation.yaml, config/mapping.yaml and config/monitor.yaml of the package.",
+    ]
+    for name, config_type in (("localisation", LocalisationConfig), ("mapping", MappingConfig)):
+        lines += ["", f"{name}:", *to_yaml_lines(config_type, "  ")]
+    write_text("\n".join(lines) + "\n", configuration)
     write_text(_limits_text(), limits)
     say(f"configuration: {configuration}")
     say(f"limits: {limits}")
@@ -85,7 +93,9 @@ def _init_from(source: Path, folder: Path, intake: IntakeOptions, *, overwrite: 
     found = propose_config(source, intake.sections(None), path)
     make_folder(folder, "name")
     if "limits" not in found.sections:
-        kept = limits.exists() and not _is_placeholder(limits.read_text(encoding="utf-8", errors="replace"))
+        there = limits.read_text(encoding="utf-8", errors="replace") if limits.exists() else ""
+        condition = (re.findall("- condition: (.*)", there) or [""])[0]
+        kept = limits.exists() and there not in (_limits_text(condition, active) for active in (POSES, POSITIONS))
         found.sections["limits"] = limits.name
         found.reasons["limits"] = "it was there, and is kept" if kept else "placeholders: write those of your document"
         if not kept:
@@ -124,24 +134,6 @@ def methods(
     rows = tuple(tuple(Cell(text or "-") for text in item.values()) for item in found)
     columns = tuple(Column(title, words=True) for title in ("task", "method", "version", "kind", ""))
     show({"methods": found}, json_path, [Table("methods", "Methods", columns, rows)])
-
-
-def _configuration_text() -> str:
-    lines = [
-        "# Parameters of localiser and mapper: [unit] (smallest .. largest), at their defaults. Change what you need,",
-        "# delete what you do not: a parameter that is missing has its default. Taken by",
-        "#   sfr localise SRC -o T.csv --config FILE, sfr map SRC -o C.ply --config FILE, sfr replay SRC --config FILE",
-        "# The nodes have more: config/localisation.yaml, config/mapping.yaml and config/monitor.yaml of the package.",
-    ]
-    for name, config_type in (("localisation", LocalisationConfig), ("mapping", MappingConfig)):
-        lines += ["", f"{name}:", *to_yaml_lines(config_type, "  ")]
-    return "\n".join(lines) + "\n"
-
-
-def _is_placeholder(text: str) -> bool:
-    """Tell whether a limits file is still as it was written here."""
-    found = re.search("- condition: (.*)", text)
-    return found is not None and text in (_limits_text(found[1], POSES), _limits_text(found[1], POSITIONS))
 
 
 def _limits_text(condition: str = CONDITION, active: tuple[str, ...] = POSES) -> str:

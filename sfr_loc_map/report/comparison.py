@@ -13,24 +13,8 @@ from sfr_loc_map.metrics.comparison import SIGNIFICANT, Comparison
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.limits import value_at
 from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.report import plots
 from sfr_loc_map.report.page import overall_of
-from sfr_loc_map.report.plots import (
-    COLORS,
-    TRAVELLED,
-    Plot,
-    Trace,
-    axis,
-    error_scale,
-    from_above,
-    largest,
-    line,
-    line_style,
-    log_axis,
-    marks,
-    scaled,
-    segments,
-    span,
-)
 from sfr_loc_map.report.score_figures import growth, path_errors
 from sfr_loc_map.report.score_tables import UNTOLD, convention_text, map_error
 from sfr_loc_map.report.tables import ABSENT, MARKS, NONE, Cell, Column, Row, Table, Unit, fitting, number
@@ -209,7 +193,7 @@ def _provenance(named: Named) -> Table:
 # ---- figures of methods
 
 
-def methods_figures(scores: Sequence[Score], names: Sequence[str]) -> list[tuple[str, list[Plot]]]:
+def methods_figures(scores: Sequence[Score], names: Sequence[str]) -> list[tuple[str, list[plots.Plot]]]:
     """Return the figures by heading, as far as the scores have their data."""
     named = [(plain(name), score) for name, score in zip(names, scores, strict=True)]
     groups = (
@@ -217,7 +201,7 @@ def methods_figures(scores: Sequence[Score], names: Sequence[str]) -> list[tuple
         ("Cost against accuracy", [*_cost(named, CallKind.LOCALISATION), *_cost(named, CallKind.MAPPING)]),
         ("Maps", _over_range(named)),
     )
-    return [(title, plots) for title, plots in groups if plots]
+    return [(title, figures) for title, figures in groups if figures]
 
 
 def plain(name: str) -> str:
@@ -225,31 +209,36 @@ def plain(name: str) -> str:
     return re.sub(r"[^\w .:/+()-]", "_", name)[:60]
 
 
-def _paths(named: Named) -> list[Plot]:
+def _paths(named: Named) -> list[plots.Plot]:
     paths = [(k, name, value_at(score, "details.trajectory.path")) for k, (name, score) in enumerate(named)]
     known = [
-        (line_style(k), name, path, path_errors(path)[-1])
+        (plots.line_style(k), name, path, path_errors(path)[-1])
         for k, name, path in paths
         if path is not None and path.stamp_ns
     ]
     if not known:
         return []
     longest = max((path for _, _, path, _ in known), key=lambda path: len(path.stamp_ns))
-    above: list[Trace] = [line("truth", (longest.truth_x_m, longest.truth_y_m), "@truth", width=3)]
-    errors: list[Trace] = []
-    factor, unit = error_scale(largest(*(size for *_, size in known)))
+    above: list[plots.Trace] = [plots.line("truth", (longest.truth_x_m, longest.truth_y_m), "@truth", width=3)]
+    errors: list[plots.Trace] = []
+    factor, unit = plots.error_scale(plots.largest(*(size for *_, size in known)))
     for style, name, path, size in known:
-        above.append(line(name, (path.estimate_x_m, path.estimate_y_m), width=1.5, **style))
-        errors.append(line(name, (path.travelled_m, scaled(size, factor)), **style))
-    upright = axis(f"size of estimate - truth, {unit}", rangemode="tozero")
-    over, caption = {"xaxis": axis(TRAVELLED), "yaxis": upright}, "Since the first frame, without re-basing."
+        above.append(plots.line(name, (path.estimate_x_m, path.estimate_y_m), width=1.5, **style))
+        errors.append(plots.line(name, (path.travelled_m, plots.scaled(size, factor)), **style))
+    upright = plots.axis(f"size of estimate - truth, {unit}", rangemode="tozero")
+    over, caption = (
+        {"xaxis": plots.axis(plots.TRAVELLED), "yaxis": upright},
+        "Since the first frame, without re-basing.",
+    )
     return [
-        Plot("paths", "Trajectories from above", "Equal axes.", above, from_above(), height=560, width="full"),
-        Plot("errors", "Accumulated position error", caption, errors, over),
+        plots.Plot(
+            "paths", "Trajectories from above", "Equal axes.", above, plots.from_above(), height=560, width="full"
+        ),
+        plots.Plot("errors", "Accumulated position error", caption, errors, over),
     ]
 
 
-def _cost(named: Named, kind: CallKind) -> list[Plot]:
+def _cost(named: Named, kind: CallKind) -> list[plots.Plot]:
     data, times, errors = [], [], []
     for k, (name, score) in enumerate(named):
         calls, node = value_at(score, f"timing.{kind}"), score.external
@@ -260,24 +249,24 @@ def _cost(named: Named, kind: CallKind) -> list[Plot]:
             error = value_at(score, POSITION)
         if timed is None or not timed.p50 or not error:
             continue
-        color, symbol = line_style(k)["color"], SYMBOLS[k // len(COLORS) % len(SYMBOLS)]
+        color, symbol = plots.line_style(k)["color"], SYMBOLS[k // len(plots.COLORS) % len(SYMBOLS)]
         times.append(1e3 * timed.p50)
         errors.append(1e3 * error)
         label, symbol = (f"{name} (latency)", f"{symbol}-open") if is_latency else (name, symbol)
-        data.append(marks(label, ([times[-1]], [errors[-1]]), color, symbol=symbol, size=13, showlegend=True))
+        data.append(plots.marks(label, ([times[-1]], [errors[-1]]), color, symbol=symbol, size=13, showlegend=True))
     if not data:
         return []
     what = "position error" if kind is CallKind.LOCALISATION else "point error"
     layout = {
-        "xaxis": log_axis("median time of a call, ms", *span(times)),
-        "yaxis": log_axis(f"{what}, mean + 3 sigma, mm", *span(errors)),
+        "xaxis": plots.log_axis("median time of a call, ms", *plots.span(times)),
+        "yaxis": plots.log_axis(f"{what}, mean + 3 sigma, mm", *plots.span(errors)),
     }
     caption = "Lower left is better. Open marks: latency over topics, which has transport and waiting in it."
     title = f"Cost against accuracy: {kind}"
-    return [Plot(f"cost-{kind}", title, caption, data, layout, width="full", height=440)]
+    return [plots.Plot(f"cost-{kind}", title, caption, data, layout, width="full", height=440)]
 
 
-def _over_range(named: Named) -> list[Plot]:
+def _over_range(named: Named) -> list[plots.Plot]:
     data, values = [], []
     for k, (name, score) in enumerate(named):
         known = [
@@ -287,12 +276,12 @@ def _over_range(named: Named) -> list[Plot]:
         ]
         values += [value for _, value in known]
         if known:
-            levels = [([item.from_m, item.to_m], scaled([value] * 2, 1.0)) for item, value in known]
-            data.append(line(name, segments(levels), width=3, **line_style(k)))
+            levels = [([item.from_m, item.to_m], plots.scaled([value] * 2, 1.0)) for item, value in known]
+            data.append(plots.line(name, plots.segments(levels), width=3, **plots.line_style(k)))
     if not data:
         return []
     layout = {
-        "xaxis": axis("range from the left camera, m"),
-        "yaxis": log_axis("median point error, mm", *span(values)),
+        "xaxis": plots.axis("range from the left camera, m"),
+        "yaxis": plots.log_axis("median point error, mm", *plots.span(values)),
     }
-    return [Plot("map-ranges", "Point error over range", "Median of each range.", data, layout, width="full")]
+    return [plots.Plot("map-ranges", "Point error over range", "Median of each range.", data, layout, width="full")]

@@ -173,17 +173,31 @@ def path_errors(path: PathRows) -> list[list[float | None]]:
 
 
 def _top_view(path: PathRows, parts: list[Part]) -> Plot:
-    frames = [[k * path.every, str(stamp)] for k, stamp in enumerate(path.stamp_ns)]
+    numbered = [[k * path.every, str(stamp)] for k, stamp in enumerate(path.stamp_ns)]
     hover = "frame %{customdata[0]}<br>stamp %{customdata[1]} ns<br>x %{x:.3f} m, y %{y:.3f} m"
-    more = {"customdata": frames, "hovertemplate": hover}
+    more = {"customdata": numbered, "hovertemplate": hover}
     truth, estimate = (path.truth_x_m, path.truth_y_m), (path.estimate_x_m, path.estimate_y_m)
     data = [line("truth", truth, "@truth", width=3, **more), line("estimate", estimate, "@one", dash="dash", **more)]
     for name, flags in (("degraded", path.degraded), ("lost", path.lost)):
-        rows, (colour, symbol) = [k for k, value in enumerate(flags) if value], STATES[name]
-        if rows:
-            data.append(marks(name, [[column[k] for k in rows] for column in estimate], colour, symbol=symbol, size=8))
+        frames, (colour, symbol) = [k for k, value in enumerate(flags) if value], STATES[name]
+        if frames:
+            places = [[column[k] for k in frames] for column in estimate]
+            data.append(marks(name, places, colour, symbol=symbol, size=8))
     if parts:
-        data.append(_ends(path, parts[0].rows))
+        rows = parts[0].rows
+        factor, unit = error_scale(largest(error_sizes(rows)))
+        ends = [min(frame // path.every, len(path.stamp_ns) - 1) for frame in rows.end_frame]
+        places, sizes = [[column[k] for k in ends] for column in truth], scaled(error_sizes(rows), factor)
+        bar = colour_bar(f"error over {rows.condition}, {unit}")
+        style = {
+            "colorscale": "@sequential",
+            "showscale": True,
+            "colorbar": bar,
+            "line": {"color": "@ink", "width": 0.5},
+        }
+        said = f"{TRACE_BACK}<br>position error %{{marker.color:.4g}} {unit}<extra></extra>"
+        back = {"customdata": _traces_to(rows), "hovertemplate": said}
+        data.append(marks("ends of sub-trajectories", places, sizes, size=9, marker=style, **back))
     data.append(line("chosen sub-trajectory", ([], []), "@chosen", width=7, opacity=0.5, hoverinfo="skip"))
     data.append(marks("start", (truth[0][:1], truth[1][:1]), "@truth", symbol="star", size=13, hoverinfo="skip"))
     caption = (
@@ -191,22 +205,6 @@ def _top_view(path: PathRows, parts: list[Part]) -> Plot:
         "a sub-trajectory, here or in a figure below, shows its segment of the path."
     )
     return Plot("top-view", "Trajectory from above", caption, data, from_above(), height=560, width="full")
-
-
-def _ends(path: PathRows, rows: SubTrajectoryRows) -> Trace:
-    factor, unit = error_scale(largest(error_sizes(rows)))
-    ends = [min(frame // path.every, len(path.stamp_ns) - 1) for frame in rows.end_frame]
-    bar = colour_bar(f"error over {rows.condition}, {unit}")
-    style = {"colorscale": "@sequential", "showscale": True, "colorbar": bar, "line": {"color": "@ink", "width": 0.5}}
-    return marks(
-        "ends of sub-trajectories",
-        [[column[k] for k in ends] for column in (path.truth_x_m, path.truth_y_m)],
-        scaled(error_sizes(rows), factor),
-        size=9,
-        marker=style,
-        customdata=_traces_to(rows),
-        hovertemplate=f"{TRACE_BACK}<br>position error %{{marker.color:.4g}} {unit}<extra></extra>",
-    )
 
 
 def _along(path: PathRows) -> list[Plot]:

@@ -91,7 +91,10 @@ def render_test_report(scores: Sequence[Score], title: str = "") -> str:
         ],
         results=results,
         no_interval=NO_INTERVAL,
-        tables=[_tables(score, index) for index, score in enumerate(scores)],
+        tables=[
+            "".join(to_html(replace(table, name=f"{table.name}-{n}")) for table in judged_by if table.rows)
+            for n, judged_by in enumerate(((*covered_tables(item), readings_table(item)) for item in scores), 1)
+        ],
         deviations=_of_all(scores, _deviations),
         anomalies=_of_all(scores, _anomalies),
         open_points=_of_all(scores, _open_points),
@@ -156,11 +159,6 @@ def _results(score: Score, index: int, left_out: Collection[int]) -> Iterator[di
             "clause": clause_of(item.metric),
             "command": index + 1,
         }
-
-
-def _tables(score: Score, index: int) -> str:
-    tables = (*covered_tables(score), readings_table(score))
-    return "".join(to_html(replace(table, name=f"{table.name}-{index + 1}")) for table in tables if table.rows)
 
 
 def _deviations(score: Score) -> Iterator[str]:
