@@ -72,12 +72,19 @@ class _Group(TyperGroup):
         return sorted(names, key=lambda name: order.get(name, len(order))) if ctx.parent is None else names
 
 
+def help_without_command(context: typer.Context) -> None:
+    """Show the help where no subcommand is given."""
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+
+
 class App(typer.Typer):
     """A group of commands, whose parameters may be dataclasses of options."""
 
     def __init__(self, **settings: Any) -> None:  # noqa: ANN401 - those of typer
         names = {"help_option_names": ["-h", "--help"]}
         super().__init__(cls=_Group, pretty_exceptions_enable=False, context_settings=names, **settings)
+        self.callback(invoke_without_command=True)(help_without_command)
 
     def command(
         self,
@@ -151,12 +158,6 @@ def examples(*lines: str) -> str:
 
 
 app = App(help="Stereo localisation, terrain mapping and the metrics that evaluate them.", epilog=EXIT_CODES)
-
-
-def help_without_command(context: typer.Context) -> None:
-    """Show the help where no subcommand is given."""
-    if context.invoked_subcommand is None:
-        typer.echo(context.get_help())
 
 
 def _version(wanted: bool) -> None:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from typer import Option
 
-from sfr_loc_map.cli.app import App, examples, help_without_command
+from sfr_loc_map.cli.app import App, examples
 from sfr_loc_map.cli.options import (
     ConditionOption,
     ConfigOption,
@@ -29,7 +29,6 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 
 app = App(help="Methods beside each other: same input, same run, own processes. Ours with injected faults.")
-app.callback(invoke_without_command=True)(help_without_command)
 
 
 @dataclass(frozen=True, slots=True)

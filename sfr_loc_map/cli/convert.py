@@ -60,18 +60,24 @@ def convert(
 
     layout = None if to is None else Layout(to)
     options = ConvertOptions(jpeg_quality, compression == "zstd", truth_grid, layout)
-    is_cloud = source.suffix in CLOUDS and not source.is_dir()
-    if is_cloud:
+    if source.suffix in CLOUDS and not source.is_dir():
         if options != ConvertOptions() or remap:
             raise ConfigError(f"'{source}' is a cloud: of the options '--overwrite' alone is for clouds")
-        _convert_cloud(source, destination, overwrite=overwrite)
-        return
+        from sfr_loc_map.io.cloud_file import load_cloud, save_cloud
+
+        check_suffix(destination, CLOUDS)
+        check_outputs(destination, overwrite=overwrite, inputs=(source,))
+        cloud = load_cloud(source).cloud
+        if cloud is None:
+            raise InputError(f"cloud '{source}' does not say the pixel and pair of each point (u, v, pair): it stays")
+        save_cloud(destination, cloud)
+        say(f"{len(cloud)} points: {destination}", err=True)
+        return propose("sfr", "score", destination, "SRC", why="against the truth of the mapping pairs")
     is_poses = not source.is_dir() and source.suffix in FILE_SUFFIXES
     if is_poses or (layout is None and format_of_name(destination) is not None):
         if layout is not None:
             raise ConfigError(f"'--to {layout}' writes images: '{source}' is a trajectory alone")
-        _convert_trajectory(source, destination, remap, config, is_poses=is_poses, overwrite=overwrite)
-        return
+        return _convert_trajectory(source, destination, remap, config, is_poses=is_poses, overwrite=overwrite)
     room: AbstractContextManager[Path] = output_folder(destination, overwrite=overwrite, inputs=(source,))
     if is_pairs := destination.suffix == PAIRS and layout is None:
         if options != ConvertOptions():
@@ -128,16 +134,3 @@ def _convert_trajectory(
             count = convert_trajectory(poses, place)
         propose("sfr", "doctor", destination, why="is it complete")
     say(f"{count} poses: {destination}", err=True)
-
-
-def _convert_cloud(source: Path, destination: Path, *, overwrite: bool) -> None:
-    from sfr_loc_map.io.cloud_file import load_cloud, save_cloud
-
-    check_suffix(destination, CLOUDS)
-    check_outputs(destination, overwrite=overwrite, inputs=(source,))
-    cloud = load_cloud(source).cloud
-    if cloud is None:
-        raise InputError(f"cloud '{source}' does not say the pixel and pair of each point (u, v, pair): it stays")
-    save_cloud(destination, cloud)
-    say(f"{len(cloud)} points: {destination}", err=True)
-    propose("sfr", "score", destination, "SRC", why="against the truth of the mapping pairs")

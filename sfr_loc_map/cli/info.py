@@ -58,7 +58,9 @@ def info(
             }
             for topic in seen
         ]
-    rows = [(Cell.head(name), Cell(_shown(value))) for name, value in facts.items() if name != "topics"]
+    shown = {name: f"{value:.6g}" if isinstance(value, float) else value for name, value in facts.items()}
+    del shown["topics"]
+    rows = [(Cell.head(name), Cell("none" if value is None else str(value))) for name, value in shown.items()]
     tables = [Table("source", "Source", (Column("", words=True), Column("", words=True)), tuple(rows))]
     if facts["topics"]:
         columns = tuple(Column(name, words=True) for name in facts["topics"][0])
@@ -94,10 +96,6 @@ def _facts(source: Source) -> dict[str, Any]:
     if source.nav is not None:
         facts["mapping"] = f"{len(source.nav)} pairs, {_camera(source.nav.rig)}"
     return facts
-
-
-def _shown(value: object) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else "none" if value is None else str(value)
 
 
 def _camera(rig: StereoRig) -> str:

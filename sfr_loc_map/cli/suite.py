@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from sfr_loc_map.cli.app import App, examples, help_without_command, propose
+from sfr_loc_map.cli.app import App, examples, propose
 from sfr_loc_map.cli.app import app as root
 from sfr_loc_map.cli.options import JsonOption, LenientOption, OutputOptions, OverwriteOption
 from sfr_loc_map.cli.output import check_outputs, progress_bar, say, show
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from sfr_loc_map.suite.summary import Summary
 
 app = App(help="Suites of runs: many sources, configurations and faults, resumed where they stopped.")
-app.callback(invoke_without_command=True)(help_without_command)
 
 JunitOption = Annotated[Path | None, Option(metavar="F.xml", help="Write verdicts and failures as JUnit XML.")]
 MlflowOption = Annotated[str | None, Option(metavar="URI", help="Log it as a run of MLflow (extra [mlflow]).")]

@@ -197,10 +197,9 @@ def degraded(image: GreyImage, kind: FaultKind, amount: float, moment: Moment) -
     if kind is FaultKind.SATURATION:  # brighter until the brightest share of the image is clipped
         white = max(float(np.quantile(image, 1.0 - amount)), 1.0)
         return with_noise(255.0 / white * grey, READ_NOISE, moment.rng)
-    if kind is not FaultKind.BLINDED:
-        raise ValueError(f"no image is changed by {kind}")
     y, x = np.mgrid[:height, :width]
     r = np.hypot(x - moment.spot[0] * width, y - moment.spot[1] * height) / max(0.5 * amount * width, 1e-6)
+    # glare around a point
     glare = (255.0 * np.minimum(1.2, 1.2 / np.maximum(r, 1e-3) ** 3)).astype(np.float32)
     return as_grey(grey + glare)
 

@@ -73,7 +73,16 @@ def rock_meshes(seed: int, config: RockConfig, rocks: Rocks) -> list[Mesh]:
     """Return the triangles of placed rocks, those of one shape and level in a mesh."""
     rng = np.random.default_rng([seed, 3])
     count = len(rocks.diameters)
-    rotations = _random_rotations(rng, count)
+    # any heading, tilted by some 15 degrees, as rocks rest on flat sides
+    heading = rng.uniform(0, 2 * np.pi, count)
+    tilt = rng.normal(0, 0.26, (count, 2))
+    about = np.tile(np.eye(3), (3, count, 1, 1))
+    for axis, angle in enumerate((*tilt.T, heading)):
+        p, q = (axis + 1) % 3, (axis + 2) % 3
+        about[axis, :, p, p] = about[axis, :, q, q] = np.cos(angle)
+        about[axis, :, q, p] = np.sin(angle)
+        about[axis, :, p, q] = -about[axis, :, q, p]
+    rotations = about[0] @ about[1] @ about[2]
     shapes = rng.integers(0, SHAPES, count)
     axes = np.column_stack((np.ones(count), rng.uniform(0.6, 1.0, count), rng.uniform(0.4, 0.85, count)))
     sunk = np.clip(rng.normal(config.buried, 0.15, count), 0.05, 0.85)
@@ -116,19 +125,6 @@ def _scatter_rocks(
     diameter = 1.0 / (1.0 / low - rng.random(count) * (1.0 / low - 1.0 / high))
     kept = path_distance(position, path) < reach * (0.6 + 0.4 * rng.random(count))
     return np.asarray(np.column_stack((position, diameter))[kept])
-
-
-def _random_rotations(rng: np.random.Generator, count: int) -> FloatArray:
-    """Return rotations `(N, 3, 3)`: any heading, tilted by some 15 degrees, as rocks rest on flat sides."""
-    heading = rng.uniform(0, 2 * np.pi, count)
-    tilt = rng.normal(0, 0.26, (count, 2))
-    about = np.tile(np.eye(3), (3, count, 1, 1))
-    for axis, angle in enumerate((*tilt.T, heading)):
-        p, q = (axis + 1) % 3, (axis + 2) % 3
-        about[axis, :, p, p] = about[axis, :, q, q] = np.cos(angle)
-        about[axis, :, q, p] = np.sin(angle)
-        about[axis, :, p, q] = -about[axis, :, q, p]
-    return np.asarray(about[0] @ about[1] @ about[2])
 
 
 def _library(seed: int, angular: float, level: int) -> list[tuple[FloatArray, FloatArray, NDArray[np.int32]]]:
