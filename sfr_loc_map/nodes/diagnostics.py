@@ -75,13 +75,9 @@ SEVERITY = (Level.OK, Level.WARN, Level.STALE, Level.ERROR)
 
 def status_msg(name: str, level: Level, message: str, values: Mapping[str, Value]) -> DiagnosticStatus:
     """Return one status; numbers are written in the shortest form that reads back to the same bits."""
-    pairs = [KeyValue(key=key, value=_text(value)) for key, value in values.items()]
+    plain = {key: value.item() if isinstance(value, np.generic) else value for key, value in values.items()}
+    pairs = [KeyValue(key=key, value=value if isinstance(value, str) else repr(value)) for key, value in plain.items()]
     return DiagnosticStatus(level=bytes([level]), name=name, message=message, hardware_id=HARDWARE_ID, values=pairs)
-
-
-def _text(value: Value) -> str:
-    item = getattr(value, "item", None)  # of numbers of numpy, whose text has their type in it
-    return value if isinstance(value, str) else repr(item() if item is not None else value)
 
 
 def level_of(status: DiagnosticStatus) -> Level:

@@ -91,7 +91,7 @@ class Observation:
     """A bag, a source of files, or a graph over some time (`live`)."""
 
     subject: str  # for messages
-    live: bool
+    live: bool = False
     prefix: str = ""  # what comes before the suite's names in the graph
     topics: Mapping[str, ObservedTopic] = field(default_factory=dict)  # those that are there, by the suite's names
     ambiguous: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # names found that each could have
@@ -191,7 +191,7 @@ def observe_bag(path: Path, config: SourceConfig) -> Observation:
     try:
         bag = Bag(path, config.remap)
     except InputError as error:
-        return Observation(subject, live=False, broken=str(error))
+        return Observation(subject, broken=str(error))
     names = {name: tuple(bag.matches(name)) for name in EXPECTED}
     topics = {n: ObservedTopic(f[0], (bag.topics[f[0]],)) for n, f in names.items() if len(f) == 1}
     readable = [Topic(n, t.found, t.types[0]) for n, t in topics.items() if t.types[0] in allowed_types(n)]
@@ -208,7 +208,6 @@ def observe_bag(path: Path, config: SourceConfig) -> Observation:
         broken = str(error)
     return Observation(
         subject,
-        live=False,
         topics=topics,
         ambiguous={name: found for name, found in names.items() if len(found) > 1},
         others={name: (kind,) for name, kind in bag.topics.items()},
@@ -225,7 +224,7 @@ def observe_source(path: Path, config: SourceConfig, progress: Callable[[], None
     try:
         source = open_source(path, config)
     except InputError as error:
-        return Observation(f"'{path}'", live=False, broken=str(error), left_out=0)
+        return Observation(f"'{path}'", broken=str(error), left_out=0)
 
     def stream() -> Iterator[tuple[str, int, Callable[[], Any]]]:
         for message in messages_of(source):
@@ -237,7 +236,6 @@ def observe_source(path: Path, config: SourceConfig, progress: Callable[[], None
     truth = None if source.loc is None else source.loc.ground_truth
     return Observation(
         f"'{path}' ({source.format})",
-        live=False,
         topics=topics,
         extrinsics_in_tf=source.loc is not None and source.loc.rig.T_rb_sb is not None,
         truth_has_attitude=truth is not None and getattr(truth, "has_attitude", True),

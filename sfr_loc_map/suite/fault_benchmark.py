@@ -111,15 +111,10 @@ def error_and_sigma(
                 continue
             pose, covariance = Transform(matrix_from_rotvec(step.motion[3:]), step.motion[:3]), step.motion_covariance
             true = truth.pose(before).inverse() @ true
-        errors[row] = distance(pose, true)
+        turn = rotvec_from_matrix(pose.rotation @ true.rotation.T)
+        errors[row] = np.linalg.norm(pose.translation - true.translation), np.linalg.norm(turn)
         variances[row] = np.trace(covariance[:3, :3]), np.trace(covariance[3:, 3:])
     return errors, np.sqrt(variances + (6.0 if steps else 3.0) * np.square(noise))
-
-
-def distance(one: Transform, other: Transform) -> tuple[float, float]:
-    """Return the distance between two poses, metres, and the angle, radians."""
-    turn = rotvec_from_matrix(one.rotation @ other.rotation.T)
-    return float(np.linalg.norm(one.translation - other.translation)), float(np.linalg.norm(turn))
 
 
 def benchmark_faults(
