@@ -8,6 +8,7 @@ changes of attitude and heading since N [4.1.1, 4.1.2].
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ from sfr_loc_map.metrics.config import Rebase
 
 WHOLE_POSE, ONLY_POSITION, DISPLACEMENT = range(3)  #: Readings in compiled code.
 READINGS = {Rebase.POSE: WHOLE_POSE, Rebase.POSITION: ONLY_POSITION, Rebase.DISPLACEMENT: DISPLACEMENT}
+MANY = 10_000  #: Sub-trajectories from which on two threads share them.
 MIN_DIRECTION_M = 1e-6  #: A horizontal displacement shorter than this has no direction: the rover's heading is taken.
 
 
@@ -63,14 +65,23 @@ def wrapped_deg(angle: float) -> float:
     return float(angle - 360.0 * np.ceil((angle - 180.0) / 360.0))
 
 
-@jit
 def sub_trajectory_errors(poses: PoseRows, starts: IntArray, ends: IntArray, reading: int) -> FloatArray:
     """Return the errors `(M, 10)` of sub-trajectories from rows to rows `(M,)` of the poses; `COLUMNS` names them.
 
-    Row by row, so that the bits of a row do not depend on how many are computed at once. `reading` is one of
-    `READINGS`.
+    Row by row, so that the bits of a row do not depend on how many are computed at once, by one or by two threads.
+    `reading` is one of `READINGS`.
     """
-    out = np.empty((len(starts), 10))
+    out, half = np.empty((len(starts), 10)), len(starts) // 2 if len(starts) > MANY else 0
+    with ThreadPoolExecutor(1) as other:  # starts its thread with the first task
+        first = other.submit(_errors, poses, starts[:half], ends[:half], reading, out[:half]) if half else None
+        _errors(poses, starts[half:], ends[half:], reading, out[half:])
+        if first is not None:
+            first.result()
+    return out
+
+
+@jit
+def _errors(poses: PoseRows, starts: IntArray, ends: IntArray, reading: int, out: FloatArray) -> None:
     for m in range(len(starts)):
         i, j = starts[m], ends[m]
         true_move = row_difference(poses.gt_pos, j, poses.gt_pos, i)
@@ -107,4 +118,3 @@ def sub_trajectory_errors(poses: PoseRows, starts: IntArray, ends: IntArray, rea
         out[m, CROSS] = error[1] * east - error[0] * north
         out[m, VERTICAL] = error[2]
         out[m, TRAVELLED] = path
-    return out
