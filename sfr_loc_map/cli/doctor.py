@@ -93,7 +93,17 @@ def doctor(
     if not subject.exists():
         raise InputError(f"there is no '{subject}': give a data set folder, a bag, KITTI or EuRoC, or --graph")
     if fix:
-        given = _fixed(subject, sections, path)
+        from sfr_loc_map.io.source_config import NAME
+        from sfr_loc_map.pipeline.source_proposal import propose_config
+
+        # into the configuration that was read, else a new one
+        place = path or (subject if subject.is_dir() else subject.parent) / NAME
+        found = propose_config(subject, sections, place, {} if path is None else read_sections(path))
+        write_text(found.text(), place)
+        say(f"configuration: {place}{'' if path is None else ', written again: its values stand'}", err=True)
+        for text in (*found.missing, *found.remarks):
+            say(f"{'missing' if text in found.missing else 'remark'}: {text}", err=True)
+        given = found.config
     seen = _observe(subject, given)
     findings = examine(seen)
     of_config = [] if config is None else ["--config", str(config)]
@@ -112,20 +122,6 @@ def _observe(source: Path, config: SourceConfig) -> Observation:
     with progress_bar("pairs") as bar:
         task = bar.add_task("reading", total=None)
         return observe_source(source, config, lambda: bar.advance(task))
-
-
-def _fixed(source: Path, sections: dict[str, Any], read: Path | None) -> SourceConfig:
-    """Write what a source seems to be into the configuration that was read, else a new one; return how it is read."""
-    from sfr_loc_map.io.source_config import NAME
-    from sfr_loc_map.pipeline.source_proposal import propose_config
-
-    path = read or (source if source.is_dir() else source.parent) / NAME
-    found = propose_config(source, sections, path, {} if read is None else read_sections(read))
-    write_text(found.text(), path)
-    say(f"configuration: {path}{'' if read is None else ', written again: its values stand'}", err=True)
-    for text in (*found.missing, *found.remarks):
-        say(f"{'missing' if text in found.missing else 'remark'}: {text}", err=True)
-    return found.config
 
 
 def _with_fix(

@@ -111,9 +111,11 @@ class MethodProcess:
         work = self._folder / "work"
         work.mkdir()
         rules = json.dumps(rules_of(method, self._folder, limits.memory_mb * MB, hidden))
+        python = str(method.python)
         with self._log.open("ab") as log:  # appended to: it may be cut meanwhile
             self._process = subprocess.Popen(
-                [str(method.python), "-ES", str(WORKERS / "shut_in.py"), rules, *method.command],
+                [python, "-ES", str(WORKERS / "shut_in.py"), rules, python]
+                + [str(WORKERS / name) for name in ("loop.py", method.worker)],
                 env=environment_of(method, work),
                 cwd=work,
                 stdin=subprocess.PIPE,

@@ -53,11 +53,6 @@ class Method:
     install: str = ""  # of a peer: the command that installs it
     needs_vocabulary: bool = False
 
-    @property
-    def command(self) -> list[str]:
-        """Return the command of its process."""
-        return [str(self.python), str(WORKERS / "loop.py"), str(WORKERS / self.worker)]
-
     def record(self, version: str | None, isolation: str | None = None) -> MethodRecord:
         """Return what the score says of it."""
         return MethodRecord(name=self.name, version=version, kind=self.kind, sha256=self.sha256, isolation=isolation)

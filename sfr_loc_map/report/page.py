@@ -55,7 +55,7 @@ def write_page(score: Score, path: Path) -> None:
 def render_page(score: Score, *, figures: bool = True) -> str:
     """Return the page as HTML; without figures it holds tables only and no script, ready for print."""
     sections, tables = score_figures(score) if figures else [], [*score_tables(score), glossary()]
-    provenance, name = dict(_flat(to_plain(score.provenance) or {}, "")), data_set_name(score)
+    provenance, name = _texts(to_plain(score.provenance) or {}), data_set_name(score)
     return _rendered(
         tables,
         sections,
@@ -115,14 +115,9 @@ def from_template(name: str, **values: Any) -> str:  # noqa: ANN401 - of the tem
     return environment.get_template(name).render(**values)
 
 
-def _flat(value: object, prefix: str) -> Iterator[tuple[str, str]]:
-    if isinstance(value, Mapping):
-        for key, item in value.items():
-            yield from _flat(item, f"{prefix}.{key}" if prefix else str(key))
-    elif isinstance(value, list):
-        yield prefix, ", ".join(UNKNOWN if item is None else str(item) for item in value)
-    else:
-        yield prefix, UNKNOWN if value is None else str(value)
+def _texts(values: Mapping[str, Any]) -> dict[str, str]:
+    lists = {name: value if isinstance(value, list) else [value] for name, value in flatten(values).items()}
+    return {name: ", ".join(UNKNOWN if item is None else str(item) for item in row) for name, row in lists.items()}
 
 
 # ---- the banner: the verdict over all limits
@@ -203,9 +198,8 @@ def run_facts(score: Score) -> tuple[tuple[str, str], ...]:
         facts["Poses converted"] = "yes, see Method under test"
     if made is not None:
         if made.configuration:  # settings of other parts are there only if they are changed
-            usual = dict(_flat(to_plain(flatten(ScoreConfig())), ""))
-            given = _flat(to_plain(made.configuration), "")
-            texts = (f"{name} {text}" for name, text in given if usual.get(name) != text)
+            usual, given = _texts(to_plain(flatten(ScoreConfig()))), _texts(to_plain(made.configuration))
+            texts = (f"{name} {text}" for name, text in given.items() if usual.get(name) != text)
             facts["Configuration"] = "; ".join(texts) or "defaults"
         host = ", ".join(f"Python {value}" if name == "python" else value for name, value in made.host.items())
         by = f"by sfr_loc_map {made.version or UNKNOWN}{f' on {host}' if host else ''}"

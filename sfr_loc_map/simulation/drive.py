@@ -135,20 +135,6 @@ class Drive:
         return Transform(rotation @ matrix_from_rotvec(angles), origin + lift)
 
 
-def make_drive(seed: int, config: DriveConfig, terrain: Terrain) -> Drive:
-    """Return the drive of a configuration; ConfigError if there is no segment, or a wrong one."""
-    if not config.segments:
-        raise ConfigError("drive.segments is empty: give at least one, as 'stop 1', or set drive.enabled=false")
-    rng = np.random.default_rng([seed, 5])
-    legs = _legs(config)
-    states = _states(config, legs, rng)
-    times = np.arange(len(states), dtype=np.float64) * STEP_S
-    x, y, heading, moving = states.T
-    origins, rotations = settle_on_terrain(terrain, x, y, heading)
-    vibration = rng.normal(size=(int(times[-1] * VIBRATION_HZ) + 3, 4))
-    return Drive(times, origins, rotations, moving, vibration, config)
-
-
 def _legs(config: DriveConfig) -> list[Leg]:
     legs: list[Leg] = []
     x, y, heading = config.start_x_m, config.start_y_m, math.radians(config.start_heading_deg)
@@ -252,8 +238,15 @@ class Plan:
             raise ConfigError(f"panorama has {pans} pans and {tilts} tilts: give as many of both")
         if not (config.drive.enabled or config.panorama.enabled):
             raise ConfigError("neither drive nor panorama is enabled: enable at least one")
+        if not config.drive.segments:
+            raise ConfigError("drive.segments is empty: give at least one, as 'stop 1', or set drive.enabled=false")
         terrain = Terrain.make(config.seed, config.terrain, config.ground)
-        drive = make_drive(config.seed, config.drive, terrain)
+        rng = np.random.default_rng([config.seed, 5])
+        states = _states(config.drive, _legs(config.drive), rng)
+        times = np.arange(len(states), dtype=np.float64) * STEP_S
+        origins, rotations = settle_on_terrain(terrain, *states.T[:3])
+        vibration = rng.normal(size=(int(times[-1] * VIBRATION_HZ) + 3, 4))
+        drive = Drive(times, origins, rotations, states[:, 3], vibration, config.drive)
         start = drive.pose(0.0)
         x, y = start.translation[:2]
         ground = terrain.height(np.array([x]), np.array([y]), np.array([0.02]))[0]

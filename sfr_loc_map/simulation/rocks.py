@@ -133,7 +133,19 @@ def _library(seed: int, angular: float, level: int) -> list[tuple[FloatArray, Fl
     shapes = []
     for number in range(SHAPES):
         rng = np.random.default_rng([seed, 4, number])
-        points = directions * _radius(rng, directions, angular)[:, None]
+        # a ball cut by planes, with lumps
+        planes = int(rng.integers(7, 14))
+        sides = rng.normal(size=(planes, 3))
+        sides /= np.linalg.norm(sides, axis=1, keepdims=True)
+        depth = rng.uniform(0.45, 0.9, planes)
+        cut = depth / np.maximum(directions @ sides.T, 1e-3)
+        sharpness = 4.0 + 26.0 * angular
+        radius = np.concatenate((cut, np.full((len(directions), 1), 1.0)), axis=1)
+        radius = np.power(np.power(radius, -sharpness).sum(axis=1), -1.0 / sharpness)
+        for scale, height in ((1.7, 0.10), (3.9, 0.05), (8.3, 0.025)):
+            waves, shift = rng.normal(scale=scale, size=(6, 3)), rng.uniform(0, 2 * np.pi, 6)
+            radius = radius * (1.0 + height * np.sin(directions @ waves.T + shift).mean(axis=1) * 2.0)
+        points = directions * radius[:, None]
         points /= np.linalg.norm(points, axis=1).max()
         corners = points[triangles]
         face = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -142,22 +154,6 @@ def _library(seed: int, angular: float, level: int) -> list[tuple[FloatArray, Fl
             np.add.at(normals, triangles[:, k], face)
         shapes.append((points, normals / np.linalg.norm(normals, axis=1, keepdims=True), triangles))
     return shapes
-
-
-def _radius(rng: np.random.Generator, directions: FloatArray, angular: float) -> FloatArray:
-    """Return the radius of a rock in each direction: a ball cut by planes, with lumps."""
-    planes = int(rng.integers(7, 14))
-    sides = rng.normal(size=(planes, 3))
-    sides /= np.linalg.norm(sides, axis=1, keepdims=True)
-    depth = rng.uniform(0.45, 0.9, planes)
-    cut = depth / np.maximum(directions @ sides.T, 1e-3)
-    sharpness = 4.0 + 26.0 * angular
-    radius = np.concatenate((cut, np.full((len(directions), 1), 1.0)), axis=1)
-    radius = np.power(np.power(radius, -sharpness).sum(axis=1), -1.0 / sharpness)
-    for scale, height in ((1.7, 0.10), (3.9, 0.05), (8.3, 0.025)):
-        waves, shift = rng.normal(scale=scale, size=(6, 3)), rng.uniform(0, 2 * np.pi, 6)
-        radius = radius * (1.0 + height * np.sin(directions @ waves.T + shift).mean(axis=1) * 2.0)
-    return np.asarray(radius)
 
 
 def _sphere(level: int) -> tuple[FloatArray, NDArray[np.int32]]:

@@ -17,8 +17,7 @@ def sensor_image(bright: FloatImage, seed: int, config: SensorConfig, task: Task
     """Return the image `(H, W)` of a brightness `(H, W)`, a share of the full range."""
     number, image = TASK_SEEDS[task], bright.astype(np.float32)
     if config.blur_px > 0:
-        blurred = cv2.GaussianBlur(image, (0, 0), config.blur_px, borderType=cv2.BORDER_REFLECT_101)
-        image = np.asarray(blurred, np.float32)
+        image = cv2.GaussianBlur(image, (0, 0), config.blur_px, borderType=cv2.BORDER_REFLECT_101).astype(np.float32)
     both = np.random.default_rng([seed, _EXPOSURE, number, frame]).normal() * config.gain_step
     one = np.random.default_rng([seed, _LENS, number]).normal() * config.gain_mismatch
     image = image * np.float32(np.exp(both + (one if camera else 0.0)))

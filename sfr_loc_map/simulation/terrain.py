@@ -42,23 +42,6 @@ class TerrainParameters(NamedTuple):
     bedrock: float  #: Share of bare rock; the rest is sand.
     seed: np.uint32  #: 32 bits.
 
-    @classmethod
-    def of(cls, seed: int, terrain: ReliefConfig, ground: GroundConfig) -> TerrainParameters:
-        """Return the parameters of a configuration."""
-        azimuth, number = math.radians(terrain.ripple_azimuth_deg), 2.0 * math.pi
-        return cls(
-            **{
-                name: float(getattr(part, name))
-                for part in (terrain, ground)
-                for name in cls._fields
-                if hasattr(part, name)
-            },
-            gradient=math.tan(math.radians(terrain.slope_deg)),
-            ripple_wave_x=number * math.cos(azimuth) / terrain.ripple_length_m,
-            ripple_wave_y=number * math.sin(azimuth) / terrain.ripple_length_m,
-            seed=sub_seed(seed, 1),
-        )
-
 
 @dataclass(frozen=True, slots=True)
 class Terrain:
@@ -70,7 +53,16 @@ class Terrain:
     @classmethod
     def make(cls, seed: int, terrain: ReliefConfig, ground: GroundConfig) -> Terrain:
         """Return the ground of a configuration."""
-        return cls(TerrainParameters.of(seed, terrain, ground), float(terrain.coarseness))
+        azimuth, number = math.radians(terrain.ripple_azimuth_deg), 2.0 * math.pi
+        names = TerrainParameters._fields
+        parameters = TerrainParameters(
+            **{name: float(getattr(part, name)) for part in (terrain, ground) for name in names if hasattr(part, name)},
+            gradient=math.tan(math.radians(terrain.slope_deg)),
+            ripple_wave_x=number * math.cos(azimuth) / terrain.ripple_length_m,
+            ripple_wave_y=number * math.sin(azimuth) / terrain.ripple_length_m,
+            seed=sub_seed(seed, 1),
+        )
+        return cls(parameters, float(terrain.coarseness))
 
     def height(self, x: FloatArray, y: FloatArray, spacing: FloatArray) -> FloatArray:
         """Return heights `(N,)` in DS, metres; waves too short for the spacing of the samples are left out."""
@@ -235,9 +227,11 @@ def coarseness(terrain: Terrain, path: FloatArray) -> float:
     return terrain.coarseness * float(max(1.0, (len(path) / FULL_DETAIL_POINTS) ** 0.5))
 
 
-def _leaves(terrain: Terrain, corner: FloatArray, path: FloatArray) -> list[tuple[int, int, int]]:
-    """Return the tiles `(level, i, j)` whose cells are small enough for their distance from the path."""
-    done: list[tuple[int, int, int]] = []
+def ground_mesh(terrain: Terrain, path: FloatArray) -> Mesh:
+    """Return the ground around positions of the rover `(P, 2)`, metres, DS."""
+    corner = np.floor(0.5 * (path.min(axis=0) + path.max(axis=0))) - 0.5 * ROOT_M
+    # the tiles `(level, i, j)` whose cells are small enough for their distance from the path
+    leaves: list[tuple[int, int, int]] = []
     level, todo = 0, np.zeros((1, 2), np.int64)
     while len(todo):
         size = ROOT_M / 2**level
@@ -245,17 +239,10 @@ def _leaves(terrain: Terrain, corner: FloatArray, path: FloatArray) -> list[tupl
         gap = np.maximum(np.maximum(low[:, None] - path[None], path[None] - low[:, None] - size), 0.0)
         distance = np.sqrt(np.square(gap).sum(axis=2).min(axis=1))
         split = size / CELLS > cell_size(terrain, distance, path)
-        done += [(level, int(i), int(j)) for i, j in todo[~split]]
+        leaves += [(level, int(i), int(j)) for i, j in todo[~split]]
         steps = np.array([(0, 0), (1, 0), (0, 1), (1, 1)])
         todo = (2 * todo[split][:, None] + steps[None]).reshape(-1, 2)
         level += 1
-    return done
-
-
-def ground_mesh(terrain: Terrain, path: FloatArray) -> Mesh:
-    """Return the ground around positions of the rover `(P, 2)`, metres, DS."""
-    corner = np.floor(0.5 * (path.min(axis=0) + path.max(axis=0))) - 0.5 * ROOT_M
-    leaves = _leaves(terrain, corner, path)
     known = set(leaves)
     side = np.arange(-1, CELLS + 2)
     ii, jj = np.meshgrid(side, side, indexing="ij")

@@ -44,17 +44,6 @@ def room_for(dtype: np.dtype[Any], count: int = 1) -> tuple[NDArray[Any], Image]
     return room[: -len(MARK)].view(dtype), room[-len(MARK) :]
 
 
-def rig_struct(setup: Mapping[str, Any]) -> NDArray[Any]:
-    """Return `sfr_rig` of a setup `(1,)`."""
-    rig = np.zeros(1, RIG)
-    rig["size"] = RIG.itemsize
-    for name in CAMERA:
-        rig[name] = setup[name]
-    rig["T_rb_left"] = (np.eye(4).ravel() if setup["T_rb_left"] is None else setup["T_rb_left"])[:12]
-    rig["T_navsb_left"] = StereoRig(**{name: setup[name] for name in CAMERA}).T_sb_left.matrix[:3].ravel()
-    return rig
-
-
 class Library:
     """A library that was loaded, its version checked, its candidate made."""
 
@@ -71,7 +60,12 @@ class Library:
         self.version = "not stated" if stated is None else stated.decode("utf-8", "replace")
         self.function("destroy", None, Pointer)  # must be there; the process ends before it could be called
         create = self.function("create", Pointer, Pointer, ctypes.c_char_p, ctypes.c_char_p, ctypes.c_size_t)
-        message, rig = ctypes.create_string_buffer(MESSAGE_SIZE), rig_struct(setup)
+        message, rig = ctypes.create_string_buffer(MESSAGE_SIZE), np.zeros(1, RIG)
+        rig["size"] = RIG.itemsize
+        for name in CAMERA:
+            rig[name] = setup[name]
+        rig["T_rb_left"] = (np.eye(4).ravel() if setup["T_rb_left"] is None else setup["T_rb_left"])[:12]
+        rig["T_navsb_left"] = StereoRig(**{name: setup[name] for name in CAMERA}).T_sb_left.matrix[:3].ravel()
         self.candidate = create(rig.ctypes.data, setup["config"].encode(), message, MESSAGE_SIZE)
         if not self.candidate:
             raise SystemExit("sfr_candidate_create: " + (message.value.decode("utf-8", "replace") or "no reason given"))

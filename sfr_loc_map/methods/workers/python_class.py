@@ -23,17 +23,6 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.estimate import PoseEstimate
 
 
-def _load(target: str) -> Any:  # noqa: ANN401 - whatever it is
-    """Return what `package.module:Name` or `path/to/file.py:Name` names; the current folder is searched first."""
-    place, _, name = target.rpartition(":")
-    is_file = place.endswith(".py")
-    sys.path.insert(0, str(Path(place).resolve().parent) if is_file else "")
-    found: Any = importlib.import_module(Path(place).stem if is_file else place)
-    for part in name.split("."):
-        found = getattr(found, part)
-    return found
-
-
 def _transform(numbers: list[float]) -> Transform:
     matrix = np.reshape(np.asarray(numbers, np.float64), (4, 4))
     return Transform(matrix[:3, :3].copy(), matrix[:3, 3].copy())
@@ -47,7 +36,14 @@ class PythonClass:
     def __init__(self, setup: Mapping[str, Any]) -> None:
         T_rb_sb = None if setup["T_rb_sb"] is None else _transform(setup["T_rb_sb"])
         rig = replace(StereoRig(**{name: setup[name] for name in CAMERA}), T_rb_sb=T_rb_sb)
-        self.method: Any = _load(setup["target"])(rig, setup["config"])
+        # `package.module:Name` or `path/to/file.py:Name`; the current folder is searched first
+        place, _, name = setup["target"].rpartition(":")
+        is_file = place.endswith(".py")
+        sys.path.insert(0, str(Path(place).resolve().parent) if is_file else "")
+        make: Any = importlib.import_module(Path(place).stem if is_file else place)
+        for part in name.split("."):
+            make = getattr(make, part)
+        self.method: Any = make(rig, setup["config"])
         self.version = getattr(self.method, "version", "not stated")
         if not any(map(self.has, self.calls)):
             wanted = " or ".join(f"'{name}'" for name in self.calls)
