@@ -37,18 +37,9 @@ from sfr_loc_map.inputs import NS_PER_S, SIDES
 from sfr_loc_map.io.image_codec import decode_grey, image_from_message, points_image, stamp_of
 from sfr_loc_map.live import media, updates
 from sfr_loc_map.live.state import LiveState
+from sfr_loc_map.nodes import messages
 from sfr_loc_map.nodes.diagnostics import TOPIC, level_of
 from sfr_loc_map.nodes.lifecycle.worker import Overload, Worker
-from sfr_loc_map.nodes.messages import (
-    ELEVATION_FIELDS,
-    MASK_SCALE,
-    cloud_from_msg,
-    covariance_of,
-    elevation_from_msg,
-    hazard_from_msg,
-    odometry_row,
-    tracks_from_msg,
-)
 from sfr_loc_map.nodes.peer import Peer
 from sfr_loc_map.nodes.processes import page_node_name
 from sfr_loc_map.pipeline.call_stats import values_of
@@ -64,7 +55,7 @@ MAX_SHOWN = 64  #: Images of which tracks are waited for: ten seconds.
 MAX_MAPS = 8  #: Clouds, elevation and hazard grids that wait; of more the oldest are left out.
 MASK_HOLD_NS = NS_PER_S // 2  #: A mask that much older than the tracks is shown with them.
 IMAGE_KINDS = ((Image, "image_rect"), (CompressedImage, "image_rect/compressed"), (Image, "image_raw"))
-LAYERS = ("height", *ELEVATION_FIELDS[3:])  #: Layers of an elevation message, after x and y.
+LAYERS = ("height", *messages.ELEVATION_FIELDS[3:])  #: Layers of an elevation message, after x and y.
 FOUND_S, ANSWER_S, POLL_S = 2.0, 10.0, 0.02
 TRANSITIONS = {
     updates.Action.ACTIVATE: Transition.TRANSITION_ACTIVATE,
@@ -137,8 +128,8 @@ class RosFeed(Peer):
 
     def _on_odometry(self, track: updates.Track, raw: bytes, _: float) -> None:
         message = deserialize_message(raw, Odometry)
-        stamp_ns, position, quat = odometry_row(message, positions_alone=track is updates.Track.TRUTH)
-        covariance = covariance_of(message) if track is updates.Track.ESTIMATE else None
+        stamp_ns, position, quat = messages.odometry_row(message, positions_alone=track is updates.Track.TRUTH)
+        covariance = messages.covariance_of(message) if track is updates.Track.ESTIMATE else None
         self._state.put(updates.PoseSample(track, stamp_ns, position, quat, time.time(), covariance))
 
     def _on_diagnostics(self, message: DiagnosticArray, _: dict[str, Any]) -> None:
@@ -233,13 +224,13 @@ class RosFeed(Peer):
 
     def _on_mask(self, side: str, raw: bytes, published_s: float) -> None:
         message = deserialize_message(raw, Image)
-        self._masks[side] = stamp_of(message), media.outlines(image_from_message(message), MASK_SCALE)
+        self._masks[side] = stamp_of(message), media.outlines(image_from_message(message), messages.MASK_SCALE)
 
     def _on_tracks(self, raw: bytes, published_s: float) -> None:
         stamp_ns = _stamp_ns(raw)
         if stamp_ns not in self._shown:
             return
-        found = tracks_from_msg(deserialize_message(raw, PointCloud2))
+        found = messages.tracks_from_msg(deserialize_message(raw, PointCloud2))
         masks = {side: rings for side, (at_ns, rings) in self._masks.items() if 0 <= stamp_ns - at_ns <= MASK_HOLD_NS}
         self._state.put(updates.TrackSample(updates.TRACKS, stamp_ns, found, masks, published_s))
 
@@ -315,7 +306,7 @@ class MapFeed:
 
     def add_cloud(self, message: PointCloud2, published_s: float) -> None:
         """Take a cloud in."""
-        stamp_ns, cloud = stamp_of(message), cloud_from_msg(message)
+        stamp_ns, cloud = stamp_of(message), messages.cloud_from_msg(message)
         error = self._truth.errors(cloud)
         shown = cloud.xyz, cloud.sigma, published_s, error
         sample, grid = media.cloud_samples(stamp_ns, *shown, with_grid=not self._has_grid())
@@ -326,7 +317,7 @@ class MapFeed:
 
     def add_elevation(self, message: PointCloud2, published_s: float) -> None:
         """Take an elevation grid in."""
-        cells, stamp_ns = elevation_from_msg(message), stamp_of(message)
+        cells, stamp_ns = messages.elevation_from_msg(message), stamp_of(message)
         rows, columns = cells.shape[:2]
         axis, steps = (0, columns - 1) if columns > 1 else (1, rows - 1)
         with np.errstate(over="ignore", invalid="ignore"):  # infinite ones are refused
@@ -347,7 +338,7 @@ class MapFeed:
 
     def add_hazard(self, message: OccupancyGrid, published_s: float) -> None:
         """Take a hazard grid in; it is shown with the elevation of its stamp."""
-        self._hazard = stamp_of(message), hazard_from_msg(message)
+        self._hazard = stamp_of(message), messages.hazard_from_msg(message)
         self._put()
 
     def _put(self) -> None:

@@ -32,21 +32,10 @@ from sfr_loc_map.localisation.frontend.feature_detection import read_mask
 from sfr_loc_map.localisation.frontend.tracking import INLIER_CHI2_PER_DOF
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks
+from sfr_loc_map.nodes import messages
 from sfr_loc_map.nodes.diagnostics import Level
 from sfr_loc_map.nodes.extrinsics import Extrinsics
 from sfr_loc_map.nodes.lifecycle.endpoints import profile
-from sfr_loc_map.nodes.messages import (
-    MASK_SCALE,
-    TRACK_FIELDS,
-    float_points_msg,
-    header_msg,
-    image_msg,
-    odometry_msg,
-    start_pose_of,
-    tf_message_type,
-    transform_from_pose,
-    transform_msg,
-)
 from sfr_loc_map.nodes.motion_prior import MotionPriorConfig, OdometryBuffer
 from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig, ReceivedPair
 from sfr_loc_map.nodes.runner import run
@@ -54,7 +43,7 @@ from sfr_loc_map.pipeline.call_stats import call_of_estimate
 from sfr_loc_map.pipeline.localisation_session import LocalisationSession, PoseFile
 from sfr_loc_map.pipeline.reception import ThinnedPath
 
-FIRST = MASK_SCALE // 2  #: Row and column of a mask that is published first.
+FIRST = messages.MASK_SCALE // 2  #: Row and column of a mask that is published first.
 OUTPUT_DEPTH = 1000  #: Odometry messages that are kept for a slow subscriber.
 LEVELS = {
     TrackingState.INITIALISING: Level.WARN,
@@ -126,7 +115,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         self._tracks = add_publisher(PointCloud2, "localisation/tracks", 2)
         self._masks = [add_publisher(Image, f"localisation/{side}_mask", 2) for side in SIDES]
         self._image = add_publisher(Image, "localisation/debug_image", 2)
-        tf_type = tf_message_type() if config.publish_tf else None
+        tf_type = messages.tf_message_type() if config.publish_tf else None
         self._tf = add_publisher(tf_type, "/tf", 100) if tf_type else None
 
     def subscribe(self) -> None:
@@ -180,13 +169,13 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
     def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
         with self.ignoring_broken():
             self.config.check_frame("initialpose", message.header.frame_id, "ds_frame")
-            pose = start_pose_of(message)
+            pose = messages.start_pose_of(message)
             self.worker.enqueue(lambda: self._set_pose(pose, message))
 
     def _on_wheel_odometry(self, message: Odometry) -> None:
         with self.ignoring_broken():
             self.config.check_frame("motion_prior", message.child_frame_id, "rb_frame")
-            self._motion_prior.add(stamp_of(message), transform_from_pose(message.pose.pose, "motion_prior"))
+            self._motion_prior.add(stamp_of(message), messages.transform_from_pose(message.pose.pose, "motion_prior"))
 
     # ---- in the worker's thread
 
@@ -212,19 +201,19 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
             estimate = localiser.process(pair, motion)
         self._session.accept(estimate)
         self.publish_estimate(estimate)
-        self._publish_tracks(pair, localiser, estimate, header_msg(pair.stamp_ns, received.frame_id))
+        self._publish_tracks(pair, localiser, estimate, messages.header_msg(pair.stamp_ns, received.frame_id))
         call = call_of_estimate(estimate, usage, {} if motion is None else {"motion_prior": 1.0})
         self.status.call(call, LEVELS[estimate.state], self.times(received, conversion_s), self.counts())
 
     def publish_estimate(self, estimate: PoseEstimate) -> None:
         """Publish odometry, and tf and path where tracked; in the worker's thread, in the order of the pairs."""
-        message = odometry_msg(estimate, self.config.frame(self.config.ds_frame), self._rb_frame)
+        message = messages.odometry_msg(estimate, self.config.frame(self.config.ds_frame), self._rb_frame)
         self._odometry.publish(message)
         if estimate.state is TrackingState.LOST:
             return
         header, pose = message.header, message.pose.pose
         if self._tf is not None:
-            self._tf.publish(self._tf.msg_type(transforms=[transform_msg(header, self._rb_frame, pose)]))
+            self._tf.publish(self._tf.msg_type(transforms=[messages.transform_msg(header, self._rb_frame, pose)]))
         stamp_ns, before_ns = estimate.stamp_ns, self._path_ns
         self._path.add(stamp_ns, estimate.T_ds_rb, PoseStamped(header=header, pose=pose))
         if before_ns is None or not before_ns <= stamp_ns < before_ns + NS_PER_S:  # it may have 2000 poses
@@ -236,15 +225,18 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         for publisher, mask in zip(self._masks, localiser.masks, strict=True):
             if mask is not None and publisher.get_subscription_count():
                 # a quarter of its width and height, 0 where no landmark is made
-                publisher.publish(image_msg(mask[FIRST::MASK_SCALE, FIRST::MASK_SCALE], "mono8", header))
+                fewer = mask[FIRST :: messages.MASK_SCALE, FIRST :: messages.MASK_SCALE]
+                publisher.publish(messages.image_msg(fewer, "mono8", header))
         if self._tracks.get_subscription_count():
-            rows, result = np.empty((0, len(TRACK_FIELDS)), np.float32), localiser.last_result  # without one none
-            if result is not None:
+            rows = np.empty((0, len(messages.TRACK_FIELDS)), np.float32)
+            if (result := localiser.last_result) is not None:
                 residual = np.sqrt(result.chi2_per_dof / INLIER_CHI2_PER_DOF)
                 rows = np.column_stack((result.observations[:, :2], result.landmarks.last_seen[:, :2], residual))
-            self._tracks.publish(float_points_msg(rows, TRACK_FIELDS, header))
+            self._tracks.publish(messages.float_points_msg(rows, messages.TRACK_FIELDS, header))
         if self._image.get_subscription_count():
-            self._image.publish(image_msg(draw_tracks(pair.left, localiser.last_result, estimate), "bgr8", header))
+            self._image.publish(
+                messages.image_msg(draw_tracks(pair.left, localiser.last_result, estimate), "bgr8", header)
+            )
 
 
 main = partial(run, LocalisationNode)

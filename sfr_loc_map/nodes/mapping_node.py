@@ -27,16 +27,9 @@ from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
 from sfr_loc_map.mapping.terrain.grid import elevation_grid
 from sfr_loc_map.metrics.calls import CallUsage
 from sfr_loc_map.metrics.config import MappingState
+from sfr_loc_map.nodes import messages
 from sfr_loc_map.nodes.diagnostics import Level
 from sfr_loc_map.nodes.lifecycle.endpoints import profile
-from sfr_loc_map.nodes.messages import (
-    cloud_msg,
-    disparity_msg,
-    elevation_msg,
-    hazard_msg,
-    header_msg,
-    transform_from_pose,
-)
 from sfr_loc_map.nodes.pair_node import RECENT, PairNode, PairNodeConfig, ReceivedPair, Seen
 from sfr_loc_map.nodes.runner import run
 from sfr_loc_map.pipeline.call_stats import CallRecord, call_of_stages
@@ -161,7 +154,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
         self._pose_stamps.append(stamp_ns)
         with self.ignoring_broken():
             self.config.check_frame("nav/pose", message.header.frame_id, "lm_frame")
-            pose = transform_from_pose(message.pose, f"nav/pose of stamp {stamp_ns}")
+            pose = messages.transform_from_pose(message.pose, f"nav/pose of stamp {stamp_ns}")
             self._enqueue(self._matching.add_pose(stamp_ns, pose))
 
     def _enqueue(self, matched: list[tuple[ReceivedPair, Transform]]) -> None:
@@ -198,9 +191,9 @@ class MappingNode(PairNode[MappingNodeConfig]):
         with self.status.measure() as usage:
             result = mapper.process(pair, pose, len(self._pairs))
         self._pairs.append(result)
-        header = header_msg(pair.stamp_ns, received.frame_id)
+        header = messages.header_msg(pair.stamp_ns, received.frame_id)
         searched_px = rig.fx * rig.baseline_m / limits.max_range_m, rig.fx * rig.baseline_m / limits.min_range_m
-        self._disparity.publish(disparity_msg(result.disparity_px, rig, searched_px, header))
+        self._disparity.publish(messages.disparity_msg(result.disparity_px, rig, searched_px, header))
         times = self.times(received, conversion_s)
         self._stages.append(usage)
         self._report_call(pair.stamp_ns, usage, MappingState.MAPPED, result, times)
@@ -214,7 +207,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
         with self.status.measure() as usage:
             fused = mapper.fuse(pairs)
         stamp_ns = pairs[-1].stamp_ns
-        self._cloud.publish(cloud_msg(fused.cloud, stamp_ns, self._lm_frame))
+        self._cloud.publish(messages.cloud_msg(fused.cloud, stamp_ns, self._lm_frame))
         self._report_call(stamp_ns, usage, MappingState.FUSED, fused, {})
         whole = call_of_stages([*list(self._stages)[-len(pairs) :], usage])
         self._report_call(stamp_ns, whole, MappingState.MAPPED_SET, fused, {})
@@ -228,8 +221,8 @@ class MappingNode(PairNode[MappingNodeConfig]):
         except SfrError as error:
             self.status.warn(f"no elevation and no hazard of this map: {error}")
             return
-        self._elevation.publish(elevation_msg(grid, stamp_ns, self._lm_frame))
-        self._hazard.publish(hazard_msg(grid, stamp_ns, self._lm_frame))
+        self._elevation.publish(messages.elevation_msg(grid, stamp_ns, self._lm_frame))
+        self._hazard.publish(messages.hazard_msg(grid, stamp_ns, self._lm_frame))
 
     def _finish(self) -> str:
         pairs = len(self._pairs)

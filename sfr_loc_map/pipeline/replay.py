@@ -25,17 +25,8 @@ from sfr_loc_map.metrics.config import CallKind, ScoreConfig
 from sfr_loc_map.metrics.convention import converted_estimates
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, FindingRecord, MethodRecord, Score
+from sfr_loc_map.pipeline import scoring
 from sfr_loc_map.pipeline.call_stats import CallRecord, load_call_stats, save_stats
-from sfr_loc_map.pipeline.scoring import (
-    Correction,
-    Run,
-    ScoredCloud,
-    ScoredDrive,
-    ScoreInputs,
-    corrected,
-    load_estimates,
-    score_run,
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +54,7 @@ class ReplayResult:
     external: ExternalRun | None = None  # `finished` converts its poses
     points: FloatArray | None = None  # `(N, 3)` in LM of an external mapper that tells no pixels
 
-    def finished(self, source: Source, config: ScoreConfig, correction: Correction) -> ReplayResult:
+    def finished(self, source: Source, config: ScoreConfig, correction: scoring.Correction) -> ReplayResult:
         """Return it with the poses of an external localiser as poses of RB in DS, and a record for each.
 
         Without one it stays as it is.
@@ -82,7 +73,7 @@ class ReplayResult:
         found = Estimates.of(published, lost, covariance=None if np.isnan(covariance).all() else covariance)
         convention = None
         if truth is not None and len(truth):
-            drive, convention = corrected(ScoredDrive(found, truth, rig), correction, config)
+            drive, convention = scoring.corrected(scoring.ScoredDrive(found, truth, rig), correction, config)
             found = drive.estimates
         elif (declared := correction.declared).settings:
             found = converted_estimates(found, declared, declared.T_rb_child(rig), None)
@@ -166,10 +157,12 @@ def score_replay(
     limits and command are for provenance.
     """
     stats = [load_call_stats(files.stats)] if result.records else []
-    inputs, drive = ScoreInputs(stats=(files.stats,) if stats else (), limits=limits_file, command=command), None
+    read, drive = (files.stats,) if stats else (), None
+    inputs = scoring.ScoreInputs(stats=read, limits=limits_file, command=command)
     truth, images = (None, None) if source.loc is None else (source.loc.ground_truth, source.loc.stamps_ns)
     if source.loc is not None and truth is not None and len(result.estimate):
-        drive = ScoredDrive(load_estimates(files.estimate, stats), truth, source.loc.rig, np.asarray(images, np.int64))
+        estimates = scoring.load_estimates(files.estimate, stats)
+        drive = scoring.ScoredDrive(estimates, truth, source.loc.rig, np.asarray(images, np.int64))
         inputs = replace(inputs, estimate=files.estimate, truth=source.path, configuration=source.configuration)
     missing = ""
     if images is not None and not len(result.estimate):
@@ -180,16 +173,16 @@ def score_replay(
         place = files.cloud if result.points is None else files.points
         inputs = replace(inputs, cloud=place, map_truth=source.path, configuration=source.configuration)
     task = Task.MAPPING if drive is None else Task.LOCALISATION
-    run = Run(inputs, stats, drive=drive, cloud=cloud, method=record_of_ours(task), missing=missing)
+    run = scoring.Run(inputs, stats, drive=drive, cloud=cloud, method=record_of_ours(task), missing=missing)
     if (node := result.external) is not None:
         run = replace(run, method=node.method, external=node.score, findings=node.findings, convention=node.convention)
-    score = score_run(run, config, limits)
+    score = scoring.score_run(run, config, limits)
     if (made := score.provenance) is None:
         return score
     return replace(score, provenance=replace(made, configuration={**made.configuration, **settings}))
 
 
-def _scored_cloud(source: Source, result: ReplayResult) -> ScoredCloud | None:
+def _scored_cloud(source: Source, result: ReplayResult) -> scoring.ScoredCloud | None:
     xyz = result.points if result.cloud is None else result.cloud.xyz
     if source.nav is None or xyz is None:
         return None
@@ -198,4 +191,4 @@ def _scored_cloud(source: Source, result: ReplayResult) -> ScoredCloud | None:
     if not pairs or len(pairs) < len(result.mapped_ns) or any(pair.truth is None for pair in pairs):
         return None
     loaded = LoadedCloud(np.asarray(xyz, np.float64), result.cloud)
-    return ScoredCloud(loaded, truths_of(pairs, source.nav.rig))
+    return scoring.ScoredCloud(loaded, truths_of(pairs, source.nav.rig))

@@ -26,16 +26,7 @@ from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.convention import world_at_first_pose
 from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, MethodKind, MethodRecord
-from sfr_loc_map.nodes.messages import (
-    OdometryRow,
-    cloud_from_msg,
-    cloud_msg,
-    covariance_of,
-    header_msg,
-    odometry_row,
-    pose_msg,
-    xyz_from_msg,
-)
+from sfr_loc_map.nodes import messages
 from sfr_loc_map.nodes.processes import ChildProcess
 from sfr_loc_map.nodes.replay.graph_node import ReplayNode
 from sfr_loc_map.nodes.replay.options import ExternalOptions
@@ -179,14 +170,14 @@ class ExternalLocaliser(ExternalNode):
         super().begin_run(results)
         self._T_ds_world = None
 
-    def read(self, message: Odometry) -> OdometryRow:
+    def read(self, message: Odometry) -> messages.OdometryRow:
         """Return stamp and pose."""
-        return odometry_row(message)
+        return messages.odometry_row(message)
 
-    def keep(self, message: Odometry, row: OdometryRow, results: ReplayResults) -> None:
+    def keep(self, message: Odometry, row: messages.OdometryRow, results: ReplayResults) -> None:
         """Keep a pose as it was published, and publish it converted."""
         results.rows.append(row)
-        covariance = covariance_of(message)
+        covariance = messages.covariance_of(message)
         if np.isfinite(covariance).all() and covariance.any():
             results.covariances[row[0]] = covariance
         try:
@@ -198,8 +189,8 @@ class ExternalLocaliser(ExternalNode):
                 poses = aligned(poses, self._T_ds_world)
         except (GeometryError, MetricsError):
             return  # nothing for the monitor; the score tells why
-        out = Odometry(header=header_msg(max(int(poses.stamps_ns[0]), 0), WORLD), child_frame_id=BODY)
-        out.pose.pose = pose_msg(poses.pose(0), poses.quats_xyzw[0])
+        out = Odometry(header=messages.header_msg(max(int(poses.stamps_ns[0]), 0), WORLD), child_frame_id=BODY)
+        out.pose.pose = messages.pose_msg(poses.pose(0), poses.quats_xyzw[0])
         self._publisher.publish(out)
 
 
@@ -222,7 +213,7 @@ class ExternalMapper(ExternalNode):
 
     def read(self, message: PointCloud2) -> FloatArray:
         """Return the points `(N, 3)` in LM."""
-        stamp_ns, points = stamp_of(message), xyz_from_msg(message) * self._unit
+        stamp_ns, points = stamp_of(message), messages.xyz_from_msg(message) * self._unit
         if self._in_lm:
             return points
         if stamp_ns not in self._poses:
@@ -234,12 +225,12 @@ class ExternalMapper(ExternalNode):
         stamp_ns = stamp_of(message)
         results.points.append((stamp_ns, points[np.isfinite(points).all(axis=1)]))
         try:
-            cloud = cloud_from_msg(message)
+            cloud = messages.cloud_from_msg(message)
         except InputError:
             return  # points without pixels: they are scored by the nearest true point
         cloud = replace(cloud, xyz=points.astype(np.float32))
         results.clouds.append((stamp_ns, cloud))
-        self._publisher.publish(cloud_msg(cloud, stamp_ns, MAP))
+        self._publisher.publish(messages.cloud_msg(cloud, stamp_ns, MAP))
 
 
 def _ended(command: ChildProcess) -> str:

@@ -39,17 +39,8 @@ from sfr_loc_map.nodes.replay.external import external_node
 from sfr_loc_map.nodes.replay.graph_node import ANSWER_TIMEOUT_S, ReplayNode
 from sfr_loc_map.nodes.replay.options import ReplayOptions, node_arguments
 from sfr_loc_map.nodes.replay.results import ReplayResults
+from sfr_loc_map.pipeline import message_stream
 from sfr_loc_map.pipeline.controls import HELP, Controls, Keyboard
-from sfr_loc_map.pipeline.message_stream import (
-    POINTS_TOPIC,
-    Message,
-    Pacer,
-    PairTracker,
-    end_of,
-    messages_of,
-    start_at,
-    topics_of,
-)
 from sfr_loc_map.pipeline.offline import check_count
 
 AGAIN = "plays again from"  #: Beginning of the line that announces another run.
@@ -120,9 +111,9 @@ class Player:
         self._node.spin_for(SETTLE_S)  # results on their way
         self.collector.begin_run()
 
-    def play(self, messages: Iterator[Message], progress: Callable[[str], None]) -> None:
+    def play(self, messages: Iterator[message_stream.Message], progress: Callable[[str], None]) -> None:
         """Publish messages until their end or until the controls interrupt; tell the task of each stereo pair."""
-        pairs, pacer, collector = PairTracker(), Pacer(self.controls), self.collector
+        pairs, pacer, collector = message_stream.PairTracker(), message_stream.Pacer(self.controls), self.collector
         for message in messages:
             self._hold(pacer, message)
             if self.controls.interrupted:
@@ -142,7 +133,7 @@ class Player:
             self.controls.steps = max(self.controls.steps - 1, 0)
             progress(pair[0])
 
-    def _hold(self, pacer: Pacer, message: Message) -> None:
+    def _hold(self, pacer: message_stream.Pacer, message: message_stream.Message) -> None:
         while True:
             for key in self._keyboard.pressed():
                 self.controls.key(key)
@@ -214,7 +205,7 @@ def replay(
     end_s, external = check_source(source, options.offset_s), options.external
     environment.isolate()
     environment.prepare()
-    topics = topics_of(source)
+    topics = message_stream.topics_of(source)
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="sfr-replay-")))
         os.environ.setdefault("ROS_LOG_DIR", str(folder / "log"))
@@ -240,7 +231,7 @@ def replay(
         with signals.stopping(controls.stop) as interrupted:
             _play(source, options, player, progress, say)
             say("collecting")
-            results = player.collector.finish(has_map_truth=POINTS_TOPIC in topics)
+            results = player.collector.finish(has_map_truth=message_stream.POINTS_TOPIC in topics)
             results.interrupted = interrupted()
             signals.hold()  # what was played is there to be scored
         if other is not None:
@@ -266,7 +257,7 @@ def _play(
         if pose is not None:
             player.set_pose(pose)
         say(f"{announcement} {offset_s:g} s")
-        player.play(start_at(messages_of(source), offset_s, controls.moved_to), progress)
+        player.play(message_stream.start_at(message_stream.messages_of(source), offset_s, controls.moved_to), progress)
         collector.results.whole = not controls.interrupted
         at_end = controls.seek_s is None
         offset_s, announcement = controls.next_start_s(), AGAIN
@@ -285,7 +276,7 @@ def check_source(source: Source, offset_s: float = 0.0) -> float:
         check_count(source.nav)
     if source.loc is not None and not len(source.loc):
         raise InputError(f"'{source.path}' has no stereo pair: at least one is needed")
-    end_s = end_of(source)
+    end_s = message_stream.end_of(source)
     if offset_s > end_s:
         raise InputError(f"its last pair is at {end_s:.3f} s: an offset of {offset_s:g} s leaves nothing")
     return end_s
