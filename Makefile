@@ -110,8 +110,8 @@ figures: $(DOCS_STAMP)  ## Draw the figures of the concept pages again
 	PYTHONPATH=. $(BIN)/python docs/_figures/draw.py
 	PYTHONPATH=. $(BIN)/python docs/_figures/mars.py
 
-nees: $(DEV_STAMP)  ## NEES of the motion by interval, twelve rendered drives from SEEDS on, and KITTI=PATH: an hour at first
-	PYTHONPATH=. $(BIN)/python tools/nees.py --seeds $(SEEDS) $(if $(KITTI),--kitti $(KITTI))
+nees: $(DOCS_STAMP)  ## NEES of the motion by interval, twelve rendered drives from SEEDS on, and KITTI=PATH: an hour at first
+	PYTHONPATH=. $(BIN)/python tools/nees.py --seeds $(SEEDS) --figure docs/images/concepts/nees_by_interval.svg $(if $(KITTI),--kitti $(KITTI))
 
 screens: $(DEV_STAMP)  ## Film and photograph the pages of the suite for the site: needs chromium
 	PYTHONPATH=.:test/live $(BIN)/python docs/_figures/screens.py

@@ -6,7 +6,7 @@ Drives of the scenarios in `config/simulation` are rendered into the folder, onc
 Each is localised by the defaults. Stretches that share no pair and have no degraded pose are judged: the error of the
 motion against the covariance that the steps give, velocity and rotation apart; 1 is consistent. The lower table has
 the mean squared error over variance along and about the axes of RB at the start of the stretch. A recorded drive's
-truth is taken as exact.
+truth is taken as exact. `--figure` draws the upper table.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from matplotlib import pyplot as plt
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import matrix_from_quat
@@ -92,6 +93,22 @@ def judged(error: FloatArray, covariance: FloatArray) -> Stretch:
     return Stretch(velocity, rotation, error**2 / np.diag(covariance))
 
 
+def draw(found: dict[str, dict[float, list[Stretch]]], path: Path) -> None:
+    """Draw NEES against the interval: each rendered drive, all of them, and the recorded one."""
+    plt.rcParams |= {"font.size": 8, "axes.spines.top": False, "axes.spines.right": False, "svg.hashsalt": "nees"}
+    figure, axes = plt.subplots(1, 2, figsize=(6.5, 2.6), sharey=True, layout="constrained")
+    looks = {"all rendered": {"color": "k", "lw": 2.0}, "recorded": {"color": "tab:red", "ls": "--"}}
+    for axis, part in zip(axes, ("velocity", "rotation"), strict=True):
+        axis.axhspan(0.5, 2.0, color="0.92")
+        for name, of in found.items():
+            means = [np.mean([getattr(stretch, part) for stretch in of[m]]) if of[m] else np.nan for m in INTERVALS_M]
+            axis.plot(range(len(means)), means, marker=".", **looks.get(name, {"color": "0.7", "lw": 0.7, "zorder": 1}))
+        axis.set_xticks(range(len(INTERVALS_M)), ["step", *(f"{m:g} m" for m in INTERVALS_M[1:])])
+        axis.set(yscale="log", xlabel=f"interval: {part}")
+    axes[0].set_ylabel("NEES per degree of freedom")
+    figure.savefig(path, metadata={"Date": None})
+
+
 def main() -> None:
     """Render, localise, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
@@ -99,6 +116,7 @@ def main() -> None:
     parser.add_argument("--drives", type=int, default=12)
     parser.add_argument("--out", type=Path, default=Path("out/nees"))
     parser.add_argument("--kitti", type=Path, help="a recorded drive with truth; skipped where it is absent")
+    parser.add_argument("--figure", type=Path, help="an SVG to write")
     args = parser.parse_args()
     names = [(SCENARIOS[k % len(SCENARIOS)], args.seeds + k) for k in range(args.drives)]
     drives = {f"{scenario} {seed}": rendered(scenario, seed, args.out) for scenario, seed in names}
@@ -107,6 +125,8 @@ def main() -> None:
         found = {"all rendered": {m: [s for drive in found.values() for s in drive[m]] for m in INTERVALS_M}} | found
     if args.kitti is not None and args.kitti.is_dir():
         found["recorded"] = stretches(args.kitti)
+    if args.figure is not None:
+        draw(found, args.figure)
     titles = ["step" if metres == 0.0 else f"{metres:g} m" for metres in INTERVALS_M]
     print("NEES per degree of freedom of velocity, rotation, (count of stretches)")
     print("| drive | " + " | ".join(titles) + " |\n|" + "---|" * (len(titles) + 1))
