@@ -40,11 +40,12 @@ MIN_RIGHT_SHARE = 0.3
 """Share of the landmarks seen in the left image that are seen in the right one too, below which the images may be
 swapped."""
 
-MAX_SHEAR = 6.0
-"""Squared shear of the rows over its variance, per degree of freedom, of an image of one moment: at most 4.1 on clean
-drives, at least 7 where the rows are sheared by a pixel."""
-SHEAR_SHARE = 0.05  #: Share of a pair in the mean of it over the last pairs,
-MAX_MEAN_SHEAR = 1.6  #: which is at most 1.3 on clean drives, real ones too, and 2 to 5 at a shear of 0.3 px.
+MAX_SHEAR = 7.0
+"""Squared shear of the rows over its variance, per degree of freedom, of an image of one moment: at most 6.4 on clean
+drives, 7 and more where the rows are sheared by a pixel."""
+FIRST_SHEAR_SHARE = 0.2  #: Share of a pair in the mean of it, which is 1 before the first, and less with each
+SHEAR_SHARE = 0.05  #: until it is this,
+MAX_MEAN_SHEAR = 1.4  #: which is at most 1.3 on clean drives, real ones too, and 2 to 5 at a shear of 0.3 px.
 KEYFRAME_SHARE = 0.65  #: Share of the last keyframe's landmarks below which a new keyframe is made.
 Outcome = tuple[TrackingStatistics, StepEstimate | None, tuple[SlidingWindow, StereoFrame, TrackingResult] | None]
 """Figures of a call, the step to its pose (None when lost), and the keyframe to be made of its pair."""
@@ -81,7 +82,7 @@ class Localiser:
         self._state = TrackingState.INITIALISING
         self._reason: StateReason | None = None
         self._stage_s: dict[str, float] = {}
-        self._doubted_keyframes, self._shear = 0, 0.0
+        self._doubted_keyframes, self._shear, self._shear_share = 0, 1.0, FIRST_SHEAR_SHARE
         self.last_result: TrackingResult | None = None
 
     def set_pose(self, pose: StartPose | Transform) -> None:
@@ -198,7 +199,8 @@ class Localiser:
                 result.pose, result.landmarks.estimates, seen, camera, calibration.likely_lens_px
             )
             calibration.learn_lens(*residuals)
-            self._shear += SHEAR_SHARE * (shear - self._shear)
+            self._shear_share = max(self._shear_share / (1.0 + self._shear_share), SHEAR_SHARE)
+            self._shear += self._shear_share * (shear - self._shear)
             sheared = ground.sheared or shear > MAX_SHEAR or self._shear > MAX_MEAN_SHEAR
             ground = ground._replace(sheared=sheared)
             px = calibration.learn_shift(px, variance)

@@ -33,7 +33,7 @@ from sfr_loc_map.localisation.parallel import BACKGROUND
 DRIVE = drive()
 MOST_FUNCTIONS = 39
 """Of a pair that is tracked and makes no keyframe: 18 of localisation, 7 kernels, 6 of geometry at most."""
-MOST_OF_A_KEYFRAME = 75
+MOST_OF_A_KEYFRAME = 76
 
 
 def sigma(estimate: PoseEstimate) -> float:
