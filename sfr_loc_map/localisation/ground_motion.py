@@ -70,6 +70,7 @@ class GroundMotion(NamedTuple):
     doubt: tuple[float, float] | None = None
     whole: bool = True  #: Whether the pair is of one exposure.
     sheared: bool = False  #: Whether its parts may be of different moments, as its rows, or as nothing explains more.
+    shear: float = 0.0  #: Squared shear of the rows over its variance, per degree of freedom.
     seen: bool = True  #: Whether the image agrees that anything moved like that.
 
 

@@ -202,7 +202,7 @@ class Localiser:
             self._shear_share = max(self._shear_share / (1.0 + self._shear_share), SHEAR_SHARE)
             self._shear += self._shear_share * (shear - self._shear)
             sheared = ground.sheared or shear > MAX_SHEAR or self._shear > MAX_MEAN_SHEAR
-            ground = ground._replace(sheared=sheared)
+            ground = ground._replace(sheared=sheared, shear=shear)
             px = calibration.learn_shift(px, variance)
             if px != 0.0:
                 observations = result.observations.copy()
@@ -264,6 +264,7 @@ class Localiser:
             chi_median,
             follows=self._state is not TrackingState.LOST,
             late=ground.sheared or not ground.whole,
+            shear=ground.shear,
             doubt=ground.doubt,
         )
         if step is None:

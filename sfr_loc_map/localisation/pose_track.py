@@ -172,6 +172,7 @@ class PoseTrack:
         *,
         follows: bool,
         late: bool = False,
+        shear: float = 0.0,
         doubt: tuple[float, float] | None = None,
     ) -> StepEstimate | None:
         """Take a pose that was tracked; return the step to it, None if no rover moves like that since the last one.
@@ -185,6 +186,7 @@ class PoseTrack:
             chi_median: Median of the squared Mahalanobis residuals per degree of freedom; NaN without any.
             follows: Whether the pair before was tracked, too.
             late: Whether the pair may not show all of the motion.
+            shear: Squared shear of the rows over its variance, which counts as noise of the pose.
             doubt: Metres and radians by which it may be another one, always the same way, if that is more than it is.
         """
         now, last = Transform(*result.pose), self.T_world_left
@@ -237,7 +239,7 @@ class PoseTrack:
         covariance = propagated_covariance(covariance, -of_rb.rotation @ T_rb_left.translation, to_rb)
         covariance = 0.5 * (covariance + covariance.T) + FIRST_VARIANCE * np.eye(6) + self._unseen_to_given + unseen
         # white noise of this pose, in RB
-        white = WHITE_SHARE * (1.0 if factor is None else max(factor, MIN_FACTOR)) * of_pose
+        white = WHITE_SHARE * (1.0 if factor is None else max(factor, MIN_FACTOR)) * max(shear, 1.0) * of_pose
         white = propagated_covariance(white, -T_rb_left.translation, T_rb_left.rotation @ now.rotation.T)
         white[3:, 3:] += WHITE_RAD**2 * np.eye(3)
         noise_before, self._noise = self._noise, 0.5 * (white + white.T)

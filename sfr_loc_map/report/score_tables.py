@@ -402,7 +402,7 @@ def _consistency_table(score: Score) -> Table:
     columns = _headed("normalised error squared", "mean", "expected", "95 % of consistent ones", "n", "in words")
     note = "Above the interval the estimated sigma is too small (errors are larger than it says), below it too large. "
     note += "n: sub-trajectories that share no frame, or points of blocks far apart. The covariance of our localiser "
-    note += "assumes the baseline within 0.1 %, sigma of a map point assumes baseline, focal length and yaw as exact as "
+    note += "assumes the baseline within 0.1 %, sigma of a map point baseline, focal length and yaw as exact as "
     note += "mapping.calibration states: no pair can show them."
     note += "" if score.trajectory is None else f" {truth_text(score) or EXACT}"
     return Table("consistency", "Consistency of the estimated uncertainty (NEES)", columns, tuple(rows), note)
