@@ -227,7 +227,9 @@ class GroundMotionFinder:
             return self._torn(first)  # part of the image is that of the pair before
         expected = guesses.poses[0]
         ratio = self._evidence(first, second, expected) / self._evidence(second, first, expected)
-        if self._agreed < AGREED or 1.0 / CLEAR < ratio < CLEAR:
+        by_second = judged.share * second.inlier_count / len(second.inliers)
+        explained = by_second if ratio < 1.0 else 1.0 - judged.share
+        if self._agreed < AGREED or explained < 1.0 - MAX_SHARE or 1.0 / CLEAR < ratio < CLEAR:
             doubt = pose_distance(first.pose, second.pose)
             self._doubt(judged)
             if ratio < 1.0:
