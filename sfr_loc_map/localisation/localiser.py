@@ -218,7 +218,8 @@ class Localiser:
         one_sided = result.right_share <= MIN_RIGHT_SHARE and is_textured(frame.right)
         if one_sided and tracker.fits_swapped(frame, result, calibration.offset):
             return self._unknown(StateReason.NO_STEREO, TrackingStatistics(inliers=0))  # no window begins with it
-        return self._update(frame, window, ground._replace(result=result), doubt)
+        # what the left image alone shows may be old: the right one shows something else
+        return self._update(frame, window, ground._replace(result=result, sheared=ground.sheared or one_sided), doubt)
 
     def _update(
         self, frame: StereoFrame, window: SlidingWindow, ground: GroundMotion, doubt: StateReason | None
