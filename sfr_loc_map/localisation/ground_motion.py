@@ -158,7 +158,7 @@ class GroundMotionFinder:
             return self._torn(first)
         if not usual:
             second = self._search(frame, first.landmarks.subset(judged.rest), guesses)
-            if second is not None and self._differ(first, second):
+            if second is not None and self._differ(first, second, judged.far):
                 return self._decide(frame, first, second, judged, guesses)
             if judged.share >= MAX_SHARE and self._tears < MAX_TEARS:
                 return self._torn(first)
@@ -274,9 +274,12 @@ class GroundMotionFinder:
         found = np.bincount(cells, minlength=self.cells.count[0] * self.cells.count[1] + 1)
         return found[:-1].reshape(self.cells.count) > 0
 
-    def _differ(self, first: TrackingResult, second: TrackingResult) -> bool:
-        """Tell whether nearly all landmarks agree on the second pose, or both poses see them at different pixels."""
-        least = max(MIN_DIFFERENCE_PX, DIFFERENCE_SHARE * self._judge(first).far)
+    def _differ(self, first: TrackingResult, second: TrackingResult, far_px: float) -> bool:
+        """Tell whether nearly all landmarks agree on the second pose, or both poses see them at different pixels.
+
+        The first moves them by so many pixels.
+        """
+        least = max(MIN_DIFFERENCE_PX, DIFFERENCE_SHARE * far_px)
         return second.inlier_count > CONVINCING * len(second.inliers) or self._motion(second, first.pose) > least
 
 

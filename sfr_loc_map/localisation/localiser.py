@@ -38,7 +38,7 @@ from sfr_loc_map.localisation.relocalisation import KnownImage, Relocaliser
 
 MIN_RIGHT_SHARE = 0.3
 """Share of the landmarks seen in the left image that are seen in the right one too, below which the images may be
-swapped."""
+swapped, or one of them old."""
 
 MAX_SHEAR = 7.0
 """Squared shear of the rows over its variance, per degree of freedom, of an image of one moment: at most 6.4 on clean

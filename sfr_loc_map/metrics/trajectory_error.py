@@ -71,12 +71,14 @@ def sub_trajectory_errors(poses: PoseRows, starts: IntArray, ends: IntArray, rea
     Row by row, so that the bits of a row do not depend on how many are computed at once, by one or by two threads.
     `reading` is one of `READINGS`.
     """
-    out, half = np.empty((len(starts), 10)), len(starts) // 2 if len(starts) > MANY else 0
-    with ThreadPoolExecutor(1) as other:  # starts its thread with the first task
-        first = other.submit(_errors, poses, starts[:half], ends[:half], reading, out[:half]) if half else None
+    out, half = np.empty((len(starts), 10)), len(starts) // 2
+    if len(starts) <= MANY:
+        _errors(poses, starts, ends, reading, out)
+        return out
+    with ThreadPoolExecutor(1) as other:
+        first = other.submit(_errors, poses, starts[:half], ends[:half], reading, out[:half])
         _errors(poses, starts[half:], ends[half:], reading, out[half:])
-        if first is not None:
-            first.result()
+        first.result()
     return out
 
 
