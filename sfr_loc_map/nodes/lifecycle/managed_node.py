@@ -80,6 +80,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         self.endpoints = Endpoints(self, self.config.output_reliability, self.status.warn)
         self._service_group = MutuallyExclusiveCallbackGroup()
         self._answer_invalid_transitions()
+        self.create_service(Trigger, "~/connections", self._tell_connections)
         self.teardown()
 
     # ---- what a subclass defines
@@ -314,6 +315,12 @@ class ManagedNode(LifecycleNode, Generic[C]):
         service.callback = guarded
 
     # ---- events
+
+    def _tell_connections(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Answer how many subscribers each topic of this node reaches: what is sent before is lost to the others."""
+        response.message = json.dumps({p.topic_name: p.get_subscription_count() for p in self.publishers})
+        response.success = True
+        return response
 
     def _activity(self) -> NodeActivity:
         waiting = self._worker.waiting if self._worker is not None else 0

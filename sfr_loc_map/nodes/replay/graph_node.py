@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import time
 from collections.abc import Callable
@@ -15,6 +16,7 @@ from sfr_loc_map.nodes.processes import LivePage, Supervisor
 
 NAME = "sfr_player"
 ANSWER_TIMEOUT_S = 120.0
+CONNECT_TIMEOUT_S = 3.0  #: A subscriber of another quality of service is never reached.
 PAGE_TIMEOUT_S = 30.0
 PAGE_TOPICS = ("localisation/odometry", "ground_truth/odometry", "metrics/report")
 """Topics that a page receives whatever it shows."""
@@ -54,11 +56,24 @@ class ReplayNode(Peer):
         self.spin(seconds)
         self.supervisor.check()
 
-    def call(self, client: Client, problem: str) -> None:
-        """Call a Trigger service and wait for its answer."""
+    def call(self, client: Client, problem: str) -> str:
+        """Call a Trigger service, wait for its answer and return its text."""
         self.wait_for(client.service_is_ready, ANSWER_TIMEOUT_S, lambda: problem)
         future = client.call_async(Trigger.Request())
         self.wait_for(future.done, ANSWER_TIMEOUT_S, lambda: problem)
+        return str(future.result().message)
+
+    def wait_for_connections(self) -> None:
+        """Wait, for a limited time, until each node reaches all subscribers of its topics that this node sees."""
+        clients = [self.node.create_client(Trigger, f"{name}/connections") for name in self.supervisor.processes]
+        deadline = time.monotonic() + CONNECT_TIMEOUT_S
+
+        def reaches_all(client: Client) -> bool:
+            reached = json.loads(self.call(client, f"{client.srv_name} did not answer"))
+            return all(count >= self.node.count_subscribers(topic) for topic, count in reached.items())
+
+        while not all(map(reaches_all, clients)) and time.monotonic() < deadline:
+            self.spin_for(POLL_S)
 
     def _refuse_others(self) -> None:
         """Make sure that no other program has nodes that would take part."""

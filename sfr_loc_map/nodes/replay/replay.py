@@ -73,7 +73,7 @@ class Player:
         _offer_controls(node.node, controls)
 
     def wait_until_ready(self) -> None:
-        """Wait until all nodes listen and are connected."""
+        """Wait until all nodes listen and are connected to this one and to each other."""
         graph = self._node.node
 
         def ready() -> bool:
@@ -88,7 +88,7 @@ class Player:
             rig = f"{external.options.task.rig}/"
             images = [name for name in self._publishers if name.startswith(rig) and "image_rect" in name]
             external.wait_until_ready(images)
-        self._node.spin_for(SETTLE_S)
+        self._node.wait_for_connections()
 
     def set_pose(self, start: StartPose) -> None:
         """Publish the pose at which localisation starts, in its own world frame, and wait until it is received."""
