@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sfr_loc_map.config import param
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import FrameTree, Transform
@@ -19,6 +20,21 @@ OPTICAL_IN_SB = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 MAST_XY_RB_M = (0.451, 0.317)  #: Base of the mast (DMA) and the pan axis in RB [3.2.2, 3.2.6].
 TILT_AXIS_Z_RB_M = 0.594  #: Height of the tilt axis in RB [3.2.6].
 TILT_AXIS_X_RB_M = 0.451  #: Place of the tilt axis along RB x at pan 0 [3.2.6].
+
+
+@dataclass(frozen=True, slots=True)
+class FramesConfig:
+    """The frames of a rover, and the joints of its head [3.2.6]."""
+
+    base: str = param("", doc="Frame of the rover; empty: the first of rb, base_link, base_footprint, base, body.")
+    pan_joint: str = param("", doc="Joint that turns the head to the left; empty: the one whose name has 'pan'.")
+    tilt_joint: str = param("", doc="Joint that tilts the head down; empty: the one whose name has 'tilt'.")
+    head_to_navsb_m: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0), unit="m", doc="Position of NAVSB in the head that the joints move.", low=-10.0, high=10.0
+    )
+    head_to_navsb_quat_xyzw: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0, 0.0), doc="Orientation of NAVSB in the head; all zero: as the head.", low=-1.01, high=1.01
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,9 +9,10 @@ from __future__ import annotations
 import bz2
 import sys
 from collections.abc import Callable, Collection, Generator
+from functools import lru_cache
 from io import BytesIO
 from pathlib import Path, PurePath
-from types import MappingProxyType
+from types import MappingProxyType, SimpleNamespace
 from typing import Any, TypeAlias
 
 from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
@@ -19,7 +20,7 @@ from rosbags import rosbag1
 from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat
 from rosbags.rosbag1.reader import ChunkInfo, decompressors
 from rosbags.rosbag1.reader import ReaderError as Ros1Error
-from rosbags.rosbag2 import Reader, storage_mcap
+from rosbags.rosbag2 import Reader, metadata, reader, storage_mcap
 from rosbags.rosbag2.errors import ReaderError
 from rosbags.rosbag2.reader import DirectoryReader
 from rosbags.rosbag2.storage_mcap import DECOMPRESSORS, McapReader, decompress
@@ -89,6 +90,11 @@ def _definition(schema: Any, read: Callable[[Any], MessageDefinition] = storage_
 
 
 storage_mcap.get_msgdef = _definition
+# the library's own parser takes a tenth of a second for each pass through a bag, and any depth
+_parsed = lru_cache(maxsize=256)(parse_yaml)
+_YAML = SimpleNamespace(load=_parsed, dump=vars(metadata)["YAML"](typ="safe").dump)
+vars(reader).update(YAML=lambda **_: _YAML)
+vars(metadata).update(YAML=lambda **_: _YAML)
 
 
 class _BoundedMcapReader(McapReader):
@@ -164,7 +170,7 @@ class _BoundedDirectoryReader(DirectoryReader):
     def open(self) -> None:
         """Check the metadata and the files before they are read."""
         path = Path(str(self.path))
-        content = parse_yaml(read_text(path / "metadata.yaml"))
+        content = _parsed(read_text(path / "metadata.yaml"))
         information = content.get(METADATA) if isinstance(content, dict) else None
         if not isinstance(information, dict) or not isinstance(information.get("relative_file_paths"), list):
             raise ReaderError("metadata.yaml does not name the files of the bag")

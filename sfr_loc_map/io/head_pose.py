@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from sfr_loc_map.config import param
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import IntArray
-from sfr_loc_map.geometry.extrinsics import BASE_FRAMES, NAVSB_FRAME, mast_head_in_rb, rig_in_body
+from sfr_loc_map.geometry.extrinsics import BASE_FRAMES, NAVSB_FRAME, FramesConfig, mast_head_in_rb, rig_in_body
 from sfr_loc_map.geometry.transform import FrameTree, Transform
 from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.bag import Bag, Topic
@@ -21,21 +19,6 @@ from sfr_loc_map.io.text_table import check_order
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 RECORD = "record it from before the first pair to after the last, at least once a second"
-
-
-@dataclass(frozen=True, slots=True)
-class FramesConfig:
-    """The frames of a rover, and the joints of its head [3.2.6]."""
-
-    base: str = param("", doc="Frame of the rover; empty: the first of rb, base_link, base_footprint, base, body.")
-    pan_joint: str = param("", doc="Joint that turns the head to the left; empty: the one whose name has 'pan'.")
-    tilt_joint: str = param("", doc="Joint that tilts the head down; empty: the one whose name has 'tilt'.")
-    head_to_navsb_m: tuple[float, ...] = param(
-        (0.0, 0.0, 0.0), unit="m", doc="Position of NAVSB in the head that the joints move.", low=-10.0, high=10.0
-    )
-    head_to_navsb_quat_xyzw: tuple[float, ...] = param(
-        (0.0, 0.0, 0.0, 0.0), doc="Orientation of NAVSB in the head; all zero: as the head.", low=-1.01, high=1.01
-    )
 
 
 def head_poses(

@@ -10,8 +10,8 @@ from typing import Any, get_type_hints
 
 from sfr_loc_map.config import SECTIONS, build, param, read_sections
 from sfr_loc_map.errors import ConfigError, GeometryError
+from sfr_loc_map.geometry.extrinsics import FramesConfig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.io.head_pose import FramesConfig
 from sfr_loc_map.io.stamp_pairing import STAMP_TOLERANCE_S
 from sfr_loc_map.io.truth import TruthConfig
 

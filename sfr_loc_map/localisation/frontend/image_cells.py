@@ -108,6 +108,17 @@ def _cell_of(u: float, v: float, rows: int, columns: int) -> int:
     return int(v) // CELL * columns + int(u) // CELL
 
 
+@jit_fast_inline
+def _around(values: FloatArray, r: int, c: int, reach: int) -> tuple[float, float]:
+    """Return the sum and the least of the values around one; with numba's own each start would load scipy.linalg."""
+    total, least = 0.0, np.inf
+    for i in range(max(r - reach, 0), min(r + reach + 1, values.shape[0])):
+        for j in range(max(c - reach, 0), min(c + reach + 1, values.shape[1])):
+            total += values[i, j]
+            least = min(least, values[i, j])
+    return total, least
+
+
 @jit_fast
 def judge(
     pose: Pose,
@@ -162,17 +173,18 @@ def judge(
     for r in range(rows):
         for c in range(columns):
             if change.stays[r, c] or change.changed[r, c]:
-                area = slice(max(r - NEAR, 0), r + NEAR + 1), slice(max(c - NEAR, 0), c + NEAR + 1)
-                near, beside = counts[area].sum(), (slice(max(r - 1, 0), r + 2), slice(max(c - 1, 0), c + 2))
+                near = _around(counts, r, c, NEAR)[0]
                 # beside the point from which all moves away the motion differs from cell to cell
-                cells[r, c] = change.stays[r, c] and counts[beside].sum() > 0.0 and least[beside].min() > MOVED_PX
-                wrong += change.changed[r, c] and sums[area].sum() < STILL_PX * near
-    all_fixed = cells.ravel()
+                moves = _around(counts, r, c, 1)[0] > 0.0 and _around(least, r, c, 1)[1] > MOVED_PX
+                cells[r, c] = change.stays[r, c] and moves
+                wrong += change.changed[r, c] and _around(sums, r, c, NEAR)[0] < STILL_PX * near
+    all_fixed, left = cells.ravel(), 0
     for n in range(count):
         host = _cell_of(host_uv[n, 0], host_uv[n, 1], rows, columns)
         fixed[n] = host < rows * columns and all_fixed[host] and not inliers[n]
         rest[n] &= not (fixed[n] or (cell[n] < rows * columns and all_fixed[cell[n]]))
-    share, far = rest.sum() / max(in_view, 1), np.sort(length[~np.isnan(length)])
+        left += rest[n]
+    share, far = left / max(in_view, 1), np.sort(length[~np.isnan(length)])
     return Judged(
         far[9 * len(far) // 10] if len(far) else 0.0,
         cell,

@@ -210,7 +210,9 @@ def align_patches(
     The homographies `(N, 3, 3)` from host pixels to those that the start gives are the shapes of the patches. Their
     planes and the camera are in pixels of full size.
     """
-    depth = planes.inverse_depth.mean()  # 1/m
+    depth = 0.0  # 1/m; numba's mean() makes each start load its compiler's array functions, and scipy.linalg
+    for i in range(len(planes.inverse_depth)):
+        depth += planes.inverse_depth[i] / len(planes.inverse_depth)
     patches, jacobian = _warped(templates, homographies, planes.uv), np.empty((2, 6))
     rotation, position = start.rotation.copy(), start.position.copy()
     best = PoseAlignment(Pose(rotation, position), -1.0)

@@ -18,7 +18,6 @@ from pathlib import Path
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
-from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
@@ -69,6 +68,10 @@ class Player:
             name: node.node.create_publisher(message_type(kind), name, depth) for name, kind in topics.items()
         }
         self._initial_pose = node.node.create_publisher(PoseWithCovarianceStamped, "initialpose", depth)
+        self._poses_set: list[PoseWithCovarianceStamped] = []  # acknowledgements of Fast DDS come after up to 3 s
+        node.node.create_subscription(
+            PoseWithCovarianceStamped, "localisation/initialpose_set", self._poses_set.append, depth
+        )
         self._resets = {n: node.node.create_client(Trigger, f"{n}/reset") for n in node.supervisor.processes}
         _offer_controls(node.node, controls)
 
@@ -79,7 +82,7 @@ class Player:
         def ready() -> bool:
             if not all(client.service_is_ready() for client in self._resets.values()):
                 return False
-            publishers = self._publishers.values()
+            publishers = (*self._publishers.values(), self._initial_pose)
             return all(p.get_subscription_count() == graph.count_subscribers(p.topic_name) for p in publishers)
 
         self._node.wait_for(ready, START_TIMEOUT_S, lambda: f"the nodes {', '.join(self._resets)} did not start")
@@ -92,17 +95,14 @@ class Player:
 
     def set_pose(self, start: StartPose) -> None:
         """Publish the pose at which localisation starts, in its own world frame, and wait until it is received."""
-        message, publisher = PoseWithCovarianceStamped(header=header_msg(start.stamp_ns or 0, "")), self._initial_pose
+        message = PoseWithCovarianceStamped(header=header_msg(start.stamp_ns or 0, ""))
         message.pose.pose = pose_msg(start.T_ds_rb, start.T_ds_rb.file_quat_xyzw)
-        publisher.publish(message)
+        self._poses_set.clear()
+        self._initial_pose.publish(message)
         if "localisation_node" not in self._resets:
             return  # an external node may listen to it or not
-
-        def delivered() -> bool:
-            acked = Duration(seconds=0.05)
-            return bool(publisher.get_subscription_count()) and bool(publisher.wait_for_all_acked(acked))
-
-        self._node.wait_for(delivered, ANSWER_TIMEOUT_S, lambda: "localisation_node did not receive initialpose")
+        problem = "localisation_node did not receive initialpose"
+        self._node.wait_for(lambda: bool(self._poses_set), ANSWER_TIMEOUT_S, lambda: problem)
 
     def reset_nodes(self) -> None:
         """Reset the nodes and the results for another run."""
