@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import gzip
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path, PurePath
@@ -97,12 +97,12 @@ def _rendered(tables: Sequence[Table], sections: Sections, **values: Any) -> str
     if plots:
         from plotly.offline import get_plotlyjs
 
-        plotly = base64.b64encode(gzip.compress(get_plotlyjs().encode(), mtime=0)).decode()
+        plotly = base64.b64encode(gzip.compress(get_plotlyjs().encode(), 6, mtime=0)).decode()
     html: dict[bool, str] = {True: "", False: ""}
     for table in tables:
         html[table.name in FIRST_TABLES] += to_html(table)
     shown = {"first": html[True], "tables": html[False], "sections": sections}
-    return from_template("page.html.j2", plotly=plotly, specs=[asdict(plot) for plot in plots], **shown, **values)
+    return from_template("page.html.j2", plotly=plotly, specs=plots, **shown, **values)
 
 
 def from_template(name: str, **values: Any) -> str:  # noqa: ANN401 - of the template
@@ -111,7 +111,8 @@ def from_template(name: str, **values: Any) -> str:  # noqa: ANN401 - of the tem
 
     loader = PackageLoader("sfr_loc_map", "report/templates")
     environment = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
+    plain = {"default": lambda item: {each.name: getattr(item, each.name) for each in fields(item)}}  # dataclasses
+    environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":"), **plain}
     return environment.get_template(name).render(**values)
 
 
