@@ -1,4 +1,4 @@
-"""Compile every kernel as after an installation, and print a table of them: seconds of each, and specialisations.
+"""Compile every kernel as after an installation, and print a table of them: seconds of processor time of each, and specialisations.
 
     PYTHONPATH=. python tools/kernel_times.py [PART...]
 
@@ -33,13 +33,13 @@ def main(parts: list[str]) -> None:
 
         def on_start(self, event: event.Event) -> None:
             if event.data["dispatcher"] in KERNELS:
-                self.begun.append([time.perf_counter(), 0.0])
+                self.begun.append([time.process_time(), 0.0])
 
         def on_end(self, event: event.Event) -> None:
             kernel = event.data["dispatcher"]
             if kernel in KERNELS:
                 begin, within = self.begun.pop()
-                took = time.perf_counter() - begin
+                took = time.process_time() - begin
                 if self.begun:
                     self.begun[-1][1] += took
                 key = self.part, kernel.py_func.__qualname__

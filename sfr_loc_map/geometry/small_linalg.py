@@ -116,11 +116,11 @@ def fill_inverse_4(s: FloatArray, out: FloatArray) -> None:
 
 
 @jit
-def reorder_to_median(values: FloatArray) -> float:
-    """Return the median of numbers `(N,)`, at least one and none NaN, in kernels; numba's own takes 2 s to compile."""
-    half, low, high = len(values) // 2, 0, len(values) - 1
+def reorder_to_rank(values: FloatArray, rank: int) -> float:
+    """Return the number of a rank, from 0, of numbers `(N,)`, none NaN, and put those below before it."""
+    low, high = 0, len(values) - 1
     while low < high:
-        pivot, i, j = values[half], low, high
+        pivot, i, j = values[rank], low, high
         while i <= j:
             while values[i] < pivot:
                 i += 1
@@ -129,14 +129,22 @@ def reorder_to_median(values: FloatArray) -> float:
             if i <= j:
                 values[i], values[j] = values[j], values[i]
                 i, j = i + 1, j - 1
-        low = i if j < half else low
-        high = j if half < i else high
+        low = i if j < rank else low
+        high = j if rank < i else high
+    return float(values[rank])
+
+
+@jit
+def reorder_to_median(values: FloatArray) -> float:
+    """Return the median of numbers `(N,)`, at least one and none NaN, in kernels; numba's own takes 2 s to compile."""
+    half = len(values) // 2
+    middle = reorder_to_rank(values, half)
     if len(values) % 2:
-        return float(values[half])
+        return middle
     below = values[0]
     for i in range(half):
         below = max(below, values[i])
-    return float((below + values[half]) / 2.0)
+    return float((below + middle) / 2.0)
 
 
 @jit

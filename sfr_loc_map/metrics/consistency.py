@@ -157,7 +157,8 @@ def accumulated(
                     total[36 + 6 * i + a] += carried[i, a] * steps[k, 21 + a]
         before = now
         if found < len(wanted) and wanted[found] == k:
-            total[73:] = 0.0
+            for i in range(73, len(total)):
+                total[i] = 0.0
             if known and not lost[k]:
                 _carry(now, positions[k], carried)
                 _fill(part, steps[k], WITHOUT_NOISE)

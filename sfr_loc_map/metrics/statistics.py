@@ -136,8 +136,11 @@ def block_sums(values: FloatArray) -> BlockSums:
         if used == 0 or rows[used - 1, 0] >= size:
             if used == len(rows):
                 for k in range(len(rows) // 2):
-                    rows[k] = rows[2 * k] + rows[2 * k + 1]
-                rows[len(rows) // 2 :] = 0.0
+                    for c in range(rows.shape[1]):
+                        rows[k, c] = rows[2 * k, c] + rows[2 * k + 1, c]
+                for k in range(len(rows) // 2, len(rows)):
+                    for c in range(rows.shape[1]):
+                        rows[k, c] = 0.0
                 used = len(rows) // 2
                 size *= 2
             used += 1

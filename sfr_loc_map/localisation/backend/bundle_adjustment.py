@@ -244,7 +244,6 @@ def _linearise(problem: BundleProblem, blocks: LandmarkBlocks) -> tuple[FloatArr
     size = 6 * keyframes + 1
     h, g = np.zeros((keyframes, size, size)), np.zeros((keyframes, size))
     covariance, rhs, coupling, host = blocks.covariance, blocks.rhs, blocks.coupling, problem.host
-    covariance[:], rhs[:], coupling[:] = 0.0, 0.0, 0.0
     projection, camera = new_projection(), intrinsics(problem.camera)
     seen_by, reduced = np.zeros(keyframes, np.int64), np.zeros((3, size))
     work = _Workspace(projection, np.zeros(2), np.zeros((2, 3)), seen_by, reduced, np.ones(3))
@@ -274,7 +273,7 @@ def linearise(problem: BundleProblem) -> tuple[FloatArray, FloatArray, LandmarkB
     normal matrix `(6 K + 1, 6 K + 1)`, its right-hand side `(6 K + 1,)`, and the blocks of the landmarks.
     """
     count, size = len(problem.host), 6 * len(problem.keyframes.rotations) + 1
-    blocks = LandmarkBlocks(np.empty((count, 3, 3)), np.empty((count, 3)), np.empty((count, 3, size)))
+    blocks = LandmarkBlocks(np.zeros((count, 3, 3)), np.zeros((count, 3)), np.zeros((count, 3, size)))
     seen = np.cumsum(np.count_nonzero(np.isfinite(problem.observations[:, :, 0]), axis=1))
     middle = int(np.searchsorted(seen, seen[-1] // 2)) if count else 0  # old landmarks have been seen more often
     first, second = both(

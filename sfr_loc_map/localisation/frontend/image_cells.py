@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, Mask
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
+from sfr_loc_map.geometry.small_linalg import reorder_to_rank
 from sfr_loc_map.jit import jit_fast, jit_fast_inline
 from sfr_loc_map.localisation.frontend.landmarks import BORDER, MIN_INVERSE_DEPTH
 from sfr_loc_map.localisation.frontend.pose_solver import LandmarkEstimates
@@ -141,7 +142,6 @@ def judge(
     fixed, rest, in_view = stays.copy(), stays.copy(), 0
     sums, counts, seen = np.zeros((rows, columns)), np.zeros((rows, columns)), np.empty((2, 2))
     least = np.full((rows, columns), MOST_PX)
-    all_stay = change.stays.ravel()
     for n in range(count):
         rho = max(inverse_depth[n], MIN_INVERSE_DEPTH)
         for k in range(2):
@@ -156,19 +156,19 @@ def judge(
                 z += along * target.rotation[i, 2]
             z = z if z > 1e-6 else np.nan
             seen[k, 0], seen[k, 1] = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
-        u, v = seen[0]
+        u, v = seen[0, 0], seen[0, 1]
         length[n], cell[n] = np.hypot(u - seen[1, 0], v - seen[1, 1]), _cell_of(u, v, rows, columns)
         host = _cell_of(host_uv[n, 0], host_uv[n, 1], rows, columns)
-        stays[n] = host < rows * columns and all_stay[host]
+        stays[n] = host < rows * columns and change.stays[host // columns, host % columns]
         tells = inliers[n] or length[n] < far_px
         if tells and BORDER < u < width - 1 - BORDER and BORDER < v < height - 1 - BORDER:
             rest[n] = not inliers[n]
             in_view += 1
             if cell[n] < rows * columns:
-                at = cell[n] // columns, cell[n] % columns
-                sums[at] += min(length[n], MOST_PX)
-                counts[at] += 1.0
-                least[at] = min(length[n], least[at])
+                r, c = cell[n] // columns, cell[n] % columns
+                sums[r, c] += min(length[n], MOST_PX)
+                counts[r, c] += 1.0
+                least[r, c] = min(length[n], least[r, c])
     cells, wrong = np.zeros((rows, columns), np.bool_), 0
     for r in range(rows):
         for c in range(columns):
@@ -178,20 +178,23 @@ def judge(
                 moves = _around(counts, r, c, 1)[0] > 0.0 and _around(least, r, c, 1)[1] > MOVED_PX
                 cells[r, c] = change.stays[r, c] and moves
                 wrong += change.changed[r, c] and _around(sums, r, c, NEAR)[0] < STILL_PX * near
-    all_fixed, left = cells.ravel(), 0
+    left, known, lengths = 0, 0, np.empty(count)
     for n in range(count):
         host = _cell_of(host_uv[n, 0], host_uv[n, 1], rows, columns)
-        fixed[n] = host < rows * columns and all_fixed[host] and not inliers[n]
-        rest[n] &= not (fixed[n] or (cell[n] < rows * columns and all_fixed[cell[n]]))
+        fixed[n] = host < rows * columns and cells[host // columns, host % columns] and not inliers[n]
+        covered = cell[n] < rows * columns and cells[cell[n] // columns, cell[n] % columns]
+        rest[n] = rest[n] and not (fixed[n] or covered)
         left += rest[n]
-    share, far = left / max(in_view, 1), np.sort(length[~np.isnan(length)])
+        if not np.isnan(length[n]):
+            lengths[known] = length[n]
+            known += 1
     return Judged(
-        far[9 * len(far) // 10] if len(far) else 0.0,
+        reorder_to_rank(lengths[:known], 9 * known // 10) if known else 0.0,
         cell,
         stays,
         fixed,
         rest,
-        share,
+        left / max(in_view, 1),
         cells,
         wrong / max(rows * columns, 1),
     )

@@ -147,7 +147,7 @@ class PoseSolution(NamedTuple):
 
     pose: Pose  #: Left camera.
     information: FloatArray  #: `(6, 6)` of position and rotation about the fixed axes of the world.
-    chi2_per_dof: FloatArray  #: `(N,)` squared Mahalanobis residual per degree of freedom; NaN where not used.
+    linearised: Linearisation  #: At the pose before the last step.
 
 
 class Linearisation(NamedTuple):
@@ -156,7 +156,7 @@ class Linearisation(NamedTuple):
     whitening: FloatArray  #: `(N, 4, 4)` inverse covariance of the residuals.
     jacobians: FloatArray  #: `(N, 4, 6)` by the pose.
     residuals: FloatArray  #: `(N, 4)` pixels, 0 where not observed.
-    chi2_per_dof: FloatArray  #: `(N,)` NaN where not used.
+    chi2_per_dof: FloatArray  #: `(N,)` squared Mahalanobis residual per degree of freedom; NaN where not used.
 
 
 @jit_fast_ir_inline
@@ -225,16 +225,6 @@ def _linearise(
         chi2[n] = total / ((2.0 if left else 0.0) + (2.0 if right else 0.0))
 
 
-@jit_fast
-def linearise(
-    pose: Pose, landmarks: LandmarkEstimates, observations: StereoObservations, camera: StereoCamera
-) -> Linearisation:
-    """Linearise the observations of N landmarks at a pose."""
-    out = new_linearisation(len(landmarks.inverse_depth))
-    _linearise(pose, landmarks, observations, intrinsics(camera), True, out, new_projection(), np.zeros((4, 4)))
-    return out
-
-
 @jit_fast_ir_inline
 def _add_normal_equations(
     linearised: Linearisation, scale: float, weighted: FloatArray, h: FloatArray, g: FloatArray
@@ -275,14 +265,18 @@ def solve_pose(
     in_arrays, linearised = intrinsics(camera), new_linearisation(len(landmarks.inverse_depth))
     rotation, position = start.rotation.copy(), start.position.copy()
     h, g = np.zeros((6, 6)), np.zeros(6)
-    work, s, weighted = new_projection(), np.zeros((4, 4)), np.zeros((4, 6))
+    work, s, weighted, used = new_projection(), np.zeros((4, 4)), np.zeros((4, 6)), np.zeros(len(observations.uv))
     for iteration in range(iterations):
         pose, is_first = Pose(rotation, position), iteration == 0
         _linearise(pose, landmarks, observations, in_arrays, is_first, linearised, work, s)
-        used = linearised.chi2_per_dof[~np.isnan(linearised.chi2_per_dof)]
-        if len(used) < MIN_LANDMARKS:
+        count = 0
+        for chi2 in linearised.chi2_per_dof:
+            if not np.isnan(chi2):
+                used[count] = chi2
+                count += 1
+        if count < MIN_LANDMARKS:
             break
-        scale = max(1.0, reorder_to_median(used) * 1.5) * (4.0 if iteration == 0 else 1.0)
+        scale = max(1.0, reorder_to_median(used[:count]) * 1.5) * (4.0 if iteration == 0 else 1.0)
         h, g = np.zeros((6, 6)), np.zeros(6)
         _add_normal_equations(linearised, scale, weighted, h, g)
         update = solve(h, g)
@@ -294,7 +288,7 @@ def solve_pose(
         rotation = retract(rotation, update[3], update[4], update[5])
         if largest < 1e-5:
             break
-    return PoseSolution(Pose(rotation, position), h, linearised.chi2_per_dof)
+    return PoseSolution(Pose(rotation, position), h, linearised)
 
 
 ROBUST_CHI2 = 4.0
@@ -330,7 +324,7 @@ def right_shift(
     (rotations, positions), *others = landmarks
     marks = LandmarkEstimates(Poses(rotations[both], positions[both]), *(array[both] for array in others))
     seen = StereoObservations(*(array[both] for array in observations))
-    whitening, by_pose, residuals, chi2 = linearise(pose, marks, seen, camera)
+    whitening, by_pose, residuals, chi2 = solve_pose(pose, marks, seen, camera, 1).linearised
     weight = 1.0 / (1.0 + np.where(np.isnan(chi2), np.inf, chi2) / ROBUST_CHI2) ** 2
     if np.count_nonzero(weight) < 9:
         return RightShift(0.0, np.inf, 0.0, seen.uv[:0], seen.uv[:0, 0])

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, Mask
-from sfr_loc_map.geometry.small_linalg import fill_inverse_4, solve
+from sfr_loc_map.geometry.small_linalg import copy_row, fill_inverse_4, solve
 from sfr_loc_map.jit import jit, jit_fast, jit_fast_inline
 from sfr_loc_map.localisation.frontend.patch import (
     HALF,
@@ -39,10 +39,9 @@ def nearest(
     It walks from each point's place to both sides, until what lies there is too far along u alone. Points `(N, 2)`
     begin at their places `(N,)` in the support `(M, 2)`, which is in the order of u and has at least `count`.
     """
-    index, square = np.empty((len(points), count), np.intp), np.empty((len(points), count))
+    index, distance = np.zeros((len(points), count), np.intp), np.full((len(points), count), np.inf)
     for n in range(len(points)):
-        u, v = points[n]
-        best, who = np.full(count, np.inf), np.zeros(count, np.intp)
+        u, v, best, who = points[n, 0], points[n, 1], distance[n], index[n]  # squared until all are found
         low, high = begin[n] - 1, begin[n]
         while True:
             near_low = (u - support[low, 0]) ** 2 if low >= 0 else np.inf
@@ -64,8 +63,9 @@ def nearest(
                     best[place], who[place] = best[place - 1], who[place - 1]
                     place -= 1
                 best[place], who[place] = found, at
-        index[n], square[n] = who, best
-    return np.sqrt(square), index
+        for k in range(count):
+            best[k] = np.sqrt(best[k])
+    return distance, index
 
 
 @jit_fast_inline
@@ -78,7 +78,8 @@ def _fill_scores(
     """
     places, half, size = len(scores), half_width(template.size), template.size
     total, square, dot = sums[0, :places], sums[1, :places], sums[2, :places]
-    total[:], square[:], dot[:], scores[:] = 0.0, 0.0, 0.0, -1.0
+    for p in range(places):
+        total[p], square[p], dot[p], scores[p] = 0.0, 0.0, 0.0, -1.0
     usable = places if u + places - 1 + half < image.shape[1] else places - 1
     k = 0
     for j in range(v - half, v + half + 1):
@@ -236,12 +237,14 @@ def _fit(image: FloatImage, power: float, work: _Workspace) -> bool:
     """Find the plane of a patch from that of its neighbours; tell whether it gives a plausible one."""
     half, start, at, p = half_width(work.pixels.columns.size), work.start, work.at, work.products
     damped, inverse = work.damped, work.inverse
-    at[:] = start
+    copy_row(start, at)
     for _ in range(SLOPE_ITERATIONS):
         square = _compare(image, (at[0], at[1], at[2], at[3]), power, work)
         if np.isnan(square):
             return False
-        weight, damped[:] = max(square, MIN_SQUARE) / PRIOR_SIGMA**2, work.normal
+        weight = max(square, MIN_SQUARE) / PRIOR_SIGMA**2
+        for a in range(4):
+            copy_row(work.normal[a], damped[a])
         for a in range(2, 4):
             damped[a, a] += weight
             p[a] += weight * (at[a] - start[a])
@@ -414,13 +417,12 @@ def _fit_slopes(
 ) -> FloatArray:
     """Return the slopes `(N, 2)` of planes fitted to neighbours `(N, NEIGHBOURS)`, nearer and agreeing ones first."""
     out = np.zeros((len(uv), 2))
-    row, h, g, plane = np.ones(3), np.zeros((3, 3)), np.zeros(3), np.zeros(3)
+    row = np.ones(3)
     for n in range(len(uv)):
-        reach = max(distance[n, -1], 1.0)
-        plane[:] = 0.0
+        reach, plane = max(distance[n, -1], 1.0), np.zeros(3)
         for _ in range(4):
+            h, g = np.zeros((3, 3)), np.zeros(3)
             # a weak prior for zero slope regularises isolated points
-            h[:], g[:] = 0.0, 0.0
             h[0, 0], h[1, 1], h[2, 2] = 1.0, 0.02 * reach * reach, 0.02 * reach * reach
             for k in range(index.shape[1]):
                 m = index[n, k]

@@ -127,7 +127,7 @@ class Tracker:
             uv[before], uv[~before] = known.observations[rows], new_uv
             variance[before], variance[~before] = known.variance[rows], new_variance
         seen = StereoObservations(uv, variance)
-        pose, information, chi2 = solve_pose(start, landmarks.estimates, seen, self._camera, POSE_ITERATIONS)
+        pose, information, (*_, chi2) = solve_pose(start, landmarks.estimates, seen, self._camera, POSE_ITERATIONS)
         inliers = chi2 < INLIER_CHI2_PER_DOF  # NaN is none
         count, found = int(np.count_nonzero(inliers)), int(np.count_nonzero(np.isfinite(chi2)))
         trusted = count >= self._min_tracked and count > 0.5 * found and found > 0.2 * len(chi2)

@@ -105,7 +105,8 @@ def fill_smoothness(field: FloatImage, top: int, weights: SmoothnessWeights, fir
             if 0 <= i < rows:  # the others are filled
                 row[0] = row[1] = row[cols] = row[cols + 1] = F(0.0)
             else:
-                row[:] = F(0.0)
+                for j in range(cols + 2):
+                    row[j] = F(0.0)
         if 0 <= i < rows:
             _fill_differences(field, i - top, weights, i, along_x[n], along_y[n], mixed[n])
     for n in range(len(out)):

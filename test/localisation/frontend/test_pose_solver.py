@@ -63,7 +63,7 @@ def test_the_true_pose_is_found_from_exact_observations_of_either_image(hidden: 
     uv[:60, hidden] = np.nan
     solution = solve(uv)
     np.testing.assert_allclose(error(solution.pose), 0.0, atol=1e-6)
-    assert np.nanmax(solution.chi2_per_dof) < 1e-6
+    assert np.nanmax(solution.linearised.chi2_per_dof) < 1e-6
 
 
 def test_information_is_that_of_finite_differences() -> None:
