@@ -158,7 +158,7 @@ $(STAMP): $(CORE)
 	@touch $@
 
 $(DEV_STAMP): $(STAMP)
-	$(call install,"sfr_loc_map[$(if $(ROS),ros$(COMMA))sim,dev]")
+	$(call install,"sfr_loc_map[$(if $(ROS),ros$(COMMA))sim$(COMMA)dev]")
 	@touch $@
 
 # The kernels need no ROS: they are compiled on two cores while its wheels are fetched.

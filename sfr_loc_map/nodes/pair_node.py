@@ -22,6 +22,7 @@ from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import image_from_message, stamp_of
 from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig
 from sfr_loc_map.io.stamp_pairing import STAMP_TOLERANCE_S, StampPairing
+from sfr_loc_map.localisation.parallel import both
 from sfr_loc_map.nodes.diagnostics import Level
 from sfr_loc_map.nodes.environment import EXPORT_LINE
 from sfr_loc_map.nodes.lifecycle.endpoints import RELIABILITIES, profile
@@ -89,7 +90,7 @@ class ReceivedPair:
 
     def decode(self) -> StereoPair:
         """Return the images in grey, rectified."""
-        images = self._grey(0), self._grey(1)
+        images = both(self._grey, (0,), (1,))
         return StereoPair(self.stamp_ns, *(images if self.rectifier is None else self.rectifier.rectify(*images)))
 
     def _grey(self, side: int) -> GreyImage:
