@@ -1,4 +1,4 @@
-"""Compile every kernel as after an installation, and print a table of them: seconds of processor time of each, and specialisations.
+"""Compile every kernel as after an installation, and print a table: processor time of each, s, and specialisations.
 
     PYTHONPATH=. python tools/kernel_times.py [PART...]
 

@@ -113,7 +113,7 @@ class GroundMotionFinder:
         if self.cells.mask is not None or len(ground.dynamic):
             self.cells.age(self._change.stays)
         if not ground.seen or ground.doubt is not None:
-            self._unsettled = SETTLED
+            self._unsettled = max(self._unsettled, SETTLED)
         elif not ground.whole:
             self._unsettled = max(self._unsettled, min(self._tears, SETTLED))
         elif self._unsettled > 0 and result.trusted:

@@ -141,6 +141,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         for task in ("localisation", "mapping"):
             self._receive(String, f"{task}/configuration", partial(self._on_configuration, task), latched)
         self.add_service("~/save", self._save)
+        self.add_service("~/finish", self._finish)
         self.add_service("~/reset", self._reset)
         self.endpoints.add_timer(config.publish_period_s, lambda: self.worker.enqueue(self._publish))
         if self._report_file is not None and config.save_period_s:
@@ -285,6 +286,11 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         end = time.perf_counter()
         self._rest_until_s = end + RESTS * (time.thread_time() - used_s)  # not what others took of a busy host
         self.status.note_call(Level.OK, "scoring", {"processing_time_s": end - begin}, {})
+
+    def _finish(self) -> str:
+        self._changed, self._rest_until_s = True, 0.0
+        self._publish()
+        return "the figures are published"
 
     def _save(self) -> str:
         if self._report_file is None:

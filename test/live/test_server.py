@@ -6,6 +6,7 @@ import asyncio
 import json
 import re
 import resource
+import statistics
 import time
 from collections.abc import Awaitable, Callable
 from typing import Any
@@ -136,17 +137,20 @@ def test_open_sockets_cost_nothing(capfd: pytest.CaptureFixture[str], monkeypatc
     resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, min(hard, 4096)), hard))
 
     async def test(found: Served) -> None:
+        async def get_s() -> float:
+            begin_s = time.monotonic()
+            assert (await found.get("state.json", Connection="close"))[0] == 200
+            return time.monotonic() - begin_s
+
         fill(found.state, 60)
-        opened, took_s = [], []
+        opened, took_s, alone_s = [], [], [await get_s() for _ in range(20)]
         for number in range(2000):
             reader, writer = await asyncio.open_connection("127.0.0.1", found.port)
             writer.write(b"GET /state.json HTTP/1.1\r\nHost: " if number % 2 else b"")
             opened.append((reader, writer))
             if number % 100 == 99:
-                begin_s = time.monotonic()
-                assert (await found.get("state.json", Connection="close"))[0] == 200
-                took_s.append(time.monotonic() - begin_s)
-        assert sorted(took_s)[len(took_s) // 2] < 0.05  # of a busy host not the largest
+                took_s.append(await get_s())
+        assert statistics.median(took_s) < 0.02 + 5.0 * statistics.median(alone_s)  # a busy host answers later
         assert max(took_s) < 1.0
         cut = [await asyncio.wait_for(reader.read(), 20) for reader, _ in opened[: 2000 - server.MAX_WAITING]]
         assert set(cut) == {b""}

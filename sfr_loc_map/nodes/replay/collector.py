@@ -123,8 +123,10 @@ class ResultCollector:
                 self._node.call(finish, "mapping_node did not finish its map")
                 clouds += 1
             self.settle(clouds)
+            report = self._node.node.create_client(Trigger, "monitor_node/finish")
             deadline = time.monotonic() + REPORT_TIMEOUT_S
             while not self._has_full_report(clouds > 0 and has_map_truth) and time.monotonic() < deadline:
+                self._node.call(report, "monitor_node did not publish its figures")
                 self._node.spin_for(POLL_S)
         scored.cut_short = tuple(run for run in self._cut_short if run is not scored)
         return scored
