@@ -92,6 +92,12 @@ def refusing(where: str, advice: str = "correct the file") -> Iterator[None]:
         raise InputError(f"{where}: {reason}; {advice}") from error
 
 
+def stamp_of(message: Any) -> int:  # noqa: ANN401 - any message with a header
+    """Return the header's stamp of a message, nanoseconds."""
+    stamp = message.header.stamp
+    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
+
+
 def special_kind(mode: int) -> str:
     """Return what a file of this `st_mode` is if neither a regular file nor a folder, in words; else an empty text."""
     return "" if stat.S_ISDIR(mode) else _SPECIAL_FILES.get(stat.S_IFMT(mode), "")

@@ -11,8 +11,7 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.quaternion_kernels import slerp, unit_quats
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.io.image_codec import stamp_of
+from sfr_loc_map.inputs import NS_PER_S, stamp_of
 
 TF = "tf2_msgs/msg/TFMessage"
 LONGEST_GAP_S = 1.0  #: Between messages further apart what moves is not known.

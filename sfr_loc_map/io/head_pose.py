@@ -11,10 +11,9 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.extrinsics import BASE_FRAMES, NAVSB_FRAME, FramesConfig, mast_head_in_rb, rig_in_body
 from sfr_loc_map.geometry.transform import FrameTree, Transform
-from sfr_loc_map.inputs import refusing
+from sfr_loc_map.inputs import refusing, stamp_of
 from sfr_loc_map.io.bag import Bag, Topic
 from sfr_loc_map.io.bag_frames import chain_above, covered, read_frames, sampled
-from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.io.text_table import check_order
 
 JOINT_STATE = "sensor_msgs/msg/JointState"

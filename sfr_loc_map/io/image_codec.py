@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, check_image_size
-from sfr_loc_map.inputs import MAX_IMAGE_BYTES, NS_PER_S, read_bytes, refusing
+from sfr_loc_map.inputs import MAX_IMAGE_BYTES, read_bytes, refusing, stamp_of
 
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 JPEG_MAGIC = b"\xff\xd8"
@@ -154,12 +154,6 @@ def image_from_compressed_message(message: Any) -> GreyImage:  # noqa: ANN401 - 
         return decode_grey(bytes(message.data))
     except InputError as error:
         raise InputError(f"image of stamp {stamp_of(message)}: {error}") from error
-
-
-def stamp_of(message: Any) -> int:  # noqa: ANN401 - any message with a header
-    """Return the header's stamp of a message, nanoseconds."""
-    stamp = message.header.stamp
-    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
 
 
 def encode_png(image: GreyImage) -> bytes:

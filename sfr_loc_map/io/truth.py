@@ -19,10 +19,9 @@ from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_multiply, quat_rotate
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
-from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, refusing
+from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, refusing, stamp_of
 from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.bag_frames import chain_above, pose_row, read_frames, sampled, trajectory_of
-from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.io.text_table import check_order
 from sfr_loc_map.io.topic_guess import is_own
 from sfr_loc_map.io.trajectory_file import read_trajectory_file

@@ -79,8 +79,6 @@ def diagnose(
 
     Where they agree every hypothesis is tried all the same, unless `every` is false: a score needs none then.
     """
-    from scipy.spatial.transform import Rotation  # slow to import, and seldom needed by a node
-
     if not truth.has_attitude:  # every hypothesis is judged by attitudes too
         return Diagnosis(disagreement=None, hypotheses=(), found=None)
     both = estimate, truth
@@ -113,6 +111,8 @@ def diagnose(
     if best is not None and plain and plain[0].disagreement <= SIMPLER * best.disagreement:
         best = plain[0]
     if best is None and before is not None and before >= AGREES and len(true[0]) >= LATE_POSES:
+        from scipy.spatial.transform import Rotation
+
         turns = [(each[:-1].inv() * each[1:]).as_rotvec() for each in map(Rotation.from_quat, (true[1], found[1]))]
         now, late = (np.square(turns[1][1:] - turns[0][rows]).sum() for rows in (slice(1, None), slice(-1)))
         left = disagreement((true[0][:-1], true[1][:-1]), (found[0][1:], found[1][1:]))
@@ -139,7 +139,7 @@ def disagreement(truth: Poses, estimate: Poses) -> float:
 
 
 def _each_undone(truth: Poses, estimate: Poses, rig: StereoRig | None) -> Iterator[tuple[str, str, str, bool, Poses]]:
-    from scipy.spatial.transform import Rotation  # slow to import, and seldom needed by a node
+    from scipy.spatial.transform import Rotation  # slow to import, and not needed where both agree
 
     (p, quats), q = estimate, Rotation.from_quat(estimate[1])
     optical, upright = Rotation.from_matrix(OPTICAL_IN_RB), Rotation.identity()

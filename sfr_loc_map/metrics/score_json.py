@@ -74,7 +74,8 @@ def to_plain(value: Any) -> Any:  # noqa: ANN401 - any value of a record
     if isinstance(value, Mapping):
         return {key: to_plain(item) for key, item in value.items()}
     if isinstance(value, Sequence):
-        return [item if type(item) is int else to_plain(item) for item in value]
+        finite = math.isfinite  # most numbers of a score stand in columns
+        return [v if type(v) is int or (type(v) is float and finite(v)) else to_plain(v) for v in value]
     if hasattr(value, "to_plain"):
         return value.to_plain()
     plain: dict[str, Any] = {}

@@ -20,9 +20,8 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.geometry.extrinsics import LOCSB_FRAME, RB_FRAME
 from sfr_loc_map.geometry.transform import FrameTree
-from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.inputs import NS_PER_S, stamp_of
 from sfr_loc_map.io.bag_sequence import RAW, RECTIFIED
-from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.nodes import diagnostics, environment
 from sfr_loc_map.nodes.extrinsics import TF_STATIC, add_static_transforms
 from sfr_loc_map.nodes.messages import message_type, tf_message_type

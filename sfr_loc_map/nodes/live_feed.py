@@ -33,8 +33,8 @@ from std_srvs.srv import Trigger
 from sfr_loc_map.errors import InputError, NodeError, SfrError
 from sfr_loc_map.geometry.arrays import FloatArray32
 from sfr_loc_map.geometry.plausibility import check_image_size
-from sfr_loc_map.inputs import NS_PER_S, SIDES
-from sfr_loc_map.io.image_codec import decode_grey, image_from_message, points_image, stamp_of
+from sfr_loc_map.inputs import NS_PER_S, SIDES, stamp_of
+from sfr_loc_map.io.image_codec import decode_grey, image_from_message, points_image
 from sfr_loc_map.live import media, updates
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.nodes import messages

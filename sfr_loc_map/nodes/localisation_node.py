@@ -23,8 +23,7 @@ from sfr_loc_map.config import param
 from sfr_loc_map.geometry.extrinsics import RB_FRAME
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import NS_PER_S, SIDES
-from sfr_loc_map.io.image_codec import stamp_of
+from sfr_loc_map.inputs import NS_PER_S, SIDES, stamp_of
 from sfr_loc_map.io.source_config import ExtrinsicsConfig
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, TrackingState

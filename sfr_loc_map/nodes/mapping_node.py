@@ -21,7 +21,7 @@ from sfr_loc_map.config import param
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.io.image_codec import stamp_of
+from sfr_loc_map.inputs import stamp_of
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
 from sfr_loc_map.mapping.terrain.grid import elevation_grid

@@ -38,8 +38,8 @@ from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.geometry.plausibility import MAX_VARIANCE, check_image_size, is_plausible_covariance
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import LOST_VARIANCE, refusing
-from sfr_loc_map.io.image_codec import JPEG_MAGIC, PNG_MAGIC, claimed_size, stamp_of
+from sfr_loc_map.inputs import LOST_VARIANCE, refusing, stamp_of
+from sfr_loc_map.io.image_codec import JPEG_MAGIC, PNG_MAGIC, claimed_size
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, StepEstimate
 
 if TYPE_CHECKING:

@@ -25,9 +25,9 @@ from std_msgs.msg import Float64, String
 from sfr_loc_map import __version__
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import InputError, MetricsError, SfrError
-from sfr_loc_map.inputs import MAX_TEXT_BYTES, SIDES, Side, parse_json
+from sfr_loc_map.inputs import MAX_TEXT_BYTES, SIDES, Side, parse_json, stamp_of
 from sfr_loc_map.io.camera_info import rig_from_camera_info
-from sfr_loc_map.io.image_codec import points_image, stamp_of
+from sfr_loc_map.io.image_codec import points_image
 from sfr_loc_map.io.truth import TrackedBody
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.config import ScoreConfig, VerdictState

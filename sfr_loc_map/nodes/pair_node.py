@@ -17,9 +17,9 @@ from sfr_loc_map.config import param
 from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
-from sfr_loc_map.inputs import NS_PER_S, SIDES, Side
+from sfr_loc_map.inputs import NS_PER_S, SIDES, Side, stamp_of
 from sfr_loc_map.io.camera_info import rig_from_camera_info
-from sfr_loc_map.io.image_codec import image_from_message, stamp_of
+from sfr_loc_map.io.image_codec import image_from_message
 from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig
 from sfr_loc_map.io.stamp_pairing import STAMP_TOLERANCE_S, StampPairing
 from sfr_loc_map.localisation.parallel import both

@@ -12,11 +12,11 @@ import numpy as np
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import GreyImage, IntArray
 from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.inputs import NS_PER_S, SIDES
+from sfr_loc_map.inputs import NS_PER_S, SIDES, stamp_of
 from sfr_loc_map.io.bag import COMPRESSED, IMAGE
 from sfr_loc_map.io.bag_sequence import RAW, RECTIFIED
 from sfr_loc_map.io.camera_info import rig_from_camera_info
-from sfr_loc_map.io.image_codec import image_from_message, stamp_of
+from sfr_loc_map.io.image_codec import image_from_message
 from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig
 from sfr_loc_map.metrics.association import nearest_stamps
 from sfr_loc_map.pipeline.doctor_observation import EXPECTED, Observation, ObservedTopic, Reliability, allowed_types

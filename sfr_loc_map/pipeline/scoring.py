@@ -439,7 +439,7 @@ def load_estimates(path: Path, stats: Sequence[CallStats] = ()) -> Estimates:
 
 def estimates_of(trajectory: Trajectory, stats: Sequence[CallStats] = ()) -> Estimates:
     """Return estimated poses with the lost flags and covariances of the calls that gave them."""
-    stamps = set(trajectory.stamps_ns.tolist())
+    stamps = set(trajectory.stamps_ns.tolist()) if stats else set()
     for item in stats:
         if not stamps.isdisjoint(item.localised):
             return item.estimates(trajectory)

@@ -27,9 +27,8 @@ from processes import ROOT, Peer
 from scenes import DRIVERS, params
 
 from sfr_loc_map.child_process import child_environment
-from sfr_loc_map.inputs import SIDES
+from sfr_loc_map.inputs import SIDES, stamp_of
 from sfr_loc_map.io.camera_info import projection
-from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.nodes.environment import start_ros
 from sfr_loc_map.nodes.messages import tf_message_type

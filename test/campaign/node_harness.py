@@ -32,9 +32,8 @@ from std_srvs.srv import Trigger
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import SIDES
+from sfr_loc_map.inputs import SIDES, stamp_of
 from sfr_loc_map.io import bag_messages
-from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.nodes.diagnostics import TOPIC, Level, level_of
 from sfr_loc_map.nodes.environment import start_ros
 from sfr_loc_map.nodes.messages import pose_msg

@@ -24,7 +24,7 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from std_srvs.srv import SetBool
 
-from sfr_loc_map.io.image_codec import stamp_of
+from sfr_loc_map.inputs import stamp_of
 
 COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
 

@@ -22,9 +22,9 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import SIDES
+from sfr_loc_map.inputs import SIDES, stamp_of
 from sfr_loc_map.io import bag_messages
-from sfr_loc_map.io.image_codec import encode_png, stamp_of
+from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.io.rectification import rectified_rig
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.frontend.tracking import INLIER_CHI2_PER_DOF

@@ -12,8 +12,8 @@ from sensor_msgs.msg import PointCloud2
 from stereo_msgs.msg import DisparityImage
 
 from sfr_loc_map.geometry.stereo import StereoPair
+from sfr_loc_map.inputs import stamp_of
 from sfr_loc_map.io import bag_messages
-from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.mapping.config import MappingConfig, TerrainConfig
 from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.mapping.terrain.grid import elevation_grid

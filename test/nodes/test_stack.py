@@ -27,9 +27,8 @@ from std_msgs.msg import String
 
 from sfr_loc_map.geometry.extrinsics import OPTICAL_IN_SB
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import Side
+from sfr_loc_map.inputs import Side, stamp_of
 from sfr_loc_map.io import bag_messages
-from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.io.source_config import ExtrinsicsConfig
 from sfr_loc_map.nodes.diagnostics import Level
 from sfr_loc_map.nodes.extrinsics import Extrinsics, add_static_transforms

@@ -13,8 +13,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.inputs import Task
-from sfr_loc_map.io.image_codec import stamp_of
+from sfr_loc_map.inputs import Task, stamp_of
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.nodes import diagnostics
 from sfr_loc_map.nodes.diagnostics import Level, level_of

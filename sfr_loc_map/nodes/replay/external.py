@@ -20,8 +20,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.pose_convention import FIRST_POSE, PoseConvention, aligned, converted
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import Task
-from sfr_loc_map.io.image_codec import stamp_of
+from sfr_loc_map.inputs import Task, stamp_of
 from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.convention import world_at_first_pose
