@@ -42,6 +42,7 @@ MAX_CLOUD_BYTES = 4096 * MB
 MAX_TABLE_BYTES = 256 * MB  #: Largest table of text: a trajectory of 1.5 million poses.
 MAX_TABLE_LINES = 4_000_000
 MAX_LINE_BYTES = 64_000
+BLOCK_BYTES = 4 * MB  #: Tables are read in blocks of whole lines of about so many: a million lines take much memory.
 FREE_BYTES = 64 * 2**20
 LARGEST_RATIO = 20
 """What is compressed may become `FREE_BYTES`, or this many times its own size where that is more: images and points of
@@ -105,37 +106,50 @@ def special_kind(mode: int) -> str:
 
 def check_regular(path: Path) -> None:
     """Raise OSError if a path is missing, or neither a regular file nor a link to one."""
-    read_bytes(path, None)
-
-
-def read_bytes(path: Path, limit: int | None, *, table: bool = False) -> bytes:
-    """Return the content of a regular file of at most so many bytes; without a limit nothing is read.
-
-    Of a `table` of text the number and the length of its lines are bounded as well.
-
-    Raises OSError if it cannot be read, is not a regular file (a named pipe would wait for ever) or is too large.
-    """
     if "\0" in str(path):  # Python would raise a ValueError
         raise OSError(errno.EINVAL, "its name holds a zero byte", str(path))
     if kind := _SPECIAL_FILES.get(stat.S_IFMT(path.stat().st_mode)):
         raise OSError(errno.EINVAL, f"it is {kind}, not a file", str(path))
-    if limit is None:
-        return b""
+
+
+def read_bytes(path: Path, limit: int) -> bytes:
+    """Return the content of a regular file of at most so many bytes.
+
+    Raises OSError if it cannot be read, is not a regular file (a named pipe would wait for ever) or is too large.
+    """
+    return b"".join(_blocks(path, limit, limit))
+
+
+def read_table(path: Path) -> Iterator[bytes]:
+    """Yield a table of text in blocks of whole lines; OSError as `read_bytes`, or if lines are too many or too long."""
+    lines = 0
+    for block in _blocks(path, MAX_TABLE_BYTES, BLOCK_BYTES):
+        lines += block.count(b"\n") + block.count(b"\r")
+        if lines > MAX_TABLE_LINES:
+            raise OSError(errno.EFBIG, f"it has more than {MAX_TABLE_LINES} lines", str(path))
+        begin = 0
+        while len(block) - begin > MAX_LINE_BYTES:
+            window = begin + MAX_LINE_BYTES
+            end = max(block.rfind(b"\n", begin, window), block.rfind(b"\r", begin, window))
+            if end < 0:
+                raise OSError(errno.EFBIG, f"it has a line of more than {MAX_LINE_BYTES} bytes", str(path))
+            begin = end + 1
+        yield block
+
+
+def _blocks(path: Path, limit: int, size: int) -> Iterator[bytes]:
+    """Yield a regular file in blocks of so many bytes and what its last line then has."""
+    check_regular(path)
+    too_large = OSError(errno.EFBIG, f"it is larger than {limit / MB:g} MB", str(path))
     with path.open("rb") as stream:
-        size = os.fstat(stream.fileno()).st_size
-        data = stream.read(limit + 1) if size <= limit else b""
-    if max(size, len(data)) > limit:
-        raise OSError(errno.EFBIG, f"it is larger than {limit / MB:g} MB", str(path))
-    if table and data.count(b"\n") + data.count(b"\r") > MAX_TABLE_LINES:
-        raise OSError(errno.EFBIG, f"it has more than {MAX_TABLE_LINES} lines", str(path))
-    begin = 0
-    while table and len(data) - begin > MAX_LINE_BYTES:
-        window = begin + MAX_LINE_BYTES
-        end = max(data.rfind(b"\n", begin, window), data.rfind(b"\r", begin, window))
-        if end < 0:
-            raise OSError(errno.EFBIG, f"it has a line of more than {MAX_LINE_BYTES} bytes", str(path))
-        begin = end + 1
-    return data
+        if os.fstat(stream.fileno()).st_size > limit:
+            raise too_large
+        while block := stream.read(size):
+            block += stream.readline(limit)
+            limit -= len(block)
+            if limit < 0:  # it grows
+                raise too_large
+            yield block
 
 
 def read_text(path: Path, limit: int = MAX_TEXT_BYTES) -> str:

@@ -23,7 +23,7 @@ from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.rotation import quat_conjugate
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import MAX_TABLE_BYTES, MAX_TEXT_BYTES, SIDES, read_bytes, refusing
+from sfr_loc_map.inputs import MAX_TEXT_BYTES, SIDES, read_bytes, read_table, refusing
 from sfr_loc_map.io.array_file import MAX_HEADER, parse_npy
 from sfr_loc_map.io.camera_info import baseline_from_projection
 from sfr_loc_map.io.image_codec import checked_points, encode_png
@@ -65,7 +65,7 @@ def open_folder(path: Path) -> Source:
     for folder in [path] if is_whole else [path / part for part in ("loc", "nav") if (path / part).is_dir()]:
         file, table, truth_file = folder / "rig.json", folder / "pairs.csv", folder / "groundtruth.csv"
         with refusing(f"cannot read '{table}'", "a data set folder needs its pairs.csv"):
-            text = read_bytes(table, MAX_TABLE_BYTES, table=True).decode("utf-8-sig")
+            text = b"".join(read_table(table)).decode("utf-8-sig")
         rig = read_rig(file)
 
         header, *rows = [[word.strip() for word in line.split(",")] for line in text.splitlines()] or [[""]]

@@ -2,14 +2,14 @@
 
 Python's own conversions take more than files mean: underscores, digits of other scripts, `nan` and `infinity`,
 integers of any length. Stamps go to and from integer nanoseconds by integer arithmetic, never through a floating-point
-number. A table is read all at once; what is wrong is looked for, line by line, only once that has failed.
+number. A table is read in blocks; what is wrong in one is looked for, line by line, only once that has failed.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from decimal import ROUND_HALF_EVEN, Decimal, InvalidOperation
@@ -22,14 +22,13 @@ from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, plausible_positions, plausible_quats
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import MAX_TABLE_BYTES, NS_PER_S, read_bytes, refusing
+from sfr_loc_map.inputs import NS_PER_S, read_table, refusing
 
 MAX_NUMBER_LENGTH = 400
 STAMP_LENGTH = 64
 STAMP_LIMIT = 2**63
 BOM = b"\xef\xbb\xbf"
-BLOCK_BYTES = 4_000_000
-"""Text is taken apart in blocks of whole lines of about so many bytes: a million lines at once take much memory."""
+COMMENT = ord("#")
 _WHOLE = re.compile(r"[+-]?[0-9]{1,19}")
 _COUNT = re.compile(r"[0-9]{1,12}")
 _DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,4})?")
@@ -100,10 +99,15 @@ def read_lines(path: Path) -> list[str]:
     return [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
 
 
-def read_data(path: Path, needed: str = "the data set needs it") -> bytes:
+def read_data(path: Path) -> bytes:
     """Return the content of a text file."""
+    return b"".join(read_blocks(path))
+
+
+def read_blocks(path: Path, needed: str = "the data set needs it") -> Iterator[bytes]:
+    """Yield the content of a text file in blocks of whole lines."""
     with refusing(f"cannot read '{path}'", needed):
-        return read_bytes(path, MAX_TABLE_BYTES, table=True)
+        yield from read_table(path)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,10 +119,11 @@ class Table:
     stamps_ns: IntArray  #: `(N,)` nanoseconds; empty without a column of stamps.
     values: FloatArray  #: `(N, K)` finite numbers.
 
-    def trajectory(self, positions: FloatArray, quats_xyzw: FloatArray) -> Trajectory:
-        """Return the poses that stand in the rows; the error names the first line that holds none."""
+    def trajectory(self, signs: FloatArray) -> Trajectory:
+        """Return the poses of the rows: x, y, z, quaternion by `signs`; the error names the first line with none."""
+        positions, quats_xyzw = self.values[:, :3].copy(), self.values[:, 3:] * signs
         try:
-            return Trajectory(self.stamps_ns, positions.copy(), quats_xyzw.copy())
+            return Trajectory(self.stamps_ns, positions, quats_xyzw)
         except GeometryError as error:
             near, unit = plausible_positions(positions), plausible_quats(quats_xyzw)
             row = int(np.argmin(near & unit))
@@ -130,7 +135,7 @@ class Table:
 
 
 def parse_table(
-    data: bytes,
+    blocks: Iterable[bytes],
     name: str,
     form: str,
     places: Sequence[int],
@@ -139,13 +144,12 @@ def parse_table(
     separator: str | None = None,
     more: bool = False,
     skip: int = 0,
-    comment: bytes | tuple[bytes, ...] = b"#",
 ) -> Table:
     """Return the stamps and numbers of a text without empty lines, comments and `skip` lines of a header.
 
-    `places` are the columns read, from 0, the first of them for `stamp` if given, which makes nanoseconds of a text;
-    `more`: lines may have more columns than the last of them. Spaces separate without a `separator`. `name` and `form`
-    (what stands in a line) are for messages.
+    It comes in blocks of whole lines. `places` are the columns read, from 0, the first of them for `stamp` if given,
+    which makes nanoseconds of a text; `more`: lines may have more columns than the last of them. Spaces separate
+    without a `separator`. `name` and `form` (what stands in a line) are for messages.
     """
     columns, width = list(places[1:] if stamp else places), max(places) + 1
 
@@ -158,14 +162,12 @@ def parse_table(
         for column in columns:
             parse_number(cells[column])
 
-    parts: list[tuple[IntArray, IntArray, FloatArray]] = []
-    begin, number = len(BOM) if data.startswith(BOM) else 0, 0
-    while begin < len(data) or not parts:
-        end = data.find(b"\n", begin + BLOCK_BYTES) + 1 or len(data)
-        texts = [text.strip() for text in data[begin:end].splitlines()]
-        chosen = [k for k, text in enumerate(texts) if text and not text.startswith(comment) and number + k >= skip]
+    number, parts = 0, [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, len(columns))))]
+    for block in blocks:
+        texts = [text.strip() for text in (block if number else block.removeprefix(BOM)).splitlines()]
+        chosen = [k for k, text in enumerate(texts) if text and text[0] != COMMENT and number + k >= skip]
         rows = [texts[k] for k in chosen]
-        stamps_ns, values = np.zeros(0, np.int64), np.zeros((0, len(columns)))
+        _, stamps_ns, values = parts[0]
         try:
             used = list(places) if more else None  # without them numpy refuses rows of unequal length
             if stamp and rows:
@@ -184,7 +186,7 @@ def parse_table(
                     check(texts[k])
             raise InputError(f"{name} cannot be read as a table of {form}") from error
         parts.append((np.array(chosen, np.int64) + number + 1, stamps_ns, values))
-        begin, number = end, number + len(texts)
+        number += len(texts)
     lines, stamps_ns, values = (np.concatenate(column) for column in zip(*parts, strict=True))
     return Table(name, lines, stamps_ns, values)
 
@@ -196,15 +198,16 @@ def _stamps_of(texts: NDArray[np.bytes_], stamp: Callable[[str], int]) -> IntArr
     places = texts[0].find(b".") if point else len(texts[0]) - 9
     used = places + point + 9
     digits, ended = chars[:, :used] - np.uint8(ord("0")), chars[:, :used] == 0
-    alike = 0 < places <= 9 and not chars[:, used:].any() and not ended[:, : places if point else None].any()
+    alike = 0 < places <= 10 and not chars[:, used:].any() and not ended[:, : places if point else None].any()
     if alike and point:
         alike = bool((chars[:, places] == ord(".")).all())
         digits = np.delete(np.where(ended, np.uint8(0), digits), places, axis=1)
         ended = ended[:, places + 1 :]
-    if not alike or digits.max() > 9 or (ended[:, :-1] > ended[:, 1:]).any():
+    powers = 10.0 ** np.arange(9, -1, -1)  # sums of ten digits are exact
+    whole = digits[:, :places] @ powers[-places:] if alike else np.zeros(1)
+    if not alike or digits.max() > 9 or (ended[:, :-1] > ended[:, 1:]).any() or whole.max() >= STAMP_LIMIT // NS_PER_S:
         return np.array([stamp(text.decode("ascii")) for text in texts.tolist()], np.int64)
-    powers = 10.0 ** np.arange(8, -1, -1)  # sums of nine digits are exact
-    whole, fraction = digits[:, :places] @ powers[-places:], digits[:, places:] @ powers
+    fraction = digits[:, places:] @ powers[1:]
     return np.asarray(whole.astype(np.int64) * NS_PER_S + fraction.astype(np.int64))
 
 

@@ -17,10 +17,12 @@ from __future__ import annotations
 
 import csv
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from decimal import Decimal
 from enum import StrEnum
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +34,7 @@ from sfr_loc_map.geometry.plausibility import plausible_positions, plausible_rot
 from sfr_loc_map.geometry.pose_convention import OPTICAL_IN_BODY
 from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_from_matrix
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import MAX_TABLE_BYTES, NS_PER_S, read_bytes, refusing
+from sfr_loc_map.inputs import NS_PER_S, refusing
 from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.io.text_table import (
     BOM,
@@ -40,7 +42,7 @@ from sfr_loc_map.io.text_table import (
     parse_seconds,
     parse_stamp_ns,
     parse_table,
-    read_data,
+    read_blocks,
     seconds_text,
 )
 
@@ -128,18 +130,19 @@ def read_trajectory_file(path: Path, columns: str = "") -> LoadedTrajectory:
     """
     path = Path(path)
     name = f"'{path}'"
-    with refusing(f"cannot read '{path}'", "give a csv, TUM, KITTI or EuRoC file"):
-        data = read_bytes(path, MAX_TABLE_BYTES, table=True)
-    lines = [line.strip() for line in data[:HEAD_BYTES].removeprefix(BOM).splitlines() if line.strip()]
+    rest = read_blocks(path, "give a csv, TUM, KITTI or EuRoC file")
+    first = next(rest, b"")
+    blocks, signs = chain((first,), rest), np.ones(4)
+    lines = [line.strip() for line in first[:HEAD_BYTES].removeprefix(BOM).splitlines() if line.strip()]
     header = lines[0].decode("utf-8", "replace").replace(" ", "") if lines else ""
     row = next((line for line in lines if not line.startswith(b"#")), b"")
     cells = row.split(b",")
     if columns:
-        return _parse_columns(path, data, name, columns)
+        return _parse_columns(path, b"".join(blocks), name, columns)
     kind = TrajectoryFormat.CSV if header == CSV_HEADER else TrajectoryFormat.TUM
     if kind is TrajectoryFormat.CSV:
-        table = parse_table(data, name, CSV_HEADER, range(8), stamp=parse_stamp_ns, separator=",", skip=1)
-        quats = table.values[:, 3:] * CONJUGATED
+        table = parse_table(blocks, name, CSV_HEADER, range(8), stamp=parse_stamp_ns, separator=",", skip=1)
+        signs = CONJUGATED
     elif len(cells) == 8 and cells[0].strip().isdigit() and not header.startswith("#timestamp"):
         raise InputError(
             f"{name} has eight columns and no header: csv of the suite (scalar last, DsToRb) or EuRoC (scalar first)? "
@@ -147,23 +150,22 @@ def read_trajectory_file(path: Path, columns: str = "") -> LoadedTrajectory:
         )
     elif len(cells) >= 8 and cells[0].strip().isdigit():
         form, kind = "timestamp [ns], p_x, p_y, p_z, q_w, q_x, q_y, q_z", TrajectoryFormat.EUROC
-        table = parse_table(data, name, form, range(8), stamp=parse_stamp_ns, separator=",", more=True)
-        quats = table.values[:, [4, 5, 6, 3]]
+        places = (0, 1, 2, 3, 5, 6, 7, 4)
+        table = parse_table(blocks, name, form, places, stamp=parse_stamp_ns, separator=",", more=True)
     elif len(row.split()) == KITTI_COLUMNS:
-        return _parse_kitti(path, data, name)
+        return _parse_kitti(path, blocks, name)
     elif path.suffix == ".csv" or (header[:1] != "#" and re.search("[,;\t]", header)):
-        return _parse_columns(path, data, name, "")
+        return _parse_columns(path, b"".join(blocks), name, "")
     else:
-        table = parse_table(data, name, TUM_HEADER[2:], range(8), stamp=parse_seconds)
-        quats = table.values[:, 3:]
+        table = parse_table(blocks, name, TUM_HEADER[2:], range(8), stamp=parse_seconds)
     if not len(table.lines):
         raise InputError(f"{name} has no pose: at least one line with one is needed")
-    return LoadedTrajectory(path, table.trajectory(table.values[:, :3], quats), kind)
+    return LoadedTrajectory(path, table.trajectory(signs), kind)
 
 
-def _parse_kitti(path: Path, data: bytes, name: str) -> LoadedTrajectory:
+def _parse_kitti(path: Path, blocks: Iterable[bytes], name: str) -> LoadedTrajectory:
     """Return KITTI poses with stamps from a file of seconds; without one the numbers of the lines, 1 s apart."""
-    table = parse_table(data, name, "the first three rows of a pose matrix (KITTI)", range(KITTI_COLUMNS))
+    table = parse_table(blocks, name, "the first three rows of a pose matrix (KITTI)", range(KITTI_COLUMNS))
     matrices = table.values.reshape(-1, 3, 4)
     good = plausible_rotations(matrices[:, :, :3]) & plausible_positions(matrices[:, :, 3])
     if not good.all():
@@ -253,9 +255,8 @@ def times_beside(path: Path) -> Path:
 
 def read_times(path: Path, count: int | None = None) -> IntArray:
     """Return the stamps of a file of seconds `(N,)`, ns."""
-    table = parse_table(
-        read_data(path, "give the seconds of each pose"), f"'{path}'", "seconds", (0,), stamp=parse_seconds
-    )
+    blocks = read_blocks(path, "give the seconds of each pose")
+    table = parse_table(blocks, f"'{path}'", "seconds", (0,), stamp=parse_seconds)
     if count not in (None, len(table.lines)):
         raise InputError(f"'{path}' has {len(table.lines)} times for {count} poses: one for each is needed")
     return table.stamps_ns

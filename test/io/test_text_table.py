@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.io.text_table import parse_seconds, parse_stamp_ns, parse_table, seconds_text
+from sfr_loc_map.io.text_table import parse_seconds, parse_stamp_ns, parse_table, read_blocks, seconds_text
 
 finite = st.floats(-1e308, 1e308)  # which no form rounds to infinity
 forms = st.sampled_from(("{!r}", "{:.9f}", "{:.17e}", "{:.3g}", "{:.0f}"))
@@ -36,15 +36,17 @@ def test_seconds_text_inverts(stamp_ns: int) -> None:
 @given(st.lists(st.tuples(finite, forms), min_size=1, max_size=4), st.decimals(0, 2**33, places=9))
 @pytest.mark.parametrize("size", [1, 30, 10**6])
 def test_numbers_have_the_bits_of_float_and_stamps_those_of_integers_in_blocks_of_any_size(
-    size: int, rows: list, stamp: Decimal
+    tmp_path_factory: pytest.TempPathFactory, size: int, rows: list, stamp: Decimal
 ) -> None:
+    path = tmp_path_factory.getbasetemp() / "table.txt"
     texts = [form.format(value) for value, form in rows]
     data = "header\n" + "".join(f"  {stamp} {text}\r\n# comment\n\n" for text in texts)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sfr_loc_map.io.text_table.BLOCK_BYTES", size)
-        table = parse_table(data.encode(), "x", "t, x", (0, 1), stamp=parse_seconds, skip=1)
+        patch.setattr("sfr_loc_map.inputs.BLOCK_BYTES", size)
+        path.write_bytes(data.encode())
+        table = parse_table(read_blocks(path), "x", "t, x", (0, 1), stamp=parse_seconds, skip=1)
         with pytest.raises(InputError, match=f"line {3 * len(rows) + 2}: 1 columns"):
-            parse_table(f"{data}7\n".encode(), "x", "t, x", (0, 1), stamp=parse_seconds, skip=1)
+            parse_table([data.encode(), b"7\n"], "x", "t, x", (0, 1), stamp=parse_seconds, skip=1)
     assert [value.hex() for value in table.values[:, 0].tolist()] == [float(text).hex() for text in texts]
     assert table.stamps_ns.tolist() == [int(stamp * 10**9)] * len(rows)
     assert table.lines.tolist() == [3 * number + 2 for number in range(len(rows))]
@@ -60,4 +62,4 @@ def test_numbers_have_the_bits_of_float_and_stamps_those_of_integers_in_blocks_o
 )
 def test_the_line_that_is_wrong_is_named(line: str, words: str) -> None:
     with pytest.raises(InputError, match=f"^x line 3: {words}"):
-        parse_table(f"#\n1,2\n{line}\n".encode(), "x", "t, x", (0, 1), stamp=parse_stamp_ns, separator=",")
+        parse_table([f"#\n1,2\n{line}\n".encode()], "x", "t, x", (0, 1), stamp=parse_stamp_ns, separator=",")
