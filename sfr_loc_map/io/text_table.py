@@ -162,12 +162,12 @@ def parse_table(
         for column in columns:
             parse_number(cells[column])
 
-    number, parts = 0, [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, len(columns))))]
+    number, table = 0, Table(name, np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, len(columns))))
     for block in blocks:
         texts = [text.strip() for text in (block if number else block.removeprefix(BOM)).splitlines()]
         chosen = [k for k, text in enumerate(texts) if text and text[0] != COMMENT and number + k >= skip]
         rows = [texts[k] for k in chosen]
-        _, stamps_ns, values = parts[0]
+        stamps_ns, values = np.zeros(0, np.int64), np.zeros((0, len(columns)))
         try:
             used = list(places) if more else None  # without them numpy refuses rows of unequal length
             if stamp and rows:
@@ -185,10 +185,13 @@ def parse_table(
                 with refusing(f"{name} line {number + k + 1}", "correct or leave out the line"):
                     check(texts[k])
             raise InputError(f"{name} cannot be read as a table of {form}") from error
-        parts.append((np.array(chosen, np.int64) + number + 1, stamps_ns, values))
+        lines = np.array(chosen, np.int64) + number + 1
+        for column, part in ((table.lines, lines), (table.stamps_ns, stamps_ns), (table.values, values)):
+            end = len(column)  # it grows where it is: parts that are joined at last take twice the memory
+            column.resize((end + len(part), *column.shape[1:]), refcheck=False)
+            column[end:] = part
         number += len(texts)
-    lines, stamps_ns, values = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return Table(name, lines, stamps_ns, values)
+    return table
 
 
 def _stamps_of(texts: NDArray[np.bytes_], stamp: Callable[[str], int]) -> IntArray:

@@ -6,7 +6,7 @@ docs/metrics.md, "From poses to frames", says what `match`, `interpolate` and `a
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from sfr_loc_map.metrics.config import AssociationConfig, AssociationMode
 from sfr_loc_map.metrics.score import AssociationCounts
 
 Rows = NDArray[np.intp]
+Number = TypeVar("Number", bound=np.generic)
 UPPER = np.triu_indices(6)  #: Places of the upper triangle of a 6 x 6 covariance, row by row.
 COVARIANCE_SIZE = len(UPPER[0])
 AUTO_STAMPS = 16  #: Stamps of each kind in the common span that `auto` looks at.
@@ -79,7 +80,7 @@ def associate(
         raise MetricsError("the estimate has positions alone: give one with attitudes (unit quaternions)")
     both = estimate.stamps_ns, truth.stamps_ns
     est_rows, gt_rows = map(unique_rows, both)
-    est_stamps, gt_stamps = estimate.stamps_ns[est_rows], truth.stamps_ns[gt_rows]
+    est_stamps, gt_stamps = map(taken, both, (est_rows, gt_rows))
     tolerance = round(config.tolerance_s * NS_PER_S)
     mode = AssociationMode(config.truth)
     if mode is AssociationMode.AUTO:
@@ -93,15 +94,18 @@ def associate(
             near = np.searchsorted(gt, est - tolerance, "left") < np.searchsorted(gt, est + tolerance, "right")
             if not len(est) or not len(gt) or 4 * np.count_nonzero(near) < min(len(est), len(gt)):
                 mode = AssociationMode.INTERPOLATE
-    equal, *rows = np.intersect1d(est_stamps, gt_stamps, assume_unique=True, return_indices=True)
     partner = np.full(len(est_stamps), -1, dtype=np.intp)
-    partner[rows[0]] = rows[1]
-    if tolerance and len(equal) < min(len(est_stamps), len(gt_stamps)):
+    if len(gt_stamps):
+        at = np.minimum(np.searchsorted(gt_stamps, est_stamps), len(gt_stamps) - 1)
+        equal = gt_stamps[at] == est_stamps
+        partner[equal] = at[equal]
+    if tolerance and np.count_nonzero(partner >= 0) < min(len(est_stamps), len(gt_stamps)):
         match_nearest(partner, est_stamps, gt_stamps, tolerance)
     matched = np.flatnonzero(partner >= 0)
     est, gt = est_rows[matched], gt_rows[partner[matched]]
-    stamps, positions, quats = truth.stamps_ns[gt], truth.positions[gt], unit_quats(truth.quats_xyzw[gt])
-    difference = np.abs(estimate.stamps_ns[est] - stamps)
+    stamps, positions = taken(truth.stamps_ns, gt), taken(truth.positions, gt)
+    quats = unit_quats(taken(truth.quats_xyzw, gt))
+    difference = np.abs(taken(estimate.stamps_ns, est) - stamps)
     gaps = np.empty(0, np.int64)
     if mode is AssociationMode.INTERPOLATE:  # those left over between two true poses that are not too far apart
         alone = np.flatnonzero(partner < 0)
@@ -133,13 +137,22 @@ def associate(
         largest_difference_ns=int(difference.max(initial=0)),
         largest_gap_ns=int(gaps.max(initial=0)),
     )
-    est_quat = unit_quats(estimate.quats_xyzw[est])
-    return Frames(stamps, positions, quats, estimate.positions[est], est_quat, est), counts, mode
+    est_quat = unit_quats(taken(estimate.quats_xyzw, est))
+    return Frames(stamps, positions, quats, taken(estimate.positions, est), est_quat, est), counts, mode
 
 
 def unique_rows(stamps_ns: IntArray) -> Rows:
     """Return the rows in order of their stamps; of rows with one stamp the last."""
+    if (stamps_ns[1:] > stamps_ns[:-1]).all():
+        return np.arange(len(stamps_ns))
     return len(stamps_ns) - 1 - np.unique(stamps_ns[::-1], return_index=True)[1]
+
+
+def taken(values: NDArray[Number], rows: Rows) -> NDArray[Number]:
+    """Return rows of values, none of them twice; the values themselves where these are all in their order."""
+    if len(rows) < len(values) or not (rows[1:] > rows[:-1]).all():
+        return values[rows]
+    return np.require(values, None, ["C", "W"])  # compiled code is made for arrays of this kind
 
 
 def match_nearest(partner: Rows, est_stamps: IntArray, gt_stamps: IntArray, tolerance: int) -> None:

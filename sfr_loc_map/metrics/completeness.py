@@ -15,6 +15,7 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.metrics.association import taken
 from sfr_loc_map.metrics.config import Condition, ConditionKind
 from sfr_loc_map.metrics.score import AssociationCounts, Completeness
 
@@ -35,17 +36,17 @@ def completeness(
 ) -> Completeness:
     """Return what of a drive is covered, where the score has `matched` frames; MetricsError for two runs in one."""
     order = np.argsort(estimate.stamps_ns, kind="stable")
-    given_ns, given = estimate.stamps_ns[order], estimate.positions[order]
-    new = np.diff(given_ns, prepend=given_ns[:1] - 1) > 0
-    stamps = given_ns[new]
-    elsewhere = int(np.count_nonzero(~new[1:] & (np.diff(given, axis=0) != 0.0).any(axis=1)))
+    given_ns, given = taken(estimate.stamps_ns, order), taken(estimate.positions, order)
+    again = np.flatnonzero(given_ns[1:] == given_ns[:-1]) + 1
+    stamps = np.delete(given_ns, again)
+    elsewhere = int(np.count_nonzero((given[again] != given[again - 1]).any(axis=1)))
     if elsewhere > DOUBLED_SHARE * len(stamps):
         raise MetricsError(
             f"the estimate holds two runs: {elsewhere} of {len(stamps)} stamps come again at another position: give one"
         )
     true_ns, rows = np.unique(truth.stamps_ns, return_index=True)
-    steps = np.linalg.norm(np.diff(truth.positions[rows], axis=0), axis=1)
-    travelled = np.append(0.0, np.cumsum(steps))
+    squares = sum(np.square(np.diff(axis)) for axis in taken(truth.positions, rows).T)  # less memory than `norm`
+    travelled = np.append(0.0, np.cumsum(np.sqrt(squares)))
     begins, ends, missing, images = np.empty(0, np.int64), np.empty(0, np.int64), len(true_ns), None
     if image_stamps_ns is not None and len(image_stamps_ns):
         needed = np.unique(image_stamps_ns)
@@ -63,9 +64,9 @@ def completeness(
         wide = np.flatnonzero(np.diff(known) > GAP_PERIODS * usual_ns)
         begins, ends = known[wide], known[wide + 1]
         inside = np.searchsorted(begins, true_ns, "right") > np.searchsorted(ends, true_ns, "left")
-        missing = int(np.count_nonzero(inside & ~np.isin(true_ns, stamps, assume_unique=True)))
+        missing = int(np.count_nonzero(~np.isin(true_ns[inside], stamps, assume_unique=True)))
     gaps_s, gaps_m, share = (ends - begins) / NS_PER_S, np.zeros(len(ends)), 0.0
-    if len(true_ns):  # differences of stamps, so that large ones lose nothing
+    if len(true_ns) and len(ends):  # differences of stamps, so that large ones lose nothing
         at, since = np.stack([begins, ends]) - true_ns[0], true_ns - true_ns[0]
         gaps_m = np.diff(np.interp(at.astype(np.float64), since.astype(np.float64), travelled), axis=0)[0]
     if images:

@@ -127,8 +127,9 @@ def disagreement(truth: Poses, estimate: Poses) -> float:
     span = max(2, len(truth[0]) // 8)  # sub-trajectories of an eighth of the poses
     starts = np.unique(np.linspace(0, len(truth[0]) - 1 - span, SUB_TRAJECTORIES).astype(np.int64))
     ends = starts + span
-    no_length = np.zeros((len(truth[0]), 2))
-    poses = PoseRows(*truth, np.ascontiguousarray(estimate[0]), np.ascontiguousarray(estimate[1]), no_length)
+    positions, quats = map(np.ascontiguousarray, estimate)
+    lengths, headings = np.zeros((len(truth[0]), 2)), np.zeros(len(truth[0]))  # errors by these are not used
+    poses = PoseRows(*truth, positions, quats, lengths, headings, headings)
     errors = sub_trajectory_errors(poses, starts, ends, WHOLE_POSE)
     x, y, z = np.diff(truth[0], axis=0).T
     until = np.append(0.0, np.cumsum(np.sqrt(x * x + y * y + z * z)))

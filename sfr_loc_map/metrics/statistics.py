@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,16 +39,21 @@ MIN_INDEPENDENT = 2.0  #: With fewer independent sub-trajectories there is no in
 # ---- mean and scatter
 
 
-@jit
 def moments(values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return means and sums of squared differences from them, of each column of `(N, K)` (Welford 1962)."""
+    """Return means and sums of squared differences from them, of each column of `(N, K)`."""
     mean, squares = np.zeros(values.shape[1]), np.zeros(values.shape[1])
+    add_moments(values, 0, mean, squares)
+    return mean, squares
+
+
+@jit
+def add_moments(values: FloatArray, count: int, mean: FloatArray, squares: FloatArray) -> None:
+    """Add values `(N, K)` to the moments `(K,)` of those before them, so many (Welford 1962)."""
     for i in range(len(values)):
         for k in range(len(mean)):
             before = values[i, k] - mean[k]
-            mean[k] += before / (i + 1)
+            mean[k] += before / (count + i + 1)
             squares[k] += before * (values[i, k] - mean[k])
-    return mean, squares
 
 
 def statistic(count: int, mean: FloatArray, squares: FloatArray) -> Statistic:
@@ -119,19 +123,16 @@ def holm(probabilities: Sequence[float | None]) -> list[float | None]:
 # ---- the interval
 
 
-class BlockSums(NamedTuple):
-    """Sums over consecutive stretches of `size` values (the last may be shorter): count, sums, sums of squares."""
-
-    rows: FloatArray
-    size: int
-
-
 @jit
-def block_sums(values: FloatArray) -> BlockSums:
-    """Return the sums `(G, 1 + 2 columns)` of a series `(N, columns)`."""
-    columns = values.shape[1]
-    rows = np.zeros((MAX_BLOCKS, 1 + 2 * columns))
-    used, size = 0, 1
+def add_to_blocks(values: FloatArray, rows: FloatArray) -> None:
+    """Add the next values `(N, K)` of a series to `rows` `(MAX_BLOCKS, 1 + 2 K)`, which begin as zeros.
+
+    Each is of one stretch of consecutive values: count, sums, sums of squares. All stretches are as long as the first;
+    the last may be shorter.
+    """
+    columns, used, size = values.shape[1], 0, max(int(rows[0, 0]), 1)
+    while used < len(rows) and rows[used, 0] > 0:
+        used += 1
     for i in range(len(values)):
         if used == 0 or rows[used - 1, 0] >= size:
             if used == len(rows):
@@ -149,17 +150,16 @@ def block_sums(values: FloatArray) -> BlockSums:
         for k in range(columns):
             rows[row, 1 + k] += values[i, k]
             rows[row, 1 + columns + k] += values[i, k] * values[i, k]
-    return BlockSums(rows[:used], size)
 
 
-def interval95(stretches: BlockSums, columns: slice, overlap: float, *, unsigned: bool) -> Interval | None:
+def interval95(stretches: FloatArray, columns: slice, overlap: float, *, unsigned: bool) -> Interval | None:
     """Return the 95 % interval of norm(mean) + 3 norm(sigma) of some columns, None of too few independent values.
 
-    `overlap` starts lie within one sub-trajectory on average; unsigned values are never negative.
+    `stretches` are those of `add_to_blocks`. `overlap` starts lie within one sub-trajectory on average; unsigned values
+    are never negative.
     """
-    width = (stretches.rows.shape[1] - 1) // 2
-    counts, sums = stretches.rows[:, 0], stretches.rows[:, 1 : 1 + width][:, columns]
-    squares = stretches.rows[:, 1 + width :][:, columns]
+    rows, width = stretches[stretches[:, 0] > 0], (stretches.shape[1] - 1) // 2
+    counts, sums, squares = rows[:, 0], rows[:, 1 : 1 + width][:, columns], rows[:, 1 + width :][:, columns]
     count = float(counts.sum())
     independent = count / max(overlap, 1.0)
     if count < 2 or independent < MIN_INDEPENDENT or not np.isfinite(sums).all():
@@ -172,7 +172,7 @@ def interval95(stretches: BlockSums, columns: slice, overlap: float, *, unsigned
     size = float(np.sqrt(np.square(mean).sum()))
     if not variances.any():
         return size, size
-    means, figures, share = resampled(centred, mean, overlap, stretches.size)
+    means, figures, share = resampled(centred, mean, overlap, int(counts[0]))
     share *= 1.0 - 1.0 / independent
     scatter = float(np.square(means - mean).sum(axis=1).mean()) / share
     true_size = max(size - scatter / size, 0.0) if size > 0.0 else 0.0

@@ -8,6 +8,7 @@ changes of attitude and heading since N [4.1.1, 4.1.2].
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
@@ -21,6 +22,7 @@ from sfr_loc_map.metrics.config import Rebase
 WHOLE_POSE, ONLY_POSITION, DISPLACEMENT = range(3)  #: Readings in compiled code.
 READINGS = {Rebase.POSE: WHOLE_POSE, Rebase.POSITION: ONLY_POSITION, Rebase.DISPLACEMENT: DISPLACEMENT}
 MANY = 10_000  #: Sub-trajectories from which on two threads share them.
+PART = 1 << 17  #: So many are computed at a time.
 MIN_DIRECTION_M = 1e-6  #: A horizontal displacement shorter than this has no direction: the rover's heading is taken.
 
 
@@ -44,13 +46,18 @@ true displacement, to the left of it and along z of DS; length of the true path.
 
 
 class PoseRows(NamedTuple):
-    """True and estimated poses side by side: `(N, 3)` metres, DS; `(N, 4)` of unit length; path lengths `(N, 2)`."""
+    """True and estimated poses side by side: `(N, 3)` metres, DS; `(N, 4)` of unit length; path lengths `(N, 2)`.
+
+    Headings `(N,)` follow from the attitudes; they are computed once, not with each sub-trajectory.
+    """
 
     gt_pos: FloatArray
     gt_quat: FloatArray
     est_pos: FloatArray
     est_quat: FloatArray
     lengths: FloatArray
+    gt_heading: FloatArray
+    est_heading: FloatArray
 
 
 @jit
@@ -60,9 +67,25 @@ def heading_rad(q: Quat) -> float:
 
 
 @jit
+def headings_rad(quats: FloatArray) -> FloatArray:
+    """Return the headings of unit quaternions `(N, 4)`."""
+    out = np.empty(len(quats))
+    for i in range(len(quats)):
+        out[i] = heading_rad(row_quat(quats, i))
+    return out
+
+
+@jit
 def wrapped_deg(angle: float) -> float:
     """Return an angle in degrees wrapped to (-180, 180]."""
     return float(angle - 360.0 * np.ceil((angle - 180.0) / 360.0))
+
+
+def error_parts(poses: PoseRows, starts: IntArray, ends: IntArray, reading: int) -> Iterator[tuple[int, FloatArray]]:
+    """Yield `sub_trajectory_errors` of `PART` after `PART`, and where each begins: all at once they take memory."""
+    for begin in range(0, max(len(starts), 1), PART):
+        part = slice(begin, begin + PART)
+        yield begin, sub_trajectory_errors(poses, starts[part], ends[part], reading)
 
 
 def sub_trajectory_errors(poses: PoseRows, starts: IntArray, ends: IntArray, reading: int) -> FloatArray:
@@ -101,7 +124,7 @@ def _errors(poses: PoseRows, starts: IntArray, ends: IntArray, reading: int, out
             change = product(conjugate(row_quat(poses.est_quat, i)), attitude)
             turn = product(conjugate(true_change), change)
         sine = np.sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
-        true_heading = heading_rad(row_quat(poses.gt_quat, j))
+        true_heading = poses.gt_heading[j]
         level = true_move[0] * true_move[0] + true_move[1] * true_move[1]
         horizontal = np.sqrt(level)
         if horizontal >= MIN_DIRECTION_M:
@@ -111,9 +134,9 @@ def _errors(poses: PoseRows, starts: IntArray, ends: IntArray, reading: int, out
         path = (poses.lengths[j, 0] - poses.lengths[i, 0]) + (poses.lengths[j, 1] - poses.lengths[i, 1])
         out[m, X], out[m, Y], out[m, Z] = error[0], error[1], error[2]
         out[m, ATTITUDE] = np.degrees(2.0 * np.arctan2(sine, abs(turn[3])))
-        heading = heading_rad(attitude) - true_heading
+        heading = (heading_rad(attitude) if reading == WHOLE_POSE else poses.est_heading[j]) - true_heading
         if reading == DISPLACEMENT:
-            heading -= heading_rad(row_quat(poses.est_quat, i)) - heading_rad(row_quat(poses.gt_quat, i))
+            heading -= poses.est_heading[i] - poses.gt_heading[i]
         out[m, HEADING] = wrapped_deg(np.degrees(heading))
         out[m, CHORD] = chord - np.sqrt(level + true_move[2] * true_move[2])
         out[m, ALONG] = error[0] * east + error[1] * north

@@ -44,7 +44,15 @@ from sfr_loc_map.metrics.score import (
     TrajectoryScore,
     TruthRecord,
 )
-from sfr_loc_map.metrics.statistics import block_sums, column, interval95, moments, statistic
+from sfr_loc_map.metrics.statistics import (
+    MAX_BLOCKS,
+    add_moments,
+    add_to_blocks,
+    column,
+    interval95,
+    moments,
+    statistic,
+)
 from sfr_loc_map.metrics.sub_trajectories import DISTANCE, KINDS, Progress, find_apart, find_ends, path_lengths
 from sfr_loc_map.metrics.trajectory_error import (
     CHORD,
@@ -52,6 +60,8 @@ from sfr_loc_map.metrics.trajectory_error import (
     ONLY_POSITION,
     READINGS,
     PoseRows,
+    error_parts,
+    headings_rad,
     sub_trajectory_errors,
 )
 
@@ -118,55 +128,50 @@ def score_trajectory(
     counts = replace(counts, lost=int(np.count_nonzero(lost)), degraded=int(np.count_nonzero(degraded)))
     lengths = path_lengths(frames.gt_pos)
     sigmas = (truth.sigma_m, truth.sigma_deg) if isinstance(truth, Truth) else (0.0, 0.0)
-    poses = PoseRows(frames.gt_pos, frames.gt_quat, frames.est_pos, frames.est_quat, lengths)
-    progress, pairs = Progress(stamps_ns, lengths), []
-    for condition in conditions:
-        starts = np.arange(0, count, config.spacing)
-        ends, apart = np.minimum(starts + 1, count), dict.fromkeys(APART, 0.0)
-        for part in (condition, *condition.others):  # what only grows along a drive, then what does not
-            if part.kind in apart:
-                apart[part.kind] = part.value
-                continue
-            threshold = float(round(part.value * NS_PER_S)) if part.kind is ConditionKind.TIME else part.value
-            ends = np.maximum(ends, find_ends(starts, progress, KINDS[part.kind], threshold))
-        if any(apart.values()):
-            metres, turn_deg = apart.values()
-            ends = find_apart(starts, ends, frames.gt_pos, frames.gt_quat, metres, np.radians(turn_deg))
-        pairs.append((starts[ends < count], ends[ends < count]))
+    headings = headings_rad(frames.gt_quat), headings_rad(frames.est_quat)
+    poses = PoseRows(frames.gt_pos, frames.gt_quat, frames.est_pos, frames.est_quat, lengths, *headings)
+    progress = Progress(stamps_ns, lengths)
     sums: dict[int, FloatArray] = {}
     if estimates.steps is not None and estimates.covariance is not None:
-        compared = np.unique(np.concatenate([np.concatenate(span) for span in pairs]))
+        pairs = [sub_trajectories(each, config.spacing, frames, progress) for each in conditions]
+        compared = np.unique(np.concatenate([np.concatenate(pair) for pair in pairs]))
         sums = sums_of_steps(estimates, estimates.steps, frames.est_rows[compared])
 
     tolerance_s, scores, rows = config.association.tolerance_s, [], []
-    for condition, (starts, ends) in zip(conditions, pairs, strict=True):
-        by_reading = {  # before the errors that are kept: one of them at a time takes memory
-            name: None if other == reading else moments(sub_trajectory_errors(poses, starts, ends, other))
-            for name, other in READINGS.items()
-            if placed is None
-        }
-        errors = sub_trajectory_errors(poses, starts, ends, reading)
-        mean, squares = moments(errors)
-        stretches = block_sums(errors[:, : CHORD + 1])
-        overlap = int(np.sum(-(-(ends - starts) // config.spacing))) / max(len(errors), 1)
+    for condition in conditions:
+        starts, ends = sub_trajectories(condition, config.spacing, frames, progress)
+        number = len(starts)
+        every = 1 << (max(-(-number // DETAIL_ROWS), 1) - 1).bit_length()
+        stretches, kept = np.zeros((MAX_BLOCKS, 1 + 2 * len(COLUMNS))), [np.zeros((0, len(COLUMNS)))]
+        found = {}  # moments by reading
+        for other in {reading, *(READINGS.values() if placed is None else ())}:
+            mean, squares = found[other] = np.zeros(len(COLUMNS)), np.zeros(len(COLUMNS))
+            for begin, errors in error_parts(poses, starts, ends, other):
+                add_moments(errors, begin, mean, squares)
+                if other == reading:
+                    add_to_blocks(errors, stretches)
+                    kept.append(errors[-begin % every :: every].copy())
+        mean, squares = found[reading]
+        overlap = int(np.sum(-(-(ends - starts) // config.spacing))) / max(number, 1)
         nees = None
         if estimates.covariance is not None:
             nees = nees_score(frames, estimates.covariance, sums, starts, ends, sigmas)
         figures: dict[str, Any] = {}
         for name, which in (FIGURES | {"chord_m": slice(CHORD, CHORD + 1)}).items():
-            plain = statistic(len(errors), mean[which], squares[which])
+            plain = statistic(number, mean[which], squares[which])
             interval = interval95(stretches, which, overlap, unsigned=name == "attitude_deg")
             figures[name] = IntervalStatistic(**vars(plain), mean_plus_3sigma_ci95=interval)
-        readings = {}
-        for name, found in by_reading.items():
-            mean_of, squares_of = found or (mean, squares)
-            readings[str(name)] = ReadingScore(
-                **{name: statistic(len(errors), mean_of[which], squares_of[which]) for name, which in FIGURES.items()}
+        readings = {
+            str(name): ReadingScore(
+                **{key: statistic(number, *(part[which] for part in found[other])) for key, which in FIGURES.items()}
             )
+            for name, other in READINGS.items()
+            if placed is None
+        }
         columns = {item.name: [COLUMNS.index(item.name)] for item in fields(ErrorComponents)}
-        components = {name: statistic(len(errors), mean[at], squares[at]) for name, at in columns.items()}
+        components = {name: statistic(number, mean[at], squares[at]) for name, at in columns.items()}
         score = ConditionScore(
-            count=len(errors),
+            count=number,
             condition=condition,
             spacing_frames=config.spacing,
             rebase=rebase,
@@ -178,7 +183,6 @@ def score_trajectory(
         )
         scores.append(score)
         if details:
-            every = 1 << (max(-(-len(errors) // DETAIL_ROWS), 1) - 1).bit_length()
             first, last = starts[::every], ends[::every]
             made = SubTrajectoryRows(
                 condition=condition,
@@ -187,10 +191,9 @@ def score_trajectory(
                 end_frame=tuple(last.tolist()),
                 start_stamp_ns=tuple(stamps_ns[first].tolist()),
                 end_stamp_ns=tuple(stamps_ns[last].tolist()),
-                **dict(zip(COLUMNS, map(column, errors[::every].T), strict=True)),
+                **dict(zip(COLUMNS, map(column, np.concatenate(kept).T), strict=True)),
             )
             rows.append(made)
-        del errors
 
     by_distance = []
     for metres in DISTANCES_M:
@@ -243,6 +246,25 @@ def score_trajectory(
         },
     )
     return ScoredTrajectory(score_of_all, TrajectoryDetails(path=path, sub_trajectories=tuple(rows)))
+
+
+def sub_trajectories(
+    condition: Condition, spacing: int, frames: Frames, progress: Progress
+) -> tuple[IntArray, IntArray]:
+    """Return the frames at which the sub-trajectories of a condition start and end."""
+    count = len(frames.stamps_ns)
+    starts = np.arange(0, count, spacing)
+    ends, apart = np.minimum(starts + 1, count), dict.fromkeys(APART, 0.0)
+    for part in (condition, *condition.others):  # what only grows along a drive, then what does not
+        if part.kind in apart:
+            apart[part.kind] = part.value
+            continue
+        threshold = float(round(part.value * NS_PER_S)) if part.kind is ConditionKind.TIME else part.value
+        ends = np.maximum(ends, find_ends(starts, progress, KINDS[part.kind], threshold))
+    if any(apart.values()):
+        metres, turn_deg = apart.values()
+        ends = find_apart(starts, ends, frames.gt_pos, frames.gt_quat, metres, np.radians(turn_deg))
+    return starts[ends < count], ends[ends < count]
 
 
 class Placement(NamedTuple):

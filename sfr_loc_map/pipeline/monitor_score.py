@@ -37,8 +37,6 @@ from sfr_loc_map.metrics.consistency import STEP_SIZE
 from sfr_loc_map.metrics.limits import Limits, verdicts
 from sfr_loc_map.metrics.score import Details, Provenance, Score
 from sfr_loc_map.metrics.score_json import SCHEMA
-from sfr_loc_map.metrics.statistics import block_sums
-from sfr_loc_map.metrics.trajectory_error import CHORD
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.pipeline.call_stats import CallRecord
 from sfr_loc_map.pipeline.reception import jumped_back
@@ -295,8 +293,7 @@ def warm_up() -> None:
         live.add_estimate(stamp, *pose, np.eye(6))
         live.add_call(CallRecord(stamp, 0.0, TrackingState.DEGRADED, None, None, step=np.zeros(STEP_SIZE)))
     live.result()
-    # what so short a drive does not meet: a part of the columns of errors, truth between two stamps
-    block_sums(np.zeros((2, CHORD + 2))[:, : CHORD + 1])
+    # what so short a drive does not meet: truth between two stamps
     slerp(np.zeros((1, 4)), np.zeros((1, 4)), np.zeros(1))
 
 

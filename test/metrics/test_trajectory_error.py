@@ -13,6 +13,7 @@ from sfr_loc_map.metrics.trajectory_error import (
     WHOLE_POSE,
     PoseRows,
     heading_rad,
+    headings_rad,
     sub_trajectory_errors,
     wrapped_deg,
 )
@@ -26,11 +27,12 @@ def test_errors_do_not_depend_on_the_world_frame_of_the_estimate() -> None:
     estimate = truth * Rotation.from_rotvec(0.2 * rng.uniform(-1, 1, (count, 3)))
     position = rng.normal(0, 5, (count, 3))
     moved = position + 0.2 * rng.normal(size=(count, 3))
-    rows = PoseRows(position, truth.as_quat(), moved, estimate.as_quat(), rng.uniform(0, 1, (count, 2)))
+    headings = headings_rad(truth.as_quat()), headings_rad(estimate.as_quat())
+    rows = PoseRows(position, truth.as_quat(), moved, estimate.as_quat(), rng.uniform(0, 1, (count, 2)), *headings)
     world = Rotation.random(random_state=9)
-    other = rows._replace(
-        est_pos=world.apply(moved) + np.array([3.0, -2.0, 1.0]), est_quat=(world * estimate).as_quat()
-    )
+    turned = (world * estimate).as_quat()
+    shifted = world.apply(moved) + np.array([3.0, -2.0, 1.0])
+    other = rows._replace(est_pos=shifted, est_quat=turned, est_heading=headings_rad(turned))
     starts, ends = np.arange(0, 30), np.arange(30, 60)
     whole = [sub_trajectory_errors(each, starts, ends, WHOLE_POSE) for each in (rows, other)]
     assert whole[0] == pytest.approx(whole[1], abs=1e-10)
@@ -41,7 +43,8 @@ def test_errors_do_not_depend_on_the_world_frame_of_the_estimate() -> None:
 def test_without_a_horizontal_displacement_the_heading_is_the_direction() -> None:
     yaw = np.array([0.0, 0.0, math.sin(0.4), math.cos(0.4)])
     still, up = np.zeros((2, 3)), np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 5.0]])
-    rows = PoseRows(still, np.tile(yaw, (2, 1)), up, np.tile(yaw, (2, 1)), np.zeros((2, 2)))
+    quats, headings = np.tile(yaw, (2, 1)), np.full(2, 0.8)
+    rows = PoseRows(still, quats, up, quats, np.zeros((2, 2)), headings, headings)
     got = sub_trajectory_errors(rows, np.array([0]), np.array([1]), WHOLE_POSE)[0]
     assert got[ALONG] == pytest.approx(math.cos(0.8) + 2.0 * math.sin(0.8))
     assert got[CROSS] == pytest.approx(2.0 * math.cos(0.8) - math.sin(0.8))
