@@ -38,7 +38,7 @@ def completeness(
     order = np.argsort(estimate.stamps_ns, kind="stable")
     given_ns, given = taken(estimate.stamps_ns, order), taken(estimate.positions, order)
     again = np.flatnonzero(given_ns[1:] == given_ns[:-1]) + 1
-    stamps = np.delete(given_ns, again)
+    stamps = np.delete(given_ns, again) if len(again) else given_ns
     elsewhere = int(np.count_nonzero((given[again] != given[again - 1]).any(axis=1)))
     if elsewhere > DOUBLED_SHARE * len(stamps):
         raise MetricsError(

@@ -21,12 +21,19 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.pose_convention import FIRST_POSE, MIRROR, PoseConvention, aligned, converted
 from sfr_loc_map.geometry.pose_convention import OPTICAL_IN_BODY as OPTICAL_IN_RB
 from sfr_loc_map.geometry.quaternion_kernels import slerp, unit_quats
-from sfr_loc_map.geometry.rotation import quat_normalised, quat_rotate
+from sfr_loc_map.geometry.rotation import (
+    matrix_from_quat,
+    quat_conjugate,
+    quat_from_matrix,
+    quat_multiply,
+    quat_normalised,
+    quat_rotate,
+)
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform, propagation
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, associate, unique_rows
+from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, associate, taken, unique_rows
 from sfr_loc_map.metrics.config import AssociationConfig
 from sfr_loc_map.metrics.score import Key, Record
 from sfr_loc_map.metrics.trajectory_error import ATTITUDE, WHOLE_POSE, PoseRows, sub_trajectory_errors
@@ -85,7 +92,7 @@ def diagnose(
     steps = max(1, len(estimate.stamps_ns) // MAX_POSES), 1
     rows = [unique_rows(each.stamps_ns)[::step] for each, step in zip(both, steps, strict=True)]
     estimate, truth = (
-        Trajectory(each.stamps_ns[mine], each.positions[mine], each.quats_xyzw[mine])
+        Trajectory(taken(each.stamps_ns, mine), taken(each.positions, mine), taken(each.quats_xyzw, mine))
         for each, mine in zip(both, rows, strict=True)
     )
     frames = associate(estimate, truth, config)[0]
@@ -111,9 +118,7 @@ def diagnose(
     if best is not None and plain and plain[0].disagreement <= SIMPLER * best.disagreement:
         best = plain[0]
     if best is None and before is not None and before >= AGREES and len(true[0]) >= LATE_POSES:
-        from scipy.spatial.transform import Rotation
-
-        turns = [(each[:-1].inv() * each[1:]).as_rotvec() for each in map(Rotation.from_quat, (true[1], found[1]))]
+        turns = [_upright(quat_multiply(quat_conjugate(each[:-1]), each[1:]))[:, :3] for each in (true[1], found[1])]
         now, late = (np.square(turns[1][1:] - turns[0][rows]).sum() for rows in (slice(1, None), slice(-1)))
         left = disagreement((true[0][:-1], true[1][:-1]), (found[0][1:], found[1][1:]))
         if late * LATE_GAIN < now and left < before:
@@ -140,32 +145,29 @@ def disagreement(truth: Poses, estimate: Poses) -> float:
 
 
 def _each_undone(truth: Poses, estimate: Poses, rig: StereoRig | None) -> Iterator[tuple[str, str, str, bool, Poses]]:
-    from scipy.spatial.transform import Rotation  # slow to import, and not needed where both agree
-
-    (p, quats), q = estimate, Rotation.from_quat(estimate[1])
-    optical, upright = Rotation.from_matrix(OPTICAL_IN_RB), Rotation.identity()
-    mirrored = Rotation.from_quat(quats * np.array([-1.0, 1.0, -1.0, 1.0]))
-    wxyz, wxyz_ds_to_rb = (
-        Rotation.from_quat((quats * sign)[:, [1, 2, 3, 0]]) for sign in (1.0, np.array([-1.0, -1.0, -1.0, 1.0]))
-    )
+    p, q = estimate
+    back, optical, upright = quat_conjugate(q), quat_from_matrix(OPTICAL_IN_RB), np.array([0.0, 0.0, 0.0, 1.0])
+    wxyz, wxyz_ds_to_rb = q[:, [1, 2, 3, 0]], back[:, [1, 2, 3, 0]]
     scalar_first = "its quaternions are scalar first{}: write them scalar last"
     first = {
         "wxyz": scalar_first.format(""),
         "wxyz_ds_to_rb": scalar_first.format(" in the columns att_q_DsToRb"),
         "conjugated_wxyz": scalar_first.format(" and conjugated"),
     }
-    inverted = -q.inv().apply(p), q.inv()
-    motions = q.inv().apply(p[0] - p), q.inv() * q[0]
+    inverted = -quat_rotate(back, p), back
+    motions = quat_rotate(back, p[0] - p), quat_multiply(back, q[0])
     conjugated = "its attitudes are conjugated (orientation of RB in DS in place of DsToRb): conjugate them"
     optical_text = "its attitudes are those of the optical axes (x right, y down, z forward): rotate them to RB"
     small = "its positions are a thousand times too small (the truth in millimetres, or kilometres): write metres"
     swapped = "it moves backwards where the truth moves forwards: the left and right images are swapped"
     sides = "left and right are mirrored (y points right): negate y, and x and z of the quaternions"
     for name, setting, sentence, undone in (
-        ("conjugated quaternion", "quaternion=conjugated", conjugated, (p, q.inv())),
+        ("conjugated quaternion", "quaternion=conjugated", conjugated, (p, back)),
         *(
             ("scalar first", f"quaternion={written}", text, (p, undone))
-            for (written, text), undone in zip(first.items(), (wxyz, wxyz_ds_to_rb.inv(), wxyz.inv()), strict=True)
+            for (written, text), undone in zip(
+                first.items(), (wxyz, quat_conjugate(wxyz_ds_to_rb), quat_conjugate(wxyz)), strict=True
+            )
         ),
         ("inverted poses", "inverse=true", "its poses are inverted (DS in RB): invert them", inverted),
         (
@@ -174,21 +176,21 @@ def _each_undone(truth: Poses, estimate: Poses, rig: StereoRig | None) -> Iterat
             "its motions since the first pose are inverted: invert them",
             motions,
         ),
-        ("optical axes", "frame=rb_optical", optical_text, (p, q * optical.inv())),
+        ("optical axes", "frame=rb_optical", optical_text, (p, quat_multiply(q, quat_conjugate(optical)))),
         ("millimetres", "metres_per_unit=0.001", "its positions are in millimetres: write metres", (p * 1e-3, q)),
         ("kilometres", "metres_per_unit=1000", small, (p * 1e3, q)),
         ("swapped left and right images", "", swapped, (-p, q)),
-        ("mirrored left and right", "mirrored=true", sides, (p * MIRROR, mirrored)),
+        ("mirrored left and right", "mirrored=true", sides, (p * MIRROR, q * np.array([-1.0, 1.0, -1.0, 1.0]))),
     ):
-        if undone is not motions or np.abs(p[0]).max() + q[0].magnitude() > 1e-9:  # else the same as inverted poses
-            yield name, setting, sentence, False, (undone[0], undone[1].as_quat())
+        if undone is not motions or np.abs(p[0]).max() + _angle_rad(q[0]) > 1e-9:  # else the same as inverted poses
+            yield name, setting, sentence, False, undone
 
     # another frame of the rover: rotation known or presumed, position known or fitted
     frames = []
     if rig is not None and rig.T_rb_sb is not None:
         T_rb_sb, left_in_sb = rig.T_rb_sb, np.array([0.0, 0.5 * rig.baseline_m, 0.0])
         lever = T_rb_sb.rotation.dot(left_in_sb) + T_rb_sb.translation
-        known = Rotation.from_matrix(T_rb_sb.rotation.dot(OPTICAL_IN_RB))
+        known = quat_from_matrix(T_rb_sb.rotation.dot(OPTICAL_IN_RB))
         frames.append((known, lever, "in place of RB (optical axes)", "frame=left_optical"))
         frames.append((upright, lever, "in place of RB (axes of RB)", ""))
     # motions of the sub-trajectories in the frame of their start, and the rotation that takes their directions to the
@@ -197,28 +199,37 @@ def _each_undone(truth: Poses, estimate: Poses, rig: StereoRig | None) -> Iterat
     starts = np.unique(np.linspace(0, len(p) - 1 - span, SUB_TRAJECTORIES).astype(np.int64))
     ends = starts + span
     turns, moves, directions = [], [], []
-    for positions, attitudes in ((truth[0], Rotation.from_quat(truth[1])), (p, q)):
-        back = attitudes[starts].inv()
-        turns.append(back * attitudes[ends])
-        moves.append(back.apply(positions[ends] - positions[starts]))
+    for positions, attitudes in (truth, estimate):
+        back = quat_conjugate(attitudes[starts])
+        turns.append(_upright(quat_multiply(back, attitudes[ends])))
+        moves.append(quat_rotate(back, positions[ends] - positions[starts]))
         size = float(np.sqrt(np.square(moves[-1]).sum(axis=1).mean())) or 1.0
-        directions.append(np.concatenate((turns[-1].as_quat(canonical=True)[:, :3], moves[-1] / size)))
+        directions.append(np.concatenate((turns[-1][:, :3], moves[-1] / size)))
     u, _, vt = np.linalg.svd(directions[0].T @ directions[1])
-    fitted = Rotation.from_matrix(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)
+    fitted = quat_from_matrix(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)
     for turn, axes in ((upright, "axes of RB"), (optical, "optical axes"), (fitted, "tilted optical axes")):
         # the point whose poses are given: its displacements differ by `R l - l`
-        matrix = (turns[0].as_matrix() - np.eye(3)).reshape(-1, 3)
-        lever = np.asarray(np.linalg.lstsq(matrix, (turn.apply(moves[1]) - moves[0]).ravel(), rcond=1e-3)[0])
-        tilt = float(np.degrees((turn * optical.inv()).magnitude()))
+        matrix = (matrix_from_quat(turns[0]) - np.eye(3)).reshape(-1, 3)
+        lever = np.asarray(np.linalg.lstsq(matrix, (quat_rotate(turn, moves[1]) - moves[0]).ravel(), rcond=1e-3)[0])
+        tilt = float(np.degrees(_angle_rad(quat_multiply(turn, quat_conjugate(optical)))))
         if float(np.sqrt(lever @ lever)) >= MIN_LEVER_M and not (turn is fitted and tilt > MAX_TILT_DEG):
             position = ", ".join(f"{value:.2f}" for value in lever)
             frames.append((turn, lever, f"in place of RB or of another point ({axes}, at {position} m in RB)", ""))
     for turn, lever, words, setting in frames:
-        of_rb = q * turn.inv()
-        numbers = (*lever.tolist(), *turn.as_quat(canonical=True).tolist())
+        of_rb = quat_multiply(q, quat_conjugate(turn))
+        numbers = (*lever.tolist(), *turn.tolist())
         setting = setting or "extrinsics=" + ",".join(repr(round(number, 9)) for number in numbers)
         sentence = f"it is the pose of the left camera {words}: transform it by the extrinsics of the camera"
-        yield "left camera", setting, sentence, "another point" in words, (p - of_rb.apply(lever), of_rb.as_quat())
+        yield "left camera", setting, sentence, "another point" in words, (p - quat_rotate(of_rb, lever), of_rb)
+
+
+def _upright(quats: FloatArray) -> FloatArray:
+    """Return quaternions of the same rotations, scalar >= 0."""
+    return np.where(quats[:, 3:] < 0.0, -quats, quats)
+
+
+def _angle_rad(quat: FloatArray) -> float:
+    return float(2.0 * np.arctan2(np.sqrt(quat[:3] @ quat[:3]), abs(quat[3])))
 
 
 def _time_offset(estimate: Trajectory, truth: Trajectory, before: float | None) -> Iterator[Hypothesis]:
