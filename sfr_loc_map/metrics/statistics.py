@@ -39,16 +39,9 @@ MIN_INDEPENDENT = 2.0  #: With fewer independent sub-trajectories there is no in
 # ---- mean and scatter
 
 
-def moments(values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return means and sums of squared differences from them, of each column of `(N, K)`."""
-    mean, squares = np.zeros(values.shape[1]), np.zeros(values.shape[1])
-    add_moments(values, 0, mean, squares)
-    return mean, squares
-
-
 @jit
 def add_moments(values: FloatArray, count: int, mean: FloatArray, squares: FloatArray) -> None:
-    """Add values `(N, K)` to the moments `(K,)` of those before them, so many (Welford 1962)."""
+    """Add values `(N, K)` to the means and sums of squared differences `(K,)` of `count` ones (Welford 1962)."""
     for i in range(len(values)):
         for k in range(len(mean)):
             before = values[i, k] - mean[k]
@@ -57,7 +50,7 @@ def add_moments(values: FloatArray, count: int, mean: FloatArray, squares: Float
 
 
 def statistic(count: int, mean: FloatArray, squares: FloatArray) -> Statistic:
-    """Return the statistic of a vector from the `moments` of its columns [4.1.3, 4.2.3]; of one with its sign."""
+    """Return the statistic of a vector from the moments of its columns [4.1.3, 4.2.3]; of one with its sign."""
     if not count or not np.isfinite(mean).all():  # attitudes are not known
         return Statistic(mean=None, sigma=None, mean_plus_3sigma=None)
     middle, sigma = float(mean[0]), float(np.sqrt(squares[0] / max(count - 1, 1)))

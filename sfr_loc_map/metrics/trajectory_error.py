@@ -8,7 +8,6 @@ changes of attitude and heading since N [4.1.1, 4.1.2].
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
@@ -22,7 +21,7 @@ from sfr_loc_map.metrics.config import Rebase
 WHOLE_POSE, ONLY_POSITION, DISPLACEMENT = range(3)  #: Readings in compiled code.
 READINGS = {Rebase.POSE: WHOLE_POSE, Rebase.POSITION: ONLY_POSITION, Rebase.DISPLACEMENT: DISPLACEMENT}
 MANY = 10_000  #: Sub-trajectories from which on two threads share them.
-PART = 1 << 17  #: So many are computed at a time.
+PART = 1 << 17  #: So many errors are kept at a time: those of a million take 80 MB.
 MIN_DIRECTION_M = 1e-6  #: A horizontal displacement shorter than this has no direction: the rover's heading is taken.
 
 
@@ -79,13 +78,6 @@ def headings_rad(quats: FloatArray) -> FloatArray:
 def wrapped_deg(angle: float) -> float:
     """Return an angle in degrees wrapped to (-180, 180]."""
     return float(angle - 360.0 * np.ceil((angle - 180.0) / 360.0))
-
-
-def error_parts(poses: PoseRows, starts: IntArray, ends: IntArray, reading: int) -> Iterator[tuple[int, FloatArray]]:
-    """Yield `sub_trajectory_errors` of `PART` after `PART`, and where each begins: all at once they take memory."""
-    for begin in range(0, max(len(starts), 1), PART):
-        part = slice(begin, begin + PART)
-        yield begin, sub_trajectory_errors(poses, starts[part], ends[part], reading)
 
 
 def sub_trajectory_errors(poses: PoseRows, starts: IntArray, ends: IntArray, reading: int) -> FloatArray:

@@ -44,23 +44,15 @@ from sfr_loc_map.metrics.score import (
     TrajectoryScore,
     TruthRecord,
 )
-from sfr_loc_map.metrics.statistics import (
-    MAX_BLOCKS,
-    add_moments,
-    add_to_blocks,
-    column,
-    interval95,
-    moments,
-    statistic,
-)
+from sfr_loc_map.metrics.statistics import MAX_BLOCKS, add_moments, add_to_blocks, column, interval95, statistic
 from sfr_loc_map.metrics.sub_trajectories import DISTANCE, KINDS, Progress, find_apart, find_ends, path_lengths
 from sfr_loc_map.metrics.trajectory_error import (
     CHORD,
     COLUMNS,
     ONLY_POSITION,
+    PART,
     READINGS,
     PoseRows,
-    error_parts,
     headings_rad,
     sub_trajectory_errors,
 )
@@ -126,6 +118,10 @@ def score_trajectory(
         )
     lost, degraded = estimates.lost[frames.est_rows], estimates.degraded[frames.est_rows]
     counts = replace(counts, lost=int(np.count_nonzero(lost)), degraded=int(np.count_nonzero(degraded)))
+    tolerance_s, scores, rows = config.association.tolerance_s, [], []
+    covered = completeness(
+        estimates.trajectory, truth, counts, count, conditions, image_stamps_ns, round(tolerance_s * NS_PER_S)
+    )
     lengths = path_lengths(frames.gt_pos)
     sigmas = (truth.sigma_m, truth.sigma_deg) if isinstance(truth, Truth) else (0.0, 0.0)
     headings = headings_rad(frames.gt_quat), headings_rad(frames.est_quat)
@@ -137,7 +133,6 @@ def score_trajectory(
         compared = np.unique(np.concatenate([np.concatenate(pair) for pair in pairs]))
         sums = sums_of_steps(estimates, estimates.steps, frames.est_rows[compared])
 
-    tolerance_s, scores, rows = config.association.tolerance_s, [], []
     for condition in conditions:
         starts, ends = sub_trajectories(condition, config.spacing, frames, progress)
         number = len(starts)
@@ -146,7 +141,9 @@ def score_trajectory(
         found = {}  # moments by reading
         for other in {reading, *(READINGS.values() if placed is None else ())}:
             mean, squares = found[other] = np.zeros(len(COLUMNS)), np.zeros(len(COLUMNS))
-            for begin, errors in error_parts(poses, starts, ends, other):
+            for begin in range(0, max(number, 1), PART):
+                part = slice(begin, begin + PART)
+                errors = sub_trajectory_errors(poses, starts[part], ends[part], other)
                 add_moments(errors, begin, mean, squares)
                 if other == reading:
                     add_to_blocks(errors, stretches)
@@ -203,7 +200,8 @@ def score_trajectory(
         short = (ends < count) & (ends - starts <= DISTANCES_MAX_STARTS * spacing)
         if not (number := int(np.count_nonzero(short))):
             continue
-        mean, squares = moments(sub_trajectory_errors(poses, starts[short], ends[short], reading))
+        mean, squares = np.zeros(len(COLUMNS)), np.zeros(len(COLUMNS))
+        add_moments(sub_trajectory_errors(poses, starts[short], ends[short], reading), 0, mean, squares)
         figures = {name: statistic(number, mean[which], squares[which]) for name, which in FIGURES.items()}
         by_distance.append(DistanceScore(distance_m=metres, count=number, **figures))
 
@@ -218,9 +216,7 @@ def score_trajectory(
         association=AssociationScore(
             counts=counts, mode=mode, tolerance_s=tolerance_s, max_gap_s=config.association.max_gap_s
         ),
-        completeness=completeness(
-            estimates.trajectory, truth, counts, count, conditions, image_stamps_ns, round(tolerance_s * NS_PER_S)
-        ),
+        completeness=covered,
         truth=truth_record(truth, frames, placed) if placed or any(sigmas) else None,
         several=tuple(scores) if len(scores) > 1 else (),
         by_distance=tuple(by_distance),

@@ -5,14 +5,23 @@ import pytest
 from interval_coverage import coverage
 from scipy import stats
 
-from sfr_loc_map.metrics.statistics import chi2_quantile, column, moments, sample_statistic, statistic, student_quantile
+from sfr_loc_map.metrics.statistics import (
+    add_moments,
+    chi2_quantile,
+    column,
+    sample_statistic,
+    statistic,
+    student_quantile,
+)
 
 
 @pytest.mark.clause("4.1.3")
 @pytest.mark.parametrize("offset", [0.0, 1e9])
 def test_moments_are_those_of_numpy_however_large_the_mean(offset: float) -> None:
     values = np.random.default_rng(1).normal(0, 1, (1000, 3)) * [1, 2, 3] + offset
-    mean, squares = moments(values)
+    mean, squares = np.zeros((2, 3))
+    for begin, end in ((0, 1), (1, 700), (700, 1000)):
+        add_moments(values[begin:end], begin, mean, squares)
     sigmas = (values - offset).std(axis=0, ddof=1)
     assert mean == pytest.approx(values.mean(axis=0), rel=1e-12)
     got = statistic(1000, mean, squares)

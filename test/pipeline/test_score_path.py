@@ -17,7 +17,7 @@ from sfr_loc_map.io.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.pipeline.scoring import ScoreInputs, score_files
 
-MOST = 55
+MOST = 60
 """Functions of the package; comprehensions and lambdas do not count, a compiled kernel once."""
 PACKAGE = str(Path(sfr_loc_map.__file__).parent)
 FRAMES = 120
