@@ -25,7 +25,7 @@ from sfr_loc_map.mapping.disparity.edge_evidence import FIGURES, EdgeNetwork, Ed
 from sfr_loc_map.mapping.disparity.filters import local_variance
 from sfr_loc_map.mapping.disparity.semi_global_matching import search_range, semi_global_matching
 from sfr_loc_map.mapping.disparity.uncertainty import disparity_sigma
-from sfr_loc_map.mapping.disparity.validity import beside_jump, locally_valid
+from sfr_loc_map.mapping.disparity.validity import beside_jump, locally_valid, valid_segments
 from sfr_loc_map.mapping.disparity.variational_refinement import refine
 
 UNITS = 16
@@ -63,7 +63,7 @@ def true_disparity(posed: PosedStereoPair, rig: StereoRig) -> np.ndarray:
 
 
 def samples(source: Path, random: np.random.Generator) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield the evidence `(N, 15)` and the error in pixels `(N,)` of each pair of a source, changed."""
+    """Yield the evidence `(N, 13)` and the error in pixels `(N,)` of each pair of a source, changed."""
     panorama = panorama_of(open_source(source))
     count = search_range(panorama.rig, MappingConfig()).count
     for posed in panorama.pairs():
@@ -73,10 +73,11 @@ def samples(source: Path, random: np.random.Generator) -> Iterator[tuple[np.ndar
             initial = semi_global_matching(left, right, count)
             refined = refine(left.astype(np.float32), right.astype(np.float32), initial)
             left = left.astype(np.float32)
-            known = beside_jump(refined.disparity_px) & locally_valid(refined, initial, local_variance(left))
-            chosen = np.flatnonzero(known & np.isfinite(truth))
+            valid = locally_valid(refined, initial, local_variance(left))
+            valid = valid_segments(left, refined.right, refined.disparity_px, valid)
+            chosen = np.flatnonzero(beside_jump(refined.disparity_px) & valid & np.isfinite(truth))
             sigma = disparity_sigma(refined)
-            scene = EdgeScene(left, refined.right, refined.disparity_px, np.isfinite(initial), sigma)
+            scene = EdgeScene(left, refined.right, refined.disparity_px, np.isfinite(initial), valid, sigma)
             evidence = edge_evidence(scene, chosen)
             error_px = np.abs((refined.disparity_px - truth).flat[chosen])
             some = random.permutation(len(chosen))[:MOST]

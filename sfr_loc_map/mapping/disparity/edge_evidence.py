@@ -22,11 +22,12 @@ from sfr_loc_map.jit import jit_rows, jit_rows_inline
 F = np.float32
 
 OTHER_SURFACE_PX = F(1.0)  #: Disparities that differ by less belong to one surface.
+ALIKE_PX = F(0.7)  #: Disparities that differ by more may belong to two, which refinement has joined by a ramp.
 MAX_DIFFERENCE = F(30.0)  #: Absolute differences of grey level are truncated to this.
 LARGE = F(1e9)  #: Cost where there is nothing to compare.
 NEIGHBOURHOOD = 3  #: Half side of the neighbourhood in which other surfaces are searched, pixels.
 CLAIM_PX = 6  #: Columns to either side in which surfaces are sought that claim the same pixel of the right image.
-FIGURES = 15  #: Number of the figures of a pixel.
+FIGURES = 13  #: Number of the figures of a pixel.
 RADIUS = 4  #: Half side of the window over which costs are averaged.
 WEIGHT_BY_GREY = np.exp(-np.arange(256.0) / 8.0).astype(F)
 """Support of a neighbour by the difference of its grey level from the centre."""
@@ -46,26 +47,23 @@ class EdgeScene(NamedTuple):
     right: FloatImage  # grey levels, corrected
     disparity: FloatImage  # pixels
     matched: Mask  # whose disparities count as surfaces
+    valid: Mask  # whose disparities are valid by all other tests
     sigma: FloatImage  # standard deviation of the disparity, pixels
 
 
 @jit_rows_inline
 def _matching_costs(
     scene: EdgeScene, y: int, x: int, disparity: np.float32
-) -> tuple[np.float32, np.float32, np.float32, np.float32]:
+) -> tuple[np.float32, np.float32, np.float32]:
     """Return the costs of a pixel at a disparity, grey levels, and the number of pixels that its window is worth.
 
-    The costs are those with weights by the left image, with weights by both images, and the mean of 3 x 3 pixels;
-    `LARGE` where the window lies outside the right image.
+    The costs are that of the window and the mean of 3 x 3 pixels; `LARGE` where it lies outside the right image.
     """
     left, right = scene.left, scene.right
     rows, cols = left.shape
     whole = int(np.floor(disparity))
     part = disparity - F(whole)
-    k = min(max(x - whole, 1), cols - 1)
-    centre = right[y, k] + part * (right[y, k - 1] - right[y, k])
-    total, weights, squares = F(0.0), F(0.0), F(0.0)
-    total_both, weights_both, total_close, count = F(0.0), F(0.0), F(0.0), F(0.0)
+    total, weights, squares, total_close, count = F(0.0), F(0.0), F(0.0), F(0.0), F(0.0)
     first, last = max(x - RADIUS, whole + 1, 0), min(x + RADIUS, cols - 1 + whole, cols - 1)
     for v in range(max(0, y - RADIUS), min(rows, y + RADIUS + 1)):
         for u in range(first, last + 1):
@@ -73,19 +71,15 @@ def _matching_costs(
             difference = min(abs(value - left[v, u]), MAX_DIFFERENCE)
             weight = WEIGHT_BY_GREY[int(abs(left[v, u] - left[y, x]))]
             weight *= WEIGHT_BY_DISTANCE[v - y + RADIUS, u - x + RADIUS]
-            weight_both = weight * WEIGHT_BY_GREY[min(int(abs(value - centre)), 255)]
             total += weight * difference
             weights += weight
             squares += weight * weight
-            total_both += weight_both * difference
-            weights_both += weight_both
             if abs(v - y) <= 1 and abs(u - x) <= 1:
                 total_close += difference
                 count += F(1.0)
-    if not weights_both > F(0.0):
-        return LARGE, LARGE, LARGE, F(1.0)
-    close = total_close / max(count, F(1.0))
-    return total / weights, total_both / weights_both, close, weights * weights / squares
+    if not weights > F(0.0):
+        return LARGE, LARGE, F(1.0)
+    return total / weights, total_close / max(count, F(1.0)), weights * weights / squares
 
 
 @jit_rows_inline
@@ -98,16 +92,14 @@ def _fill_costs(scene: EdgeScene, y: int, x: int, out: FloatImage) -> None:
         for u in range(max(0, x - NEIGHBOURHOOD), min(cols, x + NEIGHBOURHOOD + 1)):
             if scene.matched[v, u]:
                 low, high = min(low, scene.disparity[v, u]), max(high, scene.disparity[v, u])
-    mine_left, mine_both, mine_close, worth = _matching_costs(scene, y, x, own)
-    best, both, close, jump = LARGE, LARGE, LARGE, F(0.0)
+    mine, mine_close, worth = _matching_costs(scene, y, x, own)
+    best, close, jump = LARGE, LARGE, F(0.0)
     for other in (low, high):
         if abs(other - own) >= OTHER_SURFACE_PX:
-            other_left, other_both, other_close, _ = _matching_costs(scene, y, x, other)
-            both = min(both, other_both)
-            if other_left < best:
-                best, close, jump = other_left, other_close, other - own
-    out[0], out[1], out[2] = best - mine_left, both - mine_both, close - mine_close
-    out[3], out[4], out[5], out[6], out[7] = worth, mine_left, mine_both, mine_close, jump
+            cost, cost_close, _ = _matching_costs(scene, y, x, other)
+            if cost < best:
+                best, close, jump = cost, cost_close, other - own
+    out[0], out[1], out[2], out[3], out[4], out[5] = best - mine, close - mine_close, worth, mine, mine_close, jump
 
 
 @jit_rows_inline
@@ -116,44 +108,40 @@ def _fill_surroundings(scene: EdgeScene, y: int, x: int, out: FloatImage) -> Non
     disparity, left = scene.disparity, scene.left
     rows, cols = disparity.shape
     own = disparity[y, x]
-    none = NEIGHBOURHOOD + 2
-    nearest = to_left = to_right = none
-    same, count, total, squares = F(0.0), F(0.0), F(0.0), F(0.0)
-    for v in range(max(0, y - NEIGHBOURHOOD), min(rows, y + NEIGHBOURHOOD + 1)):
-        for u in range(max(0, x - NEIGHBOURHOOD), min(cols, x + NEIGHBOURHOOD + 1)):
+    count, total, squares, weights, same, nearer = F(0.0), F(0.0), F(0.0), F(0.0), F(0.0), F(0.0)
+    for v in range(max(0, y - RADIUS), min(rows, y + RADIUS + 1)):
+        for u in range(max(0, x - RADIUS), min(cols, x + RADIUS + 1)):
             grey = left[v, u] - left[y, x]
             total += grey
             squares += grey * grey
             count += F(1.0)
-            if abs(disparity[v, u] - own) <= OTHER_SURFACE_PX:
-                same += F(1.0)
-                continue
-            nearest = min(nearest, max(abs(v - y), abs(u - x)))
-            if abs(v - y) <= abs(u - x):
-                if u < x:
-                    to_left = min(to_left, x - u)
-                else:
-                    to_right = min(to_right, u - x)
+            weight = WEIGHT_BY_GREY[int(abs(grey))]
+            weights += weight
+            if scene.valid[v, u] and abs(disparity[v, u] - own) <= ALIKE_PX:
+                same += weight
+            elif disparity[v, u] - own > ALIKE_PX:
+                nearer += weight
     mean = total / count
-    out[8] = np.sqrt(max(squares / count - mean * mean, F(0.0)))
-    out[9], out[10], out[11], out[12] = F(nearest), same / count, F(to_left), F(to_right)
+    out[6] = np.sqrt(max(squares / count - mean * mean, F(0.0)))
+    out[7], out[8] = same / weights, nearer / weights
     target, claim = np.rint(F(x) - own), F(0.0)
     for u in range(max(0, x - CLAIM_PX), min(cols, x + CLAIM_PX + 1)):
         if abs(np.rint(F(u) - disparity[y, u]) - target) <= F(1.0):
             claim = max(claim, disparity[y, u] - own)
-    out[13] = claim
+    out[9] = claim
+    out[10] = F(0.5) * (disparity[y, min(x + 1, cols - 1)] - disparity[y, max(x - 1, 0)])
+    out[11] = F(0.5) * (disparity[min(y + 1, rows - 1), x] - disparity[max(y - 1, 0), x])
 
 
 @jit_rows
 def edge_figures(scene: EdgeScene, chosen: IntArray) -> FloatImage:
-    """Return the figures of pixels `(N, 15)`, given by their places in the flat image.
+    """Return the figures of pixels `(N, 13)`, given by their places in the flat image.
 
-    Columns: margin in cost of the best other surface over the pixel's own (weights by the left image, by both, 3 x 3
-    pixels), grey levels, `LARGE` if there is no other; number of pixels that the window is worth; the three costs at
-    the own disparity; jump to the other surface, pixels; standard deviation of the grey levels around; distance to the
-    nearest pixel of another surface, 5 for none; share of the neighbours on the own surface; distance to one
-    on the left and on the right; by how many pixels of disparity a nearer surface claims the same pixel of the right
-    image; standard deviation of the disparity, pixels.
+    Columns: margin in cost of the best other surface over the pixel's own (window, 3 x 3 pixels), grey levels, `LARGE`
+    if there is no other; number of pixels that the window is worth; both costs at the own disparity; jump to the other
+    surface, pixels; standard deviation of the grey levels around; shares of the pixels around of like grey that are on
+    the own surface and on nearer ones; by how many pixels of disparity a nearer surface claims the same pixel of the
+    right image; slope of the disparity along rows and columns; standard deviation of the disparity, pixels.
     """
     cols = scene.disparity.shape[1]
     out = np.empty((len(chosen), FIGURES), F)
@@ -161,27 +149,27 @@ def edge_figures(scene: EdgeScene, chosen: IntArray) -> FloatImage:
         y, x = chosen[n] // cols, chosen[n] % cols
         _fill_costs(scene, y, x, out[n])
         _fill_surroundings(scene, y, x, out[n])
-        out[n, 14] = scene.sigma[y, x]
+        out[n, 12] = scene.sigma[y, x]
     return out
 
 
 def edge_evidence(scene: EdgeScene, chosen: IntArray) -> FloatImage:
-    """Return what a network judges pixels by `(N, 15)`: the figures without unit, of the size of one.
+    """Return what a network judges pixels by `(N, 13)`: the figures without unit, of the size of one.
 
     Costs are taken relative to the typical one of the pair: real images match less well than their noise explains.
     """
     figures = edge_figures(scene, chosen)
     if not len(figures):
         return figures
-    typical = max(float(np.median(figures[:, 4])), MIN_TYPICAL_GREY)
-    alone = figures[:, 7] == 0.0
-    margins = _signed_log(figures[:, :3] * (np.array([2.0, 2.0, 1.0]) / typical))
+    typical = max(float(np.median(figures[:, 3])), MIN_TYPICAL_GREY)
+    alone = figures[:, 5] == 0.0
+    margins = _signed_log(figures[:, :2] * (np.array([2.0, 1.0]) / typical))
     out = figures.astype(np.float64)
-    out[:, :3] = np.where(alone[:, None], MAX_LOG, np.clip(margins, -MAX_LOG, MAX_LOG))
-    out[:, 3], out[:, 14] = np.log(figures[:, 3]), np.log(figures[:, 14])
-    out[:, [4, 5, 6, 8]] = np.log(np.maximum(figures[:, [4, 5, 6, 8]] / typical, MIN_COST))
-    out[:, 7] = np.clip(_signed_log(figures[:, 7]), -MAX_LOG, MAX_LOG)
-    out[:, 13] = np.log1p(figures[:, 13])
+    out[:, :2] = np.where(alone[:, None], MAX_LOG, np.clip(margins, -MAX_LOG, MAX_LOG))
+    out[:, [2, 12]] = np.log(figures[:, [2, 12]])
+    out[:, [3, 4, 6]] = np.log(np.maximum(figures[:, [3, 4, 6]] / typical, MIN_COST))
+    out[:, 5] = np.clip(_signed_log(figures[:, 5]), -MAX_LOG, MAX_LOG)
+    out[:, 9] = np.log1p(figures[:, 9])
     return np.ascontiguousarray(out, F)
 
 
@@ -192,9 +180,9 @@ def _signed_log(values: NDArray[np.floating]) -> NDArray[np.floating]:
 class EdgeNetwork(NamedTuple):
     """A network with one hidden layer of K rectified linear units, float32."""
 
-    low: FloatImage  # `(15,)`. Evidence is clipped to the range that was common where the weights were learnt
-    high: FloatImage  # `(15,)`, likewise
-    hidden: FloatImage  # `(K, 15)`, weights of the evidence
+    low: FloatImage  # `(13,)`. Evidence is clipped to the range that was common where the weights were learnt
+    high: FloatImage  # `(13,)`, likewise
+    hidden: FloatImage  # `(K, 13)`, weights of the evidence
     hidden_offset: FloatImage  # `(K,)`
     output: FloatImage  # `(K,)`, weights of the hidden layer
     output_offset: FloatImage  # `(1,)`

@@ -32,7 +32,7 @@ REACH = 12  #: Rows or columns within which a surface is a hypothesis.
 SLOPE_PX = 2  #: Distance over which a surface's slope is taken, pixels.
 VALID_WEIGHT = F(0.3)
 """Weight in a window of pixels that have a disparity: they would only repeat what they were found to be."""
-COST_PERCENTILE = 90.0
+COST_PERCENTILE = 93.0
 """A filled pixel matches no worse than so many percent of the valid pixels beside holes: `BESIDE` pixels or less from
 one. Every `SAMPLE`th of them is taken."""
 BESIDE, SAMPLE, MIN_SAMPLES = 3, 5, 50

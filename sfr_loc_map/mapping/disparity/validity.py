@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, IntArray, Mask, median
 from sfr_loc_map.jit import jit, jit_inline, jit_rows
-from sfr_loc_map.mapping.disparity.edge_evidence import NEIGHBOURHOOD, EdgeScene, wrong_surface_log_odds
+from sfr_loc_map.mapping.disparity.edge_evidence import ALIKE_PX, NEIGHBOURHOOD, EdgeScene, wrong_surface_log_odds
 from sfr_loc_map.mapping.disparity.filters import MAD_TO_SIGMA, box_mean, depth_ratio, within
 from sfr_loc_map.mapping.disparity.variational_refinement import JUMP_PX, RefinedDisparity
 
@@ -28,12 +28,11 @@ MAX_CONTRAST_SHARE = F(0.7)
 """Share of the image's own variance that a doubtful match's residuals must reach to be wrong; 2 is no correlation."""
 MAX_CHANGE_PX = 1.5
 """Refinement may change a disparity by this, or by five times the typical change if that is more."""
-JUMP_RANGE_PX = F(1.5)
-"""Disparities of 3 x 3 pixels that span more are a jump; pixels up to `NEIGHBOURHOOD` from it are beside it."""
-MAX_LOG_ODDS = F(1.5)
+MAX_LOG_ODDS = F(3.3)
 """A pixel beside a jump is dropped if its log odds of being on the wrong surface exceed this, less the logarithm of the
-squared ratio of its depth to that of the nearest surface around: by so much its error in metres is larger.
-They are learnt with weights by the size of the error in pixels."""
+squared ratio of its depth to that of the nearest surface around, plus that of the pair's typical sigma in pixels: by so
+much its error in metres is larger, and the more exact the others are, the more of the error of a map is one that is
+wrong. The log odds are learnt with weights by the size of the error in pixels."""
 MAX_SLOPE = F(0.7)
 """Pixels of disparity for each pixel along the row. A ramp of 1 lies on one ray of the right camera: what is steep
 joins two surfaces across a part that one of the cameras does not see."""
@@ -53,17 +52,20 @@ def valid_mask(
     """Tell which pixels `(H, W)` have a valid disparity.
 
     Invalid are pixels that the matcher left out, that refinement moved far, that are occluded in the right image,
-    differ between the images, are likely on the wrong side of an edge (`edge_evidence`), or belong to a
-    segment that is small or has no content in common. `contrast` is the `local_variance` of the left image.
+    differ between the images, join two surfaces, are likely on the wrong side of an edge (`edge_evidence`), or belong
+    to a segment that is small or has no content in common. `contrast` is the `local_variance` of the left image.
     """
     disparity = refined.disparity_px
-    valid = locally_valid(refined, initial_px, contrast)
+    valid = locally_valid(refined, initial_px, contrast) & ~steep(disparity)
+    valid = valid_segments(left, refined.right, disparity, valid)
     chosen = np.flatnonzero(beside_jump(disparity) & valid)
-    scene = EdgeScene(left, refined.right, disparity, np.isfinite(initial_px), sigma_px)
+    if not len(chosen):
+        return valid
+    scene = EdgeScene(left, refined.right, disparity, np.isfinite(initial_px), valid, sigma_px)
     behind = np.log(depth_ratio(disparity, NEIGHBOURHOOD).flat[chosen])
     log_odds = wrong_surface_log_odds(scene, chosen) + F(2.0) * behind
-    valid.flat[chosen[log_odds > MAX_LOG_ODDS]] = False
-    return valid_segments(left, refined.right, disparity, valid)
+    valid.flat[chosen[log_odds > MAX_LOG_ODDS + np.log(median(sigma_px[valid][::16]))]] = False
+    return valid_segments(left, refined.right, disparity, valid)  # what is left between jumps may be small
 
 
 def locally_valid(refined: RefinedDisparity, initial_px: FloatImage, contrast: FloatImage) -> Mask:
@@ -73,7 +75,8 @@ def locally_valid(refined: RefinedDisparity, initial_px: FloatImage, contrast: F
     """
     disparity = refined.disparity_px
     change = np.abs(disparity - initial_px)
-    valid: Mask = change <= max(MAX_CHANGE_PX, 5.0 * MAD_TO_SIGMA * median(change[~np.isnan(change)]))
+    sample = change[::4, ::4]
+    valid: Mask = change <= max(MAX_CHANGE_PX, 5.0 * MAD_TO_SIGMA * median(sample[~np.isnan(sample)]))
     if not valid.any():
         return valid
     valid &= ~occlusion_mask(disparity, valid, JUMP_PX)
@@ -83,10 +86,13 @@ def locally_valid(refined: RefinedDisparity, initial_px: FloatImage, contrast: F
         (chi2_per_dof > MAX_CHI2_PER_DOF)
         & (chi2_per_dof * F(refined.noise * refined.noise) > MAX_CONTRAST_SHARE * contrast)
     )
-    slope = cv2.filter2D(disparity, -1, np.array([[-0.5, 0.0, 0.5]], F), borderType=cv2.BORDER_REPLICATE)
-    steep = (np.abs(slope) > MAX_SLOPE).astype(np.uint8)
-    valid &= cv2.dilate(steep, np.ones((1, 3), np.uint8)) == 0
     return valid
+
+
+def steep(disparity: FloatImage) -> Mask:
+    """Tell which pixels `(H, W)` are on a ramp that joins two surfaces, or beside it along the row."""
+    slope = cv2.filter2D(disparity, -1, np.array([[-0.5, 0.0, 0.5]], F), borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(cv2.dilate((np.abs(slope) > MAX_SLOPE).astype(np.uint8), np.ones((1, 3), np.uint8))) > 0
 
 
 @jit_rows
@@ -112,7 +118,7 @@ def occlusion_mask(disparity: FloatImage, valid: Mask, jump: np.float32) -> Mask
 def beside_jump(disparity: FloatImage) -> Mask:
     """Tell which pixels `(H, W)` are at or near a jump of disparity."""
     square = np.ones((3, 3), np.uint8)
-    jump = np.asarray(cv2.dilate(disparity, square) - cv2.erode(disparity, square), F) > JUMP_RANGE_PX
+    jump = np.asarray(cv2.dilate(disparity, square) - cv2.erode(disparity, square), F) > ALIKE_PX
     return within(jump, NEIGHBOURHOOD)
 
 
