@@ -14,7 +14,7 @@ from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import Task, stamp_of
-from sfr_loc_map.metrics.config import MappingState
+from sfr_loc_map.metrics.config import CallKind, MappingState
 from sfr_loc_map.nodes import diagnostics
 from sfr_loc_map.nodes.diagnostics import Level, level_of
 from sfr_loc_map.nodes.messages import cloud_from_msg, covariance_of, odometry_row
@@ -135,9 +135,11 @@ class ResultCollector:
         results, report = self.results, json.loads(self.results.report or "{}")
         poses = report.get("trajectory", {}).get("estimate_poses", len(results.rows))
         timing = report.get("timing", {})
-        calls = sum(timing.get(f"{name}_s", {}).get("count", 0) for name in ("localisation", "mapping"))
-        done = len(results.localisation) + sum(state == MappingState.MAPPED for state, _ in results.mapping)
-        return poses >= len(results.rows) and calls >= done and ("map" in report or not with_map)
+        calls = sum(timing.get(f"{kind}_s", {}).get("count", 0) for kind in CallKind)
+        sets = sum(state == MappingState.MAPPED_SET for state, _ in results.mapping)  # told after their clouds
+        done = calls >= len(results.localisation) + len(results.mapping)
+        done &= self._external_of("nav") is not None or sets >= len(results.clouds)
+        return done and poses >= len(results.rows) and ("map" in report or not with_map)
 
     def _on_odometry(self, message: Odometry) -> None:
         self.results.rows.append(odometry_row(message))
