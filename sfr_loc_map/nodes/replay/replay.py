@@ -82,7 +82,9 @@ class Player:
         def ready() -> bool:
             if not all(client.service_is_ready() for client in self._resets.values()):
                 return False
-            publishers = (*self._publishers.values(), self._initial_pose)
+            publishers = [*self._publishers.values()]
+            if "localisation_node" in self._resets:  # an external node may listen to it in any way
+                publishers.append(self._initial_pose)
             return all(p.get_subscription_count() == graph.count_subscribers(p.topic_name) for p in publishers)
 
         self._node.wait_for(ready, START_TIMEOUT_S, lambda: f"the nodes {', '.join(self._resets)} did not start")
