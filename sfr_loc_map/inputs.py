@@ -130,7 +130,7 @@ def read_bytes(path: Path, limit: int | None) -> bytes:
 
 def read_table(path: Path) -> Iterator[bytes]:
     """Yield a table of text in blocks of whole lines; OSError as `read_bytes`, or if lines are too many or too long."""
-    read_bytes(path, None)
+    check_regular(path)
     lines = read = 0
     with path.open("rb") as stream:
         size = os.fstat(stream.fileno()).st_size

@@ -51,6 +51,12 @@ def quat_multiply(a_xyzw: ArrayLike, b_xyzw: ArrayLike) -> FloatArray:
     )
 
 
+def quat_angle(quat_xyzw: ArrayLike) -> FloatArray:
+    """Return the angles `(...)`, rad, from 0 to pi, of the rotations of unit quaternions `(..., 4)`."""
+    quat = np.asarray(quat_xyzw, dtype=np.float64)
+    return np.asarray(2.0 * np.arctan2(np.linalg.norm(quat[..., :3], axis=-1), np.abs(quat[..., 3])))
+
+
 def quat_rotate(quat_xyzw: ArrayLike, vectors: ArrayLike) -> FloatArray:
     """Rotate vectors `(..., 3)` by unit quaternions `(..., 4)`."""
     quat, vec = np.asarray(quat_xyzw, dtype=np.float64), np.asarray(vectors, dtype=np.float64)

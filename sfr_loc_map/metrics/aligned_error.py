@@ -15,6 +15,7 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import (
     matrix_from_quat,
+    quat_angle,
     quat_conjugate,
     quat_from_matrix,
     quat_multiply,
@@ -80,7 +81,7 @@ def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedError
     pairs += f"{len(poses.truth)} poses paired by the nearest stamp within {config.max_difference_s:g} s"
     for (name, (errors_m, true_quats, quats)), over in zip(errors.items(), (None, delta), strict=True):
         turns = quat_multiply(quat_conjugate(true_quats), quats)
-        angles = 2.0 * np.arctan2(np.linalg.norm(turns[:, :3], axis=1), np.abs(turns[:, 3]))
+        angles = quat_angle(turns)
         record = AlignedError(
             description=f"{name}, {TEXTS[config.align]}, {pairs}",
             alignment=config.align,

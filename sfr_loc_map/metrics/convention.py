@@ -23,6 +23,7 @@ from sfr_loc_map.geometry.pose_convention import OPTICAL_IN_BODY as OPTICAL_IN_R
 from sfr_loc_map.geometry.quaternion_kernels import slerp, unit_quats
 from sfr_loc_map.geometry.rotation import (
     matrix_from_quat,
+    quat_angle,
     quat_conjugate,
     quat_from_matrix,
     quat_multiply,
@@ -182,7 +183,7 @@ def _each_undone(truth: Poses, estimate: Poses, rig: StereoRig | None) -> Iterat
         ("swapped left and right images", "", swapped, (-p, q)),
         ("mirrored left and right", "mirrored=true", sides, (p * MIRROR, q * np.array([-1.0, 1.0, -1.0, 1.0]))),
     ):
-        if undone is not motions or np.abs(p[0]).max() + _angle_rad(q[0]) > 1e-9:  # else the same as inverted poses
+        if undone is not motions or np.abs(p[0]).max() + quat_angle(q[0]) > 1e-9:  # else the same as inverted poses
             yield name, setting, sentence, False, undone
 
     # another frame of the rover: rotation known or presumed, position known or fitted
@@ -211,7 +212,7 @@ def _each_undone(truth: Poses, estimate: Poses, rig: StereoRig | None) -> Iterat
         # the point whose poses are given: its displacements differ by `R l - l`
         matrix = (matrix_from_quat(turns[0]) - np.eye(3)).reshape(-1, 3)
         lever = np.asarray(np.linalg.lstsq(matrix, (quat_rotate(turn, moves[1]) - moves[0]).ravel(), rcond=1e-3)[0])
-        tilt = float(np.degrees(_angle_rad(quat_multiply(turn, quat_conjugate(optical)))))
+        tilt = float(np.degrees(quat_angle(quat_multiply(turn, quat_conjugate(optical)))))
         if float(np.sqrt(lever @ lever)) >= MIN_LEVER_M and not (turn is fitted and tilt > MAX_TILT_DEG):
             position = ", ".join(f"{value:.2f}" for value in lever)
             frames.append((turn, lever, f"in place of RB or of another point ({axes}, at {position} m in RB)", ""))
@@ -226,10 +227,6 @@ def _each_undone(truth: Poses, estimate: Poses, rig: StereoRig | None) -> Iterat
 def _upright(quats: FloatArray) -> FloatArray:
     """Return quaternions of the same rotations, scalar >= 0."""
     return np.where(quats[:, 3:] < 0.0, -quats, quats)
-
-
-def _angle_rad(quat: FloatArray) -> float:
-    return float(2.0 * np.arctan2(np.sqrt(quat[:3] @ quat[:3]), abs(quat[3])))
 
 
 def _time_offset(estimate: Trajectory, truth: Trajectory, before: float | None) -> Iterator[Hypothesis]:

@@ -110,6 +110,11 @@ def _cell_of(u: float, v: float, rows: int, columns: int) -> int:
 
 
 @jit_fast_inline
+def _is_set(cells: Mask, cell: int) -> bool:
+    return cell < cells.size and bool(cells[cell // cells.shape[1], cell % cells.shape[1]])
+
+
+@jit_fast_inline
 def _around(values: FloatArray, r: int, c: int, reach: int) -> tuple[float, float]:
     """Return the sum and the least of the values around one; with numba's own each start would load scipy.linalg."""
     total, least = 0.0, np.inf
@@ -159,7 +164,7 @@ def judge(
         u, v = seen[0, 0], seen[0, 1]
         length[n], cell[n] = np.hypot(u - seen[1, 0], v - seen[1, 1]), _cell_of(u, v, rows, columns)
         host = _cell_of(host_uv[n, 0], host_uv[n, 1], rows, columns)
-        stays[n] = host < rows * columns and change.stays[host // columns, host % columns]
+        stays[n] = _is_set(change.stays, host)
         tells = inliers[n] or length[n] < far_px
         if tells and BORDER < u < width - 1 - BORDER and BORDER < v < height - 1 - BORDER:
             rest[n] = not inliers[n]
@@ -181,9 +186,8 @@ def judge(
     left, known, lengths = 0, 0, np.empty(count)
     for n in range(count):
         host = _cell_of(host_uv[n, 0], host_uv[n, 1], rows, columns)
-        fixed[n] = host < rows * columns and cells[host // columns, host % columns] and not inliers[n]
-        covered = cell[n] < rows * columns and cells[cell[n] // columns, cell[n] % columns]
-        rest[n] = rest[n] and not (fixed[n] or covered)
+        fixed[n] = _is_set(cells, host) and not inliers[n]
+        rest[n] = rest[n] and not (fixed[n] or _is_set(cells, cell[n]))
         left += rest[n]
         if not np.isnan(length[n]):
             lengths[known] = length[n]
