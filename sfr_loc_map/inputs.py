@@ -105,21 +105,16 @@ def special_kind(mode: int) -> str:
 
 
 def check_regular(path: Path) -> None:
-    """Raise OSError if a path is missing, or neither a regular file nor a link to one."""
-    read_bytes(path, None)
-
-
-def read_bytes(path: Path, limit: int | None) -> bytes:
-    """Return the content of a regular file of at most so many bytes; without a limit nothing is read.
-
-    Raises OSError if it cannot be read, is not a regular file (a named pipe would wait for ever) or is too large.
-    """
+    """Raise OSError if a path is missing, or neither a regular file nor a link to one (a pipe would wait for ever)."""
     if "\0" in str(path):  # Python would raise a ValueError
         raise OSError(errno.EINVAL, "its name holds a zero byte", str(path))
     if kind := _SPECIAL_FILES.get(stat.S_IFMT(path.stat().st_mode)):
         raise OSError(errno.EINVAL, f"it is {kind}, not a file", str(path))
-    if limit is None:
-        return b""
+
+
+def read_bytes(path: Path, limit: int) -> bytes:
+    """Return the content of a regular file of at most so many bytes; OSError if it cannot be read or is too large."""
+    check_regular(path)
     with path.open("rb") as stream:
         size = os.fstat(stream.fileno()).st_size
         data = stream.read(limit + 1) if size <= limit else b""
@@ -128,28 +123,35 @@ def read_bytes(path: Path, limit: int | None) -> bytes:
     return data
 
 
-def read_table(path: Path) -> Iterator[bytes]:
-    """Yield a table of text in blocks of whole lines; OSError as `read_bytes`, or if lines are too many or too long."""
-    check_regular(path)
+def read_table(path: Path, needed: str = "the data set needs it") -> Iterator[bytes]:
+    """Yield a table of text in blocks of whole lines; InputError as `read_bytes`, or for too many or too long lines."""
     lines = read = 0
-    with path.open("rb") as stream:
-        size = os.fstat(stream.fileno()).st_size
-        while block := stream.read(BLOCK_BYTES):
-            block += stream.readline(MAX_TABLE_BYTES)
-            read += len(block)
-            lines += block.count(b"\n") + block.count(b"\r")
-            if max(size, read) > MAX_TABLE_BYTES:
-                raise OSError(errno.EFBIG, f"it is larger than {MAX_TABLE_BYTES / MB:g} MB", str(path))
-            if lines > MAX_TABLE_LINES:
-                raise OSError(errno.EFBIG, f"it has more than {MAX_TABLE_LINES} lines", str(path))
-            begin = 0
-            while len(block) - begin > MAX_LINE_BYTES:
-                window = begin + MAX_LINE_BYTES
-                end = max(block.rfind(b"\n", begin, window), block.rfind(b"\r", begin, window))
-                if end < 0:
-                    raise OSError(errno.EFBIG, f"it has a line of more than {MAX_LINE_BYTES} bytes", str(path))
-                begin = end + 1
-            yield block
+    with refusing(f"cannot read '{path}'", needed):
+        check_regular(path)
+        with path.open("rb") as stream:
+            size = os.fstat(stream.fileno()).st_size
+            while block := stream.read(BLOCK_BYTES):
+                block += stream.readline(MAX_TABLE_BYTES)
+                read += len(block)
+                lines += block.count(b"\n") + block.count(b"\r")
+                if max(size, read) > MAX_TABLE_BYTES:
+                    raise OSError(errno.EFBIG, f"it is larger than {MAX_TABLE_BYTES / MB:g} MB", str(path))
+                if lines > MAX_TABLE_LINES:
+                    raise OSError(errno.EFBIG, f"it has more than {MAX_TABLE_LINES} lines", str(path))
+                begin = 0
+                while len(block) - begin > MAX_LINE_BYTES:
+                    window = begin + MAX_LINE_BYTES
+                    end = max(block.rfind(b"\n", begin, window), block.rfind(b"\r", begin, window))
+                    if end < 0:
+                        raise OSError(errno.EFBIG, f"it has a line of more than {MAX_LINE_BYTES} bytes", str(path))
+                    begin = end + 1
+                yield block
+
+
+def read_table_text(path: Path, needed: str = "the data set needs it") -> str:
+    """Return a table of text as a whole; InputError as `read_table`, or if it is no UTF-8."""
+    with refusing(f"cannot read '{path}'", needed):
+        return b"".join(read_table(path, needed)).decode("utf-8-sig")
 
 
 def read_text(path: Path, limit: int = MAX_TEXT_BYTES) -> str:

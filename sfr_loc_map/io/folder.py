@@ -64,8 +64,8 @@ def open_folder(path: Path) -> Source:
     left_out, is_whole = 0, (path / "pairs.csv").exists() or (path / "rig.json").exists()
     for folder in [path] if is_whole else [path / part for part in ("loc", "nav") if (path / part).is_dir()]:
         file, table, truth_file = folder / "rig.json", folder / "pairs.csv", folder / "groundtruth.csv"
-        with refusing(f"cannot read '{table}'", "a data set folder needs its pairs.csv"):
-            text = b"".join(read_table(table)).decode("utf-8-sig")
+        with refusing(f"cannot read '{table}'", advice := "a data set folder needs its pairs.csv"):
+            text = b"".join(read_table(table, advice)).decode("utf-8-sig")
         rig = read_rig(file)
 
         header, *rows = [[word.strip() for word in line.split(",")] for line in text.splitlines()] or [[""]]

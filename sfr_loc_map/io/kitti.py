@@ -20,13 +20,13 @@ from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import SIDES, refusing
+from sfr_loc_map.inputs import SIDES, read_table, refusing
 from sfr_loc_map.io.bag_frames import covered, sampled
 from sfr_loc_map.io.camera_info import projection, rig_from_projections
 from sfr_loc_map.io.image_codec import encode_png, read_grey
 from sfr_loc_map.io.image_files import ImageFileSequence, ImagePair, TableWriter, whole_pairs
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.text_table import parse_number, parse_table, read_blocks, read_lines, seconds_text
+from sfr_loc_map.io.text_table import parse_number, parse_table, read_lines, seconds_text
 from sfr_loc_map.io.trajectory_file import read_times
 
 CAMERAS = ((0, 1), (2, 3))  #: Numbers of the left and right cameras that are looked for: grey, colour.
@@ -73,7 +73,7 @@ def _load_poses(path: Path, stamps: list[int], rig: StereoRig, offset_m: float) 
     file = next((file for file in files if file.is_file()), None)
     if file is None:
         return None
-    rows = parse_table(read_blocks(file), f"'{file}'", "the first three rows of a pose matrix", range(12)).values
+    rows = parse_table(read_table(file), f"'{file}'", "the first three rows of a pose matrix", range(12)).values
     if len(rows) != len(stamps):
         raise InputError(f"'{file}' has {len(rows)} poses for {len(stamps)} times: one for each is needed")
     T_cam0_left = Transform(np.eye(3), np.array([offset_m, 0.0, 0.0]))

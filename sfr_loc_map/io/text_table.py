@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from decimal import ROUND_HALF_EVEN, Decimal, InvalidOperation
@@ -22,7 +22,7 @@ from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, plausible_positions, plausible_quats
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S, read_table, refusing
+from sfr_loc_map.inputs import NS_PER_S, read_table_text, refusing
 
 MAX_NUMBER_LENGTH = 400
 STAMP_LENGTH = 64
@@ -94,20 +94,8 @@ def check_order(stamps_ns: ArrayLike, name: str, *, strict: bool) -> None:
 
 def read_lines(path: Path) -> list[str]:
     """Return the lines of a text file that are not empty and no comment (`#`)."""
-    with refusing(f"cannot read '{path}'", "the data set needs it"):
-        lines = read_data(path).decode("utf-8-sig").splitlines()
+    lines = read_table_text(path).splitlines()
     return [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
-
-
-def read_data(path: Path) -> bytes:
-    """Return the content of a text file."""
-    return b"".join(read_blocks(path))
-
-
-def read_blocks(path: Path, needed: str = "the data set needs it") -> Iterator[bytes]:
-    """Yield the content of a text file in blocks of whole lines."""
-    with refusing(f"cannot read '{path}'", needed):
-        yield from read_table(path)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

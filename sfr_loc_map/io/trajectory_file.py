@@ -34,17 +34,9 @@ from sfr_loc_map.geometry.plausibility import plausible_positions, plausible_rot
 from sfr_loc_map.geometry.pose_convention import OPTICAL_IN_BODY
 from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_from_matrix
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S, refusing
+from sfr_loc_map.inputs import NS_PER_S, read_table, refusing
 from sfr_loc_map.io.atomic import write_text
-from sfr_loc_map.io.text_table import (
-    BOM,
-    parse_number,
-    parse_seconds,
-    parse_stamp_ns,
-    parse_table,
-    read_blocks,
-    seconds_text,
-)
+from sfr_loc_map.io.text_table import BOM, parse_number, parse_seconds, parse_stamp_ns, parse_table, seconds_text
 
 CSV_HEADER = "stamp_ns,rbOriginPos_m_Ds_x,rbOriginPos_m_Ds_y,rbOriginPos_m_Ds_z," + ",".join(
     f"att_q_DsToRb_{i}" for i in (1, 2, 3, 4)
@@ -130,7 +122,7 @@ def read_trajectory_file(path: Path, columns: str = "") -> LoadedTrajectory:
     """
     path = Path(path)
     name = f"'{path}'"
-    rest = read_blocks(path, "give a csv, TUM, KITTI or EuRoC file")
+    rest = read_table(path, "give a csv, TUM, KITTI or EuRoC file")
     first = next(rest, b"")
     blocks, signs = chain((first,), rest), np.ones(4)
     lines = [line.strip() for line in first[:HEAD_BYTES].removeprefix(BOM).splitlines() if line.strip()]
@@ -255,7 +247,7 @@ def times_beside(path: Path) -> Path:
 
 def read_times(path: Path, count: int | None = None) -> IntArray:
     """Return the stamps of a file of seconds `(N,)`, ns."""
-    blocks = read_blocks(path, "give the seconds of each pose")
+    blocks = read_table(path, "give the seconds of each pose")
     table = parse_table(blocks, f"'{path}'", "seconds", (0,), stamp=parse_seconds)
     if count not in (None, len(table.lines)):
         raise InputError(f"'{path}' has {len(table.lines)} times for {count} poses: one for each is needed")

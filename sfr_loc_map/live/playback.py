@@ -27,13 +27,12 @@ from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S, SIDES, hash_path, read_text, refusing
+from sfr_loc_map.inputs import NS_PER_S, SIDES, hash_path, read_table_text, read_text, refusing
 from sfr_loc_map.io.bag import GROUND_TRUTH, ODOMETRY, Bag, read_trajectory
 from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.cloud_file import load_cloud
 from sfr_loc_map.io.registry import open_source, read_truth
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.text_table import read_data
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.media import CloudTruth, cloud_samples, image_sample
 from sfr_loc_map.live.state import MAX_REPORT_CHARACTERS, LiveState
@@ -245,7 +244,7 @@ def _poses(track: updates.Track, poses: Estimates, begin_ns: int) -> Iterator[Mo
 
 def _calls(stats: Path) -> Iterator[updates.Status]:
     """Yield the calls of statistics as the nodes tell them on /diagnostics."""
-    for read in csv.DictReader(io.StringIO(read_data(stats).decode("utf-8-sig"), newline="")):
+    for read in csv.DictReader(io.StringIO(read_table_text(stats), newline="")):
         row = {name: value for name, value in read.items() if isinstance(name, str) and value}
         state, reason = row.get("state", ""), row.get("reason", "")
         is_map, steps = state in set(MappingState), [row.get(name, "") for name in STEP_NAMES]

@@ -15,7 +15,7 @@ import numpy as np
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import read_table, refusing
+from sfr_loc_map.inputs import read_table_text, refusing
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.text_table import parse_stamp_ns
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
@@ -185,8 +185,9 @@ def save_stats(path: Path, records: Sequence[CallRecord], method: MethodRecord |
 
 def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
     """Read the file; all columns but the needed one are optional. Without `stamp_ns` the calls are numbered."""
-    with refusing(f"cannot read statistics '{path}'", "give a CSV with one row for each call"):
-        text = b"".join(read_table(path)).decode("utf-8-sig")
+    advice = "give a CSV with one row for each call"
+    text = read_table_text(path, advice)
+    with refusing(f"cannot read '{path}'", advice):
         rows = list(csv.DictReader(io.StringIO(text, newline="")))
     if not rows or needed not in rows[0]:
         found = ", ".join(list(rows[0])[:5]) if rows else "no row"

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.io.text_table import parse_seconds, parse_stamp_ns, parse_table, read_blocks, seconds_text
+from sfr_loc_map.inputs import read_table
+from sfr_loc_map.io.text_table import parse_seconds, parse_stamp_ns, parse_table, seconds_text
 
 finite = st.floats(-1e308, 1e308)  # which no form rounds to infinity
 forms = st.sampled_from(("{!r}", "{:.9f}", "{:.17e}", "{:.3g}", "{:.0f}"))
@@ -44,7 +45,7 @@ def test_numbers_have_the_bits_of_float_and_stamps_those_of_integers_in_blocks_o
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("sfr_loc_map.inputs.BLOCK_BYTES", size)
         path.write_bytes(data.encode())
-        table = parse_table(read_blocks(path), "x", "t, x", (0, 1), stamp=parse_seconds, skip=1)
+        table = parse_table(read_table(path), "x", "t, x", (0, 1), stamp=parse_seconds, skip=1)
         with pytest.raises(InputError, match=f"line {3 * len(rows) + 2}: 1 columns"):
             parse_table([data.encode(), b"7\n"], "x", "t, x", (0, 1), stamp=parse_seconds, skip=1)
     assert [value.hex() for value in table.values[:, 0].tolist()] == [float(text).hex() for text in texts]
