@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "external_node.py"
 SPEC = importlib.util.spec_from_file_location("external_node", EXAMPLE)
@@ -45,4 +47,6 @@ class FaultyPublisher:
 rclpy.init()
 node = example.ExternalOdometry()
 node.publisher = FaultyPublisher(node.publisher)
+latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # as no replay publishes it
+node.create_subscription(PoseWithCovarianceStamped, "initialpose", print, latched)
 rclpy.spin(node)
