@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Option
 
 from sfr_loc_map.cli.app import app, examples
-from sfr_loc_map.cli.options import ConditionOption, JudgeOptions, LimitsOption, NamespaceOption, require_ros
+from sfr_loc_map.cli.options import ConditionOption, JudgeOptions, NamespaceOption, require_ros
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import (
     ConfigError,
@@ -96,7 +96,7 @@ def live(
     ] = False,
     rate: Annotated[float, Option(metavar="R", min=0.01, max=100.0, help="Multiple of the recorded speed.")] = 1.0,
     truth: Annotated[Path | None, Option(metavar="SRC", help="Source with truth and images of what is played.")] = None,
-    limits: LimitsOption = None,
+    limits: Annotated[Path | None, Option(metavar="F.yaml", help="Limits by which it is judged.")] = None,
     condition: ConditionOption = None,
     foxglove: Annotated[bool, Option(help="Serve the same over the Foxglove protocol besides, on loopback.")] = False,
     foxglove_port: Annotated[int, Option(metavar="P", min=0, max=65535, help="Its port; 0: a free one.")] = 8765,

@@ -71,9 +71,6 @@ RebaseOption = Annotated[
 PartialOption = Annotated[bool, Option(help="Judge an estimate of a part of the drive, and say so.")]
 
 
-LimitsOption = Annotated[Path | None, Option(metavar="F.yaml", help="Limits; exit code 1 if one is missed.")]
-
-
 @dataclass(frozen=True, slots=True)
 class MethodOptions:
     """Which localiser or mapper runs, and what it may take."""
@@ -131,7 +128,7 @@ class OutputOptions:
 class JudgeOptions:
     """By what a run is judged."""
 
-    limits: LimitsOption = None
+    limits: Annotated[Path | None, Option(metavar="F.yaml", help="Limits; exit code 1 if one is missed.")] = None
     condition: ConditionOption = None
     lenient: LenientOption = False
 

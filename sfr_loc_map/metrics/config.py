@@ -192,7 +192,7 @@ class TrajectoryScoreConfig:
     """Settings of the trajectory score."""
 
     conditions: tuple[str, ...] = param(
-        ("distance=5",), doc="Ends of a sub-trajectory: distance=METRES, time=SECONDS or frames=NUMBER, each scored."
+        ("distance=5",), doc="Ends of a sub-trajectory (distance=METRES, time=SECONDS, frames=NUMBER, ..), each scored."
     )
     spacing: int = param(
         10, unit="frames", doc="Frames from one start of a sub-trajectory to the next.", low=1, high=1_000_000
