@@ -54,7 +54,7 @@ MAX_MESSAGE = 600  #: Characters of a message; the first and the last ones of a 
 _TAIL = 200
 _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]|[\ud800-\udfff]")
 _UNPRINTABLE = re.compile(
-    r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ufeff]"
+    r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ufeff\ufffe\uffff]"
 )
 """Controls (C0 without tab and line feed, DEL, C1), marks of direction, separators of lines, surrogates."""
 _SPECIAL_FILES = {
@@ -250,6 +250,15 @@ class _BoundedLoader(yaml.SafeLoader):
         self.depth -= 1
         return node
 
+    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:  # noqa: ANN401 - the library's
+        node = super().compose_mapping_node(anchor)
+        keys: set[str] = set()
+        for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
+            if key.value in keys:  # the last one would count
+                raise yaml.YAMLError(f"'{key.value}' stands there twice, again in line {key.start_mark.line + 1}")
+            keys.add(key.value)
+        return node
+
     def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
         if len(node.value) > 4 * MAX_DIGITS:
             raise yaml.YAMLError(f"an integer of {len(node.value)} digits")
@@ -257,6 +266,9 @@ class _BoundedLoader(yaml.SafeLoader):
 
 
 _BoundedLoader.add_constructor("tag:yaml.org,2002:int", _BoundedLoader.construct_yaml_int)
+# numbers as all else writes them: `1e-3` is one in YAML 1.2, a text in 1.1
+_EXPONENT = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$")
+_BoundedLoader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+.0123456789"))
 
 
 def _expanded(node: yaml.Node, sizes: dict[int, int], depth: int) -> int:

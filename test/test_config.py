@@ -103,6 +103,7 @@ def test_every_number_of_the_suite_refuses_infinity(config_type: type) -> None:
         (b"a: " + b"9" * 400, "an integer of 400 digits"),
         (b"[" * 1000, "nested too deeply"),
         (b"a: &a [*a]", "within its own anchor"),
+        (b"a: 1\nb: {c: 1, c: 2}", "'c' stands there twice, again in line 2"),
         (BOMB.encode(), "aliases stand for more than 100000 values"),
         (b"#" * 1_000_001, "larger than 1 MB"),
         (None, "cannot read '.*c.yaml': No such file"),

@@ -40,6 +40,7 @@ PANELS = {
 """Subcommands in the order of the help, that of a user's day, below their titles."""
 HINTS = "SFR_HINTS"
 _proposed: list[str] = []
+GIVEN: list[Path] = []  #: Files and folders on the command line of the command that runs: inputs and outputs.
 
 
 def propose(*words: str | Path, why: str = "") -> None:
@@ -141,6 +142,8 @@ def _with_groups(function: Callable[..., Any], hint: str, first: list[str]) -> C
 
     def call(**values: Any) -> Any:  # noqa: ANN401 - those of the options
         propose(hint)
+        listed = (value if isinstance(value, list) else [value] for value in values.values())
+        GIVEN[:] = [item for items in listed for item in items if isinstance(item, Path)]
         for name, kind in groups.items():
             values[name] = kind(**{item.name: values.pop(item.name) for item in fields(kind)})
         return function(**values)

@@ -149,7 +149,7 @@ def faults(
     from sfr_loc_map.io.sequence import drive_of
     from sfr_loc_map.suite.fault_benchmark import FAULTS, Honesty, benchmark_faults
 
-    check_outputs(json_path, overwrite=overwrite, inputs=[source])
+    check_outputs(json_path, overwrite=overwrite)
     wanted = tuple(fault or FAULTS)
     opened, config = open_as(source, remap, config)
     localiser, drive = read_config(LocalisationConfig, config, "localisation"), drive_of(opened)

@@ -66,7 +66,7 @@ def convert(
         from sfr_loc_map.io.cloud_file import load_cloud, save_cloud
 
         check_suffix(destination, CLOUDS)
-        check_outputs(destination, overwrite=overwrite, inputs=(source,))
+        check_outputs(destination, overwrite=overwrite)
         cloud = load_cloud(source).cloud
         if cloud is None:
             raise InputError(f"cloud '{source}' does not say the pixel and pair of each point (u, v, pair): it stays")
@@ -82,7 +82,7 @@ def convert(
     if is_pairs := destination.suffix == PAIRS and layout is None:
         if options != ConvertOptions():
             raise ConfigError(f"'{destination}' will be pairs for a target, which are exact: leave out options of bags")
-        check_outputs(destination, overwrite=overwrite, inputs=(source,))
+        check_outputs(destination, overwrite=overwrite)
         room = nullcontext(destination)
     opened, _ = open_as(source, remap, config)
     if layout is not None and opened.loc is not None and opened.nav is not None:
@@ -115,7 +115,7 @@ def _convert_trajectory(
 
     to_file = format_of_name(destination) is not None
     if to_file:
-        check_outputs(*files_written(destination), overwrite=overwrite, inputs=(source,))
+        check_outputs(*files_written(destination), overwrite=overwrite)
     if is_poses:
         read = read_trajectory_file(source)
         poses = read.trajectory

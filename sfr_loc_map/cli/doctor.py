@@ -73,7 +73,7 @@ def doctor(
     """
     if graph != (subject is None) or (graph and truth is not None):
         raise ConfigError("nothing to examine: give SRC, or EST and TRUTH, or --graph")
-    check_outputs(json_path, overwrite=overwrite, inputs=[path for path in (subject, truth) if path is not None])
+    check_outputs(json_path, overwrite=overwrite)
     if subject is not None and truth is not None:
         _diagnose(subject, truth, json_path, lenient=lenient)
         return

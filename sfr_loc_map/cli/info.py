@@ -32,7 +32,7 @@ def info(
     from sfr_loc_map.pipeline.source_proposal import seen_topics
     from sfr_loc_map.report.tables import Cell, Column, Table
 
-    check_outputs(json_path, overwrite=overwrite, inputs=(source,))
+    check_outputs(json_path, overwrite=overwrite)
     path, _, how = intake.read(source, config)
     facts: dict[str, Any] = {"source": str(source), "configuration": None if path is None else str(path)}
     try:

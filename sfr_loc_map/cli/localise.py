@@ -54,7 +54,7 @@ def localise(
     from sfr_loc_map.pipeline.call_stats import save_stats
 
     check_suffix(output, FILE_SUFFIXES)
-    check_outputs(*files_written(output), stats, video, overwrite=overwrite, inputs=(source,))
+    check_outputs(*files_written(output), stats, video, overwrite=overwrite)
     theirs = None if under_test.is_ours else under_test.find(Task.LOCALISATION)
     if theirs is not None and video is not None:
         raise ConfigError(f"'--video' shows the tracks of our localiser: leave it out with --method {theirs.name}")

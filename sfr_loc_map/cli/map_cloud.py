@@ -64,7 +64,7 @@ def map_cloud(
     parameters = replace(parameters, refine_poses=parameters.refine_poses or refine_poses)
     check_dems(dem or ())
     outputs = MapOutputs(output, fuse, dem or (), parameters.terrain, covariance)
-    check_outputs(output, stats, *outputs.more, overwrite=overwrite, inputs=(source,))
+    check_outputs(output, stats, *outputs.more, overwrite=overwrite)
     limits = under_test.limits
     theirs = None if under_test.is_ours else under_test.find(Task.MAPPING)
     if refine_poses and theirs is not None:

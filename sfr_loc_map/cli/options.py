@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -118,10 +117,10 @@ class OutputOptions:
     html: HtmlOption = None
     overwrite: OverwriteOption = False
 
-    def check(self, *more: Path | None, inputs: Sequence[Path] = ()) -> None:
+    def check(self, *more: Path | None) -> None:
         """Check these and more outputs before the work for them is done; raise OutputError if one cannot be."""
         check_suffix(self.html, HTML_SUFFIXES)
-        check_outputs(self.json_path, self.html, *more, overwrite=self.overwrite, inputs=inputs)
+        check_outputs(self.json_path, self.html, *more, overwrite=self.overwrite)
 
 
 @dataclass(frozen=True, slots=True)

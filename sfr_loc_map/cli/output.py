@@ -7,6 +7,7 @@ file, or a folder that holds nothing but a data set or a bag, is ever replaced.
 from __future__ import annotations
 
 import shutil
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,7 +17,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from sfr_loc_map.cli.app import propose
+from sfr_loc_map.cli.app import GIVEN, propose
 from sfr_loc_map.errors import OutputError, SfrError
 from sfr_loc_map.inputs import one_line, printable
 from sfr_loc_map.io.atomic import atomic_path, check_output, exchange, output_target, write_text
@@ -28,6 +29,7 @@ STANDARD_OUTPUT = "-"
 HTML_SUFFIXES = (".html", ".htm")
 DATA_SET_NAMES = {"rig.json", "pairs.csv", "groundtruth.csv", "simulation.yaml", "metadata.yaml"}
 DATA_SET_NAMES |= {"left", "right", "truth", "masks", "loc", "nav"}  #: What is in the folders that we write as a whole.
+SOURCE_NAMES = DATA_SET_NAMES | {"mav0", "calib.txt", "times.txt", "poses.txt", *(f"image_{n}" for n in range(4))}
 BAG_SUFFIXES = (".mcap", ".db3")
 FAILED_BESIDE: list[str] = []  #: What went wrong with outputs of this command beside its main one.
 
@@ -38,13 +40,21 @@ def check_suffix(path: Path | None, suffixes: tuple[str, ...]) -> None:
         raise OutputError(f"cannot write '{path}': its name must end in one of {', '.join(suffixes)}")
 
 
-def check_outputs(*outputs: Path | str | None, overwrite: bool, inputs: Sequence[Path] = ()) -> None:
-    """Raise OutputError, before the work is done, if a file cannot be written; None and `-` are left out."""
-    taken = {path.resolve(): "an input of this command" for path in inputs}
+def check_outputs(*outputs: Path | str | None, overwrite: bool) -> None:
+    """Raise OutputError, before the work is done, if a file cannot be written; None and `-` are left out.
+
+    What else is named on the command line is an input, and so is what a source in such a folder consists of.
+    """
+    inputs = Counter(path.resolve() for path in GIVEN)
+    inputs -= Counter(item.resolve() for item in outputs if isinstance(item, Path))
+    taken = dict.fromkeys(inputs, "an input of this command")
     for path in (Path(item) for item in outputs if item is not None and str(item) != STANDARD_OUTPUT):
         place = path.resolve()
         reason = f"it is {taken[place]} too; give each a name of its own" if place in taken else ""
         taken[place] = "another output"
+        for folder in inputs.keys() & {*place.parents} if path.is_file() else ():
+            if path.suffix in BAG_SUFFIXES or SOURCE_NAMES & {*place.relative_to(folder).parts}:
+                reason = f"it belongs to '{folder}', an input of this command; choose another name"
         if not reason and path.is_dir():
             reason = "it is a folder; choose another name"
         elif not reason and path.exists() and not path.is_file():

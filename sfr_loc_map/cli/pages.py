@@ -52,7 +52,7 @@ def report(
         if output is not None:
             raise ConfigError(f"'-o {output}' is the page of one score: leave it out beside '--test-report', '--junit'")
         check_suffix(test_report, HTML_SUFFIXES)
-        check_outputs(test_report, junit, overwrite=overwrite, inputs=scores)
+        check_outputs(test_report, junit, overwrite=overwrite)
         all_scores = [load_score(path) for path in scores]
         if junit is not None:
             write_text(junit_of({f"score {n}": score for n, score in enumerate(all_scores, 1)}), junit)
@@ -67,7 +67,7 @@ def report(
     output = score.with_name("report.html") if output is None else output
     check_suffix(output, FORMATS)
     loaded = load_score(score)
-    check_outputs(output, overwrite=overwrite, inputs=(score,))
+    check_outputs(output, overwrite=overwrite)
     if output.suffix == ".md":
         text = score_markdown(loaded)
     else:
@@ -97,7 +97,7 @@ def compare(
     from sfr_loc_map.report.comparison import comparison_tables, methods_figures, methods_tables, summary_of
     from sfr_loc_map.report.page import load_score, render_overview
 
-    output.check(inputs=scores)
+    output.check()
     loaded = [load_score(path) for path in scores]
     names = _names(scores, loaded)
     result = compare_scores(loaded, names)
@@ -144,17 +144,19 @@ def plot(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Draw trajectories from above, in height and, with --truth, their distance to it, for a quick look."""
+    from sfr_loc_map.io.bag import Bag
     from sfr_loc_map.io.registry import read_truth
     from sfr_loc_map.pipeline.scoring import load_drive, load_estimates
     from sfr_loc_map.report.path_figure import curves_of, save_path_html
 
     check_suffix(output, HTML_SUFFIXES)
-    check_outputs(output, overwrite=overwrite, inputs=[*trajectories, *([truth] if truth is not None else [])])
+    check_outputs(output, overwrite=overwrite)
     config = build(AlignedErrorConfig, {"align": align, "max_difference_s": max_difference}, origin="options")
     names = [path.name if sum(path.name == item.name for item in trajectories) == 1 else path for path in trajectories]
     poses, true_poses = {}, None
     for name, path in zip(map(str, names), trajectories, strict=True):
-        is_source = path.is_dir() and not is_bag(path)
+        has_estimates = is_bag(path) and bool(Bag(path).matches("localisation/odometry"))
+        is_source = not has_estimates and (path.is_dir() or is_bag(path))
         if truth is not None and not is_source:  # poses without stamps have those of the truth
             drive = load_drive(path, truth)
             poses[name], true_poses = drive.estimates.trajectory, true_poses or drive.truth

@@ -148,7 +148,7 @@ def score(
         raise ConfigError("'--align' is for trajectories: leave it out for a cloud")
     aligned = aligned_error_config(align, {"max_difference_s": max_difference, "rpe_delta": rpe_delta})
     check_suffix(points, POINTS_SUFFIXES)
-    output.check(junit, points, inputs=(estimate, truth, *inputs.stats))
+    output.check(junit, points)
     correction = conversion.read(has_poses=has_poses)
     loaded = load_run(inputs, fused)
     for note in () if loaded.drive is None else loaded.drive.notes:

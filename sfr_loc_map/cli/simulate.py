@@ -18,8 +18,9 @@ from sfr_loc_map.simulation.config import SimulationConfig
 FAULT_HELP = (
     "KIND, or KIND: and some of amount=A (its unit: docs/simulation.md), share=S of the pairs (0 to 1), burst=N pairs "
     "at a time, start=N (first pair), camera=both|left|right, with commas between; repeatable. Kinds: "
-    "dropped, repeated, swapped, identical, frozen, torn; black, start, fade, blinded, saturation, blurred, noisy, "
-    "exposure; body, object, dirt, shadow; late, clock; focal, baseline, roll, pitch, yaw, drift."
+    "dropped, repeated, swapped, identical, frozen, torn, ghost, interlaced; black, start, fade, blinded, saturation, "
+    "blurred, noisy, exposure, shear; body, object, arm, texture, reflection, scratch, dirt, shadow; late, clock; "
+    "focal, baseline, roll, pitch, yaw, drift, shift."
 )
 
 

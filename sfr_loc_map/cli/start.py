@@ -89,7 +89,7 @@ def _init_from(source: Path, folder: Path, intake: IntakeOptions, *, overwrite: 
 
     path, limits = folder / NAME, folder / "limits.yaml"
     if folder.is_dir():
-        check_outputs(path, overwrite=overwrite, inputs=(source,))
+        check_outputs(path, overwrite=overwrite)
     found = propose_config(source, intake.sections(None), path)
     make_folder(folder, "name")
     if "limits" not in found.sections:

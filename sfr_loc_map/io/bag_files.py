@@ -67,4 +67,4 @@ def _is_mixed(metadata: Path) -> bool:
 def is_unfinished(path: Path) -> bool:
     """Tell whether a file is mcap that was not closed."""
     first, last = _ends(path, len(MCAP_MAGIC))
-    return first == MCAP_MAGIC and last != MCAP_MAGIC
+    return first == MCAP_MAGIC and (last != MCAP_MAGIC or path.stat().st_size == len(MCAP_MAGIC))

@@ -129,18 +129,19 @@ def read_trajectory_file(path: Path, columns: str = "") -> LoadedTrajectory:
     header = lines[0].decode("utf-8", "replace").replace(" ", "") if lines else ""
     row = next((line for line in lines if not line.startswith(b"#")), b"")
     cells = row.split(b",")
+    has_stamp = cells[0].strip().removeprefix(b"-").isdigit()
     if columns:
         return _parse_columns(path, b"".join(blocks), name, columns)
     kind = TrajectoryFormat.CSV if header == CSV_HEADER else TrajectoryFormat.TUM
     if kind is TrajectoryFormat.CSV:
         table = parse_table(blocks, name, CSV_HEADER, range(8), stamp=parse_stamp_ns, separator=",", skip=1)
         signs = CONJUGATED
-    elif len(cells) == 8 and cells[0].strip().isdigit() and not header.startswith("#timestamp"):
+    elif len(cells) == 8 and has_stamp and not header.startswith("#timestamp"):
         raise InputError(
             f"{name} has eight columns and no header: csv of the suite (scalar last, DsToRb) or EuRoC (scalar first)? "
             f"give the first line '{CSV_HEADER}' or '{EUROC_HEADER}'"
         )
-    elif len(cells) >= 8 and cells[0].strip().isdigit():
+    elif len(cells) >= 8 and has_stamp:
         form, kind = "timestamp [ns], p_x, p_y, p_z, q_w, q_x, q_y, q_z", TrajectoryFormat.EUROC
         places = (0, 1, 2, 3, 5, 6, 7, 4)
         table = parse_table(blocks, name, form, places, stamp=parse_stamp_ns, separator=",", more=True)

@@ -174,10 +174,10 @@ def _motions(poses: Trajectory, ends: NDArray[np.intp]) -> tuple[FloatArray, Flo
 
 
 def _ends(positions: FloatArray, delta: Condition) -> NDArray[np.intp]:
+    if delta.others or delta.kind not in (ConditionKind.FRAMES, ConditionKind.DISTANCE):
+        raise MetricsError(f"a relative error over {delta} is not defined: give frames=NUMBER or distance=METRES")
     if delta.kind is ConditionKind.FRAMES:
         return np.arange(0, len(positions), int(delta.value), dtype=np.intp)
-    if delta.kind is ConditionKind.TIME:
-        raise MetricsError(f"a relative error over {delta} is not defined: give frames=NUMBER or distance=METRES")
     ends, travelled = [0], 0.0
     for index, step in enumerate(np.linalg.norm(np.diff(positions, axis=0), axis=1).tolist(), 1):
         travelled += step

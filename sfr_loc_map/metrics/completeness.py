@@ -42,7 +42,8 @@ def completeness(
     elsewhere = int(np.count_nonzero((given[again] != given[again - 1]).any(axis=1)))
     if elsewhere > DOUBLED_SHARE * len(stamps):
         raise MetricsError(
-            f"the estimate holds two runs: {elsewhere} of {len(stamps)} stamps come again at another position: give one"
+            f"the estimate holds two runs: {elsewhere} of its {len(given)} poses have the stamp of another elsewhere: "
+            "give one"
         )
     true_ns, rows = np.unique(truth.stamps_ns, return_index=True)
     squares = sum(np.square(np.diff(axis)) for axis in taken(truth.positions, rows).T)  # less memory than `norm`

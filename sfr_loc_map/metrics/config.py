@@ -232,6 +232,12 @@ class MapScoreConfig:
         (0.0, 4.0, 10.0, 20.0, 40.0), unit="m", doc="Edges of the range bins.", low=0.0, high=1e6
     )
 
+    def __post_init__(self) -> None:
+        """Check that the ranges of coverage are in order."""
+        if self.scored_from_m >= self.scored_to_m:
+            given = f"{self.scored_from_m:g} to {self.scored_to_m:g} m"
+            raise ConfigError(f"ranges from {given} hold nothing: give the nearest, then the farthest")
+
 
 @dataclass(frozen=True, slots=True)
 class ScoreConfig:

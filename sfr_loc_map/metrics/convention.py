@@ -234,7 +234,7 @@ def _time_offset(estimate: Trajectory, truth: Trajectory, before: float | None) 
     if min(len(est_ns), len(gt_ns)) < MIN_POSES:
         return
     step = int(np.median(np.diff(est_ns)))
-    base = 0 if before is not None else int(gt_ns[0] - est_ns[0])
+    base = 0 if before is not None else int(gt_ns[0]) - int(est_ns[0])
     reach = max(20 * step, 2 * NS_PER_S)
     best, least = base, np.inf
     while True:

@@ -262,7 +262,8 @@ def _left_right_swapped(lefts: list[tuple[int, GreyImage]], rights: list[tuple[i
 def _extrinsics(seen: Observation) -> Findings:
     node = seen.node("loc")
     given = seen.extrinsics_given or seen.extrinsics_in_tf or (node is not None and node.extrinsics_given)
-    if "loc" not in seen.tasks or given or (node is not None and not node.state):  # who does not answer may have it
+    unknown = seen.broken or (node is not None and not node.state)  # who does not answer may have it
+    if "loc" not in seen.tasks or given or unknown:
         return
     place = "rig.json" if seen.files else "/tf_static, rb to locsb"
     text = f"neither a parameter nor {place} has it"

@@ -237,7 +237,8 @@ def junit(scores: Mapping[str, Score], without: Mapping[str, str] | None = None)
         if score.provenance is not None and score.provenance.time:
             suite.set("timestamp", score.provenance.time[:19])
         for item, state in zip(score.verdicts, states, strict=True):
-            case = ET.SubElement(suite, "testcase", classname=f"sfr.{clause_of(item.metric)}", name=_name(item))
+            name, kind = printable(_name(item)), f"sfr.{clause_of(item.metric)}"
+            case = ET.SubElement(suite, "testcase", classname=kind, name=name)
             properties = ET.SubElement(case, "properties")
             for name in ("id", "text", "limit", "value", "margin", "certain"):
                 if (value := getattr(item, name)) is not None:

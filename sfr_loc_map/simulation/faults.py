@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple, Self
 
-import numpy as np
-
 from sfr_loc_map.errors import ConfigError
 
 
@@ -85,6 +83,10 @@ SHARES_OF_IMAGE = (
     *("reflection", "scratch", "dirt", "shadow"),
 )
 """Kinds whose amount is a share of the image."""
+SIGNED = (*ROTATION_AXES, FaultKind.SHIFT, FaultKind.CLOCK)  #: Kinds whose amount may be below zero.
+LARGEST = {"blurred": 50.0, "late": 1e6, "clock": 1e9}
+LARGEST |= dict.fromkeys(SHARES_OF_IMAGE, 1.0) | dict.fromkeys(ROTATION_AXES, 45.0)
+LARGEST_AMOUNT = 1000.0  #: Of all other kinds.
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,10 +118,12 @@ def parse_fault(text: str) -> Fault:
             known = ", ".join(types)
             raise ConfigError(f"fault '{text}': '{item}' must be NAME=VALUE with a name of {known}") from error
     fault = Fault(**values)  # type: ignore[arg-type]
-    if not (0 <= fault.share <= 1 and fault.burst >= 1 and fault.start >= 0 and np.isfinite(fault.amount)):
-        raise ConfigError(f"fault '{text}': share must lie in 0 .. 1, burst be >= 1, start >= 0 and amount finite")
+    if not (0 <= fault.share <= 1 and fault.burst >= 1 and fault.start >= 0):
+        raise ConfigError(f"fault '{text}': share must lie in 0 .. 1, burst be >= 1, start >= 0")
     if fault.camera not in CAMERAS:
         raise ConfigError(f"fault '{text}': camera must be one of {', '.join(CAMERAS)}")
-    if kind in SHARES_OF_IMAGE and not 0 <= fault.amount <= 1:
-        raise ConfigError(f"fault '{text}': amount is a share of the image and must lie in 0 .. 1")
+    high = LARGEST.get(kind, LARGEST_AMOUNT)
+    low = -high if kind in SIGNED else 0.0
+    if not low <= fault.amount <= high:
+        raise ConfigError(f"fault '{text}': amount must lie in {low:g} .. {high:g}: {kind.info.effect}")
     return fault

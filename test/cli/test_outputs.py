@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -90,3 +91,20 @@ def test_a_folder_that_holds_something_else_stays(sfr: Sfr, made_once: MadeOnce,
         within = sfr("convert", place / "loc", destination, "--overwrite")
         assert within.code == 2
         assert "an input of this command is in it" in within.err
+
+
+def test_no_input_is_overwritten(sfr: Sfr, made_once: MadeOnce, out: Path) -> None:
+    source, limits = out / "source", out / "limits.yaml"
+    shutil.copytree(made_once(broken.good_folder), source)
+    limits.write_text("trajectory:\n - {condition: frames=1, position_mean_plus_3sigma_m: 1e-3}\n")
+    inputs = [limits, *(path for path in source.rglob("*") if path.is_file())]
+    before, truth = [path.read_bytes() for path in inputs], next(source.rglob("groundtruth.csv"))
+    words = ["score", truth, source, "--limits", limits, "--overwrite"]
+    for place in inputs:
+        result = sfr(*words, "--json", place)
+        assert result.code == 2
+        assert re.search("it (is|belongs to '.*',) an input of this command", result.err)
+    assert sfr("localise", source, "-o", truth, "--overwrite").code == 2
+    assert [path.read_bytes() for path in inputs] == before
+    for _ in range(2):  # what was made beside them may be
+        assert sfr(*words, "--json", source / "score.json").code in (0, 1, 3)

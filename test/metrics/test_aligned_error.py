@@ -57,7 +57,8 @@ def test_nothing_in_common_and_wrong_lengths() -> None:
     late = Trajectory(TENTHS.stamps_ns + 10**12, TENTHS.positions, TENTHS.quats_xyzw)
     with pytest.raises(MetricsError, match="give another --max-difference"):
         aligned_errors(late, TENTHS, AlignedErrorConfig())
-    with pytest.raises(MetricsError, match="over 3 s is not defined"):
-        aligned_errors(TENTHS, TENTHS, AlignedErrorConfig(rpe_delta="time=3"))
+    for delta in ("time=3", "turn=5", "displacement=1", "frames=1,distance=1"):
+        with pytest.raises(MetricsError, match="is not defined: give frames=NUMBER or distance=METRES"):
+            aligned_errors(TENTHS, TENTHS, AlignedErrorConfig(rpe_delta=delta))
     far = aligned_errors(TENTHS, TENTHS, AlignedErrorConfig(rpe_delta="distance=1000"))
     assert (far.rpe.count, far.rpe.translation.rmse) == (0, None)

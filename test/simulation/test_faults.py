@@ -26,7 +26,18 @@ def perturbed(*texts: str, seed: int = 1) -> dict[int, StereoPair]:
 
 
 @pytest.mark.parametrize(
-    "text", ["", "smoke", "black:share=2", "black:size=1", "black:share", "black:burst=0.5", "noisy:camera=up"]
+    "text",
+    [
+        "",
+        "smoke",
+        "black:share=2",
+        "black:size=1",
+        "black:share",
+        "black:burst=0.5",
+        "noisy:camera=up",
+        "blurred:amount=1e9",
+        "yaw:amount=nan",
+    ],
 )
 def test_wrong_text_is_refused(text: str) -> None:
     with pytest.raises(ConfigError, match="fault"):
