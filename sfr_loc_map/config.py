@@ -30,10 +30,9 @@ def param(
     low: float | None = None,
     high: float | None = None,
     choices: tuple[str, ...] = (),
-    live: bool = False,
 ) -> Any:  # noqa: ANN401 - stands for the field's value, as dataclasses.field does
-    """Declare a parameter, of its default's type; numbers have a range. `live`: it may change in a running node."""
-    metadata = {"doc": doc, "unit": unit, "low": low, "high": high, "choices": choices, "live": live}
+    """Declare a parameter, of its default's type; numbers have a range."""
+    metadata = {"doc": doc, "unit": unit, "low": low, "high": high, "choices": choices}
     if isinstance(default, (list, dict)):
         raise TypeError("use a tuple: defaults are shared")
     if _has_numbers(default) and (low is None or high is None or not -math.inf < low <= high < math.inf):
@@ -53,7 +52,6 @@ class ParamInfo:
     low: float | None
     high: float | None
     choices: tuple[str, ...]
-    live: bool
 
 
 def parameters(config_type: type, prefix: str = "") -> Iterator[ParamInfo]:

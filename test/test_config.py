@@ -27,7 +27,7 @@ class Matcher:
 @dataclass(frozen=True, slots=True)
 class Whole:
     voxel_m: float = param(0.05, unit="m", doc="Edge of a voxel.", low=0.001, high=10.0)
-    fill: bool = param(False, doc="Close holes.", live=True)
+    fill: bool = param(False, doc="Close holes.")
     ranges_m: tuple[float, ...] = param((1.0, 2.0), unit="m", doc="Bounds of ranges.", low=0.0, high=100.0)
     labels: tuple[str, ...] = param(("a",), doc="Words.")
     matcher: Matcher = field(default_factory=Matcher)

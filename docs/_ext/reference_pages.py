@@ -94,8 +94,6 @@ def _parameter(info: Any) -> str:  # noqa: ANN401 - a ParamInfo
         facts.append("one of " + ", ".join(f"`{choice or repr(choice)}`" for choice in info.choices))
     if info.low is not None:
         facts.append(f"{info.low:g} to {info.high:g}")
-    if info.live:
-        facts.append("may change while the node runs")
     return f"`{info.name}`\n: {_prose(info.doc)} ({'; '.join(facts)})\n"
 
 

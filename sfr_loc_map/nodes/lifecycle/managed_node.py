@@ -350,8 +350,8 @@ class ManagedNode(LifecycleNode, Generic[C]):
         return build(self.config_type, values, origin=self._origin)
 
     def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
-        infos = sorted((info for c in changes if (info := self._infos.get(c.name))), key=lambda info: info.name)
-        held = [info.name for info in infos if not (info.live or info.name.startswith(self.live))]
+        names = sorted(change.name for change in changes if change.name in self._infos)
+        held = [name for name in names if not name.startswith(self.live)]
         if held and self.state != UNCONFIGURED:
             reason = f"'{held[0]}' is read-only while the node is {self.state}: deactivate and clean it up first"
             return SetParametersResult(successful=False, reason=reason)
