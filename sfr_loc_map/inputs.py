@@ -14,6 +14,7 @@ import json
 import os
 import re
 import stat
+import struct
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from enum import StrEnum
@@ -97,6 +98,12 @@ def stamp_of(message: Any) -> int:  # noqa: ANN401 - any message with a header
     """Return the header's stamp of a message, nanoseconds."""
     stamp = message.header.stamp
     return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
+
+
+def serialised_stamp(raw: bytes) -> int:
+    """Return the stamp of a message that begins with a header, without deserialising it (CDR, XTypes 1.3, 7.4)."""
+    seconds, nanoseconds = struct.unpack_from("<iI" if raw[1] & 1 else ">iI", raw, 4)
+    return int(seconds) * NS_PER_S + int(nanoseconds)
 
 
 def special_kind(mode: int) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import difflib
 import heapq
 import logging
-import struct
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -22,7 +21,7 @@ from sfr_loc_map.geometry.extrinsics import RigInBody, rig_in_body
 from sfr_loc_map.geometry.plausibility import check_extrinsics
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import FrameTree, Transform
-from sfr_loc_map.inputs import NS_PER_S, SIDES, parse_json, refusing
+from sfr_loc_map.inputs import SIDES, parse_json, refusing, serialised_stamp
 from sfr_loc_map.io.bag_files import is_unfinished, reader_paths
 from sfr_loc_map.io.bag_frames import TF, pose_row, trajectory_of
 from sfr_loc_map.io.bag_readers import BagReader, reader_of
@@ -122,7 +121,7 @@ class Bag:
             for connection, recorded_ns, raw in heapq.merge(*streams, key=lambda message: message[1]):
                 topic = by_name[connection.topic]
                 count += 1
-                yield topic, _header_stamp(raw) if topic.msgtype in STAMPED else recorded_ns, raw
+                yield topic, serialised_stamp(raw) if topic.msgtype in STAMPED else recorded_ns, raw
             if count < expected:
                 raise InputError(
                     f"bag '{self.path}' is cut off: {count} of {expected} messages could be read; copy it again"
@@ -181,12 +180,6 @@ class Bag:
             raise InputError(
                 f"bag '{self.path}' cannot be read: {_line(error)}; it is broken or cut off: record or copy it again"
             ) from error
-
-
-def _header_stamp(raw: bytes) -> int:
-    """Return the stamp of a message that begins with a header, without deserialising it (CDR, XTypes 1.3, 7.4)."""
-    seconds, nanoseconds = struct.unpack_from("<iI" if raw[1] & 1 else ">iI", raw, 4)
-    return int(seconds) * NS_PER_S + int(nanoseconds)
 
 
 def _near(name: str, known: Sequence[str]) -> str:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import os
-import struct
 import time
 from collections import deque
 from collections.abc import Callable
@@ -33,7 +32,7 @@ from std_srvs.srv import Trigger
 from sfr_loc_map.errors import InputError, NodeError, SfrError
 from sfr_loc_map.geometry.arrays import FloatArray32
 from sfr_loc_map.geometry.plausibility import check_image_size
-from sfr_loc_map.inputs import NS_PER_S, SIDES, stamp_of
+from sfr_loc_map.inputs import NS_PER_S, SIDES, serialised_stamp, stamp_of
 from sfr_loc_map.io.image_codec import decode_grey, image_from_message, points_image
 from sfr_loc_map.live import media, updates
 from sfr_loc_map.live.state import LiveState
@@ -208,7 +207,7 @@ class RosFeed(Peer):
         return self._receive(kind, topic, received, qos)
 
     def _on_image(self, name: str, kind: type[Any], raw: bytes, published_s: float) -> None:
-        stamp_ns, rig = _stamp_ns(raw), name.partition("/")[0]
+        stamp_ns, rig = serialised_stamp(raw), name.partition("/")[0]
         self._state.put(updates.Sampled(name, stamp_ns, published_s))
         due_s, chosen_ns = self._due.get(rig, (0.0, -1))
         now = time.monotonic()
@@ -227,7 +226,7 @@ class RosFeed(Peer):
         self._masks[side] = stamp_of(message), media.outlines(image_from_message(message), messages.MASK_SCALE)
 
     def _on_tracks(self, raw: bytes, published_s: float) -> None:
-        stamp_ns = _stamp_ns(raw)
+        stamp_ns = serialised_stamp(raw)
         if stamp_ns not in self._shown:
             return
         found = messages.tracks_from_msg(deserialize_message(raw, PointCloud2))
@@ -276,12 +275,6 @@ class RosFeed(Peer):
             if self._ended.wait(POLL_S):
                 raise NodeError("the page has ended")
         return found
-
-
-def _stamp_ns(raw: bytes) -> int:
-    """Return the stamp of a serialised message that begins with a header, behind the head of its encoding (CDR)."""
-    seconds, nanoseconds = struct.unpack_from("<iI" if raw[1] & 1 else ">iI", raw, 4)
-    return int(seconds) * NS_PER_S + int(nanoseconds)
 
 
 class MapFeed:
