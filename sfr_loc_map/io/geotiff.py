@@ -17,7 +17,7 @@ from sfr_loc_map.errors import MissingExtraError
 from sfr_loc_map.io.atomic import atomic_path
 
 SUFFIXES = (".tif", ".tiff")
-_LOCAL_CRS = 'LOCAL_CS["{name}",LOCAL_DATUM["{name}",0],UNIT["metre",1],AXIS["x",EAST],AXIS["y",NORTH]]'
+_LOCAL_CRS = 'LOCAL_CS["lm",LOCAL_DATUM["lm",0],UNIT["metre",1],AXIS["x",EAST],AXIS["y",NORTH]]'
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,9 +29,7 @@ class Band:
     values: NDArray[np.float32]
 
 
-def save_geotiff(
-    path: Path, bands: Sequence[Band], origin_m: tuple[float, float], cell_m: float, frame: str = "lm"
-) -> None:
+def save_geotiff(path: Path, bands: Sequence[Band], origin_m: tuple[float, float], cell_m: float) -> None:
     """Write a grid of layers of one shape; `origin_m`: the outer corner of cell (0, 0), which has the least x and y."""
     rasterio = load_rasterio()
     rows, columns = bands[0].values.shape
@@ -42,7 +40,7 @@ def save_geotiff(
         "width": columns,
         "height": rows,
         "nodata": float("nan"),
-        "crs": rasterio.crs.CRS.from_wkt(_LOCAL_CRS.format(name=frame)),
+        "crs": rasterio.crs.CRS.from_wkt(_LOCAL_CRS),
         "transform": rasterio.Affine(cell_m, 0.0, origin_m[0], 0.0, -cell_m, origin_m[1] + rows * cell_m),
         "compress": "deflate",
         "predictor": 3,  # of floating-point numbers
