@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -23,12 +24,9 @@ def add_static_transforms(message: Any, tree: FrameTree) -> None:  # noqa: ANN40
     """Take the transforms of a tf2_msgs/TFMessage into a tree; one that is no rigid motion is left out."""
     for item in message.transforms:
         p, q = item.transform.translation, item.transform.rotation
-        try:
-            tree.add(
-                item.header.frame_id, item.child_frame_id, Transform.from_quat((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
-            )
-        except GeometryError:
-            continue
+        with suppress(GeometryError):
+            pose = Transform.from_quat((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
+            tree.add(item.header.frame_id, item.child_frame_id, pose)
 
 
 class Extrinsics:
