@@ -76,26 +76,24 @@ class _Rows:
         return self._array[: self._count]
 
 
-class _CallRows:
+class _CallRows(_Rows):
     """The calls of a run."""
 
     def __init__(self) -> None:
-        self._rows, self._stages = _Rows(CALL), dict[str, int]()
+        super().__init__(CALL)
+        self._stages = dict[str, int]()
 
-    def __len__(self) -> int:
-        return len(self._rows)
-
-    def add(self, record: CallRecord) -> None:
+    def add_call(self, record: CallRecord) -> None:
         stages = np.full(MAX_STAGES, np.nan)
         for figure, seconds in record.statistics.items():
             if (name := stage_of(figure)) and (name in self._stages or len(self._stages) < MAX_STAGES):
                 stages[self._stages.setdefault(name, len(self._stages))] = seconds
         sizes = record.peak_rss_bytes, record.above_idle_bytes
         peaks = (np.nan if value is None else value for value in sizes)
-        self._rows.add(record.stamp_ns, record.processing_time_s, record.state, *peaks, stages)
+        self.add(record.stamp_ns, record.processing_time_s, record.state, *peaks, stages)
 
     def calls(self) -> Calls:
-        rows = self._rows.all()
+        rows = self.all()
         stages = {name: rows["stages"][:, column] for name, column in self._stages.items()}
         figures = (rows["stamp_ns"], rows["seconds"], rows["state"].tolist(), rows["peak"], rows["above_idle"])
         return Calls(*figures, stages)
@@ -216,7 +214,7 @@ class MonitorScore:
 
     def add_call(self, record: CallRecord) -> None:
         """Add a call, before or after its pose; calls of the mapper say which pairs a cloud is made of."""
-        self._calls.add(record)
+        self._calls.add_call(record)
         degraded, known = record.state == TrackingState.DEGRADED, record.step is not None
         if degraded or known:
             self._steps.add(record.stamp_ns, record.step if known else UNKNOWN_STEP, degraded, known)
