@@ -85,8 +85,7 @@ def doctor(
         from sfr_loc_map.nodes.graph import GraphObserver
 
         extrinsics_given = given.extrinsics.transform() is not None
-        remap = {topic: name for name, topic in given.topics.items()}
-        with GraphObserver(remap) as observer:
+        with GraphObserver({topic: name for name, topic in given.topics.items()}) as observer:
             seen = observer.observe(seconds, namespace, extrinsics_given=extrinsics_given)
         _show(seen, examine(seen), json_path, ["sfr", "record", "drive"])
         return
@@ -183,8 +182,7 @@ def _diagnose(estimate: Path, truth: Path, json_path: str | None, *, lenient: bo
         for item in diagnosis.hypotheses[:SHOWN_HYPOTHESES]
     ]
     columns = (Column("convention", words=True), Column("disagreement"), Column("corrected by", words=True))
-    table = Table("conventions", "Estimate against truth", columns, tuple(rows))
-    show(diagnosis, json_path, [table])
+    show(diagnosis, json_path, [Table("conventions", "Estimate against truth", columns, tuple(rows))])
     if diagnosis.found is not None:
         if json_path != STANDARD_OUTPUT:
             say(diagnosis.found.sentence)

@@ -45,7 +45,6 @@ def info(
         propose("sfr", "init", "DIR", "--from", source, why="a configuration for it, with what it was inferred from")
     facts["topics"] = []
     if is_bag(source):
-        seen = sorted(seen_topics(Bag(source)), key=lambda topic: topic.name)
         names = {topic.strip("/"): name for topic, name in how.remap.items()} | {how.truth.source.strip("/"): "truth"}
         facts["topics"] = [
             {
@@ -56,7 +55,7 @@ def info(
                 "size": " x ".join(map(str, topic.size)) if all(topic.size) else "",
                 "read as": names.get(topic.name.strip("/"), ""),
             }
-            for topic in seen
+            for topic in sorted(seen_topics(Bag(source)), key=lambda topic: topic.name)
         ]
     shown = {name: f"{value:.6g}" if isinstance(value, float) else value for name, value in facts.items()}
     del shown["topics"]

@@ -52,8 +52,7 @@ def open_euroc(path: Path) -> Source:
     if file.exists():
         truth = read_trajectory_file(file).trajectory
         check_order(truth.stamps_ns, f"'{file}'", strict=False)
-    sequence = ImageFileSequence(rig, entries, truth, rectify)
-    return Source(path, "euroc", sequence, None, left_out)
+    return Source(path, "euroc", ImageFileSequence(rig, entries, truth, rectify), None, left_out)
 
 
 class _Pose(msgspec.Struct):

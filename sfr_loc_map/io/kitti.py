@@ -124,5 +124,4 @@ class KittiWriter(TableWriter):
         poses = [Transform.from_quat(place, turn) @ rig.T_rb_left for place, turn in places_and_turns]
         T_first_ds = poses[0].inverse()
         for pose in poses:
-            matrix = (T_first_ds @ pose).matrix[:3]
-            self.append("poses.txt", " ".join(map(repr, matrix.reshape(-1).tolist())))
+            self.append("poses.txt", " ".join(map(repr, (T_first_ds @ pose).matrix[:3].reshape(-1).tolist())))

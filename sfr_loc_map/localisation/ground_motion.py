@@ -215,8 +215,7 @@ class GroundMotionFinder:
             if pose is not None:
                 by_flow = self._tracker.refine_from_afar(frame, landmarks, pose, guesses.offset)
                 result = max(result, by_flow, key=attrgetter("inlier_count"))
-        enough = max(self._min_tracked, MIN_AGREEMENT * count)
-        return result if result.inlier_count >= enough else None
+        return result if result.inlier_count >= max(self._min_tracked, MIN_AGREEMENT * count) else None
 
     def _decide(
         self, frame: StereoFrame, first: TrackingResult, second: TrackingResult, judged: Judged, guesses: Guesses

@@ -146,8 +146,7 @@ def is_frozen(before: GreyImage, now: GreyImage) -> bool:
             slope, error = float(np.sum(products)) / power, float(np.sqrt(np.sum(np.square(products)))) / power
             if abs(slope - MIDDLE_SLOPE) > STANDARD_ERRORS * error:
                 return slope > MIDDLE_SLOPE
-    changed = float(np.mean(change[:, 1:-1][exposed] != 0.0))
-    return changed < MAX_CHANGED and not np.array_equal(before, now)
+    return float(np.mean(change[:, 1:-1][exposed] != 0.0)) < MAX_CHANGED and not np.array_equal(before, now)
 
 
 def _second_difference(image: FloatImage) -> FloatImage:

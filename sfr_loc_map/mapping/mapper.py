@@ -168,8 +168,7 @@ class Mapper:
             item.saturation.widen(random_sigma, cloud, number)
         # Pairs of one rig share its calibration: the largest sigma of each part holds for all.
         calibration = CalibrationSigma(*(max(values) for values in zip(*(m.calibration for m in maps), strict=True)))
-        stamps_ns = tuple(item.stamp_ns for item in maps)
-        cloud = replace(cloud, sigma=random_sigma, pair_stamps_ns=stamps_ns)
+        cloud = replace(cloud, sigma=random_sigma, pair_stamps_ns=tuple(item.stamp_ns for item in maps))
         self.statistics = {**agreement, **fixed, **moved}
         return FusedMap(
             self._stated(cloud, T_lm_left, calibration),

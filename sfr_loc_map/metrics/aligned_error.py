@@ -80,8 +80,7 @@ def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedError
     pairs = "" if has_attitude else "positions alone: relative errors are of displacements in DS, "
     pairs += f"{len(poses.truth)} poses paired by the nearest stamp within {config.max_difference_s:g} s"
     for (name, (errors_m, true_quats, quats)), over in zip(errors.items(), (None, delta), strict=True):
-        turns = quat_multiply(quat_conjugate(true_quats), quats)
-        angles = quat_angle(turns)
+        angles = quat_angle(quat_multiply(quat_conjugate(true_quats), quats))
         record = AlignedError(
             description=f"{name}, {TEXTS[config.align]}, {pairs}",
             alignment=config.align,

@@ -97,8 +97,7 @@ def compare_scores(scores: Sequence[Score], names: Sequence[str]) -> Comparison:
     for score, name in others:
         check_same_data(scores[0], score, (names[0], name))
     pairs = [pair for score, name in others for pair in _paired(scores[0], score, name)]
-    corrected = holm([pair.p for pair in pairs])
-    pairs = [replace(pair, p_corrected=p) for pair, p in zip(pairs, corrected, strict=True)]
+    pairs = [replace(pair, p_corrected=p) for pair, p in zip(pairs, holm([pair.p for pair in pairs]), strict=True)]
     pairs = [
         replace(it, outcome=Outcome.NO_DIFFERENCE) if (it.p_corrected or 0.0) > SIGNIFICANT else it for it in pairs
     ]

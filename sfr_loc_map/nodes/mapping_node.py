@@ -194,9 +194,8 @@ class MappingNode(PairNode[MappingNodeConfig]):
         header = messages.header_msg(pair.stamp_ns, received.frame_id)
         searched_px = rig.fx * rig.baseline_m / limits.max_range_m, rig.fx * rig.baseline_m / limits.min_range_m
         self._disparity.publish(messages.disparity_msg(result.disparity_px, rig, searched_px, header))
-        times = self.times(received, conversion_s)
         self._stages.append(usage)
-        self._report_call(pair.stamp_ns, usage, MappingState.MAPPED, result, times)
+        self._report_call(pair.stamp_ns, usage, MappingState.MAPPED, result, self.times(received, conversion_s))
         if len(self._pairs) == self.config.pairs_per_map:
             self._fuse()
 

@@ -260,8 +260,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     def _result(self, *, details: bool = True) -> Score:
         """Return the score so far, with the configurations that it was made with."""
         configuration = self._configurations | {"monitor": json.loads(self.config_json())}
-        provenance = Provenance(version=__version__, configuration=configuration)
-        return self._score.result(provenance, details=details)
+        return self._score.result(Provenance(version=__version__, configuration=configuration), details=details)
 
     def _publish(self) -> None:
         """Publish the figures; a long run is scored less often, at most a tenth of the time."""

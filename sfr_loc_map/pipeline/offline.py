@@ -104,8 +104,7 @@ def localise_with(
     """
     first_ns, *later_ns = (pair.stamp_ns for pair in islice(sequence.pairs(), 2))
     step_s = next(((stamp_ns - first_ns) / NS_PER_S for stamp_ns in later_ns if stamp_ns > first_ns), DEFAULT_STEP_S)
-    setup = {"rate_hz": 1.0 / step_s}
-    with IsolatedMethod(method, sequence.rig, T_ds_rb, limits, setup, hidden) as localiser:
+    with IsolatedMethod(method, sequence.rig, T_ds_rb, limits, {"rate_hz": 1.0 / step_s}, hidden) as localiser:
         for pair in sequence.pairs():
             estimate, call = localiser.localise(pair, {"since_start_s": (pair.stamp_ns - first_ns) / NS_PER_S})
             cost = call.usage.cost(estimate.state)

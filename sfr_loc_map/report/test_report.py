@@ -72,13 +72,12 @@ def render_test_report(scores: Sequence[Score], title: str = "") -> str:
         for score, gone in zip(scores, left_out, strict=True)
     ]
     overalls = [overall_of(score) for score in scores]
-    worst = min(overalls, key=lambda item: ORDER.index(item.state) if item.state in ORDER else len(ORDER))
     clauses = sorted({row["clause"] for row in results} | {"4.1.1", "4.1.2", "4.1.3"})
     return from_template(
         "test_report.html.j2",
         title=title or "Test report",
         document=DOCUMENT,
-        overall=worst,
+        overall=min(overalls, key=lambda item: ORDER.index(item.state) if item.state in ORDER else len(ORDER)),
         said=[item.text for item in overalls],
         counts={word: states.count(word) for word in dict.fromkeys(states)},
         items=[_item(score) for score in scores],

@@ -251,13 +251,9 @@ def _with_reflection(
     pair: StereoPair, amount: float, moment: Moment, rig: StereoRig, fixed: np.random.Generator
 ) -> Views:
     """Add a fixed texture, at the depth of the own body, to the image that is left."""
-    texture = _texture(rig.height, rig.width, pair.left, fixed)
-    textures = texture, _moved(texture, -rig.fx / BODY_DEPTH)
-    left, right = (
-        as_grey((1.0 - amount) * image + amount * view)
-        for image, view in zip((pair.left, pair.right), textures, strict=True)
-    )
-    return left, right
+    texture, kept = _texture(rig.height, rig.width, pair.left, fixed), 1.0 - amount
+    there = _moved(texture, -rig.fx / BODY_DEPTH)
+    return as_grey(kept * pair.left + amount * texture), as_grey(kept * pair.right + amount * there)
 
 
 def _with_scratches(
@@ -348,8 +344,7 @@ def _warped(image: FloatImage, transform: FloatArray) -> FloatImage:
 
 def _covered(image: GreyImage, view: FloatImage, cover: FloatImage, moment: Moment) -> GreyImage:
     """Return the image with another view where it is covered; only there the noise is new."""
-    new = with_noise(view, READ_NOISE, moment.rng)
-    return np.where(cover > 0.5, new, image).astype(np.uint8)
+    return np.where(cover > 0.5, with_noise(view, READ_NOISE, moment.rng), image).astype(np.uint8)
 
 
 def _darkened(image: GreyImage, shade: FloatImage, brightness: float) -> GreyImage:

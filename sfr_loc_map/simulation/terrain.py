@@ -278,8 +278,7 @@ def ground_mesh(terrain: Terrain, path: FloatArray) -> Mesh:
 
 def _stitch(z: FloatArray, known: set[tuple[int, int, int]], level: int, i: int, j: int) -> None:
     """Straighten the edges that a coarser tile shares."""
-    edges = ((-1, 0, z[0, :]), (1, 0, z[-1, :]), (0, -1, z[:, 0]), (0, 1, z[:, -1]))
-    for di, dj, edge in edges:
+    for di, dj, edge in ((-1, 0, z[0, :]), (1, 0, z[-1, :]), (0, -1, z[:, 0]), (0, 1, z[:, -1])):
         beside = ((level - up, (i + di) >> up, (j + dj) >> up) for up in range(level + 1))
         step = min(2 ** next((up for up, tile in enumerate(beside) if tile in known), 0), CELLS)
         index = np.arange(CELLS + 1)

@@ -114,9 +114,7 @@ def _hash_files(path: Path) -> str:
 
 def data_hash(source: JobSource) -> str:
     """Return the hash of a source's data as they are here; of a simulation that of its settings."""
-    if source.kind is SourceKind.SIMULATED:
-        return source.sha256
-    return files_hash(source.path, source.truth)
+    return source.sha256 if source.kind is SourceKind.SIMULATED else files_hash(source.path, source.truth)
 
 
 def files_hash(*paths: str) -> str:

@@ -47,8 +47,7 @@ def find_corners(
     # the strongest corner of a cell without texture is noise: a small share of the median strength is required
     floor = 0.04 * np.median(best[:, 2])
     best = best[best[:, 2] > floor]
-    order = np.argsort(-best[:, 2], kind="stable")
-    return np.ascontiguousarray(best[order, :2])
+    return np.ascontiguousarray(best[np.argsort(-best[:, 2], kind="stable"), :2])
 
 
 def load_mask(path: str, rig: StereoRig) -> NDArray[np.uint8] | None:

@@ -51,8 +51,7 @@ class PairView:
 
     def numbered(self, number: int) -> PairView:
         """Return the view as that of a pair of another number."""
-        pair = np.full(len(self.cloud), number, np.uint8)
-        return replace(self, cloud=replace(self.cloud, pair=pair))
+        return replace(self, cloud=replace(self.cloud, pair=np.full(len(self.cloud), number, np.uint8)))
 
     @cached_property
     def images(self) -> ViewImages:
