@@ -28,16 +28,8 @@ MIN_DIRECTION_M = 1e-6  #: A horizontal displacement shorter than this has no di
 X, Y, Z, ATTITUDE, HEADING, CHORD, ALONG, CROSS, VERTICAL, TRAVELLED = range(10)
 """Columns of the errors of sub-trajectories."""
 COLUMNS = (
-    "x_m",
-    "y_m",
-    "z_m",
-    "attitude_deg",
-    "heading_deg",
-    "chord_m",
-    "along_m",
-    "cross_m",
-    "vertical_m",
-    "travelled_m",
+    *("x_m", "y_m", "z_m", "attitude_deg", "heading_deg", "chord_m"),
+    *("along_m", "cross_m", "vertical_m", "travelled_m"),
 )
 """The same by the names of the score's rows: estimate less truth along the axes of DS; angle between both attitudes
 [4.2.3.2]; heading, estimate less truth [4.2.3.3]; straight distance, estimate less truth; error along the horizontal

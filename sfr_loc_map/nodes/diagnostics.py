@@ -246,14 +246,8 @@ class StatusReporter:
         memory = {"peak_rss_bytes": call.peak_rss_bytes, "above_idle_bytes": call.above_idle_bytes}
         took: dict[str, Value] = {"processing_time_s": call.processing_time_s}
         took |= {name: value for name, value in memory.items() if value is not None} | dict(times)
-        values: dict[str, Value] = {
-            "task": self._task,
-            "stamp_ns": call.stamp_ns,
-            "state": call.state,
-            "reason": call.reason,
-            "memory_method": self.meter.method,
-            **took,
-        }
+        values: dict[str, Value] = {"task": self._task, "stamp_ns": call.stamp_ns, "state": call.state}
+        values |= {"reason": call.reason, "memory_method": self.meter.method, **took}
         values |= {STATISTIC + name: float(value) for name, value in call.statistics.items()}
         if call.step is not None:
             values["step"] = " ".join(map(repr, call.step.tolist()))

@@ -226,10 +226,8 @@ def _paths(named: Named) -> list[plots.Plot]:
         above.append(plots.line(name, (path.estimate_x_m, path.estimate_y_m), width=1.5, **style))
         errors.append(plots.line(name, (path.travelled_m, plots.scaled(size, factor)), **style))
     upright = plots.axis(f"size of estimate - truth, {unit}", rangemode="tozero")
-    over, caption = (
-        {"xaxis": plots.axis(plots.TRAVELLED), "yaxis": upright},
-        "Since the first frame, without re-basing.",
-    )
+    over = {"xaxis": plots.axis(plots.TRAVELLED), "yaxis": upright}
+    caption = "Since the first frame, without re-basing."
     return [
         plots.Plot(
             "paths", "Trajectories from above", "Equal axes.", above, plots.from_above(), height=560, width="full"

@@ -51,12 +51,8 @@ TRACE_BACK = (
 """What a mark says when pointed at; `customdata` is a row of `_traces_to`."""
 STATES = {
     **{"initialising": ("@two", "diamond"), "tracking": ("@one", "circle"), "degraded": ("@three", "triangle-up")},
-    **{
-        "lost": ("@bad", "x"),
-        "mapped": ("@one", "circle"),
-        "fused": ("@three", "square"),
-        "other": ("@four", "square"),
-    },
+    **{"lost": ("@bad", "x"), "mapped": ("@one", "circle"), "fused": ("@three", "square")},
+    "other": ("@four", "square"),
 }
 """What a call said: its colour and mark."""
 LOG_TICKS_MM = (0.1, 0.3, 1, 3, 10, 30, 100, 300, 1000, 3000, 10000)
@@ -391,16 +387,8 @@ def _image(item: ErrorImage, width: str) -> Plot:
     shown = [logs[k : k + columns] for k in range(0, len(logs), columns)] if columns else values
     first = (block - 1) / 2
     image: Trace = {
-        **{
-            "type": "heatmap",
-            "z": shown,
-            "x0": first,
-            "dx": block,
-            "y0": first,
-            "dy": block,
-            "zmin": low,
-            "zmax": high,
-        },
+        **{"type": "heatmap", "z": shown, "x0": first, "dx": block, "y0": first, "dy": block},
+        **{"zmin": low, "zmax": high},
         **{"colorscale": "@sequential", "colorbar": bar, "customdata": values, "hoverongaps": False},
         "hovertemplate": "u %{x:.0f}, v %{y:.0f} px: %{customdata:.4g} mm<extra></extra>",
     }

@@ -175,10 +175,8 @@ def _add_landmark(
     keyframes, projection, hk = problem.keyframes, work.projection, problem.host[n]
     landmarks, coupling = problem.uv_inverse_depth, own.coupling
     rotations, positions = keyframes.rotations, keyframes.positions
-    ray[0], ray[1] = (
-        (landmarks[n, 0] - camera.centre[0]) / camera.focal[0],
-        (landmarks[n, 1] - camera.centre[1]) / camera.focal[1],
-    )
+    ray[0] = (landmarks[n, 0] - camera.centre[0]) / camera.focal[0]
+    ray[1] = (landmarks[n, 1] - camera.centre[1]) / camera.focal[1]
     count, offset_information, offset_rhs = 0, 0.0, 0.0
     for k in range(observed.shape[1]):
         left, right = not np.isnan(observed[n, k, 0]), not np.isnan(observed[n, k, 2])

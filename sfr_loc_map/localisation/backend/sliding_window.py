@@ -123,10 +123,8 @@ class SlidingWindow:
         variance `(M, 2, 3)`; patches are of full size.
         """
         problem, count = self.problem, len(uv)
-        new_uv, new_variance = (
-            np.full((count, len(self._patches), 4), np.nan),
-            np.ones((count, len(self._patches), 2, 3)),
-        )
+        new_uv = np.full((count, len(self._patches), 4), np.nan)
+        new_variance = np.ones((count, len(self._patches), 2, 3))
         new_uv[:, -1], new_variance[:, -1] = observed, variance
         self.problem = problem._replace(
             host=np.concatenate((problem.host, np.full(count, len(self._patches) - 1, np.int64))),

@@ -98,13 +98,8 @@ class Landmarks:
     @classmethod
     def none(cls) -> Landmarks:
         """Return no landmarks, as before the first pair."""
-        index, depth, uv, vectors, matrices = (
-            np.zeros(0, np.intp),
-            np.zeros(0),
-            np.zeros((0, 2)),
-            np.zeros((0, 3)),
-            np.zeros((0, 3, 3)),
-        )
+        index, depth, uv = np.zeros(0, np.intp), np.zeros(0), np.zeros((0, 2))
+        vectors, matrices = np.zeros((0, 3)), np.zeros((0, 3, 3))
         hosts = Poses(matrices, vectors)
         planes, estimates = LocalPlanes(hosts, uv, depth, uv), LandmarkEstimates(hosts, vectors, depth, matrices)
         return cls(index, planes, estimates, Patches((NO_PATCHES,), index), np.zeros((0, 4)))
