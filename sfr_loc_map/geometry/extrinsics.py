@@ -9,14 +9,13 @@ import numpy as np
 from sfr_loc_map.config import param
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
+from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY
 from sfr_loc_map.geometry.transform import FrameTree, Transform
 
 RB_FRAME, LOCSB_FRAME, NAVSB_FRAME = "rb", "locsb", "navsb"
 BASE_FRAMES = (RB_FRAME, "base_link", "base_footprint", "base", "body", "chassis")
 """Names of the rover's own frame, in the order of trying."""
 COULD_BE = "the rover's frame could also be"  #: In the text where several of `BASE_FRAMES` are joined.
-OPTICAL_IN_SB = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-"""Turns an optical frame (x right, y down, z forward) into SB (x forward, y left, z up) [3.2.3]."""
 MAST_XY_RB_M = (0.451, 0.317)  #: Base of the mast (DMA) and the pan axis in RB [3.2.2, 3.2.6].
 TILT_AXIS_Z_RB_M = 0.594  #: Height of the tilt axis in RB [3.2.6].
 TILT_AXIS_X_RB_M = 0.451  #: Place of the tilt axis along RB x at pan 0 [3.2.6].
@@ -66,7 +65,7 @@ def rig_in_body(
             text += f"; {COULD_BE} {' or '.join(bases[1:])}"
         if frame == sb_frame:
             return RigInBody(T_base_frame, text)
-        turn = OPTICAL_IN_SB.T
+        turn = OPTICAL_IN_BODY.T
         if "optical" not in frame and T_base_frame.rotation[2, 2] > np.cos(np.pi / 4):
             text, turn = f"{text}, taken as x forward and z up", np.eye(3)
         T_left_sb = Transform(turn, turn @ np.array([0.0, -0.5 * baseline_m, 0.0]))

@@ -15,15 +15,13 @@ import numpy as np
 from sfr_loc_map.config import build, changed, param, parameters
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_from_matrix, quat_multiply, quat_normalised, quat_rotate
-from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 
 RB, RB_OPTICAL = "rb", "rb_optical"
 FRAMES = (RB, RB_OPTICAL, "sb", "left", "right", "left_optical", "right_optical")
 """Frames of the rover: RB, RB's origin with optical axes, the stereo rig SB, the cameras with axes of SB or optical."""
-OPTICAL_IN_BODY = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-"""Optical axes (x right, y down, z forward) in a frame with x forward, y left, z up."""
 MIRROR = np.array([1.0, -1.0, 1.0])
 FIRST_POSE = "first_pose"
 MAX_OFFSET_NS = 2**62

@@ -13,6 +13,8 @@ from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.geometry.plausibility import BASELINE_M, check_camera, check_extrinsics
 from sfr_loc_map.geometry.transform import Transform
 
+OPTICAL_IN_BODY = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+"""Optical axes (x right, y down, z forward) in a frame with x forward, y left, z up, as SB [3.2.3]."""
 CAMERA = ("width", "height", "fx", "fy", "cx", "cy", "baseline_m")  #: Numbers of a rig, all but its pose.
 
 
@@ -55,8 +57,7 @@ class StereoRig:
     @property
     def T_sb_left(self) -> Transform:
         """Takes points in the left optical frame to SB: x forward, y from right to left camera, z up [3.2.3]."""
-        rotation = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-        return Transform(rotation, np.array([0.0, 0.5 * self.baseline_m, 0.0]))
+        return Transform(OPTICAL_IN_BODY.copy(), np.array([0.0, 0.5 * self.baseline_m, 0.0]))
 
     @property
     def T_rb_left(self) -> Transform:

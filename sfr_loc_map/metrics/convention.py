@@ -19,7 +19,6 @@ import numpy as np
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.pose_convention import FIRST_POSE, MIRROR, PoseConvention, aligned, converted
-from sfr_loc_map.geometry.pose_convention import OPTICAL_IN_BODY as OPTICAL_IN_RB
 from sfr_loc_map.geometry.quaternion_kernels import slerp, unit_quats
 from sfr_loc_map.geometry.rotation import (
     matrix_from_quat,
@@ -30,7 +29,7 @@ from sfr_loc_map.geometry.rotation import (
     quat_normalised,
     quat_rotate,
 )
-from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform, propagation
 from sfr_loc_map.inputs import NS_PER_S
@@ -147,7 +146,7 @@ def disagreement(truth: Poses, estimate: Poses) -> float:
 
 def _each_undone(truth: Poses, estimate: Poses, rig: StereoRig | None) -> Iterator[tuple[str, str, str, bool, Poses]]:
     p, q = estimate
-    back, optical, upright = quat_conjugate(q), quat_from_matrix(OPTICAL_IN_RB), np.array([0.0, 0.0, 0.0, 1.0])
+    back, optical, upright = quat_conjugate(q), quat_from_matrix(OPTICAL_IN_BODY), np.array([0.0, 0.0, 0.0, 1.0])
     wxyz, wxyz_ds_to_rb = q[:, [1, 2, 3, 0]], back[:, [1, 2, 3, 0]]
     scalar_first = "its quaternions are scalar first{}: write them scalar last"
     first = {
@@ -191,7 +190,7 @@ def _each_undone(truth: Poses, estimate: Poses, rig: StereoRig | None) -> Iterat
     if rig is not None and rig.T_rb_sb is not None:
         T_rb_sb, left_in_sb = rig.T_rb_sb, np.array([0.0, 0.5 * rig.baseline_m, 0.0])
         lever = T_rb_sb.rotation.dot(left_in_sb) + T_rb_sb.translation
-        known = quat_from_matrix(T_rb_sb.rotation.dot(OPTICAL_IN_RB))
+        known = quat_from_matrix(T_rb_sb.rotation.dot(OPTICAL_IN_BODY))
         frames.append((known, lever, "in place of RB (optical axes)", "frame=left_optical"))
         frames.append((upright, lever, "in place of RB (axes of RB)", ""))
     # motions of the sub-trajectories in the frame of their start, and the rotation that takes their directions to the

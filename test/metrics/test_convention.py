@@ -9,17 +9,18 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sfr_loc_map.geometry.pose_convention import PoseConvention
-from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.metrics.association import UPPER, Estimates, associate
 from sfr_loc_map.metrics.config import AssociationConfig
-from sfr_loc_map.metrics.convention import OPTICAL_IN_RB, converted_estimates, diagnose, disagreement
+from sfr_loc_map.metrics.convention import converted_estimates, diagnose, disagreement
 
-CAMERA = Transform(Rotation.from_euler("y", 20, degrees=True).as_matrix() @ OPTICAL_IN_RB, np.array([0.45, 0.12, 0.30]))
+TILTED = Rotation.from_euler("y", 20, degrees=True).as_matrix()
+CAMERA = Transform(TILTED @ OPTICAL_IN_BODY, np.array([0.45, 0.12, 0.30]))
 RIG = StereoRig(640, 480, 500.0, 500.0, 320.0, 240.0, 0.2)
 RIG = replace(RIG, T_rb_sb=CAMERA @ RIG.T_sb_left.inverse())
-OPTICAL = Rotation.from_matrix(OPTICAL_IN_RB)
+OPTICAL = Rotation.from_matrix(OPTICAL_IN_BODY)
 OF_CAMERA = (*CAMERA.translation, *CAMERA.quat_xyzw)
 Poses = tuple[Any, Any, Any]
 

@@ -25,7 +25,7 @@ from scenes import DRIVERS, MOUNT, OPTICAL, params, raw, send_infos, send_pair
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 
-from sfr_loc_map.geometry.extrinsics import OPTICAL_IN_SB
+from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Side, stamp_of
 from sfr_loc_map.io import bag_messages
@@ -137,7 +137,7 @@ def test_extrinsics_follow_from_the_frames_of_drivers(driver: str) -> None:
     assert extrinsics.T_rb_sb is not None
     np.testing.assert_allclose(extrinsics.T_rb_sb.translation, (0.1, 0.0, 0.5), atol=1e-12)  # half a baseline right
     np.testing.assert_allclose(extrinsics.T_rb_sb.rotation, np.eye(3), atol=1e-12)
-    assert Transform.from_quat((0, 0, 0), OPTICAL).rotation == pytest.approx(OPTICAL_IN_SB)
+    assert Transform.from_quat((0, 0, 0), OPTICAL).rotation == pytest.approx(OPTICAL_IN_BODY)
 
 
 EXAMPLES = Path(__file__).parents[2] / "config" / "examples"
