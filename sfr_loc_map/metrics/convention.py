@@ -147,15 +147,12 @@ def disagreement(truth: Poses, estimate: Poses) -> float:
 def _each_undone(truth: Poses, estimate: Poses, rig: StereoRig | None) -> Iterator[tuple[str, str, str, bool, Poses]]:
     p, q = estimate
     back, optical, upright = quat_conjugate(q), quat_from_matrix(OPTICAL_IN_BODY), np.array([0.0, 0.0, 0.0, 1.0])
-    wxyz, wxyz_ds_to_rb = q[:, [1, 2, 3, 0]], back[:, [1, 2, 3, 0]]
-    scalar_first = "its quaternions are scalar first{}: write them scalar last"
-    first = {
-        "wxyz": scalar_first.format(""),
-        "wxyz_ds_to_rb": scalar_first.format(" in the columns att_q_DsToRb"),
-        "conjugated_wxyz": scalar_first.format(" and conjugated"),
-    }
+    wxyz, in_columns = q[:, [1, 2, 3, 0]], quat_conjugate(back[:, [1, 2, 3, 0]])
+    first = "its quaternions are scalar first{}: write them scalar last"
+    first_in_columns, first_conjugated = first.format(" in the columns att_q_DsToRb"), first.format(" and conjugated")
     inverted = -quat_rotate(back, p), back
     motions = quat_rotate(back, p[0] - p), quat_multiply(back, q[0])
+    since_first = "its motions since the first pose are inverted: invert them"
     conjugated = "its attitudes are conjugated (orientation of RB in DS in place of DsToRb): conjugate them"
     optical_text = "its attitudes are those of the optical axes (x right, y down, z forward): rotate them to RB"
     small = "its positions are a thousand times too small (the truth in millimetres, or kilometres): write metres"
@@ -163,19 +160,11 @@ def _each_undone(truth: Poses, estimate: Poses, rig: StereoRig | None) -> Iterat
     sides = "left and right are mirrored (y points right): negate y, and x and z of the quaternions"
     for name, setting, sentence, undone in (
         ("conjugated quaternion", "quaternion=conjugated", conjugated, (p, back)),
-        *(
-            ("scalar first", f"quaternion={written}", text, (p, undone))
-            for (written, text), undone in zip(
-                first.items(), (wxyz, quat_conjugate(wxyz_ds_to_rb), quat_conjugate(wxyz)), strict=True
-            )
-        ),
+        ("scalar first", "quaternion=wxyz", first.format(""), (p, wxyz)),
+        ("scalar first", "quaternion=wxyz_ds_to_rb", first_in_columns, (p, in_columns)),
+        ("scalar first", "quaternion=conjugated_wxyz", first_conjugated, (p, quat_conjugate(wxyz))),
         ("inverted poses", "inverse=true", "its poses are inverted (DS in RB): invert them", inverted),
-        (
-            "inverted motions",
-            "inverse_motion=true",
-            "its motions since the first pose are inverted: invert them",
-            motions,
-        ),
+        ("inverted motions", "inverse_motion=true", since_first, motions),
         ("optical axes", "frame=rb_optical", optical_text, (p, quat_multiply(q, quat_conjugate(optical)))),
         ("millimetres", "metres_per_unit=0.001", "its positions are in millimetres: write metres", (p * 1e-3, q)),
         ("kilometres", "metres_per_unit=1000", small, (p * 1e3, q)),
