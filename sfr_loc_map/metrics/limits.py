@@ -343,12 +343,9 @@ def conditions_beyond(truth: Trajectory, conditions: Collection[Condition]) -> t
     """Return why a drive with this truth never meets some conditions, to be said before the work is done."""
     length_m = float(np.linalg.norm(np.diff(truth.positions, axis=0), axis=1).sum())
     duration_s = float(truth.stamps_ns[-1] - truth.stamps_ns[0]) / NS_PER_S if len(truth) else 0.0
-    known = (
-        (ConditionKind.DISTANCE, length_m),
-        (ConditionKind.TIME, duration_s),
-        (ConditionKind.FRAMES, len(truth) - 1.0),
-    )
-    longest = {**dict(known), ConditionKind.DISPLACEMENT: length_m}  # a straight line is no longer than the path
+    longest = {ConditionKind.TIME: duration_s, ConditionKind.FRAMES: len(truth) - 1.0}
+    # a straight line is no longer than the path
+    longest |= dict.fromkeys((ConditionKind.DISTANCE, ConditionKind.DISPLACEMENT), length_m)
     beyond = (
         item for item in conditions if any(part.value > longest.get(part.kind, part.value) for part in item.parts)
     )
@@ -358,10 +355,8 @@ def conditions_beyond(truth: Trajectory, conditions: Collection[Condition]) -> t
 def _reason(condition: Condition, frames: int, length_m: float, duration_s: float) -> str:
     path = f"is {length_m:.1f} m long"
     texts = {ConditionKind.TIME: f"lasts {duration_s:.1f} s", ConditionKind.FRAMES: f"has {frames} frames"}
-    texts |= {
-        ConditionKind.TURN: "never turns so far",
-        ConditionKind.DISPLACEMENT: "never gets so far in a straight line",
-    }
+    texts[ConditionKind.TURN] = "never turns so far"
+    texts[ConditionKind.DISPLACEMENT] = "never gets so far in a straight line"
     told = " and ".join(dict.fromkeys(texts.get(part.kind, path) for part in condition.parts))
     named = ",".join(f"{part.kind}={part.value:g}" for part in condition.parts)
     one = "one pose of the estimate has a true pose, at least two are needed"
