@@ -82,8 +82,7 @@ class KeyframeBackend:
         self.calibration.interrupt()
         before = self.window, self.landmarks
         self.window = window = SlidingWindow(self._camera, self._config.window_keyframes)
-        pose = Pose(T_world_left.rotation, T_world_left.translation)
-        window.add_keyframe(pose, np.zeros(0, np.intp), np.zeros((0, 4)), np.zeros((0, 2, 3)))
+        window.add_keyframe(Pose.of(T_world_left), np.zeros(0, np.intp), np.zeros((0, 4)), np.zeros((0, 2, 3)))
         self._add_landmarks(window, frame, np.zeros((0, 3)))
         found = len(self.landmarks.index)
         if found < self._config.min_tracked:

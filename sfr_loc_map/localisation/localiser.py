@@ -281,8 +281,7 @@ class Localiser:
         self._state = TrackingState.TRACKING if self._reason is None else TrackingState.DEGRADED
         self._relocaliser.attempts = 0
         if by_left:
-            known = KnownImage(frame.image, result.observations[:, :2], result.landmarks)
-            self._relocaliser.last = known
+            self._relocaliser.last = known = KnownImage(frame.image, result.observations[:, :2], result.landmarks)
             if left_inliers >= 0.5 * len(result.inliers):
                 self._relocaliser.best = known
         statistics = TrackingStatistics(
@@ -319,7 +318,7 @@ class Localiser:
         elif backend.keyframe_count == 1:
             self._state = TrackingState.INITIALISING
         landmarks = backend.landmarks
-        self._ground.begin(frame, Pose(track.T_world_left.rotation, track.T_world_left.translation))
+        self._ground.begin(frame, Pose.of(track.T_world_left))
         step = track.begin(frame.stamp_ns, backend.window.covariance, landmarks.median_depth)
         self._relocaliser.restart(frame.image, landmarks)
         return statistics, step, None
