@@ -31,10 +31,8 @@ def baseline_from_projection(fx: float, shift: float) -> float:
     middle = -shift / fx
     near = {middle, *(float(f"{middle:.{digits}g}") for digits in (12, 13, 14, 15, 16))}
     for direction in (-math.inf, math.inf):
-        step = middle
-        for _ in range(2):
-            step = math.nextafter(step, direction)
-            near.add(step)
+        step = math.nextafter(middle, direction)
+        near |= {step, math.nextafter(step, direction)}
     exact = [b for b in near if -(fx * b) == shift]
     return min(exact, key=lambda b: (len(repr(b)), abs(b - middle))) if exact else middle
 
