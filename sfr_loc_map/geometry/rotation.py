@@ -102,8 +102,7 @@ def quat_from_matrix(matrix: ArrayLike) -> FloatArray:
 def matrix_from_rotvec(rotvec: ArrayLike) -> FloatArray:
     """Return the rotation matrix `(3, 3)` of one rotation vector `(3,)`, radians (Rodrigues)."""
     vec = np.asarray(rotvec, dtype=np.float64)
-    angle = float(np.sqrt(vec @ vec))
-    half = 0.5 * angle
+    half = 0.5 * float(np.sqrt(vec @ vec))
     scale = 0.5 * np.sinc(half / np.pi)
     return matrix_from_quat(np.array([*(scale * vec), np.cos(half)]))
 

@@ -80,8 +80,7 @@ def points(stamp_ns: int, truth: NDArray[np.float32], grid_m: float | None) -> A
             raise OutputError(f"truth grid is {grid_m} m: a power of two is needed, as 0.0009765625")
         truth = (np.round(truth.astype(np.float64) / grid_m) * grid_m).astype(np.float32)
     height, width, _ = truth.shape
-    field = _T["sensor_msgs/msg/PointField"]
-    fields = [field(name, 4 * i, FLOAT32, 1) for i, name in enumerate("xyz")]
+    fields = [_T["sensor_msgs/msg/PointField"](name, 4 * i, FLOAT32, 1) for i, name in enumerate("xyz")]
     data = np.ascontiguousarray(truth, "<f4").view(np.uint8).reshape(-1)
     return _T[POINTS](header(stamp_ns, "lm"), height, width, fields, False, 12, 12 * width, data, False)
 

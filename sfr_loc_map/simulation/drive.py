@@ -178,8 +178,7 @@ def _advance(x: float, y: float, heading: float, length: float, turn: float) -> 
 
 def _states(config: DriveConfig, legs: list[Leg], rng: np.random.Generator) -> FloatArray:
     """Return x, y, heading, moving `(N, 4)` every `STEP_S`."""
-    start = (config.start_x_m, config.start_y_m, math.radians(config.start_heading_deg))
-    states = [(*start, 0.0)]
+    states = [(config.start_x_m, config.start_y_m, math.radians(config.start_heading_deg), 0.0)]
     # a slowly changing standard normal number (first-order Gauss-Markov process of 2.5 s)
     slip, keep = float(rng.normal()), math.exp(-STEP_S / 2.5)
     for length_m, turn_rad, wait_s in legs:
