@@ -189,9 +189,11 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
     text = read_table_text(path, advice)
     with refusing(f"cannot read '{path}'", advice):
         rows = list(csv.DictReader(io.StringIO(text, newline="")))
-    if not rows or needed not in rows[0]:
+    costs = ("processing_time_s", "peak_rss_bytes", "above_idle_bytes", "heap_peak_bytes", "stack_peak_bytes")
+    if not rows or needed not in rows[0] or rows[0].keys().isdisjoint(("state", *costs)):
         found = ", ".join(list(rows[0])[:5]) if rows else "no row"
-        raise InputError(f"statistics '{path}' need a column {needed} and at least one row: found {found}")
+        text = f"statistics '{path}' need at least one row, and the columns {needed} and state or processing_time_s"
+        raise InputError(f"{text}: found {found}")
     stamps_ns = np.arange(len(rows), dtype=np.int64)
     if "stamp_ns" in rows[0]:
         with refusing(f"statistics '{path}': a stamp is not a whole number of nanoseconds"):
@@ -202,7 +204,6 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
             raise InputError(
                 f"statistics '{path}' line {number}: state is '{state}', must be one of {', '.join(STATES)} or empty"
             )
-    costs = ("processing_time_s", "peak_rss_bytes", "above_idle_bytes", "heap_peak_bytes", "stack_peak_bytes")
     seconds, peak, above_idle, heap, stack = (_column(path, rows, name) for name in costs)
     stages = {stage: _column(path, rows, name) for name in rows[0] if (stage := stage_of(name or ""))}
     covariance, steps = (

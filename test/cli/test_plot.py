@@ -34,6 +34,9 @@ def files(tmp_path: Path) -> tuple[Path, Path]:
     return tmp_path / "e.kitti", tmp_path / "truth.tum"
 
 
+SAMPLE = Path(__file__).parents[2] / "sample" / "sample.mcap"
+
+
 def test_a_page_shows_paths_and_errors(files: tuple[Path, Path], tmp_path: Path, sfr: Sfr) -> None:
     done = sfr("plot", files[0], "--truth", files[1], "-o", tmp_path / "p.html")
     assert done.code == 0, done.err
@@ -42,6 +45,8 @@ def test_a_page_shows_paths_and_errors(files: tuple[Path, Path], tmp_path: Path,
     assert "<title>Trajectories</title>" in text
     assert "Plotly" in text
     assert sfr("plot", files[0], "-o", tmp_path / "p.html").code == 2, "is there already"
+    source = sfr("plot", SAMPLE, "-o", tmp_path / "sample.html")  # of a source the truth is drawn
+    assert source.code == 0, source.err
 
 
 def test_the_figure_holds_the_distance_to_the_truth() -> None:
