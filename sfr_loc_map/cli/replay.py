@@ -34,7 +34,7 @@ from sfr_loc_map.cli.score import present
 from sfr_loc_map.cli.verdict import conclude
 from sfr_loc_map.config import changed, read_config, section
 from sfr_loc_map.errors import ConfigError, InterruptedRunError, NodeError, naming
-from sfr_loc_map.inputs import Task, printable
+from sfr_loc_map.inputs import NS_PER_S, Task, printable
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.config import score_config
@@ -159,6 +159,7 @@ def replay(
 ) -> None:
     """Play a source to the nodes over topics, record what they answer, score it."""
     with live_beside(live, live_port, isolated=True) as page:  # first: its imports are the quicker ones
+        from sfr_loc_map.pipeline.message_stream import begin_of
         from sfr_loc_map.pipeline.offline import start_pose
         from sfr_loc_map.pipeline.replay import ReplayFiles, save_replay, score_replay
 
@@ -170,7 +171,10 @@ def replay(
         from sfr_loc_map.nodes.replay.options import ReplayOptions, is_ros_parameter_file
 
         def first_pose(offset_s: float) -> StartPose | None:
-            return None if opened.loc is None or start == "identity" else start_pose(opened.loc, start, offset_s)
+            if opened.loc is None or start == "identity":
+                return None
+            begin_ns = begin_of(opened, opened.loc) if offset_s else 0
+            return start_pose(opened.loc, start, begin_ns + round(offset_s * NS_PER_S))
 
         with naming(source):
             first_pose(play.start_offset)  # an error of the source is known before the nodes start
@@ -198,8 +202,7 @@ def replay(
                 with naming(source):
                     result, interruption = _play(opened, options)
                     result = result.finished(opened, options.score, correction)
-                for file in files.all:
-                    file.unlink(missing_ok=True)  # of an earlier run, which may have written more of them
+                files.remove()  # of an earlier run, which may have written more of them
                 save_replay(result, files)
                 settings = changed(options.localisation, "localisation.") | changed(options.mapping, "mapping.")
                 made_by = judge.limits, shlex.join(["sfr", *sys.argv[1:]])

@@ -26,7 +26,7 @@ from sfr_loc_map.inputs import NS_PER_S, read_table_text, refusing
 
 MAX_NUMBER_LENGTH = 400
 STAMP_LENGTH = 64
-STAMP_LIMIT = 2**63
+STAMP_LIMIT = 2**62  #: 146 years from 1970: differences of stamps have 64 bits, too.
 BOM = b"\xef\xbb\xbf"
 COMMENT = ord("#")
 _WHOLE = re.compile(r"[+-]?[0-9]{1,19}")
@@ -38,7 +38,7 @@ def parse_stamp_ns(text: str) -> int:
     """Return whole nanoseconds; spaces around them are allowed."""
     if _WHOLE.fullmatch(text.strip(" \t")) and -STAMP_LIMIT <= int(text) < STAMP_LIMIT:
         return int(text)
-    raise ValueError(f"stamp '{text[:40]}' is not whole nanoseconds of 64 bits")
+    raise ValueError(f"stamp '{text[:40]}' is not whole nanoseconds, up to 146 years from 1970")
 
 
 def parse_seconds(text: str) -> int:

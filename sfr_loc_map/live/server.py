@@ -31,7 +31,7 @@ from importlib.resources import files
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
+from urllib.parse import quote, urlsplit
 
 import numpy as np
 from aiohttp import WSMsgType, http_exceptions, web
@@ -157,7 +157,7 @@ class LiveServer:
                 with item.dup() as same:
                     same.listen(BACKLOG)
             name = f"[{config.host}]" if ":" in config.host else config.host
-            query = f"?token={config.token}" if config.token else ""
+            query = f"?token={quote(config.token, safe='')}" if config.token else ""
             self.url = f"http://{name}:{listener.sockets[0].getsockname()[1]}/{query}"
             self.state.on_change = wake
             ready(self.url)
@@ -236,7 +236,8 @@ class LiveServer:
         if origin is not None and _split(origin)[1] != host:
             return "the request comes from another page"
         scheme, _, bearer = request.headers.get("Authorization", "").partition(" ")
-        given = (request.query.get("token", ""), request.cookies.get(COOKIE, ""), bearer if scheme == "Bearer" else "")
+        bearer = bearer if scheme.lower() == "bearer" else ""
+        given = (request.query.get("token", ""), request.cookies.get(COOKIE, ""), bearer)
         if token and not any(_equal(word, token) for word in given):
             return "a token is needed: open the address that sfr live has printed"
         return ""

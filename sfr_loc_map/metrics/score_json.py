@@ -67,8 +67,11 @@ def fields_of(record: type) -> tuple[_Field, ...]:
 
 def to_plain(value: Any) -> Any:  # noqa: ANN401 - any value of a record
     """Return a record as JSON values: dicts, lists, numbers, words."""
-    if value is None or isinstance(value, (str, bool, int)):
-        return value.value if isinstance(value, StrEnum) else value
+    if value is None or isinstance(value, (bool, int)):
+        return value
+    if isinstance(value, str):  # names of files may hold bytes that are no text
+        text = value.value if isinstance(value, StrEnum) else value
+        return text.encode("utf-8", "backslashreplace").decode("utf-8")
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Mapping):

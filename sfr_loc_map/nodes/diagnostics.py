@@ -81,9 +81,9 @@ def status_msg(name: str, level: Level, message: str, values: Mapping[str, Value
 
 
 def level_of(status: DiagnosticStatus) -> Level:
-    """Return the level of a status; the message class gives it as one byte."""
+    """Return the level of a status; the message class gives it as one byte, and others write what they like."""
     level = status.level
-    return Level(level[0] if isinstance(level, bytes) else int(level))
+    return Level(min(level[0] if isinstance(level, bytes) else int(level), max(Level)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,6 +20,7 @@ from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Header
 
 from sfr_loc_map.config import param
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.extrinsics import RB_FRAME
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
@@ -43,6 +44,7 @@ from sfr_loc_map.pipeline.localisation_session import LocalisationSession, PoseF
 from sfr_loc_map.pipeline.reception import ThinnedPath
 
 FIRST = messages.MASK_SCALE // 2  #: Row and column of a mask that is published first.
+MAX_POSE_AGE_NS = 600 * NS_PER_S  #: Of an initialpose; an older one says nothing of where the rover is now.
 OUTPUT_DEPTH = 1000  #: Odometry messages that are kept for a slow subscriber.
 LEVELS = {
     TrackingState.INITIALISING: Level.WARN,
@@ -168,7 +170,12 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
     def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
         with self.ignoring_broken():
             self.config.check_frame("initialpose", message.header.frame_id, "ds_frame")
-            pose = messages.start_pose_of(message)
+            pose, last_ns = messages.start_pose_of(message), self._stereo.last_ns
+            if pose.stamp_ns is not None and last_ns is not None and last_ns - pose.stamp_ns > MAX_POSE_AGE_NS:
+                raise InputError(
+                    f"initialpose is {(last_ns - pose.stamp_ns) / NS_PER_S:.0f} s older than the images: give a stamp "
+                    f"of at most {MAX_POSE_AGE_NS // NS_PER_S} s before, or none for the next pair"
+                )
             self.worker.enqueue(lambda: self._set_pose(pose, message))
 
     def _on_wheel_odometry(self, message: Odometry) -> None:

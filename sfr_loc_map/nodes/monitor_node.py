@@ -186,12 +186,16 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
 
     def _on_estimate(self, message: Odometry) -> None:
         stamp_ns, position, quat = odometry_row(message)
+        if self._score.is_late("estimate", stamp_ns):
+            return
         self._restart_if_back("estimate", stamp_ns)
         self._score.add_estimate(stamp_ns, position, quat, covariance_of(message))
         self._note(stamp_ns)
 
     def _on_truth(self, message: Odometry) -> None:
         stamp_ns, position, quat = odometry_row(message, positions_alone=True)
+        if self._score.is_late("truth", stamp_ns):
+            return
         self._restart_if_back("truth", stamp_ns)
         self._score.add_truth(stamp_ns, position, quat, np.diagonal(covariance_of(message)))
         self._note(stamp_ns)
@@ -199,7 +203,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     def _restart_if_back(self, kind: str, stamp_ns: int) -> None:
         if self._score.jumped_back(kind, stamp_ns):
             self.get_logger().warning(f"stamps of the {kind} have gone back: the score restarts")
-            self._score.restart()
+            self._score.restart(kind, stamp_ns)
 
     def _on_calls(self, message: DiagnosticArray) -> None:
         namespace = self.get_namespace().strip("/")

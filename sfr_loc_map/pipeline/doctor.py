@@ -178,7 +178,10 @@ def _transport(seen: Observation, task: str) -> Findings:
 def _pairs(seen: Observation, task: str) -> Findings:
     node = seen.node(task)
     tolerance_ns = node.stamp_tolerance_ns if node is not None else 0
-    share, typical_ns = _paired(seen.image_stamps(task, "left"), seen.image_stamps(task, "right"), tolerance_ns)
+    left, right = (seen.image_stamps(task, side) for side in SIDES)
+    if not len(left) or not len(right):  # they came, and could not be used
+        return
+    share, typical_ns = _paired(left, right, tolerance_ns)
     share = min(share / (1.0 - seen.lost_share(task)), 1.0)  # of those whose partner was not lost in transport
     text = f"{share:.0%} of the left images have a right one of their stamp"
     if PAIRED <= share < COMPLETE:

@@ -194,7 +194,9 @@ class PoseFile:
         return StartPose(pose, covariance, kept.stamp_ns) if 0.0 < age_s <= self._max_age_s else None
 
     def save(self, known: StartPose, rig: StereoRig) -> None:
-        """Keep a pose with its stamp."""
+        """Keep a pose with its stamp; one that is known no more is not."""
+        if not is_plausible_covariance(np.asarray(known.covariance)):
+            return
         content = {
             "schema": SCHEMA,
             "rig": rig.fingerprint,

@@ -14,10 +14,11 @@ from typing import Any
 
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import SIDES
+from sfr_loc_map.inputs import NS_PER_S, SIDES
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE, TYPESTORE, Bag
 from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.stamp_pairing import STAMP_TOLERANCE_S, WAITING, StampPairing
 from sfr_loc_map.pipeline.controls import Controls
 
 POSE_TOPIC = "nav/pose"
@@ -125,16 +126,16 @@ def start_at(
 
 def end_of(source: Source) -> float:
     """Return the position of the last pair of a source, seconds after the first message of its task."""
-    ends = [0.0]
-    for part in (source.loc, source.nav):
-        stamps: tuple[int, ...] = getattr(part, "stamps_ns", ())  # files and bags know them without their images
-        if stamps:
-            first, last = stamps[0], stamps[-1]
-            truth = getattr(part, "ground_truth", None)
-            if truth is not None:
-                first = min(first, int(truth.stamps_ns[0]))
-            ends.append((last - first) * 1e-9)
-    return max(ends)
+    tasks = [(part, stamps) for part in (source.loc, source.nav) if (stamps := getattr(part, "stamps_ns", ()))]
+    return max([0.0, *(float(stamps[-1] - begin_of(source, part)) * 1e-9 for part, stamps in tasks)])
+
+
+def begin_of(source: Source, part: Any) -> int:  # noqa: ANN401 - the drive of a source, or its mapping pairs
+    """Return the stamp of the first message of a task, from which positions count: of a pair, or of the truth."""
+    truth, first = getattr(part, "ground_truth", None), int(part.stamps_ns[0])
+    if truth is None or not len(truth) or TRUTH_TOPIC not in topics_of(source):
+        return first
+    return min(first, int(truth.stamps_ns[0]))
 
 
 class Pacer:
@@ -158,20 +159,23 @@ class Pacer:
 
 
 class PairTracker:
-    """Tells when a stereo pair, with its pose where it needs one, has been published."""
+    """Tells when a stereo pair, with its pose where it needs one, has been published; pairs as the nodes pair them."""
 
     def __init__(self) -> None:
-        self._parts: dict[tuple[str, int], set[str]] = {}
+        tolerance_ns = round(STAMP_TOLERANCE_S * NS_PER_S)
+        self._images, self._poses = (
+            {task: StampPairing[int](tolerance_ns, WAITING) for task in ("loc", "nav")} for _ in range(2)
+        )
 
     def add(self, message: Message) -> tuple[str, int] | None:
-        """Add a published message; return task and stamp of the pair that it completes."""
-        part = message.topic.removesuffix("/compressed")
-        if not part.endswith("image_rect") and part != POSE_TOPIC:
-            return None
-        key = (message.task, message.stamp_ns)
-        parts = self._parts.setdefault(key, set())
-        parts.add(part)
-        if len(parts) < (2 if message.task == "loc" else 3):
-            return None
-        del self._parts[key]
-        return key
+        """Add a published message; return task and stamp, that of the left image, of the pair that it completes."""
+        part, task, stamp_ns = message.topic.removesuffix("/compressed"), message.task, message.stamp_ns
+        poses, found = self._poses[task], None
+        if part == POSE_TOPIC:
+            found = poses.add_right(stamp_ns, stamp_ns)
+        elif part.endswith("image_rect"):
+            images = self._images[task]
+            found = (images.add_left if "/left/" in part else images.add_right)(stamp_ns, stamp_ns)
+            if found is not None and task == "nav":
+                found = poses.add_left(found[0], found[0])
+        return None if found is None else (task, found[0])

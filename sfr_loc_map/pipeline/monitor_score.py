@@ -24,7 +24,7 @@ from sfr_loc_map.geometry.quaternion_kernels import slerp
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import LOST_VARIANCE, MAX_JSON_BYTES, parse_json, read_text
+from sfr_loc_map.inputs import JUMP_BACK_NS, LOST_VARIANCE, MAX_JSON_BYTES, parse_json, read_text
 from sfr_loc_map.io.atomic import check_output, output_target, write_text
 from sfr_loc_map.io.truth import RB_ITSELF, TrackedBody
 from sfr_loc_map.localisation.estimate import TrackingState
@@ -177,14 +177,24 @@ class MonitorScore:
         """Start a run, judged by limits if there are any; `body` is what the true poses are of."""
         self.map_inputs = MapInputs()
         self._config, self._limits, self._body = config, limits, body
+        self._latest_ns: dict[str, int] = {}
         self.restart()
 
-    def restart(self) -> None:
-        """Forget everything but the inputs of maps to come."""
+    def restart(self, kind: str = "", stamp_ns: int = 0) -> None:
+        """Forget everything but the inputs of maps to come; `kind` is what has begun another run, at a stamp."""
+        self._ended_ns = {name: ns for name, ns in self._latest_ns.items() if kind and name != kind}
+        self._latest_ns = {kind: stamp_ns} if kind else {}
         self._estimates, self._truth, self._steps = _Rows(ESTIMATE), _Rows(TRUE_POSE), _Rows(STEP)
         self._calls = _CallRows()
         self.map_score: ScoredMap | None = None
-        self._latest_ns: dict[str, int] = {}
+
+    def is_late(self, kind: str, stamp_ns: int) -> bool:
+        """Tell whether a stamp is of the run before, which another kind has left; of results, which come later."""
+        ended_ns, new_ns = self._ended_ns.get(kind), max(self._latest_ns.values(), default=stamp_ns)
+        late = ended_ns is not None and abs(stamp_ns - ended_ns) <= JUMP_BACK_NS < stamp_ns - new_ns
+        if not late:
+            self._ended_ns.pop(kind, None)
+        return late
 
     def jumped_back(self, kind: str, stamp_ns: int) -> bool:
         """Tell whether a stamp lies so far behind the latest one of its kind that a new run must have begun."""

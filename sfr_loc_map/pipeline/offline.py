@@ -54,11 +54,11 @@ FrameObserver = Callable[[StereoPair, PoseEstimate, Localiser], None]
 # ---- drives
 
 
-def start_pose(sequence: LocSequence, start: str, offset_s: float = 0.0) -> StartPose:
+def start_pose(sequence: LocSequence, start: str, from_ns: int = 0) -> StartPose:
     """Return the pose at which a drive starts, with its stamp.
 
     `identity`: RB is DS at the first pair. `truth`: the true pose at the first pair, if need be between two poses of
-    the truth; without one, and after seconds that are left out, the next pose of the truth, or its last.
+    the truth; without one, and where pairs before a stamp are left out, the next pose of the truth, or its last.
     """
     if start == "identity":
         return StartPose(Transform.identity())
@@ -69,10 +69,11 @@ def start_pose(sequence: LocSequence, start: str, offset_s: float = 0.0) -> Star
         )
     stamps = truth.stamps_ns
     first = next(sequence.pairs(), None)
-    wanted = int(stamps[0] if first is None else first.stamp_ns) + round(offset_s * NS_PER_S)
+    first_ns = int(stamps[0] if first is None else first.stamp_ns)
+    wanted = max(first_ns, from_ns)
     after = min(int(np.searchsorted(stamps, wanted)), len(stamps) - 1)
     gap = int(stamps[after] - stamps[after - 1]) if after else 0
-    if offset_s > 0.0 or not stamps[after - 1] < wanted < stamps[after] or gap > MAX_START_GAP_NS:
+    if wanted > first_ns or not stamps[after - 1] < wanted < stamps[after] or gap > MAX_START_GAP_NS:
         return StartPose(truth.pose(after), stamp_ns=int(stamps[after]))
     share = (wanted - int(stamps[after - 1])) / gap
     return StartPose(interpolated(truth.pose(after - 1), truth.pose(after), share), stamp_ns=wanted)

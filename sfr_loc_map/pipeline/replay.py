@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import count, takewhile
 from pathlib import Path
 from types import MappingProxyType
 
@@ -113,6 +115,16 @@ class ReplayFiles:
     def all(self) -> tuple[Path, ...]:
         """All of them."""
         return tuple(path for name, path in vars(self).items() if name != "folder")
+
+    def remove(self) -> None:
+        """Remove what an earlier replay has written, with its runs that were cut short; other files stay."""
+        runs = takewhile(lambda run: run.folder.is_dir(), map(self.of_run, count(1)))
+        for run in runs:
+            run.remove()
+            with suppress(OSError):  # something else is in it
+                run.folder.rmdir()
+        for path in self.all:
+            path.unlink(missing_ok=True)
 
     def of_run(self, number: int) -> ReplayFiles:
         """Return the places of a run that was cut short, counted from 1."""

@@ -22,7 +22,7 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.pose_convention import PoseConvention
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
-from sfr_loc_map.inputs import COMMIT, hash_arrays, hash_path, printable, read_text, refusing
+from sfr_loc_map.inputs import COMMIT, hash_arrays, hash_path, read_text, refusing
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.cloud_file import SUFFIXES as CLOUD_SUFFIXES
@@ -257,7 +257,7 @@ def score_run(
         if name == "truth" and path.is_dir() and not is_bag(path):  # of the folder only the trajectory counts
             places = [item for item in (path / "groundtruth.csv", path / "loc" / "groundtruth.csv") if item.is_file()]
             path = places[0] if places else path
-        files[name] = InputFile(path=printable(str(path)), sha256=hash_path(path), data_sha256=data.get(name))
+        files[name] = InputFile(path=str(path), sha256=hash_path(path), data_sha256=data.get(name))
     if drive is not None and isinstance(drive.truth, Truth) and "truth" in files:
         files["truth"] = replace(files["truth"], read_from=drive.truth.read_from or None)
     for name, sha256 in run.in_memory.items():
@@ -280,7 +280,7 @@ def score_run(
         provenance=Provenance(
             version=__version__,
             commit=COMMIT,
-            command=None if inputs.command is None else printable(inputs.command),
+            command=inputs.command,
             inputs=files,
             configuration=flatten(config),
             host={"machine": platform.machine(), "system": platform.system(), "python": platform.python_version()},

@@ -21,7 +21,7 @@ forms = st.sampled_from(("{!r}", "{:.9f}", "{:.17e}", "{:.3g}", "{:.0f}"))
     [
         ("1700000000.123456789", 1_700_000_000_123_456_789),  # a float would give ...123456768
         *(("0", 0), ("7.", 7_000_000_000), (".5", 500_000_000), ("-1.000000001", -1_000_000_001)),
-        *(("1.305031e+09", 1_305_031_000_000_000_000), ("9223372036.854775807", 2**63 - 1)),
+        *(("1.305031e+09", 1_305_031_000_000_000_000), ("4611686018.427387903", 2**62 - 1)),
         *(("1.0000000004999", 1_000_000_000), ("1.0000000005001", 1_000_000_001)),
     ],
 )
@@ -29,12 +29,12 @@ def test_seconds_are_exact(text: str, stamp_ns: int) -> None:
     assert parse_seconds(text) == stamp_ns
 
 
-@given(st.integers(-(2**63), 2**63 - 1))
+@given(st.integers(-(2**62), 2**62 - 1))
 def test_seconds_text_inverts(stamp_ns: int) -> None:
     assert parse_seconds(seconds_text(stamp_ns)) == stamp_ns
 
 
-@given(st.lists(st.tuples(finite, forms), min_size=1, max_size=4), st.decimals(0, 2**33, places=9))
+@given(st.lists(st.tuples(finite, forms), min_size=1, max_size=4), st.decimals(0, 2**32, places=9))
 @pytest.mark.parametrize("size", [1, 30, 10**6])
 def test_numbers_have_the_bits_of_float_and_stamps_those_of_integers_in_blocks_of_any_size(
     tmp_path_factory: pytest.TempPathFactory, size: int, rows: list, stamp: Decimal
@@ -56,7 +56,7 @@ def test_numbers_have_the_bits_of_float_and_stamps_those_of_integers_in_blocks_o
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        *((f"{word},1", f"stamp '{word}' is not") for word in (r"2.5", "2_0", "\u0662", "9223372036854775808")),
+        *((f"{word},1", f"stamp '{word}' is not") for word in (r"2.5", "2_0", "\u0662", "4611686018427387904")),
         *(("5", "1 columns found where 2"), ("5,1,2", "3 columns found where 2")),
         *((f"5,{word}", f"'{word}' is not a finite number") for word in ("", "nan", "1e999", "1_0", "0x10")),
     ],

@@ -23,7 +23,7 @@ from sfr_loc_map.io.trajectory_file import (
 
 finite = st.floats(allow_nan=False, allow_infinity=False, width=64).filter(lambda v: abs(v) <= 1e9)
 poses = st.lists(
-    st.tuples(st.integers(-(2**62), 2**63 - 1), st.tuples(finite, finite, finite), st.floats(0.1, 1.0)),
+    st.tuples(st.integers(-(2**62), 2**62 - 1), st.tuples(finite, finite, finite), st.floats(0.1, 1.0)),
     min_size=1,
     max_size=5,
 )

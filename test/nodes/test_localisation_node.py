@@ -254,6 +254,9 @@ def test_localisation_survives_what_the_network_may_send(ros: None, capfd: Captu
         assert peer.play(0) == ORIGIN
         assert len(peer.odometry) == 1
         at = peer.play(1)
+        ancient = PoseWithCovarianceStamped(header=header_msg(5, "ds"))
+        ancient.pose.pose.position.x = 50.0
+        peer.publish(PoseWithCovarianceStamped, "initialpose", ancient)
         send_infos(peer, "loc", replace(LOC_RIG, fx=151.0, fy=151.0))
         node.wait_for("camera_info has changed: localisation restarts at its last pose")
         assert peer.play(2) == pytest.approx(at, abs=1e-12)

@@ -17,7 +17,7 @@ from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import image_from_message
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig
-from sfr_loc_map.pipeline.message_stream import Message, messages_of, start_at, topics_of
+from sfr_loc_map.pipeline.message_stream import Message, PairTracker, messages_of, start_at, topics_of
 
 
 def played(path: Path, remap: dict[str, str] | None = None) -> dict[tuple[str, int], Message]:
@@ -68,3 +68,16 @@ def test_from_a_position_on_comes_what_is_not_before_it_and_the_first_camera_inf
     assert rest[0] == whole[0]
     assert rest[1:] == [m for m in whole[1:] if (m.stamp_ns - stamps[0]) * 1e-9 >= offset_s]
     assert all(t >= offset_s for t in positions)
+
+
+@pytest.mark.parametrize("late_ns", [0, 3_000_000])
+def test_a_pair_is_whole_with_its_last_part_and_has_the_stamp_of_the_left_image(late_ns: int) -> None:
+    tracker = PairTracker()
+    for stamp_ns in range(10**9, 2 * 10**9, 10**8):
+        parts = [("loc/left/image_rect", 0), ("loc/right/image_rect/compressed", late_ns)]
+        added = [tracker.add(Message(topic, "", stamp_ns + later, b"")) for topic, later in parts]
+        assert added == [None, ("loc", stamp_ns)]
+        parts = [("nav/right/image_rect", late_ns), ("nav/pose", 0), ("nav/left/image_rect", 0)]
+        added = [tracker.add(Message(topic, "", stamp_ns + later, b"")) for topic, later in parts]
+        assert added == [None, None, ("nav", stamp_ns)]
+        assert tracker.add(Message("ground_truth/odometry", "", stamp_ns, b"")) is None

@@ -76,6 +76,21 @@ def in_order(score: Score) -> Score:
     return Score(trajectory=trajectory, details=details, verdicts=())
 
 
+def test_results_of_a_run_that_has_ended_do_not_begin_another_one() -> None:
+    monitor, second = MonitorScore(ScoreConfig(CONFIG), None), 10**9
+    assert not monitor.is_late("estimate", 20 * second)
+    for kind in ("truth", "estimate"):
+        assert not monitor.jumped_back(kind, 20 * second)
+    assert monitor.jumped_back("truth", 0)
+    monitor.restart("truth", 0)
+    for stamp_ns in (20 * second, 20 * second + 100):  # of the run before
+        assert monitor.is_late("estimate", stamp_ns)
+    assert not monitor.is_late("truth", 100)
+    for stamp_ns in (100, 20 * second):  # of the new one, to its end
+        assert not monitor.is_late("estimate", stamp_ns)
+        assert not monitor.jumped_back("estimate", stamp_ns)
+
+
 def test_two_thousand_orders_of_messages_give_the_score_of_the_file() -> None:
     """Equal, not nearly so."""
     rng, flags = np.random.default_rng(7), 0

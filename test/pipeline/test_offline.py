@@ -55,12 +55,13 @@ class OnePair:
         ((2.0, 3.0), 0.0, 2.0),  # the truth begins after it
         ((-3.0, -2.0), 0.0, -2.0),  # it ends before it
         ((0.0, 0.5, 1.0), 0.4, 0.5),  # the first one after a part that is left out
+        ((-3.0, -1.0, 0.0, 1.0), -1.5, 0.0),  # what is left out is before the pair
     ],
 )
 def test_the_true_start_pose_is_that_of_its_stamp(
     truth_s: tuple[float, ...], offset_s: float, expected_s: float
 ) -> None:
-    start = start_pose(OnePair(truth_s), "truth", offset_s)
+    start = start_pose(OnePair(truth_s), "truth", FIRST_NS + round(offset_s * NS_PER_S))
     assert start.stamp_ns == FIRST_NS + round(expected_s * NS_PER_S)
     np.testing.assert_allclose(start.T_ds_rb.translation, [expected_s, 0.0, 0.0], atol=1e-12)
     assert not start.covariance.any()

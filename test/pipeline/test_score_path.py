@@ -37,8 +37,8 @@ def test_the_score_of_a_csv_against_a_data_set_folder_is_a_short_read(tmp_path: 
             writer.write_truth(stamp, position, quat)
     drifting = positions + np.cumsum(rng.normal(0, 0.0001, (count, 3)), axis=0)
     save_trajectory(tmp_path / "estimate.csv", Trajectory(stamps, drifting, quats))
-    inputs = ScoreInputs.of(tmp_path / "estimate.csv", tmp_path / "drive")
-    score_files(inputs, ScoreConfig())  # imports what is imported late
+    inputs, config = ScoreInputs.of(tmp_path / "estimate.csv", tmp_path / "drive"), ScoreConfig()
+    score_files(inputs, config)  # imports what is imported late
 
     passed: set[str] = set()
 
@@ -49,7 +49,7 @@ def test_the_score_of_a_csv_against_a_data_set_folder_is_a_short_read(tmp_path: 
 
     sys.setprofile(note)
     try:
-        score = score_files(inputs, ScoreConfig())
+        score = score_files(inputs, config)
     finally:
         sys.setprofile(None)
     assert score.trajectory is not None

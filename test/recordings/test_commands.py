@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import yaml
 from cli_result import Sfr
@@ -219,3 +221,16 @@ def test_a_node_without_its_cameras_waits() -> None:
     assert not [item for item in findings if "nav/" in item.where]
     alone = examine(Observation("", live=True, topics=unheard, nodes=nodes))
     assert {item.where for item in alone if item.is_blocking} >= {"/nav/left/image_rect", "loc/left/image_rect"}
+
+
+def test_images_of_which_none_has_a_stamp_are_no_fault() -> None:
+    sides = [f"loc/{side}/image_rect" for side in ("left", "right")]
+    header = SimpleNamespace(stamp=SimpleNamespace(sec=0, nanosec=1), frame_id="")
+    broken = SimpleNamespace(header=header, data=b"", format="jpeg")
+    for stamps in (((), ()), ((1, 2), ()), ((), (1, 2))):
+        topics = {
+            name: ObservedTopic(name, (IMAGE,), stamps_ns=np.array(found, np.int64), messages=(broken,))
+            for name, found in zip(sides, stamps, strict=True)
+        }
+        for live in (False, True):
+            assert "pair" not in {finding.cause.value for finding in examine(Observation("", live=live, topics=topics))}

@@ -147,7 +147,10 @@ class ResultCollector:
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         results, external = self.results, self.external
-        for status in message.status:
+        namespace = self._node.node.get_namespace().strip("/")
+        for status in message.status:  # of all namespaces; an external node has the one that it likes
+            if external is None and status.name.partition(": ")[0].strip("/").rpartition("/")[0] != namespace:
+                continue
             try:
                 found = task_record(status)
             except InputError:
