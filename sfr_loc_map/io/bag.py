@@ -18,7 +18,7 @@ from rosbags.typesys import Stores, get_typestore
 from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.extrinsics import RigInBody, rig_in_body
-from sfr_loc_map.geometry.plausibility import check_extrinsics
+from sfr_loc_map.geometry.plausibility import check_extrinsics, plausible_positions, plausible_quats
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import FrameTree, Transform
 from sfr_loc_map.inputs import SIDES, parse_json, refusing, serialised_stamp
@@ -199,12 +199,21 @@ def pose_of(position: Any, orientation: Any) -> Transform:  # noqa: ANN401 - of 
 
 
 def read_odometry(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
-    """Read poses with covariances `(N, 6, 6)` (m^2, rad^2), of odometry for one, in the order of recording."""
+    """Read poses with covariances `(N, 6, 6)` (m^2, rad^2), of odometry for one, in the order of recording.
+
+    Poses that are none among others are left out, as the monitor does; a warning says how many.
+    """
     rows, covariances = [], []
     for _, _, message in bag.messages([topic]):
         rows.append(pose_row(message, message.pose.pose))
         covariances.append(message.pose.covariance)
-    with refusing(f"'{topic.bag_name}' of bag '{bag.path}'", "record it again"):
+    where, values = f"'{topic.bag_name}' of bag '{bag.path}'", np.array([row for _, row in rows]).reshape(-1, 7)
+    turned = plausible_quats(values[:, 3:]) | (not values[:, 3:].any())
+    good = np.flatnonzero(plausible_positions(values[:, :3]) & turned)
+    if 0 < len(good) < len(rows):
+        _log.warning(f"{where}: {len(rows) - len(good)} of {len(rows)} poses are none (numbers, rotation): left out")
+        rows, covariances = [rows[k] for k in good], [covariances[k] for k in good]
+    with refusing(where, "record it again"):
         trajectory = trajectory_of(rows)
     return trajectory, np.array(covariances, np.float64).reshape(-1, 6, 6)
 

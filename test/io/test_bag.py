@@ -15,7 +15,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io import bag_messages as messages
-from sfr_loc_map.io.bag import TYPESTORE, Bag
+from sfr_loc_map.io.bag import ODOMETRY, TYPESTORE, Bag, read_odometry
 from sfr_loc_map.io.bag_sequence import open_bag
 from sfr_loc_map.io.bag_writer import CheckedWriter
 from sfr_loc_map.io.rectification import rectified_rig
@@ -169,3 +169,20 @@ def test_flipped_bytes_in_mcap_are_noticed_wherever_they_are(tmp_path: Path, wor
         storage.write_bytes(broken)
         with pytest.raises(InputError, match=str(bag)):
             read_all(bag)
+
+
+def test_poses_that_are_none_are_left_out_and_counted(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    entries: list[Entry] = []
+    for stamp in range(6):
+        place, quat = (
+            np.array([stamp, 0.0, np.nan if stamp == 2 else 0.0]),
+            np.array([0.0, 0.0, 0.0, float(stamp != 4)]),
+        )
+        entries.append(("/localisation/odometry", stamp, messages.odometry(stamp, place, quat)))
+    bag = Bag(write_messages(tmp_path / "poses", entries))
+    topic = bag.find("localisation/odometry", ODOMETRY)
+    assert topic is not None
+    poses, covariances = read_odometry(bag, topic)
+    assert poses.stamps_ns.tolist() == [0, 1, 3, 5]
+    assert len(covariances) == 4
+    assert "2 of 6 poses are none" in caplog.text
