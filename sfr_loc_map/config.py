@@ -138,7 +138,7 @@ def build(config_type: type[C], values: Mapping[str, Any], *, origin: str = "con
 
 
 def _checked(info: ParamInfo, value: Any) -> Any:  # noqa: ANN401 - any parameter type
-    if isinstance(value, bool) and info.choices:
+    if isinstance(value, bool) and "yes" in info.choices:
         value = "yes" if value else "no"  # which YAML takes for truth values
     try:
         value = msgspec.convert(value, info.type)

@@ -54,6 +54,7 @@ MAX_DIGITS = 20  #: Longest integer of JSON and YAML: 64 bits have 19 digits and
 MAX_MESSAGE = 600  #: Characters of a message; the first and the last ones of a longer text are kept.
 _TAIL = 200
 _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]|[\ud800-\udfff]")
+_EXPONENT = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$")
 _UNPRINTABLE = re.compile(
     r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ufeff\ufffe\uffff]"
 )
@@ -259,11 +260,14 @@ class _BoundedLoader(yaml.SafeLoader):
 
     def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:  # noqa: ANN401 - the library's
         node = super().compose_mapping_node(anchor)
-        keys: set[str] = set()
+        keys: set[tuple[str, str]] = set()
         for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
-            if key.value in keys:  # the last one would count
+            if key.style is None and _EXPONENT.match(key.value):  # a name such as `1e-3`
+                key.tag = "tag:yaml.org,2002:str"
+            if (key.tag, key.value) in keys:  # the last one would count
                 raise yaml.YAMLError(f"'{key.value}' stands there twice, again in line {key.start_mark.line + 1}")
-            keys.add(key.value)
+            if key.tag != "tag:yaml.org,2002:merge":  # several are several maps
+                keys.add((key.tag, key.value))
         return node
 
     def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
@@ -274,7 +278,6 @@ class _BoundedLoader(yaml.SafeLoader):
 
 _BoundedLoader.add_constructor("tag:yaml.org,2002:int", _BoundedLoader.construct_yaml_int)
 # numbers as all else writes them: `1e-3` is one in YAML 1.2, a text in 1.1
-_EXPONENT = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$")
 _BoundedLoader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+.0123456789"))
 
 

@@ -117,3 +117,11 @@ def test_files_that_are_no_mapping(tmp_path: Path, content: bytes | None, words:
         load_yaml(path)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_names_and_merged_maps_of_yaml(tmp_path: Path) -> None:
+    path = tmp_path / "c.yaml"
+    path.write_text("a: &a {x: 1}\nb: &b {y: 1e-3}\nc: {<<: *a, <<: *b, x: 2}\nd: {1e-3: 1.5e3, 1: one, '1': text}\n")
+    content = load_yaml(path)
+    assert content["c"] == {"x": 2, "y": 0.001}
+    assert content["d"] == {"1e-3": 1500.0, 1: "one", "1": "text"}

@@ -7,7 +7,6 @@ file, or a folder that holds nothing but a data set or a bag, is ever replaced.
 from __future__ import annotations
 
 import shutil
-from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -45,15 +44,15 @@ def check_outputs(*outputs: Path | str | None, overwrite: bool) -> None:
 
     What else is named on the command line is an input, and so is what a source in such a folder consists of.
     """
-    inputs = Counter(path.resolve() for path in GIVEN)
-    inputs -= Counter(item.resolve() for item in outputs if isinstance(item, Path))
+    inputs = {path.resolve() for path in GIVEN if not any(path is item for item in outputs)}
     taken = dict.fromkeys(inputs, "an input of this command")
     for path in (Path(item) for item in outputs if item is not None and str(item) != STANDARD_OUTPUT):
         place = path.resolve()
         reason = f"it is {taken[place]} too; give each a name of its own" if place in taken else ""
         taken[place] = "another output"
-        for folder in inputs.keys() & {*place.parents} if path.is_file() else ():
-            if path.suffix in BAG_SUFFIXES or SOURCE_NAMES & {*place.relative_to(folder).parts}:
+        for folder in inputs & {*place.parents} if path.is_file() else ():
+            within = place.relative_to(folder).parts
+            if path.suffix in BAG_SUFFIXES or SOURCE_NAMES & {*within} - {"loc", "nav"}:
                 reason = f"it belongs to '{folder}', an input of this command; choose another name"
         if not reason and path.is_dir():
             reason = "it is a folder; choose another name"

@@ -226,7 +226,8 @@ def _room_for(files: ReplayFiles, *, overwrite: bool) -> Iterator[None]:
     made = not out.exists()
     make_folder(out, "--out")
     try:
-        check_outputs(*files.all, overwrite=overwrite)
+        runs = (path for run in files.cut_short for path in run.all)
+        check_outputs(*files.all, *runs, overwrite=overwrite)
         yield
     finally:
         if made and not any(out.iterdir()):

@@ -172,6 +172,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
             self.config.check_frame("initialpose", message.header.frame_id, "ds_frame")
             pose, last_ns = messages.start_pose_of(message), self._stereo.last_ns
             if pose.stamp_ns is not None and last_ns is not None and last_ns - pose.stamp_ns > MAX_POSE_AGE_NS:
+                self.worker.enqueue(lambda: self._session.set_first(pose))  # a run that begins again may be near it
                 raise InputError(
                     f"initialpose is {(last_ns - pose.stamp_ns) / NS_PER_S:.0f} s older than the images: give a stamp "
                     f"of at most {MAX_POSE_AGE_NS // NS_PER_S} s before, or none for the next pair"

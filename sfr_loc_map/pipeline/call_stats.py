@@ -184,15 +184,15 @@ def save_stats(path: Path, records: Sequence[CallRecord], method: MethodRecord |
 
 
 def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
-    """Read the file; all columns but the needed one are optional. Without `stamp_ns` the calls are numbered."""
+    """Read the file; it has the needed column and a figure of calls. Without `stamp_ns` the calls are numbered."""
     advice = "give a CSV with one row for each call"
     text = read_table_text(path, advice)
     with refusing(f"cannot read '{path}'", advice):
         rows = list(csv.DictReader(io.StringIO(text, newline="")))
     costs = ("processing_time_s", "peak_rss_bytes", "above_idle_bytes", "heap_peak_bytes", "stack_peak_bytes")
-    if not rows or needed not in rows[0] or rows[0].keys().isdisjoint(("state", *costs)):
+    if not rows or needed not in rows[0] or rows[0].keys().isdisjoint(("state", *costs, COVARIANCE_NAMES[0])):
         found = ", ".join(list(rows[0])[:5]) if rows else "no row"
-        text = f"statistics '{path}' need at least one row, and the columns {needed} and state or processing_time_s"
+        text = f"statistics '{path}' need at least one row, and columns {needed} and state, processing_time_s or cov_00"
         raise InputError(f"{text}: found {found}")
     stamps_ns = np.arange(len(rows), dtype=np.int64)
     if "stamp_ns" in rows[0]:

@@ -79,6 +79,10 @@ class LocalisationSession:
         if self._localiser is not None:
             self._localiser.set_pose(pose)
 
+    def set_first(self, pose: StartPose) -> None:
+        """Let later runs start at a pose; this one goes on as it is."""
+        self._first = replace(pose, stamp_ns=None)
+
     def restart(self) -> None:
         """Start a new run at the first pose."""
         self._start, self._last = self._first, None

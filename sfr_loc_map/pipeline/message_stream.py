@@ -6,6 +6,7 @@ Messages of a bag are passed on byte by byte. Those of other sources are made as
 from __future__ import annotations
 
 import heapq
+import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -14,12 +15,14 @@ from typing import Any
 
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S, SIDES
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE, TYPESTORE, Bag
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.stamp_pairing import STAMP_TOLERANCE_S, WAITING, StampPairing
 from sfr_loc_map.pipeline.controls import Controls
+from sfr_loc_map.pipeline.mapping_session import PoseMatching
 
 POSE_TOPIC = "nav/pose"
 TRUTH_TOPIC = "ground_truth/odometry"
@@ -132,10 +135,11 @@ def end_of(source: Source) -> float:
 
 def begin_of(source: Source, part: Any) -> int:  # noqa: ANN401 - the drive of a source, or its mapping pairs
     """Return the stamp of the first message of a task, from which positions count: of a pair, or of the truth."""
+    if source.format == "bag":  # a camera_info comes first
+        task = "loc" if part is source.loc else "nav"
+        return next(message.stamp_ns for message in messages_of(source) if message.task == task)
     truth, first = getattr(part, "ground_truth", None), int(part.stamps_ns[0])
-    if truth is None or not len(truth) or TRUTH_TOPIC not in topics_of(source):
-        return first
-    return min(first, int(truth.stamps_ns[0]))
+    return first if truth is None or not len(truth) else min(first, int(truth.stamps_ns[0]))
 
 
 class Pacer:
@@ -163,19 +167,18 @@ class PairTracker:
 
     def __init__(self) -> None:
         tolerance_ns = round(STAMP_TOLERANCE_S * NS_PER_S)
-        self._images, self._poses = (
-            {task: StampPairing[int](tolerance_ns, WAITING) for task in ("loc", "nav")} for _ in range(2)
-        )
+        self._images = {task: StampPairing[int](tolerance_ns, WAITING) for task in ("loc", "nav")}
+        self._poses = PoseMatching[int](tolerance_ns, math.inf, lambda stamp_ns: None)
 
-    def add(self, message: Message) -> tuple[str, int] | None:
-        """Add a published message; return task and stamp, that of the left image, of the pair that it completes."""
+    def add(self, message: Message) -> list[tuple[str, int]]:
+        """Add a published message; return task and stamp, that of the left image, of the pairs that it completes."""
         part, task, stamp_ns = message.topic.removesuffix("/compressed"), message.task, message.stamp_ns
-        poses, found = self._poses[task], None
         if part == POSE_TOPIC:
-            found = poses.add_right(stamp_ns, stamp_ns)
-        elif part.endswith("image_rect"):
-            images = self._images[task]
-            found = (images.add_left if "/left/" in part else images.add_right)(stamp_ns, stamp_ns)
-            if found is not None and task == "nav":
-                found = poses.add_left(found[0], found[0])
-        return None if found is None else (task, found[0])
+            return [(task, pair) for pair, _ in self._poses.add_pose(stamp_ns, Transform.identity())]
+        if not part.endswith("image_rect"):
+            return []
+        images = self._images[task]
+        found = (images.add_left if "/left/" in part else images.add_right)(stamp_ns, stamp_ns)
+        if found is None or task == "loc":
+            return [] if found is None else [(task, found[0])]
+        return [(task, pair) for pair, _ in self._poses.add_pair(found[0], found[0])]

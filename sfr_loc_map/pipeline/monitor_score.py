@@ -182,7 +182,8 @@ class MonitorScore:
 
     def restart(self, kind: str = "", stamp_ns: int = 0) -> None:
         """Forget everything but the inputs of maps to come; `kind` is what has begun another run, at a stamp."""
-        self._ended_ns = {name: ns for name, ns in self._latest_ns.items() if kind and name != kind}
+        end_ns = max(self._latest_ns.values(), default=0)
+        self._ended_ns = {name: (ns, end_ns) for name, ns in self._latest_ns.items() if kind and name != kind}
         self._latest_ns = {kind: stamp_ns} if kind else {}
         self._estimates, self._truth, self._steps = _Rows(ESTIMATE), _Rows(TRUE_POSE), _Rows(STEP)
         self._calls = _CallRows()
@@ -190,8 +191,10 @@ class MonitorScore:
 
     def is_late(self, kind: str, stamp_ns: int) -> bool:
         """Tell whether a stamp is of the run before, which another kind has left; of results, which come later."""
-        ended_ns, new_ns = self._ended_ns.get(kind), max(self._latest_ns.values(), default=stamp_ns)
-        late = ended_ns is not None and abs(stamp_ns - ended_ns) <= JUMP_BACK_NS < stamp_ns - new_ns
+        own_ns, end_ns = self._ended_ns.get(kind, (0, -1))  # what this kind had come to, and the run
+        new_ns = max(self._latest_ns.values(), default=stamp_ns)
+        late = kind in self._ended_ns and own_ns - JUMP_BACK_NS <= stamp_ns <= end_ns + JUMP_BACK_NS
+        late = late and stamp_ns - new_ns > JUMP_BACK_NS
         if not late:
             self._ended_ns.pop(kind, None)
         return late

@@ -116,10 +116,15 @@ class ReplayFiles:
         """All of them."""
         return tuple(path for name, path in vars(self).items() if name != "folder")
 
+    @property
+    def cut_short(self) -> list[ReplayFiles]:
+        """Runs that were cut short, which have no report; a replay of its own in a folder of such a name has one."""
+        runs = map(self.of_run, count(1))
+        return list(takewhile(lambda run: run.folder.is_dir() and not run.report.exists(), runs))
+
     def remove(self) -> None:
         """Remove what an earlier replay has written, with its runs that were cut short; other files stay."""
-        runs = takewhile(lambda run: run.folder.is_dir(), map(self.of_run, count(1)))
-        for run in runs:
+        for run in self.cut_short:
             run.remove()
             with suppress(OSError):  # something else is in it
                 run.folder.rmdir()

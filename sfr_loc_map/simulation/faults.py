@@ -84,7 +84,7 @@ SHARES_OF_IMAGE = (
 )
 """Kinds whose amount is a share of the image."""
 SIGNED = (*ROTATION_AXES, FaultKind.SHIFT, FaultKind.CLOCK)  #: Kinds whose amount may be below zero.
-LARGEST = {"blurred": 50.0, "late": 1e6, "clock": 1e9}
+LARGEST = {"blurred": 50.0, "start": 1e9, "late": 1e6, "clock": 1e9}
 LARGEST |= dict.fromkeys(SHARES_OF_IMAGE, 1.0) | dict.fromkeys(ROTATION_AXES, 45.0)
 LARGEST_AMOUNT = 1000.0  #: Of all other kinds.
 

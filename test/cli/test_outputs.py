@@ -107,4 +107,8 @@ def test_no_input_is_overwritten(sfr: Sfr, made_once: MadeOnce, out: Path) -> No
     assert sfr("localise", source, "-o", truth, "--overwrite").code == 2
     assert [path.read_bytes() for path in inputs] == before
     for _ in range(2):  # what was made beside them may be
-        assert sfr(*words, "--json", source / "score.json").code in (0, 1, 3)
+        assert sfr(*words, "--json", truth.parent / "score.json").code in (0, 1, 3)
+    named = out / "e.times.txt"
+    named.write_text("1.0 0 0 0 0 0 0 1\n2.0 1 0 0 0 0 0 1\n")
+    result = sfr("convert", named, out / "e.kitti", "--overwrite")  # which comes with e.times.txt
+    assert (result.code, "an input of this command" in result.err) == (2, True)

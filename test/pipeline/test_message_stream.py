@@ -11,13 +11,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_scene import LOC_RIG, START_NS, loc_pair, nav_pair, true_pose, write_bag, write_folder
 
+from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag import TYPESTORE
 from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import image_from_message
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig
-from sfr_loc_map.pipeline.message_stream import Message, PairTracker, messages_of, start_at, topics_of
+from sfr_loc_map.io.trajectory_file import save_trajectory
+from sfr_loc_map.pipeline.convert import ConvertOptions, convert
+from sfr_loc_map.pipeline.message_stream import Message, PairTracker, begin_of, end_of, messages_of, start_at, topics_of
 
 
 def played(path: Path, remap: dict[str, str] | None = None) -> dict[tuple[str, int], Message]:
@@ -53,6 +56,21 @@ def test_all_messages_of_a_source_come_whole_and_in_order(tmp_path: Path, kind: 
         assert all(order.index((f"{task}/{side}/camera_info", START_NS)) < first for side in SIDES)
 
 
+@pytest.mark.parametrize("kind", ["folder", "bag"])
+def test_positions_count_from_the_first_message(tmp_path: Path, kind: str) -> None:
+    """In a bag that is a camera_info, in files it may be a pose of the truth that begins before the images."""
+    folder = write_folder(tmp_path / "f", 3, 0)
+    early = Trajectory.from_poses([(START_NS + k * 100_000_000, true_pose(0)) for k in range(-9, 3)])
+    save_trajectory(next(folder.rglob("groundtruth.csv")), early)
+    source = open_source(folder)
+    if kind == "bag":
+        convert(source, tmp_path / "b.mcap", ConvertOptions(), lambda done: None)
+        source = open_source(tmp_path / "b.mcap")
+    before_s = 0.0 if kind == "bag" else 0.9
+    assert begin_of(source, source.loc) == START_NS - round(before_s * 1e9)
+    assert end_of(source) == pytest.approx(before_s + 0.2)
+
+
 def message(topic: str, stamp_ns: int) -> Message:
     return Message(topic, "", stamp_ns, b"")
 
@@ -76,8 +94,8 @@ def test_a_pair_is_whole_with_its_last_part_and_has_the_stamp_of_the_left_image(
     for stamp_ns in range(10**9, 2 * 10**9, 10**8):
         parts = [("loc/left/image_rect", 0), ("loc/right/image_rect/compressed", late_ns)]
         added = [tracker.add(Message(topic, "", stamp_ns + later, b"")) for topic, later in parts]
-        assert added == [None, ("loc", stamp_ns)]
+        assert added == [[], [("loc", stamp_ns)]]
         parts = [("nav/right/image_rect", late_ns), ("nav/pose", 0), ("nav/left/image_rect", 0)]
         added = [tracker.add(Message(topic, "", stamp_ns + later, b"")) for topic, later in parts]
-        assert added == [None, None, ("nav", stamp_ns)]
-        assert tracker.add(Message("ground_truth/odometry", "", stamp_ns, b"")) is None
+        assert added == [[], [], [("nav", stamp_ns)]]
+        assert tracker.add(Message("ground_truth/odometry", "", stamp_ns, b"")) == []

@@ -122,18 +122,16 @@ class Player:
                 return
             sent_s = time.monotonic()
             self._publishers[message.topic].publish(message.raw)
-            pair = pairs.add(message)
-            if pair is None:
-                continue
-            collector.published(*pair, sent_s)
-            if self.controls.rate > 0:
-                self._node.supervisor.check()
-                if collector.external is not None:
-                    collector.external.look_after()
-            else:
-                collector.wait_for_pair(*pair)
-            self.controls.steps = max(self.controls.steps - 1, 0)
-            progress(pair[0])
+            for pair in pairs.add(message):
+                collector.published(*pair, sent_s)
+                if self.controls.rate > 0:
+                    self._node.supervisor.check()
+                    if collector.external is not None:
+                        collector.external.look_after()
+                else:
+                    collector.wait_for_pair(*pair)
+                self.controls.steps = max(self.controls.steps - 1, 0)
+                progress(pair[0])
 
     def _hold(self, pacer: message_stream.Pacer, message: message_stream.Message) -> None:
         while True:
