@@ -165,7 +165,11 @@ class Trajectory(_Shown, trajectory_base.Trajectory):
         if isinstance(key, int | np.integer):
             return int(self.stamps_ns[key]), self.pose(int(key))
         rows = np.arange(len(self))[key]
-        records = [self.records[row] for row in rows] if len(self.records) == len(self) else []
+        kept, records = {*rows.tolist()}, []
+        if len(self.records) == len(self):  # a step is from the pose before, which may be left out
+            last = [row == min(kept) or row - 1 in kept for row in rows.tolist()]
+            every = [self.records[row] for row in rows]
+            records = [each if whole else replace(each, step=None) for each, whole in zip(every, last, strict=True)]
         poses = trajectory_base.Trajectory(self.stamps_ns[rows], self.positions[rows], self.quats_xyzw[rows])
         return self.of(poses, records, self.method)
 
@@ -348,6 +352,8 @@ def open(source: SourceLike, remap: Mapping[str, str] | None = None, config: str
     Topics of a bag under other names are remapped: `{"/cam0/image": "loc/left/image_rect"}`. `config`: an `sfr.yaml`;
     without it the one in or beside the source.
     """
+    if isinstance(source, sequence.Source) and (remap is not None or config is not None):
+        raise ConfigError("remap and config are of a path: give it in place of a source that is open")
     if isinstance(source, Source):
         return source
     _check("source", source, sequence.Source)
@@ -412,7 +418,7 @@ def localise(
         return (estimate for estimate, _, _ in steps)
     done = list(steps)
     records = [record for _, record, _ in done]
-    if (text := offline.tracking_warning(records, source)) is not None:
+    if (text := offline.tracking_warning(records, opened.path)) is not None:
         warnings.warn(text, UserWarning, stacklevel=2)
     return Trajectory.of(offline.trajectory_of(estimate for estimate, _, _ in done), records, done[-1][2])
 
@@ -497,7 +503,7 @@ def score(
         raise ConfigError(f"frames is '{frames}': must be truth or images")
     if frames == "images":
         named["trajectory.association.truth"] = "interpolate"
-    config = score_config(conditions and _texts("conditions", conditions), named)
+    config = score_config(() if conditions is None else _texts("conditions", conditions), named)
     files = [stats] if isinstance(stats, (str, Path)) else stats
     run = _run(estimate, truth, tuple(Path(file) for file in files), settings.get("fused"))
     if correction.is_wanted and run.drive is None:
@@ -548,8 +554,8 @@ def _named(path: Path, steps: Iterator[Step]) -> Iterator[Step]:
 
 def _texts(name: str, items: Sequence[str]) -> Sequence[str]:
     """Return the texts of an argument; a single one is one, not its letters."""
-    texts = [items] if isinstance(items, str) else items
-    wrong = [items] if not isinstance(texts, Iterable) else [text for text in texts if not isinstance(text, str)]
+    texts = [items] if isinstance(items, str) or not isinstance(items, Iterable) else [*items]
+    wrong = [text for text in texts if not isinstance(text, str)]
     if wrong:
         raise ConfigError(
             f"{name} has {wrong[0]!r:.60}: texts are needed, such as 'distance=5' or 'frame=left_optical'"

@@ -138,6 +138,7 @@ def build(config_type: type[C], values: Mapping[str, Any], *, origin: str = "con
 
 
 def _checked(info: ParamInfo, value: Any) -> Any:  # noqa: ANN401 - any parameter type
+    value = value.tolist() if hasattr(value, "tolist") else value  # of numpy
     if isinstance(value, bool) and "yes" in info.choices:
         value = "yes" if value else "no"  # which YAML takes for truth values
     try:
@@ -151,6 +152,11 @@ def _checked(info: ParamInfo, value: Any) -> Any:  # noqa: ANN401 - any paramete
     if info.choices and value not in info.choices:
         raise ConfigError(f"'{info.name}' is '{value}': must be one of {', '.join(info.choices)}")
     return value
+
+
+def checked(config: C) -> C:
+    """Return a configuration whose values are those that `build` takes; ConfigError as it."""
+    return build(type(config), flatten(config), origin=type(config).__name__)
 
 
 def load_yaml(path: Path) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from typer import Argument, Option
 from sfr_loc_map.cli.app import App, examples, propose
 from sfr_loc_map.cli.app import app as root
 from sfr_loc_map.cli.options import JsonOption, LenientOption, OutputOptions, OverwriteOption
-from sfr_loc_map.cli.output import check_outputs, progress_bar, say, show
+from sfr_loc_map.cli.output import beside, check_outputs, progress_bar, say, show
 from sfr_loc_map.cli.verdict import not_judged
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError, InterruptedRunError
 from sfr_loc_map.inputs import one_line
@@ -67,7 +67,8 @@ def run(
     settings, store = specification.settings, Store(out)
     with store.locked():
         planned, refusals = make_plan(specification, store.facts_of, store.cache)
-        store.plan(planned, refusals)
+        if not dry_run:
+            store.plan(planned, refusals)
         for refusal in refusals:
             say(f"sfr: warning: left out: {refusal.reason}", err=True)
         wanted = ("waiting", "failed") if retry_failed else ("waiting",)
@@ -186,10 +187,11 @@ def history(
     if output.html is not None:
         write_text(render_history(result), output.html)
     show(result.to_dict(), output.json_path, history_tables(result))
-    for change in result.worse if bisect else ():
-        say(f"{change.figure}: first bad commit {find_commit(change, str(bisect), Path())}")
     for change in result.worse:
         say(change.text, err=True)
+    for change in result.worse if bisect else ():
+        with beside():
+            say(f"{change.figure}: first bad commit {find_commit(change, str(bisect), Path())}")
     if result.worse:
         raise FailedVerdictError(f"{len(result.worse)} figures became worse and stayed so: each is named above")
 
@@ -236,4 +238,5 @@ def _present(
         for group, item in verdicts
         if item.state is VerdictState.NOT_ENOUGH_DATA
     ]
-    not_judged([*incomplete, *undecided], lenient=lenient)
+    waiting = [f"{summary.waiting} of {summary.tasks} tasks have no result yet"] if summary.waiting and verdicts else []
+    not_judged([*waiting, *incomplete, *undecided], lenient=lenient)

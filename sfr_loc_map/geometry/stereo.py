@@ -90,7 +90,9 @@ class StereoPair:
     right: GreyImage
 
     def __post_init__(self) -> None:
-        """Check type and size; GeometryError if an image is not 2D uint8 or the sizes differ."""
+        """Check types and sizes; GeometryError if an image is not 2D uint8, sizes differ or a stamp is no integer."""
+        if not isinstance(self.stamp_ns, int | np.integer):
+            raise GeometryError(f"stamp {self.stamp_ns!r} of a pair: whole nanoseconds are needed")
         for name, image in (("left", self.left), ("right", self.right)):
             if image.ndim != 2 or image.dtype != np.uint8:
                 raise GeometryError(

@@ -8,7 +8,9 @@ from enum import StrEnum
 
 import numpy as np
 
+from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.plausibility import MAX_VARIANCE, is_plausible_covariance, plausible_rotations
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.inputs import LOST_VARIANCE
@@ -25,8 +27,20 @@ class StartPose:
 
     @classmethod
     def of(cls, pose: StartPose | Transform) -> StartPose:
-        """Return a start pose; one without covariance and stamp is exact and holds at the next pair."""
-        return pose if isinstance(pose, StartPose) else cls(pose)
+        """Return a start pose; one without covariance and stamp is exact and holds at the next pair.
+
+        GeometryError if it is none: no rotation, or no covariance (finite, symmetric, no negative variance).
+        """
+        start = pose if isinstance(pose, StartPose) else cls(pose)
+        covariance = np.asarray(start.covariance, np.float64)
+        scale = max(float(np.abs(covariance).max(initial=0.0)) / MAX_VARIANCE, 1.0)  # of one that is hardly known
+        if covariance.shape != (6, 6) or not is_plausible_covariance(covariance / scale):
+            raise GeometryError("the covariance of a start pose is none: 6 x 6, finite, symmetric, variances >= 0")
+        if not plausible_rotations(start.T_ds_rb.rotation):
+            raise GeometryError(f"a start pose has no rotation: {start.T_ds_rb.rotation.tolist()}")
+        if not isinstance(start.stamp_ns, int | np.integer | None):
+            raise GeometryError(f"stamp {start.stamp_ns!r} of a start pose: whole nanoseconds, or None, are needed")
+        return start
 
 
 class TrackingState(StrEnum):

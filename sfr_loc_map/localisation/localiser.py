@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map import __version__
+from sfr_loc_map.config import checked
 from sfr_loc_map.errors import LocalisationError
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
@@ -67,6 +68,7 @@ class Localiser:
         start: StartPose | Transform = Transform.identity(),  # noqa: B008 - frozen, nobody writes to it
     ) -> None:
         """Start at a pose of RB in DS, without a stamp at the first pair; GeometryError if a rig has no extrinsics."""
+        config = checked(config)
         self._rig, self._config, self._camera = rig, config, rig.camera
         self._tracker = Tracker(config, rig.camera)
         self._backend = KeyframeBackend(rig, config, self._tracker)

@@ -38,6 +38,7 @@ from sfr_loc_map.localisation.keyframe_backend import KEYFRAME_FLOW
 
 HISTORY_PAIRS: Final = 1000  #: Pairs back to which a pose from outside can be bound.
 MAX_AHEAD_NS: Final = 10 * NS_PER_S
+MAX_START_AHEAD_NS: Final = 600 * NS_PER_S  #: Of the pose that a run starts with: a truth may begin later than images.
 """A pose with a stamp farther ahead of the pairs is of another clock: it is taken for the next pair."""
 MAX_MISSED_PAIRS: Final = 4  #: Missing pairs over which a constant velocity is still extrapolated.
 CLIMB_SHARE: Final = 0.3  #: Vertical against horizontal speed of an unseen motion.
@@ -394,11 +395,11 @@ class PoseTrack:
 
         A start pose of a later stamp is taken for one of the first pair until its own, as badly known as that makes it.
         """
-        if stamp_ns < (self.known_ns or 0) <= stamp_ns + MAX_AHEAD_NS:
-            self.pending = self._given
         self.before_first_pair = False
-        if self.known_ns is None:
+        if self.known_ns is None or self.known_ns > stamp_ns + MAX_START_AHEAD_NS:
             self.known_ns = stamp_ns
+        elif self.known_ns > stamp_ns:
+            self.pending = self._given
 
     def bind(self, pose: StartPose, stamp_ns: int) -> bool:
         """Give a pending pose its place, after the pair of a stamp; tell whether nothing was seen since its own stamp.
@@ -406,7 +407,8 @@ class PoseTrack:
         What was seen before is to be forgotten then.
         """
         given = pose.stamp_ns
-        at_ns = stamp_ns if given is None or given > stamp_ns + MAX_AHEAD_NS else given
+        ahead_ns = MAX_START_AHEAD_NS if pose is self._given else MAX_AHEAD_NS
+        at_ns = stamp_ns if given is None or given > stamp_ns + ahead_ns else given
         if at_ns > stamp_ns:
             return False
         self.pending = None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import cv2
 import numpy as np
 
@@ -80,6 +82,8 @@ def check_matches(
             f"{100 * MIN_MATCHED_SHARE:.0f} % are needed; {_likely_cause(pair, disparities)}"
         )
     warnings = []
+    if math.isnan(share):
+        warnings.append("too few pixels have texture above the noise: whether the images match is not known")
     if share < POOR_MATCHED_SHARE:
         warnings.append(f"only {100 * share:.0f} % of the textured pixels are matched")
     if correction.max_vertical_px > max(VERTICAL_WARNING_PX, VERTICAL_FACTOR * distortion_px):

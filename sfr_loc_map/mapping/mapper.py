@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map import __version__
+from sfr_loc_map.config import checked
 from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.arrays import FloatImage
 from sfr_loc_map.geometry.cloud import PointCloud
@@ -75,6 +76,7 @@ class Mapper:
 
     def __init__(self, rig: StereoRig, config: MappingConfig = MappingConfig()) -> None:  # noqa: B008 - frozen
         """Prepare for a rig; raises ConfigError if the parameters do not fit together or the rig."""
+        config = checked(config)
         self._rig = rig
         self._refine_poses = config.refine_poses
         self._calibration = config.calibration

@@ -86,7 +86,9 @@ def methods_to_compare(
             missing[name] = reason
         else:
             present.append(found)
-    return [*present, *(find_method(spec, task) for spec in added)], missing
+    named = [method.name for method in present]
+    others = [find_method(spec, task) for spec in dict.fromkeys(added)]
+    return [*present, *(method for method in others if method.name not in named)], missing
 
 
 def compare_localisers(

@@ -144,7 +144,7 @@ def _paired(first: Score, other: Score, name: str) -> Iterator[PairedDifference]
 def _difference(a: FloatArray, b: FloatArray, overlap: float) -> dict[str, Any]:
     """Return the figures of errors `(N, d)` of both, their difference, its interval and the outcome."""
     said: dict[str, Any] = dict.fromkeys(("first", "other", "difference", "ci95"))
-    if len(a) < 2:
+    if len(a) < 2 or not (np.isfinite(a).all() and np.isfinite(b).all()):  # attitudes are not known
         return said
     first, other = (
         float(np.sqrt(np.cumsum(np.square(errors.mean(axis=0)))[-1]))

@@ -162,7 +162,11 @@ class Condition:
     def label(self) -> str:
         """The one spelling for people: `5 m`, `60 s`, `100 frames`, `5 m and 10 s`."""
         straight = {ConditionKind.DISPLACEMENT: " straight", ConditionKind.TURN: " turned"}
-        return " and ".join(f"{part.value:g} {part.kind.unit}{straight.get(part.kind, '')}" for part in self.parts)
+        texts = []
+        for part in self.parts:
+            number = text if float(text := f"{part.value:g}") == part.value else repr(part.value)
+            texts.append(f"{number} {part.kind.unit}{straight.get(part.kind, '')}")
+        return " and ".join(texts)
 
     @property
     def setting(self) -> str:

@@ -32,6 +32,8 @@ STEP_NAMES = (
     *(f"noise_{name}" for name in COVARIANCE_NAMES),
 )
 METHOD_NAMES = ("method", "method_version", "method_kind", "method_sha256", "method_isolation", "finding")
+HEADER = ("stamp_ns", "processing_time_s", "state", "reason", "peak_rss_bytes", "above_idle_bytes")
+COSTS = ("processing_time_s", "peak_rss_bytes", "above_idle_bytes", "heap_peak_bytes", "stack_peak_bytes")
 TAKEN = ("cpu_s", "cpu_between_s", "threads", "processes")  #: Of a method's processes, from outside.
 ADAPTER_S = 0.015  #: Processor time that the adapter of a method may take for a call, and what its steps of 0.01 hide.
 TREE = "of the method's processes and all that they started, at each call, from outside (psutil)"
@@ -89,6 +91,13 @@ class CallStats:
             None if values is None else np.vstack((values, np.full(values.shape[1], np.nan)))[at]
             for values in (self.covariance, self.steps)
         )
+        if (
+            steps is not None and self.steps is not None
+        ):  # a step to a pose is from the one before, which may be missing
+            told = np.sort([stamp for stamp, row in rows.items() if np.isfinite(self.steps[row]).all()])
+            own = np.unique(trajectory.stamps_ns)
+            between = np.diff(np.searchsorted(told, own, "right")) > np.isin(own[1:], told)
+            steps[np.isin(trajectory.stamps_ns, own[1:][between])] = np.nan
         lost, degraded = states == TrackingState.LOST, states == TrackingState.DEGRADED
         return Estimates.of(trajectory, lost, degraded, covariance, steps)
 
@@ -165,12 +174,19 @@ def save_stats(path: Path, records: Sequence[CallRecord], method: MethodRecord |
         about = (method.name, method.version, method.kind.value, method.sha256, method.isolation)
         named = tuple(text or "" for text in about)
     names = sorted({name for record in records for name in record.statistics})
+    taken = {
+        *HEADER,
+        *COSTS,
+        *METHOD_NAMES,
+        *COVARIANCE_NAMES,
+        *STEP_NAMES,
+    }  # by no name may a method tell its own cost
+    told = [f"statistics.{name}" if name in taken else name for name in names]
     with_pose = any(record.covariance is not None for record in records)
     with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream, lineterminator="\n")
-        header = ["stamp_ns", "processing_time_s", "state", "reason", "peak_rss_bytes", "above_idle_bytes"]
         pose_names = (*COVARIANCE_NAMES, *STEP_NAMES) if with_pose else ()
-        writer.writerow([*header, *(METHOD_NAMES if named else ()), *names, *pose_names])
+        writer.writerow([*HEADER, *(METHOD_NAMES if named else ()), *told, *pose_names])
         for record in records:
             row = [record.stamp_ns, repr(record.processing_time_s), record.state, record.reason]
             row += ["" if item is None else item for item in (record.peak_rss_bytes, record.above_idle_bytes)]
@@ -189,8 +205,7 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
     text = read_table_text(path, advice)
     with refusing(f"cannot read '{path}'", advice):
         rows = list(csv.DictReader(io.StringIO(text, newline="")))
-    costs = ("processing_time_s", "peak_rss_bytes", "above_idle_bytes", "heap_peak_bytes", "stack_peak_bytes")
-    if not rows or needed not in rows[0] or rows[0].keys().isdisjoint(("state", *costs, COVARIANCE_NAMES[0])):
+    if not rows or needed not in rows[0] or rows[0].keys().isdisjoint(("state", *COSTS, COVARIANCE_NAMES[0])):
         found = ", ".join(list(rows[0])[:5]) if rows else "no row"
         text = f"statistics '{path}' need at least one row, and columns {needed} and state, processing_time_s or cov_00"
         raise InputError(f"{text}: found {found}")
@@ -204,7 +219,7 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
             raise InputError(
                 f"statistics '{path}' line {number}: state is '{state}', must be one of {', '.join(STATES)} or empty"
             )
-    seconds, peak, above_idle, heap, stack = (_column(path, rows, name) for name in costs)
+    seconds, peak, above_idle, heap, stack = (_column(path, rows, name) for name in COSTS)
     stages = {stage: _column(path, rows, name) for name in rows[0] if (stage := stage_of(name or ""))}
     covariance, steps = (
         np.column_stack([_column(path, rows, name) for name in names]) if rows[0].keys() >= set(needed) else None

@@ -224,11 +224,12 @@ JUNIT = {
 def junit(scores: Mapping[str, Score], without: Mapping[str, str] | None = None) -> str:
     """Return the verdicts as JUnit XML, a test case for each limit, and one for what has no score, and why."""
     root = ET.Element("testsuites", name="sfr_loc_map")
-    for name, reason in (without or {}).items():
+    open_ = {n: why for n, s in scores.items() if not s.verdicts and (why := s.contradiction or s.incomplete)}
+    for name, reason in {**(without or {}), **open_}.items():
         suite = ET.SubElement(root, "testsuite", name=printable(name), tests="1", failures="0", errors="1", skipped="0")
         case = ET.SubElement(suite, "testcase", classname="sfr.result", name="has a result")
         ET.SubElement(case, "error", message=printable(reason))
-    for name, score in scores.items():
+    for name, score in ((name, score) for name, score in scores.items() if name not in open_):
         states = [item.state if score.contradiction is None else NOT_JUDGED for item in score.verdicts]
         suite = ET.SubElement(root, "testsuite", name=printable(name), tests=str(len(states)))
         for _, counted in JUNIT.values():

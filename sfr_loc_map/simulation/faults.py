@@ -86,6 +86,7 @@ SHARES_OF_IMAGE = (
 SIGNED = (*ROTATION_AXES, FaultKind.SHIFT, FaultKind.CLOCK)  #: Kinds whose amount may be below zero.
 LARGEST = {"blurred": 50.0, "start": 1e9, "late": 1e6, "clock": 1e9}
 LARGEST |= dict.fromkeys(SHARES_OF_IMAGE, 1.0) | dict.fromkeys(ROTATION_AXES, 45.0)
+MAX_PAIRS = 10**9  #: Of a burst, and of what comes before the first.
 LARGEST_AMOUNT = 1000.0  #: Of all other kinds.
 
 
@@ -118,8 +119,10 @@ def parse_fault(text: str) -> Fault:
             known = ", ".join(types)
             raise ConfigError(f"fault '{text}': '{item}' must be NAME=VALUE with a name of {known}") from error
     fault = Fault(**values)  # type: ignore[arg-type]
-    if not (0 <= fault.share <= 1 and fault.burst >= 1 and fault.start >= 0):
-        raise ConfigError(f"fault '{text}': share must lie in 0 .. 1, burst be >= 1, start >= 0")
+    if not (0 <= fault.share <= 1 and 1 <= fault.burst <= MAX_PAIRS and 0 <= fault.start <= MAX_PAIRS):
+        raise ConfigError(
+            f"fault '{text}': share must lie in 0 .. 1, burst in 1 .. {MAX_PAIRS}, start in 0 .. {MAX_PAIRS}"
+        )
     if fault.camera not in CAMERAS:
         raise ConfigError(f"fault '{text}': camera must be one of {', '.join(CAMERAS)}")
     high = LARGEST.get(kind, LARGEST_AMOUNT)

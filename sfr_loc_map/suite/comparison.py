@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -77,13 +78,13 @@ def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> Su
         raise MetricsError(
             f"'{names[0]}' and '{names[1]}' have no drive in common: run the same sources, faults and conditions"
         )
-    pairs: dict[tuple[str, FigureName], list[DriveRatio]] = {}
+    pairs: dict[tuple[str, FigureName], dict[str, list[DriveRatio]]] = {}  # by drive: repeats of one are of one
     for drive, same in common:
         others, runs = figures_of(same.score), ", ".join(part for part in drive.runs if part)
         for name, value in figures_of(drive.score).items():
             if name in others and name.kind in COMPARED:
                 ratio = DriveRatio(label=drive.job.label, first=value, other=others[name])
-                pairs.setdefault((runs, name), []).append(ratio)
+                pairs.setdefault((runs, name), {}).setdefault(drive.job.drive, []).append(ratio)
     left_out = (len(mine) - len(common), len(theirs) - len(common))
     return SuiteComparison(
         names=names, common=len(common), left_out=left_out, figures=tuple(_compared(pairs, names[0]))
@@ -100,11 +101,14 @@ def _by_pairing(*suites: Summary) -> list[dict[str, ScoredJob]]:
 
 
 def _compared(
-    pairs: Mapping[tuple[str, FigureName], Sequence[DriveRatio]], baseline: str
+    pairs: Mapping[tuple[str, FigureName], Mapping[str, Sequence[DriveRatio]]], baseline: str
 ) -> Iterator[FigureComparison]:
-    ratios = [np.log([item.other / item.first for item in items]) for items in pairs.values()]
+    ratios = [
+        np.array([np.log([item.other / item.first for item in items]).mean() for items in drives.values()])
+        for drives in pairs.values()
+    ]
     chance = [sign_flip_p(logs) for logs in ratios]
-    for ((runs, name), items), logs, p, corrected in zip(pairs.items(), ratios, chance, holm(chance), strict=True):
+    for ((runs, name), drives), logs, p, corrected in zip(pairs.items(), ratios, chance, holm(chance), strict=True):
         interval: Interval | None = None
         if len(logs) >= 5:
             low, high = np.exp(np.quantile(drawn_weights(len(logs)) @ logs / len(logs), (0.025, 0.975))).tolist()
@@ -118,13 +122,13 @@ def _compared(
             baseline=baseline,
             kind=name.kind,
             figure=name.name,
-            drives=len(items),
+            drives=len(drives),
             ratio=float(np.exp(logs.mean())),
             ci95=interval,
             p=p,
             p_corrected=corrected,
             outcome=outcome,
-            worst=items[int(logs.argmax())],
+            worst=max(chain(*drives.values()), key=lambda item: item.other / item.first),
         )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import is_dataclass
 from enum import StrEnum
@@ -33,7 +34,13 @@ def suite_junit(summary: Summary) -> str:
     judged = {
         ", ".join(filter(None, ("all drives", *group.runs))): Score(verdicts=group.verdicts) for group in summary.groups
     }
-    return junit(judged | {drive.job.label: drive.score for drive in summary.drives}, failed | refused)
+    waiting = {"tasks": f"{summary.waiting} of {summary.tasks} have no result yet"} if summary.waiting else {}
+    labels = Counter(drive.job.label for drive in summary.drives)
+    scores = {
+        drive.job.label if labels[drive.job.label] == 1 else f"{drive.job.label}, {drive.job.key}": drive.score
+        for drive in summary.drives
+    }
+    return junit(judged | scores, failed | refused | waiting)
 
 
 def _columns(

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec, rotvec_from_matrix
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
@@ -133,11 +134,19 @@ def benchmark_faults(
     assert truth is not None
     parsed = {"none": [], **{text: [parse_fault(part) for part in text.split("+")] for text in faults}}
     entries: dict[str, Any] = {}
+    missing: dict[str, str] = {}  # why a fault has no figures
     try:
         for name, injected in parsed.items():
             drive = FaultyLoc(sequence, injected, seed)
             made = [estimate for estimate, _ in localise(drive, config, start_pose(sequence, "truth"))]
-            entries[name] = fault_figures(made, truth, scoring)
+            try:
+                if not made:
+                    raise InputError("no pair is left")
+                entries[name] = fault_figures(made, truth, scoring)
+            except SfrError as error:
+                if not injected:
+                    raise
+                missing[name] = str(error)
             progress()
     except KeyboardInterrupt:
         if not entries:
@@ -145,8 +154,9 @@ def benchmark_faults(
     finally:
         hold()
     head = {"schema": SCHEMA, "kind": "faults", "condition": scoring.conditions[0], "seed": seed, "limit": LIMIT}
-    interrupted = {"interrupted": f"{len(entries)} of {len(parsed)} runs"} if len(entries) < len(parsed) else {}
-    return head | {"entries": entries, "missing": {}, **interrupted}
+    done = len(entries) + len(missing)
+    interrupted = {"interrupted": f"{done} of {len(parsed)} runs"} if done < len(parsed) else {}
+    return head | {"entries": entries, "missing": missing, **interrupted}
 
 
 def fault_figures(

@@ -9,6 +9,8 @@ from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.limits import value_at
 from sfr_loc_map.metrics.score import Score
 
+LEAST_SHARE = 1e-4  #: Shares are compared in logarithms: that of a map that is covered as a whole.
+
 
 class FigureKind(StrEnum):
     """What a figure is about."""
@@ -44,7 +46,8 @@ def figures_of(score: Score) -> dict[FigureName, float]:
     point_error = value_at(score, "map.errors.point_error_m.mean_plus_3sigma")
     found[FigureName(FigureKind.ACCURACY, "map point error, m")] = point_error
     coverage = value_at(score, "map.coverage")
-    found[FigureName(FigureKind.ACCURACY, "map not covered, share")] = None if coverage is None else 1.0 - coverage
+    uncovered = None if coverage is None else max(1.0 - coverage, LEAST_SHARE)
+    found[FigureName(FigureKind.ACCURACY, "map not covered, share")] = uncovered
     for kind in (CallKind.LOCALISATION, CallKind.MAPPING_CALL, CallKind.MAPPING):
         found[FigureName(FigureKind.TIME, f"{kind} mean, s")] = value_at(score, f"timing.{kind}.mean")
         found[FigureName(FigureKind.MEMORY, f"{kind} peak, bytes")] = value_at(score, f"memory.{kind}.peak_bytes")

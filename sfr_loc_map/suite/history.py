@@ -25,7 +25,7 @@ from sfr_loc_map.errors import InputError, MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.inputs import one_line, refusing
 from sfr_loc_map.metrics.comparison import Outcome
-from sfr_loc_map.metrics.score_json import to_plain
+from sfr_loc_map.metrics.score_json import MAX_NUMBER, to_plain
 from sfr_loc_map.suite.figures import FigureKind, FigureName
 
 ALARM = 365.0  #: Least mean e-value of a change: nights between two false alarms, at least, on average.
@@ -66,6 +66,12 @@ SHORT_COMMIT = 9
 WITHOUT_RESULT = FigureName(FigureKind.FAILED, "drives without a result, share")
 
 
+def _figure(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= MAX_NUMBER:
+        raise ValueError(f"a figure is {value!r:.40}: a number from 0 on is needed")
+    return float(value)
+
+
 @dataclass(frozen=True, slots=True)
 class Night:
     """One suite of a history: its name, its commit, and by drive the name, path and figures; none without a result."""
@@ -85,7 +91,7 @@ class Night:
             drives = [*content["drives"], *content["failures"]]
             keys = [f"{drive['pairing']} {drive['configuration']}" for drive in drives]
             figures = [
-                {FigureName(FigureKind(kind), name): value for kind, name, value in drive["figures"]}
+                {FigureName(FigureKind(kind), name): _figure(value) for kind, name, value in drive["figures"]}
                 for drive in content["drives"]
             ]
             labels = {key: drive["label"] for key, drive in zip(keys, drives, strict=True)}
@@ -165,6 +171,8 @@ def find_changes(nights: Sequence[Night]) -> History:
     if all(len({key.partition(" ")[2] for key in night.labels}) < 2 for night in nights):  # another name is no change
         nights = [night.without_configurations() for night in nights]
     keys = list(dict.fromkeys(key for night in nights for key in night.labels))
+    if not keys:
+        raise InputError(f"no drive in {len(nights)} suites: give suites with a result each")
     names = sorted({name for night in nights for figures in night.figures.values() for name in figures})
     tables = {
         name: np.array([[night.figures.get(key, {}).get(name, np.nan) for night in nights] for key in keys])

@@ -81,6 +81,11 @@ class Job:
         return f"{self.kind} {self.source.name}{faults}{configuration}{repeat}"
 
     @property
+    def drive(self) -> str:
+        """What repeats of one drive have in common; their errors are not independent."""
+        return digest([self.kind, self.source.kind, self.source.sha256, self.faults])
+
+    @property
     def pairing(self) -> str:
         """What jobs of two suites have in common that are compared: the same work on the same data."""
         data = [self.kind, self.source.kind, self.source.sha256, self.faults, self.fault_seed, self.repeat]

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from sfr_loc_map.errors import OutputError
+from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.metrics.score import Score
@@ -63,12 +63,19 @@ class Store:
             raise OutputError(f"cannot make the folder '{folder}': {error.strerror}; check the rights") from error
         self._plan: dict[str, Any] = {"sources": {}, "jobs": [], "refusals": [], "run": {}}
         if plan.exists():
-            self._plan |= _read(plan)
+            found = _read(plan)
+            if not isinstance(found, dict) or any(type(found.get(k, v)) is not type(v) for k, v in self._plan.items()):
+                raise InputError(f"'{plan}' is no plan of a suite: run the suite again in another folder")
+            self._plan |= found
 
     @contextmanager
     def locked(self) -> Iterator[None]:
         """Hold the folder for one run at a time."""
-        with (self.folder / ".lock").open("w") as stream:
+        try:
+            stream = (self.folder / ".lock").open("w")
+        except OSError as error:
+            raise OutputError(f"cannot write in '{self.folder}': {error.strerror}; choose another folder") from error
+        with stream:
             try:
                 fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError as error:

@@ -7,7 +7,7 @@ means and sigmas of the drives give count, mean and sigma of all their values ex
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
@@ -206,14 +206,16 @@ def _applies(verdict: Verdict, score: Score) -> bool:
 
 def groups_of(drives: Sequence[ScoredJob], limits: Limits | None) -> Iterator[Group]:
     """Yield the groups of results, in the order in which they first occur."""
-    members: dict[tuple[str, str, str], list[Score]] = {}
+    members: dict[tuple[str, str, str], list[ScoredJob]] = {}
     for drive in drives:
-        members.setdefault(drive.runs, []).append(drive.score)
-    for (task, configuration, faults), scores in members.items():
+        members.setdefault(drive.runs, []).append(drive)
+    for (task, configuration, faults), jobs in members.items():
+        scores = [job.score for job in jobs]
         trajectories = [score.trajectory for score in scores if score.trajectory is not None]
-        parts: dict[Condition, list[ConditionScore]] = {}
-        for part in (part for item in trajectories for part in item.conditions):
-            parts.setdefault(part.condition, []).append(part)
+        parts: dict[Condition, list[tuple[str, ConditionScore]]] = {}
+        for job in jobs:
+            for part in () if job.score.trajectory is None else job.score.trajectory.conditions:
+                parts.setdefault(part.condition, []).append((job.job.drive, part))
         pooled = {condition: pool(items) for condition, items in parts.items()}
         yield Group(
             task=task,
@@ -265,36 +267,52 @@ def _verdicts(
         yield GroupVerdict(**vars(verdict), over=over, missed_by=missed)
 
 
-def pool(scores: Sequence[ConditionScore]) -> PooledCondition:
-    """Return the pooled errors of the scores of one condition, one score a drive."""
-    used = [item for item in scores if item.count > 1]
+def pool(scores: Sequence[tuple[str, ConditionScore]]) -> PooledCondition:
+    """Return the pooled errors of the scores of one condition, each with its drive; repeats are of one drive."""
+    used = [item for _, item in scores if item.count > 1]
+    drives = [drive for drive, item in scores if item.count > 1]
+
+    def pooled(parts: Callable[[ConditionScore], Sequence[Statistic | None]]) -> IntervalStatistic:
+        return pooled_statistic([(item.count, parts(item)) for item in used], drives)
+
     return PooledCondition(
-        condition=scores[0].condition,
-        drives=len(used),
+        condition=scores[0][1].condition,
+        drives=len({*drives}),
         count=sum(item.count for item in used),
-        position_m=pooled_statistic([(n.count, (n.components.x_m, n.components.y_m, n.components.z_m)) for n in used]),
-        attitude_deg=pooled_statistic([(item.count, (item.attitude_deg,)) for item in used]),
-        heading_deg=pooled_statistic([(item.count, (item.heading_deg,)) for item in used]),
-        chord_m=pooled_statistic([(item.count, (item.chord_m,)) for item in used if item.chord_m is not None]),
+        position_m=pooled(lambda item: (item.components.x_m, item.components.y_m, item.components.z_m)),
+        attitude_deg=pooled(lambda item: (item.attitude_deg,)),
+        heading_deg=pooled(lambda item: (item.heading_deg,)),
+        chord_m=pooled(lambda item: (item.chord_m,)),
     )
 
 
-def pooled_statistic(drives: Sequence[tuple[int, Sequence[Statistic]]]) -> IntervalStatistic:
-    """Return mean, sigma and mean + 3 sigma of all values: of each drive its count and statistics by component."""
-    used = [(n, parts) for n, parts in drives if n > 1 and all(part.mean is not None for part in parts)]
+def pooled_statistic(
+    results: Sequence[tuple[int, Sequence[Statistic | None]]], drives: Sequence[str]
+) -> IntervalStatistic:
+    """Return mean, sigma and mean + 3 sigma of all values: of each result its count and statistics by component.
+
+    `drives` names the drive of each; the interval resamples drives, each with all of its results.
+    """
+    used = [
+        (drive, n, [part for part in parts if part is not None])
+        for drive, (n, parts) in zip(drives, results, strict=True)
+        if n > 1 and all(part is not None and part.mean is not None for part in parts)
+    ]
     if not used:
         return IntervalStatistic(mean=None, sigma=None, mean_plus_3sigma=None, mean_plus_3sigma_ci95=None)
-    count = np.array([float(n) for n, _ in used])
-    means = np.array([[part.mean for part in parts] for _, parts in used], np.float64)
-    sigmas = np.array([[part.sigma for part in parts] for _, parts in used], np.float64)
+    numbers = {drive: number for number, drive in enumerate(dict.fromkeys(drive for drive, _, _ in used))}
+    count, many = np.array([float(n) for _, n, _ in used]), len(numbers)
+    means = np.array([[part.mean for part in parts] for _, _, parts in used], np.float64)
+    sigmas = np.array([[part.sigma for part in parts] for _, _, parts in used], np.float64)
     squares = np.square(sigmas) * (count[:, None] - 1.0)
     mean, sigma = (float(values[0]) for values in _pooled(count, means, squares, np.ones((1, len(count)))))
     figure, interval = mean + 3.0 * sigma, None
-    if len(used) >= MIN_DRIVES and figure > 0.0:
-        drawn_means, drawn_sigmas = _pooled(count, means, squares, drawn_weights(len(used)))
+    if many >= MIN_DRIVES and figure > 0.0:
+        weights = drawn_weights(many)[:, [numbers[drive] for drive, _, _ in used]]
+        drawn_means, drawn_sigmas = _pooled(count, means, squares, weights)
         spread = float(np.std(np.log(np.maximum(drawn_means + 3.0 * drawn_sigmas, 1e-300))))
-        spread *= np.sqrt(len(used) / (len(used) - 1.0))
-        factor = float(np.exp(student_quantile(0.975, len(used) - 1.0) * spread))
+        spread *= np.sqrt(many / (many - 1.0))
+        factor = float(np.exp(student_quantile(0.975, many - 1.0) * spread))
         interval = (figure / factor, figure * factor)
     return IntervalStatistic(mean=mean, sigma=sigma, mean_plus_3sigma=figure, mean_plus_3sigma_ci95=interval)
 

@@ -124,6 +124,15 @@ def test_what_does_not_fit_is_refused_and_changes_nothing(estimates: list[PoseEs
     with pytest.raises(LocalisationError, match=r"pair 5 is 161 x 120, the rig is 160 x 120"):
         by.process(StereoPair(5, wide, wide))
     assert by.process(DRIVE[3]).T_ds_rb.matrix.tobytes() == estimates[3].T_ds_rb.matrix.tobytes()
+    exact = Transform.identity()
+    for wrong in (
+        *(StartPose(exact, covariance) for covariance in (np.full((6, 6), np.nan), -np.eye(6), np.ones(6))),
+        *(StartPose(exact, stamp_ns=0.5), Transform(2.0 * np.eye(3), np.zeros(3))),
+    ):
+        with pytest.raises(GeometryError, match="start pose"):
+            by.set_pose(wrong)
+    with pytest.raises(ConfigError, match="max_features"):
+        Localiser(LOC_RIG, LocalisationConfig(max_features=-5))
     with pytest.raises(GeometryError, match="T_rb_locsb"):
         Localiser(replace(LOC_RIG, T_rb_sb=None), LocalisationConfig(), Transform.identity())
 
@@ -187,6 +196,14 @@ def test_set_pose_is_where_the_next_estimate_starts(estimates: list[PoseEstimate
     # a stamp far ahead is of another clock: it is taken for the next pair
     by.set_pose(StartPose(true_pose(20), stamp_ns=DRIVE[14].stamp_ns + 10**18))
     np.testing.assert_allclose(by.process(DRIVE[14]).T_ds_rb.matrix, true_pose(20).matrix, atol=1e-9)
+
+
+def test_a_start_pose_holds_at_its_stamp_however_late_the_truth_begins(estimates: list[PoseEstimate]) -> None:
+    apart = [replace(pair, stamp_ns=START_NS + 11 * 10**9 * k) for k, pair in enumerate(DRIVE[:6])]
+    for late_s, held in ((22, 2), (3600, 0)):  # of another clock: at the first pair
+        by = Localiser(LOC_RIG, start=StartPose(true_pose(20), stamp_ns=START_NS + late_s * 10**9))
+        found = run(apart, by)
+        np.testing.assert_allclose(found[held].T_ds_rb.matrix, true_pose(20).matrix, atol=1e-9)
 
 
 def test_a_pose_with_a_stamp_of_the_past_holds_there_with_its_covariance(estimates: list[PoseEstimate]) -> None:

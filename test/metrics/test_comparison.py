@@ -93,3 +93,28 @@ def test_worse_is_said_only_where_the_corrected_p_says_so() -> None:
     assert {"worse", "no difference shown"} <= {pair.outcome for pair in said}
     assert all((pair.outcome in ("better", "worse")) == ((pair.p_corrected or 0.0) <= 0.05) for pair in said)
     assert any(pair.outcome == "no difference shown" and pair.ci95 and pair.ci95[0] > 0.0 for pair in said)
+
+
+def test_nothing_is_said_of_attitudes_that_are_not_known() -> None:
+    both = scores(3, (0.001, 0.010), 200, "distance=1")
+    for score in both:
+        assert score.details is not None
+    without = [
+        replace(
+            score,
+            details=replace(
+                score.details,
+                trajectory=replace(
+                    score.details.trajectory,
+                    sub_trajectories=tuple(
+                        replace(rows, attitude_deg=(None,) * len(rows.attitude_deg))
+                        for rows in score.details.trajectory.sub_trajectories
+                    ),
+                ),
+            ),
+        )
+        for score in both
+    ]
+    for pair in compare_scores(without, ["a", "b"]).pairs:
+        if pair.figure == "attitude_deg":
+            assert (pair.outcome, pair.first, pair.ci95) == ("not enough data", None, None)

@@ -22,7 +22,7 @@ from sfr_loc_map.io.bag_messages import header, odometry
 from sfr_loc_map.io.cloud_file import save_cloud
 from sfr_loc_map.io.trajectory_file import save_trajectory
 from sfr_loc_map.pipeline.bag_estimates import DIAGNOSTICS
-from sfr_loc_map.pipeline.call_stats import load_call_stats
+from sfr_loc_map.pipeline.call_stats import CallRecord, load_call_stats, save_stats
 from sfr_loc_map.pipeline.scoring import estimates_of, load_estimates
 
 PERIOD_NS = 100_000_000
@@ -153,3 +153,30 @@ def test_a_bag_has_the_states_and_steps_of_its_node(tmp_path: Path) -> None:
     assert (silent.degraded.any(), silent.steps) == (False, None)
     with pytest.raises(InputError, match="'rover/localisation_node: call' of '/diagnostics'"):
         load_estimates(recorded(tmp_path / "broken", call("rover/localisation_node", "later", "tracking")))
+
+
+def test_a_method_does_not_tell_its_own_cost(tmp_path: Path) -> None:
+    told = {
+        "processing_time_s": 0.001,
+        "peak_rss_bytes": 1.0,
+        "state": 2.0,
+        "finding": np.nan,
+        "cov_00": 1.0,
+        "own": 7.0,
+    }
+    save_stats(tmp_path / "s.csv", [CallRecord(5, 0.4, "tracking", 2 * 10**8, None, told)])
+    calls = load_call_stats(tmp_path / "s.csv").calls
+    assert (calls.seconds.tolist(), calls.peak_bytes.tolist(), list(calls.states)) == ([0.4], [2e8], ["tracking"])
+    header = (tmp_path / "s.csv").read_text().splitlines()[0].split(",")
+    assert len({*header}) == len(header)
+    assert "own" in header
+
+
+def test_steps_from_poses_that_are_left_out_are_not_known(tmp_path: Path) -> None:
+    records = [CallRecord(stamp, 0.1, "tracking", None, None, step=np.ones(48)) for stamp in range(10, 16)]
+    save_stats(tmp_path / "s.csv", [replace(record, covariance=np.eye(6)) for record in records])
+    rows = [0, 1, 3, 4]
+    poses = Trajectory(np.arange(10, 16)[rows], np.zeros((4, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (4, 1)))
+    steps = load_call_stats(tmp_path / "s.csv").estimates(poses).steps
+    assert steps is not None
+    assert np.isfinite(steps).all(axis=1).tolist() == [True, True, False, True]

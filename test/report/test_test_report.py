@@ -120,6 +120,8 @@ def test_junit_says_every_state_in_its_own_word() -> None:
     """pass: nothing; fail: failure; not enough data: skipped; incomplete, and what contradicts: error."""
     made = scores()
     made.append(replace(made[0], contradiction="the quaternions are written the other way round"))
+    part = junit({"part": replace(made[0], verdicts=(), contradiction=None, incomplete="half of it")})
+    assert [case.find("error") is not None for case in ET.fromstring(part).iter("testcase")] == [True]
     root = ET.fromstring(junit({str(n): score for n, score in enumerate(made)}))
     words = {"pass": None, "fail": "failure", "not enough data": "skipped", "incomplete": "error"}
     for score, suite in zip(made, root.iter("testsuite"), strict=True):

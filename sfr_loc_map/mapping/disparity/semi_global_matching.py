@@ -42,8 +42,13 @@ def search_range(rig: StereoRig, config: MappingConfig) -> SearchRange:
             f"min_range_m {config.min_range_m} must be less than max_range_m {config.max_range_m}: correct them"
         )
     nearest = min(scale / config.min_range_m, 0.5 * rig.width)
-    count = 16 * math.ceil((nearest + 1.0) / 16.0)
-    return SearchRange(scale / config.max_range_m, count)
+    count, least = 16 * math.ceil((nearest + 1.0) / 16.0), scale / config.max_range_m
+    if least >= nearest:
+        raise ConfigError(
+            f"at max_range_m {config.max_range_m} the disparity is {least:.4g} px, half the image has {nearest:.4g}: "
+            "nothing can be matched; correct the ranges or the baseline"
+        )
+    return SearchRange(least, count)
 
 
 def semi_global_matching(left: GreyImage, right: GreyImage, count: int) -> FloatImage:

@@ -39,7 +39,7 @@ class CellGrid:
     def over(
         cls, xyz: NDArray[np.float32], cell_m: float, within: tuple[float, float, float] | None = None
     ) -> CellGrid:
-        """Return the smallest grid that has a cell for each point `(N, 3)` in LM.
+        """Return a grid that has a cell for each point `(N, 3)` in LM.
 
         Points outside of a square, x, y and half its side, do not count. Raises MappingError if the cell is not
         positive, no point counts, or there would be too many cells.
@@ -48,12 +48,14 @@ class CellGrid:
             raise MappingError(f"cells of {cell_m} m: the side must be more than 0")
         if len(xyz) == 0:
             raise MappingError("the cloud has no points: an elevation model needs some")
+        if not np.isfinite(xyz).all():
+            raise MappingError("the cloud has points that are not finite: leave them out")
         low, high = (np.array([float(side(xyz[:, axis])) for axis in (0, 1)]) for side in (np.min, np.max))
         if within is not None:
             centre, reach = np.array(within[:2]), within[2]
-            low, high = np.maximum(low, centre - reach), np.minimum(high, centre + reach)
-            if not (low <= high).all():
+            if not (np.abs(xyz[:, :2] - centre) <= reach).all(axis=1).any():
                 raise MappingError(f"the cloud has no points within {reach} m of the cameras: raise terrain.range_m")
+            low, high = np.maximum(low, centre - reach), np.minimum(high, centre + reach)
         first, last = np.floor(low / cell_m), np.floor(high / cell_m)
         columns, rows = last - first + 1
         if rows * columns > MAX_CELLS:
