@@ -42,7 +42,9 @@ def make_plan(
     names = [source.name for source in sources]
     for index, source in enumerate(sources):
         if names.count(source.name) > 1 and source.kind is not SourceKind.SIMULATED:
-            sources[index] = replace(source, name="/".join(Path(source.path).parts[-3:]))
+            short = "/".join(Path(source.path).parts[-3:])
+            alike = [other for other in sources if other.path != source.path and other.path.endswith(f"/{short}")]
+            sources[index] = replace(source, name=source.path if alike else short)
 
     with ThreadPoolExecutor(READER_THREADS) as readers:
         found = [readers.submit(_known, source, facts_of, cache) for source in sources]
@@ -50,7 +52,8 @@ def make_plan(
     refusals = list(specification.refusals)
     for source, facts in zip(sources, found, strict=True):
         try:
-            jobs |= {job.key: job for job in _jobs(specification, *facts.result())}
+            for job in _jobs(specification, *facts.result()):
+                jobs.setdefault(job.key, job)  # of the first configuration that has it: another one renames nothing
         except SfrError as error:
             refusals.append(Refusal(source.path, str(error)))
     if not jobs and not refusals:
