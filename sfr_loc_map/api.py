@@ -165,11 +165,11 @@ class Trajectory(_Shown, trajectory_base.Trajectory):
         if isinstance(key, int | np.integer):
             return int(self.stamps_ns[key]), self.pose(int(key))
         rows = np.arange(len(self))[key]
-        kept, records = {*rows.tolist()}, []
-        if len(self.records) == len(self):  # a step is from the pose before, which may be left out
-            last = [row == min(kept) or row - 1 in kept for row in rows.tolist()]
-            every = [self.records[row] for row in rows]
-            records = [each if whole else replace(each, step=None) for each, whole in zip(every, last, strict=True)]
+        kept, first = {*rows.tolist()}, rows.min(initial=len(self))
+        records = [  # a step is from the pose before, which may be left out
+            self.records[row] if row == first or row - 1 in kept else replace(self.records[row], step=None)
+            for row in (rows.tolist() if len(self.records) == len(self) else ())
+        ]
         poses = trajectory_base.Trajectory(self.stamps_ns[rows], self.positions[rows], self.quats_xyzw[rows])
         return self.of(poses, records, self.method)
 

@@ -86,8 +86,8 @@ def _line(error: Exception) -> str:
         command = context.command_path if context is not None else "sfr"
         message: str = error.format_message()  # type: ignore[attr-defined]
         return f"{message.rstrip('.')}: see '{command} --help'"
-    if isinstance(error, OSError) and error.strerror and not error.filename:  # of a stream, not of a file
-        return f"cannot write to standard output: {error.strerror}; write to a file, or elsewhere"
+    if isinstance(error, OSError) and error.strerror and not error.filename:  # of a stream that is open
+        return f"cannot write to standard output, or read or write an open file: {error.strerror}; check the disk"
     if isinstance(error, (SfrError, OSError)):
         return str(error)
     return f"{type(error).__name__}: {error}: this is a fault of the program, run 'sfr --debug ...' and report it"

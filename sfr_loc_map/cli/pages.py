@@ -155,8 +155,9 @@ def plot(
     names = [path.name if sum(path.name == item.name for item in trajectories) == 1 else path for path in trajectories]
     poses, true_poses = {}, None
     for name, path in zip(map(str, names), trajectories, strict=True):
-        has_estimates = is_bag(path) and (truth is not None or bool(Bag(path).matches("localisation/odometry")))
-        is_source = not has_estimates and (path.is_dir() or is_bag(path))
+        is_source = path.is_dir()
+        if is_bag(path):  # its truth is drawn where it has no estimates and nothing is compared
+            is_source = truth is None and not Bag(path).matches("localisation/odometry")
         if truth is not None and not is_source:  # poses without stamps have those of the truth
             drive = load_drive(path, truth)
             poses[name], true_poses = drive.estimates.trajectory, true_poses or drive.truth

@@ -38,8 +38,8 @@ from sfr_loc_map.localisation.keyframe_backend import KEYFRAME_FLOW
 
 HISTORY_PAIRS: Final = 1000  #: Pairs back to which a pose from outside can be bound.
 MAX_AHEAD_NS: Final = 10 * NS_PER_S
-MAX_START_AHEAD_NS: Final = 600 * NS_PER_S  #: Of the pose that a run starts with: a truth may begin later than images.
 """A pose with a stamp farther ahead of the pairs is of another clock: it is taken for the next pair."""
+MAX_START_AHEAD_NS: Final = 600 * NS_PER_S  #: Of the pose that a run starts with: a truth may begin later than images.
 MAX_MISSED_PAIRS: Final = 4  #: Missing pairs over which a constant velocity is still extrapolated.
 CLIMB_SHARE: Final = 0.3  #: Vertical against horizontal speed of an unseen motion.
 TILT_SHARE: Final = 0.2  #: Rates of roll and pitch against that of the heading.

@@ -42,7 +42,7 @@ from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.worker import Overload
 from sfr_loc_map.nodes.messages import cloud_from_msg, covariance_of, header_msg, odometry_row, transform_from_pose
 from sfr_loc_map.nodes.runner import run
-from sfr_loc_map.pipeline.call_stats import task_record
+from sfr_loc_map.pipeline.call_stats import namespace_of, task_record
 from sfr_loc_map.pipeline.monitor_score import MonitorScore, ReportFile
 from sfr_loc_map.pipeline.reception import TransportGaps
 
@@ -186,30 +186,31 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
 
     def _on_estimate(self, message: Odometry) -> None:
         stamp_ns, position, quat = odometry_row(message)
-        if self._score.is_late("estimate", stamp_ns):
+        if not self._is_of_run("estimate", stamp_ns):
             return
-        self._restart_if_back("estimate", stamp_ns)
         self._score.add_estimate(stamp_ns, position, quat, covariance_of(message))
         self._note(stamp_ns)
 
     def _on_truth(self, message: Odometry) -> None:
         stamp_ns, position, quat = odometry_row(message, positions_alone=True)
-        if self._score.is_late("truth", stamp_ns):
+        if not self._is_of_run("truth", stamp_ns):
             return
-        self._restart_if_back("truth", stamp_ns)
         self._score.add_truth(stamp_ns, position, quat, np.diagonal(covariance_of(message)))
         self._note(stamp_ns)
 
-    def _restart_if_back(self, kind: str, stamp_ns: int) -> None:
+    def _is_of_run(self, kind: str, stamp_ns: int) -> bool:
+        """Tell whether a pose is none of the run before; the first one of another run restarts the score."""
+        if self._score.is_late(kind, stamp_ns):
+            return False
         if self._score.jumped_back(kind, stamp_ns):
             self.get_logger().warning(f"stamps of the {kind} have gone back: the score restarts")
             self._score.restart(kind, stamp_ns)
+        return True
 
     def _on_calls(self, message: DiagnosticArray) -> None:
         namespace = self.get_namespace().strip("/")
         for status in message.status:  # of all namespaces
-            is_ours = status.name.split(":")[0].rpartition("/")[0] == namespace
-            found = task_record(status) if is_ours else None
+            found = task_record(status) if namespace_of(status) == namespace else None
             if found is not None:
                 self._score.add_call(found)
                 self._score.score_maps()

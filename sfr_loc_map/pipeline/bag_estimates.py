@@ -16,7 +16,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.bag import ODOMETRY, Bag, Topic, read_odometry
 from sfr_loc_map.io.bag_frames import TF
 from sfr_loc_map.metrics.association import UPPER, Estimates, lost_by_covariance
-from sfr_loc_map.pipeline.call_stats import CallRecord, stats_of, task_record, values_of
+from sfr_loc_map.pipeline.call_stats import CallRecord, namespace_of, stats_of, task_record, values_of
 
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 
@@ -44,8 +44,7 @@ def _calls_of(bag: Bag, odometry: Topic) -> list[CallRecord]:
     namespace = odometry.bag_name.strip("/").removesuffix(odometry.name).strip("/")
     calls = []
     for topic, status in statuses_of(bag):
-        space = status.name.partition(":")[0].strip("/").rpartition("/")[0]
-        if space == namespace and values_of(status).get("task") == "localisation":
+        if namespace_of(status) == namespace and values_of(status).get("task") == "localisation":
             calls.append(task_record(status, f"of '{topic.bag_name}'"))
     return [call for call in calls if call is not None]
 

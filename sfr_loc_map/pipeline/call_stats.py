@@ -91,9 +91,7 @@ class CallStats:
             None if values is None else np.vstack((values, np.full(values.shape[1], np.nan)))[at]
             for values in (self.covariance, self.steps)
         )
-        if (
-            steps is not None and self.steps is not None
-        ):  # a step to a pose is from the one before, which may be missing
+        if steps is not None and self.steps is not None:  # a step is from the pose before, which may be missing
             told = np.sort([stamp for stamp, row in rows.items() if np.isfinite(self.steps[row]).all()])
             own = np.unique(trajectory.stamps_ns)
             between = np.diff(np.searchsorted(told, own, "right")) > np.isin(own[1:], told)
@@ -174,13 +172,7 @@ def save_stats(path: Path, records: Sequence[CallRecord], method: MethodRecord |
         about = (method.name, method.version, method.kind.value, method.sha256, method.isolation)
         named = tuple(text or "" for text in about)
     names = sorted({name for record in records for name in record.statistics})
-    taken = {
-        *HEADER,
-        *COSTS,
-        *METHOD_NAMES,
-        *COVARIANCE_NAMES,
-        *STEP_NAMES,
-    }  # by no name may a method tell its own cost
+    taken = {*HEADER, *COSTS, *METHOD_NAMES, *COVARIANCE_NAMES, *STEP_NAMES}  # a method does not tell its own cost
     told = [f"statistics.{name}" if name in taken else name for name in names]
     with_pose = any(record.covariance is not None for record in records)
     with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
@@ -202,9 +194,8 @@ def save_stats(path: Path, records: Sequence[CallRecord], method: MethodRecord |
 def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
     """Read the file; it has the needed column and a figure of calls. Without `stamp_ns` the calls are numbered."""
     advice = "give a CSV with one row for each call"
-    text = read_table_text(path, advice)
     with refusing(f"cannot read '{path}'", advice):
-        rows = list(csv.DictReader(io.StringIO(text, newline="")))
+        rows = list(csv.DictReader(io.StringIO(read_table_text(path, advice), newline="")))
     if not rows or needed not in rows[0] or rows[0].keys().isdisjoint(("state", *COSTS, COVARIANCE_NAMES[0])):
         found = ", ".join(list(rows[0])[:5]) if rows else "no row"
         text = f"statistics '{path}' need at least one row, and columns {needed} and state, processing_time_s or cov_00"
@@ -271,6 +262,11 @@ def findings_of(texts: Sequence[str], stamps_ns: Sequence[int]) -> tuple[Finding
             first = counted.get(kind) or FindingRecord(kind=kind, count=0, first_stamp_ns=stamp_ns, text=rest)
             counted[kind] = replace(first, count=first.count + 1)
     return tuple(counted.values())
+
+
+def namespace_of(status: Any) -> str:  # noqa: ANN401 - a DiagnosticStatus of any library
+    """Return the namespace of the node that a status is of, without slashes around it."""
+    return str(status.name).partition(":")[0].strip("/").rpartition("/")[0]
 
 
 def values_of(status: Any) -> dict[str, str]:  # noqa: ANN401 - a DiagnosticStatus of any library

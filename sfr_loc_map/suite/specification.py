@@ -184,10 +184,10 @@ def _parameters(content: object, origin: str, folder: Path) -> dict[str, object]
         new = {name: value for name, value in given.items() if value != default[name]}
         if METHOD_KEYS[0] in values:
             new |= _method(values, task, folder)
-        of_other = str(values.get("method", OURS)) != OURS
-        if of_other if own else "method_config" in values and not of_other:
-            what = f"'{next(iter(own))}' is of ours" if own else "'method_config' is of another method"
-            raise ConfigError(f"{origin}: {what}, and would not be read: leave it out, or give another method")
+        is_ours = str(values.get(METHOD_KEYS[0], OURS)) == OURS
+        if unread := [name for name in values if (name == METHOD_KEYS[1] if is_ours else name in own)]:
+            whose = "another method" if is_ours else "ours"
+            raise ConfigError(f"{origin}: '{unread[0]}' is of {whose}, and would not be read: leave it out")
         changed |= {f"{section}.{name}": value for name, value in new.items()}
     return changed
 

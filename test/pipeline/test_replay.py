@@ -133,3 +133,16 @@ def test_a_replay_says_that_pairs_have_no_cloud_and_that_truth_is_sparse(tmp_pat
     score = score_replay(source, result, files, score_config(["frames=2"], {}), None)
     assert score.incomplete == "the map holds 0 of 3 pairs"
     assert any("the truth has 3 poses for 12 images" in text for text in score.warnings)
+
+
+def test_runs_that_were_cut_short_go_with_the_replay_and_replays_of_their_own_stay(tmp_path: Path) -> None:
+    cut, whole = (ReplayFiles(tmp_path / "cut"), ReplayFiles(tmp_path / "whole"))
+    for files, run_has_report in ((cut, False), (whole, True)):
+        run = files.of_run(1)
+        run.folder.mkdir(parents=True)
+        for path in (files.report, run.estimate, *([run.report] if run_has_report else [])):
+            path.write_text("x")
+        files.remove()
+        assert not files.report.exists()
+    assert not cut.of_run(1).folder.exists()
+    assert whole.of_run(1).report.exists()

@@ -48,14 +48,14 @@ class CellGrid:
             raise MappingError(f"cells of {cell_m} m: the side must be more than 0")
         if len(xyz) == 0:
             raise MappingError("the cloud has no points: an elevation model needs some")
-        if not np.isfinite(xyz).all():
-            raise MappingError("the cloud has points that are not finite: leave them out")
         low, high = (np.array([float(side(xyz[:, axis])) for axis in (0, 1)]) for side in (np.min, np.max))
         if within is not None:
             centre, reach = np.array(within[:2]), within[2]
-            if not (np.abs(xyz[:, :2] - centre) <= reach).all(axis=1).any():
-                raise MappingError(f"the cloud has no points within {reach} m of the cameras: raise terrain.range_m")
             low, high = np.maximum(low, centre - reach), np.minimum(high, centre + reach)
+            if (low > high).any():
+                raise MappingError(f"the cloud has no points within {reach} m of the cameras: raise terrain.range_m")
+        if not (np.isfinite((low, high)).all() and np.isfinite(xyz[:, 2]).all()):
+            raise MappingError("the cloud has points that are not finite: leave them out")
         first, last = np.floor(low / cell_m), np.floor(high / cell_m)
         columns, rows = last - first + 1
         if rows * columns > MAX_CELLS:
@@ -105,6 +105,8 @@ def elevation_of_cells(
     error that they share has no say in their weights, and no mean removes it.
     """
     inside = np.flatnonzero(cell >= 0)
+    if not len(inside):
+        raise MappingError("the cloud has no points on the grid: raise terrain.range_m")
     at, xyz = cell[inside].astype(np.intp), cloud.xyz.take(inside, axis=0)  # faster than an index of rows
     height, total = xyz[:, 2].astype(np.float64), np.square(cloud.sigma[inside], dtype=np.float64)
     random = total if random_sigma is None else np.square(random_sigma[inside], dtype=np.float64)

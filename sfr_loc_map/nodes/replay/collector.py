@@ -22,7 +22,7 @@ from sfr_loc_map.nodes.peer import POLL_S
 from sfr_loc_map.nodes.replay.external import ExternalNode
 from sfr_loc_map.nodes.replay.graph_node import ANSWER_TIMEOUT_S, ReplayNode
 from sfr_loc_map.nodes.replay.results import ReplayResults
-from sfr_loc_map.pipeline.call_stats import task_record, values_of
+from sfr_loc_map.pipeline.call_stats import namespace_of, task_record, values_of
 
 QUEUE_DEPTH = 1000
 NODE_OF_TASK = {"loc": "localisation_node", "nav": "mapping_node"}
@@ -149,7 +149,7 @@ class ResultCollector:
         results, external = self.results, self.external
         namespace = self._node.node.get_namespace().strip("/")
         for status in message.status:  # of all namespaces; an external node has the one that it likes
-            if external is None and status.name.partition(": ")[0].strip("/").rpartition("/")[0] != namespace:
+            if external is None and namespace_of(status) != namespace:
                 continue
             try:
                 found = task_record(status)
