@@ -9,16 +9,17 @@ stamp of the images. An example, not for quality. Test it beside the suite's own
         --convention frame=left_optical --convention world=first_pose --out out/
 """
 
+import json
 import time
 
 import cv2
 import numpy as np
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import String
 
 CORNERS, MIN_INLIERS = 800, 8
 
@@ -38,7 +39,7 @@ class ExternalOdometry(Node):
         for side in ("left", "right"):
             self.create_subscription(Image, f"loc/{side}/image_rect", lambda m, s=side: self.on_image(s, m), depth)
         self.publisher = self.create_publisher(Odometry, "localisation/odometry", depth)
-        self.diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", depth)
+        self.calls = self.create_publisher(String, "localisation_node/call", depth)
 
     def on_calibration(self, message: CameraInfo) -> None:
         """Keep the camera matrix and focal length times baseline."""
@@ -94,15 +95,9 @@ class ExternalOdometry(Node):
         orientation, position = message.pose.pose.orientation, message.pose.pose.position
         orientation.w, orientation.x, orientation.y, orientation.z = w, x, y, z
         position.x, position.y, position.z = (float(value) for value in self.pose[:3, 3])
-        values = {
-            "task": "localisation",
-            "stamp_ns": str(stamp.sec * 10**9 + stamp.nanosec),
-            "processing_time_s": repr(seconds),
-            "version": "1.0",
-        }
-        pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
-        status = DiagnosticStatus(level=b"\0", name="external_odometry: call", values=pairs)
-        self.diagnostics.publish(DiagnosticArray(status=[status]))
+        stamp_ns = stamp.sec * 10**9 + stamp.nanosec
+        call = {"stamp_ns": stamp_ns, "processing_time_s": seconds, "version": "1.0"}
+        self.calls.publish(String(data=json.dumps(call)))
         self.publisher.publish(message)
 
 

@@ -37,7 +37,7 @@ from sfr_loc_map.metrics.score import (
 from sfr_loc_map.metrics.statistics import column, sample_statistic
 
 HOST_CLOCK = "host monotonic"
-NODE_CLOCK = "as the node reports (/diagnostics)"
+NODE_CLOCK = "as the node reports (<node>/call)"
 METHOD = "kernel high-water mark of resident memory (VmHWM), set back before each call"
 METHOD_UNAVAILABLE = "not measured: this system has no resettable high-water mark (/proc/self/clear_refs)"
 KINDS: dict[str, CallKind] = {

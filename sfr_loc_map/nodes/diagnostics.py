@@ -1,4 +1,6 @@
-"""What a node says of itself on /diagnostics: its health, each call, and input that it cannot use.
+"""What a node reports on /diagnostics for people and rqt: its health, each call, and input that it cannot use.
+
+Programs read the calls on `<node>/call` (`pipeline.call_stats`).
 
 Levels. OK: it does what it is there for. WARN: it works, but something is lost, late or not as it should be. ERROR: it
 cannot do its work (lost, unusable input, a failed transition). STALE: it is active but nothing has come for a while, so
@@ -28,7 +30,7 @@ from sfr_loc_map.config import param
 from sfr_loc_map.inputs import NS_PER_S, one_line
 from sfr_loc_map.metrics.calls import CallMeter, CallUsage
 from sfr_loc_map.nodes.messages import header_msg
-from sfr_loc_map.pipeline.call_stats import STATISTIC, CallRecord
+from sfr_loc_map.pipeline.call_stats import CallRecord
 
 Value = str | bool | int | float
 TOPIC = "/diagnostics"
@@ -240,19 +242,16 @@ class StatusReporter:
         with _ONE_AT_A_TIME, self.meter.measure() as usage:
             yield usage
 
-    def call(self, call: CallRecord, level: Level, times: Mapping[str, float], counts: Mapping[str, int]) -> None:
-        """Publish a measured call with times around it, seconds, and counts since the start; note it in the health."""
+    def call(self, call: CallRecord, level: Level) -> None:
+        """Publish state, time and memory of a call, and note them in the health."""
         self.calls += 1
         memory = {"peak_rss_bytes": call.peak_rss_bytes, "above_idle_bytes": call.above_idle_bytes}
         took: dict[str, Value] = {"processing_time_s": call.processing_time_s}
-        took |= {name: value for name, value in memory.items() if value is not None} | dict(times)
+        took |= {name: value for name, value in memory.items() if value is not None} | dict(call.times)
         values: dict[str, Value] = {"task": self._task, "stamp_ns": call.stamp_ns, "state": call.state}
-        values |= {"reason": call.reason, "memory_method": self.meter.method, **took}
-        values |= {STATISTIC + name: float(value) for name, value in call.statistics.items()}
-        if call.step is not None:
-            values["step"] = " ".join(map(repr, call.step.tolist()))
+        values |= {"reason": call.reason, "memory_method": self.meter.method, **took, **call.counts}
         result = f"{call.state}: {call.reason}" if call.reason else call.state
-        self._publish("call", level, result, values | dict(counts), call.stamp_ns)
+        self._publish("call", level, result, values, call.stamp_ns)
         self.note_call(level, result, took, call.statistics)
         self.publish_health(only_changes=True)
 

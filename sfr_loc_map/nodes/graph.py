@@ -10,24 +10,23 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import GetState
 from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from std_msgs.msg import String
 
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.geometry.extrinsics import LOCSB_FRAME, RB_FRAME
 from sfr_loc_map.geometry.transform import FrameTree
 from sfr_loc_map.inputs import NS_PER_S, stamp_of
 from sfr_loc_map.io.bag_sequence import RAW, RECTIFIED
-from sfr_loc_map.nodes import diagnostics, environment
+from sfr_loc_map.nodes import environment
 from sfr_loc_map.nodes.extrinsics import TF_STATIC, add_static_transforms
 from sfr_loc_map.nodes.messages import message_type, tf_message_type
 from sfr_loc_map.nodes.peer import POLL_S, Peer
 from sfr_loc_map.nodes.replay import graph_node
-from sfr_loc_map.pipeline.call_stats import values_of
 from sfr_loc_map.pipeline.doctor_observation import (
     EXPECTED,
     MESSAGES_KEPT,
@@ -82,7 +81,10 @@ class GraphObserver(Peer):
         if tf_type is not None:
             take = partial(add_static_transforms, tree=self._frames)
             self.node.create_subscription(tf_type, "/tf_static", take, TF_STATIC)
-        self.node.create_subscription(DiagnosticArray, diagnostics.TOPIC, self._note_health, DEPTH)
+        last = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        for name in TASK_OF_NODE:
+            full_name = self._full_name(name)
+            self.node.create_subscription(String, f"{full_name}/call", partial(self._note_call, full_name), last)
 
         def all_heard() -> bool:
             # on a busy machine the first message takes seconds
@@ -136,12 +138,9 @@ class GraphObserver(Peer):
         qos = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         self.subscribe(message_type(types[0]), full_name, received, qos)
 
-    def _note_health(self, message: DiagnosticArray) -> None:
-        """Note nodes that have made a call since they became active."""
-        for status in message.status:
-            name, _, kind = status.name.partition(": ")
-            if kind == "health" and "last_processing_time_s" in values_of(status):
-                self._worked.add(name)
+    def _note_call(self, node: str, message: String) -> None:
+        """Note a node that has made a call: the last one is latched."""
+        self._worked.add(node)
 
     def _topic(self, name: str, full_name: str, types: list[str]) -> ObservedTopic:
         requests = {
@@ -167,7 +166,7 @@ class GraphObserver(Peer):
             use_sim_time=bool(sim_time),
             extrinsics_given=any(quat) if quat is not None else False,
             stamp_tolerance_ns=round((tolerance_s or 0.0) * NS_PER_S),
-            has_worked=full_name.lstrip("/") in self._worked,
+            has_worked=full_name in self._worked,
             rectifies=bool(rectify),
         )
 

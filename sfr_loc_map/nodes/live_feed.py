@@ -32,7 +32,7 @@ from std_srvs.srv import Trigger
 from sfr_loc_map.errors import InputError, NodeError, SfrError
 from sfr_loc_map.geometry.arrays import FloatArray32
 from sfr_loc_map.geometry.plausibility import check_image_size
-from sfr_loc_map.inputs import NS_PER_S, SIDES, serialised_stamp, stamp_of
+from sfr_loc_map.inputs import NS_PER_S, SIDES, Task, serialised_stamp, stamp_of
 from sfr_loc_map.io.image_codec import decode_grey, image_from_message, points_image
 from sfr_loc_map.live import media, updates
 from sfr_loc_map.live.state import LiveState
@@ -41,7 +41,7 @@ from sfr_loc_map.nodes.diagnostics import TOPIC, level_of
 from sfr_loc_map.nodes.lifecycle.worker import Overload, Worker
 from sfr_loc_map.nodes.peer import Peer
 from sfr_loc_map.nodes.processes import page_node_name
-from sfr_loc_map.pipeline.call_stats import values_of
+from sfr_loc_map.pipeline.call_stats import decode_call, values_of
 from sfr_loc_map.pipeline.reception import TransportGaps
 
 SUITE_NODES = ("localisation_node", "mapping_node", "monitor_node")
@@ -56,6 +56,7 @@ MASK_HOLD_NS = NS_PER_S // 2  #: A mask that much older than the tracks is shown
 IMAGE_KINDS = ((Image, "image_rect"), (CompressedImage, "image_rect/compressed"), (Image, "image_raw"))
 LAYERS = ("height", *messages.ELEVATION_FIELDS[3:])  #: Layers of an elevation message, after x and y.
 FOUND_S, ANSWER_S, POLL_S = 2.0, 10.0, 0.02
+CALL_LEVELS = {"lost": 2, "degraded": 1, "initialising": 1}  #: Levels of diagnostics by the state after a call.
 TRANSITIONS = {
     updates.Action.ACTIVATE: Transition.TRANSITION_ACTIVATE,
     updates.Action.DEACTIVATE: Transition.TRANSITION_DEACTIVATE,
@@ -97,6 +98,8 @@ class RosFeed(Peer):
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         for track, topic in ((updates.Track.ESTIMATE, updates.LOCALISATION), (updates.Track.TRUTH, updates.TRUTH)):
             self._receive(Odometry, topic, partial(self._on_odometry, track), best_effort)
+        for task in Task:
+            self.subscribe(String, f"{task}_node/call", partial(self._on_call, task), best_effort)
         # the diagnostics have many publishers; of reports only the latest is kept for who is late
         self.subscribe(DiagnosticArray, TOPIC, self._on_diagnostics, best_effort)
         self.subscribe(String, updates.REPORT, self._on_report, latched)
@@ -135,10 +138,20 @@ class RosFeed(Peer):
         for status in message.status:
             full_name, _, kind = status.name.partition(": ")
             space, _, name = full_name.strip("/").rpartition("/")
-            if space != self._space or name not in SUITE_NODES or kind not in set(updates.StatusKind):
+            if space != self._space or name not in SUITE_NODES or kind not in ("health", "input"):
                 continue
             what, level = updates.StatusKind(kind), int(level_of(status))
             self._state.put(updates.Status(name, what, level, status.message, values_of(status), time.time()))
+
+    def _on_call(self, task: Task, message: String, _: dict[str, Any]) -> None:
+        call, received_s = decode_call(message.data, task), time.time()
+        figures = {"stamp_ns": call.stamp_ns, "processing_time_s": call.processing_time_s, **call.times}
+        values = {name: repr(value) for name, value in figures.items()} | {"state": call.state, "reason": call.reason}
+        if call.peak_rss_bytes is not None:
+            values["peak_rss_bytes"] = repr(call.peak_rss_bytes)
+        result = f"{call.state}: {call.reason}" if call.reason else call.state
+        level = CALL_LEVELS.get(call.state, 0)
+        self._state.put(updates.Status(f"{task}_node", updates.StatusKind.CALL, level, result, values, received_s))
 
     def _look_around(self) -> None:
         """Find out which nodes are there, and receive images and clouds as the pages want."""

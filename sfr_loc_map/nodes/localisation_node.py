@@ -97,6 +97,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
 
     def setup(self) -> None:
         """Load compiled code, create publishers."""
+        super().setup()
         config, add_publisher = self.config, self.endpoints.add_publisher
         self.load_kernels("localisation")
         pose_file = PoseFile(Path(config.resume_file), config.resume_max_age_s) if config.resume_file else None
@@ -210,7 +211,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         self.publish_estimate(estimate)
         self._publish_tracks(pair, localiser, estimate, messages.header_msg(pair.stamp_ns, received.frame_id))
         call = call_of_estimate(estimate, usage, {} if motion is None else {"motion_prior": 1.0})
-        self.status.call(call, LEVELS[estimate.state], self.times(received, conversion_s), self.counts())
+        self.publish_call(replace(call, times=self.times(received, conversion_s)), LEVELS[estimate.state])
 
     def publish_estimate(self, estimate: PoseEstimate) -> None:
         """Publish odometry, and tf and path where tracked; in the worker's thread, in the order of the pairs."""

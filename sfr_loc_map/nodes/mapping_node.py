@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -32,7 +32,7 @@ from sfr_loc_map.nodes.diagnostics import Level
 from sfr_loc_map.nodes.lifecycle.endpoints import profile
 from sfr_loc_map.nodes.pair_node import RECENT, PairNode, PairNodeConfig, ReceivedPair, Seen
 from sfr_loc_map.nodes.runner import run
-from sfr_loc_map.pipeline.call_stats import CallRecord, call_of_stages
+from sfr_loc_map.pipeline.call_stats import CallRecord, call_of_fusion, call_of_stages
 from sfr_loc_map.pipeline.mapping_session import PoseMatching
 
 POSE_DEPTH, OUTPUT_DEPTH = 100, 10  #: Queues of nav/pose and of the disparity; clouds and grids are latched.
@@ -67,6 +67,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
 
     def setup(self) -> None:
         """Load compiled code, create publishers."""
+        super().setup()
         self.load_kernels("mapping", "terrain")
         self._stages: deque[CallUsage] = deque(maxlen=MAX_PAIRS)  # what mapping the last pairs took
         self.status.meter.mark_idle()
@@ -195,7 +196,8 @@ class MappingNode(PairNode[MappingNodeConfig]):
         searched_px = rig.fx * rig.baseline_m / limits.max_range_m, rig.fx * rig.baseline_m / limits.min_range_m
         self._disparity.publish(messages.disparity_msg(result.disparity_px, rig, searched_px, header))
         self._stages.append(usage)
-        self._report_call(pair.stamp_ns, usage, MappingState.MAPPED, result, self.times(received, conversion_s))
+        cost, times = usage.cost(MappingState.MAPPED), self.times(received, conversion_s)
+        self._report_call(CallRecord(pair.stamp_ns, *cost, result.statistics, times=times), result.warnings)
         if len(self._pairs) == self.config.pairs_per_map:
             self._fuse()
 
@@ -205,11 +207,12 @@ class MappingNode(PairNode[MappingNodeConfig]):
         self._pairs.clear()
         with self.status.measure() as usage:
             fused = mapper.fuse(pairs)
-        stamp_ns = pairs[-1].stamp_ns
+        stamps_ns = [pair.stamp_ns for pair in pairs]
+        stamp_ns = stamps_ns[-1]
         self._cloud.publish(messages.cloud_msg(fused.cloud, stamp_ns, self._lm_frame))
-        self._report_call(stamp_ns, usage, MappingState.FUSED, fused, {})
         whole = call_of_stages([*list(self._stages)[-len(pairs) :], usage])
-        self._report_call(stamp_ns, whole, MappingState.MAPPED_SET, fused, {})
+        for took, state in ((usage, MappingState.FUSED), (whole, MappingState.MAPPED_SET)):
+            self._report_call(call_of_fusion(fused, stamps_ns, took, state), fused.warnings)
         # After its call: the time of the call is that of the cloud.
         self._publish_terrain(fused, stamp_ns)
         return len(fused.cloud)
@@ -227,18 +230,10 @@ class MappingNode(PairNode[MappingNodeConfig]):
         pairs = len(self._pairs)
         return f"{self._fuse()} points of {pairs} pairs published"
 
-    def _report_call(
-        self,
-        stamp_ns: int,
-        usage: CallUsage,
-        state: MappingState,
-        result: PairMap | FusedMap,
-        times: Mapping[str, float],
-    ) -> None:
-        for warning in result.warnings:
+    def _report_call(self, call: CallRecord, warnings: Sequence[str]) -> None:
+        for warning in warnings:
             self.status.warn(warning)
-        level = Level.WARN if result.warnings else Level.OK
-        self.status.call(CallRecord(stamp_ns, *usage.cost(state), result.statistics), level, times, self.counts())
+        self.publish_call(call, Level.WARN if warnings else Level.OK)
 
 
 main = partial(run, MappingNode)

@@ -25,7 +25,7 @@ from std_msgs.msg import Float64, String
 from sfr_loc_map import __version__
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import InputError, MetricsError, SfrError
-from sfr_loc_map.inputs import MAX_TEXT_BYTES, SIDES, Side, parse_json, stamp_of
+from sfr_loc_map.inputs import MAX_TEXT_BYTES, SIDES, Side, Task, parse_json, stamp_of
 from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import points_image
 from sfr_loc_map.io.truth import TrackedBody
@@ -34,7 +34,7 @@ from sfr_loc_map.metrics.config import ScoreConfig, VerdictState
 from sfr_loc_map.metrics.limits import load_limits
 from sfr_loc_map.metrics.score import Provenance, Score
 from sfr_loc_map.metrics.score_json import to_dict, to_json
-from sfr_loc_map.nodes.diagnostics import TOPIC, Level, Value, status_msg
+from sfr_loc_map.nodes.diagnostics import Level, Value, status_msg
 from sfr_loc_map.nodes.environment import configure_malloc
 from sfr_loc_map.nodes.lifecycle.endpoints import RELIABILITIES, profile
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
@@ -42,7 +42,7 @@ from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.worker import Overload
 from sfr_loc_map.nodes.messages import cloud_from_msg, covariance_of, header_msg, odometry_row, transform_from_pose
 from sfr_loc_map.nodes.runner import run
-from sfr_loc_map.pipeline.call_stats import namespace_of, task_record
+from sfr_loc_map.pipeline.call_stats import decode_call
 from sfr_loc_map.pipeline.monitor_score import MonitorScore, ReportFile
 from sfr_loc_map.pipeline.reception import TransportGaps
 
@@ -132,13 +132,13 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._receive(Odometry, "localisation/odometry", self._on_estimate, deep)
         self._receive(Odometry, "ground_truth/odometry", self._on_truth, of_rover)
-        self._receive(DiagnosticArray, TOPIC, self._on_calls, deep)
         self._receive(PoseStamped, "nav/pose", self._on_pose, of_rover)
         for side in SIDES:
             self._receive(CameraInfo, f"nav/{side}/camera_info", partial(self._on_camera_info, side), info)
         self._receive(PointCloud2, "ground_truth/points", self._on_true_points, shallow)
         self._receive(PointCloud2, "mapping/points", self._on_cloud, shallow)
-        for task in ("localisation", "mapping"):
+        for task in Task:
+            self._receive(String, f"{task}_node/call", partial(self._on_call, task), deep)
             self._receive(String, f"{task}/configuration", partial(self._on_configuration, task), latched)
         self.add_service("~/save", self._save)
         self.add_service("~/finish", self._finish)
@@ -166,8 +166,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     def _receive(self, kind: type[Any], topic: str, callback: Callable[[Any], None], qos: QoSProfile) -> None:
         """Subscribe with a callback that is called in the worker's thread; bad messages are reported."""
         gaps = TransportGaps()
-        if kind is not DiagnosticArray:  # which has many publishers
-            self._gaps.append(gaps)
+        self._gaps.append(gaps)
 
         def work(message: Any) -> None:  # noqa: ANN401 - any message
             try:
@@ -207,14 +206,11 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
             self._score.restart(kind, stamp_ns)
         return True
 
-    def _on_calls(self, message: DiagnosticArray) -> None:
-        namespace = self.get_namespace().strip("/")
-        for status in message.status:  # of all namespaces
-            found = task_record(status) if namespace_of(status) == namespace else None
-            if found is not None:
-                self._score.add_call(found)
-                self._score.score_maps()
-                self._note(found.stamp_ns)
+    def _on_call(self, task: Task, message: String) -> None:
+        call = decode_call(message.data, task)
+        self._score.add_call(call)
+        self._score_maps()
+        self._note(call.stamp_ns)
 
     def _on_pose(self, message: PoseStamped) -> None:
         stamp_ns = stamp_of(message)
@@ -243,7 +239,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._score.map_inputs.clouds[stamp_of(message)] = cloud_from_msg(message)
         self._score_maps()
 
-    def _on_configuration(self, task: str, message: String) -> None:
+    def _on_configuration(self, task: Task, message: String) -> None:
         if len(message.data) > MAX_TEXT_BYTES:  # it becomes part of every report
             raise InputError(f"{task}/configuration has {len(message.data)} characters: ignored")
         try:
@@ -255,7 +251,8 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._configurations[task] = found
 
     def _score_maps(self) -> None:
-        self._changed |= self._score.score_maps()
+        if self._score.score_maps():
+            self._changed = self._unsaved = True
 
     def _note(self, stamp_ns: int) -> None:
         self._changed = self._unsaved = True

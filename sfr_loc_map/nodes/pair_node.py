@@ -7,11 +7,12 @@ from abc import abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, ClassVar, TypeVar
 
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from std_msgs.msg import String
 
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import ConfigError, InputError, SfrError
@@ -30,9 +31,11 @@ from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.worker import Overload
 from sfr_loc_map.nodes.messages import check_image
+from sfr_loc_map.pipeline.call_stats import CallRecord, encode_call
 from sfr_loc_map.pipeline.reception import MUCH_LOST, TransportGaps, jumped_back, latencies, loss_fix
 
 LOSS_WINDOW = 40  #: Images of which the share lost is taken, at the least.
+CALL_DEPTH = 1000  #: Calls that are kept for a slow subscriber.
 RECENT = 200  #: Stamps that are kept of each topic, to say why no pair comes of them.
 ReceivedImage = tuple[Any, Mapping[str, Any]]
 """sensor_msgs/Image or CompressedImage, and what the middleware tells of it."""
@@ -302,6 +305,10 @@ class PairNode(ManagedNode[P]):
     def _on_rig(self, rig: StereoRig) -> None:
         """Take the rig of the pairs that follow."""
 
+    def setup(self) -> None:
+        """Create the publisher of the calls; the last one is latched, so that the doctor sees whether one was made."""
+        self._calls = self.endpoints.add_publisher(String, "~/call", CALL_DEPTH, latched=True)
+
     def restart(self, reason: str) -> None:
         """Start a new run after the pairs that came before."""
         self._stereo.restart()
@@ -381,6 +388,12 @@ class PairNode(ManagedNode[P]):
         """Drop the pairs that wait."""
         self.worker.clear()
         self._stereo.restart()
+
+    def publish_call(self, call: CallRecord, level: Level) -> None:
+        """Publish a call with the counts since the start: for programs on `~/call`, for people on /diagnostics."""
+        call = replace(call, counts=self.counts())
+        self._calls.publish(String(data=encode_call(call)))
+        self.status.call(call, level)
 
     def times(self, received: ReceivedPair, conversion_s: float) -> dict[str, float]:
         """Return the latencies of a result that was just published, and what decoding took, seconds."""

@@ -29,6 +29,7 @@ TOPICS = (
     *("nav/pose", "initialpose", "motion_prior", "ground_truth/odometry", "ground_truth/points"),
     *("localisation/odometry", "localisation/path", "metrics", "metrics/report", "bookmark"),
     *(f"mapping/{name}" for name in ("points", "disparity", "elevation", "hazard")),
+    *(f"{task}/call" for task in ("localisation_node", "mapping_node")),
     *(f"{task}/configuration" for task in ("localisation", "mapping", "monitor")),
     *("/diagnostics", "/tf", "/tf_static", "/clock"),
 )

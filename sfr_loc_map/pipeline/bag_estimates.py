@@ -1,4 +1,4 @@
-"""Estimated poses of a bag, with what the recorded localisation node said of its calls on /diagnostics.
+"""Estimated poses of a bag, with the calls that the recorded localisation node published on `<node>/call`.
 
 A module of its own: the library of the bags is loaded for a bag only.
 """
@@ -12,12 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from sfr_loc_map.errors import InputError
-from sfr_loc_map.io.bag import ODOMETRY, Bag, Topic, read_odometry
+from sfr_loc_map.errors import InputError, naming
+from sfr_loc_map.inputs import Task
+from sfr_loc_map.io.bag import ODOMETRY, STRING, Bag, Topic, read_odometry
 from sfr_loc_map.io.bag_frames import TF
 from sfr_loc_map.metrics.association import UPPER, Estimates, lost_by_covariance
-from sfr_loc_map.pipeline.call_stats import CallRecord, namespace_of, stats_of, task_record, values_of
+from sfr_loc_map.pipeline.call_stats import CallRecord, decode_call, stats_of
 
+CALLS = "localisation_node/call"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 
 
@@ -41,12 +43,11 @@ def bag_estimates(path: Path) -> Estimates:
 
 
 def _calls_of(bag: Bag, odometry: Topic) -> list[CallRecord]:
-    namespace = odometry.bag_name.strip("/").removesuffix(odometry.name).strip("/")
-    calls = []
-    for topic, status in statuses_of(bag):
-        if namespace_of(status) == namespace and values_of(status).get("task") == "localisation":
-            calls.append(task_record(status, f"of '{topic.bag_name}'"))
-    return [call for call in calls if call is not None]
+    topic = Topic(CALLS, odometry.bag_name.removesuffix(odometry.name) + CALLS, STRING)
+    if bag.topics.get(topic.bag_name) != STRING:
+        return []
+    with naming(topic.bag_name):
+        return [decode_call(message.data, Task.LOCALISATION) for _, _, message in bag.messages([topic])]
 
 
 def statuses_of(bag: Bag) -> Iterator[tuple[Topic, Any]]:

@@ -1,21 +1,24 @@
-"""Calls of localiser and mapper: a record of each, their CSV file (`--stats`), their status on /diagnostics."""
+"""Calls of localiser and mapper: a record of each, its JSON on `<node>/call`, the CSV file of a run (`--stats`)."""
 
 from __future__ import annotations
 
 import csv
 import io
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+import msgspec
 import numpy as np
+from msgspec import Meta
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import read_table_text, refusing
+from sfr_loc_map.inputs import MAX_TEXT_BYTES, Task, read_table_text, refusing
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.text_table import parse_stamp_ns
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
@@ -24,6 +27,9 @@ from sfr_loc_map.metrics.calls import Calls, CallUsage, stage_of
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.consistency import STEP_SIZE, WITHOUT_NOISE
 from sfr_loc_map.metrics.score import FindingKind, FindingRecord, MethodKind, MethodRecord, ProcessUsage
+
+if TYPE_CHECKING:
+    from sfr_loc_map.mapping.mapper import FusedMap
 
 COVARIANCE_NAMES = tuple(f"cov_{i}{j}" for i, j in zip(*UPPER, strict=True))
 STEP_NAMES = (
@@ -38,30 +44,41 @@ TAKEN = ("cpu_s", "cpu_between_s", "threads", "processes")  #: Of a method's pro
 ADAPTER_S = 0.015  #: Processor time that the adapter of a method may take for a call, and what its steps of 0.01 hide.
 TREE = "of the method's processes and all that they started, at each call, from outside (psutil)"
 STATES = (*TrackingState, *MappingState)
-STATISTIC = "statistic."  #: Prefix of the names of a call's figures in a status.
-DEFAULT_STATE = {"localisation": TrackingState.TRACKING.value, "mapping": MappingState.MAPPED.value}
-"""State of a call by its task, where an external node tells none."""
+DEFAULT_STATE = {Task.LOCALISATION: TrackingState.TRACKING.value, Task.MAPPING: MappingState.MAPPED.value}
+"""State of a call by its task, where an external node reports none."""
+STATISTIC = "statistic."  #: Prefix of the names of a call's figures in the status of a call of version 0.2.
 MAX_CALL_S = 1e6
+Bytes = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 MAX_NUMBER = 1e18  #: Of times, sizes and covariances in a file; squares of it are finite.
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class CallRecord:
-    """One call of localiser or mapper."""
+    """One call of localiser or mapper; `encode_call` and `decode_call` are its form on `<node>/call`."""
 
-    stamp_ns: int  # of the pair
-    processing_time_s: float  # wall-clock time on this host
-    state: str  # after the call: initialising, tracking, degraded, lost; mapped, fused
-    peak_rss_bytes: int | None  # resident memory of the process during the call; None where it cannot be measured
-    above_idle_bytes: int | None  # the same above the idle process
-    statistics: Mapping[str, float] = field(default_factory=dict)  # figures of the call by name
-    covariance: FloatArray | None = None  # `(6, 6)` of the pose (ROS order), None for mapping
-    reason: str = ""  # why it is degraded or lost, in one word
+    stamp_ns: Annotated[int, Meta(ge=0, le=2**63 - 1)]  #: Stamp of the pair; of a fused cloud that of its last pair.
+    processing_time_s: Annotated[float, Meta(ge=0.0, le=MAX_CALL_S)]  #: Wall-clock time; NaN where not measured.
+    state: str = ""  #: After the call: initialising, tracking, degraded, lost; mapped, fused, mapped_set.
+    #: Peak resident memory of the process during the call; None where it cannot be measured.
+    peak_rss_bytes: Bytes | None = None
+    above_idle_bytes: Bytes | None = None  #: The same above the idle process.
+    statistics: Mapping[str, float] = field(default_factory=dict)  #: Figures of the call by name.
+    covariance: FloatArray | None = None  #: `(6, 6)` of the pose (ROS order), None for mapping.
+    reason: str = ""  #: Why the pose is degraded or lost, in one word.
+    #: `(48,)` upper triangle of the covariance of the motion since the pose before, in RB there, one standard deviation
+    #: of the error that all such motions share, upper triangle of the pose's own noise; None where unknown.
     step: FloatArray | None = None
-    """`(48,)` upper triangle of the covariance of the motion since the pose before, in RB there, one standard deviation
-    of the error that all such motions have alike, upper triangle of the pose's own noise; None where not known."""
-    finding: str = ""  # what the method did wrong in this call, `KIND: text`
-    task: str = ""  # that a status says, `localisation` or `mapping`
+    finding: str = ""  #: What the method did wrong in this call, `KIND: text`.
+    pair_stamps_ns: tuple[int, ...] = ()  #: Stamps of the pairs of a fused cloud, in the order of the points' `pair`.
+    fused: bool | None = None  #: Whether the cloud holds each surface once; None where the mapper does not report it.
+    times: Mapping[str, float] = field(default_factory=dict)  #: Seconds around the call: decoding, latencies.
+    counts: Mapping[str, int] = field(default_factory=dict)  #: Messages dropped since the start, by cause.
+    version: str = ""  #: Version of the method, where a node reports it.
+
+    @property
+    def is_fused(self) -> bool:
+        """Whether the cloud of a fusion holds each surface once; by contract that of several pairs does."""
+        return len(self.pair_stamps_ns) > 1 if self.fused is None else self.fused
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -165,6 +182,12 @@ def call_of_estimate(
     return CallRecord(estimate.stamp_ns, *usage.cost(estimate.state), *about)
 
 
+def call_of_fusion(fused: FusedMap, stamps_ns: Sequence[int], usage: CallUsage, state: MappingState) -> CallRecord:
+    """Return the call of a mapper that made one cloud of the pairs of these stamps, in the order of its `pair`."""
+    call = CallRecord(stamps_ns[-1], *usage.cost(state), fused.statistics)
+    return replace(call, pair_stamps_ns=tuple(stamps_ns), fused=fused.cloud.fused)
+
+
 def save_stats(path: Path, records: Sequence[CallRecord], method: MethodRecord | None = None) -> None:
     """Write one row a call; with a method every row names it and what it did wrong in the call."""
     named: tuple[str, ...] = ()
@@ -264,22 +287,40 @@ def findings_of(texts: Sequence[str], stamps_ns: Sequence[int]) -> tuple[Finding
     return tuple(counted.values())
 
 
-def namespace_of(status: Any) -> str:  # noqa: ANN401 - a DiagnosticStatus of any library
-    """Return the namespace of the node that a status is of, without slashes around it."""
-    return str(status.name).partition(":")[0].strip("/").rpartition("/")[0]
+def encode_call(record: CallRecord) -> str:
+    """Return a call as JSON, numbers in the shortest form that reads back to the same bits."""
+    finite = {name: float(value) for name, value in record.statistics.items() if math.isfinite(value)}
+    return msgspec.json.encode(replace(record, statistics=finite), enc_hook=_to_plain).decode()
+
+
+def decode_call(text: str, task: Task) -> CallRecord:
+    """Return the call that JSON of a node describes; `task` gives the state where none is reported.
+
+    InputError if a key is missing or a value has another type or range.
+    """
+    with refusing(f"call of {task}", "publish a JSON object with stamp_ns and processing_time_s for each call"):
+        if len(text) > MAX_TEXT_BYTES:
+            raise ValueError(f"{len(text)} characters: at most {MAX_TEXT_BYTES} are read")
+        record = msgspec.json.decode(text, type=CallRecord, dec_hook=_from_plain)
+        if record.state not in ("", *STATES):
+            raise ValueError(f"state is '{record.state}': one of {', '.join(STATES)} is required")
+        for name, value, shape in (("step", record.step, (STEP_SIZE,)), ("covariance", record.covariance, (6, 6))):
+            if value is not None and (value.shape != shape or not np.isfinite(value).all()):
+                raise ValueError(f"'{name}' has the shape {value.shape}: finite numbers of shape {shape} are required")
+    return record if record.state else replace(record, state=DEFAULT_STATE[task])
+
+
+def _to_plain(value: Any) -> Any:  # noqa: ANN401 - an array or a number of NumPy
+    return value.tolist()
+
+
+def _from_plain(kind: type[Any], value: Any) -> FloatArray:  # noqa: ANN401 - JSON
+    return np.array(value, np.float64)
 
 
 def values_of(status: Any) -> dict[str, str]:  # noqa: ANN401 - a DiagnosticStatus of any library
     """Return the values of a status by name."""
     return {pair.key: pair.value for pair in status.values}
-
-
-def task_record(status: Any, topic: str = "on /diagnostics") -> CallRecord | None:  # noqa: ANN401 - likewise
-    """Return the call that a status describes, None where it describes something else; `topic` is for messages."""
-    try:
-        return call_of(values_of(status))
-    except InputError as error:
-        raise InputError(f"status '{status.name}' {topic} cannot be read: {error}") from error
 
 
 def call_of(values: Mapping[str, str]) -> CallRecord | None:
@@ -301,13 +342,12 @@ def call_of(values: Mapping[str, str]) -> CallRecord | None:
         return CallRecord(
             whole("stamp_ns"),
             seconds,
-            values.get("state") or DEFAULT_STATE[values["task"]],
+            values.get("state") or DEFAULT_STATE[Task(values["task"])],
             whole("peak_rss_bytes") if "peak_rss_bytes" in values else None,
             whole("above_idle_bytes") if "above_idle_bytes" in values else None,
             {name.removeprefix(STATISTIC): float(text) for name, text in values.items() if name.startswith(STATISTIC)},
             reason=values.get("reason", ""),
             step=step if len(step) == STEP_SIZE and np.isfinite(step).all() else None,
-            task=values["task"],
         )
     except (KeyError, ValueError) as error:
         raise InputError(str(error)) from error

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -99,40 +99,6 @@ class _CallRows(_Rows):
         return Calls(*figures, stages)
 
 
-@dataclass(frozen=True, slots=True)
-class PairSet:
-    """The pairs of one cloud."""
-
-    stamps_ns: tuple[int, ...]  #: Their stamps, in the order of the points' `pair`.
-    #: Whether the mapper says that the cloud is fused. Of a mapper that does not say so `mapping/points` is by
-    #: contract the fused cloud, and one of a single pair has nothing to fuse.
-    fused: bool
-
-
-class PairSets:
-    """Tells from the calls of the mapper, in their order, which pairs each published cloud is made of."""
-
-    def __init__(self) -> None:
-        self._mapped_ns: list[int] = []
-
-    def add(self, record: CallRecord) -> PairSet | None:
-        """Add a call; return the pairs of the cloud if it was a fusion whose pairs are all known.
-
-        A fusion tells how many pairs it is made of: those mapped for a map that was given up do not count.
-        """
-        if record.state == MappingState.MAPPED:
-            self._mapped_ns.append(record.stamp_ns)
-            del self._mapped_ns[:-MAX_PAIRS]
-        if record.state != MappingState.FUSED:
-            return None
-        stamps, self._mapped_ns = tuple(self._mapped_ns), []
-        count = int(record.statistics.get("pairs", len(stamps)))
-        if not 1 <= count <= len(stamps):
-            return None
-        fused = record.statistics.get("fused")
-        return PairSet(stamps[-count:], count > 1 if fused is None else bool(fused))
-
-
 class _Latest(OrderedDict[int, T]):
     """The last values by stamp."""
 
@@ -147,27 +113,27 @@ class MapInputs:
 
     def __init__(self) -> None:
         self.rig: StereoRig | None = None  # of the navigation cameras
-        self._pair_sets = PairSets()
         self.true_points = _Latest[PointImage]()  # `(H, W, 3)` of each pair, metres, LM
         self.poses = _Latest[Transform]()  # `T_lm_navsb` of each pair
         self.clouds = _Latest[PointCloud]()  # as published; the stamp is that of the last pair
-        self._sets = _Latest[PairSet]()
+        self._fusions = _Latest[CallRecord]()  # by the stamp of their cloud
 
     def add_call(self, record: CallRecord) -> None:
-        """Add a call; those of the mapper say which pairs a cloud is made of."""
-        pairs = self._pair_sets.add(record)
-        if pairs is not None:
-            self._sets[record.stamp_ns] = pairs
+        """Add a call; that of a fusion names the pairs of its cloud."""
+        if record.state == MappingState.FUSED and record.pair_stamps_ns:
+            self._fusions[record.stamp_ns] = record
 
     def take_complete(self) -> Iterator[tuple[PointCloud, list[PairTruth]]]:
         """Yield, and forget, the clouds whose pairs and truth are known, with the truth of each pair."""
         for stamp_ns in list(self.clouds):
-            pairs = self._sets.get(stamp_ns)
-            wanted = () if pairs is None else pairs.stamps_ns
-            if pairs is None or self.rig is None or not all(s in self.true_points and s in self.poses for s in wanted):
+            fusion = self._fusions.get(stamp_ns)
+            if fusion is None or self.rig is None:
+                continue
+            wanted = fusion.pair_stamps_ns
+            if not all(stamp in self.true_points and stamp in self.poses for stamp in wanted):
                 continue
             truths = [PairTruth(self.true_points[s], self.poses[s] @ self.rig.T_sb_left, self.rig) for s in wanted]
-            yield replace(self.clouds.pop(stamp_ns), fused=pairs.fused), truths
+            yield replace(self.clouds.pop(stamp_ns), fused=fusion.is_fused), truths
 
 
 class MonitorScore:
@@ -226,7 +192,7 @@ class MonitorScore:
         self._truth.add(stamp_ns, position, quat_xyzw, np.nan if variances is None else variances)
 
     def add_call(self, record: CallRecord) -> None:
-        """Add a call, before or after its pose; calls of the mapper say which pairs a cloud is made of."""
+        """Add a call, before or after its pose; that of a fusion names the pairs of its cloud."""
         self._calls.add_call(record)
         degraded, known = record.state == TrackingState.DEGRADED, record.step is not None
         if degraded or known:

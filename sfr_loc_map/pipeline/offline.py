@@ -36,7 +36,7 @@ from sfr_loc_map.methods.registry import Method, MethodLimits
 from sfr_loc_map.metrics.calls import CallMeter
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.score import MethodRecord
-from sfr_loc_map.pipeline.call_stats import CallRecord, call_of_estimate, call_of_stages
+from sfr_loc_map.pipeline.call_stats import CallRecord, call_of_estimate, call_of_fusion, call_of_stages
 from sfr_loc_map.pipeline.kernels import load_kernels
 from sfr_loc_map.signals import stopping
 
@@ -215,7 +215,7 @@ def map_pairs(
                 break
         with meter.measure() as usage:
             fused = mapper.fuse(maps)
-        records.append(CallRecord(maps[-1].stamp_ns, *usage.cost(MappingState.FUSED), fused.statistics))
+        records.append(call_of_fusion(fused, [item.stamp_ns for item in maps], usage, MappingState.FUSED))
     usage = call_of_stages(records, whole.processing_time_s)
     records.append(CallRecord(maps[-1].stamp_ns, *usage.cost(MappingState.MAPPED_SET)))
     return MapRun(maps, fused, records)

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Point, Pose, PoseStamped, PoseWithCovarianceStamped, Quaternion
 from nav_msgs.msg import Odometry
 from scenes import raw
@@ -18,7 +17,6 @@ from std_msgs.msg import String
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io import bag_messages
-from sfr_loc_map.nodes.diagnostics import Level, status_msg
 from sfr_loc_map.nodes.messages import header_msg
 
 NAN, HUGE = math.nan, 2**32 - 1
@@ -112,17 +110,16 @@ def for_monitor(stamp_ns: int) -> Iterator[Malformed]:
             odometry = Odometry(header=header_msg(stamp_ns, "ds"), child_frame_id="rb")
             odometry.pose.pose = pose
             yield Odometry, topic, odometry
-    valid = {"task": "localisation", "stamp_ns": str(stamp_ns), "state": "tracking", "processing_time_s": "0.1"}
+    valid = {"stamp_ns": stamp_ns, "state": "tracking", "processing_time_s": 0.1}
     for change in (
-        *({"processing_time_s": text} for text in ("abc", "nan", "1e400")),
-        *({"stamp_ns": "9" * digits} for digits in (5000, 30)),
-        {"peak_rss_bytes": "9" * 30, "above_idle_bytes": "1"},
-        *({"task": "cooking"}, {"state": "mapped"}, {"statistic.x": "y"}),
+        *({"processing_time_s": value} for value in ("abc", None, -1.0, 1e300)),
+        *({"stamp_ns": value} for value in (10**30, -1, "1")),
+        {"peak_rss_bytes": 10**30, "above_idle_bytes": 1},
+        *({"state": "cooking"}, {"statistics": {"x": "y"}}, {"step": [1.0]}, {"covariance": [[]]}),
     ):
-        status = status_msg("localisation_node: call", Level.OK, "", valid | change)
-        yield DiagnosticArray, "/diagnostics", DiagnosticArray(status=[status])
-    many: list[DiagnosticStatus] = [status_msg("x: call", Level.OK, "", {"task": ""})] * 20_000
-    yield DiagnosticArray, "/diagnostics", DiagnosticArray(status=many)
+        yield String, "localisation_node/call", String(data=json.dumps(valid | change))
+    for text in ("", "{", "[" * 100_000, "7"):
+        yield String, "localisation_node/call", String(data=text)
     fields, far = (
         [PointField(name=name, offset=offset + 4 * n, datatype=7, count=1) for n, name in enumerate("xyz")]
         for offset in (0, HUGE - 11)

@@ -53,7 +53,7 @@ def test_a_faulty_node_of_the_optical_frame_is_scored_and_each_fault_named(sfr: 
     assert 0.0 < score["external"]["latency_s"]["p50"] < 4.0
     assert score["external"]["process"]["peak_rss_bytes"] > 1e7
     assert score["memory"]["localisation_peak_bytes"] == score["external"]["process"]["peak_rss_bytes"]
-    assert score["timing"]["localisation_s"]["clock"] == "as the node reports (/diagnostics)"
+    assert score["timing"]["localisation_s"]["clock"] == "as the node reports (<node>/call)"
     kinds = {finding["kind"] for finding in score["findings"]}
     assert kinds == {"crashed", "doubled answer", "another frame", "not finite", "missing answer"}
     for kind in kinds:

@@ -14,6 +14,7 @@ from processes import Peer
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
 from scenes import calls, problems, send_pair
+from std_msgs.msg import String
 
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
@@ -41,6 +42,7 @@ class Manager(Peer):
         super().__init__()
         self.name = node
         self.diagnostics = self.listen(DiagnosticArray, "/diagnostics")
+        self.calls = self.listen(String, f"{node}/call")
         self.clients: dict[str, Any] = {}
         self.odometry = self.listen(Odometry, "localisation/odometry")
 

@@ -22,7 +22,7 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import SIDES, stamp_of
+from sfr_loc_map.inputs import SIDES, Task, stamp_of
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.io.rectification import rectified_rig
@@ -34,7 +34,7 @@ from sfr_loc_map.nodes.diagnostics import Level
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
 from sfr_loc_map.nodes.messages import covariance_of, header_msg, odometry_row, pose_msg, tracks_from_msg
 from sfr_loc_map.nodes.motion_prior import OdometryBuffer
-from sfr_loc_map.pipeline.call_stats import values_of
+from sfr_loc_map.pipeline.call_stats import decode_call, values_of
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 OTHER_FRAME = Transform.from_quat([7.0, -2.0, 1.0], [0.0, 0.0, 0.6, 0.8])
@@ -75,7 +75,8 @@ def test_wheel_odometry_tells_where_to_look(ros: None, capfd: Capture) -> None:
             expected.append(tuple(localiser.process(pair, motion).T_ds_rb.translation))
             peer.play(index)
         assert peer.positions() == expected
-        used = ["statistic.motion_prior" in values_of(status) for status in calls(peer.diagnostics)]
+        peer.until(lambda: len(peer.calls) == 4, "the calls")
+        used = ["motion_prior" in decode_call(message.data, Task.LOCALISATION).statistics for message in peer.calls]
         assert used == [False, True, False, True]
         peer.publish(Odometry, "motion_prior", Odometry(child_frame_id="camera"))
         node.wait_for("motion_prior is of 'camera', of 'rb' (parameter rb_frame) is needed; ignored")

@@ -48,8 +48,7 @@ def live_score(source: Source, run: MapRun, cloud: PointCloud) -> dict[str, Any]
         monitor.map_inputs.poses[item.pair.stamp_ns] = item.T_lm_navsb
         monitor.map_inputs.true_points[item.pair.stamp_ns] = item.truth
     for record in run.records:
-        says = {"fused": float(cloud.fused is True)} if record.state == "fused" else {}
-        monitor.add_call(replace(record, statistics={**record.statistics, **says}))
+        monitor.add_call(replace(record, fused=cloud.fused if record.state == "fused" else None))
     message = replace(cloud, fused=None, pair_stamps_ns=None)  # it does not say
     monitor.map_inputs.clouds[run.maps[-1].stamp_ns] = message
     assert monitor.score_maps()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,12 +17,11 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.bag import TYPESTORE
-from sfr_loc_map.io.bag_messages import header, odometry
+from sfr_loc_map.io.bag import STRING, TYPESTORE
+from sfr_loc_map.io.bag_messages import odometry
 from sfr_loc_map.io.cloud_file import save_cloud
 from sfr_loc_map.io.trajectory_file import save_trajectory
-from sfr_loc_map.pipeline.bag_estimates import DIAGNOSTICS
-from sfr_loc_map.pipeline.call_stats import CallRecord, load_call_stats, save_stats
+from sfr_loc_map.pipeline.call_stats import CallRecord, encode_call, load_call_stats, save_stats
 from sfr_loc_map.pipeline.scoring import estimates_of, load_estimates
 
 PERIOD_NS = 100_000_000
@@ -110,49 +109,36 @@ def test_a_cloud_file_without_its_kind_needs_the_option_and_one_with_it_is_not_c
     assert (done.code, "says that it is not fused" in done.err) == (2, True)
 
 
-def status(name: str, **values: object) -> object:
-    types = TYPESTORE.types
-    pairs = [types["diagnostic_msgs/msg/KeyValue"](key, str(value)) for key, value in values.items()]
-    return types["diagnostic_msgs/msg/DiagnosticStatus"](0, name, "", "host", pairs)
-
-
-def call(node: str, stamp_ns: object, state: str, **more: object) -> object:
-    return status(f"{node}: call", task="localisation", stamp_ns=stamp_ns, state=state, processing_time_s=0.1, **more)
-
-
-def recorded(path: Path, *statuses: object) -> Path:
-    """Write a bag with three estimates of a rover and these statuses."""
+def recorded(path: Path, calls: Mapping[str, Sequence[str]]) -> Path:
+    """Write a bag with three estimates of a rover, and calls as JSON by their topic."""
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         name = "/rover/localisation/odometry"
         poses = writer.add_connection(name, "nav_msgs/msg/Odometry", typestore=TYPESTORE)
-        told = writer.add_connection("/diagnostics", DIAGNOSTICS, typestore=TYPESTORE)
         for stamp_ns in (1, 2, 3):
             message = odometry(stamp_ns, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
             writer.write(poses, stamp_ns, TYPESTORE.serialize_cdr(message, "nav_msgs/msg/Odometry"))
-        for item in statuses:
-            array = TYPESTORE.types[DIAGNOSTICS](header(1, ""), [item])
-            writer.write(told, 3, TYPESTORE.serialize_cdr(array, DIAGNOSTICS))
+        for topic, texts in calls.items():
+            connection = writer.add_connection(topic, STRING, typestore=TYPESTORE)
+            for text in texts:
+                writer.write(connection, 3, TYPESTORE.serialize_cdr(TYPESTORE.types[STRING](text), STRING))
     return path
 
 
 def test_a_bag_has_the_states_and_steps_of_its_node(tmp_path: Path) -> None:
     step = np.random.default_rng(0).normal(size=48) / 3.0
-    text = " ".join(map(repr, step.tolist()))
-    bag = recorded(
-        tmp_path / "bag",
-        call("rover/localisation_node", 1, "tracking"),
-        call("rover/localisation_node", 3, "degraded", step=text),
-        call("other/localisation_node", 2, "degraded", step=text),
-        status("rover/localisation_node: summary", task="localisation"),
-        status("rover/mapping_node: call", task="mapping", stamp_ns=2, state="degraded", processing_time_s=1),
-    )
-    found = load_estimates(bag)
+    degraded = CallRecord(3, 0.1, "degraded", step=step)
+    calls = {
+        "/rover/localisation_node/call": [encode_call(CallRecord(1, 0.1, "tracking")), encode_call(degraded)],
+        "/other/localisation_node/call": [encode_call(replace(degraded, stamp_ns=2))],
+        "/rover/mapping_node/call": [encode_call(replace(degraded, stamp_ns=2))],
+    }
+    found = load_estimates(recorded(tmp_path / "bag", calls))
     assert found.degraded.tolist() == [False, False, True]
     np.testing.assert_array_equal(found.steps, [np.full(48, np.nan)] * 2 + [step])
-    silent = load_estimates(recorded(tmp_path / "silent"))
+    silent = load_estimates(recorded(tmp_path / "silent", {}))
     assert (silent.degraded.any(), silent.steps) == (False, None)
-    with pytest.raises(InputError, match="'rover/localisation_node: call' of '/diagnostics'"):
-        load_estimates(recorded(tmp_path / "broken", call("rover/localisation_node", "later", "tracking")))
+    with pytest.raises(InputError, match="'/rover/localisation_node/call'"):
+        load_estimates(recorded(tmp_path / "broken", {"/rover/localisation_node/call": ['{"stamp_ns": "later"}']}))
 
 
 def test_a_method_does_not_tell_its_own_cost(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
@@ -22,7 +23,7 @@ from sfr_loc_map.nodes.peer import POLL_S
 from sfr_loc_map.nodes.replay.external import ExternalNode
 from sfr_loc_map.nodes.replay.graph_node import ANSWER_TIMEOUT_S, ReplayNode
 from sfr_loc_map.nodes.replay.results import ReplayResults
-from sfr_loc_map.pipeline.call_stats import namespace_of, task_record, values_of
+from sfr_loc_map.pipeline.call_stats import decode_call
 
 QUEUE_DEPTH = 1000
 NODE_OF_TASK = {"loc": "localisation_node", "nav": "mapping_node"}
@@ -46,6 +47,8 @@ class ResultCollector:
             subscribe(Odometry, "localisation/odometry", self._on_odometry, QoSProfile(depth=QUEUE_DEPTH))
         if other is not Task.MAPPING:
             subscribe(PointCloud2, "mapping/points", self._on_cloud, QoSProfile(depth=10))
+        for task in Task:
+            subscribe(String, f"{task}_node/call", partial(self._on_call, task), QoSProfile(depth=QUEUE_DEPTH))
         subscribe(DiagnosticArray, diagnostics.TOPIC, self._on_diagnostics, QoSProfile(depth=QUEUE_DEPTH))
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         subscribe(String, "metrics/report", self._on_report, latched)
@@ -145,30 +148,29 @@ class ResultCollector:
         self.results.rows.append(odometry_row(message))
         self.results.covariances[stamp_of(message)] = covariance_of(message)
 
-    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+    def _on_call(self, task: Task, message: String) -> None:
         results, external = self.results, self.external
-        namespace = self._node.node.get_namespace().strip("/")
-        for status in message.status:  # of all namespaces; an external node has the one that it likes
-            if external is None and namespace_of(status) != namespace:
-                continue
-            try:
-                found = task_record(status)
-            except InputError:
-                if external is None:
-                    raise
-                continue
-            if found is None:
-                node, _, what = status.name.rpartition(": ")
-                is_ours = node.rpartition("/")[2] in self._node.supervisor.processes
-                if level_of(status) is Level.ERROR and what == "input" and is_ours:
-                    results.input_error = f"{status.name.split(':')[0]}: {status.message}"
-                continue
-            if external is not None and found.task == external.options.task:
-                external.version = values_of(status).get("version") or external.version
-            if found.task == "localisation":
-                results.localisation[found.stamp_ns] = found
-            else:
-                results.mapping[found.state, found.stamp_ns] = found
+        is_external = external is not None and external.options.task is task
+        try:
+            call = decode_call(message.data, task)
+        except InputError:
+            if is_external:
+                return  # what it publishes of its calls is optional
+            raise
+        if external is not None and is_external:
+            external.version = call.version or external.version
+        if task is Task.LOCALISATION:
+            results.localisation[call.stamp_ns] = call
+        else:
+            results.mapping[call.state, call.stamp_ns] = call
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        """Note what one of our nodes reports of input that it cannot use."""
+        for status in message.status:
+            node, _, what = status.name.rpartition(": ")
+            is_ours = node in self._node.supervisor.processes
+            if level_of(status) is Level.ERROR and what == "input" and is_ours:
+                self.results.input_error = f"{node}: {status.message}"
 
     def _on_cloud(self, message: PointCloud2) -> None:
         self.results.clouds.append((stamp_of(message), cloud_from_msg(message)))

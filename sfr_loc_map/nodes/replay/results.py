@@ -14,7 +14,6 @@ from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.pipeline.call_stats import CallRecord
 from sfr_loc_map.pipeline.external_run import AnswerBook
-from sfr_loc_map.pipeline.monitor_score import PairSet, PairSets
 from sfr_loc_map.pipeline.replay import ExternalRun, ReplayResult
 
 
@@ -104,13 +103,12 @@ class ReplayResults:
         if not self.clouds:
             return None, ()
         stamp_ns, cloud = self.clouds[-1]
-        sets = PairSets()
-        known = {record.stamp_ns: found for record in self.mapping.values() if (found := sets.add(record)) is not None}
-        pairs = known.get(stamp_ns)
-        if pairs is None:
-            stamps = tuple(self.published_stamps("nav"))
-            pairs = PairSet(stamps, len(stamps) > 1)
-        return replace(cloud, fused=pairs.fused, pair_stamps_ns=pairs.stamps_ns), pairs.stamps_ns
+        call = self.mapping.get((MappingState.FUSED, stamp_ns))
+        pairs = () if call is None else call.pair_stamps_ns
+        if call is None or not pairs:
+            pairs = tuple(self.published_stamps("nav"))
+            return replace(cloud, fused=len(pairs) > 1, pair_stamps_ns=pairs), pairs
+        return replace(cloud, fused=call.is_fused, pair_stamps_ns=pairs), pairs
 
     def published_stamps(self, task: str) -> list[int]:
         """Return the stamps of the pairs of a task (`loc` or `nav`) that were published."""
