@@ -17,6 +17,7 @@ import argparse
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -27,7 +28,9 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import drive_of, panorama_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.frontend.patch import HALF
+from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracks
 from sfr_loc_map.localisation.localiser import Localiser
+from sfr_loc_map.localisation.state import Outcome, State
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity.filters import MAD_TO_SIGMA
 from sfr_loc_map.mapping.disparity.semi_global_matching import search_range, semi_global_matching
@@ -79,6 +82,16 @@ class Sight:
     seen: np.ndarray
 
 
+class RecordingLocaliser(Localiser):
+    """Keeps the tracks that were accepted last."""
+
+    accepted: Tracks | None = None
+
+    def _accept(self, state: State, frame: StereoFrame, tracks: Tracks, *rest: Any) -> Outcome:  # noqa: ANN401 - passed on
+        self.accepted = tracks
+        return super()._accept(state, frame, tracks, *rest)
+
+
 def sights(source: Path) -> tuple[list[Sight], list[Transform], StereoRig]:
     """Return what each pair of a drive shows, the true poses of the left camera and the rig."""
     drive = drive_of(open_source(source))
@@ -86,17 +99,18 @@ def sights(source: Path) -> tuple[list[Sight], list[Transform], StereoRig]:
     pairs = list(drive.pairs())
     noise = float(np.median([noise_of(refined_pair(pair, rig)) for pair in pairs[:: max(len(pairs) // 8, 1)]]))
     print(f"noise of an image: {noise:.2f} grey levels")
-    localiser = Localiser(rig, LocalisationConfig(), start_pose(drive, "truth"))
+    localiser = RecordingLocaliser(rig, LocalisationConfig(), start_pose(drive, "truth"))
     found, true = [], []
     for pair in pairs:
-        before = localiser._backend.keyframe_count
         estimate = localiser.process(pair)
-        localiser._finish_keyframe()  # poses do not depend on when a keyframe is finished
-        result, backend = localiser.last_result, localiser._backend
-        if backend.keyframe_count > before:
-            landmarks, observed = backend.landmarks, backend.landmarks.last_seen
-        elif result is not None:
-            landmarks, observed = result.landmarks, result.observations
+        keyframe = localiser._pending
+        landmark_map = localiser._state.landmark_map if keyframe is None else keyframe.result().landmark_map
+        if landmark_map is not None and (keyframe is not None or not true):  # the first pair begins a window
+            landmarks = landmark_map.landmarks
+            observed = landmarks.last_seen
+        elif localiser.accepted is not None:
+            landmarks = localiser.accepted.landmarks
+            observed = localiser.accepted.observations
         else:
             raise SystemExit(f"pair {pair.stamp_ns} was not tracked: a bound needs a drive that is never lost")
         rows = np.isfinite(observed[:, 0]) & np.isfinite(landmarks.points).all(axis=1)

@@ -1,12 +1,30 @@
-"""Which of the motions in the images is the ground's; what follows another one is left out while it lasts.
+"""Which of the motions in the images is the ground's; what follows another motion is excluded while it lasts.
 
-Nothing is the ground before it has been seen to move: until one motion has explained a moving image, a pose that leaves
-changing cells where they are is refused, and two motions are in doubt.
+The landmarks that a pose does not explain are searched for a second rigid motion. The ground's motion is the one that
+more landmarks follow and that continues the motion before. The landmarks and image cells of the other motion (own body,
+dirt on the lens, moving objects) are excluded. If the two cannot be told apart, the pose is ambiguous.
+
+The ground is identified by its motion. Until a single rigid motion has explained several moving image pairs (phase
+`LEARNING`), a pose that leaves changed image cells unexplained is contradicted, and two competing motions are
+ambiguous.
+
+`GroundSelector.select` follows this table of cases, from top to bottom:
+
+| case | condition | result |
+|---|---|---|
+| own body | the motion is untrusted, wrong, or unusual, and the other landmarks follow a second one | second motion |
+| untrusted | too few landmarks agree on a pose | the tracks as they are |
+| contradicted | changed cells contradict the motion, and there is no second one | the last pose is kept |
+| two motions | changed cells contradict the motion, or it is unusual, and there is a second one | `_choose` |
+| partial transfer | unusual, after a partially transferred pair, or no second motion explains the rest | late |
+| one motion | otherwise | the tracks; what is fixed to the camera is excluded |
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import Enum, auto
 from operator import attrgetter
 from typing import NamedTuple
 
@@ -15,274 +33,457 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
-from sfr_loc_map.geometry.camera import Pose
+from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.geometry.rotation import rotvec_from_matrix
-from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.frontend.image_cells import LEVEL, MOVED_PX, Change, ImageCells, Judged, change_of, judge
-from sfr_loc_map.localisation.frontend.landmarks import Landmarks
+from sfr_loc_map.localisation.frontend.image_cells import (
+    LEVEL,
+    MOVED_PX,
+    Change,
+    ExcludedCells,
+    Judged,
+    cell_counts,
+    change_of,
+    judge,
+)
+from sfr_loc_map.localisation.frontend.landmarks import ALIGNED_LANDMARKS, Landmarks
 from sfr_loc_map.localisation.frontend.pose_solver import RightOffset
-from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, TrackingResult
-from sfr_loc_map.localisation.relocalisation import Relocaliser
+from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks
+from sfr_loc_map.localisation.guards import Finding
+from sfr_loc_map.localisation.relocalisation import References, Relocaliser
+from sfr_loc_map.localisation.uncertainty import Ambiguity
 
-MIN_AGREEMENT = 0.3  #: Share of the unexplained landmarks that a second motion must explain.
-CONVINCING = 0.6  #: Share from which it is one in any case, and not sought by flow as well.
-MIN_DIFFERENCE_PX = 1.0  #: Image motion between two poses that are two motions,
-DIFFERENCE_SHARE = 0.05  #: and the least share of the motion itself: some landmarks agree on one that is a little off.
-OLD = 3.0  #: Weight of a landmark that is older than the newest keyframe.
-CLEAR = 1.4  #: Ratio of the evidence for two motions from which the ground's is known.
-EXPECTED = 1.5  #: Factor on the evidence for a motion that continues the one before.
-MIN_SHARE, MAX_SHARE = 0.12, 0.47
-"""Share of the landmarks in view that must be unexplained, beyond the typical one, before a pair is unusual: a second
-motion is sought; and from which on it is in any case."""
-MORE_THAN_USUAL = 1.25  #: Factor on the typical share, which is added.
-TYPICAL_SHARE, LESS_SHARE = 0.1, 0.5  #: Share of a pair in the typical share: of one that has more, and less.
-MAX_WRONG_FIRST, MAX_WRONG = 0.05, 0.4
-"""Share of the cells that may contradict a pose, before the ground was seen to move and after."""
-MIN_FIXED = 12  #: Fewest landmarks that are taken as fixed to the camera.
-AGREED = 3  #: Pairs that one motion must explain before it is the ground's.
-SETTLED = 3  #: Pairs of one motion from which on, after one that contradicted its pose, they are not late any more.
-DOUBTED = 10  #: As many more where there were two motions before.
-AFTER_TEAR = 0.5  #: Part of the share that makes a pair unusual where the one before was torn.
-MOSTLY = 0.5  #: Share of the rows beyond which an image is mostly old.
-MAX_TEARS = 10  #: Pairs in a row that may be of several exposures: what lasts longer is something else.
-ENOUGH_PX = 3.0  #: Image motion that tells well what is fixed to the camera: the next image is compared with this one.
-FAR_SHARE = 0.06
-"""Share of the width by which a motion moves a landmark in a pair beyond which it may not be found again."""
-MAX_AGE = 10  #: Pairs after which an image is no longer compared with, however slow the motion.
+# ---- a second motion
+
+MIN_AGREEMENT = 0.3  #: Fraction of the unexplained landmarks that a second motion must explain.
+CONVINCING = 0.6  #: The same fraction from which it is accepted in any case, and not searched for by optical flow.
+MIN_DIFFERENCE_PX = 1.0  #: Image motion between two poses that are different motions, px,
+MIN_DIFFERENCE_RATIO = (
+    0.05  #: and as a ratio to the image motion itself: some landmarks agree on a slightly wrong pose.
+)
+OLD_WEIGHT = 3.0  #: Evidence of a landmark that is older than the newest keyframe.
+EXPECTED_WEIGHT = 1.5  #: Factor on the evidence of a motion that continues the one before.
+CLEAR_RATIO = 1.4  #: Ratio of the evidence of two motions from which the ground's is known.
+
+# ---- unusual pairs
+
+MIN_UNEXPLAINED = 0.12  #: Fraction of unexplained landmarks, above the typical one, from which a pair is unusual.
+MAX_UNEXPLAINED = 0.47  #: Fraction of unexplained landmarks from which a pair is unusual in any case.
+TYPICAL_FACTOR = 1.25  #: Factor on the typical fraction of unexplained landmarks.
+RISING_GAIN = 0.1  #: Gain of the typical fraction for a pair with a larger fraction,
+FALLING_GAIN = 0.5  #: and for a pair with a smaller one.
+MAX_WRONG_LEARNING = 0.05  #: Fraction of cells that may contradict a pose while the ground is learnt,
+MAX_WRONG_KNOWN = 0.4  #: and when it is known.
+MIN_FIXED = 12  #: Minimum number of landmarks that are taken as fixed to the camera.
+
+# ---- phases
+
+LEARNING_PAIRS = 3  #: Moving pairs that one motion must explain before it is the ground's.
+SETTLING_PAIRS = 3  #: Consistent pairs needed to recover after a contradicted pose.
+AMBIGUOUS_PAIRS = 10  #: Consistent pairs needed to recover after two competing motions.
+AFTER_TRANSFER = 0.5  #: Factor on `MIN_UNEXPLAINED` after a partially transferred pair.
+MOSTLY_STALE = 0.5  #: Fraction of stale rows above which the next pairs may look like the one before.
+MAX_TRANSFERS = 10  #: Consecutive pairs that may be partially transferred: what lasts longer is something else.
+
+# ---- reference image
+
+REFERENCE_PX = 3.0  #: Image motion that shows what is fixed to the camera; the reference image is then replaced.
+REFERENCE_PAIRS = 10  #: Pairs after which the reference image is replaced, however slow the motion.
+FAR_RATIO = 0.06  #: Image motion per pair, fraction of the width, above which a landmark may not be found again.
+
 NO_ROWS = np.zeros(0, np.intp)
 
 
-class Guesses(NamedTuple):
-    """Initial guesses of the left camera's pose, constant velocity and standstill first, and the right one's error."""
+class Prediction(NamedTuple):
+    """Initial guesses of the left camera's pose, and the offset of the right camera."""
 
-    poses: Sequence[Pose]
+    poses: Sequence[Pose]  #: Constant velocity, standstill, and others.
     offset: RightOffset
 
+    @property
+    def expected(self) -> Pose:
+        """Pose at constant velocity."""
+        return self.poses[0]
 
-class GroundMotion(NamedTuple):
+    @property
+    def standstill(self) -> Pose:
+        """Last pose."""
+        return self.poses[1]
+
+
+class Phase(Enum):
+    """What is known about the ground's motion."""
+
+    LEARNING = auto()  #: It is being learnt; `pairs` have agreed so far.
+    KNOWN = auto()  #: A single motion has explained several moving pairs.
+    IN_DOUBT = auto()  #: Two motions competed; `pairs` more must agree before it is learnt again.
+
+
+class Confidence(NamedTuple):
+    """The phase and its counter."""
+
+    phase: Phase = Phase.LEARNING
+    pairs: int = 0
+
+    def agreed(self) -> Confidence:
+        """Return the confidence after a moving pair that one motion explained."""
+        if self.phase is Phase.IN_DOUBT:
+            return Confidence(Phase.IN_DOUBT, self.pairs - 1) if self.pairs > 1 else Confidence()
+        pairs = self.pairs + 1
+        return Confidence(Phase.KNOWN) if pairs >= LEARNING_PAIRS else Confidence(Phase.LEARNING, pairs)
+
+    def interrupted(self) -> Confidence:
+        """Return the confidence after a pair that agreed only in part, or in a new window: learning starts again."""
+        return self if self.phase is Phase.IN_DOUBT else Confidence()
+
+    def doubted(self) -> Confidence:
+        """Return the confidence after two motions competed, or cells contradicted the pose.
+
+        A known ground recovers soon; doubt about a ground that was being learnt lasts longer.
+        """
+        was_known = self.phase is Phase.KNOWN
+        recovers = self.phase is Phase.IN_DOUBT and self.pairs <= SETTLING_PAIRS
+        return Confidence(Phase.IN_DOUBT, SETTLING_PAIRS if was_known or recovers else AMBIGUOUS_PAIRS)
+
+
+class Reference(NamedTuple):
+    """Image that the present one is compared with, cell by cell."""
+
+    image: FloatImage  #: Pyramid level `LEVEL` of a left image.
+    pose: Pose  #: Pose of the left camera there.
+    age: int = 0  #: Number of pairs since.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroundMemory:
+    """What is remembered from pair to pair, whether their poses are accepted or not."""
+
+    excluded: ExcludedCells  #: Cells that do not move with the ground.
+    contradicting: Mask  #: `(R, C)` cells that contradicted a motion since the ground is in doubt.
+    reference: Reference | None = None  #: None before the first window.
+    confidence: Confidence = Confidence()
+    transfers: int = 0  #: Number of consecutive partially transferred pairs.
+    settling: int = 0  #: Consistent pairs that are still needed after a contradicted pose.
+    typical: float | None = None  #: Typical fraction of unexplained landmarks; None before the first pair.
+
+    @classmethod
+    def none(cls, shape: tuple[int, int]) -> GroundMemory:
+        """Return the memory before the first pair of images of a shape (height, width)."""
+        return cls(ExcludedCells.none(shape), np.zeros(cell_counts(shape), np.bool_))
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether no pair before was contradicted, ambiguous or partially transferred."""
+        return self.settling == 0 and self.transfers == 0 and self.confidence.phase is not Phase.IN_DOUBT
+
+    def in_new_window(self, frame: StereoFrame, pose: Pose) -> GroundMemory:
+        """Return the memory with a new window. Its ground has not been seen to move; doubt persists."""
+        return replace(
+            self,
+            reference=Reference(frame.left[LEVEL].image, pose),
+            confidence=self.confidence.interrupted(),
+            transfers=0,
+            settling=0,
+            typical=None,
+        )
+
+    def after_stale_rows(self, stale: Mask) -> GroundMemory:
+        """Return the memory after a pair with stale rows `(H,)`: the pairs after it may have some, too.
+
+        If most rows are stale, each of the next images may look like the one before as a whole.
+        """
+        return replace(self, transfers=1, settling=AMBIGUOUS_PAIRS if stale.mean() > MOSTLY_STALE else 1)
+
+    def doubted(self, cells: Mask) -> GroundMemory:
+        """Return the memory after it became unknown which motion is the ground's; cells `(R, C)` contradict it."""
+        is_in_doubt = self.confidence.phase is Phase.IN_DOUBT
+        before = self.contradicting if is_in_doubt else np.zeros_like(self.contradicting)
+        return replace(self, confidence=self.confidence.doubted(), contradicting=before | cells)
+
+
+class Ground(NamedTuple):
     """The ground's motion in a pair."""
 
-    result: TrackingResult  #: Tracking by it.
+    tracks: Tracks  #: Tracks that follow it.
+    memory: GroundMemory  #: Memory for the next pair.
+    findings: frozenset[Finding] = frozenset()
     dynamic: NDArray[np.intp] = NO_ROWS  #: `(N,)` rows in the window of landmarks that follow another motion.
-    #: Metres and radians by which the pose may be wrong besides what no image shows, as it is not known which motion is
-    #: the ground's; None if it is.
-    doubt: tuple[float, float] | None = None
-    whole: bool = True  #: Whether the pair is of one exposure.
-    sheared: bool = False  #: Whether its parts may be of different moments, as its rows, or as nothing explains more.
-    shear: float = 0.0  #: Squared shear of the rows over its variance, per degree of freedom.
-    seen: bool = True  #: Whether the image agrees that anything moved like that.
+    ambiguity: Ambiguity | None = None  #: How far the pose may be another one; None if it is unambiguous.
+    is_second: bool = False  #: Whether the tracks follow another motion than the first tracks.
+
+    def plus(self, *findings: Finding) -> Ground:
+        """Return the ground with further findings."""
+        return self._replace(findings=self.findings.union(findings))
 
 
-class GroundMotionFinder:
-    """Tells the ground's motion from that of the own body, of dirt and of moving objects.
+class _Pair(NamedTuple):
+    """One pair while its ground is selected."""
 
-    Landmarks that a pose does not explain are searched for a second rigid motion. The ground's is the one that more
-    landmarks follow and that continues the motion before; the landmarks of the other are left out, and the cells of
-    the image where they are. Where the two cannot be told apart the pose is in doubt.
-    """
+    frame: StereoFrame
+    prediction: Prediction
+    references: References
+    change: Change  #: Cells that changed, or stayed, since the reference image.
+    since: Pose  #: Pose of the reference image.
+    far_px: float  #: Image motion beyond which a landmark that was not found contradicts nothing.
 
-    def __init__(self, tracker: Tracker, relocaliser: Relocaliser, rig: StereoRig, config: LocalisationConfig) -> None:
-        self._tracker, self._relocaliser = tracker, relocaliser
-        self._shape, self._min_tracked, self._camera = (rig.height, rig.width), config.min_tracked, rig.camera
-        self.cells = ImageCells(self._shape)
-        nothing = np.zeros(self.cells.count, np.bool_)
-        self._change, self._doubted = Change(nothing, nothing), nothing
-        self._agreed = 0
 
-    def begin(self, frame: StereoFrame, pose: Pose) -> None:
-        """Begin with a window: its ground has not been seen to move."""
-        self._tears = self._age = self._unsettled = 0
-        self._agreed = min(self._agreed, 0)  # what was in doubt still is
-        self._typical: float | None = None
-        self._image: FloatImage = frame.left[LEVEL].image
-        self._still = pose  # where that image was taken
+class GroundSelector:
+    """Selects the ground's motion. It holds the tools, and keeps no state between calls."""
 
-    def find(self, frame: StereoFrame, first: TrackingResult, guesses: Guesses) -> GroundMotion:
-        """Return the ground's motion in a pair; the first result may follow any motion, trusted or not."""
+    def __init__(
+        self, tracker: Tracker, relocaliser: Relocaliser, camera: StereoCamera, shape: tuple[int, int], min_tracked: int
+    ) -> None:
+        """The shape of the images is (height, width)."""
+        self._tracker = tracker
+        self._relocaliser = relocaliser
+        self._camera = camera
+        self._shape = shape
+        self._min_tracked = min_tracked
+
+    def select(
+        self, frame: StereoFrame, first: Tracks, prediction: Prediction, memory: GroundMemory, references: References
+    ) -> Ground:
+        """Return the ground's motion in a pair. The first tracks may follow any motion, trusted or not."""
+        assert memory.reference is not None, "a window has begun"
         image = frame.left[LEVEL].image
-        self._change = change_of(self._image, image)
-        self._age += 1
-        judged = self._judge(first)
-        if first.trusted and judged.share > MIN_SHARE:  # a pose from few landmarks may show where the others are
-            again = self._tracker.refine(frame, first.landmarks, first.pose, guesses.offset)
-            if again.inlier_count > CLEAR * first.inlier_count:
-                first, judged = again, self._judge(again)
-        ground = self._find(frame, first, judged, guesses)
-        result = ground.result
-        if self.cells.mask is not None or len(ground.dynamic):
-            self.cells.age(self._change.stays)
-        if not ground.seen or ground.doubt is not None:
-            self._unsettled = max(self._unsettled, SETTLED)
-        elif not ground.whole:
-            self._unsettled = max(self._unsettled, min(self._tears, SETTLED))
-        elif self._unsettled > 0 and result.trusted:
-            self._unsettled -= judged.far > MOVED_PX  # what stands tells nothing
-            ground = ground._replace(sheared=ground.sheared or self._unsettled > 0)
-        enough = judged.far > ENOUGH_PX or result is not first or self._age > MAX_AGE
-        if result.trusted and ground.seen and ground.whole and enough:
-            self._image, self._still, self._age = image, result.pose, 0
-        return ground
+        reference = memory.reference._replace(age=memory.reference.age + 1)
+        far_px = FAR_RATIO * self._shape[1] * reference.age if memory.is_clear else np.inf
+        change = change_of(reference.image, image)
+        pair = _Pair(frame, prediction, references, change, reference.pose, far_px)
+        judged = self._judge(pair, first)
+        if (
+            first.is_trusted and judged.share > MIN_UNEXPLAINED
+        ):  # a pose from few landmarks may show where the others are
+            again = self._tracker.refine(frame, first.landmarks, first.pose, prediction.offset)
+            if again.inlier_count > CLEAR_RATIO * first.inlier_count:
+                first = again
+                judged = self._judge(pair, again)
+        ground = self._decide(pair, first, judged, memory)
+        return self._remember(ground, judged, image, reference, change)
 
-    def _judge(self, result: TrackingResult, since: Pose | None = None, pose: Pose | None = None) -> Judged:
-        """Return what the motion since the image compared with, or a pose, to a result, or another pose, explains."""
-        estimates, host_uv = result.landmarks.estimates, result.landmarks.planes.uv
-        start, end = since or self._still, pose or result.pose
-        # a landmark that races by is not found again; after a pair that was not clear it may as well contradict
-        clear = self._unsettled == 0 and self._tears == 0 and self._agreed >= 0
-        far_px = FAR_SHARE * self._shape[1] * self._age if clear else np.inf
-        return judge(end, start, estimates, host_uv, result.inliers, self._change, self._camera, self._shape, far_px)
+    def _remember(
+        self, ground: Ground, judged: Judged, image: FloatImage, reference: Reference, change: Change
+    ) -> Ground:
+        """Update the memory after the decision: excluded cells, settling pairs and reference image."""
+        memory = ground.memory
+        excluded = memory.excluded
+        if excluded.mask is not None or len(ground.dynamic):
+            excluded = excluded.after_pair(change.stays, self._shape)
+        is_accepted = Finding.CONTRADICTED not in ground.findings
+        is_complete = Finding.PARTIAL_TRANSFER not in ground.findings
+        settling = memory.settling
+        if not is_accepted or ground.ambiguity is not None:
+            settling = max(settling, SETTLING_PAIRS)
+        elif not is_complete:
+            settling = max(settling, min(memory.transfers, SETTLING_PAIRS))
+        elif settling > 0 and ground.tracks.is_trusted:
+            settling -= int(judged.far > MOVED_PX)  # a stationary image shows nothing
+            if settling > 0:
+                ground = ground.plus(Finding.UNSETTLED)
+        is_replaced = judged.far > REFERENCE_PX or ground.is_second or reference.age > REFERENCE_PAIRS
+        if ground.tracks.is_trusted and is_accepted and is_complete and is_replaced:
+            reference = Reference(image, ground.tracks.pose)
+        return ground._replace(memory=replace(memory, excluded=excluded, settling=settling, reference=reference))
 
-    def _find(self, frame: StereoFrame, first: TrackingResult, judged: Judged, guesses: Guesses) -> GroundMotion:
-        stays, known = judged.stays, self._agreed >= AGREED
-        wrong = judged.wrong > (MAX_WRONG if known else MAX_WRONG_FIRST)
-        typical = judged.share if self._typical is None else self._typical
-        margin = AFTER_TEAR * MIN_SHARE if self._tears else MIN_SHARE
-        usual = judged.share < min(margin + MORE_THAN_USUAL * (self._typical or 0.0), MAX_SHARE)
-        if (wrong or not first.trusted or not (known or usual)) and np.count_nonzero(stays) >= MIN_FIXED:
-            # what stays is rather the own body than the ground
-            second = self._search(frame, first.landmarks.subset(~stays), guesses)
-            if second is not None and not (first.trusted and self._motion(second, first.pose) < MIN_DIFFERENCE_PX):
-                by_second = self._judge(second)
-                if by_second.wrong < MAX_WRONG_FIRST:
-                    return self._second_wins(frame, first, second, stays, by_second.cells, guesses)
-        if not first.trusted:
-            return GroundMotion(first)
-        if wrong:
-            second = self._search(frame, first.landmarks.subset(judged.rest), guesses)
-            if second is None or self._judge(second).wrong > MAX_WRONG_FIRST:
-                self._doubt(judged)
-                return GroundMotion(first, seen=False)
-            return self._decide(frame, first, second, judged, guesses)
-        if 0 < self._tears < MAX_TEARS and not usual:
-            return self._torn(first)
-        if not usual:
-            second = self._search(frame, first.landmarks.subset(judged.rest), guesses)
-            if second is not None and self._differ(first, second, judged.far):
-                return self._decide(frame, first, second, judged, guesses)
-            if judged.share >= MAX_SHARE and self._tears < MAX_TEARS:
-                return self._torn(first)
-        self._tears = 0
-        settled = usual if known else self._agreed >= 0
-        if settled:  # what is learnt in doubt would be typical of the doubt
-            more = judged.share - typical
-            self._typical = typical + (TYPICAL_SHARE if more > 0.0 else LESS_SHARE) * more
-        if not known and judged.far > MOVED_PX:
-            if self.cells.moving_share < MIN_SHARE and (self._agreed >= 0 or self._covers(first, judged)):
-                self._agreed += 1
-            elif self._agreed < 0 and not usual:
-                self._doubt(judged)
-            else:
-                self._agreed = min(self._agreed, 0)
-        # one motion; what is fixed to the camera is left out
-        if judged.cells.any():
-            self.cells.leave_out(judged.cells, np.zeros_like(judged.cells))
-        doubt = (0.0, 0.0) if judged.share >= MAX_SHARE or self._agreed < 0 else None
-        return GroundMotion(first, first.landmarks.index[judged.fixed], doubt, sheared=known and not usual)
+    # ---- the table of cases
 
-    def tear(self, stale: Mask) -> None:
-        """Take a pair that is torn, some rows `(H,)` old: those after it may be.
+    def _decide(self, pair: _Pair, first: Tracks, judged: Judged, memory: GroundMemory) -> Ground:
+        """Go through the cases."""
+        is_known = memory.confidence.phase is Phase.KNOWN
+        is_wrong = judged.wrong > (MAX_WRONG_KNOWN if is_known else MAX_WRONG_LEARNING)
+        is_usual = _is_usual(judged.share, memory)
+        if (is_wrong or not first.is_trusted or not (is_known or is_usual)) and (
+            body := self._own_body(pair, first, judged, memory)
+        ):
+            return body
+        if not first.is_trusted:
+            return Ground(first, memory)
+        if is_wrong:
+            second = self._search(pair, first.landmarks.subset(judged.rest))
+            if second is None or self._judge(pair, second).wrong > MAX_WRONG_LEARNING:
+                doubted = memory.doubted(self._unexplained_cells(judged))
+                return Ground(first, doubted).plus(Finding.CONTRADICTED)
+            return self._choose(pair, first, second, judged, memory)
+        if not is_usual and 0 < memory.transfers < MAX_TRANSFERS:
+            return _partial_transfer(first, memory)
+        if not is_usual:
+            second = self._search(pair, first.landmarks.subset(judged.rest))
+            if second is not None and self._differ(pair, first, second, judged.far):
+                return self._choose(pair, first, second, judged, memory)
+            if judged.share >= MAX_UNEXPLAINED and memory.transfers < MAX_TRANSFERS:
+                return _partial_transfer(first, memory)
+        return self._one_motion(first, judged, memory, is_usual=is_usual)
 
-        Where most are, each of those after it may look like the one before as a whole.
+    def _own_body(self, pair: _Pair, first: Tracks, judged: Judged, memory: GroundMemory) -> Ground | None:
+        """Return the motion of the landmarks beside the texture that stays, which is then the own body; None if none.
+
+        Texture that stays although the rover moves is fixed to the camera rather than the ground.
         """
-        self._tears, self._unsettled = 1, DOUBTED if stale.mean() > MOSTLY else 1
+        if np.count_nonzero(judged.stays) < MIN_FIXED:
+            return None
+        second = self._search(pair, first.landmarks.subset(~judged.stays))
+        if second is None:
+            return None
+        if first.is_trusted and self._image_motion(pair, second, first.pose) < MIN_DIFFERENCE_PX:
+            return None
+        by_second = self._judge(pair, second)
+        if by_second.wrong >= MAX_WRONG_LEARNING:
+            return None
+        return self._second_wins(pair, first, second, judged.stays, by_second.cells, memory)
 
-    def _doubt(self, judged: Judged) -> None:
-        """Take it as unknown which motion is the ground's."""
-        before = self._doubted if self._agreed < 0 else np.zeros_like(self._doubted)
-        short = self._agreed >= AGREED or -SETTLED <= self._agreed < 0
-        self._agreed = -SETTLED if short else -DOUBTED
-        self._doubted = before | self._cells(judged.cell[judged.rest])
+    def _one_motion(self, first: Tracks, judged: Judged, memory: GroundMemory, *, is_usual: bool) -> Ground:
+        """Return the only motion, without what is fixed to the camera, and learn what is typical of the ground."""
+        was_known = memory.confidence.phase is Phase.KNOWN
+        was_in_doubt = memory.confidence.phase is Phase.IN_DOUBT
+        memory = replace(memory, transfers=0)
+        if is_usual if was_known else not was_in_doubt:  # what is learnt in doubt would be typical of the doubt
+            typical = judged.share if memory.typical is None else memory.typical
+            more = judged.share - typical
+            gain = RISING_GAIN if more > 0.0 else FALLING_GAIN
+            memory = replace(memory, typical=typical + gain * more)
+        if not was_known and judged.far > MOVED_PX:
+            is_covered = not was_in_doubt or self._covers_doubt(first, judged, memory)
+            if memory.excluded.moving_fraction < MIN_UNEXPLAINED and is_covered:
+                memory = replace(memory, confidence=memory.confidence.agreed())
+            elif was_in_doubt and not is_usual:
+                memory = memory.doubted(self._unexplained_cells(judged))
+            else:
+                memory = replace(memory, confidence=memory.confidence.interrupted())
+        if judged.cells.any():
+            memory = replace(memory, excluded=memory.excluded.with_cells(judged.cells, np.zeros_like(judged.cells)))
+        findings = set()
+        if was_known and not is_usual:
+            findings.add(Finding.UNEXPLAINED)
+        ambiguity = None
+        if judged.share >= MAX_UNEXPLAINED or memory.confidence.phase is Phase.IN_DOUBT:
+            ambiguity = Ambiguity(0.0, 0.0)
+            findings.add(Finding.AMBIGUOUS)
+        dynamic = first.landmarks.index[judged.fixed]
+        return Ground(first, memory, frozenset(findings), dynamic, ambiguity)
 
-    def _covers(self, first: TrackingResult, judged: Judged) -> bool:
-        """Tell whether a motion is now seen in half of the cells that have contradicted one."""
-        seen = cv2.dilate(self._cells(judged.cell[first.inliers]).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-        return bool((seen & self._doubted).sum() >= 0.5 * self._doubted.sum())
+    def _choose(self, pair: _Pair, first: Tracks, second: Tracks, judged: Judged, memory: GroundMemory) -> Ground:
+        """Return the one of two motions that has more evidence; it is ambiguous if the evidence is not clear.
 
-    def _torn(self, first: TrackingResult) -> GroundMotion:
-        self._tears += 1
-        return GroundMotion(first, whole=False)
+        The second motion explains the landmarks that the first one does not.
+        """
+        standstill = pair.prediction.standstill
+        slower_px = min(self._image_motion(pair, tracks, standstill) for tracks in (first, second))
+        if memory.transfers < MAX_TRANSFERS and slower_px < MIN_DIFFERENCE_PX:  # a part is of the pair before
+            return _partial_transfer(first, memory)
+        ratio = self._evidence(pair, first, second) / self._evidence(pair, second, first)
+        first_wins = ratio >= 1.0
+        explained = 1.0 - judged.share
+        if not first_wins:
+            explained = judged.share * second.inlier_count / len(second.inliers)
+        is_clear = not 1.0 / CLEAR_RATIO < ratio < CLEAR_RATIO
+        if memory.confidence.phase is not Phase.KNOWN or explained < 1.0 - MAX_UNEXPLAINED or not is_clear:
+            tracks = first
+            if not first_wins:
+                tracks = self._tracker.refine(pair.frame, first.landmarks, second.pose, pair.prediction.offset)
+            doubted = memory.doubted(self._unexplained_cells(judged))
+            ambiguity = pose_distance(first.pose, second.pose)
+            ground = Ground(tracks, doubted, ambiguity=ambiguity, is_second=not first_wins)
+            return ground.plus(Finding.AMBIGUOUS)
+        follows_second = np.zeros(len(judged.rest), np.bool_)
+        follows_second[np.flatnonzero(judged.rest)[second.inliers]] = True
+        if not first_wins:
+            dynamic = first.inliers & ~follows_second
+            return self._second_wins(pair, first, second, dynamic, self._cells(judged.cell[dynamic]), memory)
+        moving = self._cells(self._judge(pair, second).cell[second.inliers])
+        excluded = memory.excluded.with_cells(judged.cells, moving & ~judged.cells)
+        dynamic_rows = first.landmarks.index[follows_second | judged.fixed]
+        return Ground(first, replace(memory, excluded=excluded), dynamic=dynamic_rows)
 
-    def _search(self, frame: StereoFrame, landmarks: Landmarks, guesses: Guesses) -> TrackingResult | None:
-        """Return the motion of some landmarks, from the guesses, then by flow; None where too few agree on one."""
+    def _second_wins(
+        self, pair: _Pair, first: Tracks, second: Tracks, dynamic: Mask, cells: Mask, memory: GroundMemory
+    ) -> Ground:
+        """Return the second motion without the landmarks `(M,)` and cells `(R, C)` that do not follow it."""
+        memory = replace(memory, excluded=memory.excluded.with_cells(cells, np.zeros_like(cells)))
+        tracks = self._tracker.refine(pair.frame, first.landmarks.subset(~dynamic), second.pose, pair.prediction.offset)
+        ground = Ground(tracks, memory, dynamic=first.landmarks.index[dynamic], is_second=True)
+        is_complete = self._judge(pair, tracks).share < MIN_UNEXPLAINED + TYPICAL_FACTOR * (memory.typical or 0.0)
+        return ground if is_complete else ground.plus(Finding.PARTIAL_TRANSFER)
+
+    # ---- what the cases ask
+
+    def _judge(self, pair: _Pair, tracks: Tracks, since: Pose | None = None, pose: Pose | None = None) -> Judged:
+        """Return what a motion explains: from the reference image, or another pose, to the tracks, or another pose."""
+        return judge(
+            pose or tracks.pose,
+            since or pair.since,
+            tracks.landmarks.estimates,
+            tracks.landmarks.planes.uv,
+            tracks.inliers,
+            pair.change,
+            self._camera,
+            self._shape,
+            pair.far_px,
+        )
+
+    def _image_motion(self, pair: _Pair, tracks: Tracks, since: Pose, pose: Pose | None = None) -> float:
+        """Return the image motion of the landmarks, px, from one pose to that of the tracks, or to another one."""
+        return self._judge(pair, tracks, since, pose).far
+
+    def _search(self, pair: _Pair, landmarks: Landmarks) -> Tracks | None:
+        """Return a motion of some landmarks: from the guesses, then by optical flow; None if too few agree on one."""
         count = len(landmarks.index)
         if count < self._min_tracked:
             return None
-        start = self._tracker.align(frame.left, landmarks.few, guesses.poses)
-        result = self._tracker.refine(frame, landmarks, start, guesses.offset)
-        if result.inlier_count < CONVINCING * count:
-            pose = self._relocaliser.pose_by_flow(frame, landmarks)
+        frame = pair.frame
+        offset = pair.prediction.offset
+        start = self._tracker.align(frame.left, landmarks.thinned(ALIGNED_LANDMARKS), pair.prediction.poses)
+        tracks = self._tracker.refine(frame, landmarks, start, offset)
+        if tracks.inlier_count < CONVINCING * count:
+            pose = self._relocaliser.pose_by_flow(frame, pair.references, landmarks)
             if pose is not None:
-                by_flow = self._tracker.refine_from_afar(frame, landmarks, pose, guesses.offset)
-                result = max(result, by_flow, key=attrgetter("inlier_count"))
-        return result if result.inlier_count >= max(self._min_tracked, MIN_AGREEMENT * count) else None
+                by_flow = self._tracker.refine_from_afar(frame, landmarks, pose, offset)
+                tracks = max(tracks, by_flow, key=attrgetter("inlier_count"))
+        return tracks if tracks.inlier_count >= max(self._min_tracked, MIN_AGREEMENT * count) else None
 
-    def _decide(
-        self, frame: StereoFrame, first: TrackingResult, second: TrackingResult, judged: Judged, guesses: Guesses
-    ) -> GroundMotion:
-        """Return the motion with more evidence, in doubt if not clearly so; the second one tracks the rest."""
-        still = guesses.poses[1]
-        if self._tears < MAX_TEARS and min(self._motion(x, still) for x in (first, second)) < MIN_DIFFERENCE_PX:
-            return self._torn(first)  # part of the image is that of the pair before
-        expected = guesses.poses[0]
-        ratio = self._evidence(first, second, expected) / self._evidence(second, first, expected)
-        by_second = judged.share * second.inlier_count / len(second.inliers)
-        explained = by_second if ratio < 1.0 else 1.0 - judged.share
-        if self._agreed < AGREED or explained < 1.0 - MAX_SHARE or 1.0 / CLEAR < ratio < CLEAR:
-            doubt = pose_distance(first.pose, second.pose)
-            self._doubt(judged)
-            if ratio < 1.0:
-                first = self._tracker.refine(frame, first.landmarks, second.pose, guesses.offset)
-            return GroundMotion(first, doubt=doubt)
-        follows = np.zeros(len(judged.rest), np.bool_)
-        follows[np.flatnonzero(judged.rest)[second.inliers]] = True
-        if ratio < 1.0:
-            others = first.inliers & ~follows
-            return self._second_wins(frame, first, second, others, self._cells(judged.cell[others]), guesses)
-        moving = self._cells(self._judge(second).cell[second.inliers])
-        self.cells.leave_out(judged.cells, moving & ~judged.cells)
-        return GroundMotion(first, first.landmarks.index[follows | judged.fixed])
+    def _evidence(self, pair: _Pair, tracks: Tracks, other: Tracks) -> float:
+        """Return the number of landmarks that follow a motion, weighted by how likely it is the ground's."""
+        old = float(np.count_nonzero(tracks.inliers & tracks.landmarks.are_old))
+        evidence = tracks.inlier_count + (OLD_WEIGHT - 1.0) * old
+        expected = pair.prediction.expected
+        to_own = self._image_motion(pair, tracks, expected)
+        to_other = self._image_motion(pair, tracks, expected, other.pose)
+        return evidence * EXPECTED_WEIGHT if to_own < 0.5 * to_other else evidence
 
-    def _second_wins(
-        self,
-        frame: StereoFrame,
-        first: TrackingResult,
-        second: TrackingResult,
-        dynamic: Mask,
-        cells: Mask,
-        guesses: Guesses,
-    ) -> GroundMotion:
-        """Return the second motion; landmarks `(M,)` and cells `(R, C)` that do not follow it are left out."""
-        self.cells.leave_out(cells, np.zeros_like(cells))
-        result = self._tracker.refine(frame, first.landmarks.subset(~dynamic), second.pose, guesses.offset)
-        whole = self._judge(result).share < MIN_SHARE + MORE_THAN_USUAL * (self._typical or 0.0)
-        return GroundMotion(result, first.landmarks.index[dynamic], whole=whole)
+    def _differ(self, pair: _Pair, first: Tracks, second: Tracks, image_motion_px: float) -> bool:
+        """Return whether two motions differ: nearly all landmarks follow the second one, or it moves them elsewhere."""
+        if second.inlier_count > CONVINCING * len(second.inliers):
+            return True
+        least_px = max(MIN_DIFFERENCE_PX, MIN_DIFFERENCE_RATIO * image_motion_px)
+        return self._image_motion(pair, second, first.pose) > least_px
 
-    def _evidence(self, result: TrackingResult, other: TrackingResult, expected: Pose) -> float:
-        """Return the number of landmarks that follow a motion, weighted by how probable it is for the ground."""
-        count = result.inlier_count + (OLD - 1.0) * float(np.count_nonzero(result.inliers & result.landmarks.are_old))
-        mine, theirs = self._motion(result, expected), self._motion(result, expected, other.pose)
-        return count * EXPECTED if mine < 0.5 * theirs else count
+    def _covers_doubt(self, first: Tracks, judged: Judged, memory: GroundMemory) -> bool:
+        """Return whether the motion is seen in half of the cells, or beside them, that have contradicted one."""
+        seen = self._cells(judged.cell[first.inliers]).astype(np.uint8)
+        beside = cv2.dilate(seen, np.ones((3, 3), np.uint8)) > 0
+        return bool((beside & memory.contradicting).sum() >= 0.5 * memory.contradicting.sum())
 
-    def _motion(self, result: TrackingResult, since: Pose, pose: Pose | None = None) -> float:
-        """Return how far its landmarks move, pixels, from one pose to that of the result, or to another one."""
-        return self._judge(result, since, pose).far
+    def _unexplained_cells(self, judged: Judged) -> Mask:
+        """Return the cells `(R, C)` of the landmarks that the motion does not explain."""
+        return self._cells(judged.cell[judged.rest])
 
-    def _cells(self, cells: NDArray[np.intp]) -> Mask:
-        """Return the cells `(R, C)` of some numbers."""
-        found = np.bincount(cells, minlength=self.cells.count[0] * self.cells.count[1] + 1)
-        return found[:-1].reshape(self.cells.count) > 0
-
-    def _differ(self, first: TrackingResult, second: TrackingResult, far_px: float) -> bool:
-        """Tell whether nearly all landmarks agree on the second pose, or both poses see them at different pixels.
-
-        The first moves them by so many pixels.
-        """
-        least = max(MIN_DIFFERENCE_PX, DIFFERENCE_SHARE * far_px)
-        return second.inlier_count > CONVINCING * len(second.inliers) or self._motion(second, first.pose) > least
+    def _cells(self, numbers: NDArray[np.intp]) -> Mask:
+        """Return the cells `(R, C)` of some cell numbers."""
+        rows, columns = cell_counts(self._shape)
+        found = np.bincount(numbers, minlength=rows * columns + 1)
+        return found[:-1].reshape(rows, columns) > 0
 
 
-def pose_distance(one: Pose, other: Pose) -> tuple[float, float]:
-    """Return the distance, metres, and the angle, radians, between two poses."""
+def _is_usual(unexplained: float, memory: GroundMemory) -> bool:
+    """Return whether a fraction of unexplained landmarks is usual for the ground."""
+    margin = AFTER_TRANSFER * MIN_UNEXPLAINED if memory.transfers else MIN_UNEXPLAINED
+    return unexplained < min(margin + TYPICAL_FACTOR * (memory.typical or 0.0), MAX_UNEXPLAINED)
+
+
+def _partial_transfer(first: Tracks, memory: GroundMemory) -> Ground:
+    """Return the first motion of a pair whose parts are of different moments."""
+    return Ground(first, replace(memory, transfers=memory.transfers + 1)).plus(Finding.PARTIAL_TRANSFER)
+
+
+def pose_distance(one: Pose, other: Pose) -> Ambiguity:
+    """Return the distance and the angle between two poses."""
     angle = np.linalg.norm(rotvec_from_matrix(one.rotation.T @ other.rotation))
-    return float(np.linalg.norm(one.position - other.position)), float(angle)
+    return Ambiguity(float(np.linalg.norm(one.position - other.position)), float(angle))

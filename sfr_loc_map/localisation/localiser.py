@@ -1,9 +1,28 @@
-"""The localiser: one call per stereo pair."""
+"""The localiser: one call per stereo pair.
+
+A sparse, keyframe-based stereo odometry with a sliding window, in the order of `Localiser._locate`:
+
+1. Check the images: a repeated pair keeps the last pose, stale parts are blanked (`guards`).
+2. Predict the pose: constant velocity, standstill, missed pairs, wheel odometry (`motion_model`).
+3. Track: align the landmarks of the window as one (direct image alignment, SVO, Forster et al. 2017), then track each
+   patch, warped by its local plane, in both images (Lucas and Kanade 1981), and solve for the pose with robust weights.
+4. Relocalise if the pose is not trusted: optical flow, then SIFT descriptors (`relocalisation`).
+5. Select the ground's motion among the motions in the image (`ground_motion`).
+6. Follow a rotation of the right camera (`backend/online_calibration`).
+7. Judge: the findings of all guards and one table decide whether the pose is accepted, kept or lost (`guards`).
+8. Step: the new path, the covariance of the pose and of the motion since the last one (`path`, `uncertainty`).
+9. Keyframe: if few landmarks are left or they moved far, the pair joins the window, which is adjusted in the background
+   (bundle adjustment with marginalisation, OKVIS, Leutenegger et al. 2015; `keyframes`).
+
+The state is one immutable value. Each stage takes values and returns values; `_accept` is the only place that learns
+from a pose.
+"""
 
 from __future__ import annotations
 
+from concurrent.futures import Future
 from dataclasses import replace
-from time import perf_counter
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,52 +30,53 @@ from numpy.typing import NDArray
 from sfr_loc_map import __version__
 from sfr_loc_map.config import checked
 from sfr_loc_map.errors import LocalisationError
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
-from sfr_loc_map.localisation.backend.online_calibration import UNSETTLED_PX
-from sfr_loc_map.localisation.backend.sliding_window import SlidingWindow
+from sfr_loc_map.localisation import guards, path
+from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
+from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import (
+    LandmarkTracks,
     PoseEstimate,
     StartPose,
     StateReason,
-    StepEstimate,
     TrackingState,
     TrackingStatistics,
     lost_covariance,
 )
-from sfr_loc_map.localisation.frontend.patch import SIDE, build_pyramid
-from sfr_loc_map.localisation.frontend.pose_solver import RightOffset, StereoObservations, right_shift
+from sfr_loc_map.localisation.frontend.patch import SIDE
+from sfr_loc_map.localisation.frontend.pose_solver import RightOffset, right_shift
 from sfr_loc_map.localisation.frontend.sparse_stereo import refine_slopes
-from sfr_loc_map.localisation.frontend.tracking import MIN_TEXTURE, StereoFrame, Tracker, TrackingResult, is_textured
-from sfr_loc_map.localisation.ground_motion import GroundMotion, GroundMotionFinder, Guesses
-from sfr_loc_map.localisation.image_checks import StaleImageFilter
-from sfr_loc_map.localisation.keyframe_backend import KEYFRAME_FLOW, KeyframeBackend
-from sfr_loc_map.localisation.parallel import BACKGROUND, both
-from sfr_loc_map.localisation.pose_track import PoseTrack
-from sfr_loc_map.localisation.relocalisation import KnownImage, Relocaliser
+from sfr_loc_map.localisation.frontend.tracking import INLIER_CHI2_PER_DOF, StereoFrame, Tracker, Tracks, median
+from sfr_loc_map.localisation.ground_motion import Ground, GroundMemory, GroundSelector, Prediction
+from sfr_loc_map.localisation.guards import Action, Finding, ImageCheck, ShearMean
+from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW, KeyframeJob, KeyframeMaker, KeyframeResult
+from sfr_loc_map.localisation.motion_model import is_plausible
+from sfr_loc_map.localisation.parallel import BACKGROUND
+from sfr_loc_map.localisation.relocalisation import MAX_ATTEMPTS, KnownImage, References, Relocaliser
+from sfr_loc_map.localisation.state import Outcome, StageClock, State
+from sfr_loc_map.localisation.uncertainty import RoverModel, pose_covariance, symmetric
 
-MIN_RIGHT_SHARE = 0.3
-"""Share of the landmarks seen in the left image that are seen in the right one too, below which the images may be
-swapped, or one of them old."""
+BEST_LEFT_RATIO = 0.5  #: Ratio of inliers in the left image from which an image is kept for descriptors.
 
-MAX_SHEAR = 7.0
-"""Squared shear of the rows over its variance, per degree of freedom, of an image of one moment: at most 6.4 on clean
-drives, 7 and more where the rows are sheared by a pixel."""
-FIRST_SHEAR_SHARE = 0.2  #: Share of a pair in the mean of it, which is 1 before the first, and less with each
-SHEAR_SHARE = 0.05  #: until it is this,
-MAX_MEAN_SHEAR = 1.4  #: which is at most 1.3 on clean drives, real ones too, and 2 to 5 at a shear of 0.3 px.
-KEYFRAME_SHARE = 0.65  #: Share of the last keyframe's landmarks below which a new keyframe is made.
-Outcome = tuple[TrackingStatistics, StepEstimate | None, tuple[SlidingWindow, StereoFrame, TrackingResult] | None]
-"""Figures of a call, the step to its pose (None when lost), and the keyframe to be made of its pair."""
+
+class RightCamera(NamedTuple):
+    """A pair after the right camera was followed."""
+
+    tracks: Tracks  #: Tracks with corrected right observations.
+    calibration: OnlineCalibration
+    shear_mean: ShearMean
+    shear: float = 0.0  #: Squared shear of the rows over its variance.
 
 
 class Localiser:
-    """Estimates the pose of RB in DS at each stereo pair; `last_result` is what was tracked, trusted or not, or None.
+    """Estimates the pose of RB in DS at each stereo pair.
 
-    What a keyframe needs besides its pose (new landmarks, bundle adjustment) is done after its call, in a background
-    thread; the next call waits for it, so that results do not depend on timing.
+    The work of a keyframe is done after its call in a background thread. The next call waits for it, so that results do
+    not depend on timing.
     """
 
     version = __version__
@@ -67,44 +87,47 @@ class Localiser:
         config: LocalisationConfig = LocalisationConfig(),  # noqa: B008 - frozen
         start: StartPose | Transform = Transform.identity(),  # noqa: B008 - frozen, nobody writes to it
     ) -> None:
-        """Start at a pose of RB in DS, without a stamp at the first pair; GeometryError if a rig has no extrinsics."""
+        """Start at a pose of RB in DS; without a stamp it holds at the first pair.
+
+        GeometryError if the rig has no extrinsics; ConfigError if a mask cannot be read or has another size.
+        """
         config = checked(config)
-        self._rig, self._config, self._camera = rig, config, rig.camera
-        self._tracker = Tracker(config, rig.camera)
-        self._backend = KeyframeBackend(rig, config, self._tracker)
+        self._rig = rig
+        self._config = config
+        self._camera = rig.camera
+        self._model = RoverModel.of(rig, config.motion, KEYFRAME_FLOW)
+        self._tracker = Tracker(config.min_tracked, rig.camera)
+        self._relocaliser = Relocaliser(self._tracker, config, rig.camera)
+        self._ground = GroundSelector(
+            self._tracker, self._relocaliser, rig.camera, (rig.height, rig.width), config.min_tracked
+        )
+        self._keyframes = KeyframeMaker(rig, config, self._tracker)
+        self._pending: Future[KeyframeResult] | None = None
         self.reset(start)
 
     def reset(self, start: StartPose | Transform) -> None:
-        """Forget everything and restart at this pose."""
-        self._backend.reset()
-        self._relocaliser = Relocaliser(self._tracker, self._config, self._rig.camera)
-        self._ground = GroundMotionFinder(self._tracker, self._relocaliser, self._rig, self._config)
-        self._track = PoseTrack(self._rig, self._config.motion, StartPose.of(start))
-        self._stale = StaleImageFilter()
-        self._state = TrackingState.INITIALISING
-        self._reason: StateReason | None = None
-        self._stage_s: dict[str, float] = {}
-        self._doubted_keyframes, self._shear, self._shear_share = 0, 1.0, FIRST_SHEAR_SHARE
-        self.last_result: TrackingResult | None = None
+        """Forget everything and start again at a pose."""
+        if self._pending is not None:
+            self._pending.result()
+        self._pending = None
+        self._state = State(
+            path=path.started(StartPose.of(start), self._model),
+            calibration=OnlineCalibration(self._camera, self._config.window_keyframes),
+            ground=GroundMemory.none((self._rig.height, self._rig.width)),
+        )
 
     def set_pose(self, pose: StartPose | Transform) -> None:
-        """Take a pose from outside: it holds at its stamp; without one the next estimate starts there."""
-        self._track.set_pose(StartPose.of(pose))
+        """Apply a pose from outside: it holds at its stamp; without a stamp, at the next pair."""
+        self._state = replace(self._state, path=path.given(self._state.path, StartPose.of(pose), self._model))
 
     @property
     def masks(self) -> tuple[NDArray[np.uint8] | None, NDArray[np.uint8] | None]:
-        """Where no landmark is made in the left and the right image: `(H, W)` uint8, 0 there; None for nowhere."""
-        return self._backend.masks
-
-    @property
-    def statistics(self) -> dict[str, float]:
-        """Landmarks (`features`) of the last pair, and how many agree with its pose; empty where none was tracked."""
-        result = self.last_result
-        return {} if result is None else {"features": len(result.inliers), "inliers": result.inlier_count}
+        """Masks `(H, W)` of the left and right image: no landmark is created where a mask is 0. None masks nothing."""
+        return self._keyframes.masks(self._state.ground.excluded.mask)
 
     @staticmethod
     def warm_up() -> None:
-        """Load or compile all kernels, the same for all rigs, by driving a small one, so that no call pays for it."""
+        """Load or compile all kernels by a small drive, so that no call pays for it."""
         width, height = 320, 240
         rig = StereoRig(width, height, 300.0, 300.0, 160.0, 120.0, 0.1, Transform.identity())
         texture = np.random.default_rng(0).integers(0, 255, (height, width + 200), np.uint8)
@@ -113,230 +136,347 @@ class Localiser:
             left, right = (np.ascontiguousarray(texture[:, s : s + width]) for s in (shift, shift + 10))
             localiser.process(StereoPair(stamp_ns, left, right))
         localiser.process(StereoPair(6, np.zeros_like(left), np.zeros_like(left)))
-        # what the small rig has no use for: landmarks of large images
-        image, at = np.zeros((SIDE, SIDE), np.float32), np.zeros((1, 2))
+        # landmarks of large images, which the small rig does not have
+        image = np.zeros((SIDE, SIDE), np.float32)
+        at = np.zeros((1, 2))
         refine_slopes(image, np.zeros((1, 3, SIDE * SIDE), np.float32), at, at)
         localiser.reset(Transform.identity())  # waits for the last keyframe
 
-    def process(self, pair: StereoPair, motion: Transform | None = None) -> PoseEstimate:
-        """Return the pose at a pair; `T_before_now`, by wheel odometry, say, is how RB moved since: one more guess."""
-        rig, track, backend, relocaliser = self._rig, self._track, self._backend, self._relocaliser
-        stamp_ns = pair.stamp_ns
-        if pair.left.shape != (rig.height, rig.width):
-            found, needed = f"{pair.left.shape[1]} x {pair.left.shape[0]}", f"{rig.width} x {rig.height}"
-            raise LocalisationError(f"pair {stamp_ns} is {found}, the rig is {needed}: give images of the rig")
-        self.last_result, self._stage_s, start = None, {}, perf_counter()
-        if backend.pending is not None and backend.window is not None:
-            self._stage_s["keyframe"], backend.pending = backend.pending.result(), None
-            rotations, positions = backend.window.problem.keyframes
-            if not track.adjusted(Pose(rotations[-1], positions[-1]), backend.window.covariance, backend.corrected):
-                backend.reset()
-            elif relocaliser.last is not None:  # that image is a keyframe now
-                before, landmarks = relocaliser.last, backend.landmarks
-                relocaliser.last = KnownImage(before.image, landmarks.last_seen[:, :2], landmarks)
-                relocaliser.best = relocaliser.last if relocaliser.best is before else relocaliser.best
-        self._stage_s["wait"] = perf_counter() - start
-        if track.before_first_pair:
-            track.arrive(stamp_ns)
-        statistics, step, keyframe = self._see(pair, motion)
-        if track.pending is not None and track.bind(track.pending, stamp_ns):
-            backend.leave_window()
-        T_ds_left = track.T_ds_world @ track.T_world_left
-        T_ds_rb = T_ds_left @ track.T_left_rb
-        if self._state is TrackingState.LOST:
-            covariance = lost_covariance()
-        else:
-            of_left = track.covariance_of_left(backend.landmarks.median_depth, backend.calibration)
-            lever = T_ds_rb.translation - T_ds_left.translation
-            of_rb = propagated_covariance(of_left, lever, track.T_ds_world.rotation)
-            covariance = np.asarray(0.5 * (of_rb + of_rb.T))
-        stages = dict(self._stage_s)  # a keyframe in work adds to them
-        if keyframe is not None:  # the backend belongs to its thread from here until the next call has waited
-            backend.pending = BACKGROUND.submit(backend.add_keyframe, *keyframe)
-        return PoseEstimate(stamp_ns, T_ds_rb, covariance, self._state, statistics, stages, self._reason, step)
+    def process(self, pair: StereoPair, odometry: Transform | None = None) -> PoseEstimate:
+        """Return the pose at a pair.
 
-    def _see(self, pair: StereoPair, motion: Transform | None) -> Outcome:
-        """Find the pose of a pair: predict, align, refine, relocalise where that fails; follow the ground."""
-        track, backend, tracker, camera = self._track, self._backend, self._tracker, self._camera
-        stamp_ns, window, calibration = pair.stamp_ns, backend.window, backend.calibration
-        fresh, doubt = self._stale.fresh(pair, may_repeat=window is not None)
-        if fresh is None:
-            return self._keep(stamp_ns, StateReason.REPEATED_IMAGES, TrackingStatistics(repeated=1))
-        few = slice(len(pair.left) // 2, None, 64)  # rows that tell most others
-        is_one_image = np.array_equal(pair.left[few], pair.right[few]) and np.array_equal(pair.left, pair.right)
-        if is_one_image and float(np.std(pair.left)) > MIN_TEXTURE:
-            return self._unknown(StateReason.NO_STEREO, TrackingStatistics())
-        start = perf_counter()
-        shown = pair if window is None else fresh
-        frame = StereoFrame(stamp_ns, shown.left, *both(build_pyramid, (shown.left,), (shown.right,)))
-        self._stage_s["pyramid"] = perf_counter() - start
-        if window is None:
-            return self._begin(frame)
-        if doubt is StateReason.TORN_IMAGES:
-            self._ground.tear(self._stale.rows)
-        if len(backend.landmarks.index) < self._config.min_tracked:
-            return self._lose(frame, _few_landmarks(frame))
-        landmarks, start = backend.landmarks.followed, perf_counter()
-        guesses = Guesses(track.guesses(stamp_ns, motion), calibration.offset)
-        coarse = tracker.align(frame.left, landmarks.few, guesses.poses)
-        aligned = perf_counter()
-        result = tracker.refine(frame, landmarks, coarse, guesses.offset)
-        refined = perf_counter()
-        self._stage_s |= {"align": aligned - start, "refine": refined - aligned}
-        if not result.trusted:
-            result = self._relocaliser.relocalise(frame, landmarks, guesses.offset) or result
-            self._stage_s["relocate"] = perf_counter() - refined
-        ground = GroundMotion(result)
-        if doubt is not StateReason.TORN_IMAGES:
-            ground = self._ground.find(frame, result, guesses)
-            if not ground.seen:
-                return self._keep(stamp_ns, StateReason.MOVING_REGIONS, TrackingStatistics())
-            result, backend.dynamic_mask = ground.result, self._ground.cells.mask
-            if len(ground.dynamic):
-                window.active[ground.dynamic] = False
-                backend.landmarks = window.landmarks()
-        if result.trusted:  # follow a drift of the right camera
-            seen = StereoObservations(result.observations, result.variance)
-            px, variance, shear, *residuals = right_shift(
-                result.pose, result.landmarks.estimates, seen, camera, calibration.likely_lens_px
-            )
-            calibration.learn_lens(*residuals)
-            self._shear_share = max(self._shear_share / (1.0 + self._shear_share), SHEAR_SHARE)
-            self._shear += self._shear_share * (shear - self._shear)
-            sheared = ground.sheared or shear > MAX_SHEAR or self._shear > MAX_MEAN_SHEAR
-            ground = ground._replace(sheared=sheared, shear=shear)
-            px = calibration.learn_shift(px, variance)
-            if px != 0.0:
-                observations = result.observations.copy()
-                observations[:, 2:] -= RightOffset(u=px).at(observations[:, 2:], camera)
-                shifted = replace(result, observations=observations)
-                result = tracker.refine(frame, result.landmarks, result.pose, calibration.offset, shifted)
-        self.last_result = result
-        if not result.trusted:
-            return self._lose(frame, _few_landmarks(frame))
-        sign, size = np.linalg.slogdet(result.information)
-        if not (sign > 0.0 and np.isfinite(size) and np.isfinite(np.column_stack(result.pose)).all()):
-            return self._lose(frame, StateReason.IMPLAUSIBLE_MOTION)
-        one_sided = result.right_share <= MIN_RIGHT_SHARE and is_textured(frame.right)
-        if one_sided and tracker.fits_swapped(frame, result, calibration.offset):
-            return self._unknown(StateReason.NO_STEREO, TrackingStatistics(inliers=0))  # no window begins with it
-        # what the left image alone shows may be old: the right one shows something else
-        return self._update(frame, window, ground._replace(result=result, sheared=ground.sheared or one_sided), doubt)
+        The odometry, for example of the wheels, is the motion of RB since the last pair, `T_before_now`. It is used as
+        an initial guess only.
 
-    def _update(
-        self, frame: StereoFrame, window: SlidingWindow, ground: GroundMotion, doubt: StateReason | None
+        LocalisationError if the images have another size than the rig.
+        """
+        self._check_size(pair)
+        clock = StageClock()
+        with clock.stage("wait"):
+            state = self._with_keyframe(self._state, clock)
+        state = replace(state, path=path.arrived(state.path, pair.stamp_ns))
+        outcome = self._locate(state, pair, odometry, clock)
+        self._state = self._with_pose_from_outside(outcome.state, pair.stamp_ns)
+        estimate = self._estimate(pair.stamp_ns, self._state, outcome, clock)
+        if outcome.keyframe is not None:
+            self._pending = BACKGROUND.submit(self._keyframes.make, outcome.keyframe)
+        return estimate
+
+    # ---- the stages of a pair
+
+    def _locate(self, state: State, pair: StereoPair, odometry: Transform | None, clock: StageClock) -> Outcome:
+        """Find the pose of a pair; the stages are those of the module's text."""
+        landmark_map = state.landmark_map
+        images = guards.check_images(pair, state.images)
+        if Finding.REPEATED_PAIR in images.findings and landmark_map is not None:
+            return self._keep(state, pair.stamp_ns, Finding.REPEATED_PAIR, TrackingStatistics(repeated=1))
+        state = replace(state, images=images.memory)
+        if guards.is_one_image(pair):
+            return self._reject(state, Finding.IDENTICAL_IMAGES, TrackingStatistics())
+        with clock.stage("pyramid"):
+            frame = StereoFrame.of(pair if landmark_map is None else images.pair)
+        if landmark_map is None:
+            return self._begin(state, frame)
+        if Finding.STALE_ROWS in images.findings:
+            state = replace(state, ground=state.ground.after_stale_rows(images.stale_rows))
+        if len(landmark_map.landmarks.index) < self._config.min_tracked:
+            return self._lose(state, frame, guards.of_few_landmarks(frame))
+
+        guesses = state.path.motion.predict(pair.stamp_ns, odometry, self._model)
+        prediction = Prediction(guesses, state.calibration.offset)
+        tracks = self._track(frame, landmark_map, state.references, prediction, clock)
+        ground = self._select_ground(frame, tracks, prediction, state, images)
+        state = replace(state, ground=ground.memory)
+        if Finding.CONTRADICTED in ground.findings:
+            return self._keep(state, pair.stamp_ns, Finding.CONTRADICTED, TrackingStatistics())
+        state = replace(state, landmark_map=landmark_map.without(ground.dynamic))
+        camera = self._follow_right_camera(ground.tracks, state)
+        state = replace(state, calibration=camera.calibration, shear=camera.shear_mean)
+        return self._judge(state, frame, images, ground, camera, clock)
+
+    def _track(
+        self,
+        frame: StereoFrame,
+        landmark_map: LandmarkMap,
+        references: References,
+        prediction: Prediction,
+        clock: StageClock,
+    ) -> Tracks:
+        """Track the landmarks of the map; relocalise if the pose is not trusted."""
+        landmarks = landmark_map.followed
+        with clock.stage("align"):
+            coarse = self._tracker.align(frame.left, landmark_map.aligned, prediction.poses)
+        with clock.stage("refine"):
+            tracks = self._tracker.refine(frame, landmarks, coarse, prediction.offset)
+        if tracks.is_trusted:
+            return tracks
+        with clock.stage("relocate"):
+            found = self._relocaliser.relocalise(frame, landmarks, references, prediction.offset)
+        return found or tracks
+
+    def _select_ground(
+        self, frame: StereoFrame, tracks: Tracks, prediction: Prediction, state: State, images: ImageCheck
+    ) -> Ground:
+        """Select the ground's motion. Blanked rows leave too little of an image to compare it with the one before."""
+        if Finding.STALE_ROWS in images.findings:
+            return Ground(tracks, state.ground)
+        return self._ground.select(frame, tracks, prediction, state.ground, state.references)
+
+    def _follow_right_camera(self, tracks: Tracks, state: State) -> RightCamera:
+        """Update the calibration by the shift of the right image, and correct the right observations for a drift."""
+        calibration = state.calibration
+        if not tracks.is_trusted:
+            return RightCamera(tracks, calibration, state.shear)
+        lens_px = calibration.lens.likely_px
+        shift = right_shift(tracks.pose, tracks.landmarks.estimates, tracks.seen, self._camera, lens_px)
+        calibration, drift_px = calibration.with_lens_residuals(shift).with_shift(shift)
+        if drift_px != 0.0:
+            observations = tracks.observations.copy()
+            observations[:, 2:] -= RightOffset(u=drift_px).at(observations[:, 2:], self._camera)
+            seen = tracks.seen._replace(uv=observations)
+            tracks = self._tracker.solve(tracks.landmarks, seen, tracks.pose)
+        return RightCamera(tracks, calibration, state.shear.with_pair(shift.shear), shift.shear)
+
+    def _judge(
+        self,
+        state: State,
+        frame: StereoFrame,
+        images: ImageCheck,
+        ground: Ground,
+        camera: RightCamera,
+        clock: StageClock,
     ) -> Outcome:
-        """Take the pose that was found, if it is plausible; make the pair a keyframe where one is wanted."""
-        track, backend, calibration, result = self._track, self._backend, self._backend.calibration, ground.result
-        depth_m, in_left = backend.landmarks.median_depth, np.isfinite(result.observations[:, 0])
-        # the right image alone gives a pose, but nothing that later pairs can start from, nor do parts of images
-        left_inliers = int(np.count_nonzero(result.inliers & in_left))
-        by_left = doubt is None and ground.whole and left_inliers >= self._config.min_tracked
-        # a keyframe where few landmarks of the last one are left, or they moved far
-        last_seen = result.landmarks.last_seen
-        flow = np.linalg.norm(result.observations[:, :2] - last_seen[:, :2], axis=1)[result.inliers]
-        flow = np.sort(flow[np.isfinite(flow)])
-        if result.landmarks is not backend.landmarks.followed:
-            last_seen = last_seen[result.landmarks.among(backend.landmarks)]
-        wanted = by_left and (
-            len(flow) < KEYFRAME_SHARE * np.count_nonzero(np.isfinite(last_seen[:, 0]))
-            or (
-                len(flow) > 0
-                and flow[(len(flow) - 1) // 2] + flow[len(flow) // 2] > 2 * KEYFRAME_FLOW * self._rig.width
-            )
+        """Judge the pose; accept it if no guard forbids it."""
+        tracks = camera.tracks
+        if not tracks.is_trusted:
+            return self._lose(state, frame, guards.of_few_landmarks(frame), tracks)
+        if not guards.is_determined(tracks):
+            return self._lose(state, frame, Finding.SINGULAR, tracks)
+        findings = images.findings | ground.findings
+        findings |= guards.check_shear(camera.shear, camera.shear_mean)
+        findings |= guards.check_calibration(state.calibration)
+        if guards.is_one_sided(frame, tracks):
+            if self._tracker.fits_swapped(frame, tracks, state.calibration.offset):
+                return self._reject(state, Finding.SWAPPED, TrackingStatistics(inliers=0), tracks)
+            findings |= {Finding.ONE_SIDED}
+        if state.keyframes < state.settled_from:
+            findings |= {Finding.AFTER_GAP}
+        return self._accept(state, frame, tracks, findings, ground, camera.shear, clock)
+
+    def _accept(
+        self,
+        state: State,
+        frame: StereoFrame,
+        tracks: Tracks,
+        findings: frozenset[Finding],
+        ground: Ground,
+        shear: float,
+        clock: StageClock,
+    ) -> Outcome:
+        """Accept a pose if it is plausible, and make the pair a keyframe if one is needed."""
+        landmark_map = state.landmark_map
+        assert landmark_map is not None
+        # neither the right image alone nor a part of an image gives what later pairs can start from
+        is_stale = bool(findings & {Finding.FROZEN_IMAGE, Finding.STALE_ROWS, Finding.PARTIAL_TRANSFER})
+        is_reference = not is_stale and tracks.left_inlier_count >= self._config.min_tracked
+        is_keyframe = is_reference and self._keyframes.is_needed(tracks, landmark_map)
+        if is_keyframe:
+            with clock.stage("refine"):
+                tracks = self._with_all_landmarks(frame, tracks, landmark_map, state.calibration.offset)
+        if not is_plausible(state.path.motion, frame.stamp_ns, Transform(*tracks.pose), self._config.motion):
+            return self._lose(state, frame, Finding.TOO_FAST, tracks)
+        verdict = guards.decide(findings)
+        chi_median, residual_px = residual_statistics(tracks)
+        pair = path.TrackedPair(
+            stamp_ns=frame.stamp_ns,
+            tracks=tracks,
+            chi_median=chi_median,
+            has_predecessor=state.status is not TrackingState.LOST,
+            is_late=verdict.is_late,
+            shear=shear,
+            ambiguity=ground.ambiguity,
         )
-        if wanted:
-            start = perf_counter()
-            if len(result.inliers) < len(backend.landmarks.index):  # in a keyframe all landmarks are tracked
-                all_of_them = self._tracker.refine(frame, backend.landmarks, result.pose, calibration.offset, result)
-                result = all_of_them if all_of_them.trusted else result
-            self._stage_s["refine"] += perf_counter() - start
-            left_inliers = int(np.count_nonzero(result.inliers & np.isfinite(result.observations[:, 0])))
-        # typical residual: root of chi2 per degree of freedom times the mean variance
-        found, offset = np.isfinite(result.observations[:, ::2]), calibration.offset
-        total = np.where(found, 0.5 * (result.variance[:, :, 0] + result.variance[:, :, 2]), 0.0).sum(axis=1)
-        residuals = np.sqrt(result.chi2_per_dof * (total / np.maximum(found.sum(axis=1), 1)))
-        in_order = np.sort(result.chi2_per_dof[~np.isnan(result.chi2_per_dof)]), np.sort(residuals[result.inliers])
-        chi_median, residual_px = (float(0.5 * (x[(len(x) - 1) // 2] + x[len(x) // 2])) for x in in_order)
-        step = track.moved(
-            frame.stamp_ns,
-            result,
-            window,
-            depth_m,
-            calibration,
-            chi_median,
-            follows=self._state is not TrackingState.LOST,
-            late=ground.sheared or not ground.whole,
-            shear=ground.shear,
-            doubt=ground.doubt,
+        new_path, step = path.tracked(state.path, pair, landmark_map, state.calibration, self._model)
+        references = state.references.recognised()
+        if is_reference:
+            known = KnownImage(frame.image, tracks.observations[:, :2], tracks.landmarks)
+            is_best = tracks.left_inlier_count >= BEST_LEFT_RATIO * len(tracks.inliers)
+            references = references.with_image(known, is_best=is_best)
+        state = replace(
+            state,
+            path=new_path,
+            references=references,
+            keyframes=state.keyframes + int(is_keyframe),
+            status=TrackingState.TRACKING if verdict.action is Action.ACCEPT else TrackingState.DEGRADED,
+            reason=verdict.reason,
         )
-        if step is None:
-            return self._lose(frame, StateReason.IMPLAUSIBLE_MOTION)
-        reasons = (
-            (doubt is not None, doubt),
-            (backend.keyframe_count < self._doubted_keyframes, StateReason.UNSEEN_MOTION),
-            (calibration.drifts or abs(calibration.remaining_u) > UNSETTLED_PX, StateReason.CALIBRATION_DRIFT),
-            (ground.sheared or not ground.whole, StateReason.TORN_IMAGES),
-            (ground.doubt is not None, StateReason.MOVING_REGIONS),
-        )
-        self._reason = next((reason for there, reason in reasons if there), None)
-        self._state = TrackingState.TRACKING if self._reason is None else TrackingState.DEGRADED
-        self._relocaliser.attempts = 0
-        if by_left:
-            self._relocaliser.last = known = KnownImage(frame.image, result.observations[:, :2], result.landmarks)
-            if left_inliers >= 0.5 * len(result.inliers):
-                self._relocaliser.best = known
+        offset = state.calibration.offset
         statistics = TrackingStatistics(
-            features=len(result.inliers),
-            inliers=result.inlier_count,
-            keyframes=backend.keyframe_count + int(wanted),
+            features=len(tracks.inliers),
+            inliers=tracks.inlier_count,
+            keyframes=state.keyframes,
             chi_median=chi_median,
             residual_px=residual_px,
             vertical_offset_px=offset.v,
             disparity_offset_px=-offset.u,
             roll_offset_px=offset.roll,
-            masked_share=self._ground.cells.share,
+            masked_share=state.ground.excluded.fraction,
         )
-        return statistics, step, (window, frame, result) if wanted else None
+        keyframe = None
+        if is_keyframe:
+            mask = state.ground.excluded.mask
+            keyframe = KeyframeJob(frame, tracks, landmark_map.window, state.calibration, mask)
+        return Outcome(state, statistics, tracks, step, keyframe)
 
-    def _keep(self, stamp_ns: int, reason: StateReason, statistics: TrackingStatistics) -> Outcome:
-        """Keep the last pose; the rover may stand still, or have moved."""
-        if self._state is TrackingState.LOST:
-            return self._unknown(self._reason, statistics)
-        self._state, self._reason = TrackingState.DEGRADED, reason
-        return statistics, self._track.kept(stamp_ns), None
+    def _with_all_landmarks(
+        self, frame: StereoFrame, tracks: Tracks, landmark_map: LandmarkMap, offset: RightOffset
+    ) -> Tracks:
+        """Track the remaining landmarks, too, because all of them are observed in a keyframe."""
+        landmarks = landmark_map.landmarks
+        if len(tracks.inliers) >= len(landmarks.index):
+            return tracks
+        if np.array_equal(tracks.landmarks.index, landmark_map.followed.index):
+            rest = landmark_map.rest
+        else:
+            rest = landmarks.subset(~landmarks.among(tracks.landmarks))
+        complete = self._tracker.complete(frame, tracks, landmarks, rest, offset)
+        return complete if complete.is_trusted else tracks
 
-    def _begin(self, frame: StereoFrame) -> Outcome:
+    # ---- pairs without an accepted pose
+
+    def _keep(self, state: State, stamp_ns: int, finding: Finding, statistics: TrackingStatistics) -> Outcome:
+        """Keep the last pose; the rover may stand still or have moved. A lost localiser stays lost."""
+        if state.status is TrackingState.LOST:
+            return self._lost(state, state.reason, statistics)
+        kept, step = path.kept(state.path, stamp_ns, self._model)
+        state = replace(state, path=kept, status=TrackingState.DEGRADED, reason=guards.RULES[finding].reason)
+        return Outcome(state, statistics, step=step)
+
+    def _reject(
+        self, state: State, finding: Finding, statistics: TrackingStatistics, tracks: Tracks | None = None
+    ) -> Outcome:
+        """Report that the pose is unknown; no window begins with such a pair."""
+        return self._lost(state, guards.RULES[finding].reason, statistics, tracks)
+
+    def _lose(self, state: State, frame: StereoFrame, finding: Finding, tracks: Tracks | None = None) -> Outcome:
+        """Report that the pose is unknown; begin a new window after some good images without a known landmark."""
+        count = 0 if state.landmark_map is None else len(state.landmark_map.landmarks.index)
+        if self._relocaliser.is_good_image(frame, count):
+            references = state.references
+            state = replace(state, references=references._replace(attempts=references.attempts + 1))
+        if state.references.attempts > MAX_ATTEMPTS:
+            return self._begin(state, frame, tracks)
+        return self._lost(state, guards.RULES[finding].reason, TrackingStatistics(inliers=0), tracks)
+
+    def _lost(
+        self, state: State, reason: StateReason | None, statistics: TrackingStatistics, tracks: Tracks | None = None
+    ) -> Outcome:
+        state = replace(state, path=path.lost(state.path), status=TrackingState.LOST, reason=reason)
+        return Outcome(state, statistics, tracks)
+
+    def _begin(self, state: State, frame: StereoFrame, tracks: Tracks | None = None) -> Outcome:
         """Begin a window at the last known pose; stay lost without enough landmarks."""
-        track, backend = self._track, self._backend
-        found = backend.begin(frame, track.T_world_left)
+        pose = Pose.of(state.path.motion.T_world_left)
+        result = self._keyframes.begin(frame, pose, state.calibration, state.ground.excluded.mask)
+        state = replace(state, calibration=result.calibration)
+        found = len(result.landmark_map.landmarks.index)
         statistics = TrackingStatistics(features=found)
-        if found < self._config.min_tracked or backend.window is None:
-            return self._unknown(_few_landmarks(frame), statistics)
-        self._state, self._reason = TrackingState.TRACKING, None
-        if track.unseen_s(frame.stamp_ns) > 0.0:
-            self._state, self._reason = TrackingState.DEGRADED, StateReason.UNSEEN_MOTION
-            self._doubted_keyframes = backend.keyframe_count + self._config.window_keyframes - 1
-        elif backend.keyframe_count == 1:
-            self._state = TrackingState.INITIALISING
-        landmarks = backend.landmarks
-        self._ground.begin(frame, Pose.of(track.T_world_left))
-        step = track.begin(frame.stamp_ns, backend.window.covariance, landmarks.median_depth)
-        self._relocaliser.restart(frame.image, landmarks)
-        return statistics, step, None
+        if found < self._config.min_tracked:
+            return self._reject(state, guards.of_few_landmarks(frame), statistics, tracks)
+        keyframes = state.keyframes + 1
+        status = TrackingState.INITIALISING if keyframes == 1 else TrackingState.TRACKING
+        reason: StateReason | None = None
+        settled_from = state.settled_from
+        if state.path.motion.unobserved_s(frame.stamp_ns) > 0.0:
+            status = TrackingState.DEGRADED
+            reason = guards.RULES[Finding.AFTER_GAP].reason
+            settled_from = keyframes + self._config.window_keyframes - 1
+        restarted, step = path.restarted(state.path, frame.stamp_ns, result.landmark_map, self._model)
+        state = replace(
+            state,
+            path=restarted,
+            landmark_map=result.landmark_map,
+            references=References.of_first_keyframe(frame.image, result.landmark_map.landmarks),
+            ground=state.ground.in_new_window(frame, pose),
+            keyframes=keyframes,
+            settled_from=settled_from,
+            status=status,
+            reason=reason,
+        )
+        return Outcome(state, statistics, tracks, step)
 
-    def _lose(self, frame: StereoFrame, reason: StateReason) -> Outcome:
-        """Report that the pose is unknown; begin a new window where good images come and none is recognised."""
-        if self._relocaliser.gives_up(frame, self._backend.landmarks):
-            return self._begin(frame)
-        return self._unknown(reason, TrackingStatistics(inliers=0))
+    # ---- before and after the stages
 
-    def _unknown(self, reason: StateReason | None, statistics: TrackingStatistics) -> Outcome:
-        self._track.stop()
-        self._state, self._reason = TrackingState.LOST, reason
-        return statistics, None, None
+    def _check_size(self, pair: StereoPair) -> None:
+        height, width = pair.left.shape
+        if (height, width) != (self._rig.height, self._rig.width):
+            raise LocalisationError(
+                f"pair {pair.stamp_ns} has {width} x {height} pixels, the rig has {self._rig.width} x "
+                f"{self._rig.height}: give images of the rig"
+            )
+
+    def _with_keyframe(self, state: State, clock: StageClock) -> State:
+        """Wait for the keyframe of the call before, and continue from its adjusted map, pose and calibration."""
+        if self._pending is None:
+            return state
+        result = self._pending.result()
+        self._pending = None
+        clock.seconds["keyframe"] = result.seconds
+        window = result.landmark_map.window
+        adjusted = path.adjusted(state.path, window.newest_pose, window.covariance, has_yaw_step=result.has_yaw_step)
+        if adjusted is None:  # an implausible adjustment: a new window begins with the next pair
+            calibration = OnlineCalibration(self._camera, self._config.window_keyframes)
+            return replace(state, landmark_map=None, calibration=calibration, keyframes=0)
+        return replace(
+            state,
+            path=adjusted,
+            landmark_map=result.landmark_map,
+            calibration=result.calibration,
+            references=state.references.with_keyframe(result.landmark_map.landmarks),
+        )
+
+    def _with_pose_from_outside(self, state: State, stamp_ns: int) -> State:
+        """Apply a pending pose from outside, if its stamp has come."""
+        placed, is_map_forgotten = path.with_pending_pose(state.path, stamp_ns, self._model)
+        return replace(state, path=placed, landmark_map=None if is_map_forgotten else state.landmark_map)
+
+    def _estimate(self, stamp_ns: int, state: State, outcome: Outcome, clock: StageClock) -> PoseEstimate:
+        """Return the pose of RB in DS with its covariance, from that of the left camera in the world."""
+        datum = state.path.datum
+        T_ds_left = datum.T_ds_world @ state.path.motion.T_world_left
+        T_ds_rb = T_ds_left @ self._model.T_left_rb
+        if state.status is TrackingState.LOST:
+            covariance = lost_covariance()
+        else:
+            position = state.path.motion.T_world_left.translation
+            depth_m = 0.0 if state.landmark_map is None else state.landmark_map.landmarks.median_depth
+            of_left = pose_covariance(state.path.errors, position, depth_m, state.calibration, self._model)
+            lever = T_ds_rb.translation - T_ds_left.translation
+            covariance = symmetric(propagated_covariance(of_left, lever, datum.T_ds_world.rotation))
+        return PoseEstimate(
+            stamp_ns=stamp_ns,
+            T_ds_rb=T_ds_rb,
+            covariance=covariance,
+            state=state.status,
+            statistics=outcome.statistics,
+            stage_s=clock.seconds,
+            reason=state.reason,
+            step=outcome.step,
+            tracks=None if outcome.tracks is None else displayed(outcome.tracks),
+        )
 
 
-def _few_landmarks(frame: StereoFrame) -> StateReason:
-    textured = is_textured(frame.left) and is_textured(frame.right)
-    return StateReason.FEW_LANDMARKS if textured else StateReason.UNTEXTURED_IMAGES
+def residual_statistics(tracks: Tracks) -> tuple[float, float]:
+    """Return the median chi-square per degree of freedom, and the median residual of the inliers, px."""
+    chi2 = tracks.chi2_per_dof
+    found = np.isfinite(tracks.observations[:, ::2])
+    mean_variance = 0.5 * (tracks.variance[:, :, 0] + tracks.variance[:, :, 2])
+    total: FloatArray = np.where(found, mean_variance, 0.0).sum(axis=1)
+    residuals = np.sqrt(chi2 * (total / np.maximum(found.sum(axis=1), 1)))
+    return median(chi2[~np.isnan(chi2)]), median(residuals[tracks.inliers])
+
+
+def displayed(tracks: Tracks) -> LandmarkTracks:
+    """Return what is shown of tracks."""
+    residual = np.sqrt(tracks.chi2_per_dof / INLIER_CHI2_PER_DOF)
+    return LandmarkTracks(tracks.observations[:, :2], tracks.landmarks.last_seen[:, :2], residual)

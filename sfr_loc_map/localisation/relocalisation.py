@@ -1,4 +1,8 @@
-"""Relocalisation: the pose where prediction fails, from landmarks found again in an earlier image."""
+"""Relocalisation: recovery of lost tracking from an earlier image.
+
+First by pyramidal optical flow from the last tracked image (Bouguet 2001), then by upright SIFT descriptors from the
+best image (Lowe 2004); both give a perspective pose by random samples (RANSAC).
+"""
 
 from __future__ import annotations
 
@@ -14,26 +18,31 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.frontend.feature_detection import find_corners
 from sfr_loc_map.localisation.frontend.landmarks import BORDER, Landmarks
 from sfr_loc_map.localisation.frontend.pose_solver import RightOffset
-from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, TrackingResult, is_textured
+from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks, is_textured
 
-RELOCALISATION_ATTEMPTS = 2  #: Good images that are compared with the window before a new one begins.
+MAX_ATTEMPTS = 2  #: Number of good images that are compared with the map before a new window begins.
 NO_POINTS = np.zeros((0, 2))
-FLOW_WINDOW = (21, 21)
-MAX_FLOW_ROUND_TRIP_PX = 1.0  #: Largest distance between a point and itself after flow forwards and backwards.
-MAX_REPROJECTION_PX = 3.0
+FLOW_WINDOW = (21, 21)  #: Window of the optical flow, px.
+FLOW_MIN_SIDE = 16  #: Side of the coarsest image of the optical flow, px.
+MAX_FLOW_ROUND_TRIP_PX = 1.0  #: Maximum distance between a point and itself after flow forwards and backwards, px.
+MAX_REPROJECTION_PX = 3.0  #: Gate of an inlier of the perspective pose, px.
+FLOW_ITERATIONS = 300  #: RANSAC iterations with points of the optical flow.
+FLOW_INLIER_RATIO = 0.3  #: Minimum inlier ratio of these points.
+DESCRIPTOR_ITERATIONS = 2000  #: RANSAC iterations with descriptor matches.
+DESCRIPTOR_INLIER_RATIO = 0.05  #: Minimum inlier ratio of descriptor matches.
 
 
 class KnownImage(NamedTuple):
-    """A left image `(H, W)` and where, `(N, 2)` pixels, NaN where not, landmarks were observed in it."""
+    """A left image in which landmarks were observed."""
 
-    image: GreyImage
-    uv: FloatArray
-    landmarks: Landmarks
+    image: GreyImage  #: `(H, W)` uint8.
+    uv: FloatArray  #: `(N, 2)` px, NaN where a landmark was not observed.
+    landmarks: Landmarks  #: The N landmarks.
 
-    def places(self, among: Landmarks | None = None) -> tuple[FloatArray, FloatArray]:
-        """Return pixels `(M, 2)` and points `(M, 3)` of the landmarks that were observed and are not at infinity.
+    def observed(self, among: Landmarks | None = None) -> tuple[FloatArray, FloatArray]:
+        """Return pixels `(M, 2)` and points `(M, 3)` of the observed landmarks that are not at infinity.
 
-        If others of the same window are given, those among them.
+        If other landmarks of the same window are given, only those.
         """
         points = self.landmarks.points
         usable = np.isfinite(self.uv).all(axis=1) & np.isfinite(points).all(axis=1)
@@ -42,92 +51,120 @@ class KnownImage(NamedTuple):
         return self.uv[usable], points[usable]
 
 
-class Relocaliser:
-    """Recovers lost tracking: by optical flow from the `last` image tracked, by descriptors from the `best` one.
+class References(NamedTuple):
+    """Images that tracking can be recovered from."""
 
-    `attempts` are good images since a landmark was recognised; the caller starts them again.
-    """
+    last: KnownImage | None = None  #: Last tracked image.
+    best: KnownImage | None = None  #: Last tracked image with at least half of its inliers in the left image.
+    attempts: int = 0  #: Number of good images since landmarks were recognised.
+    is_last_best: bool = True  #: Whether the last image is the best one, too.
+
+    @classmethod
+    def of_first_keyframe(cls, image: GreyImage, landmarks: Landmarks) -> References:
+        """Return the references after a window began."""
+        known = KnownImage(image, landmarks.last_seen[:, :2], landmarks)
+        return cls(known, known)
+
+    def recognised(self) -> References:
+        """Return the references after landmarks were recognised."""
+        return self._replace(attempts=0)
+
+    def with_image(self, known: KnownImage, *, is_best: bool) -> References:
+        """Return the references with a tracked image."""
+        return References(known, known if is_best else self.best, self.attempts, is_last_best=is_best)
+
+    def with_keyframe(self, landmarks: Landmarks) -> References:
+        """Return the references after the last image became a keyframe, with the landmarks of the adjusted window."""
+        if self.last is None:
+            return self
+        last = KnownImage(self.last.image, landmarks.last_seen[:, :2], landmarks)
+        return self._replace(last=last, best=last if self.is_last_best else self.best)
+
+
+class Relocaliser:
+    """Recovers lost tracking. It holds the tools, and keeps no state between calls."""
 
     def __init__(self, tracker: Tracker, config: LocalisationConfig, camera: StereoCamera) -> None:
-        self._tracker, self._config, self._camera = tracker, config, camera
-        self.last: KnownImage | None = None
-        self.best: KnownImage | None = None
-        self.attempts = 0
+        self._tracker = tracker
+        self._config = config
+        self._camera = camera
 
-    def restart(self, image: GreyImage, landmarks: Landmarks) -> None:
-        """Keep the first keyframe of a window alone."""
-        self.last = self.best = KnownImage(image, landmarks.last_seen[:, :2], landmarks)
-        self.attempts = 0
+    def relocalise(
+        self, frame: StereoFrame, landmarks: Landmarks, references: References, offset: RightOffset
+    ) -> Tracks | None:
+        """Track by optical flow, then by descriptors; return the first trusted tracks, else the last ones, or None."""
+        tracks = None
+        pose = self.pose_by_flow(frame, references)
+        if pose is not None:
+            tracks = self._tracker.refine_from_afar(frame, landmarks, pose, offset)
+            if tracks.is_trusted:
+                return tracks
+        pose = self._pose_by_descriptors(frame, references)
+        return tracks if pose is None else self._tracker.refine_from_afar(frame, landmarks, pose, offset)
 
-    def pose_by_flow(self, frame: StereoFrame, among: Landmarks | None = None) -> Pose | None:
-        """Return the pose that landmarks of the last tracked image give by optical flow, None where too few agree.
+    def pose_by_flow(self, frame: StereoFrame, references: References, among: Landmarks | None = None) -> Pose | None:
+        """Return the pose by optical flow from the last tracked image; None if too few landmarks agree.
 
-        Pyramidal optical flow with a check backwards (Bouguet 2001), then a perspective pose by random samples. If
-        landmarks are given, those among them.
+        If landmarks are given, only those are used.
         """
-        if self.last is None:
+        known = references.last
+        if known is None:
             return None
-        before, image, enough = self.last.image, frame.image, self._config.min_tracked
-        uv, points = self.last.places(among)
+        uv, points = known.observed(among)
+        enough = self._config.min_tracked
         if len(uv) < enough:
             return None
         start = uv.astype(np.float32)[:, None]
-        levels = int(np.clip(np.log2(min(image.shape) / 16), 2, 6))
-        moved, found = _flow(before, image, start, levels)
-        back, found_back = _flow(image, before, moved, levels)
-        round_trip = np.abs(back - start).max(axis=(1, 2))
-        good = (found[:, 0] > 0) & (found_back[:, 0] > 0) & (round_trip < MAX_FLOW_ROUND_TRIP_PX)
+        levels = int(np.clip(np.log2(min(frame.image.shape) / FLOW_MIN_SIDE), 2, 6))
+        moved, found = _flow(known.image, frame.image, start, levels)
+        back, found_back = _flow(frame.image, known.image, moved, levels)
+        round_trip_px = np.abs(back - start).max(axis=(1, 2))
+        good = (found[:, 0] > 0) & (found_back[:, 0] > 0) & (round_trip_px < MAX_FLOW_ROUND_TRIP_PX)
         if good.sum() < enough:
             return None
-        points, uv = points[good], moved[good, 0].astype(np.float64)
-        return _pnp(points, uv, self._camera, iterations=300, min_inliers=max(enough, 0.3 * len(points)))
+        points = points[good]
+        uv = moved[good, 0].astype(np.float64)
+        min_inliers = max(enough, FLOW_INLIER_RATIO * len(points))
+        return _pnp(points, uv, self._camera, iterations=FLOW_ITERATIONS, min_inliers=min_inliers)
 
-    def _pose_by_descriptors(self, frame: StereoFrame, best: KnownImage) -> Pose | None:
-        """Return the pose of an image taken far from the best one, as after lost images; None where too few agree.
-
-        Upright SIFT descriptors (Lowe 2004) of one size at corners, mutual best matches, then a perspective pose by
-        random samples.
-        """
+    def _pose_by_descriptors(self, frame: StereoFrame, references: References) -> Pose | None:
+        """Return the pose by mutual best matches with the best image; None if too few landmarks agree."""
+        known = references.best
+        if known is None:
+            return None
         corners = find_corners(frame.left[0].image, NO_POINTS, 2 * self._config.max_features, BORDER)
-        (uv, points), enough = best.places(), self._config.min_tracked
+        uv, points = known.observed()
+        enough = self._config.min_tracked
         if min(len(uv), len(corners)) < enough:
             return None
-        before, now = _sift(best.image, uv), _sift(frame.image, corners)
+        before = _sift(known.image, uv)
+        now = _sift(frame.image, corners)
         matches = cv2.BFMatcher(cv2.NORM_L2, crossCheck=True).match(before, now)
         if len(matches) < enough:
             return None
         pairs = np.array([(match.queryIdx, match.trainIdx) for match in matches])
-        points, uv = points[pairs[:, 0]], np.ascontiguousarray(corners[pairs[:, 1]])
-        return _pnp(points, uv, self._camera, iterations=2000, min_inliers=max(enough, 0.05 * len(points)))
+        points = points[pairs[:, 0]]
+        uv = np.ascontiguousarray(corners[pairs[:, 1]])
+        min_inliers = max(enough, DESCRIPTOR_INLIER_RATIO * len(points))
+        return _pnp(points, uv, self._camera, iterations=DESCRIPTOR_ITERATIONS, min_inliers=min_inliers)
 
-    def relocalise(self, frame: StereoFrame, landmarks: Landmarks, offset: RightOffset) -> TrackingResult | None:
-        """Track by optical flow, then by descriptors; return the first trusted result, else the last, or None."""
-        pose, result = self.pose_by_flow(frame), None
-        if pose is not None:
-            result = self._tracker.refine_from_afar(frame, landmarks, pose, offset)
-            if result.trusted:
-                return result
-        pose = None if self.best is None else self._pose_by_descriptors(frame, self.best)
-        return result if pose is None else self._tracker.refine_from_afar(frame, landmarks, pose, offset)
-
-    def gives_up(self, frame: StereoFrame, landmarks: Landmarks) -> bool:
-        """Count an image without a recognised landmark; tell whether a new window shall begin with it."""
+    def is_good_image(self, frame: StereoFrame, landmark_count: int) -> bool:
+        """Return whether a pair shows enough corners, compared with the landmarks of the map, to begin a window."""
         corners = find_corners(frame.left[0].image, NO_POINTS, self._config.max_features, BORDER)
-        enough = max(self._config.min_tracked, len(landmarks.index) // 2)
-        self.attempts += len(corners) >= enough and is_textured(frame.right)
-        return self.attempts > RELOCALISATION_ATTEMPTS
+        enough = max(self._config.min_tracked, landmark_count // 2)
+        return len(corners) >= enough and is_textured(frame.right)
 
 
 def _flow(
     before: GreyImage, now: GreyImage, start: NDArray[np.float32], levels: int
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """Return where points `(N, 1, 2)` went, and `(N, 1)` whether they were found."""
+    """Return where points `(N, 1, 2)` moved to, and whether they were found `(N, 1)`."""
     moved, found, _ = cv2.calcOpticalFlowPyrLK(before, now, start, start.copy(), winSize=FLOW_WINDOW, maxLevel=levels)
     return np.asarray(moved, dtype=np.float32), np.asarray(found, dtype=np.uint8)
 
 
 def _sift(image: GreyImage, uv: FloatArray) -> NDArray[np.float32]:
-    """Return the descriptors `(N, 128)` of pixels `(N, 2)`."""
+    """Return the descriptors `(N, 128)` at pixels `(N, 2)`, of one size and upright."""
     size = max(8.0, min(image.shape) / 32)
     _, descriptors = cv2.SIFT.create().compute(image, [cv2.KeyPoint(float(u), float(v), size, 0.0) for u, v in uv])
     return np.asarray(descriptors, dtype=np.float32)
@@ -136,13 +173,13 @@ def _sift(image: GreyImage, uv: FloatArray) -> NDArray[np.float32]:
 def _pnp(
     points: FloatArray, uv: FloatArray, camera: StereoCamera, *, iterations: int, min_inliers: float
 ) -> Pose | None:
-    """Return the pose from points `(N, 3)` at pixels `(N, 2)` by random samples; None where too few agree."""
-    fx, fy, cx, cy, _ = camera
-    matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
+    """Return the perspective pose from points `(N, 3)` at pixels `(N, 2)` by RANSAC; None if too few agree."""
+    matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
     ok, rotvec, translation, inliers = cv2.solvePnPRansac(
         points, uv, matrix, None, reprojectionError=MAX_REPROJECTION_PX, iterationsCount=iterations
     )
     if not ok or inliers is None or len(inliers) < min_inliers:
         return None
-    r_cw = np.asarray(cv2.Rodrigues(rotvec)[0], dtype=np.float64)
-    return Pose(np.ascontiguousarray(r_cw.T), np.asarray(-(r_cw.T @ translation[:, 0]), dtype=np.float64))
+    R_camera_world = np.asarray(cv2.Rodrigues(rotvec)[0], dtype=np.float64)
+    position = np.asarray(-(R_camera_world.T @ translation[:, 0]), dtype=np.float64)
+    return Pose(np.ascontiguousarray(R_camera_world.T), position)

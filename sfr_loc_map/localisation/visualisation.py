@@ -6,13 +6,12 @@ import cv2
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import ColourImage, FloatArray, GreyImage
-from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
-from sfr_loc_map.localisation.frontend.tracking import INLIER_CHI2_PER_DOF, TrackingResult
+from sfr_loc_map.localisation.estimate import LandmarkTracks, PoseEstimate, TrackingState
 
-NO_RESIDUAL, LARGEST_RESIDUAL = np.array([255.0, 170.0, 60.0]), np.array([0.0, 225.0, 255.0])
-"""Colours of the inliers, blue, green, red."""
-OUTLIER = (220, 60, 220)
-NOT_FOUND = (150, 150, 150)
+SMALL_RESIDUAL = np.array([255.0, 170.0, 60.0])  #: Colour of an inlier without residual: blue, green, red.
+LARGE_RESIDUAL = np.array([0.0, 225.0, 255.0])  #: Colour of an inlier at the gate: blue, green, red.
+OUTLIER = (220, 60, 220)  #: Colour of an outlier: blue, green, red.
+NOT_FOUND = (150, 150, 150)  #: Colour of a landmark that was not found: blue, green, red.
 STATES = {
     TrackingState.INITIALISING: (0, 190, 255),
     TrackingState.TRACKING: (120, 220, 120),
@@ -20,26 +19,26 @@ STATES = {
     TrackingState.LOST: (60, 60, 255),
 }
 FIGURES = {"inliers": "in", "features": "of", "keyframes": "kf", "chi_median": "chi", "residual_px": "px"}
-"""Statistics in the caption, as far as the estimate has them, and their short names."""
-STRIP = 18  #: Height of the caption below the image, pixels.
+"""Statistics in the caption, where the estimate has them, and their short names."""
+STRIP = 18  #: Height of the caption below the image, px.
 _SHIFT = 4  # OpenCV draws at fractions of 1/16 pixel
 
 
-def draw_tracks(left: GreyImage, result: TrackingResult | None, estimate: PoseEstimate) -> ColourImage:
-    """Return the left image with the tracked landmarks drawn into it.
+def draw_tracks(left: GreyImage, estimate: PoseEstimate) -> ColourImage:
+    """Return the left image with the tracked landmarks of its estimate.
 
-    A line goes from the observation in the newest keyframe to the one in this image. Its colour goes from blue (no
-    residual) to yellow (largest residual of an inlier); an outlier is violet. A grey cross is a landmark that was not
-    found, at its observation in the keyframe. The frame and the caption show the state and the figures of the call.
+    A line goes from the observation in the newest keyframe to the observation in this image. Its colour goes from blue
+    (no residual) to yellow (largest residual of an inlier); an outlier is violet. A grey cross is a landmark that was
+    not found, at its observation in the keyframe. The frame and the caption show the state and the figures of the call.
 
-    The drawing is `(H + 18, W, 3)` uint8, blue, green, red; without a result no landmark was tracked.
+    The drawing is `(H + 18, W, 3)` uint8, blue, green, red. Without tracks, no landmark was tracked.
     """
     height, width = left.shape
     canvas = np.zeros((height + STRIP, width, 3), np.uint8)
-    # a dimmer image lets the colours stand out
+    # a darker image makes the colours stand out
     canvas[:height] = cv2.cvtColor(left, cv2.COLOR_GRAY2BGR) // 4 * 3
-    if result is not None:
-        _draw_landmarks(canvas[:height], result)
+    if estimate.tracks is not None:
+        _draw_landmarks(canvas[:height], estimate.tracks)
     colour = STATES[estimate.state]
     cv2.rectangle(canvas, (0, 0), (width - 1, height - 1), colour, 2)
     statistics = estimate.statistics.as_dict()
@@ -50,19 +49,17 @@ def draw_tracks(left: GreyImage, result: TrackingResult | None, estimate: PoseEs
     return canvas
 
 
-def _draw_landmarks(canvas: ColourImage, result: TrackingResult) -> None:
-    before, now, chi2_per_dof = result.landmarks.last_seen[:, :2], result.observations[:, :2], result.chi2_per_dof
+def _draw_landmarks(canvas: ColourImage, tracks: LandmarkTracks) -> None:
     # blue to yellow is distinguishable with any colour vision
-    share = np.nan_to_num(chi2_per_dof, nan=INLIER_CHI2_PER_DOF) / INLIER_CHI2_PER_DOF
-    residual = np.sqrt(np.clip(share, 0.0, 1.0))[:, None]
-    colours = np.rint((1.0 - residual) * NO_RESIDUAL + residual * LARGEST_RESIDUAL)
-    for start, end, chi2, colour in zip(before, now, chi2_per_dof, colours, strict=True):
-        if not np.isfinite(chi2) or not np.isfinite(end).all():
+    weight = np.clip(np.nan_to_num(tracks.residual, nan=1.0), 0.0, 1.0)[:, None]
+    colours = np.rint((1.0 - weight) * SMALL_RESIDUAL + weight * LARGE_RESIDUAL)
+    for start, end, residual, colour in zip(tracks.keyframe_uv, tracks.uv, tracks.residual, colours, strict=True):
+        if not np.isfinite(residual) or not np.isfinite(end).all():
             if np.isfinite(start).all():
                 centre = (round(float(start[0])), round(float(start[1])))
                 cv2.drawMarker(canvas, centre, NOT_FOUND, cv2.MARKER_TILTED_CROSS, 4)
             continue
-        bgr = OUTLIER if chi2 >= INLIER_CHI2_PER_DOF else tuple(map(int, colour))
+        bgr = OUTLIER if residual >= 1.0 else tuple(map(int, colour))
         if np.isfinite(start).all():
             cv2.line(canvas, _fixed(start), _fixed(end), bgr, 1, cv2.LINE_AA, _SHIFT)
         cv2.circle(canvas, _fixed(end), 2 << _SHIFT, bgr, -1, cv2.LINE_AA, _SHIFT)

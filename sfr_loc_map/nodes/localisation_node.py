@@ -29,7 +29,6 @@ from sfr_loc_map.io.source_config import ExtrinsicsConfig
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, TrackingState
 from sfr_loc_map.localisation.frontend.feature_detection import read_mask
-from sfr_loc_map.localisation.frontend.tracking import INLIER_CHI2_PER_DOF
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks
 from sfr_loc_map.nodes import messages
@@ -237,14 +236,11 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
                 publisher.publish(messages.image_msg(fewer, "mono8", header))
         if self._tracks.get_subscription_count():
             rows = np.empty((0, len(messages.TRACK_FIELDS)), np.float32)
-            if (result := localiser.last_result) is not None:
-                residual = np.sqrt(result.chi2_per_dof / INLIER_CHI2_PER_DOF)
-                rows = np.column_stack((result.observations[:, :2], result.landmarks.last_seen[:, :2], residual))
+            if (tracks := estimate.tracks) is not None:
+                rows = np.column_stack((tracks.uv, tracks.keyframe_uv, tracks.residual))
             self._tracks.publish(messages.float_points_msg(rows, messages.TRACK_FIELDS, header))
         if self._image.get_subscription_count():
-            self._image.publish(
-                messages.image_msg(draw_tracks(pair.left, localiser.last_result, estimate), "bgr8", header)
-            )
+            self._image.publish(messages.image_msg(draw_tracks(pair.left, estimate), "bgr8", header))
 
 
 main = partial(run, LocalisationNode)

@@ -47,8 +47,8 @@ CODECS = {".avi": "MJPG", ".mp4": "mp4v"}
 FRAMES_PER_SECOND = 10.0
 MANY = 0.05  #: Share of pairs without a good pose from which there is a warning.
 Progress = Callable[[int], None]
-FrameObserver = Callable[[StereoPair, PoseEstimate, Localiser], None]
-"""Looks at a pair, its estimate and the localiser after the call; its time is not the call's."""
+FrameObserver = Callable[[StereoPair, PoseEstimate], None]
+"""Receives a pair and its estimate, with the tracks, after the call; its time is not part of the call."""
 
 
 # ---- drives
@@ -92,8 +92,8 @@ def localise(
         if stopped():
             raise KeyboardInterrupt
         if watch is not None:
-            watch(pair, estimate, localiser)
-        yield estimate, call_of_estimate(estimate, call)
+            watch(pair, estimate)
+        yield replace(estimate, tracks=None), call_of_estimate(estimate, call)
 
 
 def localise_with(
@@ -133,9 +133,9 @@ def track_video(path: Path, rig: StereoRig) -> Iterator[FrameObserver]:
             raise OutputError(f"cannot write '{path}': this OpenCV has no coder {CODECS[path.suffix]}")
         count = 0
 
-        def add(pair: StereoPair, estimate: PoseEstimate, localiser: Localiser) -> None:
+        def add(pair: StereoPair, estimate: PoseEstimate) -> None:
             nonlocal count
-            writer.write(draw_tracks(pair.left, localiser.last_result, estimate))
+            writer.write(draw_tracks(pair.left, estimate))
             count += 1
 
         try:

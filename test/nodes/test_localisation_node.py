@@ -27,7 +27,6 @@ from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.io.rectification import rectified_rig
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.frontend.tracking import INLIER_CHI2_PER_DOF
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks
 from sfr_loc_map.nodes.diagnostics import Level
@@ -177,16 +176,16 @@ def test_raw_images_are_rectified_and_tracks_mask_and_debug_image_show_what_was_
             pair = StereoPair(pair.stamp_ns, *rectifier.rectify(pair.left, pair.right))
             estimate = localiser.process(pair)
             assert peer.positions()[-1] == tuple(estimate.T_ds_rb.translation)
-            drawn, sent = draw_tracks(pair.left, localiser.last_result, estimate), images[-1]
+            drawn, sent = draw_tracks(pair.left, estimate), images[-1]
             assert (sent.encoding, sent.step, stamp_of(sent)) == ("bgr8", 3 * sent.width, pair.stamp_ns)
             assert sent.header.frame_id == infos[0].header.frame_id != ""
             assert np.array_equal(np.frombuffer(sent.data, np.uint8).reshape(drawn.shape), drawn)
             assert stamp_of(tracks[-1]) == stamp_of(masks[-1]) == pair.stamp_ns
-            rows, result = tracks_from_msg(tracks[-1]), localiser.last_result
-            assert (result is None) == (index == 0)
-            if result is not None:
-                np.testing.assert_array_equal(rows[:, :2], result.observations[:, :2].astype(np.float32))
-                assert int((rows[:, 4] < 1.0).sum()) == int((result.chi2_per_dof < INLIER_CHI2_PER_DOF).sum()) > 20
+            rows, shown = tracks_from_msg(tracks[-1]), estimate.tracks
+            assert (shown is None) == (index == 0)
+            if shown is not None:
+                np.testing.assert_array_equal(rows[:, :2], shown.uv.astype(np.float32))
+                assert int((rows[:, 4] < 1.0).sum()) == estimate.statistics.inliers > 20
             small = np.frombuffer(masks[-1].data, np.uint8).reshape(masks[-1].height, masks[-1].width)
             assert np.array_equal(small, localiser.masks[0][2::4, 2::4])
 

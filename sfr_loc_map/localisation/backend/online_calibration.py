@@ -1,162 +1,228 @@
 """Online calibration: rotation of the right camera against its calibration, estimated from the images.
 
-A rotation of some hundredths of a degree is the commonest error of a rig after a shock or a change of temperature.
-Pitch and roll show in every stereo match as vertical disparity. Yaw changes all depths, hence the length of the path;
-it is observable only where depths from stereo disagree with depths from motion, in the bundle adjustment, which takes
-it to be constant over a whole window. A camera that turns while the window lasts shifts the right images against
-landmarks that were made before; each pair shows that to a hundredth of a pixel, and it is followed from pair to pair.
+A rotation of some hundredths of a degree is the most common error of a rig after a shock or a change of temperature.
+
+- Pitch and roll appear in every stereo match as vertical disparity.
+- Yaw changes all depths, hence the length of the path. It is observable only where depths from stereo disagree with
+  depths from motion, in the bundle adjustment, which assumes a constant yaw within a window.
+- A right camera that turns while a window lasts shifts the right images against landmarks of earlier keyframes. Each
+  pair shows that shift to a hundredth of a pixel, and it is followed from pair to pair.
+
+The calibration is a value: each update returns a new one.
 """
 
 from __future__ import annotations
 
-from collections import deque
-from typing import Final
+from dataclasses import dataclass, field, replace
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import StereoCamera
-from sfr_loc_map.localisation.frontend.pose_solver import RightOffset
+from sfr_loc_map.localisation.backend.bundle_adjustment import OffsetEstimate
+from sfr_loc_map.localisation.frontend.pose_solver import RightOffset, RightShift
 
-MIN_PAIRS: Final = 8
-MAX_PAIRS: Final = 16  #: Fewest and most consecutive pairs that a drift is judged by.
-SIGMAS: Final = 5.0  #: Standard errors beyond which the shift is a drift.
-FLOOR_PX: Final = 0.015  #: Shift that is no drift, whatever its standard error.
-AFTERMATH_PAIRS: Final = 20  #: Pairs after the last correction in which the camera still counts as drifting.
-FIRST_SIGMA_PX: Final = 0.3  #: Standard deviation of the offset along the rows before any observation.
-DRIFT_PX: Final = 0.002  #: Random walk of the offset per keyframe.
-DRIFT_UNCERTAINTY: Final = 0.1  #: Standard deviation of each correction of a drift, as a share of it.
-MAX_STEP_PX: Final = 0.05  #: Maximum change of the correction along the rows per keyframe, or, if that is more,
-STEP_SHARE: Final = 0.2  #: this share of what is left to correct.
-UNSETTLED_PX: Final = 0.2  #: Offset left to correct beyond which poses may be off.
-MIN_MATCHES: Final = 20  #: Minimum number of matches of a keyframe that is learnt from.
-VERTICAL_NOISE_PX: Final = 0.15  #: Typical noise of the vertical disparity of a match.
-RETENTION: Final = 0.98  #: Weight that the information about vertical disparity keeps with each keyframe.
-VERTICAL_PRIOR: Final = (1e-3, 5e-3)  #: Weight of zero pitch and zero roll before any observation, in keyframes.
-BLOCKS: Final = (4, 6)  #: Rows and columns of blocks of the image, each of which has its residual.
-SIGHTINGS: Final = 8  #: Pairs in which a landmark is seen, with one error.
-FIRST_LENS_PX: Final = 0.08  #: What a lens is taken to leave of the disparities
-LENS_PAIRS: Final = 20  #: until so many pairs have shown it.
-DETECTION_SIGMAS: Final = 4.0
-"""Standard deviations beyond which an offset along the rows is corrected; a rig without error is left alone."""
+MIN_SHIFTS: Final = 8  #: Minimum number of consecutive pairs from which a drift is detected.
+MAX_SHIFTS: Final = 16  #: Maximum number of consecutive pairs from which a drift is detected.
+DRIFT_SIGMAS: Final = 5.0  #: Standard errors of the shift above which the right camera drifts.
+DRIFT_FLOOR_PX: Final = 0.015  #: Shift, px, that is not a drift, whatever its standard error.
+AFTER_DRIFT_PAIRS: Final = 20  #: Pairs after the last correction in which the right camera is still reported to drift.
+FOLLOWED_ERROR_RATIO: Final = 0.1  #: Standard deviation of a followed drift, as a ratio to the drift.
+FIRST_SIGMA_PX: Final = 0.3  #: Prior standard deviation of the yaw, px.
+YAW_WALK_PX: Final = 0.002  #: Process noise of the yaw per keyframe, px.
+DETECTION_SIGMAS: Final = 4.0  #: Standard deviations above which a yaw is corrected; smaller ones are left alone.
+MAX_CORRECTION_PX: Final = 0.05  #: Maximum change of the yaw correction per keyframe, px,
+CORRECTION_GAIN: Final = 0.2  #: or this ratio to the remaining yaw, if that is larger.
+UNSETTLED_PX: Final = 0.2  #: Remaining yaw, px, above which poses are degraded.
+MIN_MATCHES: Final = 20  #: Minimum number of stereo matches of a keyframe that updates pitch and roll.
+VERTICAL_NOISE_PX: Final = 0.15  #: Standard deviation of the vertical disparity of a match, px.
+VERTICAL_ITERATIONS: Final = 5  #: Iterations of the robust fit of pitch and roll.
+RETENTION: Final = 0.98  #: Weight that the information on pitch and roll keeps with each keyframe.
+VERTICAL_PRIOR: Final = (1e-3, 5e-3)  #: Information of the prior "no pitch, no roll", in keyframes.
+LENS_BLOCKS: Final = (4, 6)  #: Rows and columns of image blocks, each with a mean residual disparity.
+SIGHTINGS: Final = 8  #: Pairs in which a landmark is seen with the same error.
+FIRST_LENS_PX: Final = 0.08  #: Prior RMS of the residual disparity of a lens, px,
+LENS_PAIRS: Final = 20  #: for the first pairs.
 
 
+class LensResidual(NamedTuple):
+    """Residual disparities by image block: errors of the lens are constant in time but vary over the image."""
+
+    sums: FloatArray  #: `(3, blocks)` number, sum and sum of squares of the residual disparities, px.
+    pairs: int  #: Number of pairs.
+    rms_px: float  #: RMS of the block means without what they have by chance, px.
+
+    @classmethod
+    def none(cls) -> LensResidual:
+        """Return the residuals before the first pair."""
+        return cls(np.zeros((3, LENS_BLOCKS[0] * LENS_BLOCKS[1])), 0, 0.0)
+
+    @property
+    def likely_px(self) -> float:
+        """RMS of the block means, px; at least the prior in the first pairs."""
+        return max(self.rms_px, FIRST_LENS_PX) if self.pairs < LENS_PAIRS else self.rms_px
+
+    def with_pair(self, uv: FloatArray, disparity: FloatArray, camera: StereoCamera) -> LensResidual:
+        """Add the residual disparities `(N,)` of a pair at left pixels `(N, 2)`."""
+        rows, columns = LENS_BLOCKS
+        row = np.int64(uv[:, 1] * rows / (2.0 * camera.cy))
+        column = np.int64(uv[:, 0] * columns / (2.0 * camera.cx))
+        block = np.clip(row, 0, rows - 1) * columns + np.clip(column, 0, columns - 1)
+        size = rows * columns
+        count = self.sums[0] + np.bincount(block, None, size)
+        total = self.sums[1] + np.bincount(block, disparity, size)
+        squares = self.sums[2] + np.bincount(block, disparity**2, size)
+        pairs = self.pairs + 1
+        between_blocks = float(np.sum(total**2 / np.maximum(count, 1.0)))
+        number = max(float(count.sum()), 1.0)
+        # the block means differ by chance: a landmark has the same error in each pair that shows it
+        by_chance = (squares.sum() - between_blocks) / number * min(pairs, SIGHTINGS) * np.count_nonzero(count)
+        rms_px = float(np.sqrt(max(between_blocks - by_chance, 0.0) / number))
+        return LensResidual(np.stack((count, total, squares)), pairs, rms_px)
+
+
+class YawEstimate(NamedTuple):
+    """Kalman filter of a constant yaw of the right camera, px at the image centre."""
+
+    mean_px: float = 0.0
+    variance_px2: float = FIRST_SIGMA_PX**2
+    target_px: float = 0.0  #: Yaw to be corrected: the mean where it is significant, else 0.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class OnlineCalibration:
-    """Estimates the rotation error of the right camera; lengths are pixels.
+    """Rotation error of the right camera; lengths are pixels.
 
-    `offset` is the correction, its `u` 0 while not significant: `drift_u`, which was followed, and `constant_u`, which
-    approaches `target_u`, of standard deviation `sigma_u`, in small steps. `followed_px` is the length of all of them;
-    `drifts`: the right camera turns, or has just done so. `lens_px` is what is left of the disparities, RMS,
-    alike in all pairs but not over the image.
+    The yaw correction `offset.u` is the sum of a drift that was followed from pair to pair and of a constant part,
+    which approaches the estimated yaw in small steps.
     """
 
-    def __init__(self, camera: StereoCamera, window_keyframes: int) -> None:
-        """Start without an error; as many consecutive windows as one has keyframes share observations, count as one."""
-        self.offset, self.target_u, self.constant_u, self.drift_u = RightOffset(), 0.0, 0.0, 0.0
-        self.sigma_u = FIRST_SIGMA_PX
-        self.followed_px, self.drifts = 0.0, False
-        self.lens_px, self._pairs, self._residuals = 0.0, 0, np.zeros((3, BLOCKS[0] * BLOCKS[1]))
-        self._shifts: deque[float] = deque(maxlen=MAX_PAIRS)
-        self._still_pairs = AFTERMATH_PAIRS
-        self._camera, self._shared = camera, float(window_keyframes)
-        self._mean_u, self._variance_u = 0.0, FIRST_SIGMA_PX**2
-        self._information, self._information_vector = np.diag(VERTICAL_PRIOR), np.zeros(2)
+    camera: StereoCamera
+    window_keyframes: int
+    """Consecutive windows share observations: the variance of a window's yaw is inflated by its number of keyframes."""
+    offset: RightOffset = RightOffset()  #: Correction of the right observations.
+    drift_px: float = 0.0  #: Followed drift within `offset.u`.
+    followed_px: float = 0.0  #: Sum of the absolute drifts that were followed.
+    shifts: tuple[float, ...] = ()  #: Shifts of the right images of the last pairs against the landmarks.
+    pairs_since_drift: int = AFTER_DRIFT_PAIRS
+    is_drifting: bool = False  #: Whether the right camera turns, or has just turned.
+    yaw: YawEstimate = YawEstimate()
+    lens: LensResidual = field(default_factory=LensResidual.none)
+    #: `(2, 2)` information matrix of pitch and roll.
+    information: FloatArray = field(default_factory=lambda: np.diag(VERTICAL_PRIOR))
+    information_vector: FloatArray = field(default_factory=lambda: np.zeros(2))
 
     @property
-    def remaining_u(self) -> float:
-        """What is left to correct along the rows, pixels."""
-        return self.target_u - self.constant_u
+    def yaw_sigma_px(self) -> float:
+        """Standard deviation of the yaw."""
+        return float(np.sqrt(self.yaw.variance_px2))
 
     @property
-    def likely_lens_px(self) -> float:
-        """The same as `lens_px`, or what is typical before it is known."""
-        return max(self.lens_px, FIRST_LENS_PX) if self._pairs < LENS_PAIRS else self.lens_px
+    def corrected_px(self) -> float:
+        """Part of the constant yaw that is corrected."""
+        return self.offset.u - self.drift_px
 
-    def learn_lens(self, uv: FloatArray, disparity: FloatArray) -> None:
-        """Take residual disparities `(N,)` at left pixels `(N, 2)`: a lens leaves the same in all pairs."""
-        self._pairs += 1
-        (rows, columns), camera = BLOCKS, self._camera
-        row, column = np.int64(uv[:, 1] * rows / (2.0 * camera.cy)), np.int64(uv[:, 0] * columns / (2.0 * camera.cx))
-        block = np.clip(row, 0, rows - 1) * columns + np.clip(column, 0, columns - 1)
-        for k, of in enumerate((None, disparity, disparity**2)):
-            self._residuals[k] += np.bincount(block, of, rows * columns)
-        count, total, squares = self._residuals
-        of_blocks, number = float(np.sum(total**2 / np.maximum(count, 1.0))), max(float(count.sum()), 1.0)
-        # what the means of blocks have by chance: a landmark has the same error each time it is seen
-        noise = (squares.sum() - of_blocks) / number * min(self._pairs, SIGHTINGS) * np.count_nonzero(count)
-        self.lens_px = float(np.sqrt(max(of_blocks - noise, 0.0) / number))
+    @property
+    def remaining_px(self) -> float:
+        """Part of the constant yaw that is still to be corrected."""
+        return self.yaw.target_px - self.corrected_px
 
-    def interrupt(self) -> None:
-        """Note that the next pair has new landmarks: the shifts of pairs before do not belong to them."""
-        self._shifts.clear()
+    @property
+    def is_settled(self) -> bool:
+        """Whether the right camera neither drifts nor has a large yaw still to be corrected."""
+        return not self.is_drifting and abs(self.remaining_px) <= UNSETTLED_PX
 
-    def learn_shift(self, px: float, variance: float) -> float:
-        """Take the shift of the right image of a pair against the landmarks, as of `right_shift`.
+    def after_restart(self) -> OnlineCalibration:
+        """Forget the shifts of earlier pairs: they belong to other landmarks."""
+        return replace(self, shifts=())
 
-        A line through the shifts of the last pairs gives the present one and its standard error: a steady drift is no
-        noise, and a shift of one pair alone (vibration, cameras out of step) is no drift. Returns the drift by which
-        `offset.u` was corrected at once, pixels; 0 where there is none.
+    def with_lens_residuals(self, shift: RightShift) -> OnlineCalibration:
+        """Add the residual disparities of a pair."""
+        return replace(self, lens=self.lens.with_pair(shift.uv, shift.disparity, self.camera))
+
+    def with_shift(self, shift: RightShift) -> tuple[OnlineCalibration, float]:
+        """Follow the shift of the right image of a pair against the landmarks; return the drift, px, or 0.
+
+        A line through the shifts of the last pairs gives the present shift and its standard error. A steady drift is
+        therefore not taken for noise, and the shift of a single pair (vibration, cameras out of step) not for a drift.
         """
-        if not np.isfinite(variance):
-            return 0.0
-        self._shifts.append(px)
-        self._still_pairs += 1
-        self.drifts = self._still_pairs < AFTERMATH_PAIRS
-        count = len(self._shifts)
-        if count < MIN_PAIRS:
-            return 0.0
-        shifts, pairs = np.array(self._shifts), np.arange(count) - 0.5 * (count - 1)
-        slope = float(pairs @ shifts) / float(pairs @ pairs)
-        mean = shifts.mean()
-        now = float(mean) + slope * float(pairs[-1])
-        noise2 = float(np.square(shifts - mean - slope * pairs).sum()) / (count - 2)
-        sigma = np.sqrt(noise2 * (1.0 / count + pairs[-1] ** 2 / float(pairs @ pairs)))
-        if abs(now) < FLOOR_PX + SIGMAS * sigma:
-            return 0.0
-        self._shifts = deque((shifts - now).tolist(), maxlen=MAX_PAIRS)
-        self._still_pairs, self.drifts = 0, True
-        self.drift_u += now
-        self.followed_px += abs(now)
-        self.offset = self.offset._replace(u=self.offset.u + now)
-        self.constant_u = self.offset.u - self.drift_u
-        self._variance_u += (DRIFT_UNCERTAINTY * now) ** 2
-        self.sigma_u = float(np.sqrt(self._variance_u))
-        return now
+        if not np.isfinite(shift.variance):
+            return self, 0.0
+        shifts = (*self.shifts, shift.px)[-MAX_SHIFTS:]
+        pairs_since_drift = self.pairs_since_drift + 1
+        quiet = replace(
+            self, shifts=shifts, pairs_since_drift=pairs_since_drift, is_drifting=pairs_since_drift < AFTER_DRIFT_PAIRS
+        )
+        if len(shifts) < MIN_SHIFTS:
+            return quiet, 0.0
+        drift_px, sigma_px = _end_of_line(np.array(shifts))
+        if abs(drift_px) < DRIFT_FLOOR_PX + DRIFT_SIGMAS * sigma_px:
+            return quiet, 0.0
+        variance_px2 = self.yaw.variance_px2 + (FOLLOWED_ERROR_RATIO * drift_px) ** 2
+        followed = replace(
+            self,
+            shifts=tuple((np.array(shifts) - drift_px).tolist()),
+            pairs_since_drift=0,
+            is_drifting=True,
+            drift_px=self.drift_px + drift_px,
+            followed_px=self.followed_px + abs(drift_px),
+            offset=self.offset._replace(u=self.offset.u + drift_px),
+            yaw=self.yaw._replace(variance_px2=variance_px2),
+        )
+        return followed, drift_px
 
-    def learn_vertical(self, right_uv: FloatArray, vertical_disparity: FloatArray) -> None:
-        """Update pitch and roll from right pixels `(N, 2)` and how much lower than the left ones they are, `(N,)`."""
+    def with_matches(self, right_uv: FloatArray, vertical_disparity: FloatArray) -> OnlineCalibration:
+        """Update pitch and roll by the stereo matches of a keyframe.
+
+        The right pixels are `(N, 2)`; the vertical disparities `(N,)` are positive where the right pixel is lower.
+        """
         if len(vertical_disparity) < MIN_MATCHES:
-            return
-        x, y = self._camera.normalised(right_uv).T
+            return self
+        x, y = self.camera.normalised(right_uv).T
         design = np.column_stack((1.0 + y * y, x))
         without_yaw = vertical_disparity - self.offset.u * x * y
-        before, prior = np.array([self.offset.v, self.offset.roll]), np.diag(VERTICAL_PRIOR)
-        residual = without_yaw - design @ before
+        residual = without_yaw - design @ np.array([self.offset.v, self.offset.roll])
         change = np.array([float(np.median(residual)), 0.0])
-        for _ in range(5):  # outliers are judged by what this keyframe says alone
+        prior = np.diag(VERTICAL_PRIOR)
+        for _ in range(VERTICAL_ITERATIONS):  # outliers are judged by this keyframe alone
             weight = 1.0 / (1.0 + ((residual - design @ change) / VERTICAL_NOISE_PX) ** 2) / len(residual)
             weighted = (design * weight[:, None]).T
             change = np.linalg.solve(prior + weighted @ design, weighted @ residual)
-        # all keyframes together: matches on one side of the image say little of the other
-        self._information = RETENTION * self._information + weighted @ design
-        self._information_vector = RETENTION * self._information_vector + weighted @ without_yaw
-        v, roll = map(float, np.linalg.solve(self._information, self._information_vector))
-        self.offset = self.offset._replace(v=v, roll=roll)
+        # all keyframes together: matches on one side of the image say little about the other side
+        information = RETENTION * self.information + weighted @ design
+        vector = RETENTION * self.information_vector + weighted @ without_yaw
+        v, roll = map(float, np.linalg.solve(information, vector))
+        return replace(
+            self, information=information, information_vector=vector, offset=self.offset._replace(v=v, roll=roll)
+        )
 
-    def learn_yaw(self, remaining_u: float, variance: float) -> float:
-        """Update the offset along the rows by what an adjusted window shows beyond it, px, px^2; return its change."""
-        self._variance_u += DRIFT_PX**2
-        gain = self._variance_u / (self._variance_u + variance * self._shared)
-        before = self.constant_u
-        self._mean_u += gain * (before + remaining_u - self._mean_u)
-        self._variance_u *= 1.0 - gain
-        self.sigma_u = float(np.sqrt(self._variance_u))
-        self.target_u = self._mean_u if abs(self._mean_u) > DETECTION_SIGMAS * self.sigma_u else 0.0
-        if abs(self.remaining_u) > UNSETTLED_PX:  # what is left of the disparities is by this
-            self.lens_px, self._pairs, self._residuals = 0.0, 0, np.zeros_like(self._residuals)
-        # small steps: the pose moves a little with each
-        most = max(MAX_STEP_PX, STEP_SHARE * abs(self.remaining_u))
-        u = before + float(np.clip(self.remaining_u, -most, most))
-        self.offset = self.offset._replace(u=u + self.drift_u)
-        self.constant_u = self.offset.u - self.drift_u
-        return u - before
+    def with_window(self, found: OffsetEstimate) -> tuple[OnlineCalibration, float]:
+        """Update the yaw by the remaining offset that an adjusted window shows; return the change of the correction."""
+        predicted_px2 = self.yaw.variance_px2 + YAW_WALK_PX**2
+        gain = predicted_px2 / (predicted_px2 + found.variance * float(self.window_keyframes))
+        before_px = self.corrected_px
+        mean_px = self.yaw.mean_px + gain * (before_px + found.px - self.yaw.mean_px)
+        variance_px2 = predicted_px2 * (1.0 - gain)
+        is_significant = abs(mean_px) > DETECTION_SIGMAS * float(np.sqrt(variance_px2))
+        yaw = YawEstimate(mean_px, variance_px2, mean_px if is_significant else 0.0)
+        remaining_px = yaw.target_px - before_px
+        # an uncorrected yaw dominates the residual disparities
+        lens = LensResidual.none() if abs(remaining_px) > UNSETTLED_PX else self.lens
+        # small steps, because the pose moves with each of them
+        most_px = max(MAX_CORRECTION_PX, CORRECTION_GAIN * abs(remaining_px))
+        corrected_px = before_px + float(np.clip(remaining_px, -most_px, most_px))
+        offset = self.offset._replace(u=corrected_px + self.drift_px)
+        return replace(self, yaw=yaw, lens=lens, offset=offset), corrected_px - before_px
+
+
+def _end_of_line(shifts: FloatArray) -> tuple[float, float]:
+    """Fit a line through shifts `(N,)` of consecutive pairs; return its last value and the standard error."""
+    count = len(shifts)
+    pairs = np.arange(count) - 0.5 * (count - 1)
+    power = float(pairs @ pairs)
+    slope = float(pairs @ shifts) / power
+    mean = shifts.mean()
+    last = float(mean) + slope * float(pairs[-1])
+    variance = float(np.square(shifts - mean - slope * pairs).sum()) / (count - 2)
+    return last, float(np.sqrt(variance * (1.0 / count + pairs[-1] ** 2 / power)))

@@ -1,13 +1,18 @@
-"""Sliding window: keyframes adjusted together, the landmarks they host, their observations, and the prior."""
+"""Sliding window: the keyframes that are adjusted together, their landmarks and observations, and the prior.
+
+A window is a value. Each operation returns a new window; arrays that do not change are shared.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
 from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.localisation.backend.bundle_adjustment import (
@@ -17,137 +22,253 @@ from sfr_loc_map.localisation.backend.bundle_adjustment import (
     adjust,
     marginalise_oldest,
 )
-from sfr_loc_map.localisation.frontend.landmarks import NO_PATCHES, HostPatches, Landmarks, Patches
-from sfr_loc_map.localisation.frontend.patch import LocalPlanes, Pyramid, Templates
-from sfr_loc_map.localisation.frontend.pose_solver import LandmarkEstimates
+from sfr_loc_map.localisation.frontend.landmarks import (
+    ALIGNED_LANDMARKS,
+    FOLLOWED_LANDMARKS,
+    NO_PATCHES,
+    HostPatches,
+    Landmarks,
+    Patches,
+)
+from sfr_loc_map.localisation.frontend.patch import LEVELS, LocalPlanes, Pyramid, Templates
+from sfr_loc_map.localisation.frontend.pose_solver import LandmarkEstimates, StereoObservations
 
-START_VARIANCE = 1e-10  #: Variance of the first pose (m^2, rad^2): it is given, not estimated.
+START_VARIANCE = 1e-10  #: Variance of the first pose, m^2 and rad^2: the first pose is given, not estimated.
 
 
 class KeyframeDrift(NamedTuple):
-    """How well the newest keyframe is known from the one before."""
+    """Uncertainty of the newest keyframe relative to the one before."""
 
     covariance: FloatArray  #: `(6, 6)` of the left camera, position and rotation about the world's axes.
-    metres: float  #: Length of the motion between them.
-    radians: float  #: Angle of it.
+    metres: float  #: Length of the motion between the two keyframes.
+    radians: float  #: Angle of that motion.
 
 
+class NewLandmarks(NamedTuple):
+    """M landmarks that a keyframe hosts at whole pixels."""
+
+    uv: FloatArray  #: `(M, 2)` host pixels.
+    inverse_depth: FloatArray  #: `(M,)` 1/m.
+    slopes: FloatArray  #: `(M, 2)` change of the inverse depth per pixel along u and v, 1/m.
+    patches: Templates  #: Templates at full size.
+    seen: StereoObservations  #: Observations in the host keyframe.
+
+
+@dataclass(frozen=True, eq=False)
 class SlidingWindow:
-    """K keyframes adjusted together, oldest first, and their N landmarks, of which `active` `(N,)` are still tracked.
+    """K keyframes that are adjusted together, oldest first, and the N landmarks that they host."""
 
-    `covariance` `(6, 6)` is of the newest pose, position and rotation about the world's axes; `drift` how well it was
-    known from the one before, None without one; `right_offset` the offset of right positions along the rows.
-    """
+    size: int  #: Maximum number of keyframes.
+    problem: BundleProblem  #: Keyframes, landmarks and observations.
+    active: Mask  #: `(N,)` landmarks that are still tracked.
+    uv: FloatArray  #: `(N, 2)` host pixels where the patches were cut.
+    slopes: FloatArray  #: `(N, 2)` change of the inverse depth per pixel, 1/m.
+    landmark_covariance: FloatArray  #: `(N, 3, 3)` of the landmarks given the poses, px and 1/m.
+    patches: tuple[HostPatches, ...]  #: Patches by keyframe; the large arrays are shared between windows.
+    prior: Prior  #: Information of what has left the window.
+    covariance: FloatArray  #: `(6, 6)` of the newest pose, position and rotation about the world's axes.
+    drift: KeyframeDrift | None  #: Uncertainty of the newest keyframe against the one before; None without one.
+    right_offset: OffsetEstimate  #: Offset of the right observations along the rows that the adjustment found.
 
-    def __init__(self, camera: StereoCamera, size: int) -> None:
-        """Start empty; size is the maximum number of keyframes."""
-        self._camera, self._size = camera, size
-        keyframes, none = Poses(np.zeros((0, 3, 3)), np.zeros((0, 3))), np.zeros((0, 0, 4))
+    @classmethod
+    def empty(cls, camera: StereoCamera, size: int) -> SlidingWindow:
+        """Return a window without keyframes."""
+        keyframes = Poses(np.zeros((0, 3, 3)), np.zeros((0, 3)))
         host = np.zeros(0, np.int64)
-        self.problem = BundleProblem(keyframes, host, np.zeros((0, 3)), none, np.zeros((0, 0, 2, 3)), camera)
-        self.active = np.zeros(0, np.bool_)
-        self._uv, self._slopes = np.zeros((0, 2)), np.zeros((0, 2))
-        self._landmark_covariance = np.zeros((0, 3, 3))
-        # by keyframe: what is large is copied neither when landmarks are added nor when they leave
-        self._patches: list[HostPatches] = []
-        self._prior = Prior(np.zeros((0, 0)), np.zeros(0), keyframes)
-        self.covariance = np.zeros((0, 0))
-        self.right_offset = OffsetEstimate(0.0, np.inf)
-        self.drift: KeyframeDrift | None = None
+        observations = np.zeros((0, 0, 4))
+        problem = BundleProblem(keyframes, host, np.zeros((0, 3)), observations, np.zeros((0, 0, 2, 3)), camera)
+        return cls(
+            size=size,
+            problem=problem,
+            active=np.zeros(0, np.bool_),
+            uv=np.zeros((0, 2)),
+            slopes=np.zeros((0, 2)),
+            landmark_covariance=np.zeros((0, 3, 3)),
+            patches=(),
+            prior=Prior(np.zeros((0, 0)), np.zeros(0), keyframes),
+            covariance=np.zeros((0, 0)),
+            drift=None,
+            right_offset=OffsetEstimate(0.0, np.inf),
+        )
+
+    @property
+    def newest_pose(self) -> Pose:
+        """Pose of the newest keyframe's left camera in the world."""
+        rotations, positions = self.problem.keyframes
+        return Pose(rotations[-1], positions[-1])
 
     def landmarks(self) -> Landmarks:
         """Return the active landmarks of a window with at least one keyframe."""
-        rows, problem = np.flatnonzero(self.active), self.problem
-        rays = np.column_stack((self._camera.normalised(problem.uv_inverse_depth[rows, :2]), np.ones(len(rows))))
-        hosts = Poses(*(array[problem.host[rows]] for array in problem.keyframes))
+        rows = np.flatnonzero(self.active)
+        problem = self.problem
+        rays = np.column_stack((problem.camera.normalised(problem.uv_inverse_depth[rows, :2]), np.ones(len(rows))))
+        host = problem.host[rows]
+        hosts = Poses(problem.keyframes.rotations[host], problem.keyframes.positions[host])
         inverse_depth = problem.uv_inverse_depth[rows, 2]
         return Landmarks(
             rows,
-            LocalPlanes(hosts, self._uv[rows], inverse_depth, self._slopes[rows]),
-            LandmarkEstimates(hosts, rays, inverse_depth, self._landmark_covariance[rows]),
-            Patches(tuple(self._patches), rows),
+            LocalPlanes(hosts, self.uv[rows], inverse_depth, self.slopes[rows]),
+            LandmarkEstimates(hosts, rays, inverse_depth, self.landmark_covariance[rows]),
+            Patches(self.patches, rows),
             problem.observations[rows, -1],
         )
 
-    def add_keyframe(self, pose: Pose, rows: NDArray[np.intp], uv: FloatArray, variance: FloatArray) -> None:
-        """Append a keyframe that observes landmarks `(M,)` at `(M, 4)`, u, v left, u, v right, of variance `(M, 2, 3)`.
+    def without(self, rows: NDArray[np.intp]) -> SlidingWindow:
+        """Return the window with some landmarks no longer tracked; their observations stay."""
+        active = self.active.copy()
+        active[rows] = False
+        return replace(self, active=active)
 
-        The oldest leaves a full window.
+    def with_right_shift(self, yaw_px: float) -> SlidingWindow:
+        """Return the window with all right observations corrected for a yaw of the right camera, px."""
+        camera = self.problem.camera
+        observations = self.problem.observations.copy()
+        x = (observations[:, :, 2] - camera.cx) / camera.fx
+        observations[:, :, 2] -= yaw_px * (1.0 + x * x)
+        return replace(self, problem=self.problem._replace(observations=observations))
+
+    def with_keyframe(self, pose: Pose, rows: NDArray[np.intp], seen: StereoObservations) -> SlidingWindow:
+        """Return the window with a further keyframe that observes the landmarks of some rows `(M,)`.
+
+        The oldest keyframe leaves a full window and is marginalised.
         """
-        problem, prior = self.problem, self._prior
-        new_uv, new_variance = np.full((len(self.active), 1, 4), np.nan), np.ones((len(self.active), 1, 2, 3))
-        new_uv[rows, 0], new_variance[rows, 0] = uv, variance
-        keyframes, reference = (
-            Poses(*(np.concatenate((array, one[None])) for array, one in zip(poses, pose, strict=True)))
-            for poses in (problem.keyframes, prior.keyframes)
-        )
-        self.problem = problem._replace(
-            keyframes=keyframes,
+        problem = self.problem
+        count = len(self.active)
+        new_uv = np.full((count, 1, 4), np.nan)
+        new_uv[rows, 0] = seen.uv
+        new_variance = np.ones((count, 1, 2, 3))
+        new_variance[rows, 0] = seen.variance
+        problem = problem._replace(
+            keyframes=_appended(problem.keyframes, pose),
             observations=np.concatenate((problem.observations, new_uv), axis=1),
             variance=np.concatenate((problem.variance, new_variance), axis=1),
         )
-        self._patches.append(NO_PATCHES)
-        information = np.pad(prior.information, (0, 6))
-        if len(self._patches) == 1:
+        if self.patches:
+            information = np.pad(self.prior.information, (0, 6))
+        else:
             information = np.diag(np.full(6, 1.0 / START_VARIANCE))
-        self._prior = Prior(information, np.pad(prior.information_vector, (0, 6)), reference)
-        if len(self._patches) > self._size:
-            # the information of the oldest keyframe and its landmarks about the others becomes the prior
-            self._prior, problem = marginalise_oldest(self.problem, self._prior), self.problem
-            kept = problem.host > 0
-            self.problem = BundleProblem(
-                self._prior.keyframes,
+        vector = np.pad(self.prior.information_vector, (0, 6))
+        prior = Prior(information, vector, _appended(self.prior.keyframes, pose))
+        window = replace(self, problem=problem, prior=prior, patches=(*self.patches, NO_PATCHES))
+        return window._without_oldest() if len(window.patches) > self.size else window
+
+    def _without_oldest(self) -> SlidingWindow:
+        """Return the window without its oldest keyframe and the landmarks that it hosts (marginalised)."""
+        problem = self.problem
+        prior = marginalise_oldest(problem, self.prior)
+        kept = problem.host > 0
+        return replace(
+            self,
+            problem=BundleProblem(
+                prior.keyframes,
                 problem.host[kept] - 1,
                 problem.uv_inverse_depth[kept],
                 problem.observations[kept, 1:].copy(),
                 problem.variance[kept, 1:].copy(),
-                self._camera,
-            )
-            self.active, self._uv, self._slopes = self.active[kept], self._uv[kept], self._slopes[kept]
-            self._landmark_covariance = self._landmark_covariance[kept]
-            del self._patches[0]
-
-    def add_landmarks(
-        self,
-        left: Pyramid,
-        uv: FloatArray,
-        inverse_depth: FloatArray,
-        slopes: FloatArray,
-        patches: Templates,
-        observed: FloatArray,
-        variance: FloatArray,
-    ) -> None:
-        """Add the landmarks that the newest keyframe hosts at whole pixels `(M, 2)`, once per keyframe.
-
-        Inverse depth is 1/m, a slope its change per pixel; it observes them at `(M, 4)`, u, v left, u, v right, of
-        variance `(M, 2, 3)`; patches are of full size.
-        """
-        problem, count = self.problem, len(uv)
-        new_uv = np.full((count, len(self._patches), 4), np.nan)
-        new_variance = np.ones((count, len(self._patches), 2, 3))
-        new_uv[:, -1], new_variance[:, -1] = observed, variance
-        self.problem = problem._replace(
-            host=np.concatenate((problem.host, np.full(count, len(self._patches) - 1, np.int64))),
-            uv_inverse_depth=np.concatenate((problem.uv_inverse_depth, np.column_stack((uv, inverse_depth)))),
-            observations=np.concatenate((problem.observations, new_uv)),
-            variance=np.concatenate((problem.variance, new_variance)),
+                problem.camera,
+            ),
+            active=self.active[kept],
+            uv=self.uv[kept],
+            slopes=self.slopes[kept],
+            landmark_covariance=self.landmark_covariance[kept],
+            patches=self.patches[1:],
+            prior=prior,
         )
-        self.active = np.concatenate((self.active, np.ones(count, np.bool_)))
-        self._uv, self._slopes = np.concatenate((self._uv, uv)), np.concatenate((self._slopes, slopes))
-        self._landmark_covariance = np.concatenate((self._landmark_covariance, np.zeros((count, 3, 3))))
-        self._patches[-1] = HostPatches(uv, patches, left[1:])
 
-    def adjust(self, iterations: int) -> None:
-        """Adjust all keyframes and landmarks together."""
-        result = adjust(self.problem, self._prior, iterations)
-        self.problem = result.problem
-        self._landmark_covariance, self.right_offset = result.covariance, result.right_offset
-        self.covariance, self.drift = result.pose_covariance[-6:, -6:], None
-        if len(self._patches) > 1:
-            rotations, positions = self.problem.keyframes
-            displacement = positions[-1] - positions[-2]
-            turn = rotvec_from_matrix(rotations[-2].T @ rotations[-1])
-            relative = np.hstack((-np.eye(6), np.eye(6)))
-            relative[:3, 3:6] = -np.cross(displacement, np.eye(3))
-            covariance = np.asarray(relative @ result.pose_covariance[-12:, -12:] @ relative.T)
-            self.drift = KeyframeDrift(covariance, float(np.linalg.norm(displacement)), float(np.linalg.norm(turn)))
+    def with_landmarks(self, left: Pyramid, new: NewLandmarks) -> SlidingWindow:
+        """Return the window with the landmarks that the newest keyframe hosts; once per keyframe."""
+        problem = self.problem
+        count = len(new.uv)
+        keyframes = len(self.patches)
+        new_uv = np.full((count, keyframes, 4), np.nan)
+        new_uv[:, -1] = new.seen.uv
+        new_variance = np.ones((count, keyframes, 2, 3))
+        new_variance[:, -1] = new.seen.variance
+        uv_inverse_depth = np.column_stack((new.uv, new.inverse_depth))
+        return replace(
+            self,
+            problem=problem._replace(
+                host=np.concatenate((problem.host, np.full(count, keyframes - 1, np.int64))),
+                uv_inverse_depth=np.concatenate((problem.uv_inverse_depth, uv_inverse_depth)),
+                observations=np.concatenate((problem.observations, new_uv)),
+                variance=np.concatenate((problem.variance, new_variance)),
+            ),
+            active=np.concatenate((self.active, np.ones(count, np.bool_))),
+            uv=np.concatenate((self.uv, new.uv)),
+            slopes=np.concatenate((self.slopes, new.slopes)),
+            landmark_covariance=np.concatenate((self.landmark_covariance, np.zeros((count, 3, 3)))),
+            patches=(*self.patches[:-1], HostPatches(new.uv, new.patches, left[1:])),
+        )
+
+    def adjusted(self, iterations: int) -> SlidingWindow:
+        """Return the window with all keyframes and landmarks adjusted together."""
+        result = adjust(self.problem, self.prior, iterations)
+        return replace(
+            self,
+            problem=result.problem,
+            landmark_covariance=result.covariance,
+            right_offset=result.right_offset,
+            covariance=result.pose_covariance[-6:, -6:],
+            drift=_drift(result.problem.keyframes, result.pose_covariance),
+        )
+
+
+def _appended(poses: Poses, pose: Pose) -> Poses:
+    rotations = np.concatenate((poses.rotations, pose.rotation[None]))
+    return Poses(rotations, np.concatenate((poses.positions, pose.position[None])))
+
+
+def _drift(keyframes: Poses, pose_covariance: FloatArray) -> KeyframeDrift | None:
+    """Return the uncertainty of the newest of K keyframes against the one before; `(6 K, 6 K)` is that of all poses."""
+    rotations, positions = keyframes
+    if len(positions) < 2:
+        return None
+    displacement = positions[-1] - positions[-2]
+    rotation = rotvec_from_matrix(rotations[-2].T @ rotations[-1])
+    relative = np.hstack((-np.eye(6), np.eye(6)))
+    relative[:3, 3:6] = -np.cross(displacement, np.eye(3))
+    covariance = np.asarray(relative @ pose_covariance[-12:, -12:] @ relative.T)
+    return KeyframeDrift(covariance, float(np.linalg.norm(displacement)), float(np.linalg.norm(rotation)))
+
+
+@dataclass(frozen=True, eq=False)
+class LandmarkMap:
+    """A sliding window and its active landmarks, ready for tracking."""
+
+    window: SlidingWindow
+
+    @classmethod
+    def prepared(cls, window: SlidingWindow) -> LandmarkMap:
+        """Return the map of a window, with all that the next pairs are compared with already copied."""
+        landmark_map = cls(window)
+        for landmarks in (landmark_map.followed, landmark_map.rest):
+            _ = landmarks.patches[0]
+        _ = landmark_map.landmarks.median_depth
+        _ = landmark_map.followed.median_depth
+        for level in range(1, LEVELS):
+            _ = landmark_map.aligned.patches[level]
+        return landmark_map
+
+    @cached_property
+    def landmarks(self) -> Landmarks:
+        """All active landmarks."""
+        return self.window.landmarks()
+
+    @cached_property
+    def followed(self) -> Landmarks:
+        """Landmarks that are tracked in each pair."""
+        return self.landmarks.thinned(FOLLOWED_LANDMARKS)
+
+    @cached_property
+    def rest(self) -> Landmarks:
+        """Landmarks that are tracked in a pair that becomes a keyframe, besides those that are followed."""
+        return self.landmarks.subset(~self.landmarks.among(self.followed))
+
+    @cached_property
+    def aligned(self) -> Landmarks:
+        """Landmarks that the first guesses of a pose are aligned with."""
+        return self.followed.thinned(ALIGNED_LANDMARKS)
+
+    def without(self, rows: NDArray[np.intp]) -> LandmarkMap:
+        """Return the map without some landmarks; the same map if there are none."""
+        return LandmarkMap(self.window.without(rows)) if len(rows) else self

@@ -8,6 +8,7 @@ stay though it moves them are fixed to the camera, and cells that change though 
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import cv2
@@ -204,36 +205,50 @@ def judge(
     )
 
 
-class ImageCells:
-    """The cells of the left image, and which of them are left out as they do not move with the ground.
+@dataclass(frozen=True, slots=True, eq=False)
+class ExcludedCells:
+    """Cells `(R, C)` of the left image that are excluded because they do not move with the ground."""
 
-    Attributes:
-        mask: `(H, W)` uint8, 0 where no landmark shall be made; None without regions.
-        share: Share of the image that is left out.
-        moving_share: Share of the cells that are left out as they move.
-    """
+    life: NDArray[np.int64]  #: `(R, C)` number of pairs for which a cell is still excluded.
+    is_fixed: Mask  #: `(R, C)` whether a cell was excluded because it is fixed to the camera.
+    mask: NDArray[np.uint8] | None = None  #: `(H, W)`, 0 where no landmark is created; None if nothing is excluded.
+    fraction: float = 0.0  #: Fraction of the image that is excluded.
+    moving_fraction: float = 0.0  #: Fraction of the cells that are excluded because they move.
 
-    def __init__(self, shape: tuple[int, int]) -> None:
-        """Start without regions; the shape is (height, width)."""
-        height, width = self._shape = shape
-        self.count = height // 2 // SIDE, width // 2 // SIDE
-        self._life, self._fixed = np.zeros(self.count, np.int64), np.zeros(self.count, np.bool_)
-        self.mask: NDArray[np.uint8] | None = None
-        self.share = self.moving_share = 0.0
+    @classmethod
+    def none(cls, shape: tuple[int, int]) -> ExcludedCells:
+        """Return no excluded cells of an image of a shape (height, width)."""
+        count = cell_counts(shape)
+        return cls(np.zeros(count, np.int64), np.zeros(count, np.bool_))
 
-    def leave_out(self, fixed: Mask, moving: Mask) -> None:
-        """Leave out cells `(R, C)` from now on: fixed to the camera, or moving."""
-        self._life[moving], self._life[fixed] = MOVING_LIFE, FIXED_LIFE
-        self._fixed[moving], self._fixed[fixed] = False, True
+    def with_cells(self, fixed: Mask, moving: Mask) -> ExcludedCells:
+        """Exclude cells `(R, C)`, fixed to the camera or moving, from the next pair on."""
+        life = self.life.copy()
+        is_fixed = self.is_fixed.copy()
+        life[moving] = MOVING_LIFE
+        life[fixed] = FIXED_LIFE
+        is_fixed[moving] = False
+        is_fixed[fixed] = True
+        return replace(self, life=life, is_fixed=is_fixed)
 
-    def age(self, stays: Mask) -> None:
-        """Count a pair, in which the texture of some cells `(R, C)` stays, and draw the mask: a cell more around."""
-        self._life = np.maximum(self._life - 1, 0)
-        self._life[self._fixed & stays & (self._life > 0)] = FIXED_LIFE
-        self.mask, self.share, self.moving_share = None, 0.0, float(np.mean((self._life > 0) & ~self._fixed))
-        if not self._life.any():
-            return
-        free = cv2.erode((self._life == 0).astype(np.uint8), np.ones((3, 3), np.uint8))
-        whole = np.repeat(np.repeat(free * np.uint8(255), CELL, axis=0), CELL, axis=1)
-        edges = [(0, side - drawn) for side, drawn in zip(self._shape, whole.shape, strict=True)]
-        self.mask, self.share = np.pad(whole, edges, mode="edge"), float(np.mean(free == 0))
+    def after_pair(self, stays: Mask, shape: tuple[int, int]) -> ExcludedCells:
+        """Age the cells by a pair, in which the texture of some cells `(R, C)` stays, and draw the mask.
+
+        The mask also covers the neighbours of an excluded cell. The shape of the image is (height, width).
+        """
+        life = np.maximum(self.life - 1, 0)
+        life[self.is_fixed & stays & (life > 0)] = FIXED_LIFE
+        moving_fraction = float(np.mean((life > 0) & ~self.is_fixed))
+        if not life.any():
+            return ExcludedCells(life, self.is_fixed, moving_fraction=moving_fraction)
+        free = cv2.erode((life == 0).astype(np.uint8), np.ones((3, 3), np.uint8))
+        mask = np.repeat(np.repeat(free * np.uint8(255), CELL, axis=0), CELL, axis=1)
+        borders = [(0, size - drawn) for size, drawn in zip(shape, mask.shape, strict=True)]
+        mask = np.pad(mask, borders, mode="edge")
+        return ExcludedCells(life, self.is_fixed, mask, float(np.mean(free == 0)), moving_fraction)
+
+
+def cell_counts(shape: tuple[int, int]) -> tuple[int, int]:
+    """Return the numbers of rows and columns of cells in an image of a shape (height, width)."""
+    height, width = shape
+    return height // 2 // SIDE, width // 2 // SIDE

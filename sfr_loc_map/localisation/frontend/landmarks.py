@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -24,19 +23,21 @@ from sfr_loc_map.localisation.frontend.patch import (
 )
 from sfr_loc_map.localisation.frontend.pose_solver import LandmarkEstimates
 
-BORDER = HALF + 4  #: Pixels along the image edges where no landmark is made: its patch with the gradients must fit.
-COARSE_HALF = 3  #: Half width of a patch at the smaller levels.
+BORDER = HALF + 4  #: Width, px, of the image border without landmarks: a patch with its gradients must fit.
+COARSE_HALF = 3  #: Half width, px, of a patch on the coarser pyramid levels.
 MIN_INVERSE_DEPTH = 1e-6  #: Inverse depth, 1/m, up to which a landmark is at infinity.
-ENOUGH_TO_ALIGN = 200  #: As many landmarks give a pose to some hundredths of a pixel.
-ENOUGH_TO_FOLLOW = 800  #: As many landmarks give the pose of a pair that is no keyframe: its errors do not add up.
+MAX_DEPTH_M = 1000.0  #: Maximum median depth, m.
+ALIGNED_LANDMARKS = 200  #: Number of landmarks that align a pose to some hundredths of a pixel.
+FOLLOWED_LANDMARKS = 800
+"""Number of landmarks tracked in a pair that does not become a keyframe, whose pose errors do not accumulate."""
 
 
 class HostPatches(NamedTuple):
     """Patches of the n landmarks that a keyframe hosts."""
 
-    uv: FloatArray  #: `(n, 2)` their centres, whole pixels.
-    fine: Templates  #: Their templates at full size; nobody writes to them.
-    coarse: tuple[ImageLevel, ...]  #: Smaller levels of the keyframe's pyramid: few landmarks are compared with these.
+    uv: FloatArray  #: `(n, 2)` centres of the patches, whole pixels.
+    fine: Templates  #: Templates at full size; read only.
+    coarse: tuple[ImageLevel, ...]  #: Coarser levels of the keyframe's pyramid, for the landmarks that are aligned.
 
 
 NO_PATCHES = HostPatches(
@@ -44,11 +45,14 @@ NO_PATCHES = HostPatches(
     Templates(np.zeros((0, 3, SIDE * SIDE), np.float32), np.zeros((0, 6))),
     (ImageLevel(np.zeros((1, 1), np.float32), 1.0),) * (LEVELS - 1),
 )
-"""Those of a keyframe that hosts no landmark."""
+"""Patches of a keyframe that hosts no landmark."""
 
 
 class Patches(dict[int, Templates]):
-    """Templates of M landmarks by pyramid level: increasing `rows` `(M,)` of all hosts', copied when asked for."""
+    """Templates of M landmarks by pyramid level, copied from the hosts at the first access to a level.
+
+    `rows` `(M,)`, increasing, are the rows of the landmarks among those of all hosts.
+    """
 
     def __init__(self, hosted: tuple[HostPatches, ...], rows: NDArray[np.intp]) -> None:
         super().__init__()
@@ -65,7 +69,7 @@ class Patches(dict[int, Templates]):
             first = 0
             for host, rows in parts:
                 place = slice(first, first + len(rows))
-                # by mode "raise" it would copy twice
+                # mode "raise" would copy twice
                 np.take(host.fine.values, rows, axis=0, out=values[place], mode="clip")
                 moments[place] = host.fine.moments[rows]
                 first += len(rows)
@@ -86,29 +90,20 @@ class Patches(dict[int, Templates]):
 
 @dataclass(frozen=True, eq=False)
 class Landmarks:
-    """Active landmarks as arrays, each a host pixel with an inverse depth in its host keyframe."""
+    """M active landmarks as arrays; each is a host pixel with an inverse depth in its host keyframe."""
 
     index: NDArray[np.intp]  #: `(M,)` rows in the sliding window, increasing.
-    planes: LocalPlanes  #: The planes around their patches: host cameras, host pixels, inverse depths and slopes.
-    #: Host rays of the estimated host pixels, and what is known of the landmarks given the poses.
-    estimates: LandmarkEstimates
-    patches: Patches  #: Their patches.
-    last_seen: FloatArray  #: `(M, 4)` u, v left, u, v right in the newest keyframe; NaN where not observed.
-
-    @classmethod
-    def none(cls) -> Landmarks:
-        """Return no landmarks, as before the first pair."""
-        index, depth, uv = np.zeros(0, np.intp), np.zeros(0), np.zeros((0, 2))
-        vectors, matrices = np.zeros((0, 3)), np.zeros((0, 3, 3))
-        hosts = Poses(matrices, vectors)
-        planes, estimates = LocalPlanes(hosts, uv, depth, uv), LandmarkEstimates(hosts, vectors, depth, matrices)
-        return cls(index, planes, estimates, Patches((NO_PATCHES,), index), np.zeros((0, 4)))
+    planes: LocalPlanes  #: Planes around the patches: host cameras, host pixels, inverse depths and slopes.
+    estimates: LandmarkEstimates  #: Rays of the estimated host pixels, and the covariance given the poses.
+    patches: Patches  #: Patches.
+    last_seen: FloatArray  #: `(M, 4)` u, v left, u, v right in the newest keyframe, px; NaN if not observed.
 
     def subset(self, kept: Mask) -> Landmarks:
-        """Return some of them, a mask `(M,)`."""
+        """Return the landmarks of a mask `(M,)`."""
         _, uv, inverse_depth, slopes = self.planes
         hosts, rays, _, covariance = self.estimates
-        hosts, inverse_depth = Poses(*(array[kept] for array in hosts)), inverse_depth[kept]
+        hosts = Poses(hosts.rotations[kept], hosts.positions[kept])
+        inverse_depth = inverse_depth[kept]
         return Landmarks(
             self.index[kept],
             LocalPlanes(hosts, uv[kept], inverse_depth, slopes[kept]),
@@ -117,50 +112,34 @@ class Landmarks:
             self.last_seen[kept],
         )
 
+    def thinned(self, count: int) -> Landmarks:
+        """Return at most so many landmarks, evenly from all hosts and all parts of the image."""
+        if len(self.index) <= count:
+            return self
+        kept = np.zeros(len(self.index), np.bool_)
+        kept[np.arange(count) * len(self.index) // count] = True
+        return self.subset(kept)
+
     def among(self, others: Landmarks) -> Mask:
-        """Tell which of them `(M,)` are among others."""
-        if self is others.followed:
-            return np.ones(len(self.index), np.bool_)
+        """Return the mask `(M,)` of the landmarks that are among others of the same window."""
         places = np.searchsorted(others.index, self.index)
         return np.asarray(np.append(others.index, -1)[places] == self.index)
 
     @cached_property
-    def few(self) -> Landmarks:
-        """Some of them, `ENOUGH_TO_ALIGN` where there are as many, from all hosts and parts of the image."""
-        return self._some(ENOUGH_TO_ALIGN)
-
-    @cached_property
-    def followed(self) -> Landmarks:
-        """Likewise `ENOUGH_TO_FOLLOW`."""
-        return self._some(ENOUGH_TO_FOLLOW)
-
-    @cached_property
-    def rest(self) -> Landmarks:
-        """Those that are not followed."""
-        return self.subset(~self.among(self.followed))
-
-    @cached_property
     def median_depth(self) -> float:
-        """Median depth in the host cameras, metres, at most 1 km; 0 without landmarks."""
+        """Median depth in the host cameras, m, at most 1 km; 0 without landmarks."""
         inverse_depth = self.planes.inverse_depth
-        return 1.0 / max(float(np.median(inverse_depth)), 1e-3) if len(inverse_depth) else 0.0
-
-    def _some(self, enough: int) -> Landmarks:
-        if len(self.index) <= enough:
-            return copy(self)  # itself would be a cycle, which keeps its patches, megabytes
-        kept = np.zeros(len(self.index), np.bool_)
-        kept[np.arange(enough) * len(self.index) // enough] = True
-        return self.subset(kept)
+        return 1.0 / max(float(np.median(inverse_depth)), 1.0 / MAX_DEPTH_M) if len(inverse_depth) else 0.0
 
     @property
     def are_old(self) -> Mask:
-        """Tell which landmarks `(M,)` other keyframes host than that of the last one."""
+        """Mask `(M,)` of the landmarks that are not hosted by the newest host keyframe."""
         positions = self.planes.hosts.positions
         return np.asarray((positions != positions[-1:]).any(axis=1))
 
     @property
     def points(self) -> FloatArray:
-        """Points `(M, 3)` in the world, metres; NaN at infinity."""
+        """Points `(M, 3)` in the world, m; NaN at infinity."""
         hosts, rays, inverse_depth, _ = self.estimates
         inverse_depth = np.where(inverse_depth > MIN_INVERSE_DEPTH, inverse_depth, np.nan)
         directions = np.einsum("nij,nj->ni", hosts.rotations, rays)

@@ -28,10 +28,10 @@ def test_a_turn_of_the_right_camera_is_learnt_from_rows_and_moves_columns_as_it_
     calibration = OnlineCalibration(CAMERA, 7)
     noisy = moved[:, 1] - places[:, 1] + random.normal(0, 0.1, 400)
     noisy[:30] += random.uniform(-3, 3, 30)  # wrong matches
-    calibration.learn_vertical(moved[:10], noisy[:10])
+    calibration = calibration.with_matches(moved[:10], noisy[:10])
     assert (calibration.offset.v, calibration.offset.roll) == (0.0, 0.0)  # too few to say
     for _ in range(3):
-        calibration.learn_vertical(moved, noisy)
+        calibration = calibration.with_matches(moved, noisy)
     assert calibration.offset.v == pytest.approx(-CAMERA.fx * turn[0], abs=0.03)
     assert calibration.offset.roll == pytest.approx(CAMERA.fx * turn[2], abs=0.06)
     np.testing.assert_allclose(calibration.offset.at(moved, CAMERA), moved - places, atol=0.06)

@@ -6,8 +6,9 @@ import numpy as np
 
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
-from sfr_loc_map.localisation.backend.sliding_window import SlidingWindow
+from sfr_loc_map.localisation.backend.sliding_window import NewLandmarks, SlidingWindow
 from sfr_loc_map.localisation.frontend.patch import SIDE, build_pyramid, templates_of
+from sfr_loc_map.localisation.frontend.pose_solver import StereoObservations
 
 CAMERA = StereoCamera(400.0, 400.0, 256.0, 256.0, 0.15)
 PYRAMID = build_pyramid(np.zeros((512, 512), np.uint8))
@@ -27,23 +28,18 @@ def project(points: np.ndarray, index: int) -> np.ndarray:
     return np.column_stack((left, left[:, 0] - CAMERA.fx * CAMERA.baseline_m / seen[:, 2], left[:, 1]))
 
 
-def newest(window: SlidingWindow) -> Pose:
-    return Pose(window.problem.keyframes.rotations[-1], window.problem.keyframes.positions[-1])
-
-
 def filled(keyframes: int) -> SlidingWindow:
     """Return a window of keyframes that host landmarks and see all earlier ones, with noise, not adjusted yet."""
     random = np.random.default_rng(0)
-    window = SlidingWindow(CAMERA, keyframes)
+    window = SlidingWindow.empty(CAMERA, keyframes)
     variance = np.array([NOISE_PX**2, 0.0, NOISE_PX**2])
     points = np.zeros((0, 3))
     for index in range(keyframes):
         count = len(points)
         observed = project(points, index) + random.normal(0.0, NOISE_PX, (count, 4))
         start = index * SIGHT + (random.normal(0.0, 0.002, 3) if index else 0.0)
-        window.add_keyframe(
-            Pose(rotation(index), start), np.arange(count), observed, np.broadcast_to(variance, (count, 2, 3))
-        )
+        seen = StereoObservations(observed, np.broadcast_to(variance, (count, 2, 3)))
+        window = window.with_keyframe(Pose(rotation(index), start), np.arange(count), seen)
         uv = np.rint(random.uniform(80.0, 430.0, (PER_KEYFRAME, 2)))
         depth = random.uniform(2.0, 12.0, PER_KEYFRAME)
         rays = np.column_stack((CAMERA.normalised(uv), np.ones(PER_KEYFRAME)))
@@ -53,7 +49,8 @@ def filled(keyframes: int) -> SlidingWindow:
         patches = np.zeros((PER_KEYFRAME, 3, SIDE**2), np.float32)
         variances = np.broadcast_to(variance, (PER_KEYFRAME, 2, 3))
         slopes, templates = np.zeros((PER_KEYFRAME, 2)), templates_of(patches)
-        window.add_landmarks(PYRAMID, uv, inverse_depth, slopes, templates, observed, variances)
+        seen = StereoObservations(observed, variances)
+        window = window.with_landmarks(PYRAMID, NewLandmarks(uv, inverse_depth, slopes, templates, seen))
         points = np.concatenate((points, new))
     return window
 
@@ -67,13 +64,14 @@ def test_marginalise_then_solve_is_the_joint_solve() -> None:
     # the third keyframe of the joint window enters the short one, whose oldest leaves with what the third saw of it
     _, host, marks, observed, variance, _ = joint.problem
     seen, own = np.arange(2 * PER_KEYFRAME), np.flatnonzero(host == 2)
-    short.add_keyframe(newest(joint), seen, observed[seen, 2], variance[seen, 2])
+    short = short.with_keyframe(joint.newest_pose, seen, StereoObservations(observed[seen, 2], variance[seen, 2]))
     patches, slopes = np.zeros((PER_KEYFRAME, 3, SIDE**2), np.float32), np.zeros((PER_KEYFRAME, 2))
     uv, rho = np.rint(marks[own, :2]), marks[own, 2]
-    short.add_landmarks(PYRAMID, uv, rho, slopes, templates_of(patches), observed[own, 2], variance[own, 2])
+    own_seen = StereoObservations(observed[own, 2], variance[own, 2])
+    short = short.with_landmarks(PYRAMID, NewLandmarks(uv, rho, slopes, templates_of(patches), own_seen))
     assert (len(short.problem.keyframes.positions), len(joint.problem.keyframes.positions)) == (2, 3)
-    for window in (joint, short):
-        window.adjust(1)
+    joint = joint.adjusted(1)
+    short = short.adjusted(1)
     (short_r, short_p), (joint_r, joint_p) = short.problem.keyframes, joint.problem.keyframes
     assert np.abs(joint_p[1:] - [SIGHT, 2 * SIGHT]).max() > 1e-4  # something was adjusted at all
     np.testing.assert_allclose(short_p, joint_p[1:], atol=1e-9)

@@ -1,0 +1,170 @@
+"""Keyframes: when a pair becomes one, and what is done with it.
+
+A keyframe adds its observations to the sliding window, receives new landmarks from stereo matches, and is adjusted
+together with the other keyframes of the window (bundle adjustment). All of this runs in a background thread on values:
+a `KeyframeJob` goes in, a `KeyframeResult` comes out.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.camera import Pose
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
+from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap, NewLandmarks, SlidingWindow
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.frontend.feature_detection import find_corners, load_mask
+from sfr_loc_map.localisation.frontend.landmarks import BORDER
+from sfr_loc_map.localisation.frontend.pose_solver import StereoObservations
+from sfr_loc_map.localisation.frontend.sparse_stereo import match_corners
+from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks, median
+
+KEYFRAME_FLOW = 0.05  #: Median optical flow since the last keyframe that triggers a new one, fraction of the width.
+KEYFRAME_INLIER_RATIO = 0.65  #: Ratio of inliers to the last keyframe's landmarks below which a keyframe is made.
+ADJUSTMENT_ITERATIONS = 2  #: Gauss-Newton iterations per keyframe; the next keyframe continues from the result.
+MIN_DEPTH_M = 0.5  #: Minimum depth of stereo matching, m.
+MIN_DISPARITY_PX = 1e-3  #: Minimum disparity of a landmark, px.
+LARGE_IMAGE_PX = 900 * 900  #: Number of pixels from which an image has twice as many landmarks, with own slopes.
+MEGAPIXEL = 1024 * 1024  #: Number of pixels from which the number of landmarks grows with the fourth root.
+
+ImageMask = NDArray[np.uint8]
+"""`(H, W)` uint8; no landmark is created where it is 0."""
+
+
+class KeyframeJob(NamedTuple):
+    """A tracked pair that becomes a keyframe."""
+
+    frame: StereoFrame
+    tracks: Tracks
+    window: SlidingWindow  #: The window before.
+    calibration: OnlineCalibration  #: The calibration before.
+    dynamic_mask: ImageMask | None  #: Where the image does not move with the ground.
+
+
+@dataclass(frozen=True, eq=False)
+class KeyframeResult:
+    """The map and the calibration after a keyframe."""
+
+    landmark_map: LandmarkMap
+    calibration: OnlineCalibration
+    has_yaw_step: bool  #: Whether the yaw correction changed, which moves all right observations, and so the pose.
+    seconds: float  #: Duration of the work.
+
+
+class KeyframeMaker:
+    """Makes keyframes. It holds parameters and masks, and keeps no state between calls."""
+
+    def __init__(self, rig: StereoRig, config: LocalisationConfig, tracker: Tracker) -> None:
+        """Load the masks; ConfigError if one cannot be read or has another size than the rig."""
+        self._rig = rig
+        self._camera = rig.camera
+        self._config = config
+        self._tracker = tracker
+        self._left_mask = load_mask(config.left_mask, rig)
+        self._right_mask = load_mask(config.right_mask, rig)
+        pixels = rig.width * rig.height
+        self._is_large = pixels >= LARGE_IMAGE_PX
+        by_size = (1 + self._is_large) * max(pixels / MEGAPIXEL, 1.0) ** 0.25
+        self._max_corners = round(config.max_features * by_size)
+
+    def masks(self, dynamic_mask: ImageMask | None) -> tuple[ImageMask | None, ImageMask | None]:
+        """Return the masks of the left and the right image; None if nothing is masked."""
+        left = self._left_mask
+        if left is None:
+            return dynamic_mask, self._right_mask
+        if dynamic_mask is None:
+            return left, self._right_mask
+        return np.minimum(left, dynamic_mask), self._right_mask
+
+    def is_needed(self, tracks: Tracks, landmark_map: LandmarkMap) -> bool:
+        """Return whether few landmarks of the last keyframe are left, or they have moved far in the image."""
+        last_seen = tracks.landmarks.last_seen
+        flow = np.linalg.norm(tracks.observations[:, :2] - last_seen[:, :2], axis=1)[tracks.inliers]
+        flow = flow[np.isfinite(flow)]
+        still_active = last_seen[tracks.landmarks.among(landmark_map.landmarks)]
+        in_last_keyframe = np.count_nonzero(np.isfinite(still_active[:, 0]))
+        if len(flow) < KEYFRAME_INLIER_RATIO * in_last_keyframe:
+            return True
+        return len(flow) > 0 and median(flow) > KEYFRAME_FLOW * self._rig.width
+
+    def begin(
+        self, frame: StereoFrame, pose: Pose, calibration: OnlineCalibration, dynamic_mask: ImageMask | None
+    ) -> KeyframeResult:
+        """Begin a window with a pair at a pose.
+
+        The first pose of a window is fixed: a window that may move as a whole would do so with each adjustment, because
+        it is linearised again.
+        """
+        start = time.perf_counter()
+        empty = SlidingWindow.empty(self._camera, self._config.window_keyframes)
+        nothing_seen = StereoObservations(np.zeros((0, 4)), np.zeros((0, 2, 3)))
+        window = empty.with_keyframe(pose, np.zeros(0, np.intp), nothing_seen)
+        window, calibration = self._with_landmarks(window, frame, calibration.after_restart(), dynamic_mask)
+        window = window.adjusted(ADJUSTMENT_ITERATIONS)
+        seconds = time.perf_counter() - start
+        return KeyframeResult(LandmarkMap.prepared(window), calibration, has_yaw_step=False, seconds=seconds)
+
+    def make(self, job: KeyframeJob) -> KeyframeResult:
+        """Make a tracked pair a keyframe of the window."""
+        start = time.perf_counter()
+        tracks = job.tracks
+        rows = tracks.landmarks.index
+        inliers = tracks.inliers
+        window = job.window.without(rows[~inliers])
+        seen = StereoObservations(tracks.observations[inliers], tracks.variance[inliers])
+        window = window.with_keyframe(tracks.pose, rows[inliers], seen)
+        calibration, yaw_step_px = job.calibration.with_window(window.right_offset)
+        if yaw_step_px != 0.0:
+            window = window.with_right_shift(yaw_step_px)
+        window, calibration = self._with_landmarks(window, job.frame, calibration, job.dynamic_mask)
+        window = window.adjusted(ADJUSTMENT_ITERATIONS)
+        landmark_map = LandmarkMap.prepared(window)
+        return KeyframeResult(landmark_map, calibration, yaw_step_px != 0.0, time.perf_counter() - start)
+
+    def _with_landmarks(
+        self, window: SlidingWindow, frame: StereoFrame, calibration: OnlineCalibration, dynamic_mask: ImageMask | None
+    ) -> tuple[SlidingWindow, OnlineCalibration]:
+        """Detect corners beside the landmarks seen in the newest keyframe, match them, and add those that match."""
+        known = _seen_in_newest(window)
+        mask, right_mask = self.masks(dynamic_mask)
+        corners = find_corners(frame.left[0].image, known[:, :2].copy(), self._max_corners, BORDER, mask)
+        if not len(corners):
+            return window, calibration
+        focal_baseline = self._rig.fx * self._rig.baseline_m
+        found = match_corners(
+            frame.left,
+            frame.right,
+            corners,
+            known,
+            min(focal_baseline / MIN_DEPTH_M, 0.5 * self._rig.width),
+            calibration.offset.v,
+            right_mask,
+            own_slopes=self._is_large,
+        )
+        calibration = calibration.with_matches(found.right, found.right[:, 1] - found.uv[:, 1])
+        right_uv = found.right - calibration.offset.at(found.right, self._camera)
+        inverse_depth_per_px = 1.0 / focal_baseline
+        disparity_px = np.maximum(found.uv[:, 0] - right_uv[:, 0], MIN_DISPARITY_PX)
+        variance = self._tracker.position_variance(found.covariance, found.residual)
+        new = NewLandmarks(
+            uv=found.uv,
+            inverse_depth=disparity_px * inverse_depth_per_px,
+            slopes=found.slope * inverse_depth_per_px,
+            patches=found.patches,
+            seen=StereoObservations(np.column_stack((found.uv, right_uv)), np.stack((variance, variance), axis=1)),
+        )
+        return window.with_landmarks(frame.left, new), calibration
+
+
+def _seen_in_newest(window: SlidingWindow) -> FloatArray:
+    """Return u, v and disparity `(M, 3)` of the active landmarks seen in both images of the newest keyframe, px."""
+    seen = window.problem.observations[window.active, -1]
+    known = np.column_stack((seen[:, :2], seen[:, 0] - seen[:, 2]))
+    return np.asarray(known[np.isfinite(known).all(axis=1)])

@@ -1,0 +1,371 @@
+"""What the estimates may be wrong by: the named error sources, and the covariances that are composed of them.
+
+**Pose** (`pose_covariance`), of the left camera in the world, since the pose at which the run started:
+
+    P = F_s S F_s' + 2 D + F_a A F_a' + image + (disparity^2 + yaw^2 + (0.5 remaining)^2) b b' + u u' + attitude + M
+
+S start pose, D drift within the window, A ambiguous motions and the bending of the path by the lens, b path integral of
+position over disparity error, u its part that was travelled before the yaw was corrected, M motion that no image
+showed. F propagates a covariance from where it arose to the present position.
+
+Two poses share most of P, and P shrinks when the yaw of the right camera is learnt. P therefore does not give the
+uncertainty of the motion between two poses, which is composed of steps.
+
+**Step** (`step_covariance`), of RB in RB at the pose before, independent from step to step:
+
+    Q = v r (2 K + keyframe) + M,    r = max(size of the step / size of a keyframe interval, 0.02)
+
+K covariance of the newest keyframe given the one before, v variance factor (ratio of the residuals found to those
+stated; Foerstner and Wrobel, Photogrammetric Computer Vision, chapter 4).
+
+**Noise** (`pose_noise`): white noise of a pose itself, which the next step takes back. **Systematic**
+(`systematic_step`): errors that are alike in all steps and add up with their sign.
+
+**Twist**: the motion of a step over its duration; its covariance is Q, the noise of both poses, the systematic part,
+and a speed that may have changed while no image showed it (`StepEstimate.motion_covariance`).
+
+Positions are `(3,)`, m, in the world. A covariance `(6, 6)` is of position and rotation about fixed axes, of the left
+camera in the world unless stated otherwise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.rotation import rotvec_from_matrix
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.transform import Transform, propagated_covariance
+from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
+from sfr_loc_map.localisation.backend.sliding_window import KeyframeDrift
+from sfr_loc_map.localisation.config import MotionBounds
+
+MAX_ANGLE_RAD = np.pi / np.sqrt(3.0)  #: Standard deviation of an angle about which nothing is known (uniform), rad.
+EXPECTED_CHI_MEDIAN = 0.839  #: Median of chi-square with four degrees of freedom, divided by four.
+MIN_VARIANCE = 1e-12  #: Keeps each covariance of a step positive definite, m^2 and rad^2.
+ZERO = np.zeros((6, 6))  #: No uncertainty; read only.
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorSources:
+    """The error sources of the localiser: standard deviations, and ratios to what is estimated.
+
+    The values were chosen so that the NEES is near 1 on rendered drives (docs/decisions/0002, `make nees`).
+    """
+
+    image_px: float = 0.03
+    """Error of a whole image (blur, jitter), px: it is common to all landmarks and therefore unobservable."""
+    image_rad: float = 1e-5
+    """Attitude noise of a whole image, rad, because its mean exposure is not at the stamp (vibration: 4e-5)."""
+    disparity_px: float = 0.01
+    """Error that all disparities share, px: it scales the path."""
+    lens_px: float = 0.0007
+    """Disparity error that varies over the image, of a lens whose residuals show none, px. It bends the path."""
+    lens_ratio: float = 0.17
+    """The same error as a ratio to the RMS of the residual disparities."""
+    unsettled_yaw_ratio: float = 0.5
+    """Error of the yaw of the right camera as a ratio to the yaw that is still to be corrected."""
+    bent_attitude_ratio: float = 0.25
+    """Attitude error as a ratio to the yaw: an uncorrected yaw bends the path."""
+    followed_attitude_ratio: float = 0.1
+    """Attitude error as a ratio to the drift of the right camera that was followed."""
+    adjustment_inflation: float = 2.0
+    """Factor on the covariance of the bundle adjustment, because errors of neighbouring landmarks are correlated."""
+    keyframe_px: float = 0.01
+    """Position error of a keyframe that its landmarks share, px at their median depth."""
+    min_step_ratio: float = 0.02
+    """Ratio of the smallest step to a keyframe interval: no pose is exactly the one before."""
+    min_interval_ratio: float = 0.25
+    """Smallest keyframe interval as a ratio to the interval that the optical flow triggers."""
+    variance_gain: float = 0.1
+    """Gain of a pair in the variance factor, which follows light and ground within some ten pairs."""
+    min_variance_factor: float = 0.2
+    """Smallest variance factor: below it, errors dominate that no residual shows."""
+    step_inflation: float = 1.5
+    """Factor on the variance factor in steps: errors that neighbouring landmarks share are in no residual."""
+    white_ratio: float = 0.5
+    """Fraction of the covariance of a pose that is independent from pair to pair (image noise)."""
+    climb_ratio: float = 0.3
+    """Vertical over horizontal speed of a motion that no image showed."""
+    tilt_ratio: float = 0.2
+    """Roll and pitch rate over the turn rate of a motion that no image showed."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RoverModel:
+    """What is constant in a run: the mount of the left camera, its geometry, the motion bounds, the error sources."""
+
+    T_rb_left: Transform  #: Takes points in the left camera to RB.
+    T_left_rb: Transform  #: Takes points in RB to the left camera.
+    fx: float  #: Focal length, px.
+    focal_baseline: float  #: Focal length times baseline, px m.
+    keyframe_rad: float  #: Size of the motion between two keyframes, rad of optical flow.
+    bounds: MotionBounds
+    sources: ErrorSources = ErrorSources()
+
+    @classmethod
+    def of(cls, rig: StereoRig, bounds: MotionBounds, keyframe_flow: float) -> RoverModel:
+        """Return the model of a rig; GeometryError if the extrinsics are unknown.
+
+        The flow that triggers a keyframe is a fraction of the image width.
+        """
+        return cls(
+            T_rb_left=rig.T_rb_left,
+            T_left_rb=rig.T_rb_left.inverse(),
+            fx=rig.fx,
+            focal_baseline=rig.fx * rig.baseline_m,
+            keyframe_rad=keyframe_flow * rig.width / rig.fx,
+            bounds=bounds,
+        )
+
+    def covariance_of_left(self, covariance: FloatArray, rotation: FloatArray, R_world_left: FloatArray) -> FloatArray:
+        """Return the covariance of the left camera in the world from that of RB; `rotation` takes its axes there."""
+        lever = R_world_left @ self.T_rb_left.rotation.T @ self.T_rb_left.translation
+        return symmetric(propagated_covariance(covariance, lever, rotation))
+
+
+class LocatedCovariance(NamedTuple):
+    """Covariance `(6, 6)` of a pose, and the position `(3,)`, m, where the error arose."""
+
+    position: FloatArray
+    covariance: FloatArray
+
+    def at(self, position: FloatArray) -> FloatArray:
+        """Return the covariance at another position: a rotation error swings the path."""
+        return propagated_covariance(self.covariance, position - self.position)
+
+
+class DisparityBias(NamedTuple):
+    """Path integrals `(3,)` of position over a constant disparity error, m/px."""
+
+    total: FloatArray  #: Of the whole path.
+    corrected: FloatArray  #: Times the yaw, px, that was corrected at each step.
+
+
+class Ambiguity(NamedTuple):
+    """How far a motion may be another one, always in the same direction."""
+
+    metres: float
+    radians: float
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance `(6, 6)` of errors of this size on each axis."""
+        return np.diag(np.repeat(np.square((self.metres, self.radians)), 3))
+
+    def __sub__(self, other: Ambiguity) -> Ambiguity:
+        """Return what was added since another sum."""
+        return Ambiguity(self.metres - other.metres, self.radians - other.radians)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PathErrors:
+    """What the covariance of the present pose is composed of, accumulated since the start pose."""
+
+    start: LocatedCovariance  #: Start of the run or of the window, or a pose from outside.
+    reference: LocatedCovariance | None = None  #: Pose in the window since which the drift counts; None: its start.
+    in_window: FloatArray = field(default_factory=lambda: ZERO)  #: Covariance of the present pose in its window.
+    unobserved: FloatArray = field(
+        default_factory=lambda: ZERO
+    )  #: Covariance of the motion up to the present pose that no image showed.
+    bias: DisparityBias = DisparityBias(np.zeros(3), np.zeros(3))
+    bias_at_start: DisparityBias = DisparityBias(np.zeros(3), np.zeros(3))
+    ambiguity: Ambiguity = Ambiguity(0.0, 0.0)  #: Sum of all ambiguous motions.
+    ambiguous: LocatedCovariance = LocatedCovariance(np.zeros(3), ZERO)  #: Covariance of that sum.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StepMemory:
+    """What the next step needs of the pose published last."""
+
+    stamp_ns: int | None = None  #: Stamp of the pose published last; None before the first.
+    T_world_left: Transform | None = None  #: That pose.
+    unobserved: FloatArray = field(
+        default_factory=lambda: ZERO
+    )  #: Covariance `(6, 6)` of the motion to it that no image showed, in RB.
+    noise: FloatArray = field(default_factory=lambda: ZERO)  #: White noise `(6, 6)` of it, in RB.
+    variance_factor: float | None = None  #: Ratio of residuals found to residuals stated; None before the first.
+
+
+def symmetric(matrix: FloatArray) -> FloatArray:
+    """Return the symmetric part of a matrix."""
+    return np.asarray(0.5 * (matrix + matrix.T))
+
+
+# ---- the pose
+
+
+def pose_covariance(
+    errors: PathErrors, position: FloatArray, depth_m: float, calibration: OnlineCalibration, model: RoverModel
+) -> FloatArray:
+    """Return the covariance of the left camera at a position, with landmarks at a median depth."""
+    sources = model.sources
+    covariance = drift_covariance(errors, position, model) + errors.ambiguous.at(position)
+    image_rad = sources.image_px / model.fx
+    covariance = covariance + np.diag(np.repeat(np.square([image_rad * depth_m, image_rad]), 3))
+    # errors that all disparities share: a constant one, the yaw as far as it is unknown, and the path travelled
+    # before the yaw was corrected
+    bias = errors.bias.total - errors.bias_at_start.total
+    corrected = errors.bias.corrected - errors.bias_at_start.corrected
+    uncorrected = calibration.yaw.target_px * bias - corrected
+    unsettled_px = sources.unsettled_yaw_ratio * calibration.remaining_px
+    variance_px2 = sources.disparity_px**2 + calibration.yaw_sigma_px**2 + unsettled_px**2
+    covariance[:3, :3] += variance_px2 * np.outer(bias, bias) + np.outer(uncorrected, uncorrected)
+    # the attitude, which an uncorrected yaw bends, and which the drift of the right camera leaves
+    bent_px = sources.bent_attitude_ratio * np.hypot(calibration.yaw_sigma_px, calibration.yaw.target_px)
+    attitude_px = np.hypot(bent_px, sources.followed_attitude_ratio * calibration.followed_px)
+    covariance[3:, 3:] += np.eye(3) * (attitude_px / model.fx) ** 2
+    return np.asarray(covariance + errors.unobserved)
+
+
+def drift_covariance(errors: PathErrors, position: FloatArray, model: RoverModel) -> FloatArray:
+    """Return the part of the pose covariance that comes from the start pose and from the drift since."""
+    drift = errors.in_window
+    if errors.reference is not None:
+        values, vectors = np.linalg.eigh(symmetric(drift - errors.reference.at(position)))
+        drift = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    return np.asarray(drift * model.sources.adjustment_inflation + errors.start.at(position))
+
+
+def with_ambiguity(errors: PathErrors, more: Ambiguity, position: FloatArray) -> tuple[Ambiguity, LocatedCovariance]:
+    """Return the sum of ambiguous motions and its covariance after a further one, at a position.
+
+    They err in the same direction, so that standard deviations add up.
+    """
+    before = errors.ambiguity
+    total = Ambiguity(before.metres + more.metres, before.radians + more.radians)
+    growth = total.covariance - before.covariance
+    return total, LocatedCovariance(position, errors.ambiguous.at(position) + growth)
+
+
+def lens_turn_per_m(calibration: OnlineCalibration, model: RoverModel) -> float:
+    """Return the rotation per metre, rad/m, by which residual disparities of the lens bend the path.
+
+    Landmarks that are too near on one side and too far on the other turn each step by metres / (fx baseline) per px.
+    """
+    sources = model.sources
+    return float(np.hypot(sources.lens_px, sources.lens_ratio * calibration.lens.rms_px) / model.focal_baseline)
+
+
+# ---- motion that no image showed
+
+
+def unobserved_motion(speed: tuple[float, float], seconds: float, model: RoverModel) -> FloatArray:
+    """Return the covariance `(6, 6)` of a motion that no image showed, in RB where it began.
+
+    The last speed, m/s and rad/s, may have gone on.
+    """
+    metres_s, radians_s = speed
+    metres = max(model.bounds.unseen_speed_m_s, metres_s) * seconds
+    heading = max(model.bounds.unseen_turn_rad_s, radians_s) * seconds
+    tilt = min(model.sources.tilt_ratio * heading, MAX_ANGLE_RAD)
+    climb = model.sources.climb_ratio * metres
+    return np.diag(np.square([metres, metres, climb, tilt, tilt, min(heading, MAX_ANGLE_RAD)]))
+
+
+# ---- a step
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StepMotion:
+    """Motion between the pose published last and the present pose."""
+
+    of_rb: Transform  #: `T_rb_before_now`.
+    vector: FloatArray  #: `(6,)` the same as metres and rotation vector, rad.
+    displacement: FloatArray  #: `(3,)` of the left camera in the world, m.
+    metres: float  #: Length of the motion of the left camera.
+    radians: float  #: Angle of the motion.
+    R_rb_world: FloatArray  #: `(3, 3)` takes components in the world to RB at the pose before.
+
+    @classmethod
+    def between(cls, before: Transform, now: Transform, model: RoverModel) -> StepMotion:
+        """Return the motion between two poses of the left camera in the world."""
+        T_before_world = before.inverse()
+        of_left = T_before_world @ now
+        of_rb = model.T_rb_left @ T_before_world @ now @ model.T_left_rb
+        return cls(
+            of_rb=of_rb,
+            vector=np.concatenate((of_rb.translation, rotvec_from_matrix(of_rb.rotation))),
+            displacement=now.translation - before.translation,
+            metres=float(np.linalg.norm(of_left.translation)),
+            radians=float(np.linalg.norm(rotvec_from_matrix(of_left.rotation))),
+            R_rb_world=model.T_rb_left.rotation @ before.rotation.T,
+        )
+
+
+def updated_variance_factor(before: float | None, chi_median: float, sources: ErrorSources) -> float | None:
+    """Return the variance factor after a pair; its median chi-square per degree of freedom is NaN without residuals."""
+    found = chi_median / EXPECTED_CHI_MEDIAN
+    if not np.isfinite(found):
+        return before
+    return found if before is None else before + sources.variance_gain * (found - before)
+
+
+def step_covariance(
+    step: StepMotion,
+    drift: KeyframeDrift | None,
+    pose_only: FloatArray,
+    depth_m: float,
+    variance_factor: float | None,
+    model: RoverModel,
+) -> FloatArray:
+    """Return the covariance `(6, 6)` of a motion of the left camera, of RB in RB at the pose before.
+
+    Args:
+        step: The motion.
+        drift: Uncertainty of the newest keyframe against the one before.
+        pose_only: `(6, 6)` covariance of the pose given the landmarks, which replaces the drift of a first keyframe.
+        depth_m: Median depth of the landmarks.
+        variance_factor: Ratio of residuals found to residuals stated.
+        model: Mount, geometry and error sources.
+    """
+    sources = model.sources
+    size = step.metres / depth_m + step.radians
+    if drift is None:
+        covariance = pose_only
+        interval = model.keyframe_rad
+    else:
+        covariance = drift.covariance
+        shortest = sources.min_interval_ratio * model.keyframe_rad
+        interval = max(drift.metres / depth_m + drift.radians, shortest)
+    shared = np.zeros(6)
+    shared[:3] = (sources.keyframe_px * depth_m / model.fx) ** 2
+    ratio = max(size / interval, sources.min_step_ratio)
+    factor = 1.0
+    if variance_factor is not None:
+        factor = sources.step_inflation * max(variance_factor, sources.min_variance_factor)
+    covariance = factor * np.asarray(ratio * (sources.adjustment_inflation * covariance + np.diag(shared)))
+    lever = -step.of_rb.rotation @ model.T_rb_left.translation
+    covariance = propagated_covariance(covariance, lever, step.R_rb_world)
+    return symmetric(covariance) + MIN_VARIANCE * np.eye(6)
+
+
+def pose_noise(
+    pose_only: FloatArray, rotation: FloatArray, variance_factor: float | None, shear: float, model: RoverModel
+) -> FloatArray:
+    """Return the white noise `(6, 6)` of a pose, of RB in RB.
+
+    `pose_only` is the covariance given the landmarks, `rotation` that of the left camera to the world. A shear of the
+    rows, as a squared ratio to its standard deviation, counts as noise if it exceeds 1.
+    """
+    sources = model.sources
+    factor = 1.0 if variance_factor is None else max(variance_factor, sources.min_variance_factor)
+    noise = sources.white_ratio * factor * max(shear, 1.0) * pose_only
+    T_rb_left = model.T_rb_left
+    noise = propagated_covariance(noise, -T_rb_left.translation, T_rb_left.rotation @ rotation.T)
+    noise[3:, 3:] += sources.image_rad**2 * np.eye(3)
+    return symmetric(noise)
+
+
+def systematic_step(step: StepMotion, depth_m: float, calibration: OnlineCalibration, model: RoverModel) -> FloatArray:
+    """Return one standard deviation `(6,)` of what errors that are alike in all steps add to a step, in RB.
+
+    The depth is the median depth of the landmarks, m.
+    """
+    disparity_px = np.sqrt(model.sources.disparity_px**2 + calibration.yaw_sigma_px**2 + calibration.remaining_px**2)
+    scaled = disparity_px * depth_m / model.focal_baseline * step.displacement
+    turned = lens_turn_per_m(calibration, model) * np.copysign(step.metres, step.vector[0])
+    return np.concatenate((step.R_rb_world @ scaled, np.full(3, turned)))

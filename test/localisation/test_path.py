@@ -1,0 +1,147 @@
+"""Initial guesses of the next pose, and what is added to the covariance of a pose in its window."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from sfr_loc_map.geometry.camera import Pose
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.transform import Transform, propagated_covariance
+from sfr_loc_map.localisation import path as paths
+from sfr_loc_map.localisation.backend.online_calibration import FIRST_SIGMA_PX, OnlineCalibration, YawEstimate
+from sfr_loc_map.localisation.config import MotionBounds
+from sfr_loc_map.localisation.estimate import StartPose
+from sfr_loc_map.localisation.frontend.pose_solver import RightOffset
+from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW
+from sfr_loc_map.localisation.motion_model import MAX_MISSED_PAIRS
+from sfr_loc_map.localisation.path import Path
+from sfr_loc_map.localisation.uncertainty import ErrorSources, RoverModel, pose_covariance
+
+RIG = StereoRig(640, 480, 400.0, 400.0, 320.0, 240.0, 0.2, Transform.from_quat([0.3, 0.1, 0.2], [0.5, -0.5, 0.5, -0.5]))
+IN_CAMERA = replace(RIG, T_rb_sb=RIG.T_sb_left.inverse())
+"""A rig whose left camera is RB."""
+SOURCES = ErrorSources()
+TURN = Transform(matrix_from_rotvec([0.01, -0.02, 0.03]), np.array([0.05, 0.01, 0.2]))
+PERIOD_NS = 100_000_000
+DEPTH_M, PER_PX = 5.0, 5.0 / 80.0
+"""Depth, m, and ratio by which a disparity error of one pixel scales a step: depth / (f b)."""
+STEP, NOTHING = np.array([0.1, 0.0, 0.3]), np.zeros((6, 6))
+LENGTH = np.linalg.norm(STEP)
+ANGLE = SOURCES.image_px / 400.0
+IMAGE = np.diag(np.square([ANGLE * DEPTH_M] * 3 + [ANGLE] * 3))
+"""Covariance of the error of a whole image: an angle, and that angle at the depth."""
+UNKNOWN_PX = np.hypot(FIRST_SIGMA_PX, SOURCES.disparity_px)
+
+
+def true_path(count: int) -> list[Transform]:
+    poses = [Transform.identity()]
+    for _ in range(count - 1):
+        poses.append(poses[-1] @ TURN)
+    return poses
+
+
+def model_of(rig: StereoRig) -> RoverModel:
+    return RoverModel.of(rig, MotionBounds(), KEYFRAME_FLOW)
+
+
+def map_of(covariance: np.ndarray) -> SimpleNamespace:
+    """Return a map whose newest pose has a covariance in its window."""
+    landmarks = SimpleNamespace(median_depth=DEPTH_M)
+    return SimpleNamespace(landmarks=landmarks, window=SimpleNamespace(covariance=covariance, drift=None))
+
+
+def begun(rig: StereoRig = IN_CAMERA) -> Path:
+    model = model_of(rig)
+    path = paths.arrived(paths.started(StartPose(Transform.identity()), model), 0)
+    return paths.restarted(path, 0, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
+
+
+def move(
+    path: Path,
+    number: int,
+    to: Transform | np.ndarray,
+    known: OnlineCalibration | None = None,
+    rig: StereoRig = IN_CAMERA,
+) -> Path:
+    """Return the path after the pair of a number was tracked at a pose, or a position."""
+    pose = Pose(to.rotation, to.translation) if isinstance(to, Transform) else Pose(np.eye(3), to)
+    tracks = SimpleNamespace(pose=pose, information=1e18 * np.eye(6), landmarks=SimpleNamespace(median_depth=DEPTH_M))
+    pair = paths.TrackedPair(
+        number * PERIOD_NS,
+        tracks,  # type: ignore[arg-type]
+        chi_median=1.0,
+        has_predecessor=True,
+        is_late=False,
+        shear=0.0,
+        ambiguity=None,
+    )
+    calibration = known or OnlineCalibration(RIG.camera, 7)
+    return paths.tracked(path, pair, map_of(NOTHING), calibration, model_of(rig))[0]  # type: ignore[arg-type]
+
+
+def of_path(path: Path, known: OnlineCalibration | None = None) -> np.ndarray:
+    """Return what the path adds to the covariance of the position."""
+    position = path.motion.T_world_left.translation
+    calibration = known or OnlineCalibration(RIG.camera, 7)
+    covariance = pose_covariance(path.errors, position, DEPTH_M, calibration, model_of(IN_CAMERA))
+    images = IMAGE + propagated_covariance(IMAGE, position)
+    return np.asarray((covariance - path.errors.ambiguous.covariance - images)[:3, :3])
+
+
+# ---- guesses
+
+
+def guesses(stamp_ns: int, odometry: Transform | None = None) -> list[np.ndarray]:
+    """Return the guesses of a path that has three poses one period apart."""
+    path = begun(RIG)
+    for number, pose in enumerate(true_path(3)[1:], 1):
+        path = move(path, number, pose, rig=RIG)
+    return [Transform(*guess).matrix for guess in path.motion.predict(stamp_ns, odometry, model_of(RIG))]
+
+
+@pytest.mark.parametrize("missed", [0, 1, MAX_MISSED_PAIRS, MAX_MISSED_PAIRS + 1])
+def test_constant_velocity_then_standstill_then_as_many_missed_pairs_as_the_stamps_tell(missed: int) -> None:
+    first, second, *further = guesses((3 + missed) * PERIOD_NS)
+    np.testing.assert_allclose(first, true_path(4)[-1].matrix, atol=1e-12)
+    np.testing.assert_array_equal(second, true_path(3)[-1].matrix)
+    assert len(further) == (0 < missed <= MAX_MISSED_PAIRS)
+    for guess in further:
+        np.testing.assert_allclose(guess, true_path(4 + missed)[-1].matrix, atol=1e-12)
+
+
+def test_wheel_odometry_is_a_motion_of_the_rover() -> None:
+    before, now = (pose @ RIG.T_rb_left.inverse() for pose in true_path(4)[2:])
+    found = guesses(3 * PERIOD_NS, before.inverse() @ now)
+    np.testing.assert_allclose(found[-1], true_path(4)[3].matrix, atol=1e-12)
+    assert len(found) == 3
+
+
+# ---- covariance
+
+
+def test_yaw_error_grows_in_proportion_to_the_path_and_a_path_back_takes_it_back() -> None:
+    path = begun()
+    for count in range(1, 6):
+        path = move(path, count, count * STEP)
+        covariance = of_path(path)
+        assert np.sqrt(np.trace(covariance)) == pytest.approx(count * UNKNOWN_PX * PER_PX * LENGTH)
+        np.testing.assert_allclose(covariance @ np.array([0.3, 0.0, -0.1]), 0.0, atol=1e-12)  # along the path alone
+    path = move(path, 6, 0.0 * STEP)
+    np.testing.assert_allclose(of_path(path), 0.0, atol=1e-16)
+
+
+def test_a_yaw_found_late_leaves_the_path_before_it_uncertain() -> None:
+    exact = OnlineCalibration(RIG.camera, 7, yaw=YawEstimate(0.5, 0.0, 0.5))
+    common = SOURCES.disparity_px * PER_PX * LENGTH
+    path = move(begun(), 1, STEP, exact)  # not corrected
+    assert np.trace(of_path(path, exact)) == pytest.approx(
+        (1.0 + SOURCES.unsettled_yaw_ratio**2) * (0.5 * PER_PX * LENGTH) ** 2 + common**2
+    )
+    corrected = replace(exact, offset=RightOffset(u=0.5))
+    path = move(path, 2, 2.0 * STEP, corrected)
+    assert np.trace(of_path(path, corrected)) == pytest.approx((0.5 * PER_PX * LENGTH) ** 2 + (2 * common) ** 2)
