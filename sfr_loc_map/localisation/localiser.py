@@ -52,7 +52,7 @@ from sfr_loc_map.localisation.frontend.pose_solver import RightOffset, right_shi
 from sfr_loc_map.localisation.frontend.sparse_stereo import refine_slopes
 from sfr_loc_map.localisation.frontend.tracking import INLIER_CHI2_PER_DOF, StereoFrame, Tracker, Tracks, median
 from sfr_loc_map.localisation.ground_motion import Ground, GroundMemory, GroundSelector, Prediction
-from sfr_loc_map.localisation.guards import Action, Finding, ImageCheck, ShearMean
+from sfr_loc_map.localisation.guards import Action, Finding, ImageCheck, ShearMean, Verdict
 from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW, KeyframeJob, KeyframeMaker, KeyframeResult
 from sfr_loc_map.localisation.motion_model import is_plausible
 from sfr_loc_map.localisation.parallel import BACKGROUND
@@ -67,9 +67,19 @@ class RightCamera(NamedTuple):
     """A pair after the right camera was followed."""
 
     tracks: Tracks  #: Tracks with corrected right observations.
-    calibration: OnlineCalibration
-    shear_mean: ShearMean
+    calibration: OnlineCalibration  #: The calibration, updated by the pair.
+    shear_mean: ShearMean  #: The running mean, updated by the pair.
     shear: float = 0.0  #: Squared shear of the rows over its variance.
+
+
+class Candidate(NamedTuple):
+    """A pair whose pose is not accepted yet."""
+
+    frame: StereoFrame
+    tracks: Tracks  #: Tracks of the ground, with corrected right observations.
+    landmark_map: LandmarkMap  #: The map without the landmarks that do not move with the ground.
+    ground: Ground
+    camera: RightCamera
 
 
 class Localiser:
@@ -189,10 +199,9 @@ class Localiser:
         state = replace(state, ground=ground.memory)
         if Finding.CONTRADICTED in ground.findings:
             return self._keep(state, pair.stamp_ns, Finding.CONTRADICTED, TrackingStatistics())
-        state = replace(state, landmark_map=landmark_map.without(ground.dynamic))
-        camera = self._follow_right_camera(ground.tracks, state)
-        state = replace(state, calibration=camera.calibration, shear=camera.shear_mean)
-        return self._judge(state, frame, images, ground, camera, clock)
+        camera = self._follow_right_camera(ground.tracks, state.calibration, state.shear)
+        candidate = Candidate(frame, camera.tracks, landmark_map.without(ground.dynamic), ground, camera)
+        return self._judge(state, candidate, images.findings, clock)
 
     def _track(
         self,
@@ -222,11 +231,10 @@ class Localiser:
             return Ground(tracks, state.ground)
         return self._ground.select(frame, tracks, prediction, state.ground, state.references)
 
-    def _follow_right_camera(self, tracks: Tracks, state: State) -> RightCamera:
-        """Update the calibration by the shift of the right image, and correct the right observations for a drift."""
-        calibration = state.calibration
+    def _follow_right_camera(self, tracks: Tracks, calibration: OnlineCalibration, shear: ShearMean) -> RightCamera:
+        """Estimate the shift of the right image, and correct the right observations for a drift."""
         if not tracks.is_trusted:
-            return RightCamera(tracks, calibration, state.shear)
+            return RightCamera(tracks, calibration, shear)
         lens_px = calibration.lens.likely_px
         shift = right_shift(tracks.pose, tracks.landmarks.estimates, tracks.seen, self._camera, lens_px)
         calibration, drift_px = calibration.with_lens_residuals(shift).with_shift(shift)
@@ -235,57 +243,43 @@ class Localiser:
             observations[:, 2:] -= RightOffset(u=drift_px).at(observations[:, 2:], self._camera)
             seen = tracks.seen._replace(uv=observations)
             tracks = self._tracker.solve(tracks.landmarks, seen, tracks.pose)
-        return RightCamera(tracks, calibration, state.shear.with_pair(shift.shear), shift.shear)
+        return RightCamera(tracks, calibration, shear.with_pair(shift.shear), shift.shear)
 
-    def _judge(
-        self,
-        state: State,
-        frame: StereoFrame,
-        images: ImageCheck,
-        ground: Ground,
-        camera: RightCamera,
-        clock: StageClock,
-    ) -> Outcome:
-        """Judge the pose; accept it if no guard forbids it."""
-        tracks = camera.tracks
+    def _judge(self, state: State, candidate: Candidate, of_images: frozenset[Finding], clock: StageClock) -> Outcome:
+        """Judge a pose by all guards; accept it if none forbids it."""
+        frame, tracks, _, ground, camera = candidate
         if not tracks.is_trusted:
             return self._lose(state, frame, guards.of_few_landmarks(frame), tracks)
         if not guards.is_determined(tracks):
             return self._lose(state, frame, Finding.SINGULAR, tracks)
-        findings = images.findings | ground.findings
+        findings = of_images | ground.findings
         findings |= guards.check_shear(camera.shear, camera.shear_mean)
-        findings |= guards.check_calibration(state.calibration)
+        findings |= guards.check_calibration(camera.calibration)
         if guards.is_one_sided(frame, tracks):
-            if self._tracker.fits_swapped(frame, tracks, state.calibration.offset):
+            if self._tracker.fits_swapped(frame, tracks, camera.calibration.offset):
                 return self._reject(state, Finding.SWAPPED, TrackingStatistics(inliers=0), tracks)
             findings |= {Finding.ONE_SIDED}
         if state.keyframes < state.settled_from:
             findings |= {Finding.AFTER_GAP}
-        return self._accept(state, frame, tracks, findings, ground, camera.shear, clock)
-
-    def _accept(
-        self,
-        state: State,
-        frame: StereoFrame,
-        tracks: Tracks,
-        findings: frozenset[Finding],
-        ground: Ground,
-        shear: float,
-        clock: StageClock,
-    ) -> Outcome:
-        """Accept a pose if it is plausible, and make the pair a keyframe if one is needed."""
-        landmark_map = state.landmark_map
-        assert landmark_map is not None
         # neither the right image alone nor a part of an image gives what later pairs can start from
         is_stale = bool(findings & {Finding.FROZEN_IMAGE, Finding.STALE_ROWS, Finding.PARTIAL_TRANSFER})
         is_reference = not is_stale and tracks.left_inlier_count >= self._config.min_tracked
-        is_keyframe = is_reference and self._keyframes.is_needed(tracks, landmark_map)
+        is_keyframe = is_reference and self._keyframes.is_needed(tracks, candidate.landmark_map)
         if is_keyframe:
             with clock.stage("refine"):
-                tracks = self._with_all_landmarks(frame, tracks, landmark_map, state.calibration.offset)
-        if not is_plausible(state.path.motion, frame.stamp_ns, Transform(*tracks.pose), self._config.motion):
+                candidate = candidate._replace(tracks=self._with_all_landmarks(candidate))
+        T_world_left = Transform(*candidate.tracks.pose)
+        if not is_plausible(state.path.motion, frame.stamp_ns, T_world_left, self._config.motion):
             return self._lose(state, frame, Finding.TOO_FAST, tracks)
         verdict = guards.decide(findings)
+        return self._accept(state, candidate, verdict, is_reference=is_reference, is_keyframe=is_keyframe)
+
+    def _accept(
+        self, state: State, candidate: Candidate, verdict: Verdict, *, is_reference: bool, is_keyframe: bool
+    ) -> Outcome:
+        """Accept a pose: the only place where the path, the map, the calibration and the references learn from one."""
+        frame, tracks, landmark_map, ground, camera = candidate
+        calibration = camera.calibration
         chi_median, residual_px = residual_statistics(tracks)
         pair = path.TrackedPair(
             stamp_ns=frame.stamp_ns,
@@ -293,10 +287,10 @@ class Localiser:
             chi_median=chi_median,
             has_predecessor=state.status is not TrackingState.LOST,
             is_late=verdict.is_late,
-            shear=shear,
+            shear=camera.shear,
             ambiguity=ground.ambiguity,
         )
-        new_path, step = path.tracked(state.path, pair, landmark_map, state.calibration, self._model)
+        new_path, step = path.tracked(state.path, pair, landmark_map, calibration, self._model)
         references = state.references.recognised()
         if is_reference:
             known = KnownImage(frame.image, tracks.observations[:, :2], tracks.landmarks)
@@ -305,33 +299,33 @@ class Localiser:
         state = replace(
             state,
             path=new_path,
+            landmark_map=landmark_map,
+            calibration=calibration,
+            shear=camera.shear_mean,
             references=references,
             keyframes=state.keyframes + int(is_keyframe),
             status=TrackingState.TRACKING if verdict.action is Action.ACCEPT else TrackingState.DEGRADED,
             reason=verdict.reason,
         )
-        offset = state.calibration.offset
         statistics = TrackingStatistics(
             features=len(tracks.inliers),
             inliers=tracks.inlier_count,
             keyframes=state.keyframes,
             chi_median=chi_median,
             residual_px=residual_px,
-            vertical_offset_px=offset.v,
-            disparity_offset_px=-offset.u,
-            roll_offset_px=offset.roll,
+            vertical_offset_px=calibration.offset.v,
+            disparity_offset_px=-calibration.offset.u,
+            roll_offset_px=calibration.offset.roll,
             masked_share=state.ground.excluded.fraction,
         )
         keyframe = None
         if is_keyframe:
-            mask = state.ground.excluded.mask
-            keyframe = KeyframeJob(frame, tracks, landmark_map.window, state.calibration, mask)
+            keyframe = KeyframeJob(frame, tracks, landmark_map.window, calibration, state.ground.excluded.mask)
         return Outcome(state, statistics, tracks, step, keyframe)
 
-    def _with_all_landmarks(
-        self, frame: StereoFrame, tracks: Tracks, landmark_map: LandmarkMap, offset: RightOffset
-    ) -> Tracks:
+    def _with_all_landmarks(self, candidate: Candidate) -> Tracks:
         """Track the remaining landmarks, too, because all of them are observed in a keyframe."""
+        frame, tracks, landmark_map, _, camera = candidate
         landmarks = landmark_map.landmarks
         if len(tracks.inliers) >= len(landmarks.index):
             return tracks
@@ -339,7 +333,7 @@ class Localiser:
             rest = landmark_map.rest
         else:
             rest = landmarks.subset(~landmarks.among(tracks.landmarks))
-        complete = self._tracker.complete(frame, tracks, landmarks, rest, offset)
+        complete = self._tracker.complete(frame, tracks, landmarks, rest, camera.calibration.offset)
         return complete if complete.is_trusted else tracks
 
     # ---- pairs without an accepted pose
