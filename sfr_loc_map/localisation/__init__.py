@@ -1,4 +1,18 @@
-"""Stereo visual localisation: a trajectory from a sequence of stereo pairs."""
+"""Stereo visual localisation: a trajectory from a sequence of stereo pairs.
+
+A sparse, keyframe-based stereo odometry with a sliding window. `Localiser.process` (`localiser.py`) takes one stereo
+pair and returns one `PoseEstimate`:
+
+1. Landmarks are pixels of keyframes with an inverse depth and the slope of their local plane (`frontend/landmarks.py`).
+2. A new pair is aligned with them as a whole (direct image alignment, SVO: Forster et al. 2017), then each patch is
+   tracked by least squares in both images (Lucas and Kanade 1981; `frontend/`).
+3. The pose follows from all observations, with robust weights (Geman and McClure 1985) and the uncertainty of each
+   landmark (`frontend/pose_solver.py`).
+4. A second rigid motion in the image is excluded (`ground_motion.py`); guards judge images and pose (`guards.py`).
+5. Keyframes are adjusted together; those that leave the window are marginalised (OKVIS: Leutenegger et al. 2015;
+   `keyframes.py`, `backend/`). A rotation of the right camera is estimated online (`backend/online_calibration.py`).
+6. The covariance of each pose and each step is composed of named error sources (`uncertainty.py`).
+"""
 
 import lazy_loader
 
