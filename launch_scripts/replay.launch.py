@@ -29,9 +29,6 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 "start_offset", default_value="0", description="Seconds of the source that are left out."
             ),
-            DeclareLaunchArgument(
-                "loop", default_value="false", description="true: begin again at the end, until /sfr_player/stop."
-            ),
             DeclareLaunchArgument("overwrite", default_value="false", description="true: replace outputs that exist."),
             DeclareLaunchArgument("start", default_value="identity", description="First pose: identity or truth."),
             # In the domain of the other programs, so that they can watch.
@@ -51,7 +48,7 @@ def generate_launch_description() -> LaunchDescription:
                     option("start"),
                     "--start-offset",
                     option("start_offset"),
-                    *(_switch(name) for name in ("loop", "overwrite")),
+                    _switch("overwrite"),
                 ],
                 output="screen",
             ),

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 import sys
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -41,18 +41,14 @@ from sfr_loc_map.metrics.config import score_config
 
 if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source
-    from sfr_loc_map.localisation.estimate import StartPose
     from sfr_loc_map.nodes.replay.options import ExternalOptions, ReplayOptions
     from sfr_loc_map.pipeline.replay import ReplayFiles, ReplayResult
     from sfr_loc_map.pipeline.scoring import Correction
 
-HELP = """Play a source to the three nodes over topics, record what they answer, score it.
+HELP = """Play a source to the three nodes over topics, collect what they answer, score it.
 
-Keys, where standard input is a terminal: space pauses and resumes, s or the right arrow plays one pair, the left
-arrow goes 5 s back and f 5 s on, up and down change the rate, l the loop, q ends and scores. The same as services
-of /sfr_player: ~/pause, ~/resume, ~/toggle_paused, ~/play_next, ~/stop, ~/set_loop; parameters rate and seek_s.
-The end and each jump begin a new run; the last one that was played to its end is scored, else the last one. Others
-that a jump or a signal cut short are kept in DIR/run_1, DIR/run_2. Ctrl-C ends as q does, exit 130.
+The node /sfr_player offers the services ~/pause and ~/resume (std_srvs/Trigger). Ctrl-C ends the replay: what was
+played is scored and written, exit 130.
 
 With --external a node of anyone takes the place of ours: it subscribes to the images of its task and publishes
 nav_msgs/Odometry or sensor_msgs/PointCloud2 with the stamp of each pair. In lock step each answer is waited for
@@ -68,9 +64,11 @@ class PlayOptions:
         float,
         Option(min=0.0, metavar="R", help="0: wait for the result of each pair; else multiple of the recorded speed."),
     ] = 0.0
-    loop: Annotated[bool, Option("--loop/--no-loop", help="Restart at the end, until q or Ctrl-C.")] = False
-    start_offset: Annotated[float, Option(min=0.0, metavar="S", help="Part of the source that is left out.")] = 0.0
-    start_paused: Annotated[bool, Option(help="Wait for space, s or ~/resume.")] = False
+    start_offset: Annotated[float, Option(min=0.0, metavar="S", help="Seconds of the source that are skipped.")] = 0.0
+    duration: Annotated[
+        float | None, Option(min=0.0, metavar="S", help="Seconds of the source that are played; by default all.")
+    ] = None
+    start_paused: Annotated[bool, Option(help="Wait for the service ~/resume.")] = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +129,7 @@ class NodeUnderTest:
     help=HELP,
     epilog=examples(
         "sfr replay data/ --start truth --out out/",
-        "sfr replay drive.mcap --rate 1 --loop --out out/ --overwrite",
+        "sfr replay drive.mcap --rate 1 --duration 30 --out out/ --overwrite",
         "sfr replay data/ --limits limits.yaml --condition distance=10",
         "sfr replay data/ --external localisation --command 'python3 my_node.py' --convention frame=left_optical",
     ),
@@ -170,14 +168,11 @@ def replay(
         require_ros("replay")
         from sfr_loc_map.nodes.replay.options import ReplayOptions, is_ros_parameter_file
 
-        def first_pose(offset_s: float) -> StartPose | None:
-            if opened.loc is None or start == "identity":
-                return None
-            begin_ns = begin_of(opened, opened.loc) if offset_s else 0
-            return start_pose(opened.loc, start, begin_ns + round(offset_s * NS_PER_S))
-
+        first_pose = None
         with naming(source):
-            first_pose(play.start_offset)  # an error of the source is known before the nodes start
+            if opened.loc is not None and start != "identity":
+                begin_ns = begin_of(opened, opened.loc) if play.start_offset else 0
+                first_pose = start_pose(opened.loc, start, begin_ns + round(play.start_offset * NS_PER_S))
         options = ReplayOptions(
             localisation=read_config(LocalisationConfig, config, "localisation"),
             mapping=read_config(MappingConfig, config, "mapping"),
@@ -190,29 +185,36 @@ def replay(
             start=first_pose,
             rate=play.rate,
             offset_s=play.start_offset,
+            duration_s=math.inf if play.duration is None else play.duration,
             paused=play.start_paused,
-            loop=play.loop,
             monitor=section(config, "monitor"),
             page=page,
             external=node.read(opened, correction),
         )
-        with tempfile.TemporaryDirectory(prefix="sfr-replay-") as scratch:
-            files = ReplayFiles(out or Path(scratch))
-            with _room_for(files, overwrite=overwrite):
-                with naming(source):
-                    result, interruption = _play(opened, options)
-                    result = result.finished(opened, options.score, correction)
+        files = None if out is None else ReplayFiles(out)
+        with _room_for(files, overwrite=overwrite):
+            with naming(source):
+                result, interruption = _play(opened, options)
+                result = result.finished(opened, options.score, correction)
+            if files is not None:
                 files.remove()  # of an earlier run, which may have written more of them
                 save_replay(result, files)
-                settings = changed(options.localisation, "localisation.") | changed(options.mapping, "mapping.")
-                made_by = judge.limits, shlex.join(["sfr", *sys.argv[1:]])
-                score = score_replay(opened, result, files, options.score, limits, settings, *made_by)
-                try:
-                    present(score, None if out is None else str(files.report), None if out is None else files.page)
-                finally:
-                    _say_where(source, result, files, out)
-                    if page is not None and out is not None:
-                        page.run_is_over(report=str(files.page))
+            score = score_replay(
+                opened,
+                result,
+                options.score,
+                limits,
+                files=files,
+                settings=changed(options.localisation, "localisation.") | changed(options.mapping, "mapping."),
+                limits_file=judge.limits,
+                command=shlex.join(["sfr", *sys.argv[1:]]),
+            )
+            try:
+                present(score, None if files is None else str(files.report), None if files is None else files.page)
+            finally:
+                _say_where(source, result, files)
+                if page is not None and files is not None:
+                    page.run_is_over(report=str(files.page))
         if interruption:
             raise InterruptedRunError(interruption)
         # what could not be judged is a warning where nobody asked for a verdict
@@ -220,14 +222,16 @@ def replay(
 
 
 @contextmanager
-def _room_for(files: ReplayFiles, *, overwrite: bool) -> Iterator[None]:
-    """Make the folder of the outputs; take it away again if nothing came to be in it."""
+def _room_for(files: ReplayFiles | None, *, overwrite: bool) -> Iterator[None]:
+    """Make the folder of the outputs, if any; remove it again if nothing was written to it."""
+    if files is None:
+        yield
+        return
     out = files.folder
     made = not out.exists()
     make_folder(out, "--out")
     try:
-        runs = (path for run in files.cut_short for path in run.all)
-        check_outputs(*files.all, *runs, overwrite=overwrite)
+        check_outputs(*files.all, overwrite=overwrite)
         yield
     finally:
         if made and not any(out.iterdir()):
@@ -236,7 +240,6 @@ def _room_for(files: ReplayFiles, *, overwrite: bool) -> Iterator[None]:
 
 def _play(source: Source, options: ReplayOptions) -> tuple[ReplayResult, str]:
     """Replay with progress bars; return what came out, and what was finished if the user ended it."""
-    from sfr_loc_map.nodes.replay.replay import AGAIN
     from sfr_loc_map.nodes.replay.replay import replay as run
 
     totals = {name: len(part) for name, part in (("loc", source.loc), ("nav", source.nav)) if part is not None}
@@ -245,40 +248,33 @@ def _play(source: Source, options: ReplayOptions) -> tuple[ReplayResult, str]:
         tasks = {name: bar.add_task(labels[name], total=total) for name, total in totals.items()}
 
         def show_line(text: str) -> None:
-            again = text.startswith(AGAIN)
-            if again or bar.console.is_terminal:
+            if bar.console.is_terminal:
                 bar.console.print(printable(text), highlight=False, markup=False)
-            if again:
-                for name, task in tasks.items():
-                    bar.reset(task, total=totals[name])
 
-        results = run(source, options, lambda task: bar.advance(tasks[task]), show_line)
-    if results.interrupted and not results.count:
+        received, was_interrupted = run(source, options, lambda task: bar.advance(tasks[task]), show_line)
+    if was_interrupted and not received.count:
         raise KeyboardInterrupt
     theirs = None if options.external is None else options.external.task  # its answers are counted in the score
-    played = len(results.published_stamps("loc"))
-    if (missing := played - len(results.rows)) > 0 and theirs != Task.LOCALISATION:
+    played = len(received.published_stamps("loc"))
+    if (missing := played - len(received.rows)) > 0 and theirs != Task.LOCALISATION:
         say(f"{missing} of {played} pairs have no odometry: the nodes could not keep up", err=True)
-    if results.published_stamps("nav") and not results.clouds and theirs != Task.MAPPING:
+    if received.published_stamps("nav") and not received.clouds and theirs != Task.MAPPING:
         raise NodeError("mapping_node gave no cloud: play slower (--rate) or in lock step (--rate 0)")
-    text = f"interrupted: {len(results.published)} of {sum(totals.values())} pairs were played, and scored"
-    if (node := results.external) is not None:
+    text = f"interrupted: {len(received.published)} of {sum(totals.values())} pairs were played, and scored"
+    if (node := received.external) is not None:
         answers = node.score.answers
         say(f"external node {node.method.name}: {answers.answered} of {answers.pairs} pairs answered", err=True)
-    return results.result(), text if results.interrupted else ""
+    return received.result(), text if was_interrupted else ""
 
 
-def _say_where(source: Path, result: ReplayResult, files: ReplayFiles, out: Path | None) -> None:
+def _say_where(source: Path, result: ReplayResult, files: ReplayFiles | None) -> None:
     from sfr_loc_map.pipeline.offline import states_text, tracking_warning
 
     say(f"{len(result.estimate)} poses, {states_text(result.records)}", err=True)
     localised = [record for record in result.records if record.covariance is not None]
     if (text := tracking_warning(localised, source)) is not None:
         warn(text)
-    for number, run in enumerate(result.cut_short, 1):
-        place = "--out DIR would keep it" if out is None else str(files.of_run(number).folder)
-        say(f"a run of {len(run.estimate)} poses was cut short and is not scored: {place}", err=True)
-    if out is not None:
+    if files is not None:
         page = files.page if files.page.exists() else files.report
         say(f"report: {page}")
         propose(f"open {page} in a browser")

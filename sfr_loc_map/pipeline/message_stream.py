@@ -8,7 +8,7 @@ from __future__ import annotations
 import heapq
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from operator import itemgetter
 from typing import Any
@@ -21,7 +21,6 @@ from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE, TYPESTORE, Bag
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.stamp_pairing import STAMP_TOLERANCE_S, WAITING, StampPairing
-from sfr_loc_map.pipeline.controls import Controls
 from sfr_loc_map.pipeline.mapping_session import PoseMatching
 
 POSE_TOPIC = "nav/pose"
@@ -108,12 +107,10 @@ def _message(topic: str, stamp_ns: int, message: Any) -> Message:  # noqa: ANN40
     return Message(topic, message.__msgtype__, stamp_ns, raw)
 
 
-def start_at(
-    messages: Iterator[Message], offset_s: float, on_position: Callable[[float], None] = lambda position_s: None
-) -> Iterator[Message]:
-    """Yield the messages from a position on, in seconds after the first message of each task.
+def between(messages: Iterator[Message], begin_s: float, end_s: float) -> Iterator[Message]:
+    """Yield the messages from one position to another, in seconds after the first message of each task.
 
-    The first camera_info of each camera stays, whatever its stamp. `on_position` is called before each message.
+    The first camera_info of each camera stays, whatever its stamp.
     """
     first: dict[str, int] = {}
     infos: set[str] = set()
@@ -122,8 +119,7 @@ def start_at(
         is_first_info = message.topic.endswith("camera_info") and message.topic not in infos
         if is_first_info:
             infos.add(message.topic)
-        if is_first_info or position_s >= offset_s:
-            on_position(max(position_s, offset_s))
+        if is_first_info or begin_s <= position_s <= end_s:
             yield message
 
 
@@ -143,23 +139,23 @@ def begin_of(source: Source, part: Any) -> int:  # noqa: ANN401 - the drive of a
 
 
 class Pacer:
-    """Says when a message is due; each task starts with its first message, and again after a pause."""
+    """Says when a message is due, by its stamp and a multiple of the recorded speed; each task has its own clock."""
 
-    def __init__(self, controls: Controls) -> None:
-        self._controls = controls
-        self._rate = controls.rate
+    def __init__(self, rate: float) -> None:
+        """Start with the first message of each task; a rate of 0: every message is due at once."""
+        self._rate = rate
         self._origins: dict[str, tuple[float, int]] = {}
+
+    def restart(self) -> None:
+        """Start again with the next message, as after a pause."""
+        self._origins.clear()
 
     def wait_s(self, message: Message) -> float:
         """Return for how long a message has to wait, 0 if it is due."""
-        controls = self._controls
-        if controls.held or controls.steps or controls.rate != self._rate:
-            self._origins.clear()
-            self._rate = controls.rate
-        if controls.rate <= 0 or controls.steps:
+        if self._rate <= 0.0:
             return 0.0
-        begin, first_ns = self._origins.setdefault(message.task, (time.monotonic(), message.stamp_ns))
-        return max(begin + (message.stamp_ns - first_ns) * 1e-9 / controls.rate - time.monotonic(), 0.0)
+        begin_s, first_ns = self._origins.setdefault(message.task, (time.monotonic(), message.stamp_ns))
+        return max(begin_s + (message.stamp_ns - first_ns) * 1e-9 / self._rate - time.monotonic(), 0.0)
 
 
 class PairTracker:

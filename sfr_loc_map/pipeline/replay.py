@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import count, takewhile
 from pathlib import Path
 from types import MappingProxyType
 
@@ -14,7 +12,7 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import Task
+from sfr_loc_map.inputs import Task, hash_arrays
 from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.io.cloud_file import LoadedCloud, save_cloud, save_points
 from sfr_loc_map.io.sequence import Source
@@ -28,7 +26,7 @@ from sfr_loc_map.metrics.convention import converted_estimates
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, FindingRecord, MethodRecord, Score
 from sfr_loc_map.pipeline import scoring
-from sfr_loc_map.pipeline.call_stats import CallRecord, load_call_stats, save_stats
+from sfr_loc_map.pipeline.call_stats import CallRecord, save_stats, stats_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,9 +48,7 @@ class ReplayResult:
     estimate: Trajectory  # without poses if there was no drive
     cloud: PointCloud | None  # the last one
     records: Sequence[CallRecord]  # all calls of localiser and mapper
-    monitor_report: str  # JSON, empty if the monitor gave none
     mapped_ns: tuple[int, ...]  # of the pairs of the cloud, in the order of the points' `pair`: their truth judges it
-    cut_short: tuple[ReplayResult, ...] = ()  # other runs, which a jump or a signal ended
     external: ExternalRun | None = None  # `finished` converts its poses
     points: FloatArray | None = None  # `(N, 3)` in LM of an external mapper that tells no pixels
 
@@ -83,7 +79,7 @@ class ReplayResult:
         records = []
         stamps = zip(published.stamps_ns.tolist(), found.trajectory.stamps_ns.tolist(), strict=True)
         for row, (before, stamp_ns) in enumerate(stamps):  # the time is NaN where the node told none
-            record = told.get(before) or CallRecord(stamp_ns, float("nan"), TrackingState.TRACKING, None, None)
+            record = told.get(before) or CallRecord(stamp_ns, float("nan"), TrackingState.TRACKING)
             full = None
             if found.covariance is not None and np.isfinite(found.covariance[row]).all():
                 full = np.zeros((6, 6))
@@ -104,10 +100,9 @@ class ReplayFiles:
         self.estimate = folder / "estimate.csv"
         self.stats = folder / "stats.csv"  # one row for each call
         self.cloud = folder / "cloud.ply"
-        self.monitor_report = folder / "monitor.json"
         self.report = folder / "report.json"
         self.page = folder / "report.html"
-        self.points = folder / "cloud.npz"  # the cloud of an external mapper that tells no pixels
+        self.points = folder / "cloud.npz"  # the cloud of an external mapper without pixels
         self.as_published = folder / "estimate_as_published.csv"  # of an external node, before it was converted
         self.external_log = folder / "external.log"
 
@@ -116,32 +111,14 @@ class ReplayFiles:
         """All of them."""
         return tuple(path for name, path in vars(self).items() if name != "folder")
 
-    @property
-    def cut_short(self) -> list[ReplayFiles]:
-        """Runs that were cut short, which have no report; a replay of its own in a folder of such a name has one."""
-        runs = map(self.of_run, count(1))
-        return list(takewhile(lambda run: run.folder.is_dir() and not run.report.exists(), runs))
-
     def remove(self) -> None:
-        """Remove what an earlier replay has written, with its runs that were cut short; other files stay."""
-        for run in self.cut_short:
-            run.remove()
-            with suppress(OSError):  # something else is in it
-                run.folder.rmdir()
+        """Remove what an earlier replay has written; other files stay."""
         for path in self.all:
             path.unlink(missing_ok=True)
 
-    def of_run(self, number: int) -> ReplayFiles:
-        """Return the places of a run that was cut short, counted from 1."""
-        return ReplayFiles(self.folder / f"run_{number}")
-
 
 def save_replay(result: ReplayResult, files: ReplayFiles) -> None:
-    """Write what there is of a replay but its score; runs that were cut short come into folders beside it."""
-    for number, run in enumerate(result.cut_short, 1):
-        place = files.of_run(number)
-        place.folder.mkdir(exist_ok=True)
-        save_replay(run, place)
+    """Write what there is of a replay but its score."""
     if len(result.estimate):
         save_trajectory(files.estimate, result.estimate)
     if result.records:
@@ -152,45 +129,56 @@ def save_replay(result: ReplayResult, files: ReplayFiles) -> None:
         save_points(files.points, result.points)
     if result.external is not None and result.external.as_published is not None:
         save_trajectory(files.as_published, result.external.as_published)
-    log = "" if result.external is None else result.external.log
-    for path, text in ((files.monitor_report, result.monitor_report), (files.external_log, log)):
-        if text:
-            write_text(text, path)
+    if result.external is not None and result.external.log:
+        write_text(result.external.log, files.external_log)
 
 
 def score_replay(
     source: Source,
     result: ReplayResult,
-    files: ReplayFiles,
     config: ScoreConfig,
     limits: Limits | None,
+    *,
+    files: ReplayFiles | None = None,
     settings: Mapping[str, object] = MappingProxyType({}),
     limits_file: Path | None = None,
     command: str | None = None,
 ) -> Score:
-    """Return the score of what `save_replay` has written.
+    """Return the score of a replay, by the functions that score files.
 
-    Settings are those of localiser and mapper that differ from the defaults; they join those of the score. File of the
-    limits and command are for provenance.
+    Settings are those of localiser and mapper that differ from the defaults; they join those of the score. The files
+    that `save_replay` has written, None without, the file of the limits and the command are for provenance.
     """
-    stats = [load_call_stats(files.stats)] if result.records else []
-    read, drive = (files.stats,) if stats else (), None
-    inputs = scoring.ScoreInputs(stats=read, limits=limits_file, command=command)
+    stats = [stats_of(result.records)] if result.records else []
+    inputs = scoring.ScoreInputs(limits=limits_file, command=command)
+    in_memory: dict[str, str] = {}
+    if files is not None and stats:
+        inputs = replace(inputs, stats=(files.stats,))
+    drive = None
     truth, images = (None, None) if source.loc is None else (source.loc.ground_truth, source.loc.stamps_ns)
     if source.loc is not None and truth is not None and len(result.estimate):
-        estimates = scoring.load_estimates(files.estimate, stats)
+        estimate = result.estimate
+        estimates = scoring.estimates_of(estimate, stats)
         drive = scoring.ScoredDrive(estimates, truth, source.loc.rig, np.asarray(images, np.int64))
-        inputs = replace(inputs, estimate=files.estimate, truth=source.path, configuration=source.configuration)
+        inputs = replace(inputs, truth=source.path, configuration=source.configuration)
+        if files is not None:
+            inputs = replace(inputs, estimate=files.estimate)
+        else:
+            in_memory["estimate"] = hash_arrays((estimate.stamps_ns, estimate.positions, estimate.quats_xyzw))
     missing = ""
     if images is not None and not len(result.estimate):
         missing = f"no pose for any of {len(images)} images"
     elif source.nav is not None and len(result.mapped_ns) < len(source.nav):
         missing = f"the map holds {len(result.mapped_ns)} of {len(source.nav)} pairs"
     if (cloud := _scored_cloud(source, result)) is not None:
-        place = files.cloud if result.points is None else files.points
-        inputs = replace(inputs, cloud=place, map_truth=source.path, configuration=source.configuration)
+        inputs = replace(inputs, map_truth=source.path, configuration=source.configuration)
+        if files is not None:
+            inputs = replace(inputs, cloud=files.cloud if result.points is None else files.points)
+        else:
+            in_memory["cloud"] = hash_arrays([cloud.loaded.xyz])
     task = Task.MAPPING if drive is None else Task.LOCALISATION
     run = scoring.Run(inputs, stats, drive=drive, cloud=cloud, method=record_of_ours(task), missing=missing)
+    run = replace(run, in_memory=in_memory)
     if (node := result.external) is not None:
         run = replace(run, method=node.method, external=node.score, findings=node.findings, convention=node.convention)
     score = scoring.score_run(run, config, limits)

@@ -54,17 +54,13 @@ def test_a_folder_with_both_tasks_gives_to_the_last_bit_what_offline_runs_give(s
     assert score["map"]["pairs"] == 3
     assert score["timing"]["localisation_s"]["count"] == 12
     assert score["memory"]["mapping_peak_bytes"] > 0
-    live = json.loads((out / "monitor.json").read_text())
-    for part in ("trajectory", "map", "timing", "memory"):
-        assert live.get(part) == score.get(part) or part == "trajectory"
-    assert live["trajectory"]["position_m"] == score["trajectory"]["position_m"]
     offline, calls = tmp_path / "t.json", ("--stats", out / "stats.csv")
     options = (*calls, "--condition", "frames=3", "--json", offline)
     assert sfr("score", out / "estimate.csv", source, *options).code == 0
     assert json.loads(offline.read_text())["trajectory"] == score["trajectory"]
     assert score["trajectory"]["completeness"]["images"] == 12
     assert sfr("score", out / "cloud.ply", source, "--json", tmp_path / "c.json").code == 0
-    assert json.loads((tmp_path / "c.json").read_text())["map"] == score["map"] == live["map"]
+    assert json.loads((tmp_path / "c.json").read_text())["map"] == score["map"]
     assert score["map"]["cloud"] == "fused"
 
 

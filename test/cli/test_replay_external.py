@@ -66,9 +66,6 @@ def test_a_faulty_node_of_the_optical_frame_is_scored_and_each_fault_named(sfr: 
     assert offline["completeness"] == score["trajectory"]["completeness"]
     for name in ("position_m", "attitude_deg", "heading_deg"):
         assert score["trajectory"][name]["mean"] == pytest.approx(offline[name]["mean"], abs=1e-9)
-    # what the monitor was told are the converted poses
-    live = json.loads((out / "monitor.json").read_text())["trajectory"]
-    assert live["position_m"]["mean"] == pytest.approx(score["trajectory"]["position_m"]["mean"], abs=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -128,7 +128,7 @@ def test_the_replay_calls_the_command_with_options_that_it_has(described: Any) -
     assert all(option in text for option in options if isinstance(option, str))
     declared = {item.args[0] for item in entities["DeclareLaunchArgument"]}
     assert {o.args[0] for o in options if not isinstance(o, str) and o.kind == "LaunchConfiguration"} <= declared
-    for name, option in zip(("loop", "overwrite"), options[-2:], strict=True):
+    for name, option in zip(("overwrite",), options[-1:], strict=True):
         assert [part.args for part in option.args[0] if isinstance(part, Made)] == [(name,)] * 2
         for value, made in (("true", f"--{name}"), ("True", f"--{name}"), ("false", f"--no-{name}")):
             assert eval("".join(value if isinstance(part, Made) else part for part in option.args[0])) == made

@@ -1,4 +1,4 @@
-"""Keys of a terminal, and what they do."""
+"""Single keys of a terminal."""
 
 from __future__ import annotations
 
@@ -6,10 +6,6 @@ import os
 import pty
 import re
 import sys
-
-import pytest
-
-from sfr_loc_map.pipeline.controls import Controls
 
 READ = """
 import sys, time, termios
@@ -35,26 +31,3 @@ def test_keys_of_a_terminal_come_one_by_one_and_the_terminal_is_restored() -> No
             os.write(terminal, b" s\x1b[C\x1b[Aq")
     os.waitpid(pid, 0)
     assert b"[' ', 's', 'right', 'up', 'q'] True" in text
-
-
-def test_what_keys_do() -> None:
-    controls = Controls(rate=1.0, position_s=7.0, end_s=12.0)
-    for key, name, expected in (
-        (" ", "held", True),
-        ("right", "steps", 1),
-        ("s", "steps", 2),
-        (" ", "paused", False),
-        ("left", "seek_s", 2.0),
-        ("f", "seek_s", 12.0),
-        ("up", "rate", 1.1),
-        ("down", "rate", 1.0),
-        ("l", "loop", True),
-        ("?", "stopped", False),
-    ):
-        controls.key(key)
-        assert getattr(controls, name) == pytest.approx(expected), key
-    controls.position_s = 9.0
-    controls.key("f")  # beyond the last pair: no effect
-    assert controls.next_start_s() == 12.0
-    controls.key("q")
-    assert (controls.interrupted, controls.next_start_s()) == (True, None)

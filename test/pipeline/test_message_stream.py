@@ -20,7 +20,7 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.trajectory_file import save_trajectory
 from sfr_loc_map.pipeline.convert import ConvertOptions, convert
-from sfr_loc_map.pipeline.message_stream import Message, PairTracker, begin_of, end_of, messages_of, start_at, topics_of
+from sfr_loc_map.pipeline.message_stream import Message, PairTracker, begin_of, between, end_of, messages_of, topics_of
 
 
 def played(path: Path, remap: dict[str, str] | None = None) -> dict[tuple[str, int], Message]:
@@ -75,17 +75,16 @@ def message(topic: str, stamp_ns: int) -> Message:
     return Message(topic, "", stamp_ns, b"")
 
 
-@given(st.lists(st.integers(0, 100), min_size=1, max_size=30), st.floats(0, 12))
-def test_from_a_position_on_comes_what_is_not_before_it_and_the_first_camera_info(
-    tenths: list[int], offset_s: float
+@given(st.lists(st.integers(0, 100), min_size=1, max_size=30), st.floats(0, 12), st.floats(0, 12))
+def test_a_part_of_a_source_is_what_lies_between_two_positions_and_the_first_camera_info(
+    tenths: list[int], offset_s: float, duration_s: float
 ) -> None:
     stamps = sorted(10**9 + t * 10**8 for t in tenths)
     whole = [message("loc/left/camera_info", stamps[0])] + [message("loc/left/image_rect", s) for s in stamps]
-    positions: list[float] = []
-    rest = list(start_at(iter(whole), offset_s, positions.append))
+    end_s = offset_s + duration_s
+    rest = list(between(iter(whole), offset_s, end_s))
     assert rest[0] == whole[0]
-    assert rest[1:] == [m for m in whole[1:] if (m.stamp_ns - stamps[0]) * 1e-9 >= offset_s]
-    assert all(t >= offset_s for t in positions)
+    assert rest[1:] == [m for m in whole[1:] if offset_s <= (m.stamp_ns - stamps[0]) * 1e-9 <= end_s]
 
 
 @pytest.mark.parametrize("late_ns", [0, 3_000_000])

@@ -62,9 +62,9 @@ def test_live_replay_and_score_of_every_file_format_are_equal_to_the_last_digit(
     source, run = mapped(SAMPLE if case == "sample, fused" else write_folder(tmp_path / "source", 0, 3))
     cloud = run.unfused if case == "folder, not fused" else run.fused.cloud
     stamps = tuple(item.stamp_ns for item in run.maps)
-    result, files = ReplayResult(Trajectory.empty(), cloud, run.records, "", stamps), ReplayFiles(tmp_path)
+    result, files = ReplayResult(Trajectory.empty(), cloud, run.records, stamps), ReplayFiles(tmp_path)
     save_replay(result, files)
-    replayed = to_dict(score_replay(source, result, files, ScoreConfig(), None))["map"]
+    replayed = to_dict(score_replay(source, result, ScoreConfig(), None))["map"]
     assert replayed["cloud"] == ("single pairs" if case == "folder, not fused" else "fused")
     assert replayed == file_score(files.cloud, source.path) == live_score(source, run, cloud)
     for name in ("cloud.pcd", "cloud.npz"):
@@ -98,10 +98,10 @@ def test_a_replay_is_judged_by_the_images_of_its_source(tmp_path: Path) -> None:
     for (rows, estimate), partial in product(parts.items(), (False, True)):
         files = ReplayFiles(tmp_path / f"{rows}-{partial}")
         files.folder.mkdir()
-        result = ReplayResult(estimate, None, [], "", ())
+        result = ReplayResult(estimate, None, [], ())
         save_replay(result, files)
         config = score_config(["frames=2"], {"trajectory.partial": partial, "trajectory.spacing": 1})
-        score = score_replay(source, result, files, config, limits)
+        score = score_replay(source, result, config, limits, files=files)
         why = wanted[rows]
         assert (score.incomplete or "").startswith("" if partial else why or "")
         assert (score.incomplete is None) == (partial or why is None)
@@ -120,28 +120,14 @@ def test_a_replay_is_judged_by_the_images_of_its_source(tmp_path: Path) -> None:
 
 
 def test_a_replay_says_that_pairs_have_no_cloud_and_that_truth_is_sparse(tmp_path: Path) -> None:
-    path, files = write_folder(tmp_path / "source", 12, 3), ReplayFiles(tmp_path)
+    path = write_folder(tmp_path / "source", 12, 3)
     place = path / "loc" / "groundtruth.csv"
     head, *rows = place.read_text().splitlines(keepends=True)
     place.write_text(head + "".join(rows[::5]))
     source = open_source(path)
     stamps = np.asarray(source.loc.stamps_ns)
     estimate = Trajectory(stamps, np.zeros((12, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (12, 1)))
-    result = ReplayResult(estimate, None, [], "", ())
-    save_replay(result, files)
-    score = score_replay(source, result, files, score_config(["frames=2"], {}), None)
+    result = ReplayResult(estimate, None, [], ())
+    score = score_replay(source, result, score_config(["frames=2"], {}), None)
     assert score.incomplete == "the map holds 0 of 3 pairs"
     assert any("the truth has 3 poses for 12 images" in text for text in score.warnings)
-
-
-def test_runs_that_were_cut_short_go_with_the_replay_and_replays_of_their_own_stay(tmp_path: Path) -> None:
-    cut, whole = (ReplayFiles(tmp_path / "cut"), ReplayFiles(tmp_path / "whole"))
-    for files, run_has_report in ((cut, False), (whole, True)):
-        run = files.of_run(1)
-        run.folder.mkdir(parents=True)
-        for path in (files.report, run.estimate, *([run.report] if run_has_report else [])):
-            path.write_text("x")
-        files.remove()
-        assert not files.report.exists()
-    assert not cut.of_run(1).folder.exists()
-    assert whole.of_run(1).report.exists()

@@ -29,7 +29,7 @@ from sfr_loc_map.nodes import messages
 from sfr_loc_map.nodes.processes import ChildProcess
 from sfr_loc_map.nodes.replay.graph_node import ReplayNode
 from sfr_loc_map.nodes.replay.options import ExternalOptions
-from sfr_loc_map.nodes.replay.results import ReplayResults
+from sfr_loc_map.nodes.replay.results import Received
 from sfr_loc_map.pipeline.external_run import AnswerBook, ProcessWatch, processes_named
 from sfr_loc_map.pipeline.replay import ExternalRun
 
@@ -52,19 +52,24 @@ class ExternalNode:
         self._node, self._command = node, command
         self._name = "external"
         self._watch: ProcessWatch | None = None
+        self._book = AnswerBook(options.task.rig, options.timeout_s, options.frames)
 
     @abstractmethod
     def read(self, message: Any) -> Any:  # noqa: ANN401 - of `kind`
         """Return what a message holds; raises an InputError where it is no result."""
 
     @abstractmethod
-    def keep(self, message: Any, content: Any, results: ReplayResults) -> None:  # noqa: ANN401 - of `kind`
+    def keep(self, message: Any, content: Any, results: Received) -> None:  # noqa: ANN401 - of `kind`
         """Keep what it published, and publish it converted."""
 
-    def begin_run(self, results: ReplayResults) -> None:
-        """Put what is received from now on into the results of a run."""
-        self._book = AnswerBook(self.options.task.rig, self.options.timeout_s, self.options.frames)
-        self._results, results.answers = results, self._book
+    def put_into(self, results: Received) -> AnswerBook:
+        """Put what is received into the results of a replay; return the book of its answers."""
+        self._results = results
+        return self._book
+
+    def published(self, stamp_ns: int, sent_s: float) -> None:
+        """Note that a pair was published, its last image at a time of the monotonic clock."""
+        self._book.published(stamp_ns, sent_s)
 
     def wait_until_ready(self, topics: list[str]) -> None:
         """Wait until it listens to images, and subscribe to its answers with the reliability that it offers."""
@@ -100,12 +105,12 @@ class ExternalNode:
         elif command is not None:
             self._watch = ProcessWatch([command.popen.pid])
 
-    def observe(self, results: ReplayResults) -> None:
-        """Put what is known of it into the results, while it still runs, and stop watching it."""
+    def observe(self) -> ExternalRun:
+        """Return what is known of it, while it still runs, and stop watching it."""
         self.look_after()
         if self._watch is not None:
             self._watch.stop()
-        book, options = results.answers or self._book, self.options
+        book, options = self._book, self.options
         score = ExternalScore(
             task=options.task.value,
             topic=options.topic,
@@ -118,7 +123,7 @@ class ExternalNode:
         method = MethodRecord(name=self._name, version=self.version, kind=MethodKind.EXTERNAL)
         log, declared = "" if self._command is None else self._command.text, options.convention.settings
         of_cloud = ConventionRecord(declared=declared) if options.task is Task.MAPPING and declared else None
-        results.external = ExternalRun(method, score, book.findings, log, of_cloud)  # poses are converted later
+        return ExternalRun(method, score, book.findings, log, of_cloud)  # poses are converted later
 
     def wait_for(self, stamp_ns: int) -> None:
         """Wait until a pair is answered, its time is over, or the process is gone."""
@@ -164,16 +169,11 @@ class ExternalLocaliser(ExternalNode):
         self._T_ds_world: Transform | None = None
         self._publisher = node.node.create_publisher(Odometry, options.converted_topic, QoSProfile(depth=DEPTH))
 
-    def begin_run(self, results: ReplayResults) -> None:
-        """Forget the world frame of the run before."""
-        super().begin_run(results)
-        self._T_ds_world = None
-
     def read(self, message: Odometry) -> messages.OdometryRow:
         """Return stamp and pose."""
         return messages.odometry_row(message)
 
-    def keep(self, message: Odometry, row: messages.OdometryRow, results: ReplayResults) -> None:
+    def keep(self, message: Odometry, row: messages.OdometryRow, results: Received) -> None:
         """Keep a pose as it was published, and publish it converted."""
         results.rows.append(row)
         covariance = messages.covariance_of(message)
@@ -219,7 +219,7 @@ class ExternalMapper(ExternalNode):
             raise InputError("it has the stamp of no pair, whose pose would take its points to LM")
         return (self._poses[stamp_ns] @ self._T_sb_child).apply(points)
 
-    def keep(self, message: PointCloud2, points: FloatArray, results: ReplayResults) -> None:
+    def keep(self, message: PointCloud2, points: FloatArray, results: Received) -> None:
         """Keep a cloud in LM, and publish it if it has all fields."""
         stamp_ns = stamp_of(message)
         results.points.append((stamp_ns, points[np.isfinite(points).all(axis=1)]))

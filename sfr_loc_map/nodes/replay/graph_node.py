@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-import json
 import os
 import time
 from collections.abc import Callable
+from typing import Any
 
+from rcl_interfaces.srv import ListParameters
 from rclpy.client import Client
 from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import NodeError
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.nodes.peer import POLL_S, Peer
 from sfr_loc_map.nodes.processes import LivePage, Supervisor
+from sfr_loc_map.nodes.replay.options import RESULT_TOPICS
 
 NAME = "sfr_player"
 ANSWER_TIMEOUT_S = 120.0
-CONNECT_TIMEOUT_S = 3.0  #: A subscriber of another quality of service is never reached.
+SETTLE_S = 0.3  #: Time for the nodes to discover each other once this node has discovered all of them.
 PAGE_TIMEOUT_S = 30.0
 PAGE_TOPICS = ("localisation/odometry", "ground_truth/odometry", "metrics/report")
 """Topics that a page receives whatever it shows."""
@@ -56,24 +59,36 @@ class ReplayNode(Peer):
         self.spin(seconds)
         self.supervisor.check()
 
-    def call(self, client: Client, problem: str) -> str:
+    def call(self, service: str, problem: str) -> str:
         """Call a Trigger service, wait for its answer and return its text."""
+        client = self.node.create_client(Trigger, service)
+        return str(self.request(client, Trigger.Request(), problem).message)
+
+    def request(self, client: Client, request: Any, problem: str) -> Any:  # noqa: ANN401 - any service
+        """Call a service and wait for its answer."""
         self.wait_for(client.service_is_ready, ANSWER_TIMEOUT_S, lambda: problem)
-        future = client.call_async(Trigger.Request())
+        future = client.call_async(request)
         self.wait_for(future.done, ANSWER_TIMEOUT_S, lambda: problem)
-        return str(future.result().message)
+        return future.result()
 
-    def wait_for_connections(self) -> None:
-        """Wait, for a limited time, until each node reaches all subscribers of its topics that this node sees."""
-        clients = [self.node.create_client(Trigger, f"{name}/connections") for name in self.supervisor.processes]
-        deadline = time.monotonic() + CONNECT_TIMEOUT_S
+    def wait_until_known(self) -> None:
+        """Wait until each node knows all subscriptions of this one, and this one knows those of the monitor.
 
-        def reaches_all(client: Client) -> bool:
-            reached = json.loads(self.call(client, f"{client.srv_name} did not answer"))
-            return all(count >= self.node.count_subscribers(topic) for topic, count in reached.items())
+        Endpoints are announced in the order in which they were made. The reader of a service's answer is made last, so
+        that a node that answers knows the others.
+        """
+        for name in self.supervisor.processes:
+            client = self.node.create_client(ListParameters, f"{name}/list_parameters")
+            self.request(client, ListParameters.Request(), f"{name} did not answer")
 
-        while not all(map(reaches_all, clients)) and time.monotonic() < deadline:
-            self.spin_for(POLL_S)
+        def monitor_listens() -> bool:
+            tasks = [task for task in Task if f"{task}_node" in self.supervisor.processes]
+            topics = [topic for task in tasks for topic in (RESULT_TOPICS[task], f"{task}_node/call")]
+            receivers = map(self.node.get_subscriptions_info_by_topic, topics)
+            return all(any(found.node_name == "monitor_node" for found in of_topic) for of_topic in receivers)
+
+        self.wait_for(monitor_listens, ANSWER_TIMEOUT_S, lambda: "monitor_node did not subscribe to the results")
+        self.spin_for(SETTLE_S)
 
     def _refuse_others(self) -> None:
         """Make sure that no other program has nodes that would take part."""

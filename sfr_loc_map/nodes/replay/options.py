@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.nodes.processes import LivePage
 
-RESULT_TOPICS = {"localisation": "localisation/odometry", "mapping": "mapping/points"}
+RESULT_TOPICS = {Task.LOCALISATION: "localisation/odometry", Task.MAPPING: "mapping/points"}
 """Topics of the suite that carry the results of a task."""
 CONVERTED = "external/converted"
 """Topic of converted results, where an external node itself publishes on the suite's."""
@@ -64,12 +64,11 @@ class ReplayOptions:
     mapping: MappingConfig  #: Parameters of the mapper.
     score: ScoreConfig  #: Settings of the monitor's score.
     limits: Path | None  #: Limits file of the monitor's verdicts, None for none.
-    #: Returns the pose of RB in DS after an offset in seconds, with its stamp; None for the identity.
-    start: Callable[[float], StartPose | None]
+    start: StartPose | None  #: Pose of RB in DS at the start, with its stamp; None for the identity.
     rate: float  #: 0: lock step, the result of each pair is awaited; otherwise a multiple of the recorded speed.
     offset_s: float  #: Where it starts, seconds after the first message.
-    paused: bool  #: Whether it waits for the operator before the first pair.
-    loop: bool  #: Whether it starts again at its end, until the operator or a signal ends it.
+    duration_s: float  #: How much of the source is played, seconds.
+    paused: bool  #: Whether it waits for the service ~/resume before the first pair.
     parameter_file: Path | None  #: ROS parameter file for all nodes; the parameters above override it.
     monitor: Mapping[str, Any] = field(default_factory=dict)  #: More parameters of the monitor.
     page: LivePage | None = None  #: Page that shows the run, None for none.

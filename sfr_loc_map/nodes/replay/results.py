@@ -18,24 +18,17 @@ from sfr_loc_map.pipeline.replay import ExternalRun, ReplayResult
 
 
 @dataclass(slots=True)
-class ReplayResults:
-    """What the nodes have published since the last reset."""
+class Received:
+    """What was published to the nodes, and what they have published so far."""
 
     #: Stamp, position (m) and quaternion (x, y, z, w) of each odometry message, numbers as received.
     rows: list[tuple[int, tuple[float, ...], tuple[float, ...]]] = field(default_factory=list)
     covariances: dict[int, FloatArray] = field(default_factory=dict)  #: Covariance `(6, 6)` of the pose by stamp.
-    localisation: dict[int, CallRecord] = field(default_factory=dict)  #: Calls of the localiser by stamp.
-    #: Calls of the mapper by state and stamp.
-    mapping: dict[tuple[str, int], CallRecord] = field(default_factory=dict)
+    #: Calls by state (of the mapper) and stamp.
+    calls: dict[Task, dict[tuple[str, int], CallRecord]] = field(default_factory=lambda: {task: {} for task in Task})
     clouds: list[tuple[int, PointCloud]] = field(default_factory=list)  #: Stamp and points of each published cloud.
-    report: str = ""  #: Last report of the monitor (JSON), empty where there is none.
-    input_error: str = ""  #: What a node reports of input that it cannot use, empty if none does.
-    #: Task and stamp of each pair that was published to the nodes.
+    #: Rig (`loc`, `nav`) and stamp of each pair that was published to the nodes.
     published: set[tuple[str, int]] = field(default_factory=set)
-    whole: bool = False  #: Whether the run was played to its end.
-    interrupted: bool = False  #: Whether a signal ended the replay.
-    #: Other runs of the replay with results, which a jump or a signal ended, in their order.
-    cut_short: tuple[ReplayResults, ...] = ()
     #: What an external node answered, None without one; its poses are in `rows` as it published them.
     answers: AnswerBook | None = None
     #: Stamp and points `(N, 3)` in LM of each cloud of an external node.
@@ -54,29 +47,36 @@ class ReplayResults:
     def records(self) -> list[CallRecord]:
         """All calls: those of the localiser, with the covariances of the odometry, then those of the mapper.
 
-        An external localiser has one for each covariance, told or not.
+        An external localiser has one for each covariance, reported or not.
         """
-        calls = self.localisation
+        calls = {stamp_ns: call for (_, stamp_ns), call in self.calls[Task.LOCALISATION].items()}
         if self.answers is not None and self.answers.task == "loc":
-            untold = {s: CallRecord(s, float("nan"), TrackingState.TRACKING, None, None) for s in self.covariances}
-            calls = untold | calls
-        return [*(replace(r, covariance=self.covariances.get(s)) for s, r in calls.items()), *self.mapping.values()]
+            unreported = {s: CallRecord(s, float("nan"), TrackingState.TRACKING) for s in self.covariances}
+            calls = unreported | calls
+        localised = [replace(call, covariance=self.covariances.get(s)) for s, call in calls.items()]
+        return [*localised, *self.calls[Task.MAPPING].values()]
 
     @property
     def count(self) -> int:
         """How many results there are."""
-        return sum(map(len, (self.rows, self.localisation, self.mapping, self.clouds, self.points)))
+        calls = sum(map(len, self.calls.values()))
+        return calls + len(self.rows) + len(self.clouds) + len(self.points)
+
+    @property
+    def map_count(self) -> int:
+        """How many maps of our mapper are complete: the cloud, and the call that made it."""
+        mapped = self.calls[Task.MAPPING]
+        return sum((MappingState.MAPPED_SET, stamp_ns) in mapped for stamp_ns, _ in self.clouds)
 
     def result(self) -> ReplayResult:
         """Return what came out of the replay, for its score and its files."""
         (cloud, mapped_ns), points = self.last_map(), None
         if self.external is not None and self.external.score.task == Task.MAPPING:
             cloud, points, mapped_ns = self.external_map()
-        runs = tuple(run.result() for run in self.cut_short)
-        return ReplayResult(self.trajectory, cloud, self.records, self.report, mapped_ns, runs, self.external, points)
+        return ReplayResult(self.trajectory, cloud, self.records, mapped_ns, self.external, points)
 
     def external_map(self) -> tuple[PointCloud | None, FloatArray | None, tuple[int, ...]]:
-        """Return the map of an external node: its cloud, or its points where they tell no pixels; stamps of its pairs.
+        """Return the map of an external node: its cloud, or its points where they have no pixels; stamps of its pairs.
 
         Clouds of each played pair are taken together, each with the points of its pair; otherwise the last one is
         taken for the map of all of them.
@@ -96,28 +96,21 @@ class ReplayResults:
         return replace(whole, fused=not each and len(pairs) > 1, pair_stamps_ns=pairs), None, pairs
 
     def last_map(self) -> tuple[PointCloud | None, tuple[int, ...]]:
-        """Return the last published cloud and the stamps of its pairs, in the order of the points' `pair`.
+        """Return the last complete map and the stamps of its pairs, in the order of the points' `pair`."""
+        fusions = self.calls[Task.MAPPING]
+        for stamp_ns, cloud in reversed(self.clouds):
+            if (call := fusions.get((MappingState.FUSED, stamp_ns))) is not None:
+                return replace(cloud, fused=call.is_fused, pair_stamps_ns=call.pair_stamps_ns), call.pair_stamps_ns
+        return None, ()
 
-        Of a mapper that publishes no calls all played pairs are taken to be in it, fused as the topic's contract says.
-        """
-        if not self.clouds:
-            return None, ()
-        stamp_ns, cloud = self.clouds[-1]
-        call = self.mapping.get((MappingState.FUSED, stamp_ns))
-        pairs = () if call is None else call.pair_stamps_ns
-        if call is None or not pairs:
-            pairs = tuple(self.published_stamps("nav"))
-            return replace(cloud, fused=len(pairs) > 1, pair_stamps_ns=pairs), pairs
-        return replace(cloud, fused=call.is_fused, pair_stamps_ns=pairs), pairs
+    def published_stamps(self, rig: str) -> list[int]:
+        """Return the stamps of the pairs of a rig (`loc` or `nav`) that were published."""
+        return sorted(stamp_ns for each, stamp_ns in self.published if each == rig)
 
-    def published_stamps(self, task: str) -> list[int]:
-        """Return the stamps of the pairs of a task (`loc` or `nav`) that were published."""
-        return sorted(stamp_ns for each, stamp_ns in self.published if each == task)
-
-    def has_pair(self, task: str, stamp_ns: int) -> bool:
-        """Tell whether the results of a pair are complete; those of an external node are once nothing is waited for."""
-        if self.answers is not None and task == self.answers.task:
+    def has_pair(self, rig: str, stamp_ns: int) -> bool:
+        """Tell whether the results of a pair are complete; those of an external node are once nothing is awaited."""
+        if self.answers is not None and rig == self.answers.task:
             return self.answers.is_settled(stamp_ns)
-        if task == "loc":
-            return stamp_ns in self.localisation and stamp_ns in self.covariances
-        return (MappingState.MAPPED, stamp_ns) in self.mapping
+        if rig == "loc":
+            return stamp_ns in self.covariances and ("", stamp_ns) in self.calls[Task.LOCALISATION]
+        return (MappingState.MAPPED, stamp_ns) in self.calls[Task.MAPPING]

@@ -1,9 +1,11 @@
-"""The map of an external node: clouds of pairs taken together, one of all, or points without pixels."""
+"""The map of a replay: of ours by the call that made it; of an external node by its clouds or points."""
 
 import numpy as np
 
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.nodes.replay.results import ReplayResults
+from sfr_loc_map.inputs import Task
+from sfr_loc_map.nodes.replay.results import Received
+from sfr_loc_map.pipeline.call_stats import CallRecord
 
 
 def cloud(count: int) -> PointCloud:
@@ -12,12 +14,10 @@ def cloud(count: int) -> PointCloud:
     return PointCloud.from_structured(records)
 
 
-def results(*stamps_ns: int) -> ReplayResults:
+def results(*stamps_ns: int) -> Received:
     points = [(stamp_ns, cloud(stamp_ns).xyz.astype(np.float64)) for stamp_ns in stamps_ns]
     published = {("nav", stamp_ns) for stamp_ns in (10, 20, 30)}
-    return ReplayResults(
-        published=published, points=points, clouds=[(stamp_ns, cloud(stamp_ns)) for stamp_ns in stamps_ns]
-    )
+    return Received(published=published, points=points, clouds=[(stamp_ns, cloud(stamp_ns)) for stamp_ns in stamps_ns])
 
 
 def test_clouds_of_each_pair_are_taken_together_and_one_is_the_map_of_all() -> None:
@@ -35,4 +35,15 @@ def test_points_without_pixels_stay_points() -> None:
     found.clouds.pop()
     whole, points, stamps = found.external_map()
     assert (whole, points.shape, stamps) == (None, (60, 3), (10, 20, 30))
-    assert ReplayResults().external_map() == (None, None, ())
+    assert Received().external_map() == (None, None, ())
+
+
+def test_a_cloud_is_of_the_pairs_that_its_call_names() -> None:
+    """Whatever the order of clouds and calls; a cloud whose call is missing is not complete."""
+    found = Received(clouds=[(20, cloud(5)), (30, cloud(7)), (40, cloud(9))])
+    assert found.last_map() == (None, ())
+    for state, stamp_ns, pairs in (("fused", 30, (10, 30)), ("fused", 20, (20,)), ("mapped_set", 20, (20,))):
+        found.calls[Task.MAPPING][state, stamp_ns] = CallRecord(stamp_ns, 0.1, state, pair_stamps_ns=pairs)
+    last, stamps = found.last_map()
+    assert (len(last), last.fused, last.pair_stamps_ns, stamps) == (7, True, (10, 30), (10, 30))
+    assert found.map_count == 1

@@ -1,0 +1,96 @@
+"""Publishes the messages of a source, in lock step or at a rate; an operator may pause it.
+
+The services are named as those of the rosbag2 player: `~/pause` and `~/resume` (std_srvs/Trigger).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from rclpy.qos import QoSProfile
+from std_srvs.srv import Trigger
+
+from sfr_loc_map.localisation.estimate import StartPose
+from sfr_loc_map.nodes.messages import header_msg, message_type, pose_msg
+from sfr_loc_map.nodes.peer import POLL_S
+from sfr_loc_map.nodes.replay.graph_node import ANSWER_TIMEOUT_S, ReplayNode
+from sfr_loc_map.pipeline.message_stream import Message, Pacer
+
+START_TIMEOUT_S = 300.0  #: The first start after an installation compiles the kernels.
+SOURCE_DEPTH = 20
+
+
+class Player:
+    """Publishes messages until their end or until it is stopped."""
+
+    def __init__(self, node: ReplayNode, topics: Mapping[str, str], rate: float, *, paused: bool) -> None:
+        """Advertise the topics, given with their types, and the services."""
+        self.stopped, self._paused = False, paused
+        self._node, self._pacer, depth = node, Pacer(rate), QoSProfile(depth=SOURCE_DEPTH)
+        self._publishers = {
+            name: node.node.create_publisher(message_type(kind), name, depth) for name, kind in topics.items()
+        }
+        self._initial_pose = node.node.create_publisher(PoseWithCovarianceStamped, "initialpose", depth)
+        self._poses_set: list[PoseWithCovarianceStamped] = []  # acknowledgements of Fast DDS come after up to 3 s
+        node.node.create_subscription(
+            PoseWithCovarianceStamped, "localisation/initialpose_set", self._poses_set.append, depth
+        )
+        for name, is_pause in (("pause", True), ("resume", False)):
+            node.node.create_service(Trigger, f"~/{name}", self._server(is_pause))
+
+    def stop(self) -> None:
+        """Publish nothing more."""
+        self.stopped = True
+
+    def wait_until_ready(self) -> None:
+        """Wait until all nodes listen to this one and know its subscriptions."""
+        node = self._node.node
+        names = list(self._node.supervisor.processes)
+        resets = [node.create_client(Trigger, f"{name}/reset") for name in names]
+        publishers = [*self._publishers.values()]
+        if "localisation_node" in names:  # an external node may listen to it in any way
+            publishers.append(self._initial_pose)
+
+        def ready() -> bool:
+            if not all(client.service_is_ready() for client in resets):
+                return False
+            return all(p.get_subscription_count() == node.count_subscribers(p.topic_name) for p in publishers)
+
+        self._node.wait_for(ready, START_TIMEOUT_S, lambda: f"the nodes {', '.join(names)} did not start")
+        self._node.wait_until_known()
+
+    def set_pose(self, start: StartPose) -> None:
+        """Publish the pose at which localisation starts, in its own world frame, and wait until it is received."""
+        message = PoseWithCovarianceStamped(header=header_msg(start.stamp_ns or 0, ""))
+        message.pose.pose = pose_msg(start.T_ds_rb, start.T_ds_rb.file_quat_xyzw)
+        self._initial_pose.publish(message)
+        if "localisation_node" not in self._node.supervisor.processes:
+            return  # an external node may listen to it or not
+        problem = "localisation_node did not receive initialpose"
+        self._node.wait_for(lambda: bool(self._poses_set), ANSWER_TIMEOUT_S, lambda: problem)
+
+    def play(self, messages: Iterator[Message], published: Callable[[Message], None]) -> None:
+        """Publish messages when they are due; `published` is called after each and may wait for results."""
+        for message in messages:
+            while not self.stopped and (wait_s := self._wait_s(message)):
+                self._node.spin_for(min(wait_s, POLL_S))
+            if self.stopped:
+                return
+            self._node.executor.spin_once(timeout_sec=0.0)
+            self._publishers[message.topic].publish(message.raw)
+            published(message)
+
+    def _wait_s(self, message: Message) -> float:
+        if self._paused:
+            self._pacer.restart()
+            return POLL_S
+        return self._pacer.wait_s(message)
+
+    def _server(self, is_pause: bool) -> Callable[..., Trigger.Response]:
+        def serve(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            self._paused = is_pause
+            response.success, response.message = True, "paused" if is_pause else "playing"
+            return response
+
+        return serve
