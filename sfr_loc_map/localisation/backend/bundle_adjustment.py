@@ -14,14 +14,15 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
 from sfr_loc_map.geometry.small_linalg import fill_inverse_3, retract
 from sfr_loc_map.jit import jit_fast, jit_fast_ir_inline
-from sfr_loc_map.localisation.frontend.pose_solver import (
+from sfr_loc_map.localisation.frontend.projection import (
     Intrinsics,
-    Projection,
+    StereoProjection,
     intrinsics,
     linearise_in_host,
     linearise_landmark,
     new_projection,
 )
+from sfr_loc_map.localisation.frontend.robust_weights import geman_mcclure_weight
 from sfr_loc_map.localisation.parallel import both
 
 
@@ -107,7 +108,7 @@ class _Workspace(NamedTuple):
     it is: scalars in place of `residual` and `weighted` would be summed in another order.
     """
 
-    projection: Projection
+    projection: StereoProjection
     residual: FloatArray
     weighted: FloatArray
     keyframes: IntArray
@@ -125,7 +126,7 @@ def _residual(problem: BundleProblem, n: int, k: int, side: int, work: _Workspac
     det = uu * vv - uv * uv
     i00, i01, i11 = vv / det, -uv / det, uu / det
     chi2 = i00 * residual[0] ** 2 + 2.0 * i01 * residual[0] * residual[1] + i11 * residual[1] ** 2
-    return _Residual(i, residual, i00, i01, i11, 1.0 / (1.0 + chi2 / KERNEL_CHI2) ** 2)
+    return _Residual(i, residual, i00, i01, i11, geman_mcclure_weight(chi2, KERNEL_CHI2))
 
 
 @jit_fast_ir_inline
@@ -150,7 +151,7 @@ def _add_offset(r: _Residual, j_mark: FloatArray, coupling: FloatArray, last: in
 
 
 @jit_fast_ir_inline
-def _add_motion(r: _Residual, projection: Projection, k: int, system: _System, coupling: FloatArray) -> None:
+def _add_motion(r: _Residual, projection: StereoProjection, k: int, system: _System, coupling: FloatArray) -> None:
     """Add a position to the terms of the motion of keyframe k."""
     i, h, g, residual = r.row, system.information, system.rhs, r.px
     j, j_mark, first, last = projection.by_target, projection.by_landmark, 6 * k, len(g) - 1

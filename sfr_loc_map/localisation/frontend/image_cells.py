@@ -1,9 +1,11 @@
-"""What each cell of the left image shows, whatever pose is found: as before, or something that has moved.
+"""Change detection: which cells of the left image have moved since an earlier image, independently of the pose.
 
-A cell is compared with itself in an earlier image. What is left of the difference without a change of brightness and
-contrast is the noise of each pixel, or has structure: neighbours differ alike. Structure tells that something moved, by
-a third of a pixel or more. Texture without such structure is where it was. Two things are told so of a pose: cells that
-stay though it moves them are fixed to the camera, and cells that change though it does not move them contradict it.
+A cell is compared with the same cell of an earlier image. Brightness and contrast are fitted first. The residual is
+either noise, which is independent from pixel to pixel, or correlated between neighbours. Correlated residuals show that
+the content of the cell has moved by a third of a pixel or more. A textured cell without them has not moved.
+
+A pose is checked by both. Cells that do not move although the pose predicts image motion are fixed to the camera. Cells
+that change although the pose predicts none contradict the pose.
 """
 
 from __future__ import annotations
@@ -18,118 +20,199 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, Mask
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.geometry.small_linalg import reorder_to_rank
-from sfr_loc_map.jit import jit_fast, jit_fast_inline
+from sfr_loc_map.jit import jit_fast, jit_fast_inline, jit_fast_ir_inline
 from sfr_loc_map.localisation.frontend.landmarks import BORDER, MIN_INVERSE_DEPTH
 from sfr_loc_map.localisation.frontend.pose_solver import LandmarkEstimates
+from sfr_loc_map.localisation.frontend.projection import (
+    MIN_SCALED_DEPTH,
+    component,
+    difference,
+    rotated_ray,
+    scaled_point,
+)
 
-LEVEL: Final = 1  #: Pyramid level that is compared: noise is half of that of the image, the ground's texture is not.
-SIDE: Final = 8  #: Pixels of that level along a cell.
-CELL: Final = SIDE << LEVEL  #: Pixels of the image along a cell.
-NOISE_CORRELATION: Final = 0.35  #: Correlation of neighbouring pixels, of that level, beyond which it is no noise.
+LEVEL: Final = (
+    1  #: Pyramid level that is compared. Noise is half of that of the image, the texture of the ground is not.
+)
+SIDE: Final = 8  #: Side of a cell, pixels of that level.
+CELL: Final = SIDE << LEVEL  #: Side of a cell, pixels of the image.
+NOISE_CORRELATION: Final = 0.35  #: Correlation of neighbouring pixels of the residual above which it is not noise.
 MIN_CHANGE: Final = 0.03
-"""Smallest part of the variance of the steps between neighbours, along which it is least, that counts as moved: that of
-a third of a pixel."""
-MAX_NOISE: Final = 0.33  #: Largest part of it that a difference may have where texture is said to stay.
-MIN_STEP: Final = 1.0  #: Smallest variance of such steps, grey levels squared, that is texture.
-CONTRAST: Final = 4.0  #: Variance, grey levels squared, below which a cell tells nothing of a change of contrast.
+"""Threshold of change: covariance of neighbouring residuals over the smaller gradient variance. Content that moves by a
+third of a pixel exceeds it."""
+MAX_NOISE: Final = 0.33  #: Maximum variance of the residual of a cell that stays, over its smaller gradient variance.
+MIN_GRADIENT: Final = 1.0  #: Minimum gradient variance of a textured cell, grey levels squared per pixel squared.
+CONTRAST: Final = 4.0  #: Variance of a cell, grey levels squared, at which the gain is halfway between 1 and its fit.
 FIXED_LIFE, MOVING_LIFE = 10, 8
 """Pairs for which a cell is left out after it was last seen to be fixed, or to move."""
-NEAR: Final = 4  #: Cells to each side within which landmarks tell how the image moves.
-STILL_PX, MOVED_PX = 0.25, 2.0
-"""Image motion up to which a pose leaves a cell where it was, and from which on it moves it."""
-MOST_PX: Final = 10.0  #: Longer motions of landmarks count as so long.
+NEAR: Final = 4  #: Cells to each side whose landmarks predict the image motion of a cell.
+STATIONARY_PX, MOVED_PX = 0.25, 2.0
+"""Image motion, pixels, below which a pose leaves a cell where it was, and above which the pose moves the cell."""
+MAX_MOTION_PX: Final = 10.0  #: Image motion, pixels, at which that of a landmark is clipped.
 
 
 class Change(NamedTuple):
-    """What a left image shows against an earlier one, by cell `(R, C)`."""
+    """Left image against an earlier one, by cell `(R, C)`."""
 
-    changed: Mask  #: Something has moved.
-    stays: Mask  #: Texture is where it was.
+    changed: Mask  #: The content has moved.
+    stays: Mask  #: The cell is textured and its content has not moved.
+
+
+@jit_fast_ir_inline
+def _fill_residual(before: FloatImage, now: FloatImage, residual: FloatImage) -> np.float32:
+    """Fill what a change of brightness and contrast leaves of the difference of two cells; return its variance."""
+    count = np.float32(SIDE * SIDE)
+    sum_before = sum_now = sum_squares = sum_products = np.float32(0.0)
+    for j in range(SIDE):
+        for i in range(SIDE):
+            sum_before += before[j, i]
+            sum_now += now[j, i]
+            sum_squares += before[j, i] * before[j, i]
+            sum_products += before[j, i] * now[j, i]
+    mean_before = sum_before / count
+    mean_now = sum_now / count
+    variance_before = sum_squares / count - mean_before * mean_before
+    covariance = sum_products / count - mean_before * mean_now
+    gain = (covariance + np.float32(CONTRAST)) / (variance_before + np.float32(CONTRAST))
+    sum_residuals = np.float32(0.0)
+    for j in range(SIDE):
+        for i in range(SIDE):
+            residual[j, i] = now[j, i] - mean_now - gain * (before[j, i] - mean_before)
+            sum_residuals += residual[j, i] * residual[j, i]
+    return sum_residuals / count
+
+
+@jit_fast_ir_inline
+def _neighbour_covariance(residual: FloatImage) -> np.float32:
+    """Return the covariance of neighbouring pixels of a residual, the larger one of along rows and along columns."""
+    along_u = along_v = np.float32(0.0)
+    for j in range(SIDE - 1):
+        for i in range(SIDE - 1):
+            along_u += residual[j, i] * residual[j, i + 1]
+            along_v += residual[j, i] * residual[j + 1, i]
+    covariance: np.float32 = max(along_u, along_v) / np.float32((SIDE - 1) ** 2)
+    return covariance
+
+
+@jit_fast_ir_inline
+def _gradient_variance(cell: FloatImage) -> np.float32:
+    """Return the smaller eigenvalue of the covariance of the gradients of a cell (compare Shi and Tomasi 1994).
+
+    The mean gradient is subtracted because a constant slope that moves is a change of brightness. The smaller
+    eigenvalue counts because an edge may move along itself.
+    """
+    count = np.float32((SIDE - 1) ** 2)
+    sum_uu = sum_uv = sum_vv = sum_u = sum_v = np.float32(0.0)
+    for j in range(SIDE - 1):
+        for i in range(SIDE - 1):
+            du = cell[j, i + 1] - cell[j, i]
+            dv = cell[j + 1, i] - cell[j, i]
+            sum_u += du
+            sum_v += dv
+            sum_uu += du * du
+            sum_uv += du * dv
+            sum_vv += dv * dv
+    mean_u = sum_u / count
+    mean_v = sum_v / count
+    uu = sum_uu / count - mean_u**2
+    uv = sum_uv / count - mean_u * mean_v
+    vv = sum_vv / count - mean_v**2
+    smaller: np.float32 = 0.5 * (uu + vv) - np.sqrt(0.25 * (uu - vv) ** 2 + uv * uv)
+    return smaller
 
 
 @jit_fast
 def change_of(before: FloatImage, now: FloatImage) -> Change:
     """Compare the cells of two images of the level."""
-    rows, columns = now.shape[0] // SIDE, now.shape[1] // SIDE
-    changed, stays = np.zeros((rows, columns), np.bool_), np.zeros((rows, columns), np.bool_)
-    rest, count, pairs = np.empty((SIDE, SIDE), np.float32), np.float32(SIDE * SIDE), np.float32((SIDE - 1) ** 2)
+    rows = now.shape[0] // SIDE
+    columns = now.shape[1] // SIDE
+    changed = np.zeros((rows, columns), np.bool_)
+    stays = np.zeros((rows, columns), np.bool_)
+    residual = np.empty((SIDE, SIDE), np.float32)
     for row in range(rows):
         for column in range(columns):
-            old = before[SIDE * row : SIDE * row + SIDE, SIDE * column : SIDE * column + SIDE]
-            new = now[SIDE * row : SIDE * row + SIDE, SIDE * column : SIDE * column + SIDE]
-            of_old = of_new = square = product = np.float32(0.0)
-            for j in range(SIDE):
-                for i in range(SIDE):
-                    of_old += old[j, i]
-                    of_new += new[j, i]
-                    square += old[j, i] * old[j, i]
-                    product += old[j, i] * new[j, i]
-            of_old, of_new = of_old / count, of_new / count
-            spread = square / count - of_old * of_old
-            gain = (product / count - of_old * of_new + np.float32(CONTRAST)) / (spread + np.float32(CONTRAST))
-            variance = np.float32(0.0)
-            for j in range(SIDE):
-                for i in range(SIDE):
-                    rest[j, i] = new[j, i] - of_new - gain * (old[j, i] - of_old)
-                    variance += rest[j, i] * rest[j, i]
-            alike_u = alike_v = along_uu = along_uv = along_vv = mean_u = mean_v = np.float32(0.0)
-            for j in range(SIDE - 1):
-                for i in range(SIDE - 1):
-                    alike_u += rest[j, i] * rest[j, i + 1]
-                    alike_v += rest[j, i] * rest[j + 1, i]
-                    u, v = new[j, i + 1] - new[j, i], new[j + 1, i] - new[j, i]
-                    mean_u, mean_v = mean_u + u, mean_v + v
-                    along_uu, along_uv, along_vv = along_uu + u * u, along_uv + u * v, along_vv + v * v
-            # an even slope that moves is a change of brightness, an edge may move along itself
-            mean_u, mean_v = mean_u / pairs, mean_v / pairs
-            uu, uv, vv = along_uu / pairs - mean_u**2, along_uv / pairs - mean_u * mean_v, along_vv / pairs - mean_v**2
-            step = 0.5 * (uu + vv) - np.sqrt(0.25 * (uu - vv) ** 2 + uv * uv)
-            variance, structure = variance / count, max(alike_u, alike_v) / pairs
-            changed[row, column] = structure > NOISE_CORRELATION * variance and structure > MIN_CHANGE * step
-            stays[row, column] = not changed[row, column] and step > MIN_STEP + variance / MAX_NOISE
+            cell_before = before[SIDE * row : SIDE * row + SIDE, SIDE * column : SIDE * column + SIDE]
+            cell_now = now[SIDE * row : SIDE * row + SIDE, SIDE * column : SIDE * column + SIDE]
+            noise = _fill_residual(cell_before, cell_now, residual)
+            structure = _neighbour_covariance(residual)
+            texture = _gradient_variance(cell_now)
+            changed[row, column] = structure > NOISE_CORRELATION * noise and structure > MIN_CHANGE * texture
+            stays[row, column] = not changed[row, column] and texture > MIN_GRADIENT + noise / MAX_NOISE
     return Change(changed, stays)
 
 
 class Judged(NamedTuple):
-    """What a motion explains of a pair, by its M landmarks and the cells `(R, C)`."""
+    """How far a motion explains a pair, by M landmarks and the cells `(R, C)`."""
 
-    far: float  #: 90th percentile of how far it moves them in the image, pixels; 0 without any.
-    cell: NDArray[np.intp]  #: `(M,)` numbers of the cells where it sees them, R * C outside.
-    stays: Mask  #: `(M,)` landmarks that were made on cells that stay.
-    fixed: Mask  #: `(M,)` those of them that it would move and does not explain: they are fixed to the camera.
-    rest: Mask  #: `(M,)` landmarks in view that do not agree, without what is fixed and what that covers.
-    share: float  #: Share of them among those in view.
-    cells: Mask  #: `(R, C)` the cells that stay though it moves them.
-    wrong: float  #: Share of the cells that changed though it leaves them where they were.
+    far: float  #: 90th percentile of the image motion of the landmarks, pixels; 0 without landmarks.
+    cell: NDArray[np.intp]  #: `(M,)` numbers of the cells in which the pose sees the landmarks; R * C outside.
+    stays: Mask  #: `(M,)` landmarks whose host pixels are in cells that stay.
+    fixed: Mask  #: `(M,)` outliers among these that the pose moves: they are fixed to the camera.
+    rest: Mask  #: `(M,)` outliers in view that neither are fixed to the camera nor lie in a cell that is.
+    share: float  #: Fraction of `rest` among the landmarks in view.
+    cells: Mask  #: `(R, C)` cells that stay although the pose moves them.
+    wrong: float  #: Fraction of the cells that changed although the pose does not move them.
 
 
 @jit_fast_inline
 def _cell_of(u: float, v: float, rows: int, columns: int) -> int:
-    if not (0.0 <= u < CELL * columns and 0.0 <= v < CELL * rows):  # also NaN
+    """Return the number of the cell of a pixel; rows * columns outside, and for NaN."""
+    if not (0.0 <= u < CELL * columns and 0.0 <= v < CELL * rows):
         return rows * columns
     return int(v) // CELL * columns + int(u) // CELL
 
 
 @jit_fast_inline
 def _is_set(cells: Mask, cell: int) -> bool:
+    """Tell whether a cell of a number is set; False outside."""
     return cell < cells.size and bool(cells[cell // cells.shape[1], cell % cells.shape[1]])
 
 
+class _Neighbourhood(NamedTuple):
+    """Values around a cell."""
+
+    total: float
+    smallest: float
+
+
 @jit_fast_inline
-def _around(values: FloatArray, r: int, c: int, reach: int) -> tuple[float, float]:
-    """Return the sum and the least of the values around one; with numba's own each start would load scipy.linalg."""
-    total, least = 0.0, np.inf
-    for i in range(max(r - reach, 0), min(r + reach + 1, values.shape[0])):
-        for j in range(max(c - reach, 0), min(c + reach + 1, values.shape[1])):
+def _around(values: FloatArray, row: int, column: int, reach: int) -> _Neighbourhood:
+    """Return the sum and the minimum of the values up to some cells away; numba's own would load scipy.linalg."""
+    total = 0.0
+    smallest = np.inf
+    for i in range(max(row - reach, 0), min(row + reach + 1, values.shape[0])):
+        for j in range(max(column - reach, 0), min(column + reach + 1, values.shape[1])):
             total += values[i, j]
-            least = min(least, values[i, j])
-    return total, least
+            smallest = min(smallest, values[i, j])
+    return _Neighbourhood(total, smallest)
+
+
+class _Pixel(NamedTuple):
+    """Projection of a landmark into the left image, pixels; NaN behind the camera."""
+
+    u: float
+    v: float
+
+
+@jit_fast_ir_inline
+def _project(pose: Pose, landmarks: LandmarkEstimates, n: int, camera: StereoCamera) -> _Pixel:
+    """Project a landmark. At infinity the smallest inverse depth is taken."""
+    inverse_depth = max(landmarks.inverse_depth[n], MIN_INVERSE_DEPTH)
+    host_ray = rotated_ray(landmarks.hosts.rotations[n], landmarks.rays[n, 0], landmarks.rays[n, 1])
+    host_offset = difference(landmarks.hosts.positions[n], pose.position)
+    point = scaled_point(host_ray, host_offset, inverse_depth)
+    depth = component(pose.rotation, 2, point)
+    if depth <= MIN_SCALED_DEPTH:
+        depth = np.nan
+    u = camera.fx * component(pose.rotation, 0, point) / depth + camera.cx
+    v = camera.fy * component(pose.rotation, 1, point) / depth + camera.cy
+    return _Pixel(u, v)
 
 
 @jit_fast
 def judge(
     pose: Pose,
-    still: Pose,
+    reference: Pose,
     landmarks: LandmarkEstimates,
     host_uv: FloatArray,
     inliers: Mask,
@@ -138,70 +221,83 @@ def judge(
     shape: tuple[int, int],
     far_px: float,
 ) -> Judged:
-    """Judge a motion from one pose to another by the landmarks and cells of an image `(height, width)`.
+    """Judge a pose by the landmarks and the cells of an image `(height, width)`.
 
-    Landmarks at infinity are taken as far away. One moved by more than `far_px` and not found contradicts nothing.
+    Args:
+        pose: Pose of the left camera at the image.
+        reference: Pose of the left camera at the earlier image of the change.
+        landmarks: The M landmarks.
+        host_uv: `(M, 2)` host pixels of their patches.
+        inliers: `(M,)` landmarks that agree with the pose.
+        change: Cells of the image against the earlier one.
+        camera: The camera.
+        shape: Height and width of the image.
+        far_px: Image motion above which a landmark that was not found is no evidence against the pose, pixels.
     """
-    hosts, rays, inverse_depth, _ = landmarks
-    count, (rows, columns), (height, width) = len(inverse_depth), change.changed.shape, shape
-    length, cell, stays = np.full(count, np.nan), np.zeros(count, np.intp), np.zeros(count, np.bool_)
-    fixed, rest, in_view = stays.copy(), stays.copy(), 0
-    sums, counts, seen = np.zeros((rows, columns)), np.zeros((rows, columns)), np.empty((2, 2))
-    least = np.full((rows, columns), MOST_PX)
+    count = len(landmarks.inverse_depth)
+    rows, columns = change.changed.shape
+    height, width = shape
+    motion_px = np.full(count, np.nan)
+    cell = np.zeros(count, np.intp)
+    stays = np.zeros(count, np.bool_)
+    is_outlier = np.zeros(count, np.bool_)
+    in_view = 0
+    motion_sum = np.zeros((rows, columns))
+    landmark_count = np.zeros((rows, columns))
+    smallest_motion = np.full((rows, columns), MAX_MOTION_PX)
     for n in range(count):
-        rho = max(inverse_depth[n], MIN_INVERSE_DEPTH)
-        for k in range(2):
-            target = pose if k == 0 else still
-            x = y = z = 0.0
-            for i in range(3):
-                along = rho * (hosts.positions[n, i] - target.position[i])
-                for j in range(3):
-                    along += hosts.rotations[n, i, j] * rays[n, j]
-                x += along * target.rotation[i, 0]
-                y += along * target.rotation[i, 1]
-                z += along * target.rotation[i, 2]
-            z = z if z > 1e-6 else np.nan
-            seen[k, 0], seen[k, 1] = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
-        u, v = seen[0, 0], seen[0, 1]
-        length[n], cell[n] = np.hypot(u - seen[1, 0], v - seen[1, 1]), _cell_of(u, v, rows, columns)
-        host = _cell_of(host_uv[n, 0], host_uv[n, 1], rows, columns)
-        stays[n] = _is_set(change.stays, host)
-        tells = inliers[n] or length[n] < far_px
-        if tells and BORDER < u < width - 1 - BORDER and BORDER < v < height - 1 - BORDER:
-            rest[n] = not inliers[n]
-            in_view += 1
-            if cell[n] < rows * columns:
-                r, c = cell[n] // columns, cell[n] % columns
-                sums[r, c] += min(length[n], MOST_PX)
-                counts[r, c] += 1.0
-                least[r, c] = min(length[n], least[r, c])
-    cells, wrong = np.zeros((rows, columns), np.bool_), 0
-    for r in range(rows):
-        for c in range(columns):
-            if change.stays[r, c] or change.changed[r, c]:
-                near = _around(counts, r, c, NEAR)[0]
-                # beside the point from which all moves away the motion differs from cell to cell
-                moves = _around(counts, r, c, 1)[0] > 0.0 and _around(least, r, c, 1)[1] > MOVED_PX
-                cells[r, c] = change.stays[r, c] and moves
-                wrong += change.changed[r, c] and _around(sums, r, c, NEAR)[0] < STILL_PX * near
-    left, known, lengths = 0, 0, np.empty(count)
+        now = _project(pose, landmarks, n, camera)
+        before = _project(reference, landmarks, n, camera)
+        motion_px[n] = np.hypot(now.u - before.u, now.v - before.v)
+        cell[n] = _cell_of(now.u, now.v, rows, columns)
+        stays[n] = _is_set(change.stays, _cell_of(host_uv[n, 0], host_uv[n, 1], rows, columns))
+        is_evidence = inliers[n] or motion_px[n] < far_px
+        is_inside = BORDER < now.u < width - 1 - BORDER and BORDER < now.v < height - 1 - BORDER
+        if not (is_evidence and is_inside):
+            continue
+        is_outlier[n] = not inliers[n]
+        in_view += 1
+        if cell[n] < rows * columns:
+            row = cell[n] // columns
+            column = cell[n] % columns
+            motion_sum[row, column] += min(motion_px[n], MAX_MOTION_PX)
+            landmark_count[row, column] += 1.0
+            smallest_motion[row, column] = min(motion_px[n], smallest_motion[row, column])
+    fixed_cells = np.zeros((rows, columns), np.bool_)
+    contradicting = 0
+    for row in range(rows):
+        for column in range(columns):
+            if change.stays[row, column]:
+                # Beside the focus of expansion the motion differs from cell to cell: all landmarks around must move.
+                has_landmarks = _around(landmark_count, row, column, 1).total > 0.0
+                fixed_cells[row, column] = (
+                    has_landmarks and _around(smallest_motion, row, column, 1).smallest > MOVED_PX
+                )
+            if change.changed[row, column]:
+                near = _around(landmark_count, row, column, NEAR).total
+                contradicting += _around(motion_sum, row, column, NEAR).total < STATIONARY_PX * near
+    fixed = np.zeros(count, np.bool_)
+    rest = np.zeros(count, np.bool_)
+    rest_count = 0
+    known_px = np.empty(count)
+    known = 0
     for n in range(count):
-        host = _cell_of(host_uv[n, 0], host_uv[n, 1], rows, columns)
-        fixed[n] = _is_set(cells, host) and not inliers[n]
-        rest[n] = rest[n] and not (fixed[n] or _is_set(cells, cell[n]))
-        left += rest[n]
-        if not np.isnan(length[n]):
-            lengths[known] = length[n]
+        host_cell = _cell_of(host_uv[n, 0], host_uv[n, 1], rows, columns)
+        fixed[n] = _is_set(fixed_cells, host_cell) and not inliers[n]
+        rest[n] = is_outlier[n] and not (fixed[n] or _is_set(fixed_cells, cell[n]))
+        rest_count += rest[n]
+        if not np.isnan(motion_px[n]):
+            known_px[known] = motion_px[n]
             known += 1
     return Judged(
-        reorder_to_rank(lengths[:known], 9 * known // 10) if known else 0.0,
+        reorder_to_rank(known_px[:known], 9 * known // 10) if known else 0.0,
         cell,
         stays,
         fixed,
         rest,
-        left / max(in_view, 1),
-        cells,
-        wrong / max(rows * columns, 1),
+        rest_count / max(in_view, 1),
+        fixed_cells,
+        contradicting / max(rows * columns, 1),
     )
 
 

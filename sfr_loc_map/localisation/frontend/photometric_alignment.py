@@ -1,8 +1,8 @@
-"""Coarse pose of a new pair: all patches aligned together with one level of the image pyramid.
+"""Coarse pose of a new pair: all patches are aligned together with one level of the image pyramid.
 
-The pose itself is estimated from the differences of the patches (Forster et al. 2014), so weak patches are carried by
-the others and a prediction wrong by many pixels is corrected on the coarsest level. The patches keep the shape that the
-start gives them; their positions follow the pose.
+The pose is estimated directly from the grey levels (sparse image alignment: Forster et al. 2014, section IV-A), so that
+patches of little texture are supported by the others, and a prediction that is wrong by many pixels is corrected on the
+coarsest level. The shape of the patches follows from the initial pose and stays; their positions follow the estimate.
 """
 
 from __future__ import annotations
@@ -30,127 +30,164 @@ from sfr_loc_map.localisation.frontend.patch import (
     warped_normal,
 )
 from sfr_loc_map.localisation.frontend.patch_tracking import MIN_DETERMINANT
+from sfr_loc_map.localisation.frontend.projection import (
+    MIN_SCALED_DEPTH,
+    Vector,
+    component,
+    cross,
+    difference,
+    gradient,
+    rotated_ray,
+    scaled_point,
+)
 
-MAX_DETERMINANT = 20.0  #: Largest area to which a warp may stretch a pixel, pixels.
+MAX_DETERMINANT = 20.0  #: Maximum determinant of a warp: the area, px^2, that a pixel of the host covers.
 MIN_PATCHES = 8  #: Minimum number of patches in view.
-RESIDUAL_FLOOR = 4.0  #: Variance of a grey level that is added to what the warp leaves unexplained.
+RESIDUAL_FLOOR = (
+    4.0  #: Variance of a grey level that is added to the residual variance of a patch, grey levels squared.
+)
+PRIOR_INFORMATION = 1e-6  #: Added to the diagonal of the normal matrix, which is then positive definite.
+CONVERGED_PX = 0.02  #: Motion of the image, pixels of the level, below which no further iteration follows.
 
 
 class PoseAlignment(NamedTuple):
-    """Best pose met, and the mean correlation of the patches there; -1 where too few are in view."""
+    """Result of an alignment."""
 
-    pose: Pose
-    correlation: float
+    pose: Pose  #: The pose of the highest correlation among the iterations.
+    correlation: float  #: Mean correlation of the patches at that pose; -1 if too few are in view.
 
 
 class _Patches(NamedTuple):
-    """Templates of N patches with their warps at the centres, and pixels of one of them."""
+    """Templates of N patches with their warps at the centres, and a workspace for the pixels of one patch."""
 
     templates: Templates
     shapes: FloatArray  #: `(N, 4)` derivatives of the warps, xu, xv, yu, yv; 0 behind the camera.
-    #: `(N, 4)` inverse transposes of these, which take derivatives of the grey level to the target.
+    #: `(N, 4)` inverse transposes of the shapes, which take derivatives of the grey level to the target.
     gradients: FloatArray
-    normal: FloatArray  #: `(N, 3)` normal matrix xx, xy, yy in the target; 0 where a patch cannot be aligned.
+    normal: FloatArray  #: `(N, 3)` normal matrix xx, xy, yy in the target; 0 if a patch cannot be aligned.
     pixels: PatchPixels
 
 
 class _Match(NamedTuple):
-    """Right-hand side x, y, weight and correlation of a patch at its projected position; weight 0 if not seen."""
+    """Comparison of a patch with the image at its projected position."""
 
-    x: float
+    x: float  #: Right-hand side of the normal equations of a shift along x and y, grey levels squared per pixel.
     y: float
-    weight: float
-    correlation: float
+    weight: float  #: Inverse variance of a grey level; 0 if the patch is not in view.
+    correlation: float  #: Normalised cross-correlation.
 
 
 class _Point(NamedTuple):
-    """A landmark in the target: point in world axes and depth, both times the inverse depth; image coordinates."""
+    """Projection of a patch centre: lengths are multiplied by the inverse depth."""
 
-    wx: float
-    wy: float
-    wz: float
-    z: float
-    x: float
+    world: Vector  #: Vector from the camera, along the axes of the world.
+    depth: float  #: Depth in the camera; 0 behind the camera.
+    x: float  #: Normalised image coordinates X / Z and Y / Z; 0 behind the camera.
     y: float
 
 
 @jit_fast_inline
 def _warped(templates: Templates, homographies: FloatArray, uv: FloatArray) -> _Patches:
     """Return the patches with the warps that homographies `(N, 3, 3)` have at their centres `(N, 2)`."""
-    moments, count = templates.moments, len(uv)
-    shapes, gradients, normal = np.zeros((count, 4)), np.zeros((count, 4)), np.zeros((count, 3))
+    moments = templates.moments
+    count = len(uv)
+    shapes = np.zeros((count, 4))
+    gradients = np.zeros((count, 4))
+    normal = np.zeros((count, 3))
     for n in range(count):
         by = local_warp(homographies[n], uv[n, 0], uv[n, 1])
-        shapes[n, 0], shapes[n, 1], shapes[n, 2], shapes[n, 3] = by.xu, by.xv, by.yu, by.yv
-        det = by.xu * by.yv - by.xv * by.yu
-        power, x, y = moments[n, 0], moments[n, 1], moments[n, 2]
-        if power == 0.0 or abs(det) < MIN_DETERMINANT or abs(det) > MAX_DETERMINANT:
+        shapes[n, 0] = by.xu
+        shapes[n, 1] = by.xv
+        shapes[n, 2] = by.yu
+        shapes[n, 3] = by.yv
+        determinant = by.xu * by.yv - by.xv * by.yu
+        power = moments[n, 0]
+        contrast_x = moments[n, 1]
+        contrast_y = moments[n, 2]
+        if power == 0.0 or abs(determinant) < MIN_DETERMINANT or abs(determinant) > MAX_DETERMINANT:
             continue
-        # derivatives with what a change of contrast explains: the gain is not estimated with the pose
-        xx, xy, yy = moments[n, 3] + x * x * power, moments[n, 4] + x * y * power, moments[n, 5] + y * y * power
-        found = warped_normal(by, det, xx, xy, yy)
-        gradients[n, 0], gradients[n, 1], gradients[n, 2], gradients[n, 3] = found.b00, found.b01, found.b10, found.b11
-        normal[n, 0], normal[n, 1], normal[n, 2] = found.xx, found.xy, found.yy
+        # The gain is not estimated with the pose: the derivatives keep the part that a change of contrast explains.
+        xx = moments[n, 3] + contrast_x * contrast_x * power
+        xy = moments[n, 4] + contrast_x * contrast_y * power
+        yy = moments[n, 5] + contrast_y * contrast_y * power
+        in_target = warped_normal(by, determinant, xx, xy, yy)
+        gradients[n, 0] = in_target.b00
+        gradients[n, 1] = in_target.b01
+        gradients[n, 2] = in_target.b10
+        gradients[n, 3] = in_target.b11
+        normal[n, 0] = in_target.xx
+        normal[n, 1] = in_target.xy
+        normal[n, 2] = in_target.yy
     return _Patches(templates, shapes, gradients, normal, patch_pixels(templates.values.shape[2]))
 
 
 @jit_fast_ir_inline
 def _project(planes: LocalPlanes, n: int, pose: Pose, camera: StereoCamera) -> _Point:
-    """Project the centre of a patch; the scaled depth is 0 behind the camera."""
-    rotation, position, rho = pose.rotation, pose.position, planes.inverse_depth
-    rx, ry = (planes.uv[n, 0] - camera.cx) / camera.fx, (planes.uv[n, 1] - camera.cy) / camera.fy
-    r_wh, p_h = planes.hosts.rotations[n], planes.hosts.positions[n]
-    wx = r_wh[0, 0] * rx + r_wh[0, 1] * ry + r_wh[0, 2] + rho[n] * (p_h[0] - position[0])
-    wy = r_wh[1, 0] * rx + r_wh[1, 1] * ry + r_wh[1, 2] + rho[n] * (p_h[1] - position[1])
-    wz = r_wh[2, 0] * rx + r_wh[2, 1] * ry + r_wh[2, 2] + rho[n] * (p_h[2] - position[2])
-    z = rotation[0, 2] * wx + rotation[1, 2] * wy + rotation[2, 2] * wz
-    if z < 1e-6:
-        return _Point(wx, wy, wz, 0.0, 0.0, 0.0)
-    x = (rotation[0, 0] * wx + rotation[1, 0] * wy + rotation[2, 0] * wz) / z
-    y = (rotation[0, 1] * wx + rotation[1, 1] * wy + rotation[2, 1] * wz) / z
-    return _Point(wx, wy, wz, z, x, y)
+    """Project the centre of a patch into the left image."""
+    ray_x = (planes.uv[n, 0] - camera.cx) / camera.fx
+    ray_y = (planes.uv[n, 1] - camera.cy) / camera.fy
+    host_ray = rotated_ray(planes.hosts.rotations[n], ray_x, ray_y)
+    host_offset = difference(planes.hosts.positions[n], pose.position)
+    world = scaled_point(host_ray, host_offset, planes.inverse_depth[n])
+    depth = component(pose.rotation, 2, world)
+    if depth < MIN_SCALED_DEPTH:
+        return _Point(world, 0.0, 0.0, 0.0)
+    x = component(pose.rotation, 0, world) / depth
+    y = component(pose.rotation, 1, world) / depth
+    return _Point(world, depth, x, y)
 
 
 @jit_fast_ir_inline
 def _compare(image: FloatImage, u: float, v: float, patches: _Patches, n: int) -> _Match:
     """Compare a patch with an image around a pixel."""
-    templates, shape, b, at = patches.templates, patches.shapes[n], patches.gradients[n], patches.pixels
+    templates = patches.templates
+    shape = patches.shapes[n]
+    b = patches.gradients[n]
+    pixels = patches.pixels
     height, width = image.shape
-    nothing = _Match(0.0, 0.0, 0.0, 0.0)
-    a00, a01, a10, a11 = shape[0], shape[1], shape[2], shape[3]
-    half = half_width(at.x.size)
-    reach_x, reach_y = half * (abs(a00) + abs(a01)), half * (abs(a10) + abs(a11))
+    not_in_view = _Match(0.0, 0.0, 0.0, 0.0)
+    xu, xv, yu, yv = shape[0], shape[1], shape[2], shape[3]
+    half = half_width(pixels.x.size)
+    reach_x = half * (abs(xu) + abs(xv))
+    reach_y = half * (abs(yu) + abs(yv))
     if u < reach_x or v < reach_y or u + reach_x >= width - 1.01 or v + reach_y >= height - 1.01:
-        return nothing
-    warp_pixels(at, LocalWarp(u, v, a00, a01, a10, a11, 0.0, 0.0))
-    found = products_with_samples(image, at.x, at.y, np.float32(u), np.float32(v), templates.values[n])
-    if found.power < MIN_POWER:
-        return nothing
-    power, along_x, along_y = templates.moments[n, 0], templates.moments[n, 1], templates.moments[n, 2]
-    correlation = found.grey / np.sqrt(power * found.power)
-    gain = np.sqrt(power / found.power)
-    # products of the derivatives with the difference of both patches
-    difference = gain * found.grey - power
-    x, y = gain * found.x + along_x * difference, gain * found.y + along_y * difference
-    # patches that differ much say little: the weight falls with what the warp leaves unexplained
-    weight = 1.0 / (RESIDUAL_FLOOR + 2.0 * power * (1.0 - correlation) / at.x.size)
-    return _Match(b[0] * x + b[1] * y, b[2] * x + b[3] * y, weight, correlation)
+        return not_in_view
+    warp_pixels(pixels, LocalWarp(u, v, xu, xv, yu, yv, 0.0, 0.0))
+    products = products_with_samples(image, pixels.x, pixels.y, np.float32(u), np.float32(v), templates.values[n])
+    if products.power < MIN_POWER:
+        return not_in_view
+    power = templates.moments[n, 0]
+    contrast_x = templates.moments[n, 1]
+    contrast_y = templates.moments[n, 2]
+    correlation = products.grey / np.sqrt(power * products.power)
+    gain = np.sqrt(power / products.power)
+    # products of the host's derivatives with the difference of both patches
+    difference_grey = gain * products.grey - power
+    along_x = gain * products.x + contrast_x * difference_grey
+    along_y = gain * products.y + contrast_y * difference_grey
+    # The residual variance that the warp leaves lowers the weight of a patch.
+    weight = 1.0 / (RESIDUAL_FLOOR + 2.0 * power * (1.0 - correlation) / pixels.x.size)
+    return _Match(b[0] * along_x + b[1] * along_y, b[2] * along_x + b[3] * along_y, weight, correlation)
 
 
 @jit_fast_ir_inline
 def _fill_jacobian(
-    point: _Point, inverse_depth: float, rotation: FloatArray, camera: StereoCamera, scale: float, d: FloatArray
+    point: _Point, inverse_depth: float, rotation: FloatArray, camera: StereoCamera, scale: float, jacobian: FloatArray
 ) -> None:
-    """Fill d `(2, 6)` with the derivatives of the pixel by position and rotation of the pose about the world's axes."""
-    wx, wy, wz = point.wx, point.wy, point.wz
+    """Fill the Jacobian `(2, 6)` of a pixel of the level by position and rotation of the camera (`projection.py`)."""
     for i in range(2):
-        f = (camera.fx if i == 0 else camera.fy) / (point.z * scale)
+        focal_per_depth = (camera.fx if i == 0 else camera.fy) / (point.depth * scale)
         s = point.x if i == 0 else point.y
-        a = f * (rotation[0, i] - s * rotation[0, 2])
-        b = f * (rotation[1, i] - s * rotation[1, 2])
-        c = f * (rotation[2, i] - s * rotation[2, 2])
-        d[i, 0], d[i, 1], d[i, 2] = -inverse_depth * a, -inverse_depth * b, -inverse_depth * c
-        d[i, 3], d[i, 4], d[i, 5] = b * wz - c * wy, c * wx - a * wz, a * wy - b * wx
+        gx = gradient(focal_per_depth, s, rotation[0, i], rotation[0, 2])
+        gy = gradient(focal_per_depth, s, rotation[1, i], rotation[1, 2])
+        gz = gradient(focal_per_depth, s, rotation[2, i], rotation[2, 2])
+        by_rotation = cross(Vector(gx, gy, gz), point.world)
+        jacobian[i, 0] = -inverse_depth * gx
+        jacobian[i, 1] = -inverse_depth * gy
+        jacobian[i, 2] = -inverse_depth * gz
+        jacobian[i, 3] = by_rotation.x
+        jacobian[i, 4] = by_rotation.y
+        jacobian[i, 5] = by_rotation.z
 
 
 @jit_fast_ir_inline
@@ -160,39 +197,42 @@ def _linearise(
     planes: LocalPlanes,
     pose: Pose,
     camera: StereoCamera,
-    h: FloatArray,
-    g: FloatArray,
-    d: FloatArray,
+    information: FloatArray,
+    rhs: FloatArray,
+    jacobian: FloatArray,
 ) -> tuple[int, float]:
-    """Add to the normal equations `(6, 6)`, `(6,)` at a pose; `d` `(2, 6)` has room for a Jacobian.
+    """Add all patches to the normal equations `(6, 6)`, `(6,)` at a pose; `jacobian` `(2, 6)` is a workspace.
 
-    Returns the number of patches in view and their summed correlation.
+    Returns the number of patches in view and the sum of their correlations.
     """
-    fx, fy, cx, cy, scale = camera.fx, camera.fy, camera.cx, camera.cy, level.scale
-    rho, normal = planes.inverse_depth, patches.normal
-    seen, total = 0, 0.0
-    for n in range(len(rho)):
+    scale = level.scale
+    inverse_depth = planes.inverse_depth
+    normal = patches.normal
+    in_view = 0
+    total_correlation = 0.0
+    for n in range(len(inverse_depth)):
         xx, xy, yy = normal[n, 0], normal[n, 1], normal[n, 2]
         if xx + yy <= 0.0:
             continue
         point = _project(planes, n, pose, camera)
-        if point.z < 1e-6:
+        if point.depth < MIN_SCALED_DEPTH:
             continue
-        u = (fx * point.x + cx + 0.5) / scale - 0.5
-        v = (fy * point.y + cy + 0.5) / scale - 0.5
+        u = (camera.fx * point.x + camera.cx + 0.5) / scale - 0.5
+        v = (camera.fy * point.y + camera.cy + 0.5) / scale - 0.5
         match = _compare(level.image, u, v, patches, n)
-        if match.weight == 0.0:
+        weight = match.weight
+        if weight == 0.0:
             continue
-        seen += 1
-        total += match.correlation
-        _fill_jacobian(point, rho[n], pose.rotation, camera, scale, d)
-        weight, bx, by = match.weight, match.x, match.y
+        in_view += 1
+        total_correlation += match.correlation
+        _fill_jacobian(point, inverse_depth[n], pose.rotation, camera, scale, jacobian)
         for i in range(6):
-            p, q = weight * (xx * d[0, i] + xy * d[1, i]), weight * (xy * d[0, i] + yy * d[1, i])
-            g[i] -= weight * (d[0, i] * bx + d[1, i] * by)
+            weighted_u = weight * (xx * jacobian[0, i] + xy * jacobian[1, i])
+            weighted_v = weight * (xy * jacobian[0, i] + yy * jacobian[1, i])
+            rhs[i] -= weight * (jacobian[0, i] * match.x + jacobian[1, i] * match.y)
             for j in range(i, 6):
-                h[i, j] += p * d[0, j] + q * d[1, j]
-    return seen, total
+                information[i, j] += weighted_u * jacobian[0, j] + weighted_v * jacobian[1, j]
+    return in_view, total_correlation
 
 
 @jit_fast
@@ -205,38 +245,47 @@ def align_patches(
     camera: StereoCamera,
     iterations: int,
 ) -> PoseAlignment:
-    """Align N patches of the hosts at one level of the left image, by at most so many Gauss-Newton iterations.
+    """Align N patches with one level of the left image by Gauss-Newton.
 
-    The homographies `(N, 3, 3)` from host pixels to those that the start gives are the shapes of the patches. Their
-    planes and the camera are in pixels of full size.
+    Args:
+        level: Level of the left image.
+        templates: Templates of the patches, of the same level of their host images.
+        homographies: `(N, 3, 3)` from host pixels to pixels at the initial pose: they give the shapes of the patches.
+        planes: Planes around the host pixels, pixels of full size.
+        start: Initial pose of the left camera.
+        camera: Camera, pixels of full size.
+        iterations: Maximum number of iterations.
     """
-    depth = 0.0  # 1/m; numba's mean() makes each start load its compiler's array functions, and scipy.linalg
+    mean_inverse_depth = 0.0  # numba's mean() makes each start load its compiler's array functions, and scipy.linalg
     for i in range(len(planes.inverse_depth)):
-        depth += planes.inverse_depth[i] / len(planes.inverse_depth)
-    patches, jacobian = _warped(templates, homographies, planes.uv), np.empty((2, 6))
-    rotation, position = start.rotation.copy(), start.position.copy()
+        mean_inverse_depth += planes.inverse_depth[i] / len(planes.inverse_depth)
+    patches = _warped(templates, homographies, planes.uv)
+    jacobian = np.empty((2, 6))
+    rotation = start.rotation.copy()
+    position = start.position.copy()
     best = PoseAlignment(Pose(rotation, position), -1.0)
     for _ in range(iterations + 1):
-        h, g = np.zeros((6, 6)), np.zeros(6)
+        information = np.zeros((6, 6))
+        rhs = np.zeros(6)
         for i in range(6):
-            h[i, i] = 1e-6
+            information[i, i] = PRIOR_INFORMATION
         pose = Pose(rotation, position)
-        seen, total = _linearise(level, patches, planes, pose, camera, h, g, jacobian)
-        if seen < MIN_PATCHES:
+        in_view, total_correlation = _linearise(level, patches, planes, pose, camera, information, rhs, jacobian)
+        if in_view < MIN_PATCHES:
             break
-        if total / seen > best.correlation:
-            best = PoseAlignment(pose, total / seen)
+        correlation = total_correlation / in_view
+        if correlation > best.correlation:
+            best = PoseAlignment(pose, correlation)
         for i in range(6):
             for j in range(i):
-                h[i, j] = h[j, i]
-        update = solve(h, g)
+                information[i, j] = information[j, i]
+        update = solve(information, rhs)
         position = position.copy()
-        largest = 0.0
+        largest_angle = 0.0  # radians, by which a landmark of mean inverse depth moves in the image
         for i in range(3):
             position[i] += update[i]
-            largest = max(largest, abs(update[i]) * depth, abs(update[3 + i]))
+            largest_angle = max(largest_angle, abs(update[i]) * mean_inverse_depth, abs(update[3 + i]))
         rotation = retract(rotation, update[3], update[4], update[5])
-        # a hundredth of a pixel of this level is enough
-        if largest * camera.fx < 0.02 * level.scale:
+        if largest_angle * camera.fx < CONVERGED_PX * level.scale:
             break
     return best

@@ -1,6 +1,9 @@
-"""Pose of one stereo pair from landmarks whose uncertainty is known; a rotation of its right camera.
+"""Pose of one stereo pair from landmarks with covariances; yaw of its right camera.
 
-A landmark is a host pixel with an inverse depth.
+A landmark is a host pixel with an inverse depth (`projection.py`). The residual of landmark n has four rows, u, v in
+the left image and u, v in the right image. Its covariance is `S_n = R_n + J_n P_n J_n^T`, with the tracking noise R_n,
+the covariance P_n of the landmark and the Jacobian J_n by the landmark. To weight by the inverse of S_n is the same as
+to estimate the landmark too and to marginalise it out.
 """
 
 from __future__ import annotations
@@ -13,103 +16,26 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
 from sfr_loc_map.geometry.small_linalg import fill_inverse_4, reorder_to_median, retract, solve
 from sfr_loc_map.jit import jit_fast, jit_fast_ir_inline
+from sfr_loc_map.localisation.frontend.projection import (
+    Intrinsics,
+    StereoProjection,
+    intrinsics,
+    linearise_landmark,
+    new_projection,
+)
+from sfr_loc_map.localisation.frontend.robust_weights import geman_mcclure, geman_mcclure_weight
 
-
-class Projection(NamedTuple):
-    """A projected landmark with its Jacobians; rows are u, v in the left image, u, v in the right image.
-
-    A rotation is about the fixed axes of the world: `R <- exp([w]x) R`.
-    """
-
-    uv: FloatArray  #: `(4,)` pixels.
-    by_target: FloatArray  #: `(4, 6)` derivative by position and rotation of the target camera.
-    by_landmark: FloatArray  #: `(4, 3)` by host pixel u, v and inverse depth.
-
-
-class Intrinsics(NamedTuple):
-    """Camera of both images, in arrays by axis (u, v).
-
-    What is read from an array is a value of its own for the compiler, which sums in any order: with the scalars of
-    `StereoCamera` in their place the results would differ by rounding.
-    """
-
-    focal: FloatArray  #: `(2,)` focal lengths, pixels.
-    centre: FloatArray  #: `(2,)` principal point, pixels.
-    baseline_m: float  #: Distance between the optical centres, metres.
-
-
-@jit_fast_ir_inline
-def intrinsics(camera: StereoCamera) -> Intrinsics:
-    """Return the intrinsics of a camera."""
-    return Intrinsics(np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy]), camera.baseline_m)
-
-
-@jit_fast_ir_inline
-def new_projection() -> Projection:
-    """Return a projection to be filled."""
-    return Projection(np.zeros(4), np.zeros((4, 6)), np.zeros((4, 3)))
-
-
-@jit_fast_ir_inline
-def linearise_in_host(landmark: FloatArray, camera: Intrinsics, out: Projection) -> None:
-    """Project a landmark, `(3,)` u, v, px, and inverse depth, 1/m, into its own pair; `by_target` stays as it is."""
-    uv, j_mark, per_depth = out.uv, out.by_landmark, camera.focal[0] * camera.baseline_m
-    for i in range(4):
-        uv[i] = landmark[i % 2]
-        for b in range(3):
-            j_mark[i, b] = 1.0 if b == i % 2 else 0.0
-    uv[2] -= per_depth * landmark[2]
-    j_mark[2, 2] = -per_depth
-
-
-@jit_fast_ir_inline
-def linearise_landmark(
-    target: Pose, hosts: Poses, k: int, ray: FloatArray, inverse_depth: float, camera: Intrinsics, out: Projection
-) -> float:
-    """Project a landmark into both images, with Jacobians.
-
-    The target is the left camera of the pair, `hosts[k]` that of the keyframe with the landmark, whose host ray
-    `K^-1 (u, v, 1)` is `(3,)` and whose inverse depth is in 1/m. The projection is filled.
-
-    Returns:
-        Depth in the target camera times the inverse depth; 0, with `out` untouched, behind the camera.
-    """
-    r_cw, r_wh, p_h = target.rotation, hosts.rotations[k], hosts.positions[k]
-    tx = r_wh[0, 0] * ray[0] + r_wh[0, 1] * ray[1] + r_wh[0, 2]
-    ty = r_wh[1, 0] * ray[0] + r_wh[1, 1] * ray[1] + r_wh[1, 2]
-    tz = r_wh[2, 0] * ray[0] + r_wh[2, 1] * ray[1] + r_wh[2, 2]
-    p_c = target.position
-    bx, by, bz = p_h[0] - p_c[0], p_h[1] - p_c[1], p_h[2] - p_c[2]
-    wx, wy, wz = tx + inverse_depth * bx, ty + inverse_depth * by, tz + inverse_depth * bz
-    z: float = r_cw[0, 2] * wx + r_cw[1, 2] * wy + r_cw[2, 2] * wz
-    if z < 1e-6:
-        return 0.0
-    x = (r_cw[0, 0] * wx + r_cw[1, 0] * wy + r_cw[2, 0] * wz) / z
-    y = (r_cw[0, 1] * wx + r_cw[1, 1] * wy + r_cw[2, 1] * wz) / z
-    focal, centre, baseline = camera.focal, camera.centre, camera.baseline_m
-    uv, j_pose, j_mark = out.uv, out.by_target, out.by_landmark
-    for i in range(4):
-        axis = i % 2
-        f = focal[axis] / z
-        s = (x if i == 0 else x - baseline * inverse_depth / z) if axis == 0 else y
-        uv[i] = focal[axis] * s + centre[axis]
-        # derivative by the point in world axes
-        a = f * (r_cw[0, axis] - s * r_cw[0, 2])
-        b = f * (r_cw[1, axis] - s * r_cw[1, 2])
-        c = f * (r_cw[2, axis] - s * r_cw[2, 2])
-        j_pose[i, 0], j_pose[i, 1], j_pose[i, 2] = -inverse_depth * a, -inverse_depth * b, -inverse_depth * c
-        # rotating the camera by theta rotates the point by -theta: d y = R_wc [w]x theta
-        j_pose[i, 3], j_pose[i, 4], j_pose[i, 5] = b * wz - c * wy, c * wx - a * wz, a * wy - b * wx
-        j_mark[i, 0] = (a * r_wh[0, 0] + b * r_wh[1, 0] + c * r_wh[2, 0]) / focal[0]
-        j_mark[i, 1] = (a * r_wh[0, 1] + b * r_wh[1, 1] + c * r_wh[2, 1]) / focal[1]
-        j_mark[i, 2] = a * bx + b * by + c * bz
-        if i == 2:
-            j_mark[i, 2] -= f * baseline
-    return z
+MIN_LANDMARKS = 6  #: Minimum number of observed landmarks.
+UNOBSERVED_VARIANCE = 1e8  #: Variance of a position that was not observed, px^2.
+SCALE_PER_MEDIAN = 1.5
+"""Scale of the Geman-McClure weight over the median of the squared residuals per degree of freedom. The scale is at
+least 1, which is their expectation. Weaker weights: docs/decisions/0002-localiser.md."""
+FIRST_SCALE_FACTOR = 4.0  #: Factor on that scale in the first iteration, when the pose is that of the prediction.
+CONVERGED_STEP = 1e-5  #: Step of the pose, metres and radians, below which no further iteration follows.
 
 
 class RightOffset(NamedTuple):
-    """Extrinsic rotation error of the right camera, as the pixels by which it moves right image positions."""
+    """Extrinsic rotation error of the right camera, as the displacement of right image positions."""
 
     u: float = 0.0  #: Offset along the row at the image centre (yaw), pixels, positive to the right.
     v: float = 0.0  #: Offset along the column at the image centre (pitch), pixels, positive downwards.
@@ -117,13 +43,10 @@ class RightOffset(NamedTuple):
 
     def at(self, uv: FloatArray, camera: StereoCamera) -> FloatArray:
         """Return the offsets `(N, 2)` at pixels `(N, 2)` of the right image: the flow field of a small rotation."""
-        x, y = (uv[:, 0] - camera.cx) / camera.fx, (uv[:, 1] - camera.cy) / camera.fy
+        x, y = camera.normalised(uv).T
         along_u = self.u * (1.0 + x * x) + self.v * x * y - self.roll * y
-        return np.column_stack((along_u, self.v * (1.0 + y * y) + self.u * x * y + self.roll * x))
-
-
-MIN_LANDMARKS = 6  #: Minimum number of observed landmarks.
-UNOBSERVED_VARIANCE = 1e8  #: Variance of a position that was not observed, px^2.
+        along_v = self.v * (1.0 + y * y) + self.u * x * y + self.roll * x
+        return np.column_stack((along_u, along_v))
 
 
 class LandmarkEstimates(NamedTuple):
@@ -167,9 +90,9 @@ def new_linearisation(count: int) -> Linearisation:
 
 @jit_fast_ir_inline
 def _fill_covariance(
-    landmark: FloatArray, jacobian: FloatArray, variance: FloatArray, left: bool, right: bool, s: FloatArray
+    landmark: FloatArray, jacobian: FloatArray, variance: FloatArray, in_left: bool, in_right: bool, s: FloatArray
 ) -> None:
-    """Fill s `(4, 4)` with `R + J P J^T`: noise of the observation and uncertainty of the landmark."""
+    """Fill s `(4, 4)` with `R + J P J^T`: the noise of the observation and the uncertainty of the landmark."""
     for i in range(4):
         p, q, r = jacobian[i, 0], jacobian[i, 1], jacobian[i, 2]
         x = p * landmark[0, 0] + q * landmark[1, 0] + r * landmark[2, 0]
@@ -178,15 +101,16 @@ def _fill_covariance(
         for j in range(4):
             s[i, j] = x * jacobian[j, 0] + y * jacobian[j, 1] + z * jacobian[j, 2]
     for side in range(2):
-        i = 2 * side
-        if left if side == 0 else right:
-            s[i, i] += variance[side, 0]
-            s[i, i + 1] += variance[side, 1]
-            s[i + 1, i] += variance[side, 1]
-            s[i + 1, i + 1] += variance[side, 2]
+        u = 2 * side
+        v = u + 1
+        if in_left if side == 0 else in_right:
+            s[u, u] += variance[side, 0]
+            s[u, v] += variance[side, 1]
+            s[v, u] += variance[side, 1]
+            s[v, v] += variance[side, 2]
         else:
-            s[i, i] += UNOBSERVED_VARIANCE
-            s[i + 1, i + 1] += UNOBSERVED_VARIANCE
+            s[u, u] += UNOBSERVED_VARIANCE
+            s[v, v] += UNOBSERVED_VARIANCE
 
 
 @jit_fast_ir_inline
@@ -197,148 +121,241 @@ def _linearise(
     camera: Intrinsics,
     is_first: bool,
     out: Linearisation,
-    work: Projection,
-    s: FloatArray,
+    projection: StereoProjection,
+    covariance: FloatArray,
 ) -> None:
-    """Fill the linearisation at a pose; the whitening, for which `s` `(4, 4)` has room, is of the first iteration."""
-    hosts, rays, rho = landmarks.hosts, landmarks.rays, landmarks.inverse_depth
-    landmark_covariance, observed, variance = landmarks.covariance, observations.uv, observations.variance
-    whitening, jacobians, residuals, chi2 = out.whitening, out.jacobians, out.residuals, out.chi2_per_dof
-    by_landmark, uv = work.by_landmark, work.uv
-    for n in range(len(rho)):
-        chi2[n] = np.nan
-        left, right = not np.isnan(observed[n, 0]), not np.isnan(observed[n, 2])
-        if not (left or right):
+    """Fill the linearisation at a pose; the projection and `covariance` `(4, 4)` are workspaces.
+
+    The whitening is that of the first iteration: it changes little with the pose.
+    """
+    hosts = landmarks.hosts
+    rays = landmarks.rays
+    inverse_depth = landmarks.inverse_depth
+    landmark_covariance = landmarks.covariance
+    observed = observations.uv
+    variance = observations.variance
+    whitening = out.whitening
+    jacobians = out.jacobians
+    residuals = out.residuals
+    chi2_per_dof = out.chi2_per_dof
+    by_landmark = projection.by_landmark
+    uv = projection.uv
+    for n in range(len(inverse_depth)):
+        chi2_per_dof[n] = np.nan
+        in_left = not np.isnan(observed[n, 0])
+        in_right = not np.isnan(observed[n, 2])
+        if not (in_left or in_right):
             continue
-        projection = Projection(uv, jacobians[n], by_landmark)
-        if linearise_landmark(pose, hosts, n, rays[n], rho[n], camera, projection) <= 0.0:
+        into = StereoProjection(uv, jacobians[n], by_landmark)
+        if linearise_landmark(pose, hosts, n, rays[n], inverse_depth[n], camera, into) <= 0.0:
             continue
         for i in range(4):
-            residuals[n, i] = observed[n, i] - uv[i] if (left if i < 2 else right) else 0.0
+            residuals[n, i] = observed[n, i] - uv[i] if (in_left if i < 2 else in_right) else 0.0
         if is_first:
-            _fill_covariance(landmark_covariance[n], by_landmark, variance[n], left, right, s)
-            fill_inverse_4(s, whitening[n])
-        total = 0.0
+            _fill_covariance(landmark_covariance[n], by_landmark, variance[n], in_left, in_right, covariance)
+            fill_inverse_4(covariance, whitening[n])
+        chi2 = 0.0
         for i in range(4):
             for j in range(4):
-                total += residuals[n, i] * whitening[n, i, j] * residuals[n, j]
-        chi2[n] = total / ((2.0 if left else 0.0) + (2.0 if right else 0.0))
+                chi2 += residuals[n, i] * whitening[n, i, j] * residuals[n, j]
+        chi2_per_dof[n] = chi2 / ((2.0 if in_left else 0.0) + (2.0 if in_right else 0.0))
 
 
 @jit_fast_ir_inline
 def _add_normal_equations(
-    linearised: Linearisation, scale: float, weighted: FloatArray, h: FloatArray, g: FloatArray
+    linearised: Linearisation, scale: float, weighted: FloatArray, information: FloatArray, rhs: FloatArray
 ) -> None:
-    """Add to the information `(6, 6)` and the right-hand side `(6,)`, with Geman-McClure weights of a scale."""
-    chi2, jacobians = linearised.chi2_per_dof, linearised.jacobians
-    whitening, residuals = linearised.whitening, linearised.residuals
-    for n in range(len(chi2)):
-        if np.isnan(chi2[n]):
+    """Add all landmarks to the information `(6, 6)` and the right-hand side `(6,)`.
+
+    A landmark has the Geman-McClure weight of the scale. `weighted` `(4, 6)` is a workspace for `w S^-1 J`.
+    """
+    chi2_per_dof = linearised.chi2_per_dof
+    jacobians = linearised.jacobians
+    whitening = linearised.whitening
+    residuals = linearised.residuals
+    for n in range(len(chi2_per_dof)):
+        if np.isnan(chi2_per_dof[n]):
             continue
-        weight = 1.0 / (1.0 + chi2[n] / scale) ** 2
-        j_n = jacobians[n]
+        weight = geman_mcclure_weight(chi2_per_dof[n], scale)
+        jacobian = jacobians[n]
         for i in range(4):
             p, q, r, s = whitening[n, i, 0], whitening[n, i, 1], whitening[n, i, 2], whitening[n, i, 3]
             for a in range(6):
-                weighted[i, a] = weight * (p * j_n[0, a] + q * j_n[1, a] + r * j_n[2, a] + s * j_n[3, a])
+                product = p * jacobian[0, a] + q * jacobian[1, a] + r * jacobian[2, a] + s * jacobian[3, a]
+                weighted[i, a] = weight * product
         for i in range(4):
             residual = residuals[n, i]
             for a in range(6):
-                g[a] += weighted[i, a] * residual
-        for a in range(6):  # all of it: with the upper half alone it is no vector code
-            p, q, r, s = j_n[0, a], j_n[1, a], j_n[2, a], j_n[3, a]
+                rhs[a] += weighted[i, a] * residual
+        for a in range(6):  # Both halves: with the upper half alone the loop is not vectorised.
+            p, q, r, s = jacobian[0, a], jacobian[1, a], jacobian[2, a], jacobian[3, a]
             for b in range(6):
-                h[a, b] += p * weighted[0, b] + q * weighted[1, b] + r * weighted[2, b] + s * weighted[3, b]
+                information[a, b] += p * weighted[0, b] + q * weighted[1, b] + r * weighted[2, b] + s * weighted[3, b]
 
 
 @jit_fast
 def solve_pose(
     start: Pose, landmarks: LandmarkEstimates, observations: StereoObservations, camera: StereoCamera, iterations: int
 ) -> PoseSolution:
-    """Estimate the pose of a pair by robust weighted least squares on both images.
+    """Estimate the pose of a pair by robust weighted least squares on both images (Gauss-Newton).
 
-    Each landmark's residual (u, v left, u, v right) is weighted by the inverse of `R + J P J^T`: the tracking noise and
-    the landmark's own uncertainty, which is the same as estimating the landmark too (marginalisation). Robust by
-    Geman-McClure weights whose scale comes down to the residuals' own (graduated). The start is of the left camera;
-    observations are those of the N landmarks; there are at most so many Gauss-Newton iterations.
+    The weights are those of Geman and McClure. Their scale falls to that of the residuals (graduated non-convexity:
+    Yang et al. 2020), so that a prediction beside the solution does not reject the inliers.
+
+    Args:
+        start: Initial pose of the left camera.
+        landmarks: The N landmarks.
+        observations: Their observations in the pair.
+        camera: The camera.
+        iterations: Maximum number of iterations.
     """
-    in_arrays, linearised = intrinsics(camera), new_linearisation(len(landmarks.inverse_depth))
-    rotation, position = start.rotation.copy(), start.position.copy()
-    h, g = np.zeros((6, 6)), np.zeros(6)
-    work, s, weighted, used = new_projection(), np.zeros((4, 4)), np.zeros((4, 6)), np.zeros(len(observations.uv))
+    camera_arrays = intrinsics(camera)
+    linearised = new_linearisation(len(landmarks.inverse_depth))
+    rotation = start.rotation.copy()
+    position = start.position.copy()
+    information = np.zeros((6, 6))
+    rhs = np.zeros(6)
+    projection = new_projection()
+    covariance = np.zeros((4, 4))
+    weighted = np.zeros((4, 6))
+    used_chi2 = np.zeros(len(observations.uv))
     for iteration in range(iterations):
-        pose, is_first = Pose(rotation, position), iteration == 0
-        _linearise(pose, landmarks, observations, in_arrays, is_first, linearised, work, s)
+        pose = Pose(rotation, position)
+        is_first = iteration == 0
+        _linearise(pose, landmarks, observations, camera_arrays, is_first, linearised, projection, covariance)
         count = 0
         for chi2 in linearised.chi2_per_dof:
             if not np.isnan(chi2):
-                used[count] = chi2
+                used_chi2[count] = chi2
                 count += 1
         if count < MIN_LANDMARKS:
             break
-        scale = max(1.0, reorder_to_median(used[:count]) * 1.5) * (4.0 if iteration == 0 else 1.0)
-        h, g = np.zeros((6, 6)), np.zeros(6)
-        _add_normal_equations(linearised, scale, weighted, h, g)
-        update = solve(h, g)
+        scale = max(1.0, reorder_to_median(used_chi2[:count]) * SCALE_PER_MEDIAN)
+        scale *= FIRST_SCALE_FACTOR if is_first else 1.0
+        information = np.zeros((6, 6))
+        rhs = np.zeros(6)
+        _add_normal_equations(linearised, scale, weighted, information, rhs)
+        update = solve(information, rhs)
         largest = 0.0
         for i in range(6):
             largest = max(largest, abs(update[i]))
         for i in range(3):
             position[i] += update[i]
         rotation = retract(rotation, update[3], update[4], update[5])
-        if largest < 1e-5:
+        if largest < CONVERGED_STEP:
             break
-    return PoseSolution(Pose(rotation, position), h, linearised)
+    return PoseSolution(Pose(rotation, position), information, linearised)
 
 
-ROBUST_CHI2 = 4.0
-"""Squared residual per degree of freedom at which the weight of a landmark has fallen to a quarter (Geman-McClure)."""
-AGREES = 0.5  #: Weight from which on a landmark agrees with the pose.
-ENOUGH = 300  #: About as many landmarks are used: the error that a whole image has is larger than that of their mean.
+SHIFT_SCALE = 4.0  #: Squared residual per degree of freedom at which a landmark's weight is a quarter (Geman-McClure).
+MIN_INLIER_WEIGHT = 0.5  #: Minimum weight of a landmark that agrees with the pose.
+MIN_SHIFT_LANDMARKS = 9  #: Minimum number of landmarks of the shift and the shear.
+ENOUGH_LANDMARKS = 300
+"""Approximate number of landmarks that are used. The error that all landmarks of an image have in common is larger than
+that of their mean."""
+POSE, SHIFT, SHEAR = slice(6), 6, slice(7, 9)
+"""Unknowns of the step: pose, shift of the right image, shears of the left and of the right image."""
 
 
 class RightShift(NamedTuple):
     """Shift of right positions along the rows at the image centre, as by a yaw of the right camera."""
 
-    px: float  #: Pixels to the right, beyond the corrections that the landmarks were made with.
-    variance: float  #: Of it, px^2, by the landmarks alone; infinite without enough of them.
-    #: Squared shear of the rows of both images, as by a rolling shutter, over its variance, per degree of freedom.
+    px: float  #: Pixels to the right, beyond the corrections that the landmarks were triangulated with.
+    variance: float  #: Its variance by the landmarks alone, px^2; infinite with too few landmarks.
+    #: Squared Mahalanobis shear of the rows of both images, as by a rolling shutter, per degree of freedom.
     shear: float
-    uv: FloatArray  #: `(N, 2)` left pixels of the landmarks that agree with the pose,
-    disparity: FloatArray  #: `(N,)` and what is left of their disparities, pixels.
+    uv: FloatArray  #: `(N, 2)` left pixels of the landmarks that agree with the pose.
+    disparity: FloatArray  #: `(N,)` their residual disparities, pixels.
+
+
+class _StepEquations(NamedTuple):
+    """Normal equations of a Gauss-Newton step of pose, shift and shears."""
+
+    information: FloatArray  #: `(9, 9)`.
+    rhs: FloatArray  #: `(9,)`.
 
 
 def right_shift(
     pose: Pose, landmarks: LandmarkEstimates, observations: StereoObservations, camera: StereoCamera, lens_px: float
 ) -> RightShift:
-    """Estimate the shift from a solved pair: one Gauss-Newton step of pose and shift together.
+    """Estimate the shift of the right image and a shear of both images in a solved pair.
 
-    The landmarks' depths come from pairs before. If the right camera has turned since, all right positions are shifted
-    alike and the left ones are not: no motion explains that. The pose of the left camera was solved for without a
-    shift; of the N landmarks those observed in both images count. Another step has a shear of each image as well: over
-    flat ground it looks like a sideways motion, stones and the horizon tell it from one. What a lens leaves of the
-    disparities, pixels, may look like it, too.
+    The depths of the landmarks come from earlier pairs. If the right camera has rotated since, all right positions are
+    shifted by the same amount and the left ones are not, which no motion of the rig explains. One Gauss-Newton step of
+    pose and shift together gives the shift, because the pose of the pair was solved for without one.
+
+    Args:
+        pose: Pose of the left camera in the pair.
+        landmarks: The N landmarks.
+        observations: Their observations in the pair; those observed in both images count.
+        camera: The camera.
+        lens_px: Standard deviation of disparities due to lens distortion, pixels. It may look like a shear.
     """
-    some = np.arange(0, len(observations.uv), max(1, len(observations.uv) // ENOUGH))
-    both = some[np.isfinite(observations.uv[some, 0] + observations.uv[some, 2])]
-    (rotations, positions), *others = landmarks
-    marks = LandmarkEstimates(Poses(rotations[both], positions[both]), *(array[both] for array in others))
-    seen = StereoObservations(*(array[both] for array in observations))
-    whitening, by_pose, residuals, chi2 = solve_pose(pose, marks, seen, camera, 1).linearised
-    weight = 1.0 / (1.0 + np.where(np.isnan(chi2), np.inf, chi2) / ROBUST_CHI2) ** 2
-    if np.count_nonzero(weight) < 9:
-        return RightShift(0.0, np.inf, 0.0, seen.uv[:0], seen.uv[:0, 0])
-    x, y = camera.normalised(seen.uv[:, 2:]).T
-    jacobian = np.zeros((len(both), 4, 9))
-    jacobian[:, :, :6], jacobian[:, 2, 6], jacobian[:, 3, 6] = by_pose, 1.0 + x * x, x * y
-    jacobian[:, 0, 7], jacobian[:, 2, 8] = camera.normalised(seen.uv[:, :2])[:, 1], y
-    weighted = (whitening * weight[:, None, None] @ jacobian).reshape(-1, 9)
-    information, rhs = weighted.T @ jacobian.reshape(-1, 9), weighted.T @ residuals.ravel()
-    by_shift = np.linalg.solve(information[:7, :7], np.eye(7)[6])
-    covariance = np.linalg.inv(information)
-    sheared = (covariance @ rhs)[7:]
-    covariance[7:, 7:] += np.eye(2) * (lens_px / np.abs(y).max()) ** 2
-    shear = float(sheared @ np.linalg.solve(covariance[7:, 7:], sheared)) / 2.0
-    agree = weight > AGREES
-    disparity = residuals[agree, 2] - residuals[agree, 0]
-    return RightShift(float(by_shift @ rhs[:7]), float(by_shift[6]), shear, seen.uv[agree, :2], disparity)
+    landmarks, observations = _in_both_images(landmarks, observations)
+    linearised = solve_pose(pose, landmarks, observations, camera, 1).linearised
+    chi2 = np.where(np.isnan(linearised.chi2_per_dof), np.inf, linearised.chi2_per_dof)
+    weight = geman_mcclure(chi2, SHIFT_SCALE)
+    left_uv = observations.uv[:, :2]
+    right_uv = observations.uv[:, 2:]
+    if np.count_nonzero(weight) < MIN_SHIFT_LANDMARKS:
+        return RightShift(0.0, np.inf, 0.0, left_uv[:0], left_uv[:0, 0])
+    right_xy = camera.normalised(right_uv)
+    equations = _step_equations(linearised, weight, camera.normalised(left_uv), right_xy)
+    px, variance = _shift_of(equations)
+    shear = _shear_of(equations, lens_px / float(np.abs(right_xy[:, 1]).max()))
+    agrees = weight > MIN_INLIER_WEIGHT
+    disparity = linearised.residuals[agrees, 2] - linearised.residuals[agrees, 0]
+    return RightShift(px, variance, shear, left_uv[agrees], disparity)
+
+
+def _in_both_images(
+    landmarks: LandmarkEstimates, observations: StereoObservations
+) -> tuple[LandmarkEstimates, StereoObservations]:
+    """Return about `ENOUGH_LANDMARKS` of the landmarks that are observed in both images, with their observations."""
+    count = len(observations.uv)
+    chosen = np.arange(0, count, max(1, count // ENOUGH_LANDMARKS))
+    in_both = chosen[np.isfinite(observations.uv[chosen, 0] + observations.uv[chosen, 2])]
+    hosts = Poses(landmarks.hosts.rotations[in_both], landmarks.hosts.positions[in_both])
+    rays = landmarks.rays[in_both]
+    inverse_depth = landmarks.inverse_depth[in_both]
+    of_chosen = LandmarkEstimates(hosts, rays, inverse_depth, landmarks.covariance[in_both])
+    return of_chosen, StereoObservations(observations.uv[in_both], observations.variance[in_both])
+
+
+def _step_equations(
+    linearised: Linearisation, weight: FloatArray, left_xy: FloatArray, right_xy: FloatArray
+) -> _StepEquations:
+    """Return the normal equations of a step, from normalised image coordinates `(N, 2)` of the observations.
+
+    A yaw shifts a right position by `(1 + x^2, x y)` at a shift of one pixel at the centre. A shear shifts the rows of
+    an image along u in proportion to y. On flat ground a shear of both images resembles a sideways motion; stones and
+    the horizon separate the two.
+    """
+    x, y = right_xy.T
+    jacobian = np.zeros((len(weight), 4, 9))
+    jacobian[:, :, POSE] = linearised.jacobians
+    jacobian[:, 2, SHIFT] = 1.0 + x * x
+    jacobian[:, 3, SHIFT] = x * y
+    jacobian[:, 0, SHEAR.start] = left_xy[:, 1]
+    jacobian[:, 2, SHEAR.start + 1] = y
+    weighted = (linearised.whitening * weight[:, None, None] @ jacobian).reshape(-1, 9)
+    return _StepEquations(weighted.T @ jacobian.reshape(-1, 9), weighted.T @ linearised.residuals.ravel())
+
+
+def _shift_of(equations: _StepEquations) -> tuple[float, float]:
+    """Return the shift, px, and its variance, px^2, of a step without shear."""
+    size = SHIFT + 1
+    information = equations.information[:size, :size]
+    inverse_row = np.linalg.solve(information, np.eye(size)[SHIFT])
+    return float(inverse_row @ equations.rhs[:size]), float(inverse_row[SHIFT])
+
+
+def _shear_of(equations: _StepEquations, lens_sigma: float) -> float:
+    """Return the squared Mahalanobis norm `s^T C^-1 s / 2` of the shears: at most about 1 without shear.
+
+    The covariance C is that of the step, plus the variance of a shear that lens distortion may resemble.
+    """
+    covariance = np.linalg.inv(equations.information)
+    shears = (covariance @ equations.rhs)[SHEAR]
+    covariance_of_shears = covariance[SHEAR, SHEAR] + np.eye(2) * lens_sigma**2
+    return float(shears @ np.linalg.solve(covariance_of_shears, shears)) / 2.0

@@ -1,0 +1,26 @@
+"""Weights of robust least squares: how much an observation counts, by its squared normalised residual.
+
+Each is the weight of iteratively reweighted least squares that belongs to a robust loss, 1 at a residual of 0 (Zhang
+1997, Parameter estimation techniques: a tutorial with application to conic fitting, table 1).
+"""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.jit import jit_fast_ir_inline
+
+Squares = TypeVar("Squares", float, FloatArray)
+
+
+def geman_mcclure(chi2: Squares, scale: float) -> Squares:
+    """Return the Geman-McClure weight `1 / (1 + chi2 / scale)^2` of squared residuals.
+
+    The weight is a quarter at `chi2 = scale`. Beyond, it falls with the fourth power of the residual, so that the
+    influence of an outlier vanishes.
+    """
+    return 1.0 / (1.0 + chi2 / scale) ** 2
+
+
+geman_mcclure_weight = jit_fast_ir_inline(geman_mcclure)  #: The same within kernels.
