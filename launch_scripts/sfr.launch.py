@@ -1,13 +1,23 @@
 """Starts localisation, mapping and monitor."""
 
 from launch import LaunchDescription
-from launch.actions import OpaqueFunction
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 
-from sfr_loc_map.nodes.launch_parts import common_arguments, nodes
-
-FILES = {task: f"{task}_params_file" for task in ("localisation", "mapping", "monitor")}
+from sfr_loc_map.nodes.launch_parts import all_nodes, common_arguments, file_argument
+from sfr_loc_map.nodes.processes import TASKS
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return the three nodes with their arguments."""
-    return LaunchDescription([*common_arguments(FILES), OpaqueFunction(function=nodes, args=[FILES])])
+    return LaunchDescription(
+        [
+            *(
+                DeclareLaunchArgument(
+                    file_argument(task), default_value="", description=f"Parameters of {task}_node; empty: defaults."
+                )
+                for task in TASKS
+            ),
+            *common_arguments(),
+            OpaqueFunction(function=all_nodes),
+        ]
+    )

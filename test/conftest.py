@@ -38,12 +38,15 @@ def shared_data() -> Path:
 @pytest.fixture
 def own_domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A ROS domain of the test's own, whose nodes write their logs below its folder."""
+    from ros_domain import free_domain
+
     from sfr_loc_map.nodes import environment
 
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(environment.free_domain()))
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(free_domain()))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "ros_log"))
-    monkeypatch.setenv(environment.PROFILE_VARIABLE, str(environment.PROFILE))
+    for name in environment.PROFILE_VARIABLES:
+        monkeypatch.setenv(name, str(environment.PROFILE))
     monkeypatch.delenv("ROS_LOCALHOST_ONLY", raising=False)
 
 

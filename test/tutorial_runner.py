@@ -19,7 +19,7 @@ import time
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sfr_loc_map.nodes.environment import free_domain
+from sfr_loc_map.nodes import environment as nodes_environment
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted([*(ROOT / "docs" / "tutorials").glob("*.md"), ROOT / "docs" / "python.md"])
@@ -43,7 +43,8 @@ def blocks(page: Path) -> list[Block]:
 def run_page(page: Path, folder: Path) -> None:
     """Run all blocks of a page as they stand; a RuntimeError names the one that fails."""
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    environment = os.environ | {"PATH": path, "ROS_DOMAIN_ID": str(free_domain())}
+    environment = os.environ | {"PATH": path}
+    nodes_environment.isolate(environment)
     if '"data"' in page.read_text(encoding="utf-8"):
         subprocess.run(["sfr", "convert", "sample/sample.mcap", "data"], cwd=folder, env=environment, check=True)
     names: dict[str, Any] = {}

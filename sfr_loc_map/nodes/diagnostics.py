@@ -59,7 +59,6 @@ OFFSETS = {
     "disparity_offset_px": (0.3, "disparity bias of more than {:g} px"),
 }
 """Statistics of the localiser that are monitored (right camera pitched, rolled, yawed): their limit and warning."""
-_ONE_AT_A_TIME = Lock()  #: Time and memory of a call are those of the whole process: nodes that share one take turns.
 
 
 class Level(IntEnum):
@@ -239,7 +238,7 @@ class StatusReporter:
     @contextmanager
     def measure(self) -> Iterator[CallUsage]:
         """Measure the `with` block."""
-        with _ONE_AT_A_TIME, self.meter.measure() as usage:
+        with self.meter.measure() as usage:
             yield usage
 
     def call(self, call: CallRecord, level: Level) -> None:

@@ -12,71 +12,78 @@ from launch.substitutions import EnvironmentVariable, LaunchConfiguration
 from launch_ros.actions import Node
 
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.nodes.environment import PROFILE, PROFILE_VARIABLE
+from sfr_loc_map.nodes.environment import PROFILE, PROFILE_VARIABLES
 from sfr_loc_map.nodes.processes import TASKS
 
 PACKAGE = "sfr_loc_map"
-LEVELS = ("debug", "info", "warn", "error", "fatal")
-ARGUMENTS = {
-    "namespace": ("", "Namespace of nodes and topics."),
-    "frame_prefix": ("", "Put before the name of each frame, as rover1/, for several rovers in one tree."),
-    "autostart": ("true", "false: the nodes wait for a lifecycle manager."),
-    "log_level": ("info", "debug, info, warn, error or fatal."),
-    "remaps": ("", "Remappings FROM:=TO, separated by blanks, as loc/left/image_rect:=/eye/left."),
-    "use_sim_time": ("false", "true: follow /clock."),
-    "respawn": ("false", "true: restart a node that ends; false: all end with the first."),
+SWITCH = ["true", "false"]
+LEVELS = ["debug", "info", "warn", "error", "fatal"]
+ARGUMENTS: dict[str, tuple[str, list[str] | None, str]] = {
+    "namespace": ("", None, "Namespace of nodes and topics."),
+    "frame_prefix": ("", None, "Put before the name of each frame, as rover1/, for several rovers in one tree."),
+    "autostart": ("true", SWITCH, "false: the nodes wait for a lifecycle manager."),
+    "log_level": ("info", LEVELS, "Severity from which lines are logged."),
+    "remaps": ("", None, "Remappings FROM:=TO, separated by blanks, as loc/left/image_rect:=/eye/left."),
+    "use_sim_time": ("false", SWITCH, "true: follow /clock."),
+    "respawn": ("false", SWITCH, "true: restart a node that ends; false: all end with the first."),
 }
-"""Default and description of each argument."""
+"""Default, choices and description of each argument."""
 
 
-def common_arguments(files: dict[str, str]) -> list[Any]:
-    """Return the launch arguments and environment variables of a launch file."""
-    config = Path(get_package_share_directory(PACKAGE)) / "config"
-    declared = dict(ARGUMENTS)
-    for task, name in files.items():
-        hint = "; must give T_rb_locsb where /tf_static does not" if task == "localisation" else ""
-        declared[name] = str(config / f"{task}.yaml"), f"Parameters of {task}_node{hint}."
-    profile = EnvironmentVariable(PROFILE_VARIABLE, default_value=str(PROFILE))
+def common_arguments() -> list[Any]:
+    """Return the launch arguments that all nodes have, and the environment variables."""
     return [
-        *(DeclareLaunchArgument(n, default_value=value, description=text) for n, (value, text) in declared.items()),
-        SetEnvironmentVariable(PROFILE_VARIABLE, profile),
+        *(
+            DeclareLaunchArgument(name, default_value=value, choices=choices, description=text)
+            for name, (value, choices, text) in ARGUMENTS.items()
+        ),
+        *(
+            SetEnvironmentVariable(name, EnvironmentVariable(name, default_value=str(PROFILE)))
+            for name in PROFILE_VARIABLES
+        ),
     ]
 
 
-def nodes(context: LaunchContext, files: dict[str, str]) -> list[Any]:
-    """Return the nodes with the values that the launch arguments have in a context; `files` as above."""
+def file_argument(task: str) -> str:
+    """Return the name of the argument for the parameter file of one of all nodes."""
+    return f"{task}_params_file"
 
-    def value(name: str) -> str:
-        return str(LaunchConfiguration(name).perform(context))
 
-    def switch(name: str) -> bool:
-        if value(name).lower() not in ("true", "false"):
-            raise ConfigError(f"{name}:={value(name)}: true or false is needed")
-        return value(name).lower() == "true"
+def all_nodes(context: LaunchContext) -> list[Any]:
+    """Return the three nodes with the values that the launch arguments have in a context."""
+    return [_node(context, task, file_argument(task)) for task in TASKS]
 
-    remaps = [tuple(item.split(":=")) for item in value("remaps").split()]
+
+def one_node(context: LaunchContext) -> list[Any]:
+    """Return the node that the argument `node` names."""
+    return [_node(context, _value(context, "node"), "params_file")]
+
+
+def _value(context: LaunchContext, name: str) -> str:
+    return str(LaunchConfiguration(name).perform(context))
+
+
+def _node(context: LaunchContext, task: str, argument: str) -> Any:  # noqa: ANN401 - launch has no types
+    remaps = [tuple(item.split(":=")) for item in _value(context, "remaps").split()]
     if any(len(remap) != 2 or not all(remap) for remap in remaps):
-        raise ConfigError(f"remaps:={value('remaps')}: FROM:=TO, separated by blanks, is needed")
-    respawn, shared = switch("respawn"), {name: switch(name) for name in ("use_sim_time", "autostart")}
-    if value("log_level") not in LEVELS:
-        raise ConfigError(f"log_level:={value('log_level')}: one of {', '.join(LEVELS)} is needed")
-    made = []
-    for task in (task for task in TASKS if task in files):
-        file, prefix = value(files[task]), value("frame_prefix")
-        if not Path(file).is_file():
-            raise ConfigError(f"{files[task]}:={file}: there is no such file; give a parameter file")
-        own = {"frame_prefix": prefix} if prefix and task != "monitor" else {}  # the monitor has no frames of its own
-        node = Node(
-            package=PACKAGE,
-            executable=f"{task}_node",
-            namespace=value("namespace"),
-            parameters=[file, shared | own],
-            remappings=remaps,
-            arguments=["--ros-args", "--log-level", value("log_level")],
-            respawn=respawn,
-            respawn_delay=1.0,
-            on_exit=None if respawn else [Shutdown(reason=f"{task}_node has ended")],  # an empty list ends the launch
-            output="screen",
-        )
-        made.append(node)
-    return made
+        raise ConfigError(f"remaps:={_value(context, 'remaps')}: FROM:=TO, separated by blanks, is needed")
+    default = Path(get_package_share_directory(PACKAGE)) / "config" / f"{task}.yaml"
+    file = Path(_value(context, argument) or default)
+    if not file.is_file():
+        raise ConfigError(f"{argument}:={file}: there is no such file; give a parameter file")
+    shared: dict[str, Any] = {name: _value(context, name) == "true" for name in ("use_sim_time", "autostart")}
+    if (prefix := _value(context, "frame_prefix")) and task != "monitor":  # which has no frames of its own
+        shared["frame_prefix"] = prefix
+    respawn = _value(context, "respawn") == "true"
+    return Node(
+        package=PACKAGE,
+        executable=f"{task}_node",
+        namespace=_value(context, "namespace"),
+        parameters=[str(file), shared],
+        remappings=remaps,
+        arguments=["--ros-args", "--log-level", _value(context, "log_level")],
+        respawn=respawn,
+        respawn_delay=1.0,
+        on_exit=None if respawn else [Shutdown(reason=f"{task}_node has ended")],  # an empty list ends the launch
+        output="screen",
+    )

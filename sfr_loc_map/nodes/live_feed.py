@@ -52,7 +52,6 @@ IMAGE_PERIOD_S = 0.15  #: Shortest time between two pairs of images that are sho
 TRACKED = "loc/left"  #: The image that tracks are drawn on; of its stamps that are not shown they are left out.
 MAX_SHOWN = 64  #: Images of which tracks are waited for: ten seconds.
 MAX_MAPS = 8  #: Clouds, elevation and hazard grids that wait; of more the oldest are left out.
-MASK_HOLD_NS = NS_PER_S // 2  #: A mask that much older than the tracks is shown with them.
 IMAGE_KINDS = ((Image, "image_rect"), (CompressedImage, "image_rect/compressed"), (Image, "image_raw"))
 LAYERS = ("height", *messages.ELEVATION_FIELDS[3:])  #: Layers of an elevation message, after x and y.
 FOUND_S, ANSWER_S, POLL_S = 2.0, 10.0, 0.02
@@ -84,9 +83,8 @@ class RosFeed(Peer):
         self._subscriptions: dict[updates.View, list[Any]] = {}
         self._due: dict[str, tuple[float, int]] = {}
         self._shown: deque[int] = deque(maxlen=MAX_SHOWN)
-        self._masks: dict[str, tuple[int, tuple[FloatArray32, ...]]] = {}
         self._map = MapFeed(state, lambda: bool(self.node.count_publishers(updates.ELEVATION)))
-        self._worker = Worker("sfr-live-maps", Overload.EVERY_PAIR, MAX_MAPS, lambda error: None)
+        self._worker = Worker("sfr-live-maps", Overload.EVERY_PAIR, MAX_MAPS, lambda error, was_message: None)
         self._best_effort = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
         truth = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._receive_map(updates.TRUE_POINTS, PointCloud2, self._map.add_true_points, truth)
@@ -182,11 +180,7 @@ class RosFeed(Peer):
 
     def _subscribe_to(self, view: updates.View) -> list[Any]:
         if view is updates.View.TRACKS:
-            masks = [
-                self._receive(Image, f"localisation/{side}_mask", partial(self._on_mask, side), self._best_effort)
-                for side in SIDES
-            ]
-            return [*masks, self._receive(PointCloud2, updates.TRACKS, self._on_tracks, self._best_effort)]
+            return [self._receive(PointCloud2, updates.TRACKS, self._on_tracks, self._best_effort)]
         if view is not updates.View.CLOUDS:
             return []
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -215,7 +209,7 @@ class RosFeed(Peer):
         """Take maps in, beside the thread that receives: figures do not wait for it; a broken one is left out."""
 
         def received(raw: bytes, published_s: float) -> None:
-            self._worker.enqueue(lambda: add(deserialize_message(raw, kind), published_s), 0)
+            self._worker.enqueue_droppable(lambda: add(deserialize_message(raw, kind), published_s))
 
         return self._receive(kind, topic, received, qos)
 
@@ -234,17 +228,12 @@ class RosFeed(Peer):
         image = image_from_message(message) if kind is Image else decode_grey(bytes(message.data))
         self._state.put(media.image_sample(name, stamp_ns, image, published_s))
 
-    def _on_mask(self, side: str, raw: bytes, published_s: float) -> None:
-        message = deserialize_message(raw, Image)
-        self._masks[side] = stamp_of(message), media.outlines(image_from_message(message), messages.MASK_SCALE)
-
     def _on_tracks(self, raw: bytes, published_s: float) -> None:
         stamp_ns = serialised_stamp(raw)
         if stamp_ns not in self._shown:
             return
         found = messages.tracks_from_msg(deserialize_message(raw, PointCloud2))
-        masks = {side: rings for side, (at_ns, rings) in self._masks.items() if 0 <= stamp_ns - at_ns <= MASK_HOLD_NS}
-        self._state.put(updates.TrackSample(updates.TRACKS, stamp_ns, found, masks, published_s))
+        self._state.put(updates.TrackSample(updates.TRACKS, stamp_ns, found, {}, published_s))
 
     # ---- the operator
 

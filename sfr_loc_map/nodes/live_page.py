@@ -14,7 +14,6 @@ from sfr_loc_map.errors import SfrError
 from sfr_loc_map.inputs import one_line
 from sfr_loc_map.live.server import DEFAULT_PORT, LiveConfig, LiveServer, serve_until_signal
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.nodes.environment import configure_malloc
 from sfr_loc_map.signals import handle_signals
 
 NICENESS = 5  #: What only looks on gives way to what it looks at: a third of the weight of other processes.
@@ -28,7 +27,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--port", type=int, default=DEFAULT_PORT)
     parser.add_argument("--end-file", type=Path)
     options = parser.parse_args(arguments)
-    configure_malloc()  # before there is another thread
     os.nice(NICENESS)
     try:
         from sfr_loc_map.nodes.live_feed import RosFeed

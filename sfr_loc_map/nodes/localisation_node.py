@@ -20,11 +20,10 @@ from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Header
 
 from sfr_loc_map.config import param
-from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.extrinsics import RB_FRAME
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import NS_PER_S, SIDES, stamp_of
+from sfr_loc_map.inputs import NS_PER_S, stamp_of
 from sfr_loc_map.io.source_config import ExtrinsicsConfig
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, TrackingState
@@ -42,7 +41,6 @@ from sfr_loc_map.pipeline.call_stats import call_of_estimate
 from sfr_loc_map.pipeline.localisation_session import LocalisationSession, PoseFile
 from sfr_loc_map.pipeline.reception import ThinnedPath
 
-FIRST = messages.MASK_SCALE // 2  #: Row and column of a mask that is published first.
 MAX_POSE_AGE_NS = 600 * NS_PER_S  #: Of an initialpose; an older one says nothing of where the rover is now.
 OUTPUT_DEPTH = 1000  #: Odometry messages that are kept for a slow subscriber.
 LEVELS = {
@@ -114,7 +112,6 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         self._path_ns: int | None = None  # stamp at which it was published last
         self._pose_set = add_publisher(PoseWithCovarianceStamped, "localisation/initialpose_set", 1, latched=True)
         self._tracks = add_publisher(PointCloud2, "localisation/tracks", 2)
-        self._masks = [add_publisher(Image, f"localisation/{side}_mask", 2) for side in SIDES]
         self._image = add_publisher(Image, "localisation/debug_image", 2)
         tf_type = messages.tf_message_type() if config.publish_tf else None
         self._tf = add_publisher(tf_type, "/tf", 100) if tf_type else None
@@ -129,10 +126,15 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         super().subscribe()
         self.add_service("~/reset", self._reset, first=self.forget_waiting)
 
-    @property
-    def extrinsics_known(self) -> bool:  # type: ignore[override]
-        """Whether the parameters or /tf_static have given them."""
-        return self._extrinsics.T_rb_sb is not None
+    def waits_for(self) -> str:
+        """Return what keeps the node from working, in one line."""
+        missing = super().waits_for()
+        if not missing and self._extrinsics.T_rb_sb is None:
+            missing = (
+                "Waiting for the extrinsics of the stereo rig: give the parameters T_rb_locsb.translation_m and "
+                "T_rb_locsb.quat_xyzw, or publish them on /tf_static"
+            )
+        return missing
 
     def teardown(self) -> None:
         """Forget everything."""
@@ -141,18 +143,16 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
 
     def apply_config(self, config: LocalisationNodeConfig) -> None:
         """Continue at the last pose with other parameters."""
-        self.worker.enqueue(lambda: self._session.set_config(config.localisation))
+        self.worker.enqueue(partial(self._session.set_config, config.localisation))
 
     def restart_after_fault(self) -> None:
         """Continue at the last pose."""
-        super().restart_after_fault()
         self._session.continue_at_last_pose()
 
     # ---- in the executor's thread
 
-    def restart(self, reason: str) -> None:
+    def _on_restart(self, reason: str) -> None:
         """Start a new run at the first pose, after the pairs that came before."""
-        super().restart(reason)
         self.get_logger().warning(f"{reason}: localisation restarts at its first pose")
         self.worker.enqueue(self._session.restart)
 
@@ -165,19 +165,20 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
 
     def _on_pair(self, pair: ReceivedPair) -> None:
         self._extrinsics.look(pair.frame_id, pair.rig.baseline_m, self.get_logger().info)
-        self.enqueue_pair(lambda: self._process(pair))
+        self.worker.enqueue_droppable(partial(self._process, pair))
 
     def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
         with self.ignoring_broken():
             self.config.check_frame("initialpose", message.header.frame_id, "ds_frame")
             pose, last_ns = messages.start_pose_of(message), self._stereo.last_ns
             if pose.stamp_ns is not None and last_ns is not None and last_ns - pose.stamp_ns > MAX_POSE_AGE_NS:
-                self.worker.enqueue(lambda: self._session.set_first(pose))  # a run that begins again may be near it
-                raise InputError(
+                self.worker.enqueue(partial(self._session.set_first, pose))  # a run that begins again may be near it
+                self.status.warn(
                     f"initialpose is {(last_ns - pose.stamp_ns) / NS_PER_S:.0f} s older than the images: give a stamp "
-                    f"of at most {MAX_POSE_AGE_NS // NS_PER_S} s before, or none for the next pair"
+                    f"of at most {MAX_POSE_AGE_NS // NS_PER_S} s before, or none for the next pair; ignored"
                 )
-            self.worker.enqueue(lambda: self._set_pose(pose, message))
+                return
+            self.worker.enqueue(partial(self._set_pose, pose, message))
 
     def _on_wheel_odometry(self, message: Odometry) -> None:
         with self.ignoring_broken():
@@ -208,7 +209,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
             estimate = localiser.process(pair, motion)
         self._session.accept(estimate)
         self.publish_estimate(estimate)
-        self._publish_tracks(pair, localiser, estimate, messages.header_msg(pair.stamp_ns, received.frame_id))
+        self._publish_tracks(pair, estimate, messages.header_msg(pair.stamp_ns, received.frame_id))
         call = call_of_estimate(estimate, usage, {} if motion is None else {"motion_prior": 1.0})
         self.publish_call(replace(call, times=self.times(received, conversion_s)), LEVELS[estimate.state])
 
@@ -227,13 +228,8 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
             self._path_publisher.publish(PathMsg(header=header, poses=list(self._path.poses)))
             self._path_ns = stamp_ns
 
-    def _publish_tracks(self, pair: StereoPair, localiser: Localiser, estimate: PoseEstimate, header: Header) -> None:
-        """Publish masks, then tracks, and the image drawn of them, each only while somebody subscribes."""
-        for publisher, mask in zip(self._masks, localiser.masks, strict=True):
-            if mask is not None and publisher.get_subscription_count():
-                # a quarter of its width and height, 0 where no landmark is made
-                fewer = mask[FIRST :: messages.MASK_SCALE, FIRST :: messages.MASK_SCALE]
-                publisher.publish(messages.image_msg(fewer, "mono8", header))
+    def _publish_tracks(self, pair: StereoPair, estimate: PoseEstimate, header: Header) -> None:
+        """Publish the tracks, and the image that they are drawn on, each only while somebody subscribes."""
         if self._tracks.get_subscription_count():
             rows = np.empty((0, len(messages.TRACK_FIELDS)), np.float32)
             if (tracks := estimate.tracks) is not None:

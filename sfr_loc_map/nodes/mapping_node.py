@@ -30,8 +30,9 @@ from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.nodes import messages
 from sfr_loc_map.nodes.diagnostics import Level
 from sfr_loc_map.nodes.lifecycle.endpoints import profile
-from sfr_loc_map.nodes.pair_node import RECENT, PairNode, PairNodeConfig, ReceivedPair, Seen
+from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig, ReceivedPair
 from sfr_loc_map.nodes.runner import run
+from sfr_loc_map.nodes.waiting import Input
 from sfr_loc_map.pipeline.call_stats import CallRecord, call_of_fusion, call_of_stages
 from sfr_loc_map.pipeline.mapping_session import PoseMatching
 
@@ -90,7 +91,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
         """Forget everything."""
         super().teardown()
         config = self.config
-        self._pose_stamps: deque[int] = deque(maxlen=RECENT)
+        self._poses_received = 0  # since the last look around
         self._pairs: list[PairMap] = []  # of the map begun
         self._mapper: Mapper | None = None  # of the parameters and the rig that follows, made when it is needed
         self._mapped_rig: StereoRig | None = None
@@ -102,15 +103,18 @@ class MappingNode(PairNode[MappingNodeConfig]):
         """Map the next pairs with other parameters; those of the map begun stay as they are."""
         self.worker.enqueue(lambda: self._set_rig(self._mapped_rig))
 
+    def forget_received(self) -> None:
+        """Start to count what is received."""
+        super().forget_received()
+        self._poses_received = 0
+
     def expects_input(self) -> bool:
         """Tell whether a map is begun: between maps silence is no sign."""
         return bool(self._pairs)
 
-    def take_seen(self) -> Seen:
-        """Return what has been received since the last time, poses too."""
-        stamps_ns = [*self._pose_stamps]
-        self._pose_stamps.clear()
-        return super().take_seen() | {"nav/pose": (stamps_ns, tuple(stamps_ns[:1]))}
+    def inputs(self) -> list[Input]:
+        """Return what the node receives pairs from, poses too."""
+        return [*super().inputs(), Input({"nav/pose": PoseStamped}, self._poses_received)]
 
     def counts(self) -> dict[str, int]:
         """Return what was dropped since the start, by name."""
@@ -118,7 +122,6 @@ class MappingNode(PairNode[MappingNodeConfig]):
 
     def restart_after_fault(self) -> None:
         """Start a new map."""
-        super().restart_after_fault()
         self._pairs.clear()
 
     # ---- in the executor's thread
@@ -138,9 +141,8 @@ class MappingNode(PairNode[MappingNodeConfig]):
     def _on_pair(self, pair: ReceivedPair) -> None:
         self._enqueue(self._matching.add_pair(pair.stamp_ns, pair))
 
-    def restart(self, reason: str) -> None:
+    def _on_restart(self, reason: str) -> None:
         """Start a new map after the pairs that came before."""
-        super().restart(reason)
         self.get_logger().warning(f"{reason}: a new map begins")
         self._matching.clear_pairs()
         self.worker.enqueue(self._pairs.clear)
@@ -152,7 +154,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
 
     def _on_pose(self, message: PoseStamped) -> None:
         stamp_ns = stamp_of(message)
-        self._pose_stamps.append(stamp_ns)
+        self._poses_received += 1
         with self.ignoring_broken():
             self.config.check_frame("nav/pose", message.header.frame_id, "lm_frame")
             pose = messages.transform_from_pose(message.pose, f"nav/pose of stamp {stamp_ns}")
@@ -160,7 +162,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
 
     def _enqueue(self, matched: list[tuple[ReceivedPair, Transform]]) -> None:
         for pair, pose in matched:
-            self.enqueue_pair(partial(self._process, pair, pose))
+            self.worker.enqueue_droppable(partial(self._process, pair, pose))
 
     def _report_without_pose(self, stamp_ns: int) -> None:
         self.status.error(

@@ -307,7 +307,6 @@ TRACK_FIELDS = ("u", "v", "before_u", "before_v", "residual")
 """Fields of a track, all float32: pixel in the left image of the pair and in the newest keyframe; root of chi-square
 per degree of freedom over that of the worst inlier (1 and more: outlier; NaN: not found)."""
 MAX_TRACKS = 100_000
-MASK_SCALE = 4  #: Pixels of the image, along each axis, for one of the mask that is published.
 
 
 def tracks_from_msg(message: PointCloud2) -> FloatArray32:

@@ -35,7 +35,6 @@ from sfr_loc_map.metrics.limits import load_limits
 from sfr_loc_map.metrics.score import Provenance, Score
 from sfr_loc_map.metrics.score_json import to_dict, to_json
 from sfr_loc_map.nodes.diagnostics import Level, Value, status_msg
-from sfr_loc_map.nodes.environment import configure_malloc
 from sfr_loc_map.nodes.lifecycle.endpoints import RELIABILITIES, profile
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
@@ -164,20 +163,14 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         return {"dropped_in_transport": sum(gaps.lost for gaps in self._gaps)} | super().counts()
 
     def _receive(self, kind: type[Any], topic: str, callback: Callable[[Any], None], qos: QoSProfile) -> None:
-        """Subscribe with a callback that is called in the worker's thread; bad messages are reported."""
+        """Subscribe with a callback that is called in the worker's thread."""
         gaps = TransportGaps()
         self._gaps.append(gaps)
-
-        def work(message: Any) -> None:  # noqa: ANN401 - any message
-            try:
-                callback(message)
-            except SfrError as error:
-                self.status.error(str(error))
 
         def received(message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401 - any message
             gaps.add(info)
             size_bytes = len(message.data) if kind is PointCloud2 else 0
-            self.worker.enqueue(partial(work, message), size_bytes)
+            self.worker.enqueue_droppable(partial(callback, message), size_bytes)
 
         self.endpoints.add_subscription(kind, topic, received, qos)
 
@@ -338,7 +331,4 @@ def _plain(content: Mapping[str, Any]) -> dict[str, Value]:
     return {name: value for name, value in content.items() if isinstance(value, (int, float, str))}
 
 
-def main() -> int:
-    """Run the node."""
-    configure_malloc()
-    return run(MonitorNode)
+main = partial(run, MonitorNode)

@@ -11,11 +11,12 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, ClassVar, TypeVar
 
+import numpy as np
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import String
 
 from sfr_loc_map.config import param
-from sfr_loc_map.errors import ConfigError, InputError, SfrError
+from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.inputs import NS_PER_S, SIDES, Side, stamp_of
@@ -24,13 +25,14 @@ from sfr_loc_map.io.image_codec import image_from_message
 from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig
 from sfr_loc_map.io.stamp_pairing import STAMP_TOLERANCE_S, StampPairing
 from sfr_loc_map.localisation.parallel import both
-from sfr_loc_map.nodes.diagnostics import Level
+from sfr_loc_map.nodes.diagnostics import Level, StatusReporter
 from sfr_loc_map.nodes.environment import EXPORT_LINE
-from sfr_loc_map.nodes.lifecycle.endpoints import RELIABILITIES, profile
+from sfr_loc_map.nodes.lifecycle.endpoints import RELIABILITIES, Endpoints, profile
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.worker import Overload
 from sfr_loc_map.nodes.messages import check_image
+from sfr_loc_map.nodes.waiting import Input, missing_input
 from sfr_loc_map.pipeline.call_stats import CallRecord, encode_call
 from sfr_loc_map.pipeline.reception import MUCH_LOST, TransportGaps, jumped_back, latencies, loss_fix
 
@@ -39,8 +41,6 @@ CALL_DEPTH = 1000  #: Calls that are kept for a slow subscriber.
 RECENT = 200  #: Stamps that are kept of each topic, to say why no pair comes of them.
 ReceivedImage = tuple[Any, Mapping[str, Any]]
 """sensor_msgs/Image or CompressedImage, and what the middleware tells of it."""
-Seen = dict[str, tuple[list[int], tuple[Any, ...]]]
-"""Stamps (ns) and some messages that were received of each topic, by the suite's names."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,16 +109,29 @@ class ReceivedPair:
 class StereoInput:
     """Receives the images of one rig and hands over its pairs, in the executor's thread."""
 
-    def __init__(self, node: PairNode[Any]) -> None:
+    def __init__(
+        self,
+        name: str,
+        config: StereoInputConfig,
+        status: StatusReporter,
+        *,
+        on_pair: Callable[[ReceivedPair], None],
+        on_rig: Callable[[StereoRig], None],
+        on_restart: Callable[[str], None],
+    ) -> None:
+        """Subscribe to nothing yet.
+
+        `on_pair` is called with each pair, `on_rig` with the rig of the pairs that follow, `on_restart` with the reason
+        why the pairs that follow are of a new run.
+        """
         self.rig: StereoRig | None = None
-        self.dropped = {"rejected": 0, "stale": 0, "without_camera_info": 0}
-        self.unprocessed = 0
-        self._node, self._name, self._config = node, node.rig_name, node.config.input
-        config, self._report = self._config, node.status.error
+        self.last_ns: int | None = None  # stamp of the last pair
+        self._name, self._config, self._status = name, config, status
+        self._on_pair, self._on_rig, self._on_restart = on_pair, on_rig, on_restart
         stem, transport = "image_raw" if config.rectify else "image_rect", config.image_transport
         kinds = (("compressed", stem, Image), ("raw", f"{stem}/compressed", CompressedImage))
         self._images: dict[str, type[Any]] = {name: kind for other, name, kind in kinds if transport != other}
-        self.last_ns: int | None = None
+        self._dropped = {"rejected": 0, "stale": 0, "without_camera_info": 0}
         self._infos: dict[Side, CameraInfo] = {}
         self._fresh_sides: set[Side] = set()
         self._rectifier: StereoRectifier | None = None
@@ -126,59 +139,62 @@ class StereoInput:
         self._without_rig: deque[tuple[ReceivedImage, ReceivedImage]] = deque()
         self._gaps: list[TransportGaps] = []
         self._judged = 0, 0  # images lost and sent when their share was taken last
-        self._recent_ns: dict[Side, deque[int]] = {side: deque(maxlen=RECENT) for side in SIDES}
-        self._unused: dict[Side, Any] = {}  # the last image of a side, while it makes no pair
+        self.forget_received()
 
-    def subscribe(self) -> None:
+    def subscribe(self, endpoints: Endpoints) -> None:
         """Subscribe to images and camera_info of both cameras; forget those of before."""
         self.restart()
         self.rig = None
         self._infos.clear()
         self._fresh_sides.clear()
-
-        def received(side: Side, gaps: TransportGaps, message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401
-            if gaps.add(info) and (share := self.lost_share()) > MUCH_LOST:
-                text = f"{share:.0%} of the images of '{self._name}' are lost in transport: {loss_fix(EXPORT_LINE)}"
-                self._node.status.warn(text, "transport")
-            self._node.status.note_arrival()
-            self.add_image(side, (message, info))
-
-        qos, endpoints = profile(self._config.reliability, self._config.queue_depth), self._node.endpoints
+        qos = profile(self._config.reliability, self._config.queue_depth)
         for side in SIDES:
             stem = f"{self._name}/{side}"
             endpoints.add_subscription(CameraInfo, f"{stem}/camera_info", partial(self.add_camera_info, side), qos)
             for name, kind in self._images.items():
                 self._gaps.append(TransportGaps())
-                endpoints.add_subscription(kind, f"{stem}/{name}", partial(received, side, self._gaps[-1]), qos)
+                received = partial(self._receive_image, side, self._gaps[-1])
+                endpoints.add_subscription(kind, f"{stem}/{name}", received, qos)
 
     def counts(self) -> dict[str, int]:
         """Return what was dropped since the start, by name."""
         return {
             "dropped_in_transport": sum(gaps.lost for gaps in self._gaps),
             "dropped_unpaired": self._pairing.unpaired + self._pairing.overflowed,
-            "dropped_rejected": self.dropped["rejected"] + self.unprocessed,
-            "dropped_stale": self.dropped["stale"],
-            "dropped_without_camera_info": self.dropped["without_camera_info"],
+            "dropped_rejected": self._dropped["rejected"],
+            "dropped_stale": self._dropped["stale"],
+            "dropped_without_camera_info": self._dropped["without_camera_info"],
         }
 
-    def lost_share(self) -> float:
-        """Return the share of the images lost in transport, since there were enough to tell the last time."""
-        lost = sum(gaps.lost for gaps in self._gaps)
-        sent, (lost_before, sent_before) = lost + sum(gaps.count for gaps in self._gaps), self._judged
-        if sent - sent_before < LOSS_WINDOW:
-            return 0.0
-        self._judged = lost, sent
-        return (lost - lost_before) / (sent - sent_before)
+    def count_rejected(self) -> None:
+        """Count a pair that could not be processed."""
+        self._dropped["rejected"] += 1
 
-    def take_seen(self) -> Seen:
-        """Return stamps and a message of each topic, of what has been received since the last time."""
-        found: Seen = {}
+    def inputs(self) -> list[Input]:
+        """Return what is received, with the number of messages since `forget_received`."""
+        found = []
         for side in SIDES:
-            images = [*self._recent_ns[side]], (self._unused[side],) if side in self._unused else ()
-            found |= {f"{self._name}/{side}/{name}": images for name in self._images}
-            found[f"{self._name}/{side}/camera_info"] = [], (self._infos[side],) if side in self._infos else ()
-            self._recent_ns[side].clear()
+            images = {f"{self._name}/{side}/{name}": kind for name, kind in self._images.items()}
+            info = {f"{self._name}/{side}/camera_info": CameraInfo}
+            found += [Input(images, len(self._recent_ns[side])), Input(info, int(side in self._infos))]
         return found
+
+    def apart_text(self) -> str:
+        """Return why the images received since `forget_received` made no pair; empty if some did."""
+        if self._pairs_received or not all(self._recent_ns.values()):
+            return ""
+        left, right = (np.array(self._recent_ns[side], np.int64) for side in SIDES)
+        apart_ms = float(np.median(np.abs(left[:, None] - right).min(axis=1))) * 1e-6
+        allowed_ms = self._config.stamp_tolerance_s * 1e3
+        return (
+            f"left and right images of '{self._name}' are {apart_ms:.3g} ms apart, input.stamp_tolerance_s allows "
+            f"{allowed_ms:.3g} ms: let one trigger stamp both"
+        )
+
+    def forget_received(self) -> None:
+        """Start to count what is received."""
+        self._recent_ns: dict[Side, deque[int]] = {side: deque(maxlen=RECENT) for side in SIDES}
+        self._pairs_received = 0
 
     def restart(self) -> None:
         """Forget what waits and which stamp was last."""
@@ -200,30 +216,47 @@ class StereoInput:
             else:
                 rig = rig_from_camera_info(*infos, self._name)
         except InputError as error:
-            self._report(str(error))
+            self._status.error(str(error))
             return
         if self.rig is None or not self.rig.same_cameras(rig):
             self.rig = rig
-            self._node._on_rig(rig)
+            self._on_rig(rig)
         while self._without_rig:
             self._hand_over(rig, self._without_rig.popleft())
 
     def add_image(self, side: Side, image: ReceivedImage) -> None:
         """Take an image, and hand over the pair that it completes."""
         self._recent_ns[side].append(stamp_of(image[0]))
-        self._unused[side] = image[0]
         add = self._pairing.add_left if side == "left" else self._pairing.add_right
         images = add(stamp_of(image[0]), image)
         if images is None:
             return
+        self._pairs_received += 1
         if self.rig is not None:
             self._hand_over(self.rig, images)
             return
         self._without_rig.append(images)
         if len(self._without_rig) > self._config.queue_depth:
             self._without_rig.popleft()
-            self.dropped["without_camera_info"] += 1
-            self._report(f"images of '{self._name}' come without a usable camera_info of both cameras: dropped")
+            self._dropped["without_camera_info"] += 1
+            self._status.error(f"images of '{self._name}' come without a usable camera_info of both cameras: dropped")
+
+    def _receive_image(self, side: Side, gaps: TransportGaps, message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401
+        if gaps.add(info) and (share := self._lost_share()) > MUCH_LOST:
+            text = f"{share:.0%} of the images of '{self._name}' are lost in transport: {loss_fix(EXPORT_LINE)}"
+            self._status.warn(text, "transport")
+        self._status.note_arrival()
+        self.add_image(side, (message, info))
+
+    def _lost_share(self) -> float:
+        """Return the share of the images lost in transport, since there were enough to tell the last time."""
+        lost = sum(gaps.lost for gaps in self._gaps)
+        sent = lost + sum(gaps.count for gaps in self._gaps)
+        lost_before, sent_before = self._judged
+        if sent - sent_before < LOSS_WINDOW:
+            return 0.0
+        self._judged = lost, sent
+        return (lost - lost_before) / (sent - sent_before)
 
     def _hand_over(self, rig: StereoRig, images: tuple[ReceivedImage, ReceivedImage]) -> None:
         stamp_ns = stamp_of(images[0][0])
@@ -231,18 +264,18 @@ class StereoInput:
             for message, _ in images:
                 check_image(message, (rig.width, rig.height))
         except InputError as error:
-            self.dropped["rejected"] += 1
-            self._report(str(error))
+            self._dropped["rejected"] += 1
+            self._status.error(str(error))
             return
         if self.last_ns is not None and stamp_ns <= self.last_ns:
             if not jumped_back(self.last_ns, stamp_ns):
-                self.dropped["stale"] += 1
+                self._dropped["stale"] += 1
                 return
-            self._node.restart("stamps have gone back")
+            self.restart()
+            self._on_restart("stamps have gone back")
         self.last_ns = stamp_ns
-        self._unused.clear()
         frame_id = str(self._infos["left"].header.frame_id)
-        self._node._on_pair(ReceivedPair(stamp_ns, rig, frame_id, images, self._rectifier))
+        self._on_pair(ReceivedPair(stamp_ns, rig, frame_id, images, self._rectifier))
 
 
 @dataclass(frozen=True, slots=True)
@@ -294,7 +327,7 @@ class PairNode(ManagedNode[P]):
     """A managed node whose worker processes the pairs of one rig; its input is handled in the executor's thread."""
 
     rig_name: ClassVar[str]
-    extrinsics_known = True  #: Whether the pose of the rig is known, as far as the node needs it.
+    rig: StereoRig | None = None  #: The rig that was received last, None before.
     _calls_before = _silent_periods = 0
 
     @abstractmethod
@@ -305,26 +338,30 @@ class PairNode(ManagedNode[P]):
     def _on_rig(self, rig: StereoRig) -> None:
         """Take the rig of the pairs that follow."""
 
+    @abstractmethod
+    def _on_restart(self, reason: str) -> None:
+        """Start a new run after the pairs that came before."""
+
     def setup(self) -> None:
         """Create the publisher of the calls; the last one is latched, so that the doctor sees whether one was made."""
         self._calls = self.endpoints.add_publisher(String, "~/call", CALL_DEPTH, latched=True)
 
-    def restart(self, reason: str) -> None:
-        """Start a new run after the pairs that came before."""
-        self._stereo.restart()
-
     def teardown(self) -> None:
         """Forget everything."""
-        self._stereo = StereoInput(self)
+        self.rig = None
+        self._stereo = StereoInput(
+            self.rig_name,
+            self.config.input,
+            self.status,
+            on_pair=self._on_pair,
+            on_rig=self._take_rig,
+            on_restart=self._on_restart,
+        )
 
     def subscribe(self) -> None:
         """Subscribe to the images of the rig."""
-        self._stereo.subscribe()
-
-    @property
-    def rig(self) -> StereoRig | None:
-        """The rig that was received last, None before."""
-        return self._stereo.rig if hasattr(self, "_stereo") else None  # the parameters are declared before
+        self.rig = None
+        self._stereo.subscribe(self.endpoints)
 
     @contextmanager
     def ignoring_broken(self) -> Iterator[None]:
@@ -335,54 +372,48 @@ class PairNode(ManagedNode[P]):
             self.status.warn(f"{error}; ignored")
 
     def look_around(self) -> None:
-        """Log what was dropped, and where no result came meanwhile, what the node waits for, as the doctor finds it."""
+        """Log what was dropped, and what the node waits for if no result came meanwhile."""
         super().look_around()
         calls, before = self.status.calls, self._calls_before
-        self._calls_before, seen = calls, self.take_seen()
-        silent = not any(stamps_ns for stamps_ns, _ in seen.values())
-        self._silent_periods = periods = self._silent_periods + 1 if silent else 0
-        if calls > before or not self.worker.is_idle or (silent and not self.expects_input()):
+        self._calls_before = calls
+        is_silent = not any(item.received for item in self.inputs() if CameraInfo not in item.topics.values())
+        text = self.waits_for()
+        self.forget_received()
+        self._silent_periods = periods = self._silent_periods + 1 if is_silent else 0
+        if calls > before or not self.worker.is_idle or not text or (is_silent and not self.expects_input()):
             return
-        from sfr_loc_map.nodes.waiting import waits_for
+        if is_silent and calls:
+            text = f"The source has ended or is silent. {text}"
+        self.status.note_problem(Level.WARN, text)
+        if periods & (periods - 1) == 0:  # of silence after 5, 10, 20, 40 s and so on
+            self.get_logger().warning(text)
 
-        self.status.meter.mark_idle()  # with the memory of this import
-        config = self.config.input
-        about = {"stamp_tolerance_ns": config.stamp_tolerance_ns, "rectifies": config.rectify, "task": self.rig_name}
-        ended = "the source has ended or is silent: " if silent and calls else ""
-        for text in waits_for(self, seen, config.reliability, extrinsics=self.extrinsics_known, **about):
-            self.status.note_problem(Level.WARN, f"waits: {ended}{text}")
-            if periods & (periods - 1) == 0:  # of silence after 5, 10, 20, 40 s and so on
-                self.get_logger().warning(f"waits: {ended}{text}")
+    def inputs(self) -> list[Input]:
+        """Return what the node receives pairs from, with the number of messages since `forget_received`."""
+        return self._stereo.inputs()
 
-    def take_seen(self) -> Seen:
-        """Return stamps and a message of each topic, of what has been received since the last time."""
-        return self._stereo.take_seen()
+    def forget_received(self) -> None:
+        """Start to count what is received."""
+        self._stereo.forget_received()
+
+    def waits_for(self) -> str:
+        """Return what keeps the node from working, in one line; empty if nothing does that the node can see."""
+        return missing_input(self, self.inputs()) or self._stereo.apart_text()
 
     def clock_jumped_back(self) -> None:
         """Start a new run, unless its pairs have come already."""
         last_ns = self._stereo.last_ns
         if last_ns is not None and jumped_back(last_ns, self.get_clock().now().nanoseconds):
-            self.restart("the clock has gone back")
+            self._stereo.restart()
+            self._on_restart("the clock has gone back")
 
     def counts(self) -> dict[str, int]:
         """Return what was dropped since the start, by name."""
         return self._stereo.counts() | super().counts()
 
-    def enqueue_pair(self, work: Callable[[], None]) -> None:
-        """Let the worker process a pair; one that cannot be processed is counted and reported."""
-
-        def job() -> None:
-            try:
-                work()
-            except SfrError as error:
-                self._stereo.unprocessed += 1
-                self.status.error(str(error))
-
-        self.worker.enqueue(job, 0)
-
-    def restart_after_fault(self) -> None:
-        """Count the pair that was processed."""
-        self._stereo.unprocessed += 1
+    def count_failed(self) -> None:
+        """Count a pair that could not be processed."""
+        self._stereo.count_rejected()
 
     def forget_waiting(self) -> None:
         """Drop the pairs that wait."""
@@ -400,3 +431,7 @@ class PairNode(ManagedNode[P]):
         now_ns = self.get_clock().now().nanoseconds
         found = latencies([info for _, info in received.images], received.stamp_ns, time.time_ns(), now_ns)
         return found | {"conversion_s": conversion_s}
+
+    def _take_rig(self, rig: StereoRig) -> None:
+        self.rig = rig
+        self._on_rig(rig)

@@ -199,13 +199,12 @@ class Supervisor(AbstractContextManager["Supervisor"]):
                 self.check()
             if ending := process.ending:
                 endings.append(f"{process.name} {ending}")
-                environment.remove_dead_segments()
                 process.start()
         return endings
 
 
 def end_processes(processes: Sequence[ChildProcess]) -> None:
-    """End processes together: SIGINT, then SIGTERM, then SIGKILL; return when none is left, nor their memory.
+    """End processes together: SIGINT, then SIGTERM, then SIGKILL; return when none is left.
 
     It is the end of what started them, which no further signal cuts short.
     """
@@ -218,7 +217,6 @@ def end_processes(processes: Sequence[ChildProcess]) -> None:
         for process in running:
             with suppress(subprocess.TimeoutExpired):
                 process.popen.wait(max(deadline - time.monotonic(), 0.01))
-    environment.remove_dead_segments()
 
 
 def node_names(tasks: Sequence[str]) -> list[str]:

@@ -100,7 +100,7 @@ def loss_fix(export_line: str) -> str:
     return (
         f"start the process that publishes them (the camera driver) with "
         f"`{export_line}`: its shared memory counts, and holds 0.5 MB unless set; "
-        "in a container /dev/shm must hold 64 MB a process (--shm-size)"
+        "a container with --net=host needs --ipc=host"
     )
 
 

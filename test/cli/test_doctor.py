@@ -187,6 +187,8 @@ GRAPHS = {
 def verdicts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
     """Return report, exit code and text of the doctor for rovers in a ROS domain each."""
     pytest.importorskip("rclpy")
+    from ros_domain import free_domain
+
     from sfr_loc_map.nodes import environment
 
     folder = tmp_path_factory.mktemp("rovers")
@@ -195,7 +197,7 @@ def verdicts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any
     variables: dict[str, dict[str, str]] = {}
     for what in GRAPHS:
         variables[what] = {
-            "ROS_DOMAIN_ID": str(environment.free_domain()),
+            "ROS_DOMAIN_ID": str(free_domain()),
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
             "ROS_LOG_DIR": str(folder),
         }

@@ -61,8 +61,8 @@ class Endpoints:
             f"a publisher of {full_name} offers less {{}} than this node requests, nothing is received from it: set "
             f"the parameter {prefix}{{parameter}} to what it offers, or change the publisher"
         )
-        # only those given: a parameter, once declared, would keep the default of this activation
-        given = [policy for policy in QoSPolicyKind if prefix + policy.name.lower() in self._node._parameter_overrides]
+        # only those that are given: one that rclpy declares would keep the default of this activation
+        given = [policy for policy in QoSPolicyKind if self._node.has_parameter(prefix + policy.name.lower())]
         try:
             subscription = self._node.create_subscription(
                 kind,

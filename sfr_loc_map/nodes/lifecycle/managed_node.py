@@ -17,12 +17,11 @@ import traceback
 from collections.abc import Callable, Sequence
 from typing import Any, Generic, TypeVar
 
+from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import JumpThreshold, ROSClock
 from rclpy.duration import Duration
-from rclpy.exceptions import InvalidParameterTypeException
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecyclePublisher, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
@@ -35,7 +34,7 @@ from sfr_loc_map.errors import ConfigError, NodeError, SfrError
 from sfr_loc_map.inputs import JUMP_BACK_NS
 from sfr_loc_map.nodes.diagnostics import ACTIVE, DROPS, LOG_PERIOD_S, UNCONFIGURED, Level, NodeActivity, StatusReporter
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
-from sfr_loc_map.nodes.lifecycle.parameters import BUILT_IN, NodeConfig, as_list, descriptor
+from sfr_loc_map.nodes.lifecycle.parameters import BUILT_IN, FIXED, NodeConfig, as_list, descriptor, is_near_miss
 from sfr_loc_map.nodes.lifecycle.worker import Worker
 from sfr_loc_map.pipeline.kernels import load_kernels
 
@@ -59,15 +58,11 @@ class ManagedNode(LifecycleNode, Generic[C]):
 
     def __init__(self, name: str = "", **options: Any) -> None:  # noqa: ANN401
         """Declare the parameters, as files and command line give them; `options` are those of `rclpy.node.Node`."""
-        name = name or f"{self.task}_node"
-        try:
-            super().__init__(name, **options)
-        except InvalidParameterTypeException as error:  # of a parameter that ROS itself declares
-            raise ConfigError(f"parameters of {name}: {error}") from error
+        self.state = UNCONFIGURED  # of the managed node, or that of a transition
+        super().__init__(name or f"{self.task}_node", automatically_declare_parameters_from_overrides=True, **options)
         self._origin = f"parameters of {self.get_fully_qualified_name()}"
         self._infos = {info.name: info for info in parameters(self.config_type)}
-        given = {n: as_list(p.value) for n, p in self._parameter_overrides.items() if not n.startswith(BUILT_IN)}
-        self.config: C = build(self.config_type, given, origin=self._origin)
+        self.config: C = build(self.config_type, self._take_overrides(), origin=self._origin)
         self.check_config(self.config)
         for key, value in flatten(self.config).items():
             self.declare_parameter(key, as_list(value), descriptor(self._infos[key]), ignore_override=True)
@@ -80,7 +75,6 @@ class ManagedNode(LifecycleNode, Generic[C]):
         self.endpoints = Endpoints(self, self.config.output_reliability, self.status.warn)
         self._service_group = MutuallyExclusiveCallbackGroup()
         self._answer_invalid_transitions()
-        self.create_service(Trigger, "~/connections", self._tell_connections)
         self.teardown()
 
     # ---- what a subclass defines
@@ -123,12 +117,10 @@ class ManagedNode(LifecycleNode, Generic[C]):
     def restart_after_fault(self) -> None:
         """Restart after an exception that was not foreseen; called in the worker's thread."""
 
-    # ---- what a subclass uses
+    def count_failed(self) -> None:
+        """Count a message that could not be processed; called in the worker's thread."""
 
-    @property
-    def state(self) -> str:
-        """State of the managed node, or that of a transition."""
-        return str(self._state_machine.current_state[1])
+    # ---- what a subclass uses
 
     def config_json(self) -> str:
         """Return the active configuration by dotted names."""
@@ -203,31 +195,31 @@ class ManagedNode(LifecycleNode, Generic[C]):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Create what an inactive node has."""
-        return self._run("configure", self._configure, undo=self._clean_up)
+        return self._run("configure", "inactive", self._configure, undo=self._clean_up)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Receive and publish."""
         enable = super().on_activate
-        return self._run("activate", lambda: enable(state), self._activate, undo=self._deactivate)
+        return self._run("activate", ACTIVE, lambda: enable(state), self._activate, undo=self._deactivate)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Receive nothing more, finish the running job, stop publishing."""
         disable = super().on_deactivate
         say = self.get_logger().info
-        return self._run("deactivate", self._deactivate, lambda: disable(state), lambda: say("inactive"))
+        return self._run("deactivate", "inactive", self._deactivate, lambda: disable(state), lambda: say("inactive"))
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Release everything."""
-        return self._run("cleanup", self._clean_up)
+        return self._run("cleanup", UNCONFIGURED, self._clean_up)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Release everything, from any state."""
-        return self._run("shutdown", self._deactivate, self._clean_up)
+        return self._run("shutdown", "finalized", self._deactivate, self._clean_up)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Release everything after a transition that raised: the node can then be configured again."""
         broke = self._last_error
-        result = self._run("error", self._deactivate, self._clean_up)
+        result = self._run("error", UNCONFIGURED, self._deactivate, self._clean_up)
         self.status.note_problem(Level.ERROR, f"a transition broke: {broke}")
         return result
 
@@ -238,16 +230,19 @@ class ManagedNode(LifecycleNode, Generic[C]):
         super().destroy_node()
 
     def _run(
-        self, name: str, *steps: Callable[[], object], undo: Callable[[], None] | None = None
+        self, name: str, goal: str, *steps: Callable[[], object], undo: Callable[[], None] | None = None
     ) -> TransitionCallbackReturn:
-        """Run the steps of a transition; where one fails for a known reason `undo` restores the state before."""
+        """Run the steps of a transition; `undo` restores the state before if one fails for a known reason."""
+        before, self.state = self.state, f"{name} under way"
         try:
             for step in steps:
                 step()
+            self.state = goal
             return TransitionCallbackReturn.SUCCESS
         except SfrError as error:
             if undo is not None:
                 undo()
+            self.state = before
             self._last_error, outcome = error, TransitionCallbackReturn.FAILURE
         except Exception as error:  # rclpy's state machine would swallow it
             self._log_error(traceback.format_exc())
@@ -301,13 +296,13 @@ class ManagedNode(LifecycleNode, Generic[C]):
 
     def _answer_invalid_transitions(self) -> None:
         """Answer requests for a transition that the present state does not have: rclpy would end the node."""
-        service = self._service_change_state
+        (service,) = (service for service in self.services if service.srv_type is ChangeState)
         change = service.callback
 
         def guarded(request: Any, response: Any) -> Any:  # noqa: ANN401 - lifecycle_msgs/ChangeState
             try:
                 response = change(request, response)
-            except rclpy_implementation.RCLError:
+            except Exception:  # rclpy has no public class for it; a transition itself raises nothing
                 response.success = False
             self.status.publish_health(only_changes=True)
             return response
@@ -315,12 +310,6 @@ class ManagedNode(LifecycleNode, Generic[C]):
         service.callback = guarded
 
     # ---- events
-
-    def _tell_connections(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Answer how many subscribers each topic of this node reaches: what is sent before is lost to the others."""
-        response.message = json.dumps({p.topic_name: p.get_subscription_count() for p in self.publishers})
-        response.success = True
-        return response
 
     def _activity(self) -> NodeActivity:
         waiting = self._worker.waiting if self._worker is not None else 0
@@ -336,22 +325,51 @@ class ManagedNode(LifecycleNode, Generic[C]):
             found.append((Level.WARN, "use_sim_time is on but nothing was received on /clock: its time stands still"))
         return NodeActivity(self.state, self.counts(), waiting, self.expects_input(), found)
 
-    def _on_fault(self, error: Exception) -> None:
+    def _on_fault(self, error: Exception, was_message: bool) -> None:
+        """Report what a job of the worker raised: an error of the input in one line, another with its traceback."""
         if not self.context.ok():
             return  # a signal has shut ROS down while the thread worked: its next use of ROS failed
+        if was_message:
+            self.count_failed()
+        if isinstance(error, SfrError):
+            self.status.error(str(error))
+            return
         self.get_logger().error("".join(traceback.format_exception(error)))
         self.status.error(f"internal fault, {self.task} restarts: {type(error).__name__}: {error}")
         self.restart_after_fault()
 
     # ---- parameters
 
+    def _take_overrides(self) -> dict[str, Any]:
+        """Return the values that files and command line give to parameters of this node, which are declared later.
+
+        A parameter file may be for several nodes: other names are ignored, unless they resemble a name of this node.
+        """
+        sim_time = self.get_parameter("use_sim_time").value
+        if not isinstance(sim_time, bool):  # ROS would ignore it
+            raise ConfigError(f"{self._origin}: 'use_sim_time' is {sim_time!r}: true or false is required")
+        given: dict[str, Any] = {}
+        for parameter in self.get_parameters(list(self.get_parameters_by_prefix(""))):
+            name = parameter.name
+            if name.startswith(BUILT_IN):
+                continue
+            self.undeclare_parameter(name)
+            if name in self._infos or is_near_miss(name, self._infos):
+                given[name] = as_list(parameter.value)
+            else:
+                self.get_logger().info(f"parameter '{name}' is not one of this node: ignored")
+        return given
+
     def _with(self, changes: Sequence[Parameter]) -> C:
         values = flatten(self.config) | {p.name: as_list(p.value) for p in changes if p.name in self._infos}
         return build(self.config_type, values, origin=self._origin)
 
     def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
-        names = sorted(change.name for change in changes if change.name in self._infos)
-        held = [name for name in names if not name.startswith(self.live)]
+        now = flatten(self.config)
+        differing = [c.name for c in changes if c.name in self._infos and as_list(now[c.name]) != as_list(c.value)]
+        held = sorted(name for name in differing if not name.startswith(self.live))
+        if FIXED in held:
+            return SetParametersResult(successful=False, reason=f"'{FIXED}' is read-only: it is read at the start")
         if held and self.state != UNCONFIGURED:
             reason = f"'{held[0]}' is read-only while the node is {self.state}: deactivate and clean it up first"
             return SetParametersResult(successful=False, reason=reason)
@@ -360,18 +378,6 @@ class ManagedNode(LifecycleNode, Generic[C]):
         except SfrError as error:
             return SetParametersResult(successful=False, reason=" ".join(str(error).split()))
         return SetParametersResult(successful=True)
-
-    def _set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """Set what changes: of the others, as in a dump of this node, ROS refuses those that are read-only."""
-
-        def differs(new: Parameter) -> bool:
-            now = self.get_parameter(new.name) if self.has_parameter(new.name) else None
-            return now is None or now.type_ != new.type_ or as_list(now.value) != as_list(new.value)
-
-        changes = list(filter(differs, parameter_list))
-        if parameter_list and not changes:
-            return SetParametersResult(successful=True)
-        return super()._set_parameters_atomically(changes)
 
     def _on_set_done(self, changes: list[Parameter]) -> None:
         """Work with other parameters from now on."""

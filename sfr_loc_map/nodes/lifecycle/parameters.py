@@ -6,7 +6,9 @@ All but `autostart` may be set while the node is unconfigured, the live ones alw
 
 from __future__ import annotations
 
+import difflib
 from abc import abstractmethod
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,6 +21,8 @@ from sfr_loc_map.nodes.lifecycle.worker import Overload
 
 BUILT_IN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 """Parameters that ROS itself declares on a node."""
+OF_OTHER_NODES = ("input_reliability",)  #: Parameters of a node of the suite that resemble those of another.
+ALIKE = 0.85  #: Ratio of equal characters (difflib) from which an unknown name counts as misspelt.
 FIXED = "autostart"  #: Is read once, when the node starts.
 
 
@@ -42,7 +46,6 @@ class NodeConfig:
 def descriptor(info: ParamInfo) -> ParameterDescriptor:
     """Return what ROS tools show of a parameter: text with unit, range, choices."""
     message = ParameterDescriptor(description=f"{info.doc} [{info.unit}]" if info.unit else info.doc)
-    message.read_only = info.name == FIXED
     message.additional_constraints = f"one of: {', '.join(info.choices)}" if info.choices else ""
     if info.low is None or info.high is None or isinstance(info.default, tuple):
         return message
@@ -51,6 +54,14 @@ def descriptor(info: ParamInfo) -> ParameterDescriptor:
     else:
         message.integer_range = [IntegerRange(from_value=int(info.low), to_value=int(info.high), step=1)]
     return message
+
+
+def is_near_miss(name: str, known: Collection[str]) -> bool:
+    """Tell whether an unknown name is probably a misspelt one of a node: of one of its sections, or nearly equal."""
+    section, dot, _ = name.rpartition(".")
+    if dot and any(other.startswith(f"{section}.") for other in known):
+        return True
+    return name not in OF_OTHER_NODES and bool(difflib.get_close_matches(name, known, n=1, cutoff=ALIKE))
 
 
 def as_list(value: Any) -> Any:  # noqa: ANN401 - any parameter type

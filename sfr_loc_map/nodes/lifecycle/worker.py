@@ -8,6 +8,7 @@ from enum import StrEnum
 from threading import Condition, Thread
 
 Job = Callable[[], None]
+OnFault = Callable[[Exception, bool], None]
 MAX_WAITING_BYTES = 256_000_000  #: Of jobs that say how large they are: some sixteen clouds of a megapixel.
 
 
@@ -27,7 +28,8 @@ class Worker:
     rig, a new pose, a reset) are never dropped and keep their position among them.
     """
 
-    def __init__(self, name: str, overload: Overload, capacity: int, on_fault: Callable[[Exception], None]) -> None:
+    def __init__(self, name: str, overload: Overload, capacity: int, on_fault: OnFault) -> None:
+        """Start the thread; `on_fault` is called in it with what a job raised, and whether the job was droppable."""
         self.dropped = self.waiting = 0
         self._capacity = 1 if overload is Overload.NEWEST_FIRST else capacity
         self._on_fault = on_fault
@@ -37,22 +39,23 @@ class Worker:
         self._thread = Thread(target=self._work, name=name, daemon=True)
         self._thread.start()
 
-    def enqueue(self, job: Job, droppable_bytes: int | None = None) -> None:
-        """Add a job, which is never dropped unless it says how large it is (0 where that does not matter).
+    def enqueue(self, job: Job) -> None:
+        """Add a job that is never dropped."""
+        with self._changed:
+            self._append(job, None)
+
+    def enqueue_droppable(self, job: Job, size_bytes: int = 0) -> None:
+        """Add a job that may be dropped, with its size, 0 where that does not matter.
 
         If the queue is full the oldest droppable job is dropped, and counted. Where jobs become too large together, the
-        oldest of those that are large are dropped.
+        oldest of those that have a size are dropped.
         """
-        size = droppable_bytes
         with self._changed:
-            while size is not None and self.waiting >= self._capacity:
+            while self.waiting >= self._capacity:
                 self._drop_oldest(0)
-            while size and 0 < sum(other or 0 for _, other in self._jobs) > MAX_WAITING_BYTES - size:
+            while size_bytes and 0 < sum(other or 0 for _, other in self._jobs) > MAX_WAITING_BYTES - size_bytes:
                 self._drop_oldest(1)
-            if not self._ending:
-                self._jobs.append((job, size))
-                self.waiting += size is not None
-                self._changed.notify_all()
+            self._append(job, size_bytes)
 
     @property
     def is_idle(self) -> bool:
@@ -79,6 +82,12 @@ class Worker:
             self._changed.notify_all()
         self._thread.join(timeout_s)
 
+    def _append(self, job: Job, size_bytes: int | None) -> None:
+        if not self._ending:
+            self._jobs.append((job, size_bytes))
+            self.waiting += size_bytes is not None
+            self._changed.notify_all()
+
     def _drop_oldest(self, least_bytes: int) -> None:
         sizes = enumerate(size for _, size in self._jobs)
         del self._jobs[next(number for number, size in sizes if size is not None and size >= least_bytes)]
@@ -86,17 +95,18 @@ class Worker:
         self.dropped += 1
 
     def _work(self) -> None:
-        while (job := self._next()) is not None:
+        while (taken := self._next()) is not None:
+            job, size_bytes = taken
             try:
                 job()
             except Exception as error:
-                self._on_fault(error)
-            del job  # an image must not be held until the next one comes
+                self._on_fault(error, size_bytes is not None)
+            del job, taken  # an image must not be held until the next one comes
             with self._changed:
                 self._busy = False
                 self._changed.notify_all()
 
-    def _next(self) -> Job | None:
+    def _next(self) -> tuple[Job, int | None] | None:
         with self._changed:
             self._changed.wait_for(lambda: bool(self._jobs) or self._ending)
             if self._ending:
@@ -104,4 +114,4 @@ class Worker:
             job, size_bytes = self._jobs.popleft()
             self.waiting -= size_bytes is not None
             self._busy = True
-            return job
+            return job, size_bytes

@@ -30,7 +30,8 @@ class Held:
 def test_what_is_done_is_in_order_and_what_is_dropped_is_counted(kinds: list[bool], room: int, newest: bool) -> None:
     held = Held(Overload.NEWEST_FIRST if newest else Overload.EVERY_PAIR, room)
     for number, droppable in enumerate(kinds):
-        held.worker.enqueue(lambda number=number: held.done.append(number), 0 if droppable else None)
+        enqueue = held.worker.enqueue_droppable if droppable else held.worker.enqueue
+        enqueue(lambda number=number: held.done.append(number))
     kept = [number for number, droppable in enumerate(kinds) if droppable][-(1 if newest else room) :]
     expected = [number for number, droppable in enumerate(kinds) if not droppable or number in kept]
     assert held.worker.waiting == len(kept)
@@ -42,6 +43,6 @@ def test_of_what_is_large_the_oldest_is_dropped_and_nothing_that_is_small() -> N
     held = Held(Overload.EVERY_PAIR, 100)
     third = MAX_WAITING_BYTES // 3
     for number, size in enumerate((third, 0, third, 0, third, third, 0, 2 * third, 2 * MAX_WAITING_BYTES, 1, 0)):
-        held.worker.enqueue(lambda number=number: held.done.append(number), size)
+        held.worker.enqueue_droppable(lambda number=number: held.done.append(number), size)
     assert held.worker.dropped == 6
     assert held.finish() == [1, 3, 6, 9, 10]  # 8, larger than all room, waited alone until 9 came
