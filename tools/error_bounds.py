@@ -32,9 +32,9 @@ from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracks
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.state import Outcome, State
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.disparity.filters import MAD_TO_SIGMA
 from sfr_loc_map.mapping.disparity.semi_global_matching import search_range, semi_global_matching
 from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity, refine
+from sfr_loc_map.mapping.robust_statistics import MAD_TO_SIGMA
 from sfr_loc_map.pipeline.offline import start_pose
 
 EVERY = 10
@@ -51,7 +51,7 @@ def refined_pair(pair: StereoPair, rig: StereoRig) -> RefinedDisparity:
 
 def noise_of(refined: RefinedDisparity) -> float:
     """Return the noise of one image, grey levels: a residual has that of two, little less by interpolation."""
-    return refined.noise / np.sqrt(2.0)
+    return refined.noise_grey / np.sqrt(2.0)
 
 
 def gradients(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

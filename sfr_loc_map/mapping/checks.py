@@ -1,28 +1,27 @@
-"""Checks of images and matches: what cannot give a map is refused by name, what gives a poor one is warned of."""
+"""Checks of a pair: images that cannot give a map are refused with the likely cause."""
 
 from __future__ import annotations
-
-import math
 
 import cv2
 import numpy as np
 
 from sfr_loc_map.errors import MappingError
-from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
-from sfr_loc_map.mapping.disparity.filters import mad_sigma
-from sfr_loc_map.mapping.disparity.right_camera import RectificationCorrection
-from sfr_loc_map.mapping.disparity.semi_global_matching import semi_global_matching
+from sfr_loc_map.mapping.config import MAX_PAIRS
+from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
+from sfr_loc_map.mapping.disparity.semi_global_matching import DISPARITY_STEP, semi_global_matching
 
-MIN_CONTRAST = 2.0  #: Standard deviation of an image's grey levels below which there is nothing to match.
-MIN_TEXTURED_SHARE = 0.02  #: Share of the image that must have texture for its matches to be judged.
-MIN_MATCHED_SHARE = 0.3  #: Share of the textured pixels that must be matched.
-POOR_MATCHED_SHARE = 0.6
-VERTICAL_WARNING_PX = 0.3  #: Less vertical disparity than this is never warned of.
-VERTICAL_FACTOR = 3.0  #: Times the typical left-over distortion from which on vertical disparity is warned of.
-GAIN_WARNING = 1.15
-SATURATION_WARNING = 0.1
-COARSE_FACTOR = 2
+MIN_CONTRAST = 2.0  #: Smallest standard deviation of an image's grey levels that can be matched.
+MIN_MATCHED_FRACTION = 0.3  #: Fraction of the textured pixels below which the matches are due to chance.
+COARSE_FACTOR = 2  #: Images are reduced by this factor when the cause of a mismatch is searched.
+SWAPPED_FACTOR = 1.5  #: Swapped images give this many times the matches of the images as given.
+MIN_SWAPPED_FRACTION = 0.5  #: Fraction of the pixels that swapped images match.
+
+
+def check_index(index: int) -> None:
+    """Raise MappingError if a set of pairs cannot have a pair of this index."""
+    if not 0 <= index < MAX_PAIRS:
+        raise MappingError(f"pair index is {index}: a map has up to {MAX_PAIRS} pairs, 0 to {MAX_PAIRS - 1}")
 
 
 def check_images(pair: StereoPair, rig: StereoRig) -> None:
@@ -33,7 +32,8 @@ def check_images(pair: StereoPair, rig: StereoRig) -> None:
             f"{rig.width} x {rig.height}; give the rig of these images"
         )
     for name, image in (("left", pair.left), ("right", pair.right)):
-        deviation = float(cv2.meanStdDev(image)[1][0, 0])
+        _, deviations = cv2.meanStdDev(image)
+        deviation = float(deviations[0, 0])
         if deviation < MIN_CONTRAST:
             raise MappingError(
                 f"{name} image of stamp {pair.stamp_ns} is textureless (mean {image.mean():.0f}, spread "
@@ -46,69 +46,25 @@ def check_images(pair: StereoPair, rig: StereoRig) -> None:
         )
 
 
-def matched_share(left: FloatImage, variance: FloatImage, valid: Mask) -> float:
-    """Return the share of the left image's textured pixels that have a disparity; NaN if there are too few.
-
-    Texture is a local spread of twice the noise; noise is measured by a mask that cancels smooth structure
-    (Immerkaer 1996). `variance` is the `local_variance` of the left image.
-    """
-    mask = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]], np.float32)
-    noise = mad_sigma(np.asarray(cv2.filter2D(left, -1, mask), np.float32)[::2, ::2]) / 6.0
-    textured = variance > max(2.0 * noise, 1.0) ** 2
-    count = np.count_nonzero(textured)
-    if count < MIN_TEXTURED_SHARE * textured.size:
-        return float("nan")
-    return float(np.count_nonzero(valid & textured) / count)
-
-
-def check_matches(
-    pair: StereoPair,
-    share: float,
-    correction: RectificationCorrection,
-    saturated_share: float,
-    disparities: int,
-    distortion_px: float,
-) -> tuple[str, ...]:
-    """Return what is suspicious about a pair, one line each.
-
-    Of the textured pixels a share is matched, of all pixels a share is saturated; so many disparities were searched;
-    `distortion_px` is the typical left-over distortion.
-
-    Raises MappingError if so little matches that the rest would be chance.
-    """
-    if share < MIN_MATCHED_SHARE:
+def check_matches(pair: StereoPair, disparity: DisparityMap, disparity_count: int) -> None:
+    """Raise MappingError if so few textured pixels match that the matches are due to chance."""
+    matched = disparity.matched_fraction
+    if matched < MIN_MATCHED_FRACTION:
         raise MappingError(
-            f"images of stamp {pair.stamp_ns} do not match: {100 * share:.0f} % of the textured pixels are matched, "
-            f"{100 * MIN_MATCHED_SHARE:.0f} % are needed; {_likely_cause(pair, disparities)}"
+            f"images of stamp {pair.stamp_ns} do not match: {100 * matched:.0f} % of the textured pixels are matched, "
+            f"{100 * MIN_MATCHED_FRACTION:.0f} % are needed; {_likely_cause(pair, disparity_count)}"
         )
-    warnings = []
-    if math.isnan(share):
-        warnings.append("too few pixels have texture above the noise: whether the images match is not known")
-    if share < POOR_MATCHED_SHARE:
-        warnings.append(f"only {100 * share:.0f} % of the textured pixels are matched")
-    if correction.max_vertical_px > max(VERTICAL_WARNING_PX, VERTICAL_FACTOR * distortion_px):
-        warnings.append(
-            f"vertical disparity of up to {correction.max_vertical_px:.2f} px between left and right (compensated): "
-            "check the rectification"
-        )
-    if not 1.0 / GAIN_WARNING < correction.gain < GAIN_WARNING:
-        warnings.append(f"the right image has {correction.gain:.2f} times the contrast of the left (compensated)")
-    if saturated_share > SATURATION_WARNING:
-        warnings.append(
-            f"{100 * saturated_share:.0f} % of the pixels are saturated: flat ones are left out, sigma of those beside "
-            "them is widened; change the exposure"
-        )
-    return tuple(warnings)
 
 
-def _likely_cause(pair: StereoPair, disparities: int) -> str:
-    """Tell what is wrong by matching at half the size, as given and with left and right swapped."""
-    size = (pair.left.shape[1] // COARSE_FACTOR, pair.left.shape[0] // COARSE_FACTOR)
-    halves = [cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (pair.left, pair.right)]
-    left, right = (np.asarray(half, np.uint8) for half in halves)
-    count = 16 * max(1, -(-disparities // (16 * COARSE_FACTOR)))
-    as_given = float(np.isfinite(semi_global_matching(left, right, count)).mean())
-    swapped = float(np.isfinite(semi_global_matching(right, left, count)).mean())
-    if swapped > max(1.5 * as_given, 0.5):
+def _likely_cause(pair: StereoPair, disparity_count: int) -> str:
+    """Return the likely cause of a mismatch, found by matching reduced images as given and swapped."""
+    height, width = pair.left.shape
+    size = (width // COARSE_FACTOR, height // COARSE_FACTOR)
+    left = np.asarray(cv2.resize(pair.left, size, interpolation=cv2.INTER_AREA), np.uint8)
+    right = np.asarray(cv2.resize(pair.right, size, interpolation=cv2.INTER_AREA), np.uint8)
+    coarse_count = DISPARITY_STEP * max(1, -(-disparity_count // (DISPARITY_STEP * COARSE_FACTOR)))
+    matched_as_given = float(np.isfinite(semi_global_matching(left, right, coarse_count)).mean())
+    matched_swapped = float(np.isfinite(semi_global_matching(right, left, coarse_count)).mean())
+    if matched_swapped > max(SWAPPED_FACTOR * matched_as_given, MIN_SWAPPED_FRACTION):
         return "left and right seem swapped: exchange them"
     return "check that they are rectified, of the same moment and of this rig"

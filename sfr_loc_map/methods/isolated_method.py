@@ -18,10 +18,11 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState, lost_covariance
 from sfr_loc_map.mapping.config import MAX_PAIRS
-from sfr_loc_map.mapping.disparity.uncertainty import Saturation
+from sfr_loc_map.mapping.disparity.saturation import Saturation
 from sfr_loc_map.mapping.mapper import FusedMap, PairMap
 from sfr_loc_map.mapping.multiview.pair_view import PairView
-from sfr_loc_map.mapping.reprojection import NO_CALIBRATION, cloud_from_disparity
+from sfr_loc_map.mapping.reprojection import cloud_from_disparity
+from sfr_loc_map.mapping.stated_sigma import NO_CALIBRATION
 from sfr_loc_map.methods.method_process import MethodCall, MethodFailureError, MethodProcess
 from sfr_loc_map.methods.registry import Method, MethodLimits
 from sfr_loc_map.metrics.score import FindingKind, MethodRecord
@@ -178,7 +179,7 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
         warnings: tuple[str, ...] = (),
     ) -> PairMap:
         shown = np.full((self._rig.height, self._rig.width), np.nan, F) if disparity is None else disparity
-        unsaturated = Saturation(np.zeros(shown.shape, np.bool_), np.zeros(shown.shape, np.uint8), 0.0)
+        unsaturated = Saturation.none(shown.shape)
         view = PairView(cloud, shown, T_lm_left, 0.0)
         return PairMap(stamp_ns, cloud, cloud.sigma, view, unsaturated, NO_CALIBRATION, figures, warnings)
 

@@ -10,8 +10,9 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.mapping.reprojection import NO_CALIBRATION as NONE
-from sfr_loc_map.mapping.reprojection import CalibrationSigma, cloud_from_disparity, total_sigma
+from sfr_loc_map.mapping.reprojection import cloud_from_disparity
+from sfr_loc_map.mapping.stated_sigma import NO_CALIBRATION as NONE
+from sfr_loc_map.mapping.stated_sigma import CalibrationSigma, total_sigma
 
 SMALL = StereoRig(32, 24, 40.0, 44.0, 14.5, 12.25, 0.25)
 RIG = StereoRig(400, 300, 320.0, 320.0, 199.5, 149.5, 0.2)
@@ -55,7 +56,7 @@ def cloud_of(rotation: tuple[float, ...] = (0, 0, 0), rig: StereoRig = RIG, sigm
 )
 def test_sigma_is_how_far_a_wrong_calibration_moves_the_points(name: str, wrong: dict[str, Any]) -> None:
     cloud = cloud_of()
-    sigma = total_sigma(cloud, [POSE], RIG, NONE._replace(**{name: ANGLE}))
+    sigma = total_sigma(cloud, {0: POSE}, RIG, NONE._replace(**{name: ANGLE}))
     moved = np.linalg.norm(cloud_of(**wrong).xyz - cloud.xyz, axis=1)
     if name == "focal":  # the depth alone moves, the point stays on its column and row
         ray = (cloud.xyz - POSE.translation) / np.linalg.norm(cloud.xyz - POSE.translation, axis=1)[:, None]
@@ -66,8 +67,8 @@ def test_sigma_is_how_far_a_wrong_calibration_moves_the_points(name: str, wrong:
 
 def test_parts_add_as_variances_and_none_leaves_sigma_as_it_is() -> None:
     cloud = cloud_of(sigma_px=0.1)
-    np.testing.assert_array_equal(total_sigma(cloud, [POSE], RIG, NONE), cloud.sigma)
+    np.testing.assert_array_equal(total_sigma(cloud, {0: POSE}, RIG, NONE), cloud.sigma)
     parts = CalibrationSigma(1e-4, 2e-4, 3e-4, 1e-3, 2e-3, 4e-4)
-    single = [total_sigma(cloud, [POSE], RIG, NONE._replace(**{n: v})) for n, v in parts._asdict().items()]
+    single = [total_sigma(cloud, {0: POSE}, RIG, NONE._replace(**{n: v})) for n, v in parts._asdict().items()]
     variance = sum(np.square(s) - np.square(cloud.sigma) for s in single) + np.square(cloud.sigma)
-    np.testing.assert_allclose(total_sigma(cloud, [POSE], RIG, parts), np.sqrt(variance), rtol=1e-4)
+    np.testing.assert_allclose(total_sigma(cloud, {0: POSE}, RIG, parts), np.sqrt(variance), rtol=1e-4)

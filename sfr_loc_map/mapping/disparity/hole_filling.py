@@ -1,12 +1,14 @@
-"""Pixels without a valid disparity take that of a surface beside them, where the images say which.
+"""Invalid pixels take the disparity of a surface beside them, where the images agree with it.
 
-The hypotheses of a pixel are the surfaces that it meets along eight directions, continued as planes. Each is judged by
-the images: the matching cost over the pixels around, mostly those that have no disparity either. The scale is the cost
-of valid pixels beside holes in the same pair. Two surfaces cannot be seen at one pixel of the right image.
+The hypotheses of a pixel are the surfaces that are met first along eight directions, continued as planes. Each one is
+judged by the matching cost over the pixel's neighbourhood, in which pixels without a disparity have most of the weight.
+The largest cost of a filled pixel is a percentile of the costs of valid pixels beside holes in the same pair. A
+hypothesis is rejected if another surface corresponds to the same pixel of the right image.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import cv2
@@ -15,97 +17,118 @@ from numba import prange
 
 from sfr_loc_map.geometry.arrays import FloatImage, IntArray, Mask
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
-from sfr_loc_map.mapping.disparity.edge_evidence import (
-    LARGE,
+from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
+from sfr_loc_map.mapping.disparity.filters import SURFACE_JUMP_PX, depth_ratio, within
+from sfr_loc_map.mapping.disparity.matching_cost import (
+    MAX_COST,
     MAX_DIFFERENCE,
-    OTHER_SURFACE_PX,
-    RADIUS,
     WEIGHT_BY_DISTANCE,
     WEIGHT_BY_GREY,
+    WINDOW_RADIUS,
 )
-from sfr_loc_map.mapping.disparity.filters import depth_ratio, within
 
 F = np.float32
 
-PASSES = 2  #: What was filled offers its surface to its neighbours in the next pass.
+PASSES = 2  #: Pixels filled in one pass offer their surface to their neighbours in the next one.
 REACH = 12  #: Rows or columns within which a surface is a hypothesis.
-SLOPE_PX = 2  #: Distance over which a surface's slope is taken, pixels.
-VALID_WEIGHT = F(0.3)
-"""Weight in a window of pixels that have a disparity: they would only repeat what they were found to be."""
-COST_PERCENTILE = 93.0
-"""A filled pixel matches no worse than so many percent of the valid pixels beside holes: `BESIDE` pixels or less from
-one. Every `SAMPLE`th of them is taken."""
-BESIDE, SAMPLE, MIN_SAMPLES = 3, 5, 50
-MARGIN_SIGMAS = 1.5  #: Margin in matching cost over any other hypothesis, in standard deviations of noise.
-ASIDE_PX = F(2.0)  #: A surface that nothing else confirms must match better than disparities so far to either side.
-SAME_PX = F(0.5)  #: Hypotheses that differ by less are judged once.
-MIN_ALIKE = 5  #: Of the eight pixels around a filled one so many must belong to its surface.
-FILLED_SIGMA_PX = F(0.5)
-"""Smallest standard deviation of a filled disparity. The root of the mean squared error was 0.2 to 0.9 on rendered
-ground, two thirds of them were within 0.16 to 0.3."""
-MAX_DEPTH_RATIO, NEAR_PX = F(4.0), 7
-"""A hole takes no surface that is so many times as far as another one within so many pixels, as behind the rim of a
-crater: one such pixel in ten thousand would be most of the error of a map."""
-_DIRECTIONS = np.array([[0, 1], [0, -1], [1, 0], [-1, 0], [1, 1], [-1, -1], [1, -1], [-1, 1]])
+SLOPE_PX = 2  #: Distance over which the slope of a surface is measured, pixels.
+VALID_WEIGHT = F(0.3)  #: Weight of valid pixels in a window: they repeat the disparity that they already have.
+COST_PERCENTILE = 93.0  #: A filled pixel matches no worse than this percentage of the valid pixels beside holes.
+BESIDE_HOLE_PX = 3  #: Distance within which a valid pixel is beside a hole.
+SAMPLING_STRIDE = 5  #: Every fifth valid pixel beside holes is used for the percentile.
+MIN_SAMPLES = 50  #: Samples that the percentile requires.
+MARGIN_SIGMAS = 1.5  #: Cost margin over other hypotheses, in standard deviations of the noise of one pixel.
+ASIDE_PX = F(2.0)  #: A surface that nothing else confirms must match better than disparities this far to either side.
+SAME_HYPOTHESIS_PX = F(0.5)  #: Hypotheses that differ by less are judged once.
+MIN_SAME_SURFACE = 5  #: Neighbours out of eight that must belong to the surface of a filled pixel.
+MIN_FILLED_SIGMA_PX = F(0.5)
+"""Smallest standard deviation of a filled disparity: the RMS error was 0.2 to 0.9 px on rendered ground."""
+MAX_DEPTH_RATIO = F(4.0)
+"""A hole takes no surface at this many times the depth of another one nearby, as behind the rim of a crater: one such
+pixel in ten thousand would be most of the error of a map."""
+NEARBY_PX = 7  #: Rows or columns within which the depths are compared.
+DIRECTIONS = np.array([[0, 1], [0, -1], [1, 0], [-1, 0], [1, 1], [-1, -1], [1, -1], [-1, 1]])
 """Rows and columns of a step; opposite directions follow each other."""
+DIRECTION_COUNT = 8
 
 
 class HoleScene(NamedTuple):
-    """What a pass fills, `(H, W)` each."""
+    """Input of a pass, `(H, W)` each."""
 
-    left: FloatImage  # whole grey levels
-    right: FloatImage  # grey levels, corrected
-    disparity: FloatImage  # pixels
-    valid: Mask  # whose disparities count as surfaces
-    open: Mask  # which pixels may be filled
-    matched: FloatImage  # pixels, what the matcher found, NaN for nothing
-    distance: FloatImage  # rows or columns to a valid pixel
-
-
-class Claims(NamedTuple):
-    """Smallest and largest disparity `(H, W)` of the pixels that correspond to each pixel of the right image."""
-
-    low: FloatImage
-    high: FloatImage
+    left: FloatImage  #: Whole grey levels.
+    right: FloatImage  #: Corrected grey levels.
+    disparity: FloatImage  #: Pixels.
+    valid: Mask  #: Pixels whose disparities are surfaces.
+    fillable: Mask  #: Pixels that may be filled.
+    matched: FloatImage  #: Disparities of the semi-global matching, pixels; NaN where unmatched.
+    distance: FloatImage  #: Rows or columns to the nearest valid pixel.
 
 
-def fill_holes(
-    left: FloatImage,
-    right: FloatImage,
-    disparity: FloatImage,
-    valid: Mask,
-    matched: FloatImage,
-    noise: float,
-    may: Mask,
-) -> tuple[FloatImage, Mask]:
-    """Return the disparities with those of pixels that take a surface beside them, and which these are.
+class RightClaims(NamedTuple):
+    """Disparities `(H, W)` of the left pixels that correspond to each pixel of the right image, pixels."""
 
-    Images and masks are `(H, W)`. Valid disparities count as surfaces; what the matcher found is NaN for nothing; the
-    noise is the standard deviation of a residual, grey levels; pixels are filled where they may.
+    low: FloatImage  #: The smallest one; `MAX_COST` if there is none.
+    high: FloatImage  #: The largest one; `-MAX_COST` if there is none.
+
+
+class PlaneCost(NamedTuple):
+    """Matching cost of a hypothesis."""
+
+    cost: np.float32  #: Weighted mean absolute difference, grey levels.
+    effective_pixels: np.float32  #: Number of pixels with equal weights that have the same variance of the mean.
+
+
+def fill_holes(disparity: DisparityMap) -> DisparityMap:
+    """Return the disparity map with filled holes; completely saturated neighbourhoods stay invalid.
+
+    The standard deviation of a filled disparity is at least `MIN_FILLED_SIGMA_PX`.
     """
-    known, beside = valid, may
-    chosen = np.flatnonzero(within(~valid, BESIDE) & valid)[::SAMPLE]
-    costs = own_costs(HoleScene(left, right, disparity, valid, ~valid, matched, disparity), chosen)
-    limit = np.percentile(costs, COST_PERCENTILE) if len(costs) >= MIN_SAMPLES else 0.0
-    for _ in range(PASSES if limit > 0.0 else 0):
-        distance = np.asarray(cv2.distanceTransform((~known).astype(np.uint8), cv2.DIST_C, 3), F)
-        scene = HoleScene(left, right, disparity, known, beside & ~known, matched, distance)
-        found = fill_pass(scene, right_claims(disparity, known), F(limit), F(MARGIN_SIGMAS * noise))
+    scene = _scene(disparity, disparity.px, disparity.valid, ~disparity.valid)
+    max_cost = _max_cost(scene)
+    if not max_cost > 0.0:
+        return disparity
+    min_margin = F(MARGIN_SIGMAS * disparity.noise_grey)
+    unsaturated = ~disparity.saturation.flat
+    candidates = unsaturated
+    px = disparity.px
+    valid = disparity.valid
+    for _ in range(PASSES):
+        scene = _scene(disparity, px, valid, candidates & ~valid)
+        found = fill_pass(scene, right_claims(px, valid), max_cost, min_margin)
         added = np.isfinite(found)
-        merged, either = np.where(added, found, disparity), known | added
-        added = confirmed(merged, either, added, right_claims(merged, either))
-        disparity, known = np.where(added, found, disparity), known | added
-        beside = may & within(added, REACH)
-    near_enough = depth_ratio(np.where(known, disparity, F(0.0)), NEAR_PX) < MAX_DEPTH_RATIO
-    return disparity, known & ~valid & near_enough
+        with_added = np.where(added, found, px)
+        claims = right_claims(with_added, valid | added)
+        added = confirmed(with_added, valid | added, added, claims)
+        px = np.where(added, found, px)
+        valid = valid | added
+        candidates = unsaturated & within(added, REACH)
+    near_enough = depth_ratio(np.where(valid, px, F(0.0)), NEARBY_PX) < MAX_DEPTH_RATIO
+    filled = valid & ~disparity.valid & near_enough
+    sigma_px = np.where(filled, np.maximum(disparity.sigma_px, MIN_FILLED_SIGMA_PX), disparity.sigma_px)
+    return replace(disparity, px=px, sigma_px=sigma_px, valid=disparity.valid | filled)
+
+
+def _scene(disparity: DisparityMap, px: FloatImage, valid: Mask, fillable: Mask) -> HoleScene:
+    """Return the input of a pass with the disparities that are valid so far."""
+    distance = np.asarray(cv2.distanceTransform((~valid).astype(np.uint8), cv2.DIST_C, 3), F)
+    return HoleScene(disparity.left, disparity.right, px, valid, fillable, disparity.matched_px, distance)
+
+
+def _max_cost(scene: HoleScene) -> np.float32:
+    """Return the largest matching cost of a filled pixel, grey levels; 0 if too few pixels are beside holes."""
+    beside_holes = np.flatnonzero(within(~scene.valid, BESIDE_HOLE_PX) & scene.valid)
+    costs = own_costs(scene, beside_holes[::SAMPLING_STRIDE])
+    if len(costs) < MIN_SAMPLES:
+        return F(0.0)
+    return F(np.percentile(costs, COST_PERCENTILE))
 
 
 @jit_rows
-def fill_pass(scene: HoleScene, claims: Claims, limit: np.float32, margin: np.float32) -> FloatImage:
-    """Return the disparities `(H, W)` of the open pixels that one pass fills, NaN elsewhere.
+def fill_pass(scene: HoleScene, claims: RightClaims, max_cost: np.float32, min_margin: np.float32) -> FloatImage:
+    """Return the disparities `(H, W)` of the pixels that one pass fills, NaN elsewhere.
 
-    In grey levels of cost: the limit for a filled pixel, and the margin over other hypotheses of a window that is worth
-    one pixel.
+    `max_cost` is the largest cost of a filled pixel and `min_margin` the margin over other hypotheses of a window of
+    one effective pixel, both in grey levels.
     """
     rows, cols = scene.disparity.shape
     out = np.full((rows, cols), F(np.nan))
@@ -113,99 +136,125 @@ def fill_pass(scene: HoleScene, claims: Claims, limit: np.float32, margin: np.fl
         # Even rows first, then odd ones: each of two threads gets as many holes as the other.
         y = 2 * n if 2 * n < rows else 2 * n - rows + 1 - rows % 2
         for x in range(cols):
-            if scene.open[y, x] and scene.distance[y, x] <= REACH:
-                out[y, x] = _filled(scene, claims, limit, margin, y, x)
+            if scene.fillable[y, x] and scene.distance[y, x] <= REACH:
+                out[y, x] = _best_hypothesis(scene, claims, max_cost, min_margin, y, x)
     return out
 
 
 @jit_rows_inline
-def _filled(scene: HoleScene, claims: Claims, limit: np.float32, margin: np.float32, y: int, x: int) -> np.float32:
+def _best_hypothesis(
+    scene: HoleScene, claims: RightClaims, max_cost: np.float32, min_margin: np.float32, y: int, x: int
+) -> np.float32:
     """Return the disparity of the best hypothesis of a pixel, NaN if none is good enough.
 
-    Where the field agrees with it, it is the field's.
+    If the refined field agrees with the hypothesis, the disparity is that of the field.
     """
-    found = hypotheses(scene, y, x)
-    possible, count = np.zeros(8, np.bool_), 0
-    for k in range(8):
-        possible[k] = not _is_contradicted(found[k, 0], claims, y, x)
+    planes = hypotheses(scene, y, x)
+    possible = np.zeros(DIRECTION_COUNT, np.bool_)
+    count = 0
+    for k in range(DIRECTION_COUNT):
+        possible[k] = not _is_contradicted(planes[k, 0], claims, y, x)
         count += possible[k]
     if count == 0:
         return F(np.nan)
-    cost, worth = _costs(scene, y, x, found)
-    best, lowest = 0, LARGE
-    for k in range(8):
+    cost, effective_pixels = _costs(scene, y, x, planes)
+    best = 0
+    lowest = MAX_COST
+    for k in range(DIRECTION_COUNT):
         if possible[k] and cost[k] < lowest:
-            best, lowest = k, cost[k]
-    disparity: np.float32 = found[best, 0]
-    rival, enclosed = LARGE, False
-    for k in range(8):
-        if abs(found[k, 0] - disparity) > OTHER_SURFACE_PX:
-            rival = min(rival, cost[k])
-    needed = cost[best] + margin / np.sqrt(worth[best])
-    if not (possible[best] and cost[best] <= limit and rival >= needed):
+            best = k
+            lowest = cost[k]
+    disparity: np.float32 = planes[best, 0]
+    lowest_other = MAX_COST
+    for k in range(DIRECTION_COUNT):
+        if abs(planes[k, 0] - disparity) > SURFACE_JUMP_PX:
+            lowest_other = min(lowest_other, cost[k])
+    required = cost[best] + min_margin / np.sqrt(effective_pixels[best])
+    if not (possible[best] and cost[best] <= max_cost and lowest_other >= required):
         return F(np.nan)
-    for k in range(0, 8, 2):  # met in two opposite directions
-        opposite = abs(found[k + 1, 0] - disparity) < OTHER_SURFACE_PX
-        enclosed |= abs(found[k, 0] - disparity) < OTHER_SURFACE_PX and opposite
-    if not (enclosed or abs(scene.matched[y, x] - disparity) < OTHER_SURFACE_PX):
+    is_confirmed = _is_enclosed(planes, disparity) or abs(scene.matched[y, x] - disparity) < SURFACE_JUMP_PX
+    if not is_confirmed:
         for side in (-ASIDE_PX, ASIDE_PX):
-            if plane_cost(scene, y, x, disparity + side, found[best, 1], found[best, 2])[0] < needed:
+            aside = plane_cost(scene, y, x, disparity + side, planes[best, 1], planes[best, 2])
+            if aside.cost < required:
                 return F(np.nan)
     own: np.float32 = scene.disparity[y, x]
-    return own if abs(own - disparity) < OTHER_SURFACE_PX else disparity
+    return own if abs(own - disparity) < SURFACE_JUMP_PX else disparity
 
 
 @jit_rows_inline
-def _costs(scene: HoleScene, y: int, x: int, found: FloatImage) -> tuple[FloatImage, FloatImage]:
-    """Return the matching cost of each hypothesis `(8,)`, and how many pixels its window is worth."""
-    cost, worth = np.full(8, LARGE), np.ones(8, F)
-    for k in range(8):
-        if found[k, 0] == found[k, 0]:
-            first = 0
-            while first < k and not abs(found[first, 0] - found[k, 0]) < SAME_PX:
-                first += 1
-            if first < k:
-                cost[k], worth[k] = cost[first], worth[first]
-            else:
-                cost[k], worth[k] = plane_cost(scene, y, x, found[k, 0], found[k, 1], found[k, 2])
-    return cost, worth
+def _is_enclosed(planes: FloatImage, disparity: np.float32) -> bool:
+    """Return whether the surface of a disparity is met in two opposite directions."""
+    is_enclosed = False
+    for k in range(0, DIRECTION_COUNT, 2):
+        one = abs(planes[k, 0] - disparity) < SURFACE_JUMP_PX
+        opposite = abs(planes[k + 1, 0] - disparity) < SURFACE_JUMP_PX
+        is_enclosed |= one and opposite
+    return is_enclosed
+
+
+@jit_rows_inline
+def _costs(scene: HoleScene, y: int, x: int, planes: FloatImage) -> tuple[FloatImage, FloatImage]:
+    """Return the matching cost of each hypothesis `(8,)`, and the effective number of pixels of its window."""
+    cost = np.full(DIRECTION_COUNT, MAX_COST)
+    effective_pixels = np.ones(DIRECTION_COUNT, F)
+    for k in range(DIRECTION_COUNT):
+        if np.isnan(planes[k, 0]):
+            continue
+        first = 0
+        while first < k and not abs(planes[first, 0] - planes[k, 0]) < SAME_HYPOTHESIS_PX:
+            first += 1
+        if first < k:
+            cost[k] = cost[first]
+            effective_pixels[k] = effective_pixels[first]
+        else:
+            found = plane_cost(scene, y, x, planes[k, 0], planes[k, 1], planes[k, 2])
+            cost[k] = found.cost
+            effective_pixels[k] = found.effective_pixels
+    return cost, effective_pixels
 
 
 @jit_rows_inline
 def hypotheses(scene: HoleScene, y: int, x: int) -> FloatImage:
     """Return the first surface along each direction, continued to the pixel as a plane `(8, 3)`; NaN if there is none.
 
-    Columns: disparity at the pixel, and its slope along rows and columns, pixels for each pixel.
+    Columns: disparity at the pixel, and its slope along rows and columns, pixels per pixel.
     """
     rows, cols = scene.disparity.shape
-    found = np.full((8, 3), F(np.nan))
-    for k in range(8):
-        dy, dx = _DIRECTIONS[k, 0], _DIRECTIONS[k, 1]
-        s = int(scene.distance[y, x])
-        while s <= REACH:
-            v, u = y + s * dy, x + s * dx
+    planes = np.full((DIRECTION_COUNT, 3), F(np.nan))
+    for k in range(DIRECTION_COUNT):
+        dy = DIRECTIONS[k, 0]
+        dx = DIRECTIONS[k, 1]
+        steps = int(scene.distance[y, x])
+        while steps <= REACH:
+            v = y + steps * dy
+            u = x + steps * dx
             if not (0 <= v < rows and 0 <= u < cols):
                 break
             if scene.valid[v, u]:
-                slope_x, slope_y = _surface_slope(scene, v, u, 0, 1), _surface_slope(scene, v, u, 1, 0)
-                found[k, 0] = scene.disparity[v, u] - F(s) * (slope_x * F(dx) + slope_y * F(dy))
-                found[k, 1], found[k, 2] = slope_x, slope_y
+                slope_x = _surface_slope(scene, v, u, 0, 1)
+                slope_y = _surface_slope(scene, v, u, 1, 0)
+                planes[k, 0] = scene.disparity[v, u] - F(steps) * (slope_x * F(dx) + slope_y * F(dy))
+                planes[k, 1] = slope_x
+                planes[k, 2] = slope_y
                 break
-            s += int(scene.distance[v, u])
-    return found
+            steps += int(scene.distance[v, u])
+    return planes
 
 
 @jit_rows_inline
 def _surface_slope(scene: HoleScene, y: int, x: int, dy: int, dx: int) -> np.float32:
-    """Return the slope of a valid pixel's surface along an axis, from what is valid on either side."""
+    """Return the slope of a valid pixel's surface along an axis, from the valid pixels on either side."""
     rows, cols = scene.disparity.shape
     centre = scene.disparity[y, x]
-    rise, run = F(0.0), F(0.0)
+    rise = F(0.0)
+    run = F(0.0)
     for side in (-SLOPE_PX, SLOPE_PX):
-        v, u = y + side * dy, x + side * dx
+        v = y + side * dy
+        u = x + side * dx
         if 0 <= v < rows and 0 <= u < cols and scene.valid[v, u]:
             step = scene.disparity[v, u] - centre
-            if abs(step) < OTHER_SURFACE_PX:
+            if abs(step) < SURFACE_JUMP_PX:
                 rise += step if side > 0 else -step
                 run += F(SLOPE_PX)
     slope: np.float32 = rise / max(run, F(1.0))
@@ -215,76 +264,80 @@ def _surface_slope(scene: HoleScene, y: int, x: int, dy: int, dx: int) -> np.flo
 @jit_rows_inline
 def plane_cost(
     scene: HoleScene, y: int, x: int, disparity: np.float32, slope_x: np.float32, slope_y: np.float32
-) -> tuple[np.float32, np.float32]:
-    """Return the weighted mean absolute difference around a pixel, grey levels, and how many pixels that is worth."""
-    left, right = scene.left, scene.right
+) -> PlaneCost:
+    """Return the matching cost of a plane over the window around a pixel."""
+    left = scene.left
+    right = scene.right
     rows, cols = left.shape
-    total, weights, squares = F(0.0), F(0.0), F(0.0)
-    for v in range(max(0, y - RADIUS), min(rows, y + RADIUS + 1)):
+    total = F(0.0)
+    weights = F(0.0)
+    squares = F(0.0)
+    for v in range(max(0, y - WINDOW_RADIUS), min(rows, y + WINDOW_RADIUS + 1)):
         start = F(x) - disparity - slope_y * F(v - y)
-        for u in range(max(0, x - RADIUS), min(cols, x + RADIUS + 1)):
+        for u in range(max(0, x - WINDOW_RADIUS), min(cols, x + WINDOW_RADIUS + 1)):
             column = start + (F(1.0) - slope_x) * F(u - x)
             if not (column >= F(0.0) and column < F(cols - 1)):
                 continue
             k = int(column)
             value = right[v, k] + (column - F(k)) * (right[v, k + 1] - right[v, k])
             weight = WEIGHT_BY_GREY[int(abs(left[v, u] - left[y, x]))]
-            weight *= WEIGHT_BY_DISTANCE[v - y + RADIUS, u - x + RADIUS]
+            weight *= WEIGHT_BY_DISTANCE[v - y + WINDOW_RADIUS, u - x + WINDOW_RADIUS]
             weight *= VALID_WEIGHT if scene.valid[v, u] else F(1.0)
             total += weight * min(abs(value - left[v, u]), MAX_DIFFERENCE)
             weights += weight
             squares += weight * weight
     if not weights > F(0.0):
-        return LARGE, F(0.0)
-    return total / weights, weights * weights / squares
+        return PlaneCost(MAX_COST, F(0.0))
+    return PlaneCost(total / weights, weights * weights / squares)
 
 
 @jit_rows
-def own_costs(scene: HoleScene, chosen: IntArray) -> FloatImage:
-    """Return the matching costs `(N,)` of valid pixels, given by their places in the flat image."""
+def own_costs(scene: HoleScene, flat_indices: IntArray) -> FloatImage:
+    """Return the matching costs `(N,)` of valid pixels at their own disparity, given by indices of the flat image."""
     cols = scene.disparity.shape[1]
-    out = np.empty(len(chosen), F)
-    for n in prange(len(chosen)):
-        y, x = chosen[n] // cols, chosen[n] % cols
-        slope_x, slope_y = _surface_slope(scene, y, x, 0, 1), _surface_slope(scene, y, x, 1, 0)
-        out[n] = plane_cost(scene, y, x, scene.disparity[y, x], slope_x, slope_y)[0]
+    out = np.empty(len(flat_indices), F)
+    for n in prange(len(flat_indices)):
+        y = flat_indices[n] // cols
+        x = flat_indices[n] % cols
+        slope_x = _surface_slope(scene, y, x, 0, 1)
+        slope_y = _surface_slope(scene, y, x, 1, 0)
+        out[n] = plane_cost(scene, y, x, scene.disparity[y, x], slope_x, slope_y).cost
     return out
 
 
 @jit_rows
-def right_claims(disparity: FloatImage, valid: Mask) -> Claims:
-    """Return which disparities claim each pixel of the right image."""
+def right_claims(disparity: FloatImage, valid: Mask) -> RightClaims:
+    """Return the disparities that correspond to each pixel of the right image."""
     rows, cols = disparity.shape
-    low, high = np.empty((rows, cols), F), np.empty((rows, cols), F)
+    low = np.full((rows, cols), MAX_COST)
+    high = np.full((rows, cols), -MAX_COST)
     for y in prange(rows):
-        for x in range(cols):
-            low[y, x], high[y, x] = LARGE, -LARGE
         for x in range(cols):
             if valid[y, x]:
                 u = int(np.rint(F(x) - disparity[y, x]))
                 if 0 <= u < cols:
                     low[y, u] = min(low[y, u], disparity[y, x])
                     high[y, u] = max(high[y, u], disparity[y, x])
-    return Claims(low, high)
+    return RightClaims(low, high)
 
 
 @jit_rows_inline
-def _is_contradicted(disparity: np.float32, claims: Claims, y: int, x: int) -> bool:
-    """Tell whether the partner of a pixel lies outside the right image or belongs to another surface."""
+def _is_contradicted(disparity: np.float32, claims: RightClaims, y: int, x: int) -> bool:
+    """Return whether the corresponding pixel is outside the right image or belongs to another surface."""
     column = F(x) - disparity
     if not (column >= F(0.0) and column < F(claims.low.shape[1] - 1)):
         return True
     u = int(np.rint(column))
-    nearer: bool = claims.high[y, u] > disparity + OTHER_SURFACE_PX
-    farther: bool = claims.low[y, u] < disparity - OTHER_SURFACE_PX
-    return nearer or farther
+    is_nearer_claimed: bool = claims.high[y, u] > disparity + SURFACE_JUMP_PX
+    is_farther_claimed: bool = claims.low[y, u] < disparity - SURFACE_JUMP_PX
+    return is_nearer_claimed or is_farther_claimed
 
 
 @jit_rows
-def confirmed(disparity: FloatImage, known: Mask, added: Mask, claims: Claims) -> Mask:
-    """Tell which added pixels `(H, W)` are no single ones and have a partner that is no other surface's.
+def confirmed(disparity: FloatImage, valid: Mask, added: Mask, claims: RightClaims) -> Mask:
+    """Return which added pixels `(H, W)` have neighbours on their surface and correspond to no other surface.
 
-    Added pixels are known; claims are of the known ones.
+    `valid` includes the added pixels, and the claims are those of all valid pixels.
     """
     rows, cols = disparity.shape
     out = np.zeros((rows, cols), np.bool_)
@@ -292,10 +345,10 @@ def confirmed(disparity: FloatImage, known: Mask, added: Mask, claims: Claims) -
         for x in range(cols):
             if not added[y, x] or _is_contradicted(disparity[y, x], claims, y, x):
                 continue
-            alike = -1  # without the pixel itself
+            same_surface = -1  # does not count the pixel itself
             for v in range(max(0, y - 1), min(rows, y + 2)):
                 for u in range(max(0, x - 1), min(cols, x + 2)):
-                    if known[v, u] and abs(disparity[v, u] - disparity[y, x]) < OTHER_SURFACE_PX:
-                        alike += 1
-            out[y, x] = alike >= MIN_ALIKE
+                    if valid[v, u] and abs(disparity[v, u] - disparity[y, x]) < SURFACE_JUMP_PX:
+                        same_surface += 1
+            out[y, x] = same_surface >= MIN_SAME_SURFACE
     return out

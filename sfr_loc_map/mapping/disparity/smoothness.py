@@ -1,9 +1,9 @@
-"""The smoothness term, and the linear solve by which it and the data term change the disparity field.
+"""The smoothness term of the refinement, and the linear solve of data term and smoothness term together.
 
-The smoothness energy is `sum w_x (d_xx)^2 + w_y (d_yy)^2 + w_m (d_xy)^2`, weighted second differences `A` of the field
-d; its gradient is `A' W A d`. Differences that would reach beyond the border have the weight 0. The change s solves
-`(H + A' W A) s = b - A' W A d`, H the information of the data term and b its information vector, by preconditioned
-conjugate gradients (Shewchuk 1994, section B3).
+The smoothness energy of a field d is `sum w_x (d_xx)^2 + w_y (d_yy)^2 + w_m (d_xy)^2`. With A the operator of the
+second differences and W their weights, its gradient is `A' W A d`. Differences that reach beyond the border have the
+weight 0. The change s of the field solves `(H + A' W A) s = b - A' W A d`, with H the information of the data term and
+b its information vector, by preconditioned conjugate gradients (Shewchuk 1994, section B3).
 """
 
 from __future__ import annotations
@@ -18,36 +18,41 @@ from sfr_loc_map.jit import jit_rows, jit_rows_inline, on_one_thread
 
 F = np.float32
 
-MAX_STEP_PX = F(1.0)  #: No field changes by more than this in one solve: beyond it the linearisation does not hold.
-MIN_SHARED = 100_000  #: Cells from which on threads share a grid.
-BLOCK_ROWS = 32
-"""Rows that a thread takes at once: what lies between their input and their output stays in its cache."""
-SUMMED_ROWS = 4  #: Rows that are summed side by side, each in its order: one sum alone waits for itself.
+MAX_STEP_PX = F(1.0)  #: Largest change of a field in one solve: the linearisation holds within about a pixel.
+MIN_PARALLEL_CELLS = 100_000  #: Smaller grids are solved by one thread.
+MIN_DIAGONAL = F(1e-12)  #: Added to the diagonal, which must not be 0.
+BLOCK_ROWS = 32  #: Rows that a thread takes at once, so that intermediate results stay in its cache.
+SUMMED_ROWS = 4  #: Rows that are summed in one loop, each in its order: a single sum waits for its own result.
 
 
 class SmoothnessWeights(NamedTuple):
     """Weights of the second differences, 1 / pixels^2, `(h, w)` float32 each."""
 
-    along_x: FloatImage  # of the differences along rows
-    along_y: FloatImage  # of the differences along columns
-    mixed: FloatImage  # of the mixed differences between a cell, its right and its lower neighbours
+    along_x: FloatImage  #: Weights of the differences along rows.
+    along_y: FloatImage  #: Weights of the differences along columns.
+    mixed: FloatImage  #: Weights of the mixed differences of a cell with its right and its lower neighbours.
 
 
 @jit_rows
 def smoothness_weight(
     field: FloatImage, scale_x: FloatImage, scale_y: FloatImage, factor: np.float32
 ) -> SmoothnessWeights:
-    """Weight the second differences of a field by how far they exceed their scale (Cauchy: `1 / (scale^2 + q^2)`).
+    """Return the Cauchy weights `1 / (scale^2 + q^2)` of the second differences q of a field.
 
-    Scales `(h, w)` are the typical size of second differences along rows and along columns, both to be multiplied by a
-    factor; the mixed one takes the geometric mean.
+    Scales `(h, w)` times the factor are the typical sizes of second differences along rows and along columns. The scale
+    of the mixed differences is their geometric mean.
     """
     rows, cols = field.shape
-    along_x, along_y, mixed = np.empty_like(field), np.empty_like(field), np.empty_like(field)
+    along_x = np.empty_like(field)
+    along_y = np.empty_like(field)
+    mixed = np.empty_like(field)
     for i in prange(rows):
         for j in range(cols):
-            tx, ty = factor * scale_x[i, j], factor * scale_y[i, j]
-            wx = wy = wm = F(0.0)
+            tx = factor * scale_x[i, j]
+            ty = factor * scale_y[i, j]
+            wx = F(0.0)
+            wy = F(0.0)
+            wm = F(0.0)
             if 0 < j < cols - 1:
                 q = field[i, j - 1] - F(2.0) * field[i, j] + field[i, j + 1]
                 wx = F(1.0) / (tx * tx + q * q)
@@ -57,7 +62,9 @@ def smoothness_weight(
             if i < rows - 1 and j < cols - 1:
                 q = field[i, j] - field[i + 1, j] - field[i, j + 1] + field[i + 1, j + 1]
                 wm = F(2.0) / (tx * ty + q * q)
-            along_x[i, j], along_y[i, j], mixed[i, j] = wx, wy, wm
+            along_x[i, j] = wx
+            along_y[i, j] = wy
+            mixed[i, j] = wm
     return SmoothnessWeights(along_x, along_y, mixed)
 
 
@@ -71,21 +78,27 @@ def _fill_differences(
     along_y: FloatImage,
     mixed: FloatImage,
 ) -> None:
-    """Fill the weighted second differences of row i of a grid, `(w + 2,)` each with a border that stays.
+    """Fill the weighted second differences of row i of a grid, `(w + 2,)` each; their border is not written.
 
-    The field is `(n, w)`, some rows of the grid, `row` being i among them.
+    The field `(n, w)` is a part of the grid's rows, in which row i has the index `row`.
     """
     cols = field.shape[1]
-    above, centre, below = field[max(row - 1, 0)], field[row], field[min(row + 1, len(field) - 1)]
-    right, below_right = centre[1:], below[1:]
-    # One loop for each array that is filled: in one with more the compiler does not see that they are apart.
-    inside, weight = along_x[2:cols], weights.along_x[i, 1:]
+    above = field[max(row - 1, 0)]
+    centre = field[row]
+    below = field[min(row + 1, len(field) - 1)]
+    right = centre[1:]
+    below_right = below[1:]
+    # One loop per output array: with several outputs the compiler assumes that they overlap and does not vectorise.
+    inside = along_x[2:cols]
+    weight = weights.along_x[i, 1:]
     for j in range(len(inside)):
         inside[j] = weight[j] * (centre[j] - F(2.0) * right[j] + right[j + 1])
-    inside, weight = along_y[1:], weights.along_y[i]
+    inside = along_y[1:]
+    weight = weights.along_y[i]
     for j in range(cols):
         inside[j] = weight[j] * (above[j] - F(2.0) * centre[j] + below[j])
-    inside, weight = mixed[1:-2], weights.mixed[i]
+    inside = mixed[1:-2]
+    weight = weights.mixed[i]
     for j in range(len(inside)):
         inside[j] = weight[j] * (centre[j] - below[j] - right[j] + below_right[j])
 
@@ -94,28 +107,41 @@ def _fill_differences(
 def fill_smoothness(field: FloatImage, top: int, weights: SmoothnessWeights, first: int, out: FloatImage) -> None:
     """Fill rows `(m, w)` of `A' W A field` from the grid's row `first` on: the gradient of the smoothness term.
 
-    The field `(n, w)` begins at the row `top`: the rows to fill and two more on either side, where there are.
+    The field `(n, w)` begins at the row `top` of the grid. It has the rows to fill and, within the grid, two more rows
+    on either side.
     """
     rows, cols = weights.mixed.shape
     size = (len(out) + 2, cols + 2)
-    along_x, along_y, mixed = np.empty(size, F), np.empty(size, F), np.empty(size, F)
+    along_x = np.empty(size, F)
+    along_y = np.empty(size, F)
+    mixed = np.empty(size, F)
     for n in range(len(out) + 2):
         i = first - 1 + n
         for row in (along_x[n], along_y[n], mixed[n]):
-            if 0 <= i < rows:  # the others are filled
-                row[0] = row[1] = row[cols] = row[cols + 1] = F(0.0)
+            if 0 <= i < rows:  # the inside is filled below
+                row[0] = F(0.0)
+                row[1] = F(0.0)
+                row[cols] = F(0.0)
+                row[cols + 1] = F(0.0)
             else:
                 for j in range(cols + 2):
                     row[j] = F(0.0)
         if 0 <= i < rows:
             _fill_differences(field, i - top, weights, i, along_x[n], along_y[n], mixed[n])
     for n in range(len(out)):
-        row, x, y0, y1, y2 = out[n], along_x[n + 1], along_y[n], along_y[n + 1], along_y[n + 2]
-        m0, m1 = mixed[n], mixed[n + 1]
-        x1, x2, y0, y1, y2 = x[1:], x[2:], y0[1:], y1[1:], y2[1:]
+        row = out[n]
+        x0 = along_x[n + 1]
+        x1 = x0[1:]
+        x2 = x0[2:]
+        y0 = along_y[n][1:]
+        y1 = along_y[n + 1][1:]
+        y2 = along_y[n + 2][1:]
         for j in range(cols):
-            row[j] = (x[j] - F(2.0) * x1[j] + x2[j]) + (y0[j] - F(2.0) * y1[j] + y2[j])
-        m0_right, m1_right = m0[1:], m1[1:]
+            row[j] = (x0[j] - F(2.0) * x1[j] + x2[j]) + (y0[j] - F(2.0) * y1[j] + y2[j])
+        m0 = mixed[n]
+        m1 = mixed[n + 1]
+        m0_right = m0[1:]
+        m1_right = m1[1:]
         for j in range(cols):
             row[j] += m1_right[j] - m1[j] - m0_right[j] + m0[j]
 
@@ -124,7 +150,9 @@ def fill_smoothness(field: FloatImage, top: int, weights: SmoothnessWeights, fir
 def inverse_diagonal(information: FloatImage, weights: SmoothnessWeights) -> FloatImage:
     """Return one over the diagonal of `diag(information) + A' W A` `(h, w)`."""
     rows, cols = information.shape
-    along_x, along_y, mixed = weights.along_x, weights.along_y, weights.mixed
+    along_x = weights.along_x
+    along_y = weights.along_y
+    mixed = weights.mixed
     out = np.empty((rows, cols), F)
     for i in prange(rows):
         for j in range(cols):
@@ -139,18 +167,18 @@ def inverse_diagonal(information: FloatImage, weights: SmoothnessWeights) -> Flo
                     value += mixed[i - 1, j - 1]
             if i < rows - 1:
                 value += along_y[i + 1, j]
-            out[i, j] = F(1.0) / (value + F(1e-12))
+            out[i, j] = F(1.0) / (value + MIN_DIAGONAL)
     return out
 
 
 class SolverState(NamedTuple):
-    """State of a solve, `(h, w)` float32 each."""
+    """Arrays of a solve, `(h, w)` float32 each; the kernels below change them in place."""
 
-    step: FloatImage  # the solution so far
-    residual: FloatImage  # right side minus the system's matrix times the step
-    direction: FloatImage  # search direction
-    before: FloatImage  # the search direction before
-    product: FloatImage  # the system's matrix times the direction
+    step: FloatImage  #: Solution after the iterations so far.
+    residual: FloatImage  #: Right-hand side minus the system's matrix times the step.
+    direction: FloatImage  #: Search direction.
+    previous_direction: FloatImage  #: Search direction of the previous iteration.
+    product: FloatImage  #: The system's matrix times the direction.
 
 
 def conjugate_gradient_step(
@@ -160,24 +188,32 @@ def conjugate_gradient_step(
     weights: SmoothnessWeights,
     iterations: int,
 ) -> FloatImage:
-    """Return the change of a field on one grid `(h, w)`, pixels, at most `MAX_STEP_PX`."""
-    with on_one_thread(field.size < MIN_SHARED):
+    """Return the change of a field on one grid `(h, w)`, pixels, at most `MAX_STEP_PX`.
+
+    It is the solution of `(diag(information) + A' W A) s = information_vector - A' W A field` after a number of
+    preconditioned conjugate gradient iterations.
+    """
+    with on_one_thread(field.size < MIN_PARALLEL_CELLS):
         preconditioner = inverse_diagonal(information, weights)
         state = SolverState(*(np.zeros(field.shape, F) for _ in SolverState._fields))
-        _multiply(state.step, weights, preconditioner, F(1.0), state._replace(before=field))
-        power, keep = _start(information_vector, preconditioner, state), 0.0
+        no_information = state.step
+        _multiply(no_information, weights, preconditioner, F(1.0), state._replace(previous_direction=field))
+        power = _start(information_vector, preconditioner, state)
+        kept = 0.0
         for _ in range(iterations):
-            state = state._replace(direction=state.before, before=state.direction)
-            curvature = _multiply(information, weights, preconditioner, F(keep), state)
+            state = state._replace(direction=state.previous_direction, previous_direction=state.direction)
+            curvature = _multiply(information, weights, preconditioner, F(kept), state)
             if not curvature > 0.0:
                 break
             new_power = _advance(state, preconditioner, F(power / curvature))
-            keep, power = new_power / power, new_power
+            kept = new_power / power
+            power = new_power
     return np.asarray(np.clip(state.step, -MAX_STEP_PX, MAX_STEP_PX), F)
 
 
 @jit_rows_inline
 def _ordered_sum(sums: FloatArray) -> float:
+    """Return the sum in the order of the rows, so that it does not depend on the number of threads."""
     total = 0.0
     for value in sums:
         total += value
@@ -189,13 +225,19 @@ def _fill_sums(a: FloatImage, b: FloatImage, sums: FloatArray) -> None:
     """Fill the sum of each row of `a b`, products and sums in float32."""
     rows, cols = a.shape
     for i in range(0, rows - SUMMED_ROWS + 1, SUMMED_ROWS):
-        s0 = s1 = s2 = s3 = F(0.0)
+        s0 = F(0.0)
+        s1 = F(0.0)
+        s2 = F(0.0)
+        s3 = F(0.0)
         for j in range(cols):
             s0 += a[i, j] * b[i, j]
             s1 += a[i + 1, j] * b[i + 1, j]
             s2 += a[i + 2, j] * b[i + 2, j]
             s3 += a[i + 3, j] * b[i + 3, j]
-        sums[i], sums[i + 1], sums[i + 2], sums[i + 3] = s0, s1, s2, s3
+        sums[i] = s0
+        sums[i + 1] = s1
+        sums[i + 2] = s2
+        sums[i + 3] = s3
     for i in range(rows - rows % SUMMED_ROWS, rows):
         total = F(0.0)
         for j in range(cols):
@@ -205,18 +247,21 @@ def _fill_sums(a: FloatImage, b: FloatImage, sums: FloatArray) -> None:
 
 @jit_rows
 def _start(information_vector: FloatImage, preconditioner: FloatImage, state: SolverState) -> float:
-    """Fill the residual of step 0, `product` being the gradient of the smoothness; return `r M r`.
+    """Fill the residual r of step 0 and set the search direction to 0; return `r M r` with the preconditioner M.
 
-    M is the preconditioner. The search direction becomes 0.
+    The state's product is the gradient of the smoothness term.
     """
     rows, cols = information_vector.shape
-    residual, direction, product = state.residual, state.direction, state.product
+    residual = state.residual
+    direction = state.direction
+    product = state.product
     sums = np.zeros(rows)
     for i in prange(rows):
         total = F(0.0)
         for j in range(cols):
             rest = information_vector[i, j] - product[i, j]
-            residual[i, j], direction[i, j] = rest, F(0.0)
+            residual[i, j] = rest
+            direction[i, j] = F(0.0)
             total += rest * (preconditioner[i, j] * rest)
         sums[i] = total
     return _ordered_sum(sums)
@@ -227,25 +272,39 @@ def _multiply(
     information: FloatImage,
     weights: SmoothnessWeights,
     preconditioner: FloatImage,
-    keep: np.float32,
+    kept: np.float32,
     state: SolverState,
 ) -> float:
-    """Fill the next conjugate direction and its product with the system's matrix; return direction times product."""
+    """Fill the next conjugate direction and its product with the system's matrix; return direction times product.
+
+    The direction is the preconditioned residual plus `kept` times the previous direction.
+    """
     rows, cols = information.shape
-    residual, before, direction, product = state.residual, state.before, state.direction, state.product
+    residual = state.residual
+    previous = state.previous_direction
+    direction = state.direction
+    product = state.product
     sums = np.zeros(rows)
     for block in prange((rows + BLOCK_ROWS - 1) // BLOCK_ROWS):
-        first, last = BLOCK_ROWS * block, min(BLOCK_ROWS * (block + 1), rows)
-        top, end = max(first - 2, 0), min(last + 2, rows)
+        first = BLOCK_ROWS * block
+        last = min(BLOCK_ROWS * (block + 1), rows)
+        top = max(first - 2, 0)
+        end = min(last + 2, rows)
         near = np.empty((end - top, cols), F)
         for i in range(top, end):
-            out, factor, rest, old = near[i - top], preconditioner[i], residual[i], before[i]
+            out = near[i - top]
+            factor = preconditioner[i]
+            rest = residual[i]
+            old = previous[i]
             for j in range(cols):
-                out[j] = factor[j] * rest[j] + keep * old[j]
+                out[j] = factor[j] * rest[j] + kept * old[j]
         out_rows = product[first:last]
         fill_smoothness(near, top, weights, first, out_rows)
         for i in range(first, last):
-            row, known, along, copy = product[i], information[i], near[i - top], direction[i]
+            row = product[i]
+            known = information[i]
+            along = near[i - top]
+            copy = direction[i]
             for j in range(cols):
                 row[j] = known[j] * along[j] + row[j]
                 copy[j] = along[j]
@@ -255,18 +314,25 @@ def _multiply(
 
 @jit_rows
 def _advance(state: SolverState, preconditioner: FloatImage, length: np.float32) -> float:
-    """Go along the direction and return the new `r M r`."""
+    """Add `length` times the direction to the step, update the residual r and return the new `r M r`."""
     rows, cols = preconditioner.shape
-    step, residual, direction, product = state.step, state.residual, state.direction, state.product
+    step = state.step
+    residual = state.residual
+    direction = state.direction
+    product = state.product
     sums = np.zeros(rows)
     for block in prange((rows + BLOCK_ROWS - 1) // BLOCK_ROWS):
-        first, last = BLOCK_ROWS * block, min(BLOCK_ROWS * (block + 1), rows)
+        first = BLOCK_ROWS * block
+        last = min(BLOCK_ROWS * (block + 1), rows)
         squares = np.empty((last - first, cols), F)
         for i in range(first, last):
-            changed, along = step[i], direction[i]
+            changed = step[i]
+            along = direction[i]
             for j in range(cols):
                 changed[j] += length * along[j]
-            rest, by_matrix, square = residual[i], product[i], squares[i - first]
+            rest = residual[i]
+            by_matrix = product[i]
+            square = squares[i - first]
             for j in range(cols):
                 rest[j] -= length * by_matrix[j]
                 square[j] = rest[j] * rest[j]

@@ -1,105 +1,58 @@
-"""The standard deviation of each disparity: of noise and smoothing, wider beside saturated pixels.
+"""The standard deviation of each disparity, caused by noise, smoothing and edges.
 
-What the calibration adds to the sigma of a point: `mapping/reprojection.py`.
+The calibration's part is added to the sigma of points (`mapping/stated_sigma.py`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-import cv2
 import numpy as np
-from numba import prange
-from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatImage, GreyImage, Mask, median
-from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.jit import jit_rows
+from sfr_loc_map.geometry.arrays import FloatImage, median
 from sfr_loc_map.mapping.disparity.filters import box_mean, second_differences, upsample_bilinear
 from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity
 
 F = np.float32
 
 NOISE_INFORMATION = F(0.2026)
-"""Information that noise alone simulates in one cell: four times the energy of the slope's taps over four, for the mean
-of two images has a quarter of the residual's variance."""
-MAX_SIGMA_PX = F(2.0)
-WINDOW_CELLS = 9
-SHAPE_SHARE = F(0.34)  #: Error for each pixel of second difference and square cell of smoothing radius.
-CREASE_SHARE = F(1.2)
-"""Error for each pixel by which the second difference within 3 x 3 cells exceeds its median: beside edges and creases
-the field is off by as much as it bends. Both shares were found on several rendered grounds, lights and cameras at once.
-"""
+"""Information of one cell that noise alone simulates, 1 / px^2: four times the energy of the slope's taps over four,
+because the mean of two images has a quarter of the residual's variance."""
+MIN_INFORMATION = F(1e-3)  #: Smallest information of a cell, 1 / px^2.
+MAX_SIGMA_PX = F(2.0)  #: Larger standard deviations are not stated.
+WINDOW_CELLS = 9  #: Side of the square over which information, weight and curvature are averaged, cells.
+SMOOTHING_BIAS = F(0.34)
+"""Error per pixel of second difference and square cell of smoothing radius. Chosen on rendered ground of several kinds,
+lights and cameras together: docs/decisions/0003."""
+CREASE_BIAS = F(1.2)
+"""Error per pixel by which the second difference within 3 x 3 cells exceeds its median, chosen likewise: beside edges
+and creases the field is wrong by as much as it bends."""
 MAX_CREASE_PX = F(1.0)
-"""Larger second differences are edges between surfaces; the error beside them does not grow with their height."""
-EDGE_FACTOR = 10.0  #: Second differences beyond so many times the median are edges, no shape of the ground.
-
-_CLIPPED = np.where(np.isin(np.arange(256), (0, 255)), 255, 0).astype(np.uint8)
-"""By grey level: 255 for saturated ones, 0 for others."""
-FLAT_PX = 5  #: A pixel whose square of this side is saturated throughout has nothing to match.
-AROUND_PX = 11  #: Saturated pixels count for the uncertainty of those within a square of this side.
-SIGMA_GROWTH = F(1.5)
-"""How much sigma grows where all pixels around are saturated: their residuals are small without being right, so the
-noise that is measured in the images is too small. Found on rendered ground of which half is clipped."""
-SIGMA_FACTORS = F(1.0) + SIGMA_GROWTH / F(255.0) * np.arange(256, dtype=F)
-"""Factor on sigma by the mean around a pixel."""
+"""Larger second differences are edges between surfaces; the error beside an edge does not grow with its height."""
+MAX_GROUND_CURVATURE = 10.0  #: Second differences above this multiple of the median are edges, not the ground's shape.
 
 
 def disparity_sigma(refined: RefinedDisparity) -> FloatImage:
-    """Return the standard deviation of each disparity `(H, W)` float32, pixels; pixels are judged and fused by it, too.
+    """Return the standard deviation of each disparity `(H, W)` float32, pixels.
 
-    A field with information h per cell and smoothness weight s has, under white noise, the variance
-    `integral d2k / (2 pi)^2 1 / (h + s k^4) = 1 / (8 sqrt(h s))` at each point. To that come the bias of smoothing,
-    which grows with the second differences that are left and with the square of the smoothing radius,
-    `(s / h)^(1/4)` cells, and the error beside creases.
+    A field with the information h per cell and the smoothness weight s has, under white noise, the variance
+
+        integral d2k / (2 pi)^2 1 / (h + s k^4) = 1 / (8 sqrt(h s))
+
+    at each point. Smoothing adds a bias proportional to the remaining second differences and to the square of the
+    smoothing radius, `(s / h)^(1/4)` cells. Creases add an error proportional to their second difference.
     """
     height, width = refined.disparity_px.shape
-    information = np.maximum(box_mean(refined.information, WINDOW_CELLS) - NOISE_INFORMATION, F(1e-3))
-    weight = np.sqrt(box_mean(refined.weights.along_x, WINDOW_CELLS) * box_mean(refined.weights.along_y, WINDOW_CELLS))
+    information = np.maximum(box_mean(refined.information, WINDOW_CELLS) - NOISE_INFORMATION, MIN_INFORMATION)
+    weight_x = box_mean(refined.weights.along_x, WINDOW_CELLS)
+    weight_y = box_mean(refined.weights.along_y, WINDOW_CELLS)
+    weight = np.sqrt(weight_x * weight_y)
     along_x, along_y = second_differences(refined.cells_px)
     curvature = np.abs(along_x) + np.abs(along_y)
-    typical = median(curvature)
-    of_ground = box_mean(np.minimum(curvature, F(EDGE_FACTOR * typical)), WINDOW_CELLS)
+    median_curvature = median(curvature)
+    ground_curvature = np.minimum(curvature, F(MAX_GROUND_CURVATURE * median_curvature))
     noise = F(0.125) / np.sqrt(information * weight)
-    bias = np.square(SHAPE_SHARE * of_ground) * (weight / information)
-    crease = np.square(CREASE_SHARE * np.clip(box_mean(curvature, 3) - F(typical), F(0.0), MAX_CREASE_PX))
-    sigma = upsample_bilinear(np.sqrt(noise + bias + crease), (2 * noise.shape[0], 2 * noise.shape[1]))
+    bias = np.square(SMOOTHING_BIAS * box_mean(ground_curvature, WINDOW_CELLS)) * (weight / information)
+    crease_px = np.clip(box_mean(curvature, 3) - F(median_curvature), F(0.0), MAX_CREASE_PX)
+    crease = np.square(CREASE_BIAS * crease_px)
+    cell_rows, cell_columns = noise.shape
+    sigma = upsample_bilinear(np.sqrt(noise + bias + crease), (2 * cell_rows, 2 * cell_columns))
     return np.asarray(np.minimum(sigma[:height, :width], MAX_SIGMA_PX), F)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Saturation:
-    """How saturated the images are around each pixel of the left one: there is no texture, and highlights move."""
-
-    flat: Mask  #: `(H, W)`, there is nothing but saturation in one of the images.
-    #: `(H, W)` uint8, the mean around each pixel of 0 for pixels that are not saturated, 255 for others.
-    around: GreyImage
-    share: float  #: Share of the pixels of the left image that are saturated in either.
-
-    def widen(self, sigma: NDArray[np.float32], cloud: PointCloud, number: int) -> None:
-        """Multiply the standard deviations `(N,)` of the points of a cloud's pair by their factors, in place."""
-        if self.share > 0.0:
-            _widen(sigma, cloud.v, cloud.u, cloud.pair == number, self.around)
-
-
-@jit_rows
-def _widen(
-    sigma: NDArray[np.float32], v: NDArray[np.uint16], u: NDArray[np.uint16], which: Mask, around: GreyImage
-) -> None:
-    for n in prange(len(sigma)):
-        if which[n]:
-            sigma[n] *= SIGMA_FACTORS[around[v[n], u[n]]]
-
-
-def saturation(left: GreyImage, right: GreyImage, disparity_px: FloatImage) -> Saturation:
-    """Return how saturated both images are around each pixel and its partner; the disparity `(H, W)` has no holes."""
-    clipped_left, clipped_right = cv2.LUT(left, _CLIPPED), cv2.LUT(right, _CLIPPED)
-    if clipped_right.any():
-        rows, cols = left.shape
-        x, y = np.arange(cols, dtype=F) - disparity_px, np.arange(rows, dtype=F)[:, None].repeat(cols, axis=1)
-        clipped_right = cv2.remap(clipped_right, x, y, cv2.INTER_NEAREST)  # 0 outside
-    square = np.ones((FLAT_PX, FLAT_PX), np.uint8)
-    flat = np.maximum(cv2.erode(clipped_left, square), cv2.erode(clipped_right, square)) > 0
-    either = np.maximum(clipped_left, clipped_right)
-    around = np.asarray(cv2.blur(either, (AROUND_PX, AROUND_PX)), np.uint8)
-    return Saturation(flat, around, float(np.count_nonzero(either) / either.size))

@@ -1,19 +1,20 @@
-"""Sub-pixel disparity by a variational fit of the whole field to both images.
+"""Sub-pixel disparity by a variational fit of the whole field to both images (after Horn and Schunck 1981).
 
-The field minimises, over cells of 2 x 2 pixels (a surface that is smooth over several pixels needs no more),
+The field is represented by cells of 2 x 2 pixels, because a surface is smooth over several pixels. It minimises
 
     sum (r - g s)^2 / variance  +  sum smoothness_weight (second differences of the field)^2
 
-r being the right image warped by the present field minus the left one, g its slope along the row, s the change of the
-field. All pixels are solved for at once, tied by the smoothness of the ground instead of by a window that assumes a
-plane. Noise and roughness of the ground are measured in the images, so that smoothing adapts; second differences far
-beyond the typical size (the edges of rocks) lose their weight. Each iteration warps again and solves on three grids,
-coarse to fine, by conjugate gradients.
+with r the warped right image minus the left one, g its slope along the row, and s the change of the field. All cells
+are solved together, coupled by the smoothness of the ground, instead of in windows that assume a plane. The noise of
+the images and the roughness of the ground are measured in each pair, so that the smoothing adapts to both. Second
+differences far beyond the typical size, as at the edges of rocks, lose their weight (Cauchy). Each iteration warps the
+right image again and solves on three grids, coarse to fine, by conjugate gradients.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -22,13 +23,15 @@ from numba import prange
 from sfr_loc_map.geometry.arrays import FloatImage, IntArray, median
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
 from sfr_loc_map.mapping.disparity.filters import (
+    SURFACE_JUMP_PX,
     box_mean,
     downsample_mean,
-    mad_sigma,
     second_differences,
     upsample_bilinear,
+    upsample_nearest,
 )
 from sfr_loc_map.mapping.disparity.photometric_residual import (
+    SAMPLED_CELLS,
     NormalEquations,
     cell_means,
     mean_template,
@@ -39,154 +42,228 @@ from sfr_loc_map.mapping.disparity.photometric_residual import (
     rounding_noise,
     slopes,
 )
-from sfr_loc_map.mapping.disparity.right_camera import RectificationCorrection, correct_rectification
+from sfr_loc_map.mapping.disparity.rectification_correction import RectificationCorrection, correct_rectification
 from sfr_loc_map.mapping.disparity.smoothness import SmoothnessWeights, conjugate_gradient_step, smoothness_weight
+from sfr_loc_map.mapping.robust_statistics import mad_sigma
 
 F = np.float32
 
 LEVELS = 3  #: Grids of one iteration: cells of 2, 4 and 8 pixels.
-PAD = 2**LEVELS  #: Images are padded to a multiple of this.
-WARPS, NOISY_WARPS = 3, 5
-"""Iterations; more where noise is large, as the matcher's field is then further from the best one."""
-NOISY_PX = 1.2
-"""Median standard deviation of the disparity of a cell by its own pixels alone from which noise is large, pixels."""
+PADDED_MULTIPLE = 2**LEVELS  #: Images are padded to a multiple of this size.
+WARPS = 3  #: Iterations.
+NOISY_WARPS = 5  #: Iterations if noise is large, because the initial field is then farther from the minimum.
+NOISY_PX = 1.2  #: Noise is large if the median standard deviation of a cell by its own pixels exceeds this, pixels.
 SOLVER_ITERATIONS = (8, 12, 12)  #: Conjugate gradient steps on each grid, finest first.
-JUMP_PX = F(1.0)  #: Neighbouring cells that differ more belong to two surfaces.
-START_TOLERANCES_PX = (F(1.5), F(0.7))  #: Neighbours that differ by less are averaged in the matcher's result, twice.
-BOX = 9  #: Side in cells over which brightness offset and noise level are averaged.
+MEAN_RADIUS_CELLS = 3  #: Half side of the window in which the initial field is averaged, cells.
+MEAN_TOLERANCES_PX = (F(1.5), F(0.7))  #: Cells that differ by less are averaged; the initial field is averaged twice.
+WINDOW_CELLS = 9  #: Side of the square over which brightness offset and noise level are averaged, cells.
 TAIL = F(1.0 / 25.0)  #: Residuals of five standard deviations have half their weight.
-ROUGHNESS_CELLS = 4
-"""Spacing of the second differences by which roughness is measured: far enough apart to rise above the noise."""
-ROUGHNESS_FACTOR = 10.0 / ROUGHNESS_CELLS**2
-GRID_FACTOR = 2.8
-"""Growth of second differences with each doubling of the spacing: `2^1.5`, between a fractal and a smooth surface."""
+CLIPPING_SIGMAS = 3.0  #: Residuals are clipped to this many standard deviations in the brightness offset.
+TEMPLATE_SIGMAS = 4.0  #: The template is the left image where the residual exceeds this many standard deviations.
+MIN_WEIGHT = F(0.1)  #: Smallest mean robust weight by which the squared residuals are normalised.
+ROUGHNESS_CELLS = 4  #: Spacing of the second differences that measure roughness: large enough to rise above the noise.
+ROUGHNESS_FACTOR = (
+    10.0 / ROUGHNESS_CELLS**2
+)  #: Typical second difference at a spacing of one cell over the measured one.
+EDGE_ROUGHNESS = 10.0  #: Second differences are clipped to this multiple of the median, so that edges count little.
+MIN_ROUGHNESS = 0.1  #: Smallest local roughness, as a multiple of the median.
+MIN_TYPICAL_PX = 1e-3  #: Smallest median of the second differences, pixels.
+ROUGHNESS_WINDOW = 5  #: Side of the square over which the local roughness is averaged, in units of its spacing.
+GRID_FACTOR = 2.8  #: Growth of second differences per doubling of the spacing: `2^1.5`, between fractal and smooth.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RefinedDisparity:
-    """A refined field and what is needed to judge it."""
+    """A refined field and what its uncertainty and validity are judged by."""
 
     disparity_px: FloatImage  #: `(H, W)` float32, pixels, without holes.
     cells_px: FloatImage  #: `(H/2, W/2)` float32, pixels, the field on cells, padded.
-    information: FloatImage  #: `(H/2, W/2)` float32, 1 / pixels^2 of one cell.
-    weights: SmoothnessWeights  #: Of the field's second differences.
+    information: FloatImage  #: `(H/2, W/2)` float32, 1 / px^2 per cell.
+    weights: SmoothnessWeights  #: Weights of the field's second differences.
     #: `(H, W)` float32, residual over its standard deviation; NaN outside the right image.
     normalised_residual: FloatImage
-    noise: float  #: Standard deviation of a residual, grey levels.
+    noise_grey: float  #: Standard deviation of a residual, grey levels.
     right: FloatImage  #: `(H, W)` float32, the corrected right image.
-    correction: RectificationCorrection  #: Of the right image.
+    correction: RectificationCorrection  #: Deviations that were removed from the right image.
+
+
+class LeftImage(NamedTuple):
+    """The left image as the refinement uses it."""
+
+    image: FloatImage  #: `(H, W)`, padded, grey levels.
+    cell_grey: FloatImage  #: `(H/2, W/2)`, mean grey level of each cell.
+    grey_order: IntArray  #: Indices that sort the sampled cells by their grey level.
+    min_noise: float  #: Standard deviation of a residual due to rounding alone, grey levels.
+
+
+class Linearisation(NamedTuple):
+    """The data term at a field."""
+
+    residual: FloatImage  #: `(H, W)`, grey levels; NaN outside the right image.
+    offset: FloatImage  #: `(H/2, W/2)`, brightness offset of the residuals, grey levels.
+    variance: FloatImage  #: `(H/2, W/2)`, variance of the residuals, grey levels squared.
+    equations: NormalEquations  #: Normal equations of a change of the field.
+
+
+class FieldStep(NamedTuple):
+    """Result of one linearised solve."""
+
+    cells: FloatImage  #: `(H/2, W/2)`, the field, pixels.
+    weights: SmoothnessWeights  #: Smoothness weights of the finest grid.
+
+
+class Roughness(NamedTuple):
+    """Typical size of the second differences of a field around each cell, pixels."""
+
+    along_x: FloatImage
+    along_y: FloatImage
 
 
 def refine(left: FloatImage, right: FloatImage, initial_px: FloatImage) -> RefinedDisparity:
-    """Return the disparity field that fits both images `(H, W)` best; the start is right to about a pixel, or NaN."""
+    """Return the disparity field that fits both images `(H, W)` best.
+
+    The initial disparity is correct to about a pixel, or NaN where it is unknown.
+    """
     height, width = left.shape
-    least_noise = rounding_noise(left)
-    left, right = padded(left), padded(right)
-    cells = fill_occlusions(cells_from_pixels(padded(initial_px), JUMP_PX))
-    for tolerance in START_TOLERANCES_PX:
-        cells = edge_preserving_mean(cells, 3, tolerance)
-    correction, right = correct_rectification(left, right, pixels_from_cells(cells, JUMP_PX))
-    grey = downsample_mean(left, 2)
-    order = np.argsort(grey[::4, ::2].ravel(), kind="stable")
-    for warp in range(NOISY_WARPS + 1):
-        residual, offset, variance, equations = linearise(left, right, grey, order, cells, least_noise)
-        precise = warp == WARPS and median(equations.information) > NOISY_PX**-2
-        if precise or warp == NOISY_WARPS:
+    scene = prepare_left(left)
+    cells = initial_field(initial_px)
+    disparity_px = pixels_from_cells(cells, SURFACE_JUMP_PX)
+    corrected, correction = correct_rectification(scene.image, padded(right), disparity_px)
+    linear = linearise(scene, corrected, cells)
+    for warp in range(NOISY_WARPS):
+        if warp == WARPS and median(linear.equations.information) > NOISY_PX**-2:
             break
-        cells, weights = coarse_to_fine_step(cells, equations.information, equations.information_vector)
-    deviation = np.sqrt(variance)
-    residual -= offset.repeat(2, axis=0).repeat(2, axis=1)
-    residual /= deviation.repeat(2, axis=0).repeat(2, axis=1)
+        cells, weights = coarse_to_fine_step(cells, linear.equations)
+        linear = linearise(scene, corrected, cells)
+    deviation = np.sqrt(linear.variance)
+    normalised = (linear.residual - upsample_nearest(linear.offset, 2)) / upsample_nearest(deviation, 2)
     return RefinedDisparity(
-        np.ascontiguousarray(pixels_from_cells(cells, JUMP_PX)[:height, :width]),
-        cells,
-        equations.information,
-        weights,
-        residual[:height, :width],
-        median(deviation),
-        np.ascontiguousarray(right[:height, :width]),
-        correction,
+        disparity_px=np.ascontiguousarray(pixels_from_cells(cells, SURFACE_JUMP_PX)[:height, :width]),
+        cells_px=cells,
+        information=linear.equations.information,
+        weights=weights,
+        normalised_residual=normalised[:height, :width],
+        noise_grey=median(deviation),
+        right=np.ascontiguousarray(corrected[:height, :width]),
+        correction=correction,
     )
+
+
+def prepare_left(left: FloatImage) -> LeftImage:
+    """Return the left image with what all iterations share."""
+    image = padded(left)
+    cell_grey = downsample_mean(image, 2)
+    order = np.argsort(cell_grey[SAMPLED_CELLS].ravel(), kind="stable")
+    return LeftImage(image, cell_grey, order, rounding_noise(left))
+
+
+def initial_field(initial_px: FloatImage) -> FloatImage:
+    """Return the field on cells of an initial disparity `(H, W)`, without holes and averaged within surfaces."""
+    cells = fill_occlusions(cells_from_pixels(padded(initial_px), SURFACE_JUMP_PX))
+    for tolerance_px in MEAN_TOLERANCES_PX:
+        cells = edge_preserving_mean(cells, MEAN_RADIUS_CELLS, tolerance_px)
+    return cells
 
 
 def padded(image: FloatImage) -> FloatImage:
-    """Return the image with its last rows and columns repeated up to a multiple of `PAD`."""
-    below, beside = -image.shape[0] % PAD, -image.shape[1] % PAD
+    """Return the image with its last rows and columns repeated up to a multiple of `PADDED_MULTIPLE`."""
+    height, width = image.shape
+    below = -height % PADDED_MULTIPLE
+    beside = -width % PADDED_MULTIPLE
     return np.ascontiguousarray(cv2.copyMakeBorder(image, 0, below, 0, beside, cv2.BORDER_REPLICATE), F)
 
 
-def linearise(
-    left: FloatImage, right: FloatImage, grey: FloatImage, order: IntArray, cells: FloatImage, least_noise: float
-) -> tuple[FloatImage, FloatImage, FloatImage, NormalEquations]:
-    """Return residuals `(H, W)`, their brightness offset and variance, and the normal equations of each cell.
+def linearise(left: LeftImage, right: FloatImage, cells: FloatImage) -> Linearisation:
+    """Return the data term at a field.
 
-    Grey and order are of the left image, as `noise_variance` takes them. Where residuals exceed their stated variance,
-    the information is reduced by as much.
+    If residuals exceed their variance, or are correlated between pixels, the information is reduced accordingly.
     """
-    residual = photometric_residual(left, right, pixels_from_cells(cells, JUMP_PX))
-    noise = overall_noise(residual, least_noise)
-    means = cell_means(residual, F(3.0 * noise))
-    offset = box_mean(means, BOX)
-    variance = noise_variance(grey, order, residual, offset, least_noise)
-    blocks = downsample_mean(np.asarray((means - offset) / np.sqrt(variance), F), 2)
-    # 1 for white noise; blocks without residuals are 0
-    correlation = F(max(16.0 * mad_sigma(blocks[blocks != 0]) ** 2, 1.0))
-    template = mean_template(left, residual, offset, F(4.0 * noise))
-    found = normal_equations(slopes(template), residual, offset, F(1.0) / variance, TAIL)
-    chi2_per_dof = box_mean(found.chi2, BOX) / np.maximum(box_mean(found.weight, BOX), F(0.1))
-    excess = np.maximum(chi2_per_dof, correlation)
-    scaled = found._replace(
-        information=np.asarray(found.information / excess, F),
-        information_vector=np.asarray(found.information_vector / excess, F),
+    residual = photometric_residual(left.image, right, pixels_from_cells(cells, SURFACE_JUMP_PX))
+    noise = overall_noise(residual, left.min_noise)
+    means = cell_means(residual, F(CLIPPING_SIGMAS * noise))
+    offset = box_mean(means, WINDOW_CELLS)
+    variance = noise_variance(left.cell_grey, left.grey_order, residual, offset, left.min_noise)
+    template = mean_template(left.image, residual, offset, F(TEMPLATE_SIGMAS * noise))
+    equations = normal_equations(slopes(template), residual, offset, F(1.0) / variance, TAIL)
+    mean_chi2 = box_mean(equations.chi2, WINDOW_CELLS)
+    mean_weight = np.maximum(box_mean(equations.weight, WINDOW_CELLS), MIN_WEIGHT)
+    excess = np.maximum(mean_chi2 / mean_weight, noise_correlation(means, offset, variance))
+    scaled = equations._replace(
+        information=np.asarray(equations.information / excess, F),
+        information_vector=np.asarray(equations.information_vector / excess, F),
     )
-    return residual, offset, variance, scaled
+    return Linearisation(residual, offset, variance, scaled)
 
 
-def roughness(cells: FloatImage) -> tuple[FloatImage, FloatImage]:
-    """Return the typical size of the field's second differences along rows and columns around each cell, pixels."""
-    scale_x, scale_y = (_local_scale(q) for q in second_differences(downsample_mean(cells, ROUGHNESS_CELLS)))
+def noise_correlation(means: FloatImage, offset: FloatImage, variance: FloatImage) -> np.float32:
+    """Return the variance of the mean of 4 x 4 residuals over that of white noise, at least 1.
+
+    Noise that a filter or a compression has left is correlated between pixels.
+    """
+    blocks = downsample_mean(np.asarray((means - offset) / np.sqrt(variance), F), 2)
+    known = blocks[blocks != 0]  # blocks without residuals are 0
+    return F(max(16.0 * mad_sigma(known) ** 2, 1.0))
+
+
+def roughness(cells: FloatImage) -> Roughness:
+    """Return the roughness of a field, measured at a spacing of `ROUGHNESS_CELLS`."""
+    along_x, along_y = second_differences(downsample_mean(cells, ROUGHNESS_CELLS))
     factor = F(ROUGHNESS_FACTOR)
-    return upsample_bilinear(scale_x, cells.shape) * factor, upsample_bilinear(scale_y, cells.shape) * factor
+    return Roughness(
+        upsample_bilinear(_local_size(along_x), cells.shape) * factor,
+        upsample_bilinear(_local_size(along_y), cells.shape) * factor,
+    )
 
 
-def _local_scale(differences: FloatImage) -> FloatImage:
-    """Return the typical size around each cell; single large ones (edges) count little."""
+def _local_size(differences: FloatImage) -> FloatImage:
+    """Return the typical size of differences around each cell; single large ones, as at edges, count little."""
     size = np.abs(differences)
-    typical = max(median(size), 1e-3)
-    local = np.square(box_mean(np.sqrt(np.minimum(size, F(10.0 * typical))), BOX))
-    return box_mean(np.maximum(local, F(0.1 * typical)), 5)
+    typical = max(median(size), MIN_TYPICAL_PX)
+    clipped = np.minimum(size, F(EDGE_ROUGHNESS * typical))
+    local = np.square(box_mean(np.sqrt(clipped), WINDOW_CELLS))
+    return box_mean(np.maximum(local, F(MIN_ROUGHNESS * typical)), ROUGHNESS_WINDOW)
 
 
-def coarse_to_fine_step(
-    cells: FloatImage, information: FloatImage, information_vector: FloatImage
-) -> tuple[FloatImage, SmoothnessWeights]:
-    """Return the field after one linearised solve on all grids, and the smoothness weights of the finest."""
-    scale_x, scale_y = roughness(cells)
+def coarse_to_fine_step(cells: FloatImage, equations: NormalEquations) -> FieldStep:
+    """Return the field after one linearised solve on all grids, coarse to fine."""
+    rough = roughness(cells)
+    information = equations.information
+    information_vector = equations.information_vector
     for level in range(LEVELS - 1, 0, -1):
         factor = 2**level
-        field, coarse_x, coarse_y = (downsample_mean(image, factor) for image in (cells, scale_x, scale_y))
-        sums = [downsample_mean(image, factor) * F(factor * factor) for image in (information, information_vector)]
-        weights = smoothness_weight(field, coarse_x, coarse_y, F(GRID_FACTOR**level))
-        coarse_step = conjugate_gradient_step(field, sums[0], sums[1], weights, SOLVER_ITERATIONS[level])
+        cells_per_block = F(factor * factor)
+        field = downsample_mean(cells, factor)
+        weights = smoothness_weight(
+            field, downsample_mean(rough.along_x, factor), downsample_mean(rough.along_y, factor), F(GRID_FACTOR**level)
+        )
+        coarse_step = conjugate_gradient_step(
+            field,
+            downsample_mean(information, factor) * cells_per_block,
+            downsample_mean(information_vector, factor) * cells_per_block,
+            weights,
+            SOLVER_ITERATIONS[level],
+        )
         step = upsample_bilinear(coarse_step, cells.shape)
         cells = cells + step
         information_vector = information_vector - information * step
-    weights = smoothness_weight(cells, scale_x, scale_y, F(1.0))
+    weights = smoothness_weight(cells, rough.along_x, rough.along_y, F(1.0))
     step = conjugate_gradient_step(cells, information, information_vector, weights, SOLVER_ITERATIONS[0])
-    return cells + step, weights
+    return FieldStep(cells + step, weights)
 
 
 @jit_rows
 def cells_from_pixels(disparity: FloatImage, jump: np.float32) -> FloatImage:
-    """Return the mean disparity of each cell's nearest surface `(H/2, W/2)`, NaN for a cell without any."""
-    rows, cols = disparity.shape[0] // 2, disparity.shape[1] // 2
+    """Return the mean disparity of each cell's nearest surface `(H/2, W/2)`, NaN if all its pixels are unknown."""
+    rows = disparity.shape[0] // 2
+    cols = disparity.shape[1] // 2
     cells = np.empty((rows, cols), F)
     for i in prange(rows):
         for j in range(cols):
             nearest = F(-1.0)
             for k in range(4):
                 nearest = max(nearest, disparity[2 * i + k // 2, 2 * j + k % 2])
-            total, count = F(0.0), F(0.0)
+            total = F(0.0)
+            count = F(0.0)
             for k in range(4):
                 value = disparity[2 * i + k // 2, 2 * j + k % 2]
                 if value > nearest - jump:
@@ -198,7 +275,7 @@ def cells_from_pixels(disparity: FloatImage, jump: np.float32) -> FloatImage:
 
 @jit_rows
 def fill_occlusions(cells: FloatImage) -> FloatImage:
-    """Return the cells with each hole given the farther of its two neighbours along the row: holes are occlusions."""
+    """Return the cells with holes filled by the farther neighbour along the row: most holes are occlusions."""
     rows, cols = cells.shape
     out = cells.copy()
     for i in prange(rows):
@@ -225,17 +302,21 @@ def fill_occlusions(cells: FloatImage) -> FloatImage:
 
 @jit_rows
 def edge_preserving_mean(cells: FloatImage, radius: int, jump: np.float32) -> FloatImage:
-    """Return each cell's mean over its neighbours that differ by less than `jump`: noise is averaged, edges stay."""
+    """Return each cell's mean over its neighbours that differ by less than `jump`, so that edges stay sharp."""
     rows, cols = cells.shape
     out = np.empty_like(cells)
     for i in prange(rows):
-        total, count = np.zeros(cols, F), np.zeros(cols, F)
+        total = np.zeros(cols, F)
+        count = np.zeros(cols, F)
         for y in range(max(0, i - radius), min(rows, i + radius + 1)):
             for dx in range(-radius, radius + 1):
-                # The columns are the innermost loop, over slices that start at 0: they are computed side by side.
-                first, last = max(0, -dx), min(cols, cols - dx)
-                neighbours, centres = cells[y, first + dx : last + dx], cells[i, first:last]
-                totals, counts = total[first:last], count[first:last]
+                # The columns are the innermost loop, over slices that start at 0, so that it runs on the vector units.
+                first = max(0, -dx)
+                last = min(cols, cols - dx)
+                neighbours = cells[y, first + dx : last + dx]
+                centres = cells[i, first:last]
+                totals = total[first:last]
+                counts = count[first:last]
                 for j in range(len(centres)):
                     step = neighbours[j] - centres[j]
                     near = F(1.0) if abs(step) < jump else F(0.0)

@@ -1,6 +1,6 @@
 """Content that stays at its pixels while the camera moves: the rover's own body, or rows of another pair.
 
-Its points are those of no ground: each pair puts them elsewhere. A region counts as such if two pairs show the same
+Such content is not ground: each pair would map it to another position. A region is fixed if two pairs have the same
 grey levels and the same disparities at the same pixels, although ground there would have moved in the image.
 """
 
@@ -9,100 +9,115 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.mapping.findings import Findings
 from sfr_loc_map.mapping.multiview.pair_view import PairView
 
 F = np.float32
 
-STEP = 3  #: Every third pixel of every third row is compared.
-WINDOW = 9  #: Samples along each side of the window that grey levels are compared over.
-MIN_LIKENESS = F(0.8)
-MIN_KNOWN = F(0.6)  #: Share of the window in which both pairs must have points: more than at the border of the image.
-SAME_DISPARITY_PX = 1.0
-MIN_MOTION_PX = 8.0
-"""Ground must move by so much in the image from one pair to the other: less leaves it like itself."""
-MIN_SPREAD = F(2.0)  #: Spread of grey levels in the window over that of the noise below which they say nothing.
-OPENING = 5  #: Samples along each side of the smallest region.
-MIN_SHARE = 0.003  #: Share of the image below which nothing is taken out.
+STRIDE = 3  #: Every third pixel of every third row is compared.
+WINDOW_SAMPLES = 9  #: Side of the window over which grey levels are compared, samples.
+MIN_SIMILARITY = F(0.8)  #: Similarity of the grey levels of fixed content; 1 for equal windows.
+MIN_KNOWN_FRACTION = F(0.6)  #: Fraction of the window in which both pairs must have points.
+MIN_COVERAGE = F(1e-3)  #: Smallest fraction by which a window's sums are normalised.
+SAME_DISPARITY_PX = 1.0  #: Largest difference of the disparities of fixed content.
+MIN_MOTION_PX = 8.0  #: Smallest motion of ground in the image: with less motion ground resembles itself.
+MIN_TEXTURE = F(2.0)  #: Standard deviation of the grey levels of a window over the noise that a comparison requires.
+REGION_SAMPLES = 5  #: Side of the smallest region, samples.
+MIN_REGION_FRACTION = 0.003  #: Smaller fractions of the image are not removed.
 
 
-def without_fixed_content(
-    views: Sequence[PairView], rig: StereoRig
-) -> tuple[Sequence[PairView], dict[str, float], tuple[str, ...]]:
-    """Return views without content fixed to the image (both of two pairs lose it), its share by name, and a line."""
-    fixed: dict[int, Mask] = {}
+class GroundViews(NamedTuple):
+    """Views without fixed content."""
+
+    views: Sequence[PairView]
+    findings: Findings  #: Fraction of the image that was removed from each pair, and warnings.
+
+
+def without_fixed_content(views: Sequence[PairView], rig: StereoRig) -> GroundViews:
+    """Return the views without content that is fixed to the image; both of two pairs lose it."""
+    regions: dict[int, Mask] = {}
     warnings = []
     for i, j in combinations(range(len(views)), 2):
         region = _fixed_region(views[i], views[j], rig)
-        share = float(region.mean())
-        if share < MIN_SHARE:
+        fraction = float(region.mean())
+        if fraction < MIN_REGION_FRACTION:
             continue
         warnings.append(
-            f"{100 * share:.0f} % of the image is the same in pairs {i} and {j} although the camera has moved: the "
+            f"{100 * fraction:.0f} % of the image is the same in pairs {i} and {j} although the camera has moved: the "
             "rover's own body, or images of another pair; its points are left out"
         )
         for number in (i, j):
-            fixed[number] = region | fixed.get(number, np.zeros_like(region))
-    statistics = {f"fixed_share_{number}": float(region.mean()) for number, region in fixed.items()}
-    moving = [_without(view, fixed[number]) if number in fixed else view for number, view in enumerate(views)]
-    return moving, statistics, tuple(warnings)
+            regions[number] = region | regions.get(number, np.zeros_like(region))
+    statistics = {f"fixed_share_{number}": float(region.mean()) for number, region in regions.items()}
+    kept = [_without(view, regions[number]) if number in regions else view for number, view in enumerate(views)]
+    return GroundViews(kept, Findings(statistics, tuple(warnings)))
 
 
 def _fixed_region(first: PairView, second: PairView, rig: StereoRig) -> Mask:
     """Return which samples `(H/3, W/3)` belong to content that is fixed to the image."""
-    still = _still(first, second, rig)
-    if still.mean() < MIN_SHARE:
-        return np.zeros(still.shape, np.bool_)
+    same_disparity = _same_disparity(first, second, rig)
+    if same_disparity.mean() < MIN_REGION_FRACTION:
+        return np.zeros(same_disparity.shape, np.bool_)
     noise = F(max(first.noise_grey, second.noise_grey))
-    likeness = _likeness(first.images.grey[::STEP, ::STEP], second.images.grey[::STEP, ::STEP], noise)
-    alike = still & (likeness > MIN_LIKENESS)
-    square = np.ones((OPENING, OPENING), np.uint8)
-    core = cv2.morphologyEx(alike.astype(np.uint8), cv2.MORPH_CLOSE, square)
-    core = cv2.morphologyEx(core, cv2.MORPH_OPEN, square)
-    return np.asarray(cv2.dilate(core, square)).astype(np.bool_)
+    first_grey = first.images.grey[::STRIDE, ::STRIDE]
+    second_grey = second.images.grey[::STRIDE, ::STRIDE]
+    is_fixed = same_disparity & (_similarity(first_grey, second_grey, noise) > MIN_SIMILARITY)
+    square = np.ones((REGION_SAMPLES, REGION_SAMPLES), np.uint8)
+    closed = cv2.morphologyEx(is_fixed.astype(np.uint8), cv2.MORPH_CLOSE, square)
+    opened = cv2.morphologyEx(closed, cv2.MORPH_OPEN, square)
+    return np.asarray(cv2.dilate(opened, square)).astype(np.bool_)
 
 
-def _still(first: PairView, second: PairView, rig: StereoRig) -> Mask:
-    """Tell which samples `(H/3, W/3)` have the same disparity in both images although ground there has moved."""
-    disparity = first.disparity_px[::STEP, ::STEP]
-    still: Mask = np.abs(disparity - second.disparity_px[::STEP, ::STEP]) < SAME_DISPARITY_PX
-    i, j = np.nonzero(still)
-    x, y = (j * STEP - rig.cx) / rig.fx, (i * STEP - rig.cy) / rig.fy
-    nearness = disparity[i, j].astype(np.float64) / (rig.fx * rig.baseline_m)  # inverse depth
-    motion = second.T_lm_left.inverse() @ first.T_lm_left
-    moved = motion.rotation @ np.stack((x, y, np.ones(len(x)))) + motion.translation[:, None] * nearness
+def _same_disparity(first: PairView, second: PairView, rig: StereoRig) -> Mask:
+    """Return which samples `(H/3, W/3)` have the same disparity in both images although ground there has moved."""
+    disparity = first.disparity_px[::STRIDE, ::STRIDE]
+    same: Mask = np.abs(disparity - second.disparity_px[::STRIDE, ::STRIDE]) < SAME_DISPARITY_PX
+    row, column = np.nonzero(same)
+    x = (column * STRIDE - rig.cx) / rig.fx
+    y = (row * STRIDE - rig.cy) / rig.fy
+    inverse_depth = disparity[row, column].astype(np.float64) / (rig.fx * rig.baseline_m)
+    T_second_first = second.T_lm_left.inverse() @ first.T_lm_left
+    rays = np.stack((x, y, np.ones(len(x))))
+    moved = T_second_first.rotation @ rays + T_second_first.translation[:, None] * inverse_depth
     with np.errstate(divide="ignore", invalid="ignore"):
-        shift_px = rig.fx * np.hypot(moved[0] / moved[2] - x, moved[1] / moved[2] - y)
-    still[i, j] = ~(moved[2] > 0.0) | (shift_px > MIN_MOTION_PX)
-    return still
+        motion_px = rig.fx * np.hypot(moved[0] / moved[2] - x, moved[1] / moved[2] - y)
+    is_behind = ~(moved[2] > 0.0)
+    same[row, column] = is_behind | (motion_px > MIN_MOTION_PX)
+    return same
 
 
-def _likeness(a: FloatImage, b: FloatImage, noise: np.float32) -> FloatImage:
-    """Return `1 - mean (a - b)^2 / (var a + var b)` around samples; 0 for too few known ones or no texture."""
+def _similarity(a: FloatImage, b: FloatImage, noise: np.float32) -> FloatImage:
+    """Return `1 - mean (a - b)^2 / (var a + var b)` around samples; 0 with too few known samples or no texture."""
     known = np.isfinite(a) & np.isfinite(b)
-    share = _window_mean(known.astype(F))
-    a, b = np.where(known, a, F(0.0)), np.where(known, b, F(0.0))
-    count = np.maximum(share, F(1e-3))
-    difference = _window_mean(np.square(a - b)) / count
-    variances = [_window_mean(image * image) / count - np.square(_window_mean(image) / count) for image in (a, b)]
-    textured = np.minimum(*variances) > np.square(MIN_SPREAD * noise)
+    known_fraction = _window_mean(known.astype(F))
+    coverage = np.maximum(known_fraction, MIN_COVERAGE)
+    a = np.where(known, a, F(0.0))
+    b = np.where(known, b, F(0.0))
+    difference = _window_mean(np.square(a - b)) / coverage
+    variance_a = _window_mean(a * a) / coverage - np.square(_window_mean(a) / coverage)
+    variance_b = _window_mean(b * b) / coverage - np.square(_window_mean(b) / coverage)
+    is_textured = np.minimum(variance_a, variance_b) > np.square(MIN_TEXTURE * noise)
     with np.errstate(divide="ignore", invalid="ignore"):
-        likeness = F(1.0) - difference / (variances[0] + variances[1])
-    return np.asarray(np.where(textured & (share > MIN_KNOWN), likeness, F(0.0)), F)
+        similarity = F(1.0) - difference / (variance_a + variance_b)
+    return np.asarray(np.where(is_textured & (known_fraction > MIN_KNOWN_FRACTION), similarity, F(0.0)), F)
 
 
 def _window_mean(image: FloatImage) -> FloatImage:
-    return np.asarray(cv2.blur(image, (WINDOW, WINDOW), borderType=cv2.BORDER_CONSTANT), F)
+    """Return the mean over the window; samples outside the image are 0."""
+    return np.asarray(cv2.blur(image, (WINDOW_SAMPLES, WINDOW_SAMPLES), borderType=cv2.BORDER_CONSTANT), F)
 
 
 def _without(view: PairView, region: Mask) -> PairView:
-    kept = ~region[view.cloud.v // STEP, view.cloud.u // STEP]
-    disparity = view.disparity_px.copy()
-    rows, columns = disparity.shape
-    disparity[region.repeat(STEP, axis=0).repeat(STEP, axis=1)[:rows, :columns]] = np.nan
-    return replace(view, cloud=view.cloud.select(kept), disparity_px=disparity)
+    """Return the view without the points of a region of samples `(H/3, W/3)`."""
+    kept = ~region[view.cloud.v // STRIDE, view.cloud.u // STRIDE]
+    rows, columns = view.disparity_px.shape
+    removed = region.repeat(STRIDE, axis=0).repeat(STRIDE, axis=1)[:rows, :columns]
+    disparity_px = np.where(removed, F(np.nan), view.disparity_px)
+    return replace(view, cloud=view.cloud.select(kept), disparity_px=disparity_px)

@@ -1,12 +1,12 @@
 """One cloud from up to three stereo pairs.
 
-Every point is reprojected into the disparity images of the other pairs. Where both agree within their errors the point
-moves along its own ray to the mean weighted by inverse variance, so that all pairs' points lie on one surface; where
-another pair sees through it, the one with the lower variance stays.
+Every point is reprojected into the disparity images of the other pairs. If both agree within their uncertainty, the
+point moves along its own ray to the mean weighted by inverse variance, so that the points of all pairs are on one
+surface. If another pair with the lower variance observes a farther surface at that pixel, the point is dropped.
 
-Points are samples of the ground and all stay, each on the ray of its own pixel: where ground is seen at a grazing angle
-the rows of one image are centimetres apart, and those of another pair lie between them. Only of two points that are
-the same sample the one with the larger weight stays.
+The points are samples of the ground. All others are kept, each on the ray of its own pixel: where the ground is seen at
+a grazing angle, the rows of one image are centimetres apart, and those of another pair are between them. Of two points
+that are the same sample, the one with the larger weight is kept.
 """
 
 from __future__ import annotations
@@ -14,121 +14,171 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatImage, Mask, median
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.mapping.disparity.filters import mad_sigma
+from sfr_loc_map.mapping.findings import Findings
 from sfr_loc_map.mapping.multiview.pair_view import SHIFT_PX, PairView, ReprojectedPoints, reproject_into_view
+from sfr_loc_map.mapping.robust_statistics import mad_sigma
 
 F = np.float32
 
-AGREE_SIGMAS = 3.0  #: Differences up to so many standard deviations are taken as noise.
-COMMON_SHARE = 0.5
-"""Share of a point's variance that all pairs have in common (smoothing of the same shape) and no mean removes."""
-SAME_PX = F(0.02)
-"""Two points that are seen nearer to each other than this are one sample: images from one position and direction."""
-SAMPLE = 4  #: Agreement is measured by every fourth point.
-MIN_OVERLAP = 1000  #: Fewer points in common say nothing of poses.
+AGREE_SIGMAS = 3.0  #: Differences up to this many standard deviations are consistent.
+COMMON_VARIANCE = 0.5
+"""Fraction of a point's variance that all pairs have in common (smoothing of the same shape), which averaging does not
+reduce."""
+SAME_SAMPLE_PX = F(0.02)  #: Points closer than this in an image are one sample: the images have the same pose.
+AGREEMENT_STRIDE = 4  #: The agreement of poses is measured by every fourth point.
+MIN_OVERLAP = 1000  #: Points in common that a statement about poses requires.
 MEDIAN_ABSOLUTE = 0.6745  #: Median of the absolute value of a standard normal variable.
-RANGE_WARNING = 1.8  #: Ratio of measured to expected differences in range beyond which two poses are doubted.
-GREY_WARNING = 0.45
-"""Ratio of grey level differences to those `SHIFT_PX` away beyond which poses are doubted; 0.1-0.3 for right poses."""
-MIN_TEXTURE = 2.0
-"""Spread of grey level differences `SHIFT_PX` away over that of noise below which grey levels say nothing of poses."""
+MAX_RANGE_RATIO = 1.8  #: Measured over expected range differences above which poses disagree.
+MAX_GREY_RATIO = 0.45
+"""Grey level differences over those at `SHIFT_PX` above which poses disagree; correct poses have 0.1 to 0.3."""
+MIN_TEXTURE = 2.0  #: Grey level differences at `SHIFT_PX` over the noise that a comparison of grey levels requires.
 
 
-def fuse_views(views: Sequence[PairView], rig: StereoRig) -> tuple[PointCloud, dict[str, float], tuple[str, ...]]:
-    """Return one cloud in LM, figures by name, and what is suspicious; of equal weights the first view's wins."""
-    statistics = {"points_in": float(sum(len(view.cloud) for view in views)), "merged": 0.0, "dropped_conflict": 0.0}
-    clouds: list[PointCloud] = []
-    agreements: dict[str, float] = {}
-    warnings: list[str] = []
-    for i, view in enumerate(views):
-        own_weight = view.images.weight[view.cloud.v, view.cloud.u]
-        total_weight, weighted_difference = own_weight.copy(), np.zeros_like(own_weight)
-        merged, duplicate, conflict = np.zeros((3, len(view.cloud)), np.bool_)
-        for j, other in enumerate(views):
-            if j == i:
-                continue
-            seen = reproject_into_view(view.cloud, other.T_lm_left, other.images, rig)
-            index, own = seen.index, own_weight[seen.index]
-            sigma = np.sqrt(np.square(view.cloud.sigma[index]) + np.square(seen.deviation))
-            agree = np.abs(seen.difference) / sigma <= AGREE_SIGMAS
-            weight = np.where(agree, seen.weight, F(0.0))
-            total_weight[index] += weight
-            weighted_difference[index] += weight * seen.difference
-            merged[index] |= agree
-            heavier = seen.weight >= own if j < i else seen.weight > own
-            duplicate[index] |= agree & heavier & (seen.offset_px < SAME_PX)
-            conflict[index] |= heavier & (seen.difference > AGREE_SIGMAS * sigma)
-            figures, warning = pose_agreement((i, j), (view, other), seen)
-            agreements |= figures
-            warnings += [warning] if warning and i < j else []  # once for two views
-        kept = ~(duplicate | conflict)
-        clouds.append(_moved_along_rays(view, kept, merged, total_weight, weighted_difference))
-        statistics["merged"] += int(merged.sum())
-        statistics["dropped_conflict"] += int(conflict.sum())
-    cloud = replace(PointCloud.concatenate(clouds), fused=len(views) > 1)
-    statistics |= {"points": float(len(cloud)), "pairs": float(len(views)), "fused": float(len(views) > 1)}
-    return cloud, statistics | agreements, tuple(warnings)
+class FusedViews(NamedTuple):
+    """Result of the fusion."""
+
+    cloud: PointCloud  #: Points in LM.
+    findings: Findings
 
 
-def _moved_along_rays(
-    view: PairView, kept: Mask, merged: Mask, total_weight: FloatImage, weighted_difference: FloatImage
-) -> PointCloud:
-    """Return the points that a view keeps; those that others agree with lie at the weighted mean."""
-    cloud, rows = view.cloud.select(kept), np.flatnonzero(kept)
-    moved = np.flatnonzero(merged[rows])
-    rows = rows[moved]
-    total, points = total_weight[rows], cloud.xyz.take(moved, axis=0)
+class FusedView(NamedTuple):
+    """Points of one view after the fusion."""
+
+    cloud: PointCloud  #: Points that are kept.
+    merged_count: int  #: Points that another view agrees with.
+    conflict_count: int  #: Points that were dropped because another view observes a farther surface.
+    findings: Findings  #: Agreement of the poses.
+
+
+class Comparison(NamedTuple):
+    """What the other views say about the N points of a view."""
+
+    total_weight: FloatImage  #: `(N,)`, weight of the point and of the views that agree, 1 / m^2.
+    weighted_difference: FloatImage  #: `(N,)`, sum of weight times range difference of these views, 1 / m.
+    merged: Mask  #: `(N,)`, another view agrees.
+    duplicate: Mask  #: `(N,)`, another view of larger weight has the same sample.
+    conflict: Mask  #: `(N,)`, another view of larger weight observes a farther surface.
+    findings: Findings  #: Agreement of the poses.
+
+
+def fuse_views(views: Sequence[PairView], rig: StereoRig) -> FusedViews:
+    """Return one cloud in LM; of two views with equal weights the first one has precedence."""
+    fused = [_fuse_view(number, views, rig) for number in range(len(views))]
+    cloud = replace(PointCloud.concatenate([item.cloud for item in fused]), fused=len(views) > 1)
+    statistics = {
+        "points_in": float(sum(len(view.cloud) for view in views)),
+        "merged": float(sum(item.merged_count for item in fused)),
+        "dropped_conflict": float(sum(item.conflict_count for item in fused)),
+        "points": float(len(cloud)),
+        "pairs": float(len(views)),
+        "fused": float(len(views) > 1),
+    }
+    return FusedViews(cloud, sum((item.findings for item in fused), Findings(statistics)))
+
+
+def _fuse_view(number: int, views: Sequence[PairView], rig: StereoRig) -> FusedView:
+    """Return the points of a view, given by its number, after their fusion with the other views."""
+    found = _compare(number, views, rig)
+    cloud = _fused_points(views[number], found)
+    return FusedView(cloud, int(found.merged.sum()), int(found.conflict.sum()), found.findings)
+
+
+def _compare(number: int, views: Sequence[PairView], rig: StereoRig) -> Comparison:
+    """Return what the other views say about the points of a view, given by its number."""
+    view = views[number]
+    own_weight = view.images.weight[view.cloud.v, view.cloud.u]
+    total_weight = own_weight.copy()
+    weighted_difference = np.zeros_like(own_weight)
+    merged = np.zeros(len(view.cloud), np.bool_)
+    duplicate = np.zeros_like(merged)
+    conflict = np.zeros_like(merged)
+    findings = Findings()
+    for other_number, other in enumerate(views):
+        if other_number == number:
+            continue
+        seen = reproject_into_view(view.cloud, other.T_lm_left, other.images, rig)
+        index = seen.index
+        own = own_weight[index]
+        has_precedence = seen.weight >= own if other_number < number else seen.weight > own
+        sigma = np.sqrt(np.square(view.cloud.sigma[index]) + np.square(seen.sigma))
+        agree = np.abs(seen.difference) / sigma <= AGREE_SIGMAS
+        weight = np.where(agree, seen.weight, F(0.0))
+        total_weight[index] += weight
+        weighted_difference[index] += weight * seen.difference
+        merged[index] |= agree
+        duplicate[index] |= agree & has_precedence & (seen.offset_px < SAME_SAMPLE_PX)
+        conflict[index] |= has_precedence & (seen.difference > AGREE_SIGMAS * sigma)
+        agreement = pose_agreement((number, other_number), (view, other), seen)
+        if number > other_number:  # one warning per two views
+            agreement = Findings(agreement.statistics)
+        findings += agreement
+    return Comparison(total_weight, weighted_difference, merged, duplicate, conflict, findings)
+
+
+def _fused_points(view: PairView, found: Comparison) -> PointCloud:
+    """Return the points of a view that are kept, moved along their rays to the weighted mean with the other views."""
+    kept = np.flatnonzero(~(found.duplicate | found.conflict))
+    cloud = view.cloud.select(kept)
+    moved = np.flatnonzero(found.merged[kept])
+    total_weight = found.total_weight[kept[moved]]
+    points = cloud.xyz.take(moved, axis=0)
     rays = points - view.T_lm_left.translation.astype(F)
-    step = weighted_difference[rows] / total / np.sqrt(np.einsum("ij,ij->i", rays, rays))
-    cloud.xyz[moved] = points + rays * step[:, None]
-    variance = COMMON_SHARE * np.square(cloud.sigma[moved]) + (1.0 - COMMON_SHARE) / total
-    cloud.sigma[moved] = np.sqrt(variance)
-    return cloud
+    ranges = np.sqrt(np.einsum("ij,ij->i", rays, rays))
+    step = found.weighted_difference[kept[moved]] / total_weight / ranges
+    variance = COMMON_VARIANCE * np.square(cloud.sigma[moved]) + (1.0 - COMMON_VARIANCE) / total_weight
+    xyz = cloud.xyz.copy()
+    xyz[moved] = points + rays * step[:, None]
+    sigma = cloud.sigma.copy()
+    sigma[moved] = np.sqrt(variance)
+    return replace(cloud, xyz=xyz, sigma=sigma)
 
 
-def pose_agreement(
-    numbers: tuple[int, int], views: tuple[PairView, PairView], seen: ReprojectedPoints
-) -> tuple[dict[str, float], str]:
-    """Return how well the points of one view agree with another, by name, and a line if their poses are in doubt.
+def pose_agreement(numbers: tuple[int, int], views: tuple[PairView, PairView], seen: ReprojectedPoints) -> Findings:
+    """Return how well the points of one view agree with another view, and a warning if their poses disagree.
 
-    Range differences are compared with what is expected of correct sigmas and poses, grey level differences with those
-    `SHIFT_PX` away: a wrong yaw shows there on any texture. NaN where there is too little texture.
+    Range differences are compared with those expected of correct sigmas and poses, grey level differences with those at
+    `SHIFT_PX`: a wrong yaw shows there on any texture. Ratios of grey levels are NaN if there is too little texture.
     """
     view, other = views
     i, j = numbers
     common = len(seen.index)
-    figures = {f"overlap_{i}_{j}": common / max(len(view.cloud), 1)}
+    overlap = {f"overlap_{i}_{j}": common / max(len(view.cloud), 1)}
     if common == 0:
-        return figures, ""
-    difference = seen.difference[::SAMPLE]
-    own = view.cloud.sigma[seen.index[::SAMPLE]]
-    normalised = np.abs(difference) / np.sqrt(np.square(own) + np.square(seen.deviation[::SAMPLE]))
+        return Findings(overlap)
+    sampled = np.s_[::AGREEMENT_STRIDE]
+    difference = seen.difference[sampled]
+    own_sigma = view.cloud.sigma[seen.index[sampled]]
+    normalised = np.abs(difference) / np.sqrt(np.square(own_sigma) + np.square(seen.sigma[sampled]))
     middle = median(difference)
-    grey, shifted = (_spread(item[::SAMPLE]) for item in (seen.grey_difference, seen.grey_difference_shifted))
-    textured = shifted > MIN_TEXTURE * max(view.noise_grey, other.noise_grey)
-    range_ratio = float(np.float32(median(normalised)) / MEDIAN_ABSOLUTE)
-    grey_ratio = grey / shifted if textured else math.nan
-    figures |= {
+    grey = _spread(seen.grey_difference[sampled])
+    grey_shifted = _spread(seen.grey_difference_shifted[sampled])
+    is_textured = grey_shifted > MIN_TEXTURE * max(view.noise_grey, other.noise_grey)
+    range_ratio = float(F(median(normalised)) / MEDIAN_ABSOLUTE)
+    grey_ratio = grey / grey_shifted if is_textured else math.nan
+    statistics = overlap | {
         f"difference_median_m_{i}_{j}": middle,
-        f"difference_spread_m_{i}_{j}": mad_sigma(difference - np.float32(middle)),
+        f"difference_spread_m_{i}_{j}": mad_sigma(difference - F(middle)),
         f"difference_over_sigma_{i}_{j}": range_ratio,
         f"grey_difference_over_beside_{i}_{j}": grey_ratio,
     }
-    if common <= MIN_OVERLAP or not (range_ratio > RANGE_WARNING or grey_ratio > GREY_WARNING):
-        return figures, ""
-    return figures, (
+    if common <= MIN_OVERLAP or not (range_ratio > MAX_RANGE_RATIO or grey_ratio > MAX_GREY_RATIO):
+        return Findings(statistics)
+    warning = (
         f"pairs {i} and {j} disagree where they overlap: ranges differ by {range_ratio:.1f} times what is "
         f"expected, grey levels by {grey_ratio:.2f} of what they differ {SHIFT_PX} pixels away: check the "
         "baseline and their poses, or have the poses fitted (refine_poses)"
     )
+    return Findings(statistics, (warning,))
 
 
 def _spread(values: FloatImage) -> float:
+    """Return the robust standard deviation of the finite values; NaN without any."""
     known = values[np.isfinite(values)]
     return mad_sigma(known - median(known)) if len(known) else math.nan

@@ -1,9 +1,14 @@
 """Holes in a scene of two planes whose truth is known: which take a surface, and which stay empty."""
 
+from dataclasses import replace
+
 import numpy as np
 from disparity_world import two_planes
 
-from sfr_loc_map.mapping.disparity.hole_filling import MAX_DEPTH_RATIO, fill_holes
+from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
+from sfr_loc_map.mapping.disparity.hole_filling import MAX_DEPTH_RATIO, MIN_FILLED_SIGMA_PX, fill_holes
+from sfr_loc_map.mapping.disparity.rectification_correction import RectificationCorrection
+from sfr_loc_map.mapping.disparity.saturation import Saturation
 
 F = np.float32
 ROWS, COLS = 60, 160
@@ -25,8 +30,26 @@ class TwoPlanes:
         """Return what is filled of a hole in which nothing was matched."""
         valid = self.visible & ~hole
         disparity, matched = np.where(valid, self.truth, F(0.0)), np.where(valid, self.truth, F(np.nan))
-        may = np.ones_like(valid) if may is None else may
-        return fill_holes(self.left, self.right, disparity, valid, matched, NOISE, may)
+        saturation = Saturation.none(valid.shape)
+        if may is not None:
+            saturation = replace(saturation, flat=~may)
+        given = DisparityMap(
+            px=disparity,
+            sigma_px=np.full_like(disparity, 0.1),
+            valid=valid,
+            matched_px=matched,
+            left=self.left,
+            right=self.right,
+            correction=RectificationCorrection(1.0, 0.0, (0.0, 0.0, 0.0)),
+            saturation=saturation,
+            noise_grey=NOISE,
+            matched_fraction=1.0,
+        )
+        found = fill_holes(given)
+        filled = found.valid & ~valid
+        assert (found.sigma_px[filled] >= MIN_FILLED_SIGMA_PX).all()
+        np.testing.assert_array_equal(found.sigma_px[~filled], given.sigma_px[~filled])
+        return found.px, filled
 
 
 def test_pixels_beside_an_edge_take_their_own_surface_but_not_far_behind_another() -> None:

@@ -9,7 +9,7 @@ import pytest
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.mapping.multiview.fusion import COMMON_SHARE, fuse_views
+from sfr_loc_map.mapping.multiview.fusion import COMMON_VARIANCE, fuse_views
 from sfr_loc_map.mapping.multiview.pair_view import PairView
 from sfr_loc_map.mapping.reprojection import cloud_from_disparity
 
@@ -41,7 +41,7 @@ ASIDE = ((0.0, 0.0), (0.021, 0.013), (-0.011, 0.023))
 def test_points_lie_at_the_mean_weighted_by_inverse_variance_in_any_order(order: tuple[int, ...]) -> None:
     depths, sigmas = (4.0, 4.06, 3.97), (0.1, 0.2, 0.15)
     views = [plane_view(d, s, i, ASIDE[i]) for i, (d, s) in enumerate(zip(depths, sigmas, strict=True))]
-    fused = fuse_views([views[i] for i in order], RIG)[0]
+    fused = fuse_views([views[i] for i in order], RIG).cloud
     own = [inner(view.cloud, i) for i, view in enumerate(views)]
     variances = np.array([np.square(cloud.sigma).mean() for cloud in own], float)
     weights = 1.0 / variances
@@ -50,39 +50,39 @@ def test_points_lie_at_the_mean_weighted_by_inverse_variance_in_any_order(order:
         assert len(cloud) == len(before)
         np.testing.assert_allclose(cloud.xyz[:, 2].mean(), (weights * depths).sum() / weights.sum(), atol=2e-3)
         assert cloud.xyz[:, 2].std() < 2e-3
-        variance = COMMON_SHARE * variances[pair] + (1.0 - COMMON_SHARE) / weights.sum()
+        variance = COMMON_VARIANCE * variances[pair] + (1.0 - COMMON_VARIANCE) / weights.sum()
         np.testing.assert_allclose(np.square(cloud.sigma).mean(), variance, rtol=0.02)
 
 
 @pytest.mark.parametrize(("depth_m", "conflicts"), [(5.0, True), (3.0, False)])
 def test_a_point_is_dropped_if_a_better_view_sees_through_it(depth_m: float, conflicts: bool) -> None:
     """A better view that sees something nearer is occluded itself: the point stays."""
-    cloud, statistics, _ = fuse_views([plane_view(4.0, 0.1, 0), plane_view(depth_m, 0.01, 1, ASIDE[1])], RIG)
+    cloud, findings = fuse_views([plane_view(4.0, 0.1, 0), plane_view(depth_m, 0.01, 1, ASIDE[1])], RIG)
     assert (len(inner(cloud, 0)) == 0) == conflicts
-    assert (statistics["dropped_conflict"] > 0) == conflicts
+    assert (findings.statistics["dropped_conflict"] > 0) == conflicts
     assert len(inner(cloud, 1)) == 40 * 60
 
 
 def test_fused_points_are_nearer_to_the_truth_than_either_pair(two_views: Any) -> None:
     views = two_views.views
-    cloud, statistics, warnings = fuse_views(views, two_views.rig)
+    cloud, findings = fuse_views(views, two_views.rig)
     assert len(cloud) < 1.05 * max(len(view.cloud) for view in views)
-    assert statistics["merged"] > 1.8 * len(views[0].cloud) * 0.9
+    assert findings.statistics["merged"] > 1.8 * len(views[0].cloud) * 0.9
     singles = [np.abs(two_views.depth_errors(view.cloud)).mean() for view in views]
     assert np.abs(two_views.depth_errors(cloud)).mean() < min(singles)
-    assert not warnings
+    assert not findings.warnings
 
 
 def test_one_pair_and_pairs_that_do_not_overlap_stay_as_they_are(two_views: Any) -> None:
     first, second = two_views.views
-    cloud, statistics, _ = fuse_views([first], two_views.rig)
+    cloud, findings = fuse_views([first], two_views.rig)
     np.testing.assert_array_equal(cloud.xyz, first.cloud.xyz)
     np.testing.assert_array_equal(cloud.sigma, first.cloud.sigma)
-    assert (cloud.fused, statistics["pairs"], statistics["merged"]) == (False, 1.0, 0.0)
+    assert (cloud.fused, findings.statistics["pairs"], findings.statistics["merged"]) == (False, 1.0, 0.0)
     away = Transform(second.T_lm_left.rotation, second.T_lm_left.translation + np.array([0.0, 500.0, 0.0]))
-    cloud, statistics, _ = fuse_views([first, second.with_pose(away)], two_views.rig)
+    cloud, findings = fuse_views([first, second.with_pose(away)], two_views.rig)
     assert len(cloud) == len(first.cloud) + len(second.cloud)
-    assert statistics["overlap_0_1"] == 0.0
+    assert findings.statistics["overlap_0_1"] == 0.0
 
 
 @pytest.mark.parametrize("degrees", [-1.0, 1.0])
@@ -91,4 +91,4 @@ def test_a_pose_one_degree_off_is_named(two_views: Any, axis: int, degrees: floa
     first, second = two_views.views
     error = matrix_from_rotvec(np.deg2rad(degrees) * np.eye(3)[axis])
     wrong = second.with_pose(second.T_lm_left @ Transform(error, np.zeros(3)))
-    assert any("their poses" in line for line in fuse_views([first, wrong], two_views.rig)[2])
+    assert any("their poses" in line for line in fuse_views([first, wrong], two_views.rig).findings.warnings)

@@ -7,6 +7,7 @@ import pytest
 
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec, rotvec_from_matrix
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.mapping.findings import Findings
 from sfr_loc_map.mapping.multiview.pair_view import PairView
 from sfr_loc_map.mapping.multiview.registration import register_views
 
@@ -29,13 +30,13 @@ def test_pose_errors_are_recovered(
 ) -> None:
     first, second = two_views.views
     wrong = with_error(second, motion(rotation_deg, translation_m))
-    views, statistics, warnings = register_views([first, wrong], two_views.rig)
+    views, findings = register_views([first, wrong], two_views.rig)
     rest = second.T_lm_left.inverse() @ views[1].T_lm_left
     assert np.rad2deg(np.linalg.norm(rotvec_from_matrix(rest.rotation))) < 0.05
     assert np.linalg.norm(rest.translation) < 0.003
-    assert statistics["pose_turned_deg_1"] == pytest.approx(np.linalg.norm(rotation_deg), abs=0.05)
-    assert statistics["pose_moved_m_1"] == pytest.approx(np.linalg.norm(translation_m), abs=0.003)
-    assert not warnings
+    assert findings.statistics["pose_turned_deg_1"] == pytest.approx(np.linalg.norm(rotation_deg), abs=0.05)
+    assert findings.statistics["pose_moved_m_1"] == pytest.approx(np.linalg.norm(translation_m), abs=0.003)
+    assert not findings.warnings
     local = views[1].T_lm_left.inverse().apply(views[1].cloud.xyz)
     np.testing.assert_allclose(local, second.T_lm_left.inverse().apply(second.cloud.xyz), atol=1e-5)
 
@@ -43,9 +44,10 @@ def test_pose_errors_are_recovered(
 def test_poses_without_overlap_or_beyond_the_bounds_stay(two_views: Any) -> None:
     first, second = two_views.views
     away = with_error(second, motion((0, 0, 0), (0.0, 300.0, 0.0)))
-    assert register_views([first, away], two_views.rig) == ([first, away], {}, ())
+    assert register_views([first, away], two_views.rig) == ([first, away], Findings())
     wrong = with_error(second, motion((0, 0, 2.6), (0, 0, 0)))
-    views, statistics, (warning,) = register_views([first, wrong], two_views.rig)
+    views, findings = register_views([first, wrong], two_views.rig)
+    (warning,) = findings.warnings
     assert views == [first, wrong]
     assert "left as given" in warning
-    assert statistics["pose_turned_deg_1"] == pytest.approx(2.6, abs=0.1)
+    assert findings.statistics["pose_turned_deg_1"] == pytest.approx(2.6, abs=0.1)

@@ -1,0 +1,23 @@
+"""The matching cost of a window: truncated absolute differences with adaptive support weights.
+
+A pixel of the window has the more weight, the more similar its grey level is to that of the centre and the nearer it is
+to the centre (Yoon and Kweon 2006), so that the window covers mostly the surface of its centre.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+F = np.float32
+
+WINDOW_RADIUS = 4  #: Half side of the window, pixels.
+MAX_DIFFERENCE = F(30.0)  #: Absolute differences are truncated to this, grey levels.
+MAX_COST = F(1e9)  #: Cost where no pixel of the window is inside the right image.
+GREY_SCALE = 8.0  #: Difference of grey levels at which the weight has decreased to 1/e.
+DISTANCE_SCALE_PX = 3.0  #: Distance at which the weight has decreased to 1/e.
+
+WEIGHT_BY_GREY = np.exp(-np.arange(256.0) / GREY_SCALE).astype(F)
+"""Weight of a pixel by the absolute difference of its grey level from the centre's."""
+_OFFSETS = np.arange(-WINDOW_RADIUS, WINDOW_RADIUS + 1, dtype=np.float64)
+WEIGHT_BY_DISTANCE = np.exp(-np.hypot(_OFFSETS[:, None], _OFFSETS[None]) / DISTANCE_SCALE_PX).astype(F)
+"""Weight of a pixel by its row and column in the window."""

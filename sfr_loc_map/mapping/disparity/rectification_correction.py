@@ -1,0 +1,152 @@
+"""Exposure and vertical disparity of the right image, which are measured and corrected.
+
+In a rectified pair both images have the same exposure, and corresponding points have the same row. Real pairs deviate:
+automatic exposure differs between the cameras, and the rig deforms after its calibration.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
+from sfr_loc_map.mapping.disparity.photometric_residual import photometric_residual, shift_rows
+from sfr_loc_map.mapping.robust_statistics import cauchy_weight, mad_sigma
+
+F = np.float32
+
+SAMPLING_STRIDE = 3  #: Every third pixel of every third row is used; 100 000 samples suffice.
+ROBUST_SIGMAS = 2.0  #: Residuals of this many standard deviations have half the weight.
+MIN_RESIDUAL_SIGMA = 1e-3  #: Added to the standard deviation of residuals, grey levels: it must not be 0.
+MAX_ITERATIONS = 3  #: Gauss-Newton steps of the vertical disparity.
+EXPOSURE_STRIDE = 4  #: Every fourth pixel of every fourth row is compared in exposure.
+MIN_GREY = 2.0  #: Darker pixels may be saturated and are excluded from the exposure, grey levels.
+MAX_GREY = 253.0  #: Brighter pixels may be saturated and are excluded from the exposure, grey levels.
+MIN_GREY_RANGE = 8.0  #: Range from the 10 % to the 90 % quantile that a gain requires, grey levels.
+GAIN_LIMITS = (0.25, 4.0)  #: Smallest and largest gain.
+MIN_EXPOSURE_PIXELS = 100  #: Pixels that a comparison of the exposures requires.
+MIN_ROW_PIXELS = 1000  #: Pixels that a measurement of the vertical disparity requires.
+MIN_OFFSET_PX = 0.02  #: Smaller vertical disparities are not corrected, because resampling blurs the image.
+MAX_STEP_PX = 0.5  #: Largest change of a coefficient in one step: the image is linear over about half a pixel.
+DAMPING = 1e-6  #: Added to the diagonal of the normal equations, as a fraction of their trace.
+
+
+@dataclass(frozen=True, slots=True)
+class RectificationCorrection:
+    """Deviation of the right image from a rectified image of equal exposure."""
+
+    gain: float  #: Contrast of the right image over that of the left image.
+    offset: float  #: Grey level of the right image where that of the left image is 0.
+    #: Coefficients c of the vertical disparity: content of the right image is `c[0] + c[1] x + c[2] y` pixels lower
+    #: than in the left image, with x and y from -1 to 1 over the image.
+    vertical_px: tuple[float, float, float]
+
+    @property
+    def max_vertical_px(self) -> float:
+        """Largest vertical disparity within the image, pixels."""
+        return sum(abs(value) for value in self.vertical_px)
+
+
+class CorrectedImage(NamedTuple):
+    """The right image after its correction."""
+
+    image: FloatImage  #: `(H, W)`, grey levels.
+    correction: RectificationCorrection  #: The deviations that were removed.
+
+
+class Exposure(NamedTuple):
+    """Linear relation `right = gain left + offset` of the grey levels of two images."""
+
+    gain: float
+    offset: float
+
+
+class ResidualAndMean(NamedTuple):
+    """Photometric residual and mean of a pair of images, `(H, W)` each, grey levels."""
+
+    residual: FloatImage  #: Warped right image minus left image; NaN outside the right image.
+    mean: FloatImage  #: Mean of both images; the left image outside the right one.
+
+
+def correct_rectification(left: FloatImage, right: FloatImage, disparity_px: FloatImage) -> CorrectedImage:
+    """Measure gain, offset and vertical disparity of the right image and remove them."""
+    exposure = measure_exposure(left, right, disparity_px)
+    equalised = (right - F(exposure.offset)) * F(1.0 / exposure.gain)
+    corrected = equalised
+    vertical_px = np.zeros(3)
+    for _ in range(MAX_ITERATIONS):
+        step_px = _vertical_step(left, corrected, disparity_px)
+        vertical_px = vertical_px + step_px
+        if np.abs(vertical_px).sum() < MIN_OFFSET_PX:
+            break
+        corrected = _shifted_up(equalised, vertical_px)
+        if np.abs(step_px).sum() < MIN_OFFSET_PX:
+            break
+    constant, along_x, along_y = vertical_px.tolist()
+    correction = RectificationCorrection(exposure.gain, exposure.offset, (constant, along_x, along_y))
+    return CorrectedImage(corrected, correction)
+
+
+def measure_exposure(left: FloatImage, right: FloatImage, disparity_px: FloatImage) -> Exposure:
+    """Return the exposure of the right image relative to the left one, from quantiles of corresponding grey levels."""
+    left_rows, right_rows, disparity_rows = (
+        np.ascontiguousarray(image[::EXPOSURE_STRIDE]) for image in (left, right, disparity_px)
+    )
+    residual = photometric_residual(left_rows, right_rows, disparity_rows)[:, ::EXPOSURE_STRIDE]
+    left_grey = left_rows[:, ::EXPOSURE_STRIDE]
+    right_grey = residual + left_grey
+    usable = (left_grey > MIN_GREY) & (left_grey < MAX_GREY) & (right_grey > MIN_GREY) & (right_grey < MAX_GREY)
+    if usable.sum() < MIN_EXPOSURE_PIXELS:
+        return Exposure(1.0, 0.0)
+    left_low, left_median, left_high = np.quantile(left_grey[usable], (0.1, 0.5, 0.9))
+    right_low, right_median, right_high = np.quantile(right_grey[usable], (0.1, 0.5, 0.9))
+    if left_high - left_low < MIN_GREY_RANGE:
+        return Exposure(1.0, float(right_median - left_median))
+    gain = float(np.clip((right_high - right_low) / (left_high - left_low), *GAIN_LIMITS))
+    return Exposure(gain, float(right_median - gain * left_median))
+
+
+def residual_and_mean(left: FloatImage, right: FloatImage, disparity_px: FloatImage) -> ResidualAndMean:
+    """Return the photometric residual of a pair, and the mean of each left pixel and its corresponding right pixel."""
+    residual = photometric_residual(left, right, disparity_px)
+    known = cv2.patchNaNs(residual.copy(), 0.0)
+    return ResidualAndMean(residual, np.asarray(cv2.scaleAdd(known, 0.5, left), F))
+
+
+def _vertical_step(left: FloatImage, right: FloatImage, disparity_px: FloatImage) -> FloatArray:
+    """Return the change `(3,)` of the vertical disparity's coefficients by one robust Gauss-Newton step, pixels.
+
+    A shift of the right image's content by s changes the residual by s times the slope along the column. The step is 0
+    where too few pixels or no slopes are available.
+    """
+    residual, mean = residual_and_mean(left, right, disparity_px)
+    residual = residual[::SAMPLING_STRIDE, ::SAMPLING_STRIDE]
+    slope = cv2.Sobel(mean, -1, 0, 1, scale=0.125)[::SAMPLING_STRIDE, ::SAMPLING_STRIDE]
+    usable = np.isfinite(residual)
+    row, column = np.nonzero(usable)
+    if len(row) < MIN_ROW_PIXELS:
+        return np.zeros(3)
+    r = residual[usable].astype(np.float64)
+    g = slope[usable].astype(np.float64)
+    rows, columns = residual.shape
+    weight = cauchy_weight(r, ROBUST_SIGMAS * (mad_sigma(r) + MIN_RESIDUAL_SIGMA))
+    design = np.column_stack((np.ones(len(row)), 2.0 * column / columns - 1.0, 2.0 * row / rows - 1.0)) * g[:, None]
+    weighted = design * weight[:, None]
+    normal = weighted.T @ design
+    if not normal.any():
+        return np.zeros(3)
+    damped = normal + DAMPING * np.trace(normal) * np.eye(3)
+    step = np.linalg.solve(damped, -(weighted.T @ r))
+    return np.asarray(np.clip(step, -MAX_STEP_PX, MAX_STEP_PX))
+
+
+def _shifted_up(image: FloatImage, vertical_px: FloatArray) -> FloatImage:
+    """Return the image with the vertical disparity of the coefficients `(3,)` removed."""
+    height, width = image.shape
+    x = np.linspace(-1.0, 1.0, width)[None]
+    y = np.linspace(-1.0, 1.0, height)[:, None]
+    shift = vertical_px[0] + vertical_px[1] * x + vertical_px[2] * y
+    return shift_rows(image, shift.astype(F))

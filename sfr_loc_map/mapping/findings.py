@@ -1,0 +1,92 @@
+"""Findings of a call: its figures by name, and warnings about input that gives a poor map."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.mapping.config import CalibrationUncertainty
+from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
+from sfr_loc_map.mapping.disparity.right_camera import CameraRotation
+from sfr_loc_map.mapping.stated_sigma import is_yaw_significant
+
+LOW_MATCHED_FRACTION = 0.6  #: Fraction of matched textured pixels below which a warning is given.
+MIN_VERTICAL_WARNING_PX = 0.3  #: Smallest vertical disparity that causes a warning.
+VERTICAL_WARNING_FACTOR = 3.0  #: Vertical disparity over the stated residual distortion that causes a warning.
+MAX_GAIN = 1.15  #: Gain, or one over it, beyond which a warning is given.
+MAX_SATURATED_FRACTION = 0.1  #: Fraction of saturated pixels beyond which a warning is given.
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """Figures and warnings of a call or of a stage of it."""
+
+    statistics: Mapping[str, float] = field(default_factory=dict)  #: Figures by name.
+    warnings: tuple[str, ...] = ()  #: One line each.
+
+    def __add__(self, other: Findings) -> Findings:
+        """Return the findings of both."""
+        return Findings({**self.statistics, **other.statistics}, self.warnings + other.warnings)
+
+
+def findings_of_pair(
+    disparity: DisparityMap, rotation: CameraRotation, point_count: int, rig: StereoRig, stated: CalibrationUncertainty
+) -> Findings:
+    """Return the findings of a pair's map with so many points; `stated` is the calibration's stated uncertainty."""
+    correction = disparity.correction
+    is_yaw_known = math.isfinite(rotation.yaw_sigma_rad)
+    statistics = {
+        "points": float(point_count),
+        "density": point_count / disparity.px.size,
+        "noise_grey": disparity.noise_grey,
+        "gain": correction.gain,
+        "offset_grey": correction.offset,
+        "vertical_offset_px": correction.vertical_px[0],
+        "vertical_offset_largest_px": correction.max_vertical_px,
+        "matched_share": disparity.matched_fraction,
+        "right_yaw_deg": math.degrees(rotation.yaw_rad) if is_yaw_known else math.nan,
+        "right_yaw_sigma_deg": math.degrees(rotation.yaw_sigma_rad) if is_yaw_known else math.nan,
+        "right_roll_deg": math.degrees(rotation.roll_rad),
+        "saturated_share": disparity.saturation.fraction,
+    }
+    warnings = _warnings_of_images(disparity, stated) + _warnings_of_rotation(rotation, rig, stated)
+    return Findings(statistics, warnings)
+
+
+def _warnings_of_images(disparity: DisparityMap, stated: CalibrationUncertainty) -> tuple[str, ...]:
+    """Return warnings about matches, rectification, exposure and saturation."""
+    matched = disparity.matched_fraction
+    correction = disparity.correction
+    saturated = disparity.saturation.fraction
+    warnings = []
+    if math.isnan(matched):
+        warnings.append("too few pixels have texture above the noise: whether the images match is not known")
+    if matched < LOW_MATCHED_FRACTION:
+        warnings.append(f"only {100 * matched:.0f} % of the textured pixels are matched")
+    if correction.max_vertical_px > max(MIN_VERTICAL_WARNING_PX, VERTICAL_WARNING_FACTOR * stated.distortion_px):
+        warnings.append(
+            f"vertical disparity of up to {correction.max_vertical_px:.2f} px between left and right (compensated): "
+            "check the rectification"
+        )
+    if not 1.0 / MAX_GAIN < correction.gain < MAX_GAIN:
+        warnings.append(f"the right image has {correction.gain:.2f} times the contrast of the left (compensated)")
+    if saturated > MAX_SATURATED_FRACTION:
+        warnings.append(
+            f"{100 * saturated:.0f} % of the pixels are saturated: flat ones are left out, sigma of those beside "
+            "them is widened; change the exposure"
+        )
+    return tuple(warnings)
+
+
+def _warnings_of_rotation(rotation: CameraRotation, rig: StereoRig, stated: CalibrationUncertainty) -> tuple[str, ...]:
+    """Return a warning if the yaw of the right camera differs significantly from its calibration."""
+    if not is_yaw_significant(rotation, rig, stated):
+        return ()
+    yaw_deg = math.degrees(rotation.yaw_rad)
+    side = "right" if yaw_deg > 0 else "left"
+    return (
+        f"the right camera seems to look {abs(yaw_deg):.3f} deg to the {side} of its calibration (vertical "
+        "disparity has the saddle of a yaw): all depths err alike, sigma is widened; calibrate the cameras",
+    )

@@ -1,0 +1,22 @@
+"""Robust statistics of residuals: a scale and a weight that outliers hardly change (Huber 1981)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfr_loc_map.geometry.arrays import FloatArray, median
+
+MAD_TO_SIGMA = 1.4826  #: Standard deviation of a normal distribution over its median absolute deviation.
+
+
+def mad_sigma(deviations: NDArray[np.floating[Any]]) -> float:
+    """Return the robust standard deviation of deviations from the centre, `1.4826 median |e|`."""
+    return MAD_TO_SIGMA * median(np.abs(deviations))
+
+
+def cauchy_weight(residuals: FloatArray, scale: float) -> FloatArray:
+    """Return the weights `1 / (1 + (r / scale)^2)` of residuals: a residual of size `scale` has half the weight."""
+    return np.asarray(1.0 / (1.0 + np.square(residuals / scale)))

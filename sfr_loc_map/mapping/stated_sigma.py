@@ -1,0 +1,165 @@
+"""The stated standard deviation of points: noise, saturation and the uncertainty of the calibration.
+
+The calibration is known only up to its uncertainty. A constant error of the disparity, such as that of a yaw of the
+right camera, causes an error of `Z^2 / (fx baseline)` of the depth for each pixel. It cannot be separated from depth in
+any pair, and averaging over points or pairs does not reduce it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numba import prange
+from numpy.typing import NDArray
+
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.camera import StereoCamera
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.jit import jit_rows
+from sfr_loc_map.mapping.config import CalibrationUncertainty
+from sfr_loc_map.mapping.disparity.right_camera import MIN_ROLL_PX, CameraRotation
+from sfr_loc_map.mapping.disparity.saturation import Saturation, widened_sigma
+
+SIGNIFICANT_SIGMAS = 3.0  #: A yaw is significant from this many of its standard deviations on.
+MIN_SIGNIFICANT_YAW_DEG = 0.02  #: Smallest significant yaw, however small the stated uncertainty is.
+
+
+class CalibrationSigma(NamedTuple):
+    """Standard deviations of a calibration, as the kernels take them."""
+
+    yaw: float  #: Of the right camera, rad.
+    pitch: float  #: Of the right camera, rad.
+    roll: float  #: Of the right camera, rad.
+    focal: float  #: Of the focal length, as a fraction.
+    baseline: float  #: Of the baseline, as a fraction.
+    distortion: float  #: Residual distortion along rows, as an angle, rad.
+
+
+NO_CALIBRATION = CalibrationSigma(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  #: Of an exact calibration.
+
+
+class StatedSigma(NamedTuple):
+    """Stated standard deviations along the ray of N points, `(N,)` float32 each, metres."""
+
+    random: NDArray[np.float32]  #: Part that differs from point to point: noise, smoothing and saturation.
+    total: NDArray[np.float32]  #: The random part and the calibration's part, which all points share.
+
+
+def is_yaw_significant(rotation: CameraRotation, rig: StereoRig, stated: CalibrationUncertainty) -> bool:
+    """Return whether the measured yaw exceeds what noise and the stated uncertainty of the calibration explain.
+
+    Residual distortion causes the saddle of a yaw as well, so its stated size limits the accuracy of the yaw.
+    """
+    corner_saddle = 0.25 * rig.width * rig.height / (rig.fx * rig.fy)  # x y in the corner, normalised coordinates
+    distortion_rad = stated.distortion_px / (rig.fy * corner_saddle)
+    sigma_rad = math.hypot(rotation.yaw_sigma_rad, distortion_rad, math.radians(stated.yaw_deg))
+    threshold_rad = max(SIGNIFICANT_SIGMAS * sigma_rad, math.radians(MIN_SIGNIFICANT_YAW_DEG))
+    return abs(rotation.yaw_rad) > threshold_rad
+
+
+def calibration_sigma(rotation: CameraRotation, rig: StereoRig, stated: CalibrationUncertainty) -> CalibrationSigma:
+    """Return the uncertainty of the calibration given what a pair shows of the right camera.
+
+    A significant yaw is added to the stated uncertainty; it is not compensated. A vertical offset larger than the
+    stated distortion may be a pitch and is added as one. Roll is compensated (`without_roll`). All other vertical
+    disparity is residual distortion, which causes an error of equal size along rows. It is not added if the stated
+    distortion is 0.
+    """
+    yaw = math.radians(stated.yaw_deg)
+    pitch = math.radians(stated.pitch_deg)
+    if is_yaw_significant(rotation, rig, stated):
+        yaw = math.hypot(yaw, rotation.yaw_rad)
+    if abs(rotation.pitch_rad) * rig.fy > max(stated.distortion_px, MIN_ROLL_PX):
+        pitch = math.hypot(pitch, rotation.pitch_rad)
+    distortion_px = 0.0
+    if stated.distortion_px > 0.0:
+        distortion_px = min(rotation.vertical_px, max(stated.distortion_px, rotation.bent_px))
+    return CalibrationSigma(
+        yaw=yaw,
+        pitch=pitch,
+        roll=math.radians(stated.roll_deg),
+        focal=stated.focal_share,
+        baseline=stated.baseline_share,
+        distortion=distortion_px / rig.fx,
+    )
+
+
+def largest_sigma(calibrations: Iterable[CalibrationSigma]) -> CalibrationSigma:
+    """Return the largest standard deviation of each part: pairs of one rig share its calibration."""
+    return CalibrationSigma(*(max(values) for values in zip(*calibrations, strict=True)))
+
+
+def state_sigma(
+    cloud: PointCloud,
+    T_lm_left: Mapping[int, Transform],
+    saturations: Mapping[int, Saturation],
+    calibration: CalibrationSigma,
+    rig: StereoRig,
+) -> StatedSigma:
+    """Return the stated standard deviations of a cloud whose sigma is that of noise and smoothing.
+
+    Poses of the left cameras and saturations are given by the points' `pair`.
+    """
+    random = widened_sigma(cloud, saturations)
+    return StatedSigma(random, total_sigma(replace(cloud, sigma=random), T_lm_left, rig, calibration))
+
+
+def total_sigma(
+    cloud: PointCloud, T_lm_left: Mapping[int, Transform], rig: StereoRig, calibration: CalibrationSigma
+) -> NDArray[np.float32]:
+    """Return the standard deviation along the ray of each point `(N,)`, metres, including the calibration's part.
+
+    With the range r, the disparity d and the normalised coordinates (x, y) of the left pixel and (xr, y) of the right
+    one, the variance is
+
+        sigma^2 + r^2 (a^2 (fx / d)^2 + focal^2 + baseline^2)
+        a^2 = (yaw (1 + xr^2))^2 + (pitch xr y)^2 + (roll y)^2 + distortion^2
+
+    Poses of the left cameras are given by the points' `pair`.
+    """
+    axes = np.zeros((max(T_lm_left) + 1, 3))
+    centres = np.zeros_like(axes)
+    for pair, pose in T_lm_left.items():
+        axes[pair] = pose.rotation[:, 2]
+        centres[pair] = pose.translation
+    return _total_sigma(cloud.xyz, cloud.sigma, cloud.u, cloud.v, cloud.pair, axes, centres, rig.camera, calibration)
+
+
+@jit_rows
+def _total_sigma(
+    xyz: NDArray[np.float32],
+    sigma: NDArray[np.float32],
+    us: NDArray[np.uint16],
+    vs: NDArray[np.uint16],
+    pairs: NDArray[np.uint8],
+    axes: FloatArray,
+    centres: FloatArray,
+    camera: StereoCamera,
+    calibration: CalibrationSigma,
+) -> NDArray[np.float32]:
+    """Return the total standard deviations `(N,)`; axes and centres `(pairs, 3)` of the left cameras are in LM."""
+    total = np.empty(len(sigma), np.float32)
+    distortion_variance = calibration.distortion * calibration.distortion
+    length_variance = calibration.focal * calibration.focal + calibration.baseline * calibration.baseline
+    for n in prange(len(total)):
+        pair = pairs[n]
+        depth = 0.0
+        for k in range(3):
+            depth += axes[pair, k] * (np.float64(xyz[n, k]) - centres[pair, k])
+        x = (us[n] - camera.cx) / camera.fx
+        y = (vs[n] - camera.cy) / camera.fy
+        right_x = x - camera.baseline_m / depth
+        by_yaw = calibration.yaw * (1.0 + right_x * right_x)
+        by_pitch = calibration.pitch * right_x * y
+        by_roll = calibration.roll * y
+        angle_variance = by_yaw * by_yaw + by_pitch * by_pitch + by_roll * by_roll + distortion_variance
+        relative_variance = angle_variance * (depth / camera.baseline_m) ** 2 + length_variance
+        range_squared = depth * depth * (x * x + y * y + 1.0)
+        total[n] = np.sqrt(np.float64(sigma[n]) * sigma[n] + range_squared * relative_variance)
+    return total
