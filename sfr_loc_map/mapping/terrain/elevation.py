@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,63 +14,71 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
 
-MAX_CELLS = 2_500_000  #: A grid takes up to 120 bytes a cell while it is made: 300 MB.
-SLOPE = 0.1
-"""Typical slope of ground: a point displaced along its ray lies over ground that is as much higher or lower."""
+MAX_CELLS = 2_500_000  #: Largest number of cells: a grid takes up to 120 bytes per cell while it is made, 300 MB.
+TYPICAL_SLOPE = 0.1  #: Typical slope of ground: height error per horizontal displacement of a point.
+
+
+class Square(NamedTuple):
+    """A square in x and y of LM."""
+
+    x_m: float  #: Centre.
+    y_m: float  #: Centre.
+    half_side_m: float
 
 
 @dataclass(frozen=True, slots=True)
 class CellGrid:
-    """A grid of square cells whose sides lie at multiples of their length in x and y of LM.
+    """A grid of square cells whose sides are at multiples of their length in x and y of LM.
 
-    So grids of one cell size have the same cells, whatever cloud they were made of.
+    Grids of one cell size therefore have the same cells, whatever cloud they were made of.
     """
 
-    first: tuple[int, int]  # number of the first cell along x and along y, counted from that at the origin of LM
-    rows: int  # along y
-    columns: int  # along x
-    cell_m: float  # side of a cell
+    first: tuple[int, int]  #: Number of the first cell along x and along y, counted from the cell at the origin of LM.
+    rows: int  #: Cells along y.
+    columns: int  #: Cells along x.
+    cell_m: float  #: Side of a cell.
 
     @property
     def origin_m(self) -> tuple[float, float]:
-        """The x and y of the outer corner of cell (0, 0), which has the least x and y."""
+        """The smallest x and y of cell (0, 0)."""
         return self.first[0] * self.cell_m, self.first[1] * self.cell_m
 
     @classmethod
-    def over(
-        cls, xyz: NDArray[np.float32], cell_m: float, within: tuple[float, float, float] | None = None
-    ) -> CellGrid:
-        """Return a grid that has a cell for each point `(N, 3)` in LM.
+    def over(cls, xyz: NDArray[np.float32], cell_m: float, within: Square | None = None) -> CellGrid:
+        """Return a grid that has a cell for each point `(N, 3)` in LM; points outside a square are ignored.
 
-        Points outside of a square, x, y and half its side, do not count. Raises MappingError if the cell is not
-        positive, no point counts, or there would be too many cells.
+        Raises MappingError if the cell size is not positive, no point remains, or there would be too many cells.
         """
         if not cell_m > 0.0:
             raise MappingError(f"cells of {cell_m} m: the side must be more than 0")
         if len(xyz) == 0:
             raise MappingError("the cloud has no points: an elevation model needs some")
-        low, high = (np.array([float(side(xyz[:, axis])) for axis in (0, 1)]) for side in (np.min, np.max))
+        low = np.array([float(xyz[:, axis].min()) for axis in (0, 1)])
+        high = np.array([float(xyz[:, axis].max()) for axis in (0, 1)])
         if within is not None:
-            centre, reach = np.array(within[:2]), within[2]
-            low, high = np.maximum(low, centre - reach), np.minimum(high, centre + reach)
+            centre = np.array((within.x_m, within.y_m))
+            low = np.maximum(low, centre - within.half_side_m)
+            high = np.minimum(high, centre + within.half_side_m)
             if (low > high).any():
-                raise MappingError(f"the cloud has no points within {reach} m of the cameras: raise terrain.range_m")
+                raise MappingError(
+                    f"the cloud has no points within {within.half_side_m} m of the cameras: raise terrain.range_m"
+                )
         if not (np.isfinite((low, high)).all() and np.isfinite(xyz[:, 2]).all()):
             raise MappingError("the cloud has points that are not finite: leave them out")
-        first, last = np.floor(low / cell_m), np.floor(high / cell_m)
-        columns, rows = last - first + 1
+        first = np.floor(low / cell_m)
+        columns, rows = np.floor(high / cell_m) - first + 1
         if rows * columns > MAX_CELLS:
-            x, y = high - low  # of which a cell c makes at most x / c + 2 by y / c + 2 cells
-            fits = (x + y + np.hypot(x + y, np.sqrt((MAX_CELLS - 4) * x * y))) / (MAX_CELLS - 4)
+            x, y = high - low
             raise MappingError(
                 f"cells of {cell_m} m over {x:.4g} x {y:.4g} m are {rows * columns / 1e6:.3g} million: "
-                f"{MAX_CELLS / 1e6} million are the limit; take cells of {1.05 * fits:.2g} m or more"
+                f"{MAX_CELLS / 1e6} million are the limit; take cells of {1.05 * _smallest_cell(x, y):.2g} m or more"
             )
         return cls((int(first[0]), int(first[1])), int(rows), int(columns), cell_m)
 
     def cell_of(self, xyz: NDArray[np.float32]) -> NDArray[np.int32]:
-        """Return the cell `(N,)` of each point, row times columns plus column; -1 where it lies outside."""
-        cell, inside = np.zeros(len(xyz), np.int32), np.ones(len(xyz), np.bool_)
+        """Return the cell `(N,)` of each point, row times columns plus column; -1 outside the grid."""
+        cell = np.zeros(len(xyz), np.int32)
+        inside = np.ones(len(xyz), np.bool_)
         for axis, count, step in ((0, self.columns, 1), (1, self.rows, self.columns)):
             number = np.floor(xyz[:, axis].astype(np.float64) / self.cell_m) - self.first[axis]
             inside &= (number >= 0.0) & (number < count)
@@ -78,14 +87,23 @@ class CellGrid:
         return cell
 
 
+def _smallest_cell(x_m: float, y_m: float) -> float:
+    """Return the smallest cell size of which a rectangle has at most `MAX_CELLS`.
+
+    Cells of size c cover it with at most `(x / c + 2) (y / c + 2)` cells, a quadratic equation in c.
+    """
+    spare = MAX_CELLS - 4
+    return float((x_m + y_m + np.hypot(x_m + y_m, np.sqrt(spare * x_m * y_m))) / spare)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ElevationModel:
-    """Heights over a grid whose rows go along y and columns along x of LM."""
+    """Heights over a grid whose rows are along y and columns along x of LM."""
 
-    height_m: NDArray[np.float32]  #: `(R, C)` float32, z of LM, NaN in cells without a point.
-    sigma_m: NDArray[np.float32]  #: `(R, C)` float32, standard deviation of the height, NaN likewise.
+    height_m: NDArray[np.float32]  #: `(R, C)` float32, z of LM; NaN in cells without a point.
+    sigma_m: NDArray[np.float32]  #: `(R, C)` float32, standard deviation of the height; NaN in cells without a point.
     count: NDArray[np.int32]  #: `(R, C)` int32, points in the cell.
-    origin_m: tuple[float, float]  #: x and y of the outer corner of cell (0, 0), which has the least x and y.
+    origin_m: tuple[float, float]  #: The smallest x and y of cell (0, 0).
     cell_m: float  #: Side of a cell.
 
 
@@ -98,34 +116,40 @@ def elevation_of_cells(
 ) -> ElevationModel:
     """Return the elevation model of a cloud over a grid.
 
-    An error `e` of a point along its ray is an error of its height of the ray's z component times `e`, and of what the
-    ground rises over the horizontal displacement. Heights of a cell are averaged by the inverse of that variance.
-    Errors of neighbouring points are correlated, so the variance of a cell's mean is that of its points; to it comes
-    that of the mean over heights that differ within the cell, and what the points' sigma has beyond its random part: an
-    error that they share has no say in their weights, and no mean removes it.
+    An error `e` of a point along its ray is an error of its height by the ray's z component times `e`, and by the rise
+    of the ground over the horizontal displacement. Heights of a cell are averaged by the inverse of that variance.
+
+    The variance of a cell has three parts. The first is that of its points, because the errors of neighbouring points
+    are correlated. The second is that of the mean over heights that differ within the cell. The third is the part of
+    the points' sigma beyond its random part, which all points share and averaging does not reduce.
     """
     inside = np.flatnonzero(cell >= 0)
     if not len(inside):
         raise MappingError("the cloud has no points on the grid: raise terrain.range_m")
-    at, xyz = cell[inside].astype(np.intp), cloud.xyz.take(inside, axis=0)  # faster than an index of rows
-    height, total = xyz[:, 2].astype(np.float64), np.square(cloud.sigma[inside], dtype=np.float64)
+    cell_of_point = cell[inside].astype(np.intp)
+    xyz = cloud.xyz.take(inside, axis=0)  # faster than indexing by rows
+    height = xyz[:, 2].astype(np.float64)
+    total = np.square(cloud.sigma[inside], dtype=np.float64)
     random = total if random_sigma is None else np.square(random_sigma[inside], dtype=np.float64)
-    share = np.ones(len(inside))  # of a point's variance along its ray: that of its height
+    height_fraction = np.ones(len(inside))  # variance of the height over the variance along the ray
     if T_lm_left is not None:
         centres = np.stack([pose.translation for pose in T_lm_left])
-        x, y, z = np.square(xyz - centres.take(cloud.pair[inside], axis=0)).T
-        share = z / (x + y + z)
-    share = share + SLOPE**2
+        x_squared, y_squared, z_squared = np.square(xyz - centres.take(cloud.pair[inside], axis=0)).T
+        height_fraction = z_squared / (x_squared + y_squared + z_squared)
+    height_fraction = height_fraction + TYPICAL_SLOPE**2
+    cell_count = grid.rows * grid.columns
 
     def sums(values: FloatArray) -> FloatArray:
-        return np.asarray(np.bincount(at, values, grid.rows * grid.columns), np.float64)
+        """Return the sum over the points of each cell."""
+        return np.asarray(np.bincount(cell_of_point, values, cell_count), np.float64)
 
-    weight = 1.0 / (share * random)
+    weight = 1.0 / (height_fraction * random)
     with np.errstate(divide="ignore", invalid="ignore"):
-        points, weights = np.bincount(at, minlength=grid.rows * grid.columns), sums(weight)
+        points = np.bincount(cell_of_point, minlength=cell_count)
+        weights = sums(weight)
         mean = sums(weight * height) / weights
-        spread = sums(np.square(height - mean[at]) / (share * random))
-        common = sums(weight * (share * np.maximum(total - random, 0.0)))
+        spread = sums(np.square(height - mean[cell_of_point]) / (height_fraction * random))
+        common = sums(weight * (height_fraction * np.maximum(total - random, 0.0)))
         variance = points / weights + spread / weights / points + common / weights
     shape = (grid.rows, grid.columns)
     return ElevationModel(
@@ -140,7 +164,7 @@ def elevation_of_cells(
 def point_covariances(cloud: PointCloud, T_lm_left: Sequence[Transform], focal_px: float) -> NDArray[np.float32]:
     """Return the covariance of each point in LM `(N, 3, 3)`, square metres.
 
-    Along the ray it is the point's variance. Across, a point represents its whole pixel: a uniform distribution over a
+    Along the ray it is the point's variance. Across the ray a point represents its pixel: a uniform distribution over a
     square of side `Z / f`, whose variance is `(Z / f)^2 / 12`. Poses are in the order of the points' `pair`.
     """
     axes = np.stack([pose.rotation[:, 2] for pose in T_lm_left])[cloud.pair]

@@ -1,15 +1,16 @@
 """The elevation grid: height, slope, roughness, step and hazard of square cells in LM.
 
 Slope and roughness are those of the plane fitted to the ground under the rover, as in Goldberg, Maimone and Matthies,
-"Stereo vision and rover navigation software for planetary exploration" (IEEE Aerospace Conference 2002); the three
-criteria are joined by their ratio to what the rover can bear, as in Chilian and Hirschmueller, "Stereo camera based
-navigation of mobile robots on rough terrain" (IROS 2009), here by the largest of them.
+"Stereo vision and rover navigation software for planetary exploration" (IEEE Aerospace Conference 2002). The hazard
+combines the three criteria by their ratio to the rover's limits, as in Chilian and Hirschmueller, "Stereo camera based
+navigation of mobile robots on rough terrain" (IROS 2009); here it is the largest ratio.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -21,25 +22,39 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit_rows
 from sfr_loc_map.mapping.config import TerrainConfig
-from sfr_loc_map.mapping.terrain.elevation import CellGrid, ElevationModel, elevation_of_cells
+from sfr_loc_map.mapping.terrain.elevation import CellGrid, ElevationModel, Square, elevation_of_cells
 
-MIN_POINTS = 3
-"""A cell with fewer points has no height: two may both be outliers, and say nothing of what differs within the cell."""
-TAIL = 0.15
-"""Share of the points of a cell that lie above its high height, and below its low one: outliers are among them."""
-STEP_RADIUS_M = 0.25
-"""A step is a difference of heights within this distance: more would count a slope of small rocks as one."""
-KNOWN_SHARE = 0.5  #: Share of the cells of the footprint that must have a height for slope and roughness.
-NEIGHBOURS = 1.5  #: Least radius, in cells, of a window in which a plane is fitted: a cell and its eight neighbours.
-HAZARD, UNKNOWN = 100, -1
+MIN_POINTS = 3  #: Cells with fewer points have no height: two points may both be outliers.
+OUTLIER_FRACTION = 0.15  #: Fraction of a cell's points above its high height, and below its low height.
+STEP_RADIUS_M = 0.25  #: A step is a difference of heights within this distance; beyond it a slope would count as one.
+MIN_KNOWN_FRACTION = 0.5  #: Fraction of the footprint's cells that must have a height for slope and roughness.
+MIN_RADIUS_CELLS = 1.5  #: Smallest radius of a window in which a plane is fitted: a cell and its eight neighbours.
+MIN_DETERMINANT = 1e-6  #: Smallest determinant of the plane's normal equations, in units of cell_m^4.
+ROUNDING = 1e-9  #: Added to a squared radius, in cells, so that cells on the circle are inside.
+HAZARD = 100  #: Value of a cell that is a hazard, as in nav_msgs/OccupancyGrid.
+UNKNOWN = -1  #: Value of a cell that is not known, as in nav_msgs/OccupancyGrid.
+
+
+class Planes(NamedTuple):
+    """Least-squares planes around each cell, `(R, C)` each; NaN where there is none."""
+
+    slope_x: FloatArray  #: Rise along x, metres per metre.
+    slope_y: FloatArray  #: Rise along y, metres per metre.
+    residual_m: FloatArray  #: Root mean squared difference of the heights from the plane.
+
+
+class OuterHeights(NamedTuple):
+    """Heights of a cell without its outliers, `(R C,)` each; NaN with fewer than `MIN_POINTS` points."""
+
+    low: FloatArray
+    high: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TerrainGrid:
-    """What a rover needs to know of the ground, over a grid whose rows go along y and columns along x of LM."""
+    """The ground as a rover's planner uses it, over a grid whose rows are along y and columns along x of LM."""
 
-    #: Heights, their sigma, points of each cell, place and size of the cells. Cells with too few points have no
-    #: height.
+    #: Heights, their sigma, points of each cell, position and size of the cells; NaN in cells with too few points.
     elevation: ElevationModel
     #: `(R, C)` float32, angle of the plane fitted to the heights within the rover's footprint.
     slope_rad: NDArray[np.float32]
@@ -47,8 +62,8 @@ class TerrainGrid:
     roughness_m: NDArray[np.float32]
     #: `(R, C)` float32, largest difference of heights above that plane around the cell.
     step_m: NDArray[np.float32]
-    #: `(R, C)` int8, 100 where a criterion reaches its limit, 0 to 99 the largest share of a limit in percent, -1
-    #: where not known.
+    #: `(R, C)` int8, 100 if a criterion reaches its limit, otherwise the largest ratio to a limit in percent; -1 where
+    #: unknown.
     hazard: NDArray[np.int8]
 
 
@@ -60,35 +75,45 @@ def elevation_grid(
 ) -> TerrainGrid:
     """Return the terrain of a cloud in LM, with z upwards; raises MappingError for no points or too many cells.
 
-    Poses of the left cameras are in the order of the points' `pair`; without them all points count, whatever their
-    range, and the sigma of heights is overstated. The random part of sigma `(N,)`, metres, differs from point to point;
-    None is all of it.
+    Poses of the left cameras are in the order of the points' `pair`. Without poses, points of all ranges are used and
+    the sigma of heights is overstated. `random_sigma` `(N,)`, metres, is the part of sigma that differs from point to
+    point; None if all of it does.
     """
-    within: tuple[float, float, float] | None = None
-    if T_lm_left:
-        x, y = np.mean([pose.translation[:2] for pose in T_lm_left], axis=0).tolist()
-        within = (x, y, config.range_m)
     cell_m = config.cell_m
-    grid = CellGrid.over(cloud.xyz, cell_m, within)
+    grid = CellGrid.over(cloud.xyz, cell_m, _mapped_square(T_lm_left, config) if T_lm_left else None)
     cell = grid.cell_of(cloud.xyz)
-    model = elevation_of_cells(cloud, T_lm_left or None, grid, cell, random_sigma)
-    few = model.count < MIN_POINTS
-    height_m, sigma_m = model.height_m.copy(), model.sigma_m.copy()
-    height_m[few] = sigma_m[few] = np.nan
-    low, high = outer_heights(cell, cloud.xyz[:, 2], model.count.reshape(-1)).reshape(2, grid.rows, grid.columns)
-    around = disc(max(config.footprint_radius_m / cell_m, NEIGHBOURS))
-    slope_x, slope_y, residual_m = fit_planes(height_m.astype(np.float64), around, cell_m)
-    slope_rad = np.arctan(np.hypot(slope_x, slope_y)).astype(np.float32)
-    roughness_m = residual_m.astype(np.float32)
-    step_m = steps(low, high, slope_x, slope_y, disc(STEP_RADIUS_M / cell_m), cell_m).astype(np.float32)
-    shares = np.maximum(slope_rad / np.radians(config.max_slope_deg), roughness_m / config.max_roughness_m)
-    step_share = step_m / np.float32(config.max_step_m)
-    hazard = hazards(shares.astype(np.float32), step_share, disc(config.footprint_radius_m / cell_m))
-    return TerrainGrid(replace(model, height_m=height_m, sigma_m=sigma_m), slope_rad, roughness_m, step_m, hazard)
+    model = _without_sparse_cells(elevation_of_cells(cloud, T_lm_left or None, grid, cell, random_sigma))
+    outer = outer_heights(cell, cloud.xyz[:, 2], model.count.reshape(-1))
+    low = outer.low.reshape(grid.rows, grid.columns)
+    high = outer.high.reshape(grid.rows, grid.columns)
+    footprint_cells = config.footprint_radius_m / cell_m
+    planes = fit_planes(model.height_m.astype(np.float64), disc(max(footprint_cells, MIN_RADIUS_CELLS)), cell_m)
+    slope_rad = np.arctan(np.hypot(planes.slope_x, planes.slope_y)).astype(np.float32)
+    roughness_m = planes.residual_m.astype(np.float32)
+    step_m = steps(low, high, planes, disc(STEP_RADIUS_M / cell_m), cell_m).astype(np.float32)
+    slope_ratio = slope_rad / np.radians(config.max_slope_deg)
+    plane_ratio = np.maximum(slope_ratio, roughness_m / config.max_roughness_m).astype(np.float32)
+    step_ratio = step_m / np.float32(config.max_step_m)
+    hazard = hazards(plane_ratio, step_ratio, disc(footprint_cells))
+    return TerrainGrid(model, slope_rad, roughness_m, step_m, hazard)
+
+
+def _mapped_square(T_lm_left: Sequence[Transform], config: TerrainConfig) -> Square:
+    """Return the square within the configured range of the mean of the cameras."""
+    x_m, y_m = np.mean([pose.translation[:2] for pose in T_lm_left], axis=0).tolist()
+    return Square(x_m, y_m, config.range_m)
+
+
+def _without_sparse_cells(model: ElevationModel) -> ElevationModel:
+    """Return the model without the heights of cells with fewer than `MIN_POINTS` points."""
+    is_sparse = model.count < MIN_POINTS
+    height_m = np.where(is_sparse, np.float32(np.nan), model.height_m)
+    sigma_m = np.where(is_sparse, np.float32(np.nan), model.sigma_m)
+    return replace(model, height_m=height_m, sigma_m=sigma_m)
 
 
 def warm_up() -> None:
-    """Load or compile all kernels, so that no later call pays for it."""
+    """Load or compile all kernels, so that no later call takes the time."""
     xyz = np.random.default_rng(0).uniform(0.0, 1.0, (1000, 3)).astype(np.float32)
     zeros = np.zeros(len(xyz), np.uint16)
     ones = np.ones(len(xyz), np.float32)
@@ -97,48 +122,52 @@ def warm_up() -> None:
 
 
 def disc(radius_cells: float) -> IntArray:
-    """Return the cells whose centres lie within a distance, in cells: rows and columns from the middle one `(K, 2)`."""
+    """Return the cells whose centres are within a radius: rows and columns relative to the middle one `(K, 2)`."""
     reach = int(radius_cells)
     rows, columns = np.mgrid[-reach : reach + 1, -reach : reach + 1]
-    inside = rows**2 + columns**2 <= radius_cells**2 + 1e-9
+    inside = rows**2 + columns**2 <= radius_cells**2 + ROUNDING
     return np.column_stack((rows[inside], columns[inside])).astype(np.int64)
 
 
-def outer_heights(cell: NDArray[np.int32], height: NDArray[np.float32], count: NDArray[np.int32]) -> FloatArray:
-    """Return a low and a high one of the heights of each cell `(2, cells)`, `TAIL` from either end, by nearest rank.
+def outer_heights(cell: NDArray[np.int32], height: NDArray[np.float32], count: NDArray[np.int32]) -> OuterHeights:
+    """Return the heights of each cell that are `OUTLIER_FRACTION` from either end, by nearest rank.
 
-    Of each point `(N,)` the cell, or -1, and the height; a cell with fewer than `MIN_POINTS` points gives NaN.
+    `cell` and `height` `(N,)` are those of each point, -1 for points outside; `count` `(R C,)` is the number of points.
     """
-    # one integer of cell and height, in the order of both, is sorted many times as fast as by two keys
+    # Cell and height are packed into one integer whose order is that of both: sorting by two keys is much slower.
     inside = cell >= 0
     ordered = cell[inside].astype(np.int64)
     ordered <<= 32
     ordered += _in_order(height[inside].view(np.int32))
     ordered.sort()
     known = count >= MIN_POINTS
-    below, last = (np.cumsum(count) - count)[known], count[known] - 1
-    found = np.full((2, len(count)), np.nan)
-    for which in range(2):
-        rank = below + np.rint((TAIL + (1.0 - 2.0 * TAIL) * which) * last).astype(np.int64)
-        found[which, known] = _in_order(ordered[rank].astype(np.int32)).view(np.float32)
-    return found
+    first = (np.cumsum(count) - count)[known]
+    last = count[known] - 1
+
+    def quantile(fraction: float) -> FloatArray:
+        """Return the heights of this rank in each cell, as a fraction of its points."""
+        rank = first + np.rint(fraction * last).astype(np.int64)
+        heights = np.full(len(count), np.nan)
+        heights[known] = _in_order(ordered[rank].astype(np.int32)).view(np.float32)
+        return heights
+
+    return OuterHeights(quantile(OUTLIER_FRACTION), quantile(OUTLIER_FRACTION + (1.0 - 2.0 * OUTLIER_FRACTION)))
 
 
 def _in_order(bits: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Return bits of float32 as integers in their order, and such integers as bits: negative ones run backwards."""
+    """Return bits of float32 as integers of the same order, and such integers as bits: negative ones are reversed."""
     return np.where(bits < 0, bits ^ np.int32(0x7FFFFFFF), bits)
 
 
 @jit_rows
-def fit_planes(height: FloatArray, window: IntArray, cell_m: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the least-squares plane of the heights around each cell, all `(R, C)`, NaN where there is none.
+def fit_planes(height: FloatArray, window: IntArray, cell_m: float) -> Planes:
+    """Return the least-squares planes of heights `(R, C)`, NaN where unknown, in a window `(K, 2)` around each cell.
 
-    They are its rise along x and along y, metres a metre, and the root of the mean squared difference from it, metres.
-
-    Heights `(R, C)` are NaN where not known; `KNOWN_SHARE` of the window `(K, 2)` around a cell must be known.
+    A plane requires that `MIN_KNOWN_FRACTION` of the window is known.
     """
     rows, columns = height.shape
-    slope_x, slope_y = np.full((rows, columns), np.nan), np.full((rows, columns), np.nan)
+    slope_x = np.full((rows, columns), np.nan)
+    slope_y = np.full((rows, columns), np.nan)
     residual = np.full((rows, columns), np.nan)
     size = len(window)
     for row in prange(rows):
@@ -146,65 +175,95 @@ def fit_planes(height: FloatArray, window: IntArray, cell_m: float) -> tuple[Flo
             own = height[row, column]
             if np.isnan(own):
                 continue
-            n, x, y, z = 0.0, 0.0, 0.0, 0.0
-            xx, xy, yy, xz, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            # Sums of the coordinates and of their products, relative to the cell.
+            n = 0.0
+            x = 0.0
+            y = 0.0
+            z = 0.0
+            xx = 0.0
+            xy = 0.0
+            yy = 0.0
+            xz = 0.0
+            yz = 0.0
+            zz = 0.0
             for k in range(size):
-                i, j = row + window[k, 0], column + window[k, 1]
+                i = row + window[k, 0]
+                j = column + window[k, 1]
                 if 0 <= i < rows and 0 <= j < columns and not np.isnan(height[i, j]):
-                    dx, dy, dz = window[k, 1] * cell_m, window[k, 0] * cell_m, height[i, j] - own
-                    n, x, y, z = n + 1.0, x + dx, y + dy, z + dz
-                    xx, xy, yy = xx + dx * dx, xy + dx * dy, yy + dy * dy
-                    xz, yz, zz = xz + dx * dz, yz + dy * dz, zz + dz * dz
-            if n < KNOWN_SHARE * size:
+                    dx = window[k, 1] * cell_m
+                    dy = window[k, 0] * cell_m
+                    dz = height[i, j] - own
+                    n += 1.0
+                    x += dx
+                    y += dy
+                    z += dz
+                    xx += dx * dx
+                    xy += dx * dy
+                    yy += dy * dy
+                    xz += dx * dz
+                    yz += dy * dz
+                    zz += dz * dz
+            if n < MIN_KNOWN_FRACTION * size:
                 continue
-            x, y, z = x / n, y / n, z / n
-            xx, xy, yy = xx / n - x * x, xy / n - x * y, yy / n - y * y
-            xz, yz, zz = xz / n - x * z, yz / n - y * z, zz / n - z * z
-            determinant = xx * yy - xy * xy
-            if determinant > 1e-6 * cell_m**4:
-                a, b = (yy * xz - xy * yz) / determinant, (xx * yz - xy * xz) / determinant
-                slope_x[row, column], slope_y[row, column] = a, b
-                residual[row, column] = np.sqrt(max(zz - a * xz - b * yz, 0.0))
-    return slope_x, slope_y, residual
+            mean_x = x / n
+            mean_y = y / n
+            mean_z = z / n
+            cov_xx = xx / n - mean_x * mean_x
+            cov_xy = xy / n - mean_x * mean_y
+            cov_yy = yy / n - mean_y * mean_y
+            cov_xz = xz / n - mean_x * mean_z
+            cov_yz = yz / n - mean_y * mean_z
+            cov_zz = zz / n - mean_z * mean_z
+            determinant = cov_xx * cov_yy - cov_xy * cov_xy
+            if determinant > MIN_DETERMINANT * cell_m**4:
+                a = (cov_yy * cov_xz - cov_xy * cov_yz) / determinant
+                b = (cov_xx * cov_yz - cov_xy * cov_xz) / determinant
+                slope_x[row, column] = a
+                slope_y[row, column] = b
+                residual[row, column] = np.sqrt(max(cov_zz - a * cov_xz - b * cov_yz, 0.0))
+    return Planes(slope_x, slope_y, residual)
 
 
 @jit_rows
-def steps(
-    low: FloatArray, high: FloatArray, slope_x: FloatArray, slope_y: FloatArray, window: IntArray, cell_m: float
-) -> FloatArray:
+def steps(low: FloatArray, high: FloatArray, planes: Planes, window: IntArray, cell_m: float) -> FloatArray:
     """Return the step of each cell `(R, C)`, metres, NaN where there is no plane.
 
-    It is the largest high height less the smallest low height of the cells of a window (`outer_heights`), all of them
-    above the plane of the footprint: a slope alone is no step.
+    The step is the largest high height minus the smallest low height of the cells of a window (`outer_heights`), both
+    relative to the plane of the footprint, so that a slope alone is not a step.
     """
     rows, columns = low.shape
     step = np.full((rows, columns), np.nan)
     for row in prange(rows):
         for column in range(columns):
-            a, b = slope_x[row, column], slope_y[row, column]
+            a = planes.slope_x[row, column]
+            b = planes.slope_y[row, column]
             if np.isnan(a):
                 continue
-            least, largest = np.inf, -np.inf
+            lowest = np.inf
+            highest = -np.inf
             for k in range(len(window)):
-                i, j = row + window[k, 0], column + window[k, 1]
+                i = row + window[k, 0]
+                j = column + window[k, 1]
                 if 0 <= i < rows and 0 <= j < columns and not np.isnan(low[i, j]):
                     plane = (a * window[k, 1] + b * window[k, 0]) * cell_m
-                    least, largest = min(least, low[i, j] - plane), max(largest, high[i, j] - plane)
-            step[row, column] = largest - least
+                    lowest = min(lowest, low[i, j] - plane)
+                    highest = max(highest, high[i, j] - plane)
+            step[row, column] = highest - lowest
     return step
 
 
-def hazards(shares: NDArray[np.float32], step_share: NDArray[np.float32], footprint: IntArray) -> NDArray[np.int8]:
-    """Return the hazard of each cell `(R, C)`: 100 for one, 0 to 99 for none, -1 where not known.
+def hazards(plane_ratio: NDArray[np.float32], step_ratio: NDArray[np.float32], footprint: IntArray) -> NDArray[np.int8]:
+    """Return the hazard of each cell `(R, C)`: 100 for a hazard, otherwise 0 to 99, -1 where unknown.
 
-    A cell is a hazard where a criterion reaches its limit under a rover that stands there: a step does so anywhere in
-    the footprint, also next to cells that are not known. Below that the value is the largest share of a limit.
+    A cell is a hazard if a criterion reaches its limit under a rover at that cell. A step may be anywhere in the
+    footprint, also beside cells that are unknown. Otherwise the value is the largest ratio to a limit in percent.
 
-    Shares `(R, C)` of the limits are NaN where not known: the larger one of slope and roughness, and that of the step.
+    Ratios `(R, C)` to the limits are NaN where unknown: the larger one of slope and roughness, and that of the step.
     """
     reach = int(np.abs(footprint).max())
-    disc_mask = np.zeros((2 * reach + 1,) * 2, np.uint8)
+    side = 2 * reach + 1
+    disc_mask = np.zeros((side, side), np.uint8)
     disc_mask[tuple(footprint.T + reach)] = 1
-    largest = np.fmax(cv2.dilate(np.nan_to_num(step_share, nan=0.0), disc_mask), shares)
-    hazard = np.where(np.isnan(shares), UNKNOWN, np.minimum(largest, 1.0).astype(np.float64) * HAZARD)
+    largest = np.fmax(cv2.dilate(np.nan_to_num(step_ratio, nan=0.0), disc_mask), plane_ratio)
+    hazard = np.where(np.isnan(plane_ratio), UNKNOWN, np.minimum(largest, 1.0).astype(np.float64) * HAZARD)
     return np.where(largest >= 1.0, HAZARD, hazard).astype(np.int8)

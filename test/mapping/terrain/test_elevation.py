@@ -9,9 +9,10 @@ from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.terrain.elevation import (
     MAX_CELLS,
-    SLOPE,
+    TYPICAL_SLOPE,
     CellGrid,
     ElevationModel,
+    Square,
     elevation_of_cells,
     point_covariances,
 )
@@ -44,23 +45,23 @@ def test_grids_of_one_cell_size_share_their_cells_within_reach() -> None:
     assert (other.first, other.rows, other.columns) == ((-4, 2), 1, 10)
     assert other.origin_m == pytest.approx((-0.4, 0.2))
     assert one.cell_of(points((0.55, 0.25), (-0.01, 0.0), (1.01, 0.0), (0.0, 0.51))).tolist() == [25, -1, -1, -1]
-    near = CellGrid.over(points((0.05, 0.05), (90.0, 0.0), (1.02, -1.02)), 0.1, (0.0, 0.0, 2.0))
+    near = CellGrid.over(points((0.05, 0.05), (90.0, 0.0), (1.02, -1.02)), 0.1, Square(0.0, 0.0, 2.0))
     assert (near.first, near.rows, near.columns) == ((0, -11), 12, 21)
 
 
 @pytest.mark.parametrize(
-    ("xy", "cell", "reach", "message"),
+    ("xy", "cell", "within", "message"),
     [
-        ([(0.0, 0.0), (9.0, 9.0)], 0.0, (), "more than 0"),
-        ([], 0.1, (), "no points"),
-        ([(90.0, 0.0)], 0.1, (0.0, 0.0, 2.0), r"no points within 2\.0 m of the cameras: raise terrain\.range_m"),
+        ([(0.0, 0.0), (9.0, 9.0)], 0.0, None, "more than 0"),
+        ([], 0.1, None, "no points"),
+        ([(90.0, 0.0)], 0.1, Square(0.0, 0.0, 2.0), r"no points within 2\.0 m of the cameras: raise terrain\.range_m"),
     ],
 )
 def test_cells_that_cannot_be_are_refused(
-    xy: list[tuple[float, float]], cell: float, reach: tuple[float, ...], message: str
+    xy: list[tuple[float, float]], cell: float, within: Square | None, message: str
 ) -> None:
     with pytest.raises(MappingError, match=message):
-        CellGrid.over(points(*xy).reshape(-1, 3), cell, *([reach] if reach else []))
+        CellGrid.over(points(*xy).reshape(-1, 3), cell, within)
 
 
 @pytest.mark.parametrize(("x", "y"), [(537.0, 270.0), (9.0, 1e9), (1e7, 0.0), (4e5, 3e37)])
@@ -81,7 +82,7 @@ def test_heights_are_weighed_by_the_variance_of_height_not_of_range() -> None:
         Transform(np.eye(3), np.array([1.45 - 2.6533, 0.0, 2.0])),
     ]
     model = elevation_from_cloud(cloud_of(xyz, [0.02, 0.02], [0, 1]), poses, 1.0)
-    below, slant = (0.02**2 * (z * z + SLOPE**2) for z in (1.0, 0.6))
+    below, slant = (0.02**2 * (z * z + TYPICAL_SLOPE**2) for z in (1.0, 0.6))
     weights = np.array([1.0 / below, 1.0 / slant])
     assert model.height_m[0, 0] == pytest.approx(0.01 * weights[1] / weights.sum(), rel=0.01)
     spread = weights[0] * weights[1] / weights.sum() ** 2 * 0.01**2
@@ -94,7 +95,7 @@ def test_an_error_that_points_share_has_no_say_in_weights_and_no_mean_removes_it
     plain = elevation_from_cloud(cloud_of(xyz, random.tolist(), [0] * 3), POSES, 1.0)
     common = elevation_from_cloud(cloud_of(xyz, np.hypot(random, 0.3).tolist(), [0] * 3), POSES, 1.0, random)
     assert common.height_m[0, 0] == plain.height_m[0, 0]
-    expected = np.sqrt(plain.sigma_m[0, 0] ** 2 + 0.3**2 * (1.0 + SLOPE**2))  # seen from above
+    expected = np.sqrt(plain.sigma_m[0, 0] ** 2 + 0.3**2 * (1.0 + TYPICAL_SLOPE**2))  # seen from above
     assert common.sigma_m[0, 0] == pytest.approx(expected, rel=0.01)
 
 
