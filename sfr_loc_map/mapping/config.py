@@ -6,41 +6,39 @@ from dataclasses import dataclass, field
 
 from sfr_loc_map.config import param
 
-MAX_PAIRS = 3  #: Most stereo pairs of one map [1.3].
+MAX_PAIRS = 3  #: Largest number of stereo pairs of one map [1.3].
 
 
 @dataclass(frozen=True, slots=True)
 class CalibrationUncertainty:
-    """Standard deviations of the calibration: an error that all points share, in each point's stated sigma.
+    """Standard deviations of the calibration, whose error all points share; they are part of each point's stated sigma.
 
-    The defaults are those of a careful calibration after some use. All 0: sigma is that of noise and smoothing alone.
+    The defaults are those of a careful calibration after some use. If all are 0, sigma is that of noise and smoothing.
     """
 
     yaw_deg: float = param(
         0.01,
         unit="deg",
-        doc="Standard deviation of the right camera's yaw; unequal principal points along rows act likewise.",
+        doc="Standard deviation of the right camera's yaw; unequal principal points along rows have the same effect.",
         low=0.0,
         high=5.0,
     )
     pitch_deg: float = param(0.01, unit="deg", doc="Standard deviation of the right camera's pitch.", low=0.0, high=5.0)
     roll_deg: float = param(0.01, unit="deg", doc="Standard deviation of the right camera's roll.", low=0.0, high=5.0)
-    focal_share: float = param(
-        0.001, doc="Standard deviation of the focal length, as a share of it.", low=0.0, high=0.5
-    )
-    baseline_share: float = param(0.001, doc="Standard deviation of the baseline, as a share of it.", low=0.0, high=0.5)
+    focal_share: float = param(0.001, doc="Standard deviation of the focal length as a fraction.", low=0.0, high=0.5)
+    baseline_share: float = param(0.001, doc="Standard deviation of the baseline as a fraction.", low=0.0, high=0.5)
     distortion_px: float = param(
         0.3,
         unit="px",
-        doc="Typical left-over distortion in the corners of an image: what looks like a yaw and is within it is none. "
-        "0: none is allowed for.",
+        doc="Typical residual distortion in the corners of an image. Less vertical disparity is not taken for a yaw of "
+        "the right camera. 0: no residual distortion.",
         low=0.0,
         high=10.0,
     )
 
     @property
     def assumption(self) -> str:
-        """What sigma assumes that no pair can show, in words."""
+        """Assumptions of sigma that no pair can verify, in words."""
         return (
             f"sigma assumes the baseline within {self.baseline_share:.2%}, the focal length within "
             f"{self.focal_share:.2%}, the yaw of the right camera within {self.yaw_deg:g} deg (mapping.calibration)"
@@ -49,13 +47,13 @@ class CalibrationUncertainty:
 
 @dataclass(frozen=True, slots=True)
 class TerrainConfig:
-    """Parameters of the elevation and hazard grids; the rover's are those of a medium rover of six wheels."""
+    """Parameters of the elevation and hazard grids; the defaults are those of a medium rover with six wheels."""
 
     cell_m: float = param(0.1, unit="m", doc="Side of a cell of the elevation and hazard grids.", low=0.01, high=10.0)
     range_m: float = param(
         10.0,
         unit="m",
-        doc="Points further than this from the mean of the cameras along x or y are left out of the grids.",
+        doc="Points farther than this from the mean of the cameras along x or y are excluded from the grids.",
         low=0.5,
         high=1000.0,
     )
@@ -63,16 +61,14 @@ class TerrainConfig:
         0.5,
         unit="m",
         doc="Radius of the rover's footprint: slope and roughness are those of the ground within it, and a step "
-        "anywhere within it makes a hazard.",
+        "anywhere within it is a hazard.",
         low=0.0,
         high=10.0,
     )
-    max_slope_deg: float = param(20.0, unit="deg", doc="Slope from which on a cell is a hazard.", low=0.1, high=89.0)
-    max_roughness_m: float = param(
-        0.05, unit="m", doc="Roughness from which on a cell is a hazard.", low=0.001, high=10.0
-    )
+    max_slope_deg: float = param(20.0, unit="deg", doc="Smallest slope of a hazard.", low=0.1, high=89.0)
+    max_roughness_m: float = param(0.05, unit="m", doc="Smallest roughness of a hazard.", low=0.001, high=10.0)
     max_step_m: float = param(
-        0.18, unit="m", doc="Step from which on a cell is a hazard; about the radius of a wheel.", low=0.001, high=10.0
+        0.18, unit="m", doc="Smallest step of a hazard; about the radius of a wheel.", low=0.001, high=10.0
     )
 
 
@@ -83,7 +79,7 @@ class MappingConfig:
     min_range_m: float = param(0.9, unit="m", doc="Nearest depth that is searched.", low=0.05, high=1000.0)
     max_range_m: float = param(40.0, unit="m", doc="Farthest depth that is kept.", low=0.1, high=10_000.0)
     refine_poses: bool = param(
-        False, doc="Move the poses of the second and third pair (up to 2 degrees, 0.1 m) to fit where pairs overlap."
+        False, doc="Register the poses of the second and third pair (up to 2 degrees, 0.1 m) where pairs overlap."
     )
     calibration: CalibrationUncertainty = field(default_factory=CalibrationUncertainty)
     terrain: TerrainConfig = field(default_factory=TerrainConfig)
