@@ -6,7 +6,6 @@ Every public name stands in `sfr_loc_map` itself. What goes wrong is an `SfrErro
 from __future__ import annotations
 
 import os
-import sys
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -15,6 +14,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self, TypedDict, TypeVar, Unpack, overload
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,8 +38,8 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.methods.registry import OURS, MethodLimits, config_text, find_method, record_of_ours
 from sfr_loc_map.metrics import score as score_base
 from sfr_loc_map.metrics.config import AlignedErrorConfig, aligned_error_config, score_config
-from sfr_loc_map.metrics.limits import Limits, load_limits, parse_limits, value_at
-from sfr_loc_map.metrics.score import MethodRecord, Statistic
+from sfr_loc_map.metrics.limits import Limits, load_limits, parse_limits
+from sfr_loc_map.metrics.score import MethodRecord
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.pipeline import offline
 from sfr_loc_map.pipeline.call_stats import CallRecord, CallStats, save_stats, stats_of
@@ -54,11 +54,11 @@ from sfr_loc_map.pipeline.scoring import (
     said_fused,
     score_run,
 )
-from sfr_loc_map.report.page import load_score, overall_of, write_page
+from sfr_loc_map.report.page import load_score, write_page
 from sfr_loc_map.report.path_figure import curves_of, path_plot
 from sfr_loc_map.report.plots import to_figure
 from sfr_loc_map.report.score_figures import score_figures
-from sfr_loc_map.report.score_tables import STATISTIC, keyed_conditions, map_error, score_markdown, summary_tables
+from sfr_loc_map.report.score_tables import row_title, score_markdown, summary_tables
 from sfr_loc_map.report.tables import UNKNOWN, to_html
 
 if TYPE_CHECKING:
@@ -66,7 +66,6 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 C = TypeVar("C")
-CI95 = "mean_plus_3sigma_ci95"
 PathLike = str | os.PathLike[str]
 SourceLike = PathLike | sequence.Source
 Start = str | Transform | StartPose  #: Where a drive starts: `identity`, `truth`, or a pose of RB in DS.
@@ -262,26 +261,21 @@ class Source(_Shown, sequence.Source):
         return {"path": str(self.path), "holds": ", ".join(holds)}
 
 
-class Score(score_base.Score):
+class Score(score_base.Score, frozen=True, kw_only=True, tag_field="schema", tag=score_base.SCHEMA):
     """Figures and verdicts of an estimate: the fields are those of the JSON (docs/metrics.md)."""
 
     @classmethod
     def of(cls, score: score_base.Score) -> Self:
         """Return a score with what can be done with it."""
-        return cls(**{item.name: getattr(score, item.name) for item in fields(score_base.Score)})
+        return cls(**msgspec.structs.asdict(score))
 
     @classmethod
     def load(cls, path: PathLike) -> Self:
         """Read the JSON of a score."""
         return cls.of(load_score(Path(path)))
 
-    @property
-    def verdict(self) -> str:
-        """Verdict over all limits: `pass`, `fail`, `not enough data`, `incomplete`; `no verdict` without limits."""
-        return overall_of(self).state
-
     def to_json(self) -> str:
-        """Return the JSON (`sfr-score/1`), the same as of `sfr score --json`."""
+        """Return the JSON (`sfr-score/2`), the same as of `sfr score --json`."""
         return to_json(self)
 
     def save(self, path: PathLike) -> None:
@@ -298,33 +292,18 @@ class Score(score_base.Score):
 
     def to_pandas(self, table: str = "figures") -> pandas.DataFrame:
         """Return a pandas table: `figures`, one row a figure, or `sub_trajectories`, one row each."""
-        if table == "sub_trajectories":
-            rows = value_at(self, "details.trajectory.sub_trajectories") or ()
-            columns = [{**vars(item), "condition": [item.condition.label] * len(item.start_frame)} for item in rows]
-            names = [name for name in (columns or [{}])[0] if name != "every"]
-            return _data_frame({name: [value for item in columns for value in item[name]] for name in names})
-        if table != "figures":
+        if table == "figures":
+            return super().to_pandas()
+        if table != "sub_trajectories":
             raise ConfigError(f"table is '{table}': must be figures or sub_trajectories")
-        found: dict[tuple[str, str], Any] = {}
-        for _, part in keyed_conditions(self):
-            values = {name: value for name, value in vars(part).items() if isinstance(value, Statistic)}
-            found |= {(part.condition.label, name): (value, part.count) for name, value in values.items()}
-        if (error := map_error(self)) is not None:
-            found["map", error.key.rpartition(".")[2]] = error.value, error.value.count
-        for kind, calls in () if self.timing is None else self.timing.kinds():
-            found[kind, "seconds"] = calls, calls.count
-        frame = _data_frame(
-            {
-                **{name: [getattr(value, name) for value, _ in found.values()] for name in STATISTIC},
-                **{
-                    f"ci95_{side}": [(getattr(value, CI95, None) or (None, None))[k] for value, _ in found.values()]
-                    for k, side in enumerate(("low", "high"))
-                },
-                "count": [count for _, count in found.values()],
-            }
-        )
-        frame.index = sys.modules["pandas"].MultiIndex.from_tuples(list(found), names=("of", "figure"))
-        return frame
+        details = None if self.details is None else self.details.trajectory
+        columns: dict[str, list[Any]] = {}
+        for rows in () if details is None else details.sub_trajectories:
+            count = len(rows.start_frame)
+            for name, values in msgspec.structs.asdict(rows).items():
+                if name != "every":
+                    columns.setdefault(name, []).extend([values] * count if name == "condition" else values)
+        return _data_frame(columns)
 
     def plot(self, name: str | None = None) -> Figure:
         """Return a figure of the report, by default the first, as a plotly figure, which a notebook shows."""
@@ -334,16 +313,15 @@ class Score(score_base.Score):
         return to_figure(plots[name] if name is not None else next(iter(plots.values())))
 
     def __repr__(self) -> str:
-        texts = [self.verdict]
-        for name, place in (("position", "trajectory.first.position_m"), ("map points", "map.errors.point_error_m")):
-            if (figure := value_at(self, place)) is not None:
-                over = f" over {value_at(self, 'trajectory.first.condition')}" if name == "position" else ""
-                total = figure.mean_plus_3sigma
-                texts.append(f"{name} {UNKNOWN if total is None else f'{total:.4g} m'} (mean + 3 sigma){over}")
+        texts = [self.verdict or "no verdict"]
+        for row in (self.figure("position"), self.figure("point_error", part=None)):
+            if row is not None:
+                total = UNKNOWN if row.mean_plus_3sigma is None else f"{row.mean_plus_3sigma:.4g} {row.unit}"
+                texts.append(f"{row_title(row)} {total} (mean + 3 sigma)")
         return f"Score({', '.join(texts)})"
 
     def _repr_html_(self) -> str:
-        return f"<b>{self.verdict}</b>" + "".join(to_html(table) for table in summary_tables(self))
+        return f"<b>{self.verdict or 'no verdict'}</b>" + "".join(to_html(table) for table in summary_tables(self))
 
 
 def open(source: SourceLike, remap: Mapping[str, str] | None = None, config: str | Path | None = None) -> Source:

@@ -234,7 +234,7 @@ def _present(
     if count := len(summary.failures) + len(summary.refusals):
         raise InputError(f"{count} tasks or sources failed: each is named above")
     undecided = [
-        f"{item.metric} of {group.task}, {group.configuration}: not enough data"
+        f"{item.name} of {group.task}, {group.configuration}: not enough data"
         for group, item in verdicts
         if item.state is VerdictState.NOT_ENOUGH_DATA
     ]

@@ -24,12 +24,12 @@ def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> No
     from sfr_loc_map.metrics.limits import finding_verdicts, reasons_not_judged
 
     if score.failed and (score.contradiction is None or lenient or score.failures):
-        wrong = {item.metric for item in finding_verdicts(score)}
+        wrong = {item.name for item in finding_verdicts(score)}
         missed = []
-        for item in (item for item in score.failed if item.metric not in wrong):
-            name = item.metric.removesuffix("_min")
-            missed.append(f"{name} {item.value:.6g} {'>' if name == item.metric else 'against'} {item.limit:g}")
-        others = [item for item in score.verdicts if item.metric not in wrong]
+        for item in (item for item in score.failed if item.name not in wrong):
+            name = item.name.removesuffix("_min")
+            missed.append(f"{name} {item.value:.6g} {'>' if name == item.name else 'against'} {item.limit:g}")
+        others = [item for item in score.verdicts if item.name not in wrong]
         count = sum(item.state is not VerdictState.INCOMPLETE for item in others)
         said = [f"the method failed: {', '.join(item.kind for item in score.failures)}"] if wrong else []
         said += [] if score.incomplete is None else [f"incomplete: {score.incomplete}"]

@@ -28,6 +28,25 @@ def quat_normalised(quat_xyzw: ArrayLike) -> FloatArray:
     return np.asarray(quat / norm)
 
 
+def unit_quats(quats_xyzw: FloatArray) -> FloatArray:
+    """Return quaternions `(N, 4)` of unit length; NaN where a quaternion has no length, as of unknown attitudes."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(quats_xyzw / np.sqrt(np.sum(np.square(quats_xyzw), axis=-1, keepdims=True)))
+
+
+def slerp(a_xyzw: FloatArray, b_xyzw: FloatArray, share: FloatArray) -> FloatArray:
+    """Return unit quaternions `(N, 4)` at shares `(N,)` (0 at a, 1 at b) of the shortest rotation (Shoemake 1985)."""
+    nearest = np.where(np.sum(a_xyzw * b_xyzw, axis=1) < 0.0, -1.0, 1.0)[:, None] * b_xyzw  # q and -q are one rotation
+    chord = np.linalg.norm(a_xyzw - nearest, axis=1)
+    angle = 2.0 * np.arctan2(chord, np.linalg.norm(a_xyzw + nearest, axis=1))
+    sine = np.sin(angle)
+    is_small = ~(sine > 1e-6)
+    divisor = np.where(is_small, 1.0, sine)
+    weight_a = np.where(is_small, 1.0 - share, np.sin((1.0 - share) * angle) / divisor)
+    weight_b = np.where(is_small, share, np.sin(share * angle) / divisor)
+    return unit_quats(weight_a[:, None] * a_xyzw + weight_b[:, None] * nearest)
+
+
 def quat_conjugate(quat_xyzw: ArrayLike) -> FloatArray:
     """Return the conjugate `(..., 4)`: the inverse rotation of a unit quaternion, without rounding."""
     quat = np.array(quat_xyzw, dtype=np.float64)

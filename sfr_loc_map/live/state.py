@@ -6,10 +6,12 @@ import math
 import statistics
 from collections import OrderedDict, deque
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from itertools import islice
 from threading import RLock
 from typing import Any
+
+from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.inputs import one_line
@@ -17,8 +19,10 @@ from sfr_loc_map.live import updates
 from sfr_loc_map.live.path import ROW_FIELDS, LivePath
 from sfr_loc_map.live.timeline import LOCALISATION_NODE, EventKind, Timeline, TopicView
 from sfr_loc_map.live.updates import LOCALISATION, REPORT
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.score_json import SCHEMA, from_json, to_dict
+from sfr_loc_map.metrics.config import Condition
+from sfr_loc_map.metrics.limits import with_verdict
+from sfr_loc_map.metrics.score import SCHEMA, Score
+from sfr_loc_map.metrics.score_json import from_json, to_dict
 from sfr_loc_map.report.limit_bars import limit_bars
 from sfr_loc_map.report.page import overall_of
 from sfr_loc_map.report.score_tables import score_tables
@@ -93,13 +97,13 @@ class ReportView:
 
     def ended(self, missing: str) -> ReportView:
         """Return the report of a run that is over, which may be incomplete; the figures stay as they are."""
-        score, whole = self.score, None if self.score.trajectory is None else self.score.trajectory.completeness
+        score, drive = self.score, self.score.association
         settings = {} if score.provenance is None else score.provenance.configuration.get("monitor")
         partial = isinstance(settings, dict) and settings.get("score.trajectory.partial") is True
-        if partial or any(item.metric == "missing_max_share" for item in score.verdicts):
+        if partial or any(item.name == "missing_max_share" for item in score.verdicts):
             return self
-        missing = score.incomplete or (whole and whole.incomplete) or missing
-        return ReportView(replace(score, incomplete=missing or None), self.received_s)
+        missing = score.incomplete or (drive and drive.incomplete) or missing
+        return ReportView(with_verdict(struct_replace(score, incomplete=missing or None)), self.received_s)
 
     def to_plain(self) -> dict[str, Any]:
         """Return what a page shows, as JSON values."""
@@ -202,17 +206,17 @@ class LiveState:
                 self.report = self.report.ended(missing)
 
     def to_plain(self, now_s: float) -> dict[str, Any]:
-        """Return the latest report (`sfr-score/1`) with the state of the run as `live`, as JSON values."""
+        """Return the latest report (`sfr-score/2`) with the state of the run as `live`, as JSON values."""
         with self.lock:
             live, report = self.live_to_plain(now_s), self.report
         if report is None:
             nothing: dict[str, Any] = {"overall": None, "tables": [], "limits": [], "events": self.events_to_plain()}
-            return {"schema": SCHEMA, "verdicts": [], "live": live | nothing}
+            return {"schema": SCHEMA, "figures": [], "verdicts": [], "live": live | nothing}
         shown, content = report.to_plain(), report.content
-        drive = content.get("trajectory") or {}
-        if not self.ended and content.get("incomplete") is None and drive.get("completeness"):
-            so_far = {name: value for name, value in drive["completeness"].items() if name != "incomplete"}
-            content = content | {"trajectory": drive | {"completeness": so_far}}
+        drive = content.get("association")
+        if not self.ended and content.get("incomplete") is None and drive:
+            so_far = {name: value for name, value in drive.items() if name != "incomplete"}
+            content = content | {"association": so_far}
         live |= {name: shown[name] for name in ("overall", "tables", "limits")}
         return content | {"live": live | {"events": self.events_to_plain()}}
 
@@ -293,9 +297,10 @@ class LiveState:
                 judged = {bar.place: bar for bar in self.report.bars}
                 states = self.report.score.verdicts
                 self.timeline.judge(((item, judged[k].text) for k, item in enumerate(states) if k in judged), at_s)
-                if (part := self.report.score.trajectory) is not None:  # the first that is scored is that under way
-                    self.path.condition = (part.several or (part.first,))[0].condition
-                    self.path.spacing = part.first.spacing_frames or self.path.spacing
+                score = self.report.score
+                if score.association is not None and score.conditions:  # the first that is scored is that under way
+                    self.path.condition = Condition.parse(score.conditions[0])
+                    self.path.spacing = score.association.spacing_frames or self.path.spacing
             case updates.PoseSample():
                 topic = LOCALISATION if update.track is updates.Track.ESTIMATE else updates.TRUTH
                 self._note_topic(topic, update.stamp_ns, update.received_s)

@@ -97,11 +97,11 @@ def one_line_of(state: LiveState, now_s: float) -> str:
         live, report = state.live_to_plain(now_s), state.report
         word, text, _ = _verdict(state, live)
         parts = [_clock(now_s), f"{word}: {text.rstrip('.')}"]
-        for row in (row for table in _headline(report) for row in table.rows):
-            mean, sigma, name, bound, interval, count = (cell.text for cell in row[2:8])
-            parts.append(
-                f"{row[0].text}, {row[1].text} mean {mean} sigma {sigma} {name} {bound} ({interval}, n {count})"
-            )
+        for table in _headline(report):
+            for title, unit, *cells in table.rows:
+                numbers = zip(table.columns[2:], cells, strict=True)
+                known = [f"{column.title} {cell.text}" for column, cell in numbers if cell.text != ABSENT]
+                parts.append(f"{title.text}, {unit.text} {' '.join(known)}")
     parts += _now(live)
     for node in live["nodes"]:
         parts.append(" ".join((node["name"], node["level"], *_costs(node, live))))

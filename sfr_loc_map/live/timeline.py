@@ -114,7 +114,7 @@ class Timeline:
         """Note which limits are missed, each with what is said of it."""
         for item, text in verdicts:
             missed = EventKind.LIMIT if item.state == "fail" else None
-            self.note(f"limit {item.metric} {item.condition}", at_s, missed, text)
+            self.note(f"limit {item.name} {item.condition}", at_s, missed, text)
 
     def note(self, lane: str, at_s: float, kind: EventKind | None, text: str = "") -> None:
         """Let the event of a lane begin, go on with another text, or (None) end."""

@@ -37,7 +37,8 @@ from sfr_loc_map.methods.registry import BUILT_IN, PEERS, Method, MethodLimits, 
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.cloud_error import PairTruth, score_map
 from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
-from sfr_loc_map.metrics.trajectory_score import FIGURES, score_trajectory
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.signals import hold
 
 SCHEMA = "sfr-bench/1"
@@ -136,11 +137,8 @@ def compare_localisers(
             T_first_left = T_first_left if pose is None else pose  # the last known one counts
             stamped.append((stamp_ns, T_ds_first @ T_first_left @ T_left_rb))
         estimates = Estimates.of(Trajectory.from_poses(stamped), lost)
-        score = score_trajectory(estimates, sequence.ground_truth, scoring).score
-        found["accuracy"] = {
-            text: {"count": part.count, **{name: getattr(part, name).mean_plus_3sigma for name in FIGURES}}
-            for text, part in zip(scoring.conditions, score.conditions, strict=True)
-        }
+        score = Score(figures=score_trajectory(estimates, sequence.ground_truth, scoring).figures)
+        found["accuracy"] = {text: accuracy(score, text) for text in scoring.conditions}
         return found
 
     given = PassInput(
@@ -150,6 +148,17 @@ def compare_localisers(
         rate_hz / recorded_hz,
     )
     return head | _compared(methods, config, given, figures, repeat, progress)
+
+
+def accuracy(score: Score, condition: str) -> Figures:
+    """Return the number of sub-trajectories of a condition, and mean + 3 sigma of each error (m, deg)."""
+    position = score.figure("position", condition=condition)
+    return {
+        "count": 0 if position is None else position.n,
+        "position_m": score.number("position", "mean_plus_3sigma", condition=condition),
+        "attitude_deg": score.number("attitude", "mean_plus_3sigma", condition=condition),
+        "heading_deg": score.number("heading", "mean_plus_3sigma", condition=condition),
+    }
 
 
 def compare_mappers(
@@ -178,11 +187,12 @@ def compare_mappers(
         found: Figures = {"points": float(np.mean([len(cloud) for cloud in run.results]))}
         if len(truths) == len(items):
             cloud = replace(PointCloud.concatenate(run.results), fused=False)
-            score = score_map(cloud, truths, MapScoreConfig()).score
-            found["accuracy"] = {"coverage": score.coverage}
-            if score.errors is not None:
-                error = score.errors.point_error_m
-                found["accuracy"] |= {"mean": error.mean, "mean_plus_3sigma": error.mean_plus_3sigma}
+            score = Score(figures=score_map(cloud, truths, MapScoreConfig()).figures)
+            found["accuracy"] = {
+                "coverage": score.number("coverage"),
+                "mean": score.number("point_error", "mean"),
+                "mean_plus_3sigma": score.number("point_error", "mean_plus_3sigma"),
+            }
         return found
 
     opening = partial(IsolatedMethod, rig=rig, limits=LIMITS, setup={"disparities": count}, hidden=hidden)

@@ -1,7 +1,8 @@
 """The metrics of the specification: errors, time and memory.
 
-What is imported here is light: the score as a value, its JSON, conditions and limits. The functions that compute scores
-stand in `trajectory_score`, `cloud_error`, `resource_score` and `build`.
+`formulas` has the specification's formulas in the order of its clauses, `score` the table of figures, `limits` the
+verdicts. What is imported here is light; the functions that compute scores are in `trajectory_score`, `cloud_error` and
+`calls`.
 """
 
 import lazy_loader

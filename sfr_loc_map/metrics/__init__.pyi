@@ -5,12 +5,9 @@ from .config import Condition as Condition
 from .config import ConditionKind as ConditionKind
 from .config import Rebase as Rebase
 from .config import VerdictState as VerdictState
-from .score import MapScore as MapScore
-from .score import MemoryScore as MemoryScore
+from .score import Figure as Figure
 from .score import Provenance as Provenance
 from .score import Score as Score
-from .score import TimingScore as TimingScore
-from .score import TrajectoryScore as TrajectoryScore
 from .score import Verdict as Verdict
 from .score_json import from_dict as from_dict
 from .score_json import from_json as from_json

@@ -26,14 +26,8 @@ from sfr_loc_map.geometry.trajectory import Trajectory, Truth, at_point
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics.association import nearest_stamps, unique_rows
 from sfr_loc_map.metrics.config import AlignedErrorConfig, Condition, ConditionKind
-from sfr_loc_map.metrics.score import AlignedError, AlignedErrors, AlignmentTransform, ErrorStatistics
-
-TEXTS = {
-    "none": "not aligned",
-    "origin": "aligned at the first pose",  # `T_gt(0) inv(T_est(0))`
-    "se3": "se3 aligned (rotation and translation by Umeyama)",
-    "sim3": "sim3 aligned (scale, rotation, translation by Umeyama)",
-}
+from sfr_loc_map.metrics.formulas import statistics
+from sfr_loc_map.metrics.score import Alignment, Figure, figure_row
 
 
 class Similarity(NamedTuple):
@@ -56,45 +50,45 @@ class AlignedPoses(NamedTuple):
         return np.asarray(np.linalg.norm(self.estimate.positions - self.truth.positions, axis=1))
 
 
-def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedErrorConfig) -> AlignedErrors:
+class ScoredAlignment(NamedTuple):
+    """What APE and RPE add to the score."""
+
+    figures: tuple[Figure, ...]
+    alignment: Alignment
+
+
+def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedErrorConfig) -> ScoredAlignment:
     """Return absolute and relative error of an estimate; poses in any order.
 
     MetricsError if no stamps are near enough, or the positions allow no alignment.
     """
-    poses, has_attitude = aligned_poses(estimate, truth, config), truth.has_attitude
+    poses = aligned_poses(estimate, truth, config)
     delta = Condition.parse(config.rpe_delta)
-    length = f"{delta.label} of the estimate's path"
-    if delta.kind is ConditionKind.FRAMES:
-        length = "each frame" if delta.value == 1 else delta.label
     # relative: E = inv(inv(Q_i) Q_j) inv(P_i) P_j, Q the truth, P the estimate; the next motion begins at j
     ends = _ends(poses.estimate.positions, delta)
-    (true_move, true_turn), (move, turn) = (_motions(each, ends) for each in (poses.truth, poses.estimate))
-    errors = {
-        "APE (ATE)": (poses.errors_m(), poses.truth.quats_xyzw, poses.estimate.quats_xyzw),
-        f"RPE over {length}, consecutive": (np.linalg.norm(move - true_move, axis=1), true_turn, turn),
-    }
-    transform, records = None, []
-    if (similarity := poses.similarity) is not None:
-        quat, place = quat_from_matrix(similarity.rotation), tuple(similarity.translation.tolist())
-        transform = AlignmentTransform(scale=similarity.scale, quat_xyzw=tuple(quat.tolist()), translation_m=place)
-    pairs = "" if has_attitude else "positions alone: relative errors are of displacements in DS, "
-    pairs += f"{len(poses.truth)} poses paired by the nearest stamp within {config.max_difference_s:g} s"
-    for (name, (errors_m, true_quats, quats)), over in zip(errors.items(), (None, delta), strict=True):
-        angles = quat_angle(quat_multiply(quat_conjugate(true_quats), quats))
-        record = AlignedError(
-            description=f"{name}, {TEXTS[config.align]}, {pairs}",
-            alignment=config.align,
-            association="nearest stamp",
-            max_difference_s=config.max_difference_s,
-            delta=over,
-            count=len(errors_m),
-            unit="m",
-            translation=_statistics(errors_m),
-            rotation_deg=_statistics(np.degrees(angles) if has_attitude else angles[:0]),
-            transform=transform,
-        )
-        records.append(record)
-    return AlignedErrors(ape=records[0], rpe=records[1])
+    true_move, true_turn = _motions(poses.truth, ends)
+    move, turn = _motions(poses.estimate, ends)
+    figures: list[Figure] = []
+    for name, errors_m, true_quats, quats in (
+        ("ape", poses.errors_m(), poses.truth.quats_xyzw, poses.estimate.quats_xyzw),
+        ("rpe", np.linalg.norm(move - true_move, axis=1), true_turn, turn),
+    ):
+        errors_deg = np.degrees(quat_angle(quat_multiply(quat_conjugate(true_quats), quats)))
+        known_deg = errors_deg if truth.has_attitude else errors_deg[:0]
+        figures.append(figure_row(name, part="translation", **statistics(errors_m)._asdict()))
+        figures.append(figure_row(name, part="rotation", unit="deg", **statistics(known_deg)._asdict()))
+    similarity = poses.similarity or Similarity(1.0, np.eye(3), np.zeros(3))
+    displacements = "" if truth.has_attitude else "; relative errors are of displacements in DS"
+    alignment = Alignment(
+        align=config.align,
+        association=f"{len(poses.truth)} poses paired by the nearest stamp{displacements}",
+        max_difference_s=config.max_difference_s,
+        rpe_delta=delta.setting,
+        scale=similarity.scale,
+        quat_xyzw=tuple(quat_from_matrix(similarity.rotation).tolist()),
+        translation_m=tuple(similarity.translation.tolist()),
+    )
+    return ScoredAlignment(tuple(figures), alignment)
 
 
 def aligned_poses(estimate: Trajectory, truth: Trajectory, config: AlignedErrorConfig) -> AlignedPoses:
@@ -184,11 +178,3 @@ def _ends(positions: FloatArray, delta: Condition) -> NDArray[np.intp]:
             ends.append(index)
             travelled = 0.0
     return np.array(ends, np.intp)
-
-
-def _statistics(errors: FloatArray) -> ErrorStatistics:
-    names = ("mean", "median", "std", "min", "max")
-    if not len(errors):
-        return ErrorStatistics(rmse=None, **dict.fromkeys(names))
-    rmse = float(np.sqrt(np.mean(np.square(errors))))
-    return ErrorStatistics(rmse=rmse, **{name: float(getattr(np, name)(errors)) for name in names})

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
-from sfr_loc_map.geometry.quaternion_kernels import slerp, unit_quats
+from sfr_loc_map.geometry.rotation import slerp, unit_quats
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S
 from sfr_loc_map.metrics.config import AssociationConfig, AssociationMode
-from sfr_loc_map.metrics.score import AssociationCounts
+from sfr_loc_map.metrics.score import Association
 
 Rows = NDArray[np.intp]
 Number = TypeVar("Number", bound=np.generic)
@@ -69,10 +69,8 @@ class Frames(NamedTuple):
     est_rows: Rows
 
 
-def associate(
-    estimate: Trajectory, truth: Trajectory, config: AssociationConfig
-) -> tuple[Frames, AssociationCounts, AssociationMode]:
-    """Return the frames, what became of every pose, and how it was done: match or interpolate.
+def associate(estimate: Trajectory, truth: Trajectory, config: AssociationConfig) -> tuple[Frames, Association]:
+    """Return the frames, and how they were found: by which mode, and what became of every pose.
 
     MetricsError for an estimate without attitudes.
     """
@@ -124,7 +122,8 @@ def associate(
         order = np.argsort(stamps, kind="stable")
         stamps, positions, quats, est = stamps[order], positions[order], quats[order], est[order]
     unordered = [int(np.count_nonzero(each[1:] < np.maximum.accumulate(each)[:-1])) for each in both]
-    counts = AssociationCounts(
+    association = Association(
+        matched=len(est),
         estimate_poses=len(both[0]),
         truth_poses=len(both[1]),
         estimate_duplicates=len(both[0]) - len(est_rows),
@@ -136,9 +135,12 @@ def associate(
         interpolated=len(gaps),
         largest_difference_ns=int(difference.max(initial=0)),
         largest_gap_ns=int(gaps.max(initial=0)),
+        mode=mode,
+        tolerance_s=config.tolerance_s,
+        max_gap_s=config.max_gap_s,
     )
     est_quat = unit_quats(taken(estimate.quats_xyzw, est))
-    return Frames(stamps, positions, quats, taken(estimate.positions, est), est_quat, est), counts, mode
+    return Frames(stamps, positions, quats, taken(estimate.positions, est), est_quat, est), association
 
 
 def unique_rows(stamps_ns: IntArray) -> Rows:
@@ -152,7 +154,7 @@ def taken(values: NDArray[Number], rows: Rows) -> NDArray[Number]:
     """Return rows of values, none of them twice; the values themselves where these are all in their order."""
     if len(rows) < len(values) or not (rows[1:] > rows[:-1]).all():
         return values[rows]
-    return np.require(values, None, ["C", "W"])  # compiled code is made for arrays of this kind
+    return values
 
 
 def match_nearest(partner: Rows, est_stamps: IntArray, gt_stamps: IntArray, tolerance: int) -> None:

@@ -12,29 +12,31 @@ import re
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
+from msgspec.structs import replace as replace_row
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.metrics import formulas
+from sfr_loc_map.metrics.catalogue import Subject
 from sfr_loc_map.metrics.config import CallKind, MappingState
 from sfr_loc_map.metrics.score import (
-    CallDetails,
-    CallFigures,
     CallHistogram,
-    CallScore,
+    CallPlots,
+    CallRecords,
     CallSeries,
     ExternalScore,
-    MemoryScore,
-    PeakMemory,
+    Figure,
     StageTime,
-    TargetScore,
-    TimingScore,
+    TargetRun,
+    column,
+    figure_row,
 )
-from sfr_loc_map.metrics.statistics import column, sample_statistic
 
 HOST_CLOCK = "host monotonic"
 NODE_CLOCK = "as the node reports (<node>/call)"
@@ -46,9 +48,9 @@ KINDS: dict[str, CallKind] = {
     MappingState.MAPPED_SET: CallKind.MAPPING_CALL,
 }
 """Kind of call by its state; all other states are those of the localiser."""
-UNMEASURED = PeakMemory(peak_bytes=None, above_idle_bytes=None)
 HISTOGRAM_BINS = 40
-SERIES_ROWS = 2000  #: Calls of each kind that are kept for figures.
+SERIES_ROWS = 2000  #: Calls of each kind that are kept for plots.
+FIRST, AFTER_FIRST, TARGET = "first call", "after the first call", "target"  #: Parts of the rows of calls.
 
 
 # ---- measuring
@@ -133,83 +135,105 @@ class Calls:
 
 
 class ScoredCalls(NamedTuple):
-    """What calls add to the score: its parts `timing` and `memory`, and what figures are drawn from if wanted."""
+    """What calls add to the score."""
 
-    timing: TimingScore
-    memory: MemoryScore
-    details: CallDetails | None
+    figures: tuple[Figure, ...] = ()
+    records: CallRecords = CallRecords()
+    plots: Mapping[str, CallPlots] = MappingProxyType({})  #: What plots are drawn from, if wanted, by kind.
 
 
-def parts_of(calls: Sequence[ScoredCalls]) -> tuple[TimingScore | None, MemoryScore | None, CallDetails | None]:
-    """Return the parts of a score, None where nothing was measured; of a kind that several sources have the last."""
-    known: tuple[dict[str, Any], ...] = ({}, {}, {})
-    for scored in calls:
-        for part, values in zip(scored, known, strict=True):
-            told = {} if part is None else vars(part)
-            values.update({name: value for name, value in told.items() if value is not None})
-    timing, memory = TimingScore(**known[0]), MemoryScore(**known[1])
-    drawn = None if all(item.details is None for item in calls) else CallDetails(**known[2])
-    return timing if any(timing.kinds()) else None, memory if memory != MemoryScore() else None, drawn
+def joined(parts: Sequence[ScoredCalls]) -> ScoredCalls:
+    """Return the calls of several sources; of a kind that several have, those of the last."""
+    rows: dict[tuple[str, str | None, str], Figure] = {}
+    clocks: dict[str, str] = {}
+    method: str | None = None
+    plots: dict[str, CallPlots] = {}
+    for calls in parts:
+        kinds = {row.figure for row in calls.figures if row.subject is Subject.TIMING}
+        rows = {key: row for key, row in rows.items() if row.figure not in kinds}
+        rows |= {(row.subject, row.part, row.figure): row for row in calls.figures}
+        clocks |= calls.records.clocks
+        method = calls.records.memory_method or method
+        plots |= calls.plots
+    order = {subject: number for number, subject in enumerate(Subject)}
+    figures = sorted(rows.values(), key=lambda row: order[row.subject])
+    return ScoredCalls(tuple(figures), CallRecords(clocks=clocks, memory_method=method), plots)
 
 
 def score_calls(calls: Calls, clock: str = HOST_CLOCK, *, details: bool = True) -> ScoredCalls:
     """Return times (with the name of their clock) and memory of calls, whose states tell what kind they are."""
-    kinds = np.array([KINDS.get(state, CallKind.LOCALISATION) for state in calls.states], dtype=object)
-    timing, peaks, drawn = {}, {}, {}
     # a system that cannot tell its memory may say 0: that is not known; above the idle process 0 may be true
     peak = np.where(calls.peak_bytes > 0.0, calls.peak_bytes, np.nan)
     above = np.where(np.isfinite(peak) | (calls.above_idle_bytes > 0.0), calls.above_idle_bytes, np.nan)
     calls = replace(calls, peak_bytes=peak, above_idle_bytes=above)
+    kinds = np.array([KINDS.get(state, CallKind.LOCALISATION) for state in calls.states], dtype=object)
+    times: list[Figure] = []
+    peaks: list[Figure] = []
+    clocks: dict[str, str] = {}
+    plots: dict[str, CallPlots] = {}
     for kind in CallKind:
-        rows = np.flatnonzero(kinds == kind)
-        if not len(rows):
+        mine = np.flatnonzero(kinds == kind)
+        if not len(mine):
             continue
-        seconds = calls.seconds[rows]
-        if np.isfinite(seconds).any():
-            times = {name: stage_time(values[rows]) for name, values in sorted(calls.stage_s.items())}
-            stages = {name: figures for name, figures in times.items() if figures is not None}
-            timing[kind.value] = call_score(seconds, clock, stages)
-        peaks[kind.value] = PeakMemory(
-            **{
-                f"{name}_bytes": int(known.max())
-                if values is not None and len(known := values[rows][np.isfinite(values[rows])])
-                else None
-                for name, values in (
-                    ("peak", calls.peak_bytes),
-                    ("above_idle", calls.above_idle_bytes),
-                    ("heap_peak", calls.heap_bytes),
-                    ("stack_peak", calls.stack_bytes),
-                )
-            }
-        )
+        if np.isfinite(calls.seconds[mine]).any():
+            clocks[kind.value] = clock
+            times += time_rows(kind, calls.seconds[mine])
+            for name, values in sorted(calls.stage_s.items()):
+                times += stage_rows(kind, name, values[mine])
+        peaks += peak_rows(kind, calls, mine)
         if details:
-            drawn[kind.value] = _figures(calls, rows)
-    method = METHOD if any(each != UNMEASURED for each in peaks.values()) else METHOD_UNAVAILABLE
-    memory = MemoryScore(**peaks, method=method)
-    return ScoredCalls(TimingScore(**timing), memory, CallDetails(**drawn) if details else None)
+            plots[kind.value] = plots_of(calls, mine)
+    method = METHOD if any(row.value is not None for row in peaks) else METHOD_UNAVAILABLE
+    return ScoredCalls((*times, *peaks), CallRecords(clocks=clocks, memory_method=method), plots)
 
 
-def call_score(seconds: FloatArray, clock: str, stages: Mapping[str, StageTime] | None = None) -> CallScore:
-    """Return the figures of all calls `(N,)` in order, NaN where not measured; the first, which may load, apart."""
+def time_rows(kind: CallKind, seconds: FloatArray) -> Iterator[Figure]:
+    """Yield the rows of the times of calls `(N,)` in order, NaN where not measured; the first call may load: apart."""
     known = seconds[np.isfinite(seconds)]
-    return CallScore(
-        **asdict(sample_statistic(known)),
-        p99=float(np.percentile(known, 99.0)) if len(known) else None,
-        max=float(known.max()) if len(known) else None,
-        first=float(known[0]) if len(known) else None,
-        max_after_first=float(known[1:].max()) if len(known) > 1 else None,
-        clock=clock,
-        stages=stages or {},
-    )
+    yield figure_row(kind, **formulas.statistics(known)._asdict())
+    yield figure_row(kind, part=FIRST, n=1, value=float(known[0]))
+    if len(known) > 1:
+        yield figure_row(kind, part=AFTER_FIRST, **formulas.statistics(known[1:])._asdict())
+
+
+def stage_rows(kind: CallKind, stage: str, seconds: FloatArray) -> Iterator[Figure]:
+    """Yield the row of one stage over the calls that had it."""
+    known = seconds[np.isfinite(seconds)]
+    if len(known):
+        yield figure_row(kind, part=stage, **formulas.statistics(known)._asdict())
+
+
+def peak_rows(kind: CallKind, calls: Calls, mine: NDArray[np.intp]) -> Iterator[Figure]:
+    """Yield the rows of the largest memory of some calls; those of resident memory always, null if not measured."""
+    for name, values in (
+        ("peak", calls.peak_bytes),
+        ("above_idle", calls.above_idle_bytes),
+        ("heap_peak", calls.heap_bytes),
+        ("stack_peak", calls.stack_bytes),
+    ):
+        known = np.empty(0) if values is None else values[mine][np.isfinite(values[mine])]
+        if len(known) or name in ("peak", "above_idle"):
+            yield figure_row(name, part=kind, n=len(known), value=int(known.max()) if len(known) else None)
 
 
 def stage_time(seconds: FloatArray) -> StageTime | None:
-    """Return the figures of one stage over the calls that had it; None if none had."""
-    known = seconds[np.isfinite(seconds)]
-    return StageTime(**asdict(sample_statistic(known)), max=float(known.max())) if len(known) else None
+    """Return the figures of times, NaN where not measured; None if none was."""
+    found = formulas.statistics(seconds[np.isfinite(seconds)])
+    if not found.n:
+        return None
+    return StageTime(
+        count=found.n,
+        mean=found.mean,
+        sigma=found.sigma,
+        mean_plus_3sigma=found.mean_plus_3sigma,
+        p50=found.p50,
+        p95=found.p95,
+        max=found.max,
+    )
 
 
-def _figures(calls: Calls, mine: NDArray[np.intp]) -> CallFigures:
+def plots_of(calls: Calls, mine: NDArray[np.intp]) -> CallPlots:
+    """Return what plots of some calls are drawn from."""
     block = max(1, -(-len(mine) // SERIES_ROWS))
     blocks = (mine[first : first + block] for first in range(0, len(mine), block))
     chosen = [rows[np.argmax(np.nan_to_num(calls.seconds[rows], nan=-1.0))] for rows in blocks]
@@ -227,7 +251,7 @@ def _figures(calls: Calls, mine: NDArray[np.intp]) -> CallFigures:
         edges[0] = low
         counts = np.histogram(known, edges)[0]
         histogram = CallHistogram(edges_s=tuple(edges.tolist()), counts=tuple(counts.tolist()))
-    return CallFigures(histogram=histogram, series=series)
+    return CallPlots(histogram=histogram, series=series)
 
 
 def score_target(
@@ -237,8 +261,8 @@ def score_target(
     *,
     has_stamps: bool = False,
     other_run: str | None = None,
-) -> TargetScore:
-    """Return the score of calls that were measured elsewhere, under that target's name.
+) -> tuple[tuple[Figure, ...], TargetRun]:
+    """Return the rows of calls that were measured elsewhere, under that target's name; their part is `target`.
 
     Calls with stamps belong to estimates of the same stamps; MetricsError if they are of another run that is not named.
     """
@@ -251,9 +275,15 @@ def score_target(
                 f"the times of {name} are of another run: {np.count_nonzero(~np.isin(localised, estimate_ns))} of "
                 f"{len(localised)} stamps are not the estimate's; name that run by --target-run"
             )
-    timing, memory, _ = score_calls(calls, clock=name, details=False)
-    memory = replace(memory, method=f"as measured on {name}") if memory.method == METHOD else MemoryScore()
-    return TargetScore(name=name, timing=timing, memory=memory, matched_share=matched, other_run=other_run)
+    scored = score_calls(calls, clock=name, details=False)
+    is_measured = scored.records.memory_method == METHOD
+    figures = [
+        replace_row(row, part=TARGET if row.part is None else f"{TARGET} {row.part}")
+        for row in scored.figures
+        if row.subject is Subject.TIMING or is_measured
+    ]
+    method = f"as measured on {name}" if is_measured else None
+    return tuple(figures), TargetRun(name=name, matched_share=matched, other_run=other_run, memory_method=method)
 
 
 def stage_of(figure: str) -> str | None:
@@ -264,13 +294,16 @@ def stage_of(figure: str) -> str | None:
 
 def with_external(scored: ScoredCalls, node: ExternalScore) -> ScoredCalls:
     """Return scored calls with the clock of an external node's own times, and the memory of its processes."""
-    kind, timing, memory = CallKind(node.task), scored.timing, scored.memory
-    if (calls := timing.of(kind)) is not None:
-        timing = replace(timing, **{kind.value: replace(calls, clock=NODE_CLOCK)})
-    told = memory.of(kind)
-    if node.process is not None and (told is None or told.peak_bytes is None):
-        others = [peaks for other in CallKind if other is not kind and (peaks := memory.of(other)) is not None]
-        beside = f"; others: {memory.method}" if any(item.peak_bytes is not None for item in others) else ""
-        peaks = PeakMemory(peak_bytes=node.process.peak_rss_bytes or None, above_idle_bytes=None)
-        memory = replace(memory, **{kind.value: peaks}, method=f"{kind}: {node.process.method}{beside}")
-    return scored._replace(timing=timing, memory=memory)
+    kind, records, figures = CallKind(node.task), scored.records, scored.figures
+    if kind in records.clocks:
+        records = replace_row(records, clocks={**records.clocks, kind.value: NODE_CLOCK})
+    peaks = {row.part: row for row in figures if row.figure == "peak"}
+    known = peaks.get(kind)
+    if node.process is not None and (known is None or known.value is None):
+        others = [row for part, row in peaks.items() if part != kind and row.value is not None]
+        beside = f"; others: {records.memory_method}" if others else ""
+        peak = figure_row("peak", part=kind, value=node.process.peak_rss_bytes or None)
+        is_own = {("peak", kind.value), ("above_idle", kind.value)}
+        figures = (*(row for row in figures if (row.figure, row.part) not in is_own), peak)
+        records = replace_row(records, memory_method=f"{kind}: {node.process.method}{beside}")
+    return scored._replace(figures=figures, records=records)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,21 +14,19 @@ from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.config import CloudKind, MapScoreConfig
 from sfr_loc_map.metrics.score import (
-    DisparityStatistic,
+    CloudRecord,
     ErrorImage,
-    MapCompleteness,
+    Figure,
     MapDetails,
-    MapScore,
-    PairScore,
-    PointErrorScore,
     PointRows,
-    RangeScore,
-    SigmaNees,
     Triangulation,
+    column,
+    figure_row,
 )
-from sfr_loc_map.metrics.statistics import chi2_interval95, chi2_quantile, column, sample_statistic
+from sfr_loc_map.metrics.statistics import chi2_interval95, chi2_quantile
 
 FOOTPRINTS = 2.0  #: A true point is covered by a point of a fused cloud nearer than so many pixel footprints, Z / f.
 BATCH = 262144
@@ -36,6 +34,7 @@ NEES_BLOCK_PX = 32
 """One point of each block of pixels counts for the consistency of sigma: neighbours' errors are not independent."""
 IMAGE_WIDTH = 128
 CLOUD_ROWS = 8000
+POINTS = "map points"  #: Part of the NEES of the sigma of map points.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,12 +144,12 @@ def point_errors(cloud: PointCloud, truths: Sequence[PairTruth]) -> PointErrors:
         known = np.isfinite(true).all(axis=1)
         index, true = index[known], true[known]
         estimated = cloud.xyz[index].astype(np.float64)
-        difference, ray = estimated - true, true - truth.T_lm_left.translation
-        distance = np.sqrt(np.einsum("ij,ij->i", ray, ray))
-        scale = truth.rig.fx * truth.rig.baseline_m
-        disparity = scale / truth.depths_m(estimated) - scale / truth.depths_m(true)
-        error = np.sqrt(np.einsum("ij,ij->i", difference, difference))
-        along = np.einsum("ij,ij->i", difference, ray) / distance
+        ray = true - truth.T_lm_left.translation
+        distance = np.linalg.norm(ray, axis=1)
+        depth, true_depth = truth.depths_m(estimated), truth.depths_m(true)
+        disparity = formulas.disparity_error(truth.rig.fx, truth.rig.baseline_m, depth, true_depth)
+        error = formulas.point_error(true, estimated)
+        along = np.sum((estimated - true) * ray, axis=1) / distance
         parts.append((index, error, distance, along, disparity))
     index, *rest = (np.concatenate(column) for column in zip(*parts, strict=True))
     order = np.argsort(index, kind="stable")
@@ -161,10 +160,11 @@ def point_errors(cloud: PointCloud, truths: Sequence[PairTruth]) -> PointErrors:
 
 
 class ScoredMap(NamedTuple):
-    """What a cloud adds to the score: its part, and what figures are drawn from if the points' pixels are known."""
+    """What a cloud adds to the score."""
 
-    score: MapScore
-    details: MapDetails | None
+    figures: tuple[Figure, ...]
+    cloud: CloudRecord
+    details: MapDetails | None  #: What plots are drawn from, if the points' pixels are known.
 
 
 def score_map(cloud: PointCloud, truths: Sequence[PairTruth], config: MapScoreConfig) -> ScoredMap:
@@ -173,49 +173,35 @@ def score_map(cloud: PointCloud, truths: Sequence[PairTruth], config: MapScoreCo
         raise MetricsError("the cloud does not say whether it is fused: set `fused`, coverage depends on it")
     errors = point_errors(cloud, truths)
     ranges = [truth.ranges_m() for truth in truths]
+    scored = (config.scored_from_m, config.scored_to_m)
     if cloud.fused:
         covered = footprint_coverage(cloud, truths, ranges, max(config.scored_to_m, *config.range_edges_m))
     else:
         covered = pixel_coverage(cloud, truths)
-    bins, by_pair = [], []
+    figures = [*error_rows(None, errors, np.full(len(errors.index), True))]
+    figures.append(coverage_row(None, covered, ranges, *scored))
     for low, high in zip(config.range_edges_m, config.range_edges_m[1:], strict=False):
-        which = (errors.range_m >= low) & (errors.range_m < high)
-        statistic, disparity = sample_statistic(errors.error_m[which]), _disparity(errors.disparity_px[which])
-        share = _coverage(covered, ranges, low, high)
-        made = RangeScore(from_m=low, to_m=high, coverage=share, point_error_m=statistic, disparity_error_px=disparity)
-        bins.append(made)
-    numbers, scored = cloud.pair[errors.index], (config.scored_from_m, config.scored_to_m)
-    for number, (image, distance) in enumerate(zip(covered, ranges, strict=True)):
-        statistic = sample_statistic(errors.error_m[numbers == number])
-        share = _coverage([image], [distance], *scored)
-        by_pair.append(PairScore(pair=number, coverage=share, point_error_m=statistic))
-    sky, empty = len(cloud) - len(errors.index), len(set(range(len(truths))) - set(cloud.pair.tolist()))
-    whole = MapCompleteness(
-        pairs=len(truths),
-        pairs_without_cloud=empty,
-        pairs_without_cloud_share=empty / len(truths) if truths else None,
-        points_without_truth=sky,
-        points_without_truth_share=sky / len(cloud) if len(cloud) else None,
-    )
-    by_pixels = PointErrorScore(
-        points_without_truth=sky,
-        point_error_m=sample_statistic(errors.error_m),
-        disparity_error_px=_disparity(errors.disparity_px),
-        sigma_nees=_consistency(cloud, errors),
-        by_range=tuple(bins),
-        by_pair=tuple(by_pair),
-    )
-    score = MapScore(
-        pairs=len(truths),
-        points=len(cloud),
-        completeness=whole,
-        cloud=CloudKind.FUSED if cloud.fused else CloudKind.SINGLE_PAIRS,
-        coverage=_coverage(covered, ranges, *scored),
-        coverage_range_m=scored,
-        nearest_only=False,
-        errors=by_pixels,
-    )
-    return ScoredMap(score, _details(cloud, errors, truths))
+        part = f"{low:g}-{high:g} m"
+        figures += error_rows(part, errors, (errors.range_m >= low) & (errors.range_m < high))
+        figures.append(coverage_row(part, covered, ranges, low, high))
+    pair_of_point = cloud.pair[errors.index]
+    for number in range(len(truths)):
+        part = f"pair {number}"
+        figures += error_rows(part, errors, pair_of_point == number)
+        figures.append(coverage_row(part, covered[number : number + 1], ranges[number : number + 1], *scored))
+    figures += [figure_row("points", value=len(cloud)), figure_row("pairs", value=len(truths))]
+    without_truth = len(cloud) - len(errors.index)
+    without_cloud = len(set(range(len(truths))) - set(cloud.pair.tolist()))
+    for name, count, total in (
+        ("points_without_truth", without_truth, len(cloud)),
+        ("pairs_without_cloud", without_cloud, len(truths)),
+    ):
+        figures.append(figure_row(name, n=total, value=count / total if total else None))
+        figures.append(figure_row(name, part="count", n=total, value=count))
+    figures += sigma_rows(cloud, errors)
+    kind = CloudKind.FUSED if cloud.fused else CloudKind.SINGLE_PAIRS
+    record = CloudRecord(kind=kind, scored_range_m=scored)
+    return ScoredMap(tuple(figures), record, _details(cloud, errors, truths))
 
 
 def score_nearest(xyz: NDArray[np.floating], truths: Sequence[PairTruth], config: MapScoreConfig) -> ScoredMap:
@@ -229,36 +215,38 @@ def score_nearest(xyz: NDArray[np.floating], truths: Sequence[PairTruth], config
     records["x"], records["y"], records["z"], records["pair"] = (*np.asarray(xyz).T, 255)  # of no pair
     ranges, scored = [truth.ranges_m() for truth in truths], (config.scored_from_m, config.scored_to_m)
     covered = footprint_coverage(PointCloud.from_structured(records), truths, ranges, config.scored_to_m)
-    score = MapScore(
-        pairs=len(truths),
-        points=len(xyz),
-        completeness=MapCompleteness(pairs=len(truths)),
-        coverage=_coverage(covered, ranges, *scored),
-        coverage_range_m=scored,
-        nearest_only=True,
-        nearest_distance_m=sample_statistic(distance),
+    figures = (
+        figure_row("nearest_distance", **formulas.statistics(distance)._asdict()),
+        coverage_row(None, covered, ranges, *scored),
+        figure_row("points", value=len(xyz)),
+        figure_row("pairs", value=len(truths)),
     )
-    return ScoredMap(score, None)
+    return ScoredMap(figures, CloudRecord(nearest_only=True, scored_range_m=scored), None)
 
 
-def _coverage(covered: Sequence[Mask], ranges: Sequence[FloatArray], low: float, high: float) -> float | None:
+def error_rows(part: str | None, errors: PointErrors, chosen: Mask) -> Iterator[Figure]:
+    """Yield the rows of the errors of some points, as errors of position and of disparity."""
+    disparity_px = errors.disparity_px[chosen]
+    known_px = disparity_px[np.isfinite(disparity_px)]
+    yield figure_row("point_error", part=part, **formulas.statistics(errors.error_m[chosen])._asdict())
+    yield figure_row("disparity_error", part=part, **formulas.statistics(known_px)._asdict())
+
+
+def coverage_row(
+    part: str | None, covered: Sequence[Mask], ranges: Sequence[FloatArray], low: float, high: float
+) -> Figure:
+    """Return the row of the fraction of true points in a range [low, high) that are covered."""
     inside = [(distance >= low) & (distance < high) for distance in ranges]
     total = sum(int(np.count_nonzero(which)) for which in inside)
     have = sum(int(np.count_nonzero(image[which])) for image, which in zip(covered, inside, strict=True))
-    return have / total if total else None
+    return figure_row("coverage", part=part, n=total, value=have / total if total else None)
 
 
-def _disparity(error_px: FloatArray) -> DisparityStatistic:
-    known = error_px[np.isfinite(error_px)]
-    signed, size = sample_statistic(known), sample_statistic(np.abs(known))
-    return DisparityStatistic(mean=signed.mean, sigma=signed.sigma, p50_abs=size.p50, p95_abs=size.p95)
-
-
-def _consistency(cloud: PointCloud, errors: PointErrors) -> SigmaNees | None:
-    """Return the mean of (error along the ray / sigma)^2 over one point of each block, and where it should lie.
+def sigma_rows(cloud: PointCloud, errors: PointErrors) -> Iterator[Figure]:
+    """Yield the mean of (error along the ray / sigma)^2 over one point of each block, and where it should be.
 
     If sigma is right the sum over n independent points is chi-square distributed with n degrees of freedom
-    (Bar-Shalom, Li, Kirubarajan 2001, section 5.4), so the mean lies in the interval in 95 % of all cases.
+    (Bar-Shalom, Li, Kirubarajan 2001, section 5.4), so the mean is in the interval in 95 % of all cases.
     """
     sigma = cloud.sigma[errors.index].astype(np.float64)
     usable = np.flatnonzero(np.isfinite(sigma) & (sigma > 0))
@@ -268,24 +256,25 @@ def _consistency(cloud: PointCloud, errors: PointErrors) -> SigmaNees | None:
     chosen = usable[np.unique(block, return_index=True)[1]]
     count = len(chosen)
     if count < 2:
-        return None
+        return
     squares = np.square(errors.along_m[chosen] / sigma[chosen])
-    return SigmaNees(
-        count=count,
-        mean=float(np.mean(squares)),
-        median=float(np.median(squares)),
-        expected=1.0,
-        expected_median=chi2_quantile(0.5, 1),
-        interval95=chi2_interval95(count, count),
-    )
+    low, high = chi2_interval95(count, count)
+    mean, median = float(np.mean(squares)), float(np.median(squares))
+    yield figure_row("nees", part=POINTS, n=count, mean=mean, p50=median, low95=low, high95=high, value=1.0)
+
+
+def expected_median() -> float:
+    """Return the median of the normalised squares of honest sigmas: of chi-square with one degree of freedom."""
+    return chi2_quantile(0.5, 1)
 
 
 def _details(cloud: PointCloud, errors: PointErrors, truths: Sequence[PairTruth]) -> MapDetails:
     step = max(1, -(-len(errors.index) // CLOUD_ROWS))
     some = errors.index[::step]
-    x, y, z = (column(np.round(values.astype(float), 3), None) for values in cloud.xyz[some].T)
-    error_m = column(np.round(errors.error_m[::step], 4), None)
-    sample = PointRows(x_m=x, y_m=y, z_m=z, error_m=error_m, range_m=column(np.round(errors.range_m[::step], 3), None))
+    x, y, z = (column(values.astype(float), 3) for values in cloud.xyz[some].T)
+    sample = PointRows(
+        x_m=x, y_m=y, z_m=z, error_m=column(errors.error_m[::step], 4), range_m=column(errors.range_m[::step], 3)
+    )
     images = []
     for number, truth in enumerate(truths):  # the mean error of blocks of pixels
         block = max(1, -(-truth.rig.width // IMAGE_WIDTH))
@@ -297,6 +286,6 @@ def _details(cloud: PointCloud, errors: PointErrors, truths: Sequence[PairTruth]
         total = np.bincount(index, weights=errors.error_m[mine], minlength=shape[0] * shape[1])
         mean = np.where(count > 0, np.rint(1e4 * total / np.maximum(count, 1)), -1).astype(int)
         rows = tuple(tuple(row) for row in mean.reshape(shape).tolist())
-        images.append(ErrorImage(pair=number, block_px=block, error=rows))
+        images.append(ErrorImage(pair=number, block_px=block, error_0p1mm=rows))
     law = Triangulation(focal_px=truths[0].rig.fx, baseline_m=truths[0].rig.baseline_m)
     return MapDetails(cloud=sample, error_images=tuple(images), triangulation=law)

@@ -9,25 +9,31 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from enum import StrEnum
-from typing import Annotated, Any
 
+import msgspec
 import numpy as np
+from msgspec.structs import replace
 from scipy.special import stdtr
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.metrics.config import CallKind, Condition
-from sfr_loc_map.metrics.limits import value_at
-from sfr_loc_map.metrics.score import Interval, Key, MethodRecord, Record, Score
+from sfr_loc_map.metrics.catalogue import Subject
+from sfr_loc_map.metrics.formulas import statistics
+from sfr_loc_map.metrics.score import Figure, MethodRecord, Record, Score, SubTrajectoryRows
 from sfr_loc_map.metrics.score_json import to_plain
-from sfr_loc_map.metrics.statistics import MIN_FREEDOM, MIN_INDEPENDENT, WIDENING, holm, resampled, student_quantile
-from sfr_loc_map.metrics.trajectory_error import COLUMNS, HEADING
-from sfr_loc_map.metrics.trajectory_score import FIGURES
+from sfr_loc_map.metrics.statistics import (
+    MIN_FREEDOM,
+    MIN_INDEPENDENT,
+    WIDENING,
+    Interval,
+    group_sums,
+    holm,
+    resampled,
+    student_quantile,
+)
 
 SCHEMA = "sfr-compare/1"
-KINDS = (CallKind.LOCALISATION, CallKind.MAPPING)
 SIGNIFICANT = 0.05  #: A corrected probability of chance above it shows no difference.
 _PRECISION = 1e-9  #: The errors in a score's details are rounded to this.
 
@@ -42,32 +48,34 @@ class Outcome(StrEnum):
     NOT_ENOUGH_DATA = "not enough data"
 
 
-class PairedDifference(Record):
+class PairedDifference(Record, frozen=True, kw_only=True, omit_defaults=False):
     """One figure of one condition over the sub-trajectories that two scores have in common."""
 
     name: str  #: Name of the other score.
-    condition: Condition  #: What ends the sub-trajectories.
-    figure: str  #: `position_m`, `attitude_deg` or `heading_deg`.
+    condition: str  #: What ends the sub-trajectories.
+    figure: str  #: `position`, `attitude` or `heading`.
+    unit: str  #: Unit of the figure.
     count: int  #: Common sub-trajectories.
     left_out: tuple[int, int]  #: Sub-trajectories of the first and of the other score that are not common.
-    first: float | None  #: Mean + 3 sigma of the first score over the common ones.
-    other: float | None  #: The same of the other score.
-    difference: float | None  #: Other less first: below zero the other is better.
-    ci95: Interval | None  #: 95 % interval of the difference.
+    first: float | None = None  #: Mean + 3 sigma of the first score over the common ones.
+    other: float | None = None  #: The same of the other score.
+    difference: float | None = None  #: Other less first: below zero the other is better.
+    ci95: Interval | None = None  #: 95 % interval of the difference.
     #: What it says; `no difference shown` if the interval holds zero, or chance is as likely as 0.05 (`p_corrected`).
-    outcome: Annotated[Outcome, Key("verdict")] = Outcome.NOT_ENOUGH_DATA
+    outcome: Outcome = msgspec.field(name="verdict", default=Outcome.NOT_ENOUGH_DATA)
     p: float | None = None  #: Probability of such a difference by chance, by the same scatter; None without one.
     p_corrected: float | None = None  #: The same corrected for the number of comparisons (Holm).
 
 
-class SideBySide(Record):
-    """One figure of whole runs, which cannot be paired: its place in the score, a value for each (None: no value)."""
+class SideBySide(Record, frozen=True, kw_only=True, omit_defaults=False):
+    """One figure of whole runs, which cannot be paired: a value for each (None: no value)."""
 
-    figure: str
+    figure: str  #: Name of the figure, part and statistic for people.
+    unit: str
     values: tuple[float | None, ...]
 
 
-class Comparison(Record):
+class Comparison(Record, frozen=True, kw_only=True, omit_defaults=False):
     """Scores compared with the first of them: name and method of each, pairs by score, condition and figure."""
 
     names: tuple[str, ...]
@@ -77,16 +85,19 @@ class Comparison(Record):
 
     def to_dict(self) -> dict[str, object]:
         """Return it as JSON values."""
-        return {"schema": SCHEMA, **{key: to_plain(value) for key, value in vars(self).items()}}
+        return {"schema": SCHEMA, **to_plain(self)}
 
 
-SIDE_BY_SIDE = {
-    **{f"map.point_error_m.{name}": f"map.errors.point_error_m.{name}" for name in ("mean", "mean_plus_3sigma")},
-    "map.coverage": "map.coverage",
-    **{f"timing.{kind}_s.{name}": f"timing.{kind}.{name}" for kind in KINDS for name in ("p50", "p95")},
-    **{f"memory.{kind}_peak_bytes": f"memory.{kind}.peak_bytes" for kind in KINDS},
+SHOWN = {
+    Subject.MAP: ("mean", "mean_plus_3sigma", "value"),
+    Subject.TIMING: ("p50", "p95"),
+    Subject.MEMORY: ("value",),
+    Subject.COMPLETENESS: ("value",),
 }
-"""Figures of whole runs by their place in the JSON of the score, and in the score itself."""
+"""The numbers of whole runs that are shown side by side, by subject."""
+ERROR_COLUMNS = {"position": ("x_m", "y_m", "z_m"), "attitude": ("attitude_deg",), "heading": ("heading_deg",)}
+"""Errors of sub-trajectories in a score's details, by figure."""
+UNITS = {"position": "m", "attitude": "deg", "heading": "deg"}
 
 
 def compare_scores(scores: Sequence[Score], names: Sequence[str]) -> Comparison:
@@ -101,79 +112,93 @@ def compare_scores(scores: Sequence[Score], names: Sequence[str]) -> Comparison:
     pairs = [
         replace(it, outcome=Outcome.NO_DIFFERENCE) if (it.p_corrected or 0.0) > SIGNIFICANT else it for it in pairs
     ]
-    side_by_side = []
-    for name, place in SIDE_BY_SIDE.items():
-        values = tuple(value_at(score, place) for score in scores)
-        if sum(value is not None for value in values) > 1:
-            side_by_side.append(SideBySide(figure=name, values=values))
-    if not pairs and not side_by_side:
+    whole = tuple(_side_by_side(scores))
+    if not pairs and not whole:
         raise MetricsError("the scores have no condition and no figure in common: score the same data alike")
     methods = tuple(score.method for score in scores)
-    return Comparison(names=tuple(names), methods=methods, pairs=tuple(pairs), side_by_side=tuple(side_by_side))
+    return Comparison(names=tuple(names), methods=methods, pairs=tuple(pairs), side_by_side=whole)
+
+
+def _side_by_side(scores: Sequence[Score]) -> Iterator[SideBySide]:
+    """Yield every figure of whole runs that two scores or more have."""
+    rows = {_key(row): row for score in scores for row in score.figures if row.subject in SHOWN}
+    of_scores = [{_key(row): row for row in score.figures} for score in scores]
+    for key, row in rows.items():
+        for statistic in SHOWN[row.subject]:
+            found = [None if key not in known else known[key].statistic(statistic) for known in of_scores]
+            if sum(value is not None for value in found) > 1:
+                words = (row.figure, row.part, "" if statistic == "value" else statistic)
+                yield SideBySide(figure=" ".join(filter(None, words)), unit=row.unit, values=tuple(found))
+
+
+def _key(row: Figure) -> tuple[str, str | None, str | None, str]:
+    return row.subject, row.condition, row.part, row.figure
 
 
 def _paired(first: Score, other: Score, name: str) -> Iterator[PairedDifference]:
-    if first.trajectory is None or other.trajectory is None:  # a map alone has nothing to pair
+    if first.association is None or other.association is None:  # a map alone has nothing to pair
         return
-    rebase = [part.first.rebase for part in (first.trajectory, other.trajectory)]
-    if rebase[0] != rebase[1]:
-        raise MetricsError(f"'{name}' is re-based by {rebase[1]}, the first score by {rebase[0]}: score both alike")
-    both = (value_at(score, "details.trajectory.sub_trajectories") or () for score in (first, other))
-    for mine, theirs in itertools.product(*both):
-        if mine.condition != theirs.condition:
-            continue
-        spans = [list(zip(part.start_stamp_ns, part.end_stamp_ns, strict=True)) for part in (mine, theirs)]
-        in_other = {span: row for row, span in enumerate(spans[1])}
-        rows = np.array([(row, in_other[span]) for row, span in enumerate(spans[0]) if span in in_other], np.intp)
-        if not len(rows):
-            continue
-        a, b = (
-            np.column_stack([np.asarray(getattr(part, key), np.float64)[which] for key in COLUMNS[: HEADING + 1]])
-            for which, part in zip(rows.T, (mine, theirs), strict=True)
+    readings = first.association.rebase, other.association.rebase
+    if readings[0] != readings[1]:
+        raise MetricsError(f"'{name}' is re-based by {readings[1]}, the first score by {readings[0]}: score both alike")
+    for mine, theirs in itertools.product(_sub_trajectories(first), _sub_trajectories(other)):
+        if mine.condition == theirs.condition:
+            yield from _paired_rows(mine, theirs, name)
+
+
+def _sub_trajectories(score: Score) -> tuple[SubTrajectoryRows, ...]:
+    details = score.details
+    return () if details is None or details.trajectory is None else details.trajectory.sub_trajectories
+
+
+def _paired_rows(mine: SubTrajectoryRows, theirs: SubTrajectoryRows, name: str) -> Iterator[PairedDifference]:
+    """Yield the differences over the sub-trajectories of one condition that have the same first and last stamp."""
+    spans = list(zip(mine.start_stamp_ns, mine.end_stamp_ns, strict=True))
+    other_spans = {span: row for row, span in enumerate(zip(theirs.start_stamp_ns, theirs.end_stamp_ns, strict=True))}
+    rows = [row for row, span in enumerate(spans) if span in other_spans]
+    other_rows = [other_spans[spans[row]] for row in rows]
+    if not rows:
+        return
+    starts, ends = np.asarray(mine.start_frame)[rows], np.asarray(mine.end_frame)[rows]
+    spacing = max(int(np.median(np.diff(starts))), 1) if len(starts) > 1 else 1
+    overlap = float(np.mean(-(-(ends - starts) // spacing)))  # as `trajectory_score` counts it
+    left_out = (len(spans) - len(rows), len(other_spans) - len(rows))
+    columns, other_columns = msgspec.structs.asdict(mine), msgspec.structs.asdict(theirs)
+    for figure, axes in ERROR_COLUMNS.items():
+        a = np.column_stack([np.asarray(columns[axis], np.float64)[rows] for axis in axes])
+        b = np.column_stack([np.asarray(other_columns[axis], np.float64)[other_rows] for axis in axes])
+        found = PairedDifference(
+            name=name, condition=mine.condition, figure=figure, unit=UNITS[figure], count=len(rows), left_out=left_out
         )
-        starts, ends = (np.asarray(frames)[rows[:, 0]] for frames in (mine.start_frame, mine.end_frame))
-        spacing = max(int(np.median(np.diff(starts))), 1) if len(starts) > 1 else 1
-        overlap = float(np.mean(-(-(ends - starts) // spacing)))  # as `trajectory_score` counts it
-        left_out = (len(spans[0]) - len(rows), len(spans[1]) - len(rows))
-        for figure, columns in FIGURES.items():
-            said = _difference(a[:, columns], b[:, columns], overlap)
-            common: dict[str, Any] = {"name": name, "condition": mine.condition, "figure": figure, "count": len(rows)}
-            yield PairedDifference(**common, left_out=left_out, **said)
+        yield _compared(found, a, b, overlap)
 
 
-def _difference(a: FloatArray, b: FloatArray, overlap: float) -> dict[str, Any]:
-    """Return the figures of errors `(N, d)` of both, their difference, its interval and the outcome."""
-    said: dict[str, Any] = dict.fromkeys(("first", "other", "difference", "ci95"))
-    if len(a) < 2 or not (np.isfinite(a).all() and np.isfinite(b).all()):  # attitudes are not known
-        return said
-    first, other = (
-        float(np.sqrt(np.cumsum(np.square(errors.mean(axis=0)))[-1]))
-        + 3.0 * float(np.sqrt(np.cumsum(np.square(errors.std(axis=0, ddof=1)))[-1]))
-        for errors in (a, b)
-    )
+def _compared(pair: PairedDifference, a: FloatArray, b: FloatArray, overlap: float) -> PairedDifference:
+    """Return a paired difference with the figures of errors `(N, d)` of both, their difference and the outcome."""
+    first, other = statistics(a).mean_plus_3sigma, statistics(b).mean_plus_3sigma
+    if first is None or other is None:  # too few, or attitudes are not known
+        return pair
     difference, independent = other - first, len(a) / overlap
-    said |= {"first": first, "other": other, "difference": difference}
+    pair = replace(pair, first=first, other=other, difference=difference)
     if np.array_equal(a, b):
-        return said | {"ci95": (0.0, 0.0), "outcome": Outcome.EQUAL}
+        return replace(pair, ci95=(0.0, 0.0), outcome=Outcome.EQUAL)
     if independent < MIN_INDEPENDENT:
-        return said
-    share, figures = 1.0, []
+        return pair
+    drawn, share = [], 1.0
     for errors in (a, b):
         mean = errors.mean(axis=0)
-        offsets = errors - mean
-        centred = np.column_stack((np.ones(len(errors)), offsets, offsets * offsets))
-        _, drawn, share = resampled(centred, mean, overlap)
-        figures.append(drawn)
-    scatter = np.std(figures[1] - figures[0])
+        _, figures, share = resampled(group_sums(errors - mean, 1), mean, overlap)
+        drawn.append(figures)
     share *= 1.0 - 1.0 / independent
     freedom = max(independent - 1.0, MIN_FREEDOM)
-    sigma = float(WIDENING * scatter / np.sqrt(share))
-    half, p = student_quantile(0.975, freedom) * sigma + _PRECISION, None
+    sigma = float(WIDENING * np.std(drawn[1] - drawn[0]) / np.sqrt(share))
+    half = student_quantile(0.975, freedom) * sigma + _PRECISION
+    p = None
     if sigma > 0.0:
         p = 2.0 * float(stdtr(freedom, -max(abs(difference) - _PRECISION, 0.0) / sigma))
     outcome = Outcome.BETTER if difference < 0 else Outcome.WORSE
     outcome = Outcome.NO_DIFFERENCE if abs(difference) <= half else outcome
-    return said | {"ci95": (difference - half, difference + half), "outcome": outcome, "p": p}
+    return replace(pair, ci95=(difference - half, difference + half), outcome=outcome, p=p)
 
 
 def check_same_data(first: Score, other: Score, names: tuple[str, str]) -> None:
@@ -184,8 +209,9 @@ def check_same_data(first: Score, other: Score, names: tuple[str, str]) -> None:
         if mine is None or theirs is None:
             continue
         # the values, or the files of scores that do not have the hash of the values
-        kind = "data_sha256" if mine.data_sha256 and theirs.data_sha256 else "sha256"
-        if getattr(mine, kind) != getattr(theirs, kind):
+        has_values = mine.data_sha256 is not None and theirs.data_sha256 is not None
+        same = mine.data_sha256 == theirs.data_sha256 if has_values else mine.sha256 == theirs.sha256
+        if not same:
             what = role.replace("_", " ")
             raise MetricsError(
                 f"different data: the {what} of '{names[0]}' is '{mine.path}', that of '{names[1]}' '{theirs.path}'; "

@@ -87,11 +87,6 @@ class ConditionKind(StrEnum):
         """Unit of its value."""
         return _UNITS[self]
 
-    @property
-    def key(self) -> str:
-        """Its key in the JSON of the score."""
-        return self if self is ConditionKind.FRAMES else f"{self}_{_UNITS[self]}"
-
 
 _UNITS = {"distance": "m", "time": "s", "frames": "frames", "displacement": "m", "turn": "deg"}
 
@@ -116,13 +111,14 @@ class Condition:
     def parse(cls, text: str) -> Condition:
         """Return the condition of a text such as `distance=5`, `time=60`, `frames=100` or `distance=5,time=10`.
 
-        MetricsError if it is none.
+        A unit after the number is accepted (`distance=5 m`). MetricsError if the text is not a condition.
         """
         parts = []
         for word in text.split(","):
             name, _, number = word.partition("=")
             try:
-                kind, value = ConditionKind(name.strip()), float(number)
+                kind = ConditionKind(name.strip())
+                value = float(number.strip().removesuffix(kind.unit))
             except ValueError:
                 kind, value = ConditionKind.DISTANCE, 0.0
             if not 0 < value <= (180.0 if kind is ConditionKind.TURN else MAX_VALUE) or (
@@ -137,44 +133,33 @@ class Condition:
             raise MetricsError(f"'{text}' has a condition twice: give each once")
         return cls(parts[0].kind, parts[0].value, tuple(parts[1:]))
 
-    @classmethod
-    def from_plain(cls, value: object) -> Condition:
-        """Return the condition of its JSON: `{"distance_m": 5.0}`.
-
-        ValueError if it is none.
-        """
-        kinds = {kind.key: kind for kind in ConditionKind}
-        known = isinstance(value, Mapping) and value and value.keys() <= kinds.keys()
-        if not isinstance(value, Mapping) or not known or not {type(each) for each in value.values()} <= {int, float}:
-            raise ValueError('a condition such as {"distance_m": 5.0} is needed')
-        try:
-            return cls.parse(",".join(f"{kinds[key]}={number!r}" for key, number in value.items()))
-        except MetricsError as error:
-            raise ValueError(str(error)) from error
-
-    def to_plain(self) -> dict[str, float | int]:
-        """Return it as in the JSON of the score: `{"distance_m": 5.0}`."""
-        return {
-            part.kind.key: int(part.value) if part.kind is ConditionKind.FRAMES else part.value for part in self.parts
-        }
-
     @property
     def label(self) -> str:
         """The one spelling for people: `5 m`, `60 s`, `100 frames`, `5 m and 10 s`."""
         straight = {ConditionKind.DISPLACEMENT: " straight", ConditionKind.TURN: " turned"}
         texts = []
         for part in self.parts:
-            number = text if float(text := f"{part.value:g}") == part.value else repr(part.value)
-            texts.append(f"{number} {part.kind.unit}{straight.get(part.kind, '')}")
+            texts.append(f"{shortest(part.value)} {part.kind.unit}{straight.get(part.kind, '')}")
         return " and ".join(texts)
 
     @property
     def setting(self) -> str:
-        """The spelling in settings, from which `parse` makes the same condition: `distance=5.0`."""
-        return ",".join(f"{part.kind}={part.value!r}" for part in self.parts)
+        """The spelling on the command line and in the score, which `parse` reads: `distance=5`."""
+        return ",".join(f"{part.kind}={shortest(part.value)}" for part in self.parts)
 
     def __str__(self) -> str:
         return self.label
+
+
+def shortest(number: float) -> str:
+    """Return the shortest text that reads back to the same number: `5` of 5.0."""
+    text = f"{number:g}"
+    return text if float(text) == number else repr(number)
+
+
+def label_of(condition: str | None) -> str:
+    """Return the spelling for people of a condition as the score names it: `5 m` of `distance=5`; empty for None."""
+    return "" if condition is None else Condition.parse(condition).label
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,93 +16,154 @@ for that at the start, which turns the displacement.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Final
+from collections.abc import Iterator, Mapping
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
-from sfr_loc_map.geometry.quaternion_kernels import Quat, rotated, row_quat, unit_quats
-from sfr_loc_map.geometry.rotation import quat_conjugate, quat_multiply, quat_normalised, quat_rotate
-from sfr_loc_map.geometry.small_linalg import copy_row
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_conjugate, quat_multiply, quat_normalised, quat_rotate
 from sfr_loc_map.geometry.transform import propagated_covariance, propagation
 from sfr_loc_map.inputs import LOST_VARIANCE
-from sfr_loc_map.jit import jit
 from sfr_loc_map.metrics.association import UPPER, Estimates, Frames, unique_rows
-from sfr_loc_map.metrics.score import NeesPart, NeesScore
+from sfr_loc_map.metrics.score import Figure, figure_row
 from sfr_loc_map.metrics.statistics import chi2_interval95
 
-PARTS = (slice(0, 6), slice(0, 3), slice(3, 6))  #: Pose, position, attitude.
+PARTS = {"pose": slice(0, 6), "position": slice(0, 3), "attitude": slice(3, 6)}
+"""Components of a pose's error, in ROS order."""
 STEP_SIZE: Final = 48
 """Numbers of a step: upper triangle of its covariance, systematic errors, upper triangle of the noise of its pose."""
 WITHOUT_NOISE: Final = 27  #: Of a step without the last of these.
-SUMS_SIZE: Final = 109  #: Numbers of the sums up to a pose: C, G, count of unknown steps, W of the pose.
-AXES: Final = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+SYSTEMATIC: Final = slice(21, 27)
 
 
-def sums_of_steps(estimates: Estimates, steps: FloatArray, wanted: IntArray) -> dict[int, FloatArray]:
-    """Return the sums `(109,)` of the steps `(E, 48)` of the estimates up to each that is wanted, by its row."""
+class StepSums(NamedTuple):
+    """The sums of steps up to a pose, at the origin of DS; see the equation above."""
+
+    covariance: FloatArray  #: C `(6, 6)`.
+    systematic: FloatArray  #: G `(6, 6)`, a column for each error that all steps share.
+    unknown_steps: int  #: Steps whose covariance is unknown.
+    noise: FloatArray  #: W `(6, 6)` of the pose itself.
+
+
+def sums_of_steps(estimates: Estimates, steps: FloatArray, wanted: IntArray) -> dict[int, StepSums]:
+    """Return the sums of the steps `(E, 48)` of the estimates up to each that is wanted, by its row.
+
+    A lost pose repeats the one before and has no step.
+    """
     poses = estimates.trajectory
-    rows = unique_rows(poses.stamps_ns)
-    positions, quats = np.ascontiguousarray(poses.positions[rows]), unit_quats(poses.quats_xyzw[rows])
-    wanted = wanted[np.argsort(poses.stamps_ns[wanted])]
-    places = np.searchsorted(poses.stamps_ns[rows], poses.stamps_ns[wanted])
-    sums = accumulated(steps[rows], estimates.lost[rows], positions, quats, places)
-    return dict(zip(wanted.tolist(), sums, strict=True))
+    order = unique_rows(poses.stamps_ns)
+    given, lost = steps[order], estimates.lost[order]
+    is_known = np.isfinite(given).all(axis=1) & ~lost
+    counted = np.where(is_known[:, None], given, 0.0)
+    positions = poses.positions[order]
+    turns = matrix_from_quat(poses.quats_xyzw[order])
+    turns_before = np.concatenate((np.eye(3)[None], turns[:-1]))
+    of_step, of_pose = to_origin(turns_before, positions), to_origin(turns, positions)
+    covariance = np.cumsum(carried(of_step, symmetric(counted[:, : SYSTEMATIC.start])), axis=0)
+    systematic = np.cumsum(of_step * counted[:, None, SYSTEMATIC], axis=0)
+    unknown_steps = np.cumsum(~is_known & ~lost)
+    noise = carried(of_pose, symmetric(counted[:, WITHOUT_NOISE:]))
+    places = np.searchsorted(poses.stamps_ns[order], poses.stamps_ns[wanted])
+    return {
+        int(row): StepSums(covariance[at], systematic[at], int(unknown_steps[at]), noise[at])
+        for row, at in zip(wanted.tolist(), places.tolist(), strict=True)
+    }
 
 
-def nees_score(
+def to_origin(rotations: FloatArray, positions: FloatArray) -> FloatArray:
+    """Return F `(N, 6, 6)`: takes an error at a position, in axes that a rotation takes to DS, to the origin of DS."""
+    x, y, z = positions.T
+    nothing = np.zeros(len(positions))
+    cross = np.stack((nothing, -z, y, z, nothing, -x, -y, x, nothing), axis=-1).reshape(-1, 3, 3)
+    carry = np.zeros((len(positions), 6, 6))
+    carry[:, :3, :3] = carry[:, 3:, 3:] = rotations
+    carry[:, :3, 3:] = cross @ rotations
+    return carry
+
+
+def symmetric(upper: FloatArray) -> FloatArray:
+    """Return symmetric matrices `(N, 6, 6)` from their upper triangles `(N, 21)`."""
+    full = np.empty((len(upper), 6, 6))
+    full[:, UPPER[0], UPPER[1]] = full[:, UPPER[1], UPPER[0]] = upper
+    return full
+
+
+def carried(carry: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Return `F P F^T` of each."""
+    return np.asarray(carry @ covariance @ np.swapaxes(carry, -1, -2))
+
+
+def nees_rows(
+    condition: str,
+    estimates: Estimates,
     frames: Frames,
-    covariances: FloatArray,
-    sums: Mapping[int, FloatArray],
+    sums: Mapping[int, StepSums],
     starts: IntArray,
     ends: IntArray,
     truth_sigmas: tuple[float, float] = (0.0, 0.0),
-) -> NeesScore | None:
-    """Return the mean NEES of sub-trajectories from frames (going up) to frames, None where no covariance is known.
+) -> Iterator[Figure]:
+    """Yield the mean NEES of sub-trajectories that share no frame; nothing where no covariance is known.
 
-    The truth has standard deviations of position (m) and attitude (deg) along each axis.
+    The truth has standard deviations of position (m) and attitude (deg) along each axis. An interval holds the means
+    of consistent covariances in 95 of 100 cases; `value` is the expected mean.
     """
-    of_position, of_attitude = truth_sigmas[0] ** 2, np.radians(truth_sigmas[1]) ** 2
-    noise = np.diag([2.0 * of_position] * 3 + [of_attitude] * 3)
-    totals = np.zeros(len(PARTS))
-    count = from_steps = not_usable = free_from = 0
+    if estimates.covariance is None:
+        return
+    squares: dict[str, list[float]] = {name: [] for name in PARTS}
+    from_steps = not_usable = free_from = 0
     for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
         if start < free_from:
             continue
         first, last = int(frames.est_rows[start]), int(frames.est_rows[end])
-        before, after = matrices = np.empty((2, 6, 6))
-        matrices[:, UPPER[0], UPPER[1]] = matrices[:, UPPER[1], UPPER[0]] = covariances[[first, last]]
-        if not all(np.isfinite(matrix).all() and np.diag(matrix).max() < LOST_VARIANCE for matrix in matrices):
+        published = symmetric(estimates.covariance[[first, last]])
+        if not all(np.isfinite(matrix).all() and np.diag(matrix).max() < LOST_VARIANCE for matrix in published):
             continue
         free_from = end
+        move = frames.est_pos[end] - frames.est_pos[start]
         growth = relative_covariance(sums[first], sums[last], frames.est_pos[end]) if sums else None
-        known = growth is not None
+        is_of_steps = growth is not None
         if growth is None:
-            growth = after - propagated_covariance(before, frames.est_pos[end] - frames.est_pos[start])
-            growth = 0.5 * (growth + growth.T)
-        if of_attitude or of_position:
-            turned = np.diag([0.0] * 3 + [of_attitude] * 3)
-            growth = growth + noise + propagated_covariance(turned, frames.est_pos[end] - frames.est_pos[start])
+            growth = published_growth(published[0], published[1], move)
+        growth = growth + truth_noise(truth_sigmas, move)
         error = relative_error(frames, start, end)
         try:
-            whitened = [np.linalg.solve(np.linalg.cholesky(growth[part, part]), error[part]) for part in PARTS]
-        except np.linalg.LinAlgError:
+            found = {name: normalised_square(error[part], growth[part, part]) for name, part in PARTS.items()}
+        except np.linalg.LinAlgError:  # the covariance shrank, as when a calibration was learnt
             not_usable += 1
             continue
-        totals += [float(values @ values) for values in whitened]
-        count += 1
-        from_steps += known
-    if not count and not not_usable:
-        return None
-    parts = {}
-    for name, total, part in zip(("pose", "position", "attitude"), totals.tolist(), PARTS, strict=True):
-        degrees, mean, interval, inside = part.stop - part.start, None, None, None
-        if count:
-            mean, interval = total / count, chi2_interval95(degrees * count, count)
-            inside = interval[0] <= mean <= interval[1]
-        parts[name] = NeesPart(mean=mean, expected=float(degrees), interval95=interval, consistent=inside)
-    return NeesScore(count=count, not_usable=not_usable, from_steps=from_steps, **parts)
+        from_steps += is_of_steps
+        for name, value in found.items():
+            squares[name].append(value)
+    if not squares["pose"] and not not_usable:
+        return
+    for name, part in PARTS.items():
+        values, degrees = np.array(squares[name]), part.stop - part.start
+        low, high = chi2_interval95(degrees * len(values), len(values)) if len(values) else (None, None)
+        mean = float(np.mean(values)) if len(values) else None
+        yield figure_row("nees", condition, name, n=len(values), mean=mean, low95=low, high95=high, value=degrees)
+    yield figure_row("nees_not_usable", condition, value=not_usable)
+    yield figure_row("nees_from_steps", condition, value=from_steps)
+
+
+def published_growth(before: FloatArray, after: FloatArray, move: FloatArray) -> FloatArray:
+    """Return by how much a published covariance grew over a displacement: `P_end - F P_start F^T`."""
+    growth = after - propagated_covariance(before, move)
+    return np.asarray(0.5 * (growth + growth.T))
+
+
+def truth_noise(sigmas: tuple[float, float], move: FloatArray) -> FloatArray:
+    """Return the covariance that the noise of the truth at both ends adds, sigmas in m and deg."""
+    of_position, of_attitude = sigmas[0] ** 2, np.radians(sigmas[1]) ** 2
+    at_ends = np.diag([2.0 * of_position] * 3 + [of_attitude] * 3)
+    at_start = np.diag([0.0] * 3 + [of_attitude] * 3)
+    return np.asarray(at_ends + propagated_covariance(at_start, move))
+
+
+def normalised_square(error: FloatArray, covariance: FloatArray) -> float:
+    """Return `e^T Q^-1 e`; LinAlgError if the covariance is not positive definite."""
+    whitened = np.linalg.solve(np.linalg.cholesky(covariance), error)
+    return float(whitened @ whitened)
 
 
 def relative_error(frames: Frames, start: int, end: int) -> FloatArray:
@@ -118,83 +179,12 @@ def relative_error(frames: Frames, start: int, end: int) -> FloatArray:
     return np.concatenate((position, scale * turn[:3]))
 
 
-def relative_covariance(start: FloatArray, end: FloatArray, position: FloatArray) -> FloatArray | None:
+def relative_covariance(start: StepSums, end: StepSums, position: FloatArray) -> FloatArray | None:
     """Return the covariance `(6, 6)` of a pose at a position, from the sums at both; None where a step is unknown."""
-    between = end - start
-    if between[72] > 0.0:
+    if end.unknown_steps > start.unknown_steps:
         return None
-    carried = propagation(position)
-    systematic = carried @ between[36:72].reshape(6, 6)
-    parts = between[:36] + start[73:] + end[73:]
-    covariance = carried @ parts.reshape(6, 6) @ carried.T + systematic @ systematic.T
+    carry = propagation(position)
+    systematic = carry @ (end.systematic - start.systematic)
+    parts = (end.covariance - start.covariance) + start.noise + end.noise
+    covariance = carry @ parts @ carry.T + systematic @ systematic.T
     return np.asarray(0.5 * (covariance + covariance.T))
-
-
-@jit
-def accumulated(
-    steps: FloatArray, lost: Mask, positions: FloatArray, quats: FloatArray, wanted: IntArray
-) -> FloatArray:
-    """Return the sums `(W, 109)` at rows that go up, of steps `(N, 48)` to poses in the order of their stamps.
-
-    Steps are NaN where not known; a lost pose repeats the one before and has none. Metres, DS; unit quaternions.
-    """
-    result, found = np.empty((len(wanted), SUMS_SIZE)), 0
-    total, before = np.zeros(SUMS_SIZE), (0.0, 0.0, 0.0, 1.0)
-    part, carried = np.empty((6, 6)), np.zeros((6, 6))
-    for k in range(len(steps)):
-        known = True
-        for value in steps[k]:  # `.all()` would load the compiler's parts with the kernel
-            known = known and np.isfinite(value)
-        now = row_quat(quats, k)
-        if not known and not lost[k]:
-            total[72] += 1.0
-        elif not lost[k]:
-            _carry(before, positions[k], carried)
-            _fill(part, steps[k], 0)
-            _add(total, 0, carried, part)
-            for i in range(6):
-                for a in range(6):
-                    total[36 + 6 * i + a] += carried[i, a] * steps[k, 21 + a]
-        before = now
-        if found < len(wanted) and wanted[found] == k:
-            for i in range(73, len(total)):
-                total[i] = 0.0
-            if known and not lost[k]:
-                _carry(now, positions[k], carried)
-                _fill(part, steps[k], WITHOUT_NOISE)
-                _add(total, 73, carried, part)
-            copy_row(total, result[found])
-            found += 1
-    return result
-
-
-@jit
-def _carry(quat: Quat, position: FloatArray, carried: FloatArray) -> None:
-    """Fill what takes an error at a position `(3,)`, in axes that a quaternion turns to DS, to the origin of DS."""
-    x, y, z = position[0], position[1], position[2]
-    for j in range(3):
-        a, b, c = rotated(quat, AXES[j])
-        carried[0, j], carried[1, j], carried[2, j] = a, b, c
-        carried[3, j + 3], carried[4, j + 3], carried[5, j + 3] = a, b, c
-        carried[0, j + 3], carried[1, j + 3], carried[2, j + 3] = y * c - z * b, z * a - x * c, x * b - y * a
-
-
-@jit
-def _fill(matrix: FloatArray, row: FloatArray, column: int) -> None:
-    """Fill a symmetric matrix `(6, 6)` from its upper triangle in a row, from a column on."""
-    for j in range(6):
-        for i in range(j, 6):
-            matrix[i, j] = matrix[j, i] = row[column]
-            column += 1
-
-
-@jit
-def _add(total: FloatArray, first: int, carried: FloatArray, part: FloatArray) -> None:
-    """Add `carried part carried^T` to the 36 totals from the first on."""
-    for i in range(6):
-        for j in range(6):
-            value = 0.0
-            for a in range(6):
-                for b in range(6):
-                    value += carried[i, a] * part[a, b] * carried[j, b]
-            total[first + 6 * i + j] += value

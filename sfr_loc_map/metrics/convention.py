@@ -9,17 +9,16 @@ as a share of the path and the attitude error in radians, root of the sum of squ
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from operator import attrgetter
-from typing import Annotated
+from typing import NamedTuple
 
 import numpy as np
 
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.pose_convention import FIRST_POSE, MIRROR, PoseConvention, aligned, converted
-from sfr_loc_map.geometry.quaternion_kernels import slerp, unit_quats
 from sfr_loc_map.geometry.rotation import (
     matrix_from_quat,
     quat_angle,
@@ -28,15 +27,18 @@ from sfr_loc_map.geometry.rotation import (
     quat_multiply,
     quat_normalised,
     quat_rotate,
+    slerp,
+    unit_quats,
 )
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform, propagation
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, associate, taken, unique_rows
+from sfr_loc_map.metrics import formulas
+from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, associate, unique_rows
 from sfr_loc_map.metrics.config import AssociationConfig
-from sfr_loc_map.metrics.score import Key, Record
-from sfr_loc_map.metrics.trajectory_error import ATTITUDE, WHOLE_POSE, PoseRows, sub_trajectory_errors
+from sfr_loc_map.metrics.formulas import pose_reading
+from sfr_loc_map.metrics.score import Record
 
 GAIN, GAIN_FITTED = 2.0, 3.0
 """Undoing a mismatch must make the disagreement this many times smaller; the second where numbers were fitted."""
@@ -56,21 +58,21 @@ LOOKS_WRONG = "the estimate looks wrong:"
 Poses = tuple[FloatArray, FloatArray]  #: Positions `(N, 3)` and unit quaternions `(N, 4)`.
 
 
-class Hypothesis(Record):
+class Hypothesis(Record, frozen=True, kw_only=True):
     """One convention mismatch and what undoing it does."""
 
-    mismatch: Annotated[str, Key("mistake")]  #: Short name.
+    mismatch: str  #: Short name.
     sentence: str  #: What is wrong with the estimate, and what to do.
     disagreement: float  #: What is left when it is undone.
     fitted: bool = False  #: Whether numbers were fitted to undo it.
     setting: str = ""  #: What corrects it as `NAME=VALUE` of `PoseConvention`; empty where none does.
 
 
-class Diagnosis(Record):
+class Diagnosis(Record, frozen=True, kw_only=True):
     """What was found."""
 
     disagreement: float | None  #: As the estimate stands; None where both have no stamp in common.
-    hypotheses: Annotated[tuple[Hypothesis, ...], Key("suspicions")]  #: Mismatches, the best explanation first.
+    hypotheses: tuple[Hypothesis, ...]  #: Mismatches, the best explanation first.
     found: Hypothesis | None  #: That which explains the disagreement, None if none does or there is none.
 
 
@@ -88,105 +90,201 @@ def diagnose(
     """
     if not truth.has_attitude:  # every hypothesis is judged by attitudes too
         return Diagnosis(disagreement=None, hypotheses=(), found=None)
-    both = estimate, truth
-    steps = max(1, len(estimate.stamps_ns) // MAX_POSES), 1
-    rows = [unique_rows(each.stamps_ns)[::step] for each, step in zip(both, steps, strict=True)]
-    estimate, truth = (
-        Trajectory(taken(each.stamps_ns, mine), taken(each.positions, mine), taken(each.quats_xyzw, mine))
-        for each, mine in zip(both, rows, strict=True)
-    )
+    estimate = _in_order(estimate, max(1, len(estimate.stamps_ns) // MAX_POSES))
+    truth = _in_order(truth, 1)
     frames = associate(estimate, truth, config)[0]
+    true, found = (frames.gt_pos, frames.gt_quat), (frames.est_pos, frames.est_quat)
+    has_frames = len(frames.stamps_ns) >= MIN_POSES
+    before = disagreement(true, found) if has_frames else None
+    if before is not None and before < AGREES and not every:
+        return Diagnosis(disagreement=before, hypotheses=(), found=None)
     hypotheses: list[Hypothesis] = []
-    before = None
-    if len(frames.stamps_ns) >= MIN_POSES:
-        true, found = (frames.gt_pos, frames.gt_quat), (frames.est_pos, frames.est_quat)
-        before = disagreement(true, found)
-        if before < AGREES and not every:
-            return Diagnosis(disagreement=before, hypotheses=(), found=None)
-        for mismatch, setting, sentence, fitted, undone in _each_undone(true, found, rig):
-            text, left = f"{LOOKS_WRONG} {sentence}", disagreement(true, undone)
+    for item in [*MISMATCHES, *frame_mismatches(true, found, rig)] if has_frames else []:
+        if item.applies(*found):
             hypotheses.append(
-                Hypothesis(mismatch=mismatch, sentence=text, disagreement=left, fitted=fitted, setting=setting)
+                Hypothesis(
+                    mismatch=item.name,
+                    sentence=f"{LOOKS_WRONG} {item.sentence}",
+                    disagreement=disagreement(true, item.undo(*found)),
+                    fitted=item.is_fitted,
+                    setting=item.setting,
+                )
             )
     hypotheses += _time_offset(estimate, truth, before)
     hypotheses.sort(key=attrgetter("disagreement"))
-    most = np.inf if before is None else before
-    bounds = {fitted: min(EXPLAINED, most / gain) for fitted, gain in ((False, GAIN), (True, GAIN_FITTED))}
-    possible = [item for item in hypotheses if most >= AGREES and item.disagreement <= bounds[item.fitted]]
-    plain = [item for item in possible if not item.fitted]
-    best = next(iter(possible), None)
-    if best is not None and plain and plain[0].disagreement <= SIMPLER * best.disagreement:
-        best = plain[0]
-    if best is None and before is not None and before >= AGREES and len(true[0]) >= LATE_POSES:
-        turns = [_upright(quat_multiply(quat_conjugate(each[:-1]), each[1:]))[:, :3] for each in (true[1], found[1])]
-        now, late = (np.square(turns[1][1:] - turns[0][rows]).sum() for rows in (slice(1, None), slice(-1)))
-        left = disagreement((true[0][:-1], true[1][:-1]), (found[0][1:], found[1][1:]))
-        if late * LATE_GAIN < now and left < before:
-            step = int(np.median(np.diff(frames.stamps_ns)))
-            best = _of_offset(-step, step, left)
+    best = _best_of(hypotheses, before)
+    if best is None and before is not None and before >= AGREES:
+        best = _one_pair_late(true, found, frames.stamps_ns, before)
     return Diagnosis(disagreement=before, hypotheses=tuple(hypotheses), found=best)
+
+
+def _in_order(poses: Trajectory, step: int) -> Trajectory:
+    """Return poses in the order of their stamps, each stamp once, every so many."""
+    rows = unique_rows(poses.stamps_ns)[::step]
+    return Trajectory(poses.stamps_ns[rows], poses.positions[rows], poses.quats_xyzw[rows])
+
+
+def _best_of(hypotheses: Sequence[Hypothesis], before: float | None) -> Hypothesis | None:
+    """Return the hypothesis that explains a disagreement, a simpler one rather than one with fitted numbers."""
+    if before is not None and before < AGREES:
+        return None
+    possible = []
+    for item in hypotheses:
+        gain = GAIN_FITTED if item.fitted else GAIN
+        most = EXPLAINED if before is None else min(EXPLAINED, before / gain)
+        if item.disagreement <= most:
+            possible.append(item)
+    simple = [item for item in possible if not item.fitted]
+    best = next(iter(possible), None)
+    if best is not None and simple and simple[0].disagreement <= SIMPLER * best.disagreement:
+        return simple[0]
+    return best
+
+
+def _one_pair_late(true: Poses, found: Poses, stamps_ns: IntArray, before: float) -> Hypothesis | None:
+    """Return the hypothesis that each pose is that of the pair before, if the rotations from pose to pose show it."""
+    if len(stamps_ns) < LATE_POSES:
+        return None
+    true_turns, turns = (
+        _upright(quat_multiply(quat_conjugate(each[:-1]), each[1:]))[:, :3] for each in (true[1], found[1])
+    )
+    now = np.square(turns[1:] - true_turns[1:]).sum()
+    late = np.square(turns[1:] - true_turns[:-1]).sum()
+    left = disagreement((true[0][:-1], true[1][:-1]), (found[0][1:], found[1][1:]))
+    if late * LATE_GAIN >= now or left >= before:
+        return None
+    step = int(np.median(np.diff(stamps_ns)))
+    return _of_offset(-step, step, left)
 
 
 def disagreement(truth: Poses, estimate: Poses) -> float:
     """Return the disagreement of estimated poses with the truth, both in time order."""
-    span = max(2, len(truth[0]) // 8)  # sub-trajectories of an eighth of the poses
-    starts = np.unique(np.linspace(0, len(truth[0]) - 1 - span, SUB_TRAJECTORIES).astype(np.int64))
-    ends = starts + span
-    positions, quats = map(np.ascontiguousarray, estimate)
-    lengths, headings = np.zeros((len(truth[0]), 2)), np.zeros(len(truth[0]))  # errors by these are not used
-    poses = PoseRows(*truth, positions, quats, lengths, headings, headings)
-    errors = sub_trajectory_errors(poses, starts, ends, WHOLE_POSE)
-    x, y, z = np.diff(truth[0], axis=0).T
-    until = np.append(0.0, np.cumsum(np.sqrt(x * x + y * y + z * z)))
-    lengths = until[ends] - until[starts]
-    lengths = np.maximum(lengths, max(0.1 * float(lengths.mean()), 1e-9))  # never much less than the mean
-    position = np.sqrt(np.square(errors[:, :3]).sum(axis=1)) / lengths
-    return float(np.mean(np.sqrt(np.square(position) + np.square(np.radians(errors[:, ATTITUDE])))))
+    starts, ends = _eighths(len(truth[0]))
+    errors = pose_reading(formulas.Poses(*truth, *estimate), starts, ends)
+    until_m = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(truth[0], axis=0), axis=1)))
+    lengths_m = until_m[ends] - until_m[starts]
+    lengths_m = np.maximum(lengths_m, max(0.1 * float(lengths_m.mean()), 1e-9))  # never much less than the mean
+    of_path = np.linalg.norm(errors.position_m, axis=1) / lengths_m
+    return float(np.mean(np.hypot(of_path, np.radians(errors.attitude_deg))))
 
 
-def _each_undone(truth: Poses, estimate: Poses, rig: StereoRig | None) -> Iterator[tuple[str, str, str, bool, Poses]]:
-    p, q = estimate
-    back, optical, upright = quat_conjugate(q), quat_from_matrix(OPTICAL_IN_BODY), np.array([0.0, 0.0, 0.0, 1.0])
-    wxyz, in_columns = q[:, [1, 2, 3, 0]], quat_conjugate(back[:, [1, 2, 3, 0]])
-    first = "its quaternions are scalar first{}: write them scalar last"
-    first_in_columns, first_conjugated = first.format(" in the columns att_q_DsToRb"), first.format(" and conjugated")
-    inverted = -quat_rotate(back, p), back
-    motions = quat_rotate(back, p[0] - p), quat_multiply(back, q[0])
-    since_first = "its motions since the first pose are inverted: invert them"
-    conjugated = "its attitudes are conjugated (orientation of RB in DS in place of DsToRb): conjugate them"
-    optical_text = "its attitudes are those of the optical axes (x right, y down, z forward): rotate them to RB"
-    small = "its positions are a thousand times too small (the truth in millimetres, or kilometres): write metres"
-    swapped = "it moves backwards where the truth moves forwards: the left and right images are swapped"
-    sides = "left and right are mirrored (y points right): negate y, and x and z of the quaternions"
-    for name, setting, sentence, undone in (
-        ("conjugated quaternion", "quaternion=conjugated", conjugated, (p, back)),
-        ("scalar first", "quaternion=wxyz", first.format(""), (p, wxyz)),
-        ("scalar first", "quaternion=wxyz_ds_to_rb", first_in_columns, (p, in_columns)),
-        ("scalar first", "quaternion=conjugated_wxyz", first_conjugated, (p, quat_conjugate(wxyz))),
-        ("inverted poses", "inverse=true", "its poses are inverted (DS in RB): invert them", inverted),
-        ("inverted motions", "inverse_motion=true", since_first, motions),
-        ("optical axes", "frame=rb_optical", optical_text, (p, quat_multiply(q, quat_conjugate(optical)))),
-        ("millimetres", "metres_per_unit=0.001", "its positions are in millimetres: write metres", (p * 1e-3, q)),
-        ("kilometres", "metres_per_unit=1000", small, (p * 1e3, q)),
-        ("swapped left and right images", "", swapped, (-p, q)),
-        ("mirrored left and right", "mirrored=true", sides, (p * MIRROR, q * np.array([-1.0, 1.0, -1.0, 1.0]))),
-    ):
-        if undone is not motions or np.abs(p[0]).max() + quat_angle(q[0]) > 1e-9:  # else the same as inverted poses
-            yield name, setting, sentence, False, undone
+def _eighths(count: int) -> tuple[IntArray, IntArray]:
+    """Return starts and ends of sub-trajectories of an eighth of the poses."""
+    span = max(2, count // 8)
+    starts = np.unique(np.linspace(0, count - 1 - span, SUB_TRAJECTORIES).astype(np.int64))
+    return starts, starts + span
 
-    # another frame of the rover: rotation known or presumed, position known or fitted
-    frames = []
+
+# ---- the hypotheses
+
+
+class Mismatch(NamedTuple):
+    """One hypothesis: what is wrong with the estimate, and what undoes it."""
+
+    name: str
+    setting: str  #: What corrects it as `NAME=VALUE` of `PoseConvention`; empty where none does.
+    sentence: str
+    undo: Callable[[FloatArray, FloatArray], Poses]
+    is_fitted: bool = False  #: Whether numbers were fitted to undo it.
+    applies: Callable[[FloatArray, FloatArray], bool] = lambda p, q: True
+
+
+def _motions_inverted(p: FloatArray, q: FloatArray) -> Poses:
+    back = quat_conjugate(q)
+    return quat_rotate(back, p[0] - p), quat_multiply(back, q[0])
+
+
+def _begins_elsewhere(p: FloatArray, q: FloatArray) -> bool:
+    """Tell whether the first pose is not the identity: else inverted motions are inverted poses."""
+    return bool(np.abs(p[0]).max() + quat_angle(q[0]) > 1e-9)
+
+
+WXYZ = [1, 2, 3, 0]  #: Columns x, y, z, w of a quaternion that was read as x, y, z, w but was written w, x, y, z.
+OPTICAL = quat_from_matrix(OPTICAL_IN_BODY)
+MISMATCHES = (
+    Mismatch(
+        "conjugated quaternion",
+        "quaternion=conjugated",
+        "its attitudes are conjugated (orientation of RB in DS in place of DsToRb): conjugate them",
+        lambda p, q: (p, quat_conjugate(q)),
+    ),
+    Mismatch(
+        "scalar first",
+        "quaternion=wxyz",
+        "its quaternions are scalar first: write them scalar last",
+        lambda p, q: (p, q[:, WXYZ]),
+    ),
+    Mismatch(
+        "scalar first",
+        "quaternion=wxyz_ds_to_rb",
+        "its quaternions are scalar first in the columns att_q_DsToRb: write them scalar last",
+        lambda p, q: (p, quat_conjugate(quat_conjugate(q)[:, WXYZ])),
+    ),
+    Mismatch(
+        "scalar first",
+        "quaternion=conjugated_wxyz",
+        "its quaternions are scalar first and conjugated: write them scalar last",
+        lambda p, q: (p, quat_conjugate(q[:, WXYZ])),
+    ),
+    Mismatch(
+        "inverted poses",
+        "inverse=true",
+        "its poses are inverted (DS in RB): invert them",
+        lambda p, q: (-quat_rotate(quat_conjugate(q), p), quat_conjugate(q)),
+    ),
+    Mismatch(
+        "inverted motions",
+        "inverse_motion=true",
+        "its motions since the first pose are inverted: invert them",
+        _motions_inverted,
+        applies=_begins_elsewhere,
+    ),
+    Mismatch(
+        "optical axes",
+        "frame=rb_optical",
+        "its attitudes are those of the optical axes (x right, y down, z forward): rotate them to RB",
+        lambda p, q: (p, quat_multiply(q, quat_conjugate(OPTICAL))),
+    ),
+    Mismatch(
+        "millimetres",
+        "metres_per_unit=0.001",
+        "its positions are in millimetres: write metres",
+        lambda p, q: (p * 1e-3, q),
+    ),
+    Mismatch(
+        "kilometres",
+        "metres_per_unit=1000",
+        "its positions are a thousand times too small (the truth in millimetres, or kilometres): write metres",
+        lambda p, q: (p * 1e3, q),
+    ),
+    Mismatch(
+        "swapped left and right images",
+        "",
+        "it moves backwards where the truth moves forwards: the left and right images are swapped",
+        lambda p, q: (-p, q),
+    ),
+    Mismatch(
+        "mirrored left and right",
+        "mirrored=true",
+        "left and right are mirrored (y points right): negate y, and x and z of the quaternions",
+        lambda p, q: (p * MIRROR, q * np.array([-1.0, 1.0, -1.0, 1.0])),
+    ),
+)
+"""The mismatches whose correction has no numbers."""
+
+
+def frame_mismatches(truth: Poses, estimate: Poses, rig: StereoRig | None) -> Iterator[Mismatch]:
+    """Yield that the poses are of another frame of the rover: rotation known or presumed, position known or fitted."""
+    upright = np.array([0.0, 0.0, 0.0, 1.0])
     if rig is not None and rig.T_rb_sb is not None:
-        T_rb_sb, left_in_sb = rig.T_rb_sb, np.array([0.0, 0.5 * rig.baseline_m, 0.0])
-        lever = T_rb_sb.rotation.dot(left_in_sb) + T_rb_sb.translation
-        known = quat_from_matrix(T_rb_sb.rotation.dot(OPTICAL_IN_BODY))
-        frames.append((known, lever, "in place of RB (optical axes)", "frame=left_optical"))
-        frames.append((upright, lever, "in place of RB (axes of RB)", ""))
+        left_in_sb = np.array([0.0, 0.5 * rig.baseline_m, 0.0])
+        lever = rig.T_rb_sb.apply(left_in_sb)
+        known = quat_from_matrix(rig.T_rb_sb.rotation.dot(OPTICAL_IN_BODY))
+        yield _left_camera(known, lever, "in place of RB (optical axes)", "frame=left_optical")
+        yield _left_camera(upright, lever, "in place of RB (axes of RB)", "")
     # motions of the sub-trajectories in the frame of their start, and the rotation that takes their directions to the
     # true ones (Kabsch 1976): axes of rotation and directions of displacement, weighted by their size
-    span = max(2, len(p) // 8)
-    starts = np.unique(np.linspace(0, len(p) - 1 - span, SUB_TRAJECTORIES).astype(np.int64))
-    ends = starts + span
+    starts, ends = _eighths(len(estimate[0]))
     turns, moves, directions = [], [], []
     for positions, attitudes in (truth, estimate):
         back = quat_conjugate(attitudes[starts])
@@ -196,20 +294,32 @@ def _each_undone(truth: Poses, estimate: Poses, rig: StereoRig | None) -> Iterat
         directions.append(np.concatenate((turns[-1][:, :3], moves[-1] / size)))
     u, _, vt = np.linalg.svd(directions[0].T @ directions[1])
     fitted = quat_from_matrix(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)
-    for turn, axes in ((upright, "axes of RB"), (optical, "optical axes"), (fitted, "tilted optical axes")):
+    for turn, axes in ((upright, "axes of RB"), (OPTICAL, "optical axes"), (fitted, "tilted optical axes")):
         # the point whose poses are given: its displacements differ by `R l - l`
         matrix = (matrix_from_quat(turns[0]) - np.eye(3)).reshape(-1, 3)
         lever = np.asarray(np.linalg.lstsq(matrix, (quat_rotate(turn, moves[1]) - moves[0]).ravel(), rcond=1e-3)[0])
-        tilt = float(np.degrees(quat_angle(quat_multiply(turn, quat_conjugate(optical)))))
-        if float(np.sqrt(lever @ lever)) >= MIN_LEVER_M and not (turn is fitted and tilt > MAX_TILT_DEG):
+        tilt_deg = float(np.degrees(quat_angle(quat_multiply(turn, quat_conjugate(OPTICAL)))))
+        is_camera = turn is not fitted or tilt_deg <= MAX_TILT_DEG
+        if float(np.sqrt(lever @ lever)) >= MIN_LEVER_M and is_camera:
             position = ", ".join(f"{value:.2f}" for value in lever)
-            frames.append((turn, lever, f"in place of RB or of another point ({axes}, at {position} m in RB)", ""))
-    for turn, lever, words, setting in frames:
+            words = f"in place of RB or of another point ({axes}, at {position} m in RB)"
+            yield _left_camera(turn, lever, words, "", is_fitted=True)
+
+
+def _left_camera(
+    turn: FloatArray, lever_m: FloatArray, words: str, setting: str, *, is_fitted: bool = False
+) -> Mismatch:
+    """Return that poses are those of a camera at a point of RB."""
+    if not setting:
+        numbers = (*lever_m.tolist(), *turn.tolist())
+        setting = "extrinsics=" + ",".join(repr(round(number, 9)) for number in numbers)
+
+    def undo(p: FloatArray, q: FloatArray) -> Poses:
         of_rb = quat_multiply(q, quat_conjugate(turn))
-        numbers = (*lever.tolist(), *turn.tolist())
-        setting = setting or "extrinsics=" + ",".join(repr(round(number, 9)) for number in numbers)
-        sentence = f"it is the pose of the left camera {words}: transform it by the extrinsics of the camera"
-        yield "left camera", setting, sentence, "another point" in words, (p - quat_rotate(of_rb, lever), of_rb)
+        return p - quat_rotate(of_rb, lever_m), of_rb
+
+    sentence = f"it is the pose of the left camera {words}: transform it by the extrinsics of the camera"
+    return Mismatch("left camera", setting, sentence, undo, is_fitted)
 
 
 def _upright(quats: FloatArray) -> FloatArray:

@@ -5,20 +5,24 @@ Every key names figure and unit; limits are upper bounds, except `coverage_min`.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.config import load_yaml, suggestion
 from sfr_loc_map.errors import ConfigError, MetricsError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.metrics.config import CallKind, Condition, ConditionKind, VerdictState
-from sfr_loc_map.metrics.score import Interval, Score, TrajectoryScore, Verdict
+from sfr_loc_map.metrics.calls import TARGET
+from sfr_loc_map.metrics.catalogue import CATALOGUE, Subject
+from sfr_loc_map.metrics.config import CallKind, Condition, ConditionKind, Rebase, VerdictState, label_of
+from sfr_loc_map.metrics.score import ANY, STATISTICS, Figure, Score, Verdict
+from sfr_loc_map.metrics.statistics import Interval
 
 
 class LimitPart(StrEnum):
@@ -32,58 +36,72 @@ class LimitPart(StrEnum):
     TARGET = "target"
 
 
-@dataclass(frozen=True, slots=True)
-class Figure:
-    """A figure of the score, the number of values it is made of and its 95 % interval, where it has them."""
+class Limited(NamedTuple):
+    """The number that a limit is on: a row of the table of figures, and a column of it."""
 
-    value: float | None = None
-    count: int | None = None
-    interval: Interval | None = None
+    subject: Subject
+    figure: str
+    statistic: str
+    part: str | None = ANY  #: Any: the first row, which is that of the whole, or of the reading that is judged.
+
+    def of_target(self) -> Limited:
+        """Return the same number of the calls that were measured on a target."""
+        return self._replace(part=TARGET if self.part in (ANY, None) else f"{TARGET} {self.part}")
 
 
 COVERAGE_MIN = "coverage_min"  #: The one limit that is a lower bound.
-STATISTICS = ("mean", "sigma", "mean_plus_3sigma")
+CALL_STATISTICS = ("mean", "mean_plus_3sigma", "p50", "p95", "p99", "max")
 
-# A limit is added here: its key, which ends in its unit (report.score_tables.limit_unit), and where its figure stands.
-# Limits of a suite are judged by suite/summary.py: those of trajectories by pooled figures, others by the worst drive.
-PLACES: dict[LimitPart, dict[str, str]] = {
+
+def _names(subject: Subject, statistics: Sequence[str], part: str | None) -> dict[str, Limited]:
+    """Return the names of limits on the figures of a subject, which end in the unit: `position_mean_plus_3sigma_m`."""
+    return {
+        f"{kind.name}_{statistic}_{kind.unit}": Limited(subject, kind.name, statistic, part)
+        for kind in CATALOGUE
+        if kind.subject is subject
+        for statistic in statistics
+    }
+
+
+PLACES: dict[LimitPart, dict[str, Limited]] = {
     LimitPart.COMPLETENESS: {
-        **{
-            f"{name}_max_share": f"trajectory.completeness.{name}_share"
-            for name in ("missing", "lost", "degraded", "unmatched", "doubled")
-        },
-        **{
-            f"{name}_max_share": f"map.completeness.{name}_share"
-            for name in ("points_without_truth", "pairs_without_cloud")
-        },
+        f"{kind.name}_max_share": Limited(Subject.COMPLETENESS, kind.name, "value", None)
+        for kind in CATALOGUE
+        if kind.subject is Subject.COMPLETENESS and kind.name not in ("judged", "longest_gap")
     },
     LimitPart.TRAJECTORY: {
-        f"{error}_{statistic}_{unit}": f"{error}_{unit}.{statistic}"
-        for error, unit in (("position", "m"), ("attitude", "deg"), ("heading", "deg"), ("chord", "m"))
-        for statistic in STATISTICS
+        name: limited
+        for name, limited in _names(Subject.TRAJECTORY, STATISTICS, ANY).items()
+        if limited.figure not in ("ape", "rpe")
     },
     LimitPart.MAP: {
-        **{f"point_error_{name}_m": f"errors.point_error_m.{name}" for name in (*STATISTICS, "p50", "p95")},
-        COVERAGE_MIN: "coverage",
+        **{
+            name: limited
+            for name, limited in _names(Subject.MAP, STATISTICS, None).items()
+            if limited.figure == "point_error"
+        },
+        COVERAGE_MIN: Limited(Subject.MAP, "coverage", "value", None),
     },
     LimitPart.TIMING: {
-        "mapping_call_s": "mapping_call.max",
-        **{
-            f"{kind}_{statistic}_s": f"{kind}.{statistic}"
-            for kind in CallKind
-            for statistic in ("mean", "mean_plus_3sigma", "p50", "p95", "p99", "max")
-        },
+        "mapping_call_s": Limited(Subject.TIMING, CallKind.MAPPING_CALL.value, "max", None),
+        **_names(Subject.TIMING, CALL_STATISTICS, None),
     },
     LimitPart.MEMORY: {
-        f"{kind}_{peak}_bytes": f"{kind}.{peak}_bytes"
-        for kind in (CallKind.LOCALISATION, CallKind.MAPPING, CallKind.MAPPING_CALL)
-        for peak in ("peak", "above_idle", "heap_peak", "stack_peak")
+        f"{call}_{kind.name}_bytes": Limited(Subject.MEMORY, kind.name, "value", call.value)
+        for call in (CallKind.LOCALISATION, CallKind.MAPPING, CallKind.MAPPING_CALL)
+        for kind in CATALOGUE
+        if kind.subject is Subject.MEMORY
     },
 }
-"""Where each figure that a limit names stands: of a condition, or of the part of the score."""
+"""The number that each name of a limits file limits, by the parts of the file; names follow from the catalogue."""
 REQUIREMENT = {"id": str, "text": str, "certain": bool}  #: What a requirement says of itself.
 NEEDED = {str: "a text, in quotes, is needed", bool: "true or false is needed"}
-SHARES = PLACES[LimitPart.COMPLETENESS]  #: They may stand in the parts `trajectory` and `map` too.
+OF_MAP = ("points_without_truth", "pairs_without_cloud")  #: Figures of completeness that are about the map.
+SHARES = {
+    name: LimitPart.MAP if limited.figure in OF_MAP else LimitPart.TRAJECTORY
+    for name, limited in PLACES[LimitPart.COMPLETENESS].items()
+}
+"""Limits of completeness, which may be in another part of the file, too."""
 NAMES: Mapping[LimitPart, Collection[str]] = {
     **PLACES,
     LimitPart.TARGET: [*PLACES[LimitPart.TIMING], *PLACES[LimitPart.MEMORY]],
@@ -102,6 +120,19 @@ class Limit:
     id: str | None = None  #: Number of the requirement.
     text: str | None = None  #: Its text.
     certain: bool = False  #: Whether a pass needs the whole 95 % interval to lie within the limit.
+
+    @property
+    def limited(self) -> Limited:
+        """The number that is limited."""
+        if self.part is LimitPart.TARGET:
+            names = PLACES[LimitPart.TIMING] | PLACES[LimitPart.MEMORY]
+            return names[self.key].of_target()
+        return PLACES[self.part][self.key]
+
+    @property
+    def is_on_one_call(self) -> bool:
+        """Whether one call makes what is limited, so that no number of values is required."""
+        return self.key in ("mapping_call_s", "mapping_call_max_s")
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,15 +190,15 @@ def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
 
 def limits_of(verdicts: Collection[Verdict]) -> Limits | None:
     """Return the limits that verdicts are on, None for none; fewest values and conditions are as by default."""
-    found = []
+    found: list[Limit] = []
     for item in verdicts:
-        key = item.metric.removeprefix("target ")
-        parts = (
-            [LimitPart.TARGET] if key != item.metric else [part for part in LimitPart if key in PLACES.get(part, ())]
-        )
+        key = item.name.removeprefix("target ")
+        parts = [part for part in LimitPart if key in PLACES.get(part, ())]
+        if key != item.name:
+            parts = [LimitPart.TARGET]
         if parts:
-            requirement = {"id": item.id, "text": item.text, "certain": item.needs_certainty}
-            found.append(Limit(parts[0], key, item.limit, item.condition, **requirement))  # type: ignore[arg-type]
+            condition = None if item.condition is None else Condition.parse(item.condition)
+            found.append(Limit(parts[0], key, item.limit, condition, item.id, item.text, item.needs_certainty))
     return Limits(tuple(found)) if found else None
 
 
@@ -175,7 +206,7 @@ def _limits_of(part: LimitPart, block: object, origin: str, condition: Condition
     """Return the limits of a block; `id`, `text` and `certain` are of all of it, or of one limit `{limit: ...}`."""
     if not isinstance(block, Mapping):
         raise ConfigError(f"{origin}: a mapping of names to limits is needed, found {type(block).__name__}")
-    shares = [key for key, place in SHARES.items() if place.startswith(f"{part}.")]
+    shares = [key for key, other in SHARES.items() if other is part]
     _check_keys(block, (*NAMES[part], *shares, *REQUIREMENT), origin)
     of_all = {key: block[key] for key in REQUIREMENT if key in block}
     made = []
@@ -207,66 +238,131 @@ def _check_keys(block: Mapping[str, Any], known: Collection[str], origin: str) -
             raise ConfigError(f"{origin}: unknown key '{key}'{suggestion(str(key), known)}")
 
 
+# ---- verdicts
+
+
+def judged(score: Score, limits: Limits | None) -> Score:
+    """Return a score with the verdict on each limit, and over all."""
+    return with_verdict(struct_replace(score, verdicts=verdicts(limits, score)))
+
+
+def with_verdict(score: Score) -> Score:
+    """Return a score with the verdict over all its verdicts."""
+    return struct_replace(score, verdict=overall_verdict(score))
+
+
+def overall_verdict(score: Score) -> VerdictState | None:
+    """Return the verdict over all limits; no figure judges where estimate and truth contradict each other.
+
+    A method that did something wrong has failed, whatever its figures, and where no limit was given.
+    """
+    if score.failures:
+        return VerdictState.FAIL
+    if score.contradiction is not None:
+        return None
+    states = [item.state for item in score.verdicts if item.state is not VerdictState.INCOMPLETE]
+    if VerdictState.FAIL in states:
+        return VerdictState.FAIL
+    if score.incomplete is not None:
+        return VerdictState.INCOMPLETE
+    if not states:
+        return None
+    return VerdictState.PASS if set(states) == {VerdictState.PASS} else VerdictState.NOT_ENOUGH_DATA
+
+
 def verdicts(limits: Limits | None, score: Score) -> tuple[Verdict, ...]:
     """Return the verdict on each limit: pass, fail, or not enough data.
 
     First of all those that need no limit: on what the method did wrong; and, where there are limits, that the estimate
     is incomplete. A figure passes at its limit; a mean of a signed figure (heading) is taken without its sign.
-    `certain` tells whether the 95 % interval lies on one side of the limit, None where there is no interval.
+    `certain` says whether the 95 % interval lies on one side of the limit, None where there is no interval.
     """
-    judged = list(finding_verdicts(score))
+    found = list(finding_verdicts(score))
     if limits is None:
-        return tuple(judged)
-    if score.incomplete is not None and score.trajectory is not None and score.trajectory.completeness is not None:
-        judged.append(incomplete_verdict(score.trajectory.completeness.judged_share))
+        return tuple(found)
+    if score.incomplete is not None and score.has(Subject.TRAJECTORY):
+        found.append(incomplete_verdict(score.number("judged")))
     for limit in limits.limits:
         verdict = verdict_on(limit, figure_of(limit, score), limits.minimum_count)
-        judged.append(replace(verdict, by_reading=_by_reading(limit, score, limits.minimum_count)))
-    return tuple(judged)
+        found.append(struct_replace(verdict, by_reading=_by_reading(limit, score, limits.minimum_count)))
+    return tuple(found)
 
 
 def finding_verdicts(score: Score) -> Iterator[Verdict]:
     """Yield a failed verdict for each kind of finding with which no score can be a pass."""
     for item in score.failures:
-        yield _plain_verdict(f"{item.kind.replace(' ', '_')}_calls", 0.0, float(item.count), VerdictState.FAIL)
+        yield plain_verdict(f"{item.kind.replace(' ', '_')}_calls", 0.0, float(item.count), VerdictState.FAIL)
 
 
 def incomplete_verdict(share: float | None) -> Verdict:
     """Return the verdict on an estimate of a part of the drive, of which so much was judged."""
-    return _plain_verdict("judged_share_min", 1.0, share, VerdictState.INCOMPLETE)
+    return plain_verdict("judged_share_min", 1.0, share, VerdictState.INCOMPLETE)
 
 
-def _plain_verdict(metric: str, limit: float, value: float | None, state: VerdictState) -> Verdict:
+def plain_verdict(name: str, limit: float, value: float | None, state: VerdictState) -> Verdict:
+    """Return a verdict that is on no figure of the table."""
     margin = None if value is None else min(value - limit, limit - value)
-    figure: dict[str, Any] = {"metric": metric, "limit": limit, "value": value, "margin": margin, "state": state}
-    return Verdict(**figure, ci95=None, count=None, certain=None)
+    return Verdict(name=name, limit=limit, value=value, margin=margin, state=state)
 
 
-def verdict_on(limit: Limit, figure: Figure, minimum_count: int) -> Verdict:
-    """Return the verdict on a figure; without a count it is not made of many values."""
+class LimitedFigure(NamedTuple):
+    """The number that a limit is on, how many values it is made of and its 95 % interval, where it has them."""
+
+    value: float | None = None
+    n: int | None = None
+    interval: Interval | None = None
+    row: Figure | None = None
+
+
+def figure_of(limit: Limit, score: Score, part: str | None = ANY) -> LimitedFigure:
+    """Return the number that a limit is on, by the reading that is judged or, of a trajectory, by another part."""
+    limited = limit.limited
+    place = limited.part if part == ANY else part
+    condition = ANY if limit.condition is None else limit.condition
+    row = score.figure(limited.figure, subject=limited.subject, condition=condition, part=place)
+    if row is None:
+        return LimitedFigure()
+    is_counted = limited.statistic in STATISTICS and not limit.is_on_one_call
+    interval = row.interval if limited.statistic == "mean_plus_3sigma" else None
+    return LimitedFigure(row.statistic(limited.statistic), row.n if is_counted else None, interval, row)
+
+
+def verdict_on(limit: Limit, figure: LimitedFigure, minimum_count: int) -> Verdict:
+    """Return the verdict on a number; without a count it is not made of many values."""
     value, interval, certain = figure.value, figure.interval, None
-    state, margin = VerdictState.NOT_ENOUGH_DATA, None if value is None else limit.limit - abs(value)
-    if value is not None and (figure.count is None or figure.count >= minimum_count):
+    state = VerdictState.NOT_ENOUGH_DATA
+    if value is not None and (figure.n is None or figure.n >= minimum_count):
         certain = None if interval is None else not interval[0] <= limit.limit < interval[1]
         counted = limit.part is LimitPart.COMPLETENESS  # not estimated: there is nothing uncertain
         if not meets(limit, value):
             state = VerdictState.FAIL
         elif certain or counted or not limit.certain:
             state = VerdictState.PASS
+    limited, row = limit.limited, figure.row
     return Verdict(
-        metric=f"target {limit.key}" if limit.part is LimitPart.TARGET else limit.key,
         id=limit.id,
         text=limit.text,
+        name=f"target {limit.key}" if limit.part is LimitPart.TARGET else limit.key,
+        subject=limited.subject,
+        condition=None if limit.condition is None else limit.condition.setting,
+        part=None if row is None else row.part,
+        figure=limited.figure,
+        statistic=limited.statistic,
         limit=limit.limit,
         value=value,
-        ci95=interval,
-        margin=-margin if margin is not None and limit.key == COVERAGE_MIN else margin,
-        condition=limit.condition,
-        count=figure.count,
+        low95=None if interval is None else interval[0],
+        high95=None if interval is None else interval[1],
+        margin=None if value is None else margin_of(limit, value),
+        n=figure.n,
         state=state,
         certain=certain,
         needs_certainty=limit.certain,
     )
+
+
+def margin_of(limit: Limit, value: float) -> float:
+    """Return the distance from a value to its limit, negative where the limit is missed."""
+    return value - limit.limit if limit.key == COVERAGE_MIN else limit.limit - abs(value)
 
 
 def meets(limit: Limit, value: float) -> bool:
@@ -276,39 +372,13 @@ def meets(limit: Limit, value: float) -> bool:
 
 def _by_reading(limit: Limit, score: Score, minimum_count: int) -> dict[str, VerdictState]:
     """Return whether the figure of each reading of the document meets a limit; the intervals are of one reading."""
-    drive = score.trajectory
-    owner = None if drive is None or limit.condition is None else drive.of(limit.condition)
-    if owner is None or owner.readings is None or limit.key.startswith("chord"):  # that is the same in each
+    if limit.condition is None or limit.part is not LimitPart.TRAJECTORY:
         return {}
-    place = PLACES[limit.part][limit.key]
-    found = {name: value_at(reading, place) for name, reading in vars(owner.readings).items()}
     loose = replace(limit, certain=False)
-    return {name: verdict_on(loose, Figure(value, owner.count), minimum_count).state for name, value in found.items()}
-
-
-def figure_of(limit: Limit, score: Score) -> Figure:
-    """Return the figure that a limit is on."""
-    part, of_target = limit.part, limit.part is LimitPart.TARGET
-    if of_target:
-        part = LimitPart.TIMING if limit.key in PLACES[LimitPart.TIMING] else LimitPart.MEMORY
-    owner: object = getattr(score.target if of_target else score, part, None)
-    if part is LimitPart.COMPLETENESS:
-        owner = score
-    if isinstance(owner, TrajectoryScore) and limit.condition is not None:
-        owner = owner.of(limit.condition)
-    *way, last = PLACES[part][limit.key].split(".")
-    statistic = value_at(owner, ".".join(way)) if way else owner
-    count = getattr(statistic, "count", getattr(owner, "count", None))
-    if limit.key in ("mapping_call_s", "mapping_call_max_s"):
-        count = None  # one call makes a map: its time is the figure
-    return Figure(getattr(statistic, last, None), count, getattr(statistic, f"{last}_ci95", None))
-
-
-def value_at(record: object, place: str) -> Any:  # noqa: ANN401 - of whatever type it has there
-    """Return what stands at a place of a record such as `map.coverage`, None where a part of it is absent."""
-    for name in place.split("."):
-        record = getattr(record, name, None)
-    return record
+    found = {str(reading): figure_of(limit, score, reading) for reading in Rebase if not reading.is_fit}
+    if any(figure.row is None for figure in found.values()):  # chord errors are the same by each reading
+        return {}
+    return {name: verdict_on(loose, figure, minimum_count).state for name, figure in found.items()}
 
 
 # ---- what could not be judged, and why
@@ -319,23 +389,27 @@ def reasons_not_judged(score: Score, asked: Collection[Condition] = ()) -> tuple
     if score.contradiction is not None:
         return (score.contradiction,)
     whole = () if score.incomplete is None else (f"incomplete: {score.incomplete}",)
-    drive, errors = score.trajectory, None if score.map is None else score.map.errors
-    unmet: dict[Condition | None, str] = {}
-    if drive is not None:
-        never = (part.condition for part in drive.conditions if not part.count)
+    unmet: dict[str | None, str] = {}
+    if (drive := score.association) is not None:
         extent = drive.matched, drive.path_length_m, drive.duration_s or 0.0
-        unmet = {item: _reason(item, *extent) for item in never if not asked or item in asked}
+        for row in score.rows("position", part=str(drive.rebase)):
+            if row.condition is not None and not row.n:
+                condition = Condition.parse(row.condition)
+                if not asked or condition in asked:
+                    unmet[row.condition] = _reason(condition, *extent)
     reasons = [*whole, *unmet.values()]
-    if errors is not None and not errors.point_error_m.count:
+    points = score.figure("point_error")
+    if points is not None and not points.n:
         reasons.append("map: no point of the cloud has a true point")
     for item in score.verdicts:
         if item.state is VerdictState.NOT_ENOUGH_DATA and item.condition not in unmet:
-            over = "" if item.condition is None else f" over {item.condition.label}"
-            few = f"only {item.count} values" if item.count else "no data"
-            if item.needs_certainty and item.value is not None and (item.ci95 is None or item.certain is not None):
-                few = f"'certain' needs its 95 % interval {'' if item.ci95 is None else 'within the limit'}".rstrip()
-                few += ", which it does not have" if item.ci95 is None else ""
-            reasons.append(f"limit {item.metric}{over}: {few}")
+            over = "" if item.condition is None else f" over {label_of(item.condition)}"
+            few = f"only {item.n} values" if item.n else "no data"
+            interval = item.interval
+            if item.needs_certainty and item.value is not None and (interval is None or item.certain is not None):
+                few = f"'certain' needs its 95 % interval {'' if interval is None else 'within the limit'}".rstrip()
+                few += ", which it does not have" if interval is None else ""
+            reasons.append(f"limit {item.name}{over}: {few}")
     return tuple(reasons)
 
 

@@ -1,433 +1,257 @@
-"""The score: what `sfr score`, `sfr replay` and the monitor node say about a run, as values.
+"""The score: one table of figures, a table of verdicts, and a few records about how they were made.
 
-Numbers in brackets are clauses of the specification; docs/metrics.md has the rules in full. N is the start of a
-sub-trajectory, N+x its end, n the number of sub-trajectories or values. None is a figure that is undefined (too few
-values) or a part that is absent. `metrics.score_json` writes and reads the JSON, in which every field stands under its
-own name unless an annotation says otherwise. The comments at the fields are its reference (docs/reference/score.md).
+`Score.figure` finds a row of the table: `score.figure("position", condition="distance=5")`. JSON (`sfr-score/2`) is
+written and read by msgspec alone (`metrics.score_json`): every field has its own name there, what does not apply is
+null or left out. The comments at the fields are its reference (docs/reference/score.md). Numbers in brackets are
+clauses of the specification. N is the start of a sub-trajectory, N+x its end.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import MISSING, Field, dataclass, field, fields
+import math
+from collections.abc import Iterator
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, dataclass_transform
+from typing import TYPE_CHECKING, Any
 
-from sfr_loc_map.metrics.config import AssociationMode, CallKind, CloudKind, Condition, Rebase, VerdictState
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
-Interval = tuple[float, float]  #: Lower and upper bound of a 95 % interval.
+from sfr_loc_map.errors import MissingExtraError
+from sfr_loc_map.metrics.catalogue import KINDS, Subject
+from sfr_loc_map.metrics.config import AssociationMode, CloudKind, Condition, Rebase, VerdictState
+from sfr_loc_map.metrics.statistics import Interval
+
+if TYPE_CHECKING:
+    import pandas
+
+SCHEMA = "sfr-score/2"
 Column = tuple[float | None, ...]  #: One entry a row; None where a value is undefined.
 Integers = tuple[int, ...]
+ANY = "*"  #: In a look-up: whatever the rows have there.
 
 
-class Key(NamedTuple):
-    """Annotation: the key of a field in JSON, where it is not the field's name."""
-
-    name: str
-
-
-class Inline(NamedTuple):
-    """Annotation: the keys of a field stand in its owner's object, after a prefix; all absent: the field is None."""
-
-    prefix: str = ""
+def column(values: NDArray[np.floating], digits: int | None = 9) -> Column:
+    """Return numbers for plots, rounded (figures are not) unless digits is None; None where not finite."""
+    numbers = np.asarray(values, np.float64)
+    rounded = numbers if digits is None else np.round(numbers, digits)
+    return tuple(number if math.isfinite(number) else None for number in rounded.tolist())
 
 
-@dataclass_transform(frozen_default=True, kw_only_default=True)
-class Record:
-    """Base of what is written as JSON: classes derived from it are frozen dataclasses with keywords only."""
-
-    if TYPE_CHECKING:  # no field of it
-        __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
-
-    def __init_subclass__(cls) -> None:
-        dataclass(frozen=True, kw_only=True)(cls)
+class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):
+    """Base of everything that is written as JSON."""
 
 
-class Columns(Record):
-    """Record whose tuples are the columns of one table, of one length; those with a default may be empty."""
+class Columns(Record, frozen=True, kw_only=True):
+    """Record whose tuples are the columns of one table; an empty column is unknown."""
 
-    def check(self) -> None:
-        """Check the lengths of what was read; ValueError if they differ."""
-        columns = ((getattr(self, item.name), item.default is MISSING) for item in fields(self))
-        if len({len(part) for part, needed in columns if isinstance(part, tuple) and (part or needed)}) > 1:
+    def __post_init__(self) -> None:
+        """Check that all known columns have one length; ValueError if they differ."""
+        columns = (value for value in msgspec.structs.asdict(self).values() if isinstance(value, tuple))
+        if len({len(column) for column in columns if column}) > 1:
             raise ValueError("its columns differ in length")
 
 
-# ---- what is said of many values
+# ---- the table of figures
 
 
-class Statistic(Record):
-    """Mean and scatter of one error."""
+class Figure(Record, frozen=True, kw_only=True):
+    """One row of the table of figures. Undefined or not applicable is null."""
 
-    mean: float | None  #: Sum of the values over n; of a vector the norm of the mean vector [4.1.3].
-    sigma: float | None  #: `sqrt(sum (e_i - mean)^2 / (n - 1))`; of a vector the norm of those of its axes [4.1.3].
-    mean_plus_3sigma: float | None  #: `|mean| + 3 sigma`.
-
-
-class IntervalStatistic(Statistic):
-    """Mean and scatter of one error over sub-trajectories, with the interval of their sum."""
-
-    mean_plus_3sigma_ci95: Interval | None  #: 95 % interval, see `metrics.statistics`.
-
-
-class SampleStatistic(Record):
-    """Mean, scatter and percentiles of a set of single values."""
-
-    count: int  #: Number of values n.
-    mean: float | None  #: `sum e_i / n`.
-    sigma: float | None  #: `sqrt(sum (e_i - mean)^2 / (n - 1))` [4.1.3].
-    mean_plus_3sigma: float | None  #: `mean + 3 sigma`.
-    p50: float | None  #: Median, interpolated linearly between values.
-    p95: float | None  #: 95th percentile, alike.
-
-
-class NeesPart(Record):
-    """Normalised estimation error squared of some components (Bar-Shalom, Li, Kirubarajan 2001, section 5.4)."""
-
-    mean: float | None  #: `sum e_i^T Q_i^-1 e_i / n`, Q the covariance of the end given the start.
-    expected: float  #: Number of components: the mean of an honest covariance.
-    interval95: Interval | None  #: 2.5 % and 97.5 % points of chi-square with `expected n` degrees of freedom, over n.
-    consistent: bool | None  #: Whether the mean lies in it.
-
-
-class NeesScore(Record):
-    """Whether the published covariance is honest; over sub-trajectories that share no frame."""
-
-    count: int  #: Sub-trajectories with a usable covariance.
-    not_usable: int  #: Sub-trajectories over which the covariance did not grow, so that it cannot be tested.
-    from_steps: int = 0  #: Those judged by the covariances of the steps between, not by the growth of the published.
-    pose: NeesPart  #: Position and attitude, 6 components.
-    position: NeesPart  #: 3 components.
-    attitude: NeesPart  #: 3 components.
-
-
-class ErrorComponents(Record):
-    """The position error by directions, m, means with their signs."""
-
-    x_m: Statistic  #: Along x of DS.
-    y_m: Statistic  #: Along y of DS.
-    z_m: Statistic  #: Along z of DS.
-    along_m: Statistic  #: Along the horizontal direction of the true displacement from N to N+x.
-    cross_m: Statistic  #: To the left of it.
-    vertical_m: Statistic  #: Along z of DS.
-
-
-class ReadingScore(Record):
-    """The errors of one condition by one reading of the document."""
-
-    position_m: Statistic  #: As in `ConditionScore`.
-    attitude_deg: Statistic  #: As in `ConditionScore`.
-    heading_deg: Statistic  #: As in `ConditionScore`.
-
-
-class Readings(Record):
-    """The errors of one condition by each reading of the document; see `rebase`."""
-
-    pose: ReadingScore  #: The whole pose at N is taken away.
-    displacement: ReadingScore  #: Displacements in DS, and changes since N, are compared: the document to the letter.
-    position: ReadingScore  #: The position at N alone is taken away.
-
-
-class ConditionScore(Record):
-    """The errors over the sub-trajectories of one condition [4.1.1, 4.1.2, 4.2.3]."""
-
-    count: int  #: Number of sub-trajectories n.
-    condition: Condition  #: What ends a sub-trajectory [4.1.1].
-    spacing_frames: int  #: Frames from one start to the next.
-    #: How error from before N is kept out [4.1.2]: `T_gt(N) inv(T_est(N)) T_est(N+x)` is compared with `T_gt(N+x)`
-    #: (pose); displacements in DS, and changes of attitude and heading since N, are compared (displacement); or only
-    #: the position offset at N is taken away (position).
-    #: Where the truth has no attitudes, the yaw of the estimate is fitted to it over the drive, then as position
-    #: (yaw_aligned), or its whole rotation where its z is tilted (rotation_aligned): error from before N counts.
-    rebase: Rebase
-    position_m: IntervalStatistic  #: Estimate less truth in DS: norms of mean vector and of sigmas [4.2.3.1].
-    attitude_deg: IntervalStatistic  #: `2 atan2(|v|, |w|)` of the rotation (v, w) between both [4.2.3.2].
-    heading_deg: IntervalStatistic  #: Of the RB x-axis, estimate less truth, in (-180, 180] [4.2.3.3].
-    chord_m: IntervalStatistic | None = None  #: Distance from N to N+x, estimate less truth: needs no attitudes.
-    overlap: float  #: Starts within one sub-trajectory on average; n / overlap of them are independent.
-    nees: NeesScore | None  #: Consistency of the covariance, None where none was published.
-    components: ErrorComponents  #: Position error by directions.
-    readings: Readings | None = None  #: The same errors by each reading; None in scores of versions before 0.2.
-
-
-class DistanceScore(Record):
-    """The errors over sub-trajectories of one length, for the error against distance."""
-
-    distance_m: float  #: Length of the sub-trajectories.
-    count: int  #: Their number.
-    position_m: Statistic  #: As in `ConditionScore`.
-    attitude_deg: Statistic  #: As in `ConditionScore`.
-    heading_deg: Statistic  #: As in `ConditionScore`.
-
-
-class AssociationCounts(Record):
-    """What became of the poses given."""
-
-    estimate_poses: int = 0  #: Estimates given.
-    truth_poses: int = 0  #: True poses given.
-    estimate_duplicates: int = 0  #: Estimates left out because a later one has the same stamp.
-    truth_duplicates: int = 0  #: The same of the truth.
-    estimate_unordered: int = 0  #: Estimates that came after one with a later stamp (sorted, not left out).
-    truth_unordered: int = 0  #: The same of the truth.
-    late: int = 0  #: Poses that a live score of versions before 0.3 left out because they came too late.
-    exact: int = 0  #: Frames whose stamps are equal.
-    near: int = 0  #: Frames whose stamps differ within the tolerance.
-    interpolated: int = 0  #: Frames with interpolated truth.
-    lost: int = 0  #: Frames at which the localiser was lost.
-    degraded: int = 0  #: Frames at which it gave a pose that it has a reason to doubt.
-    largest_difference_ns: int = 0  #: Of stamps of one frame.
-    largest_gap_ns: int = 0  #: Of the truth interpolated.
-
-
-class AssociationScore(Record):
-    """How estimates found their truth."""
-
-    counts: Annotated[AssociationCounts, Inline()]  #: What became of the poses.
-    mode: Annotated[AssociationMode, Key("truth")]  #: How it was done.
-    tolerance_s: float  #: Stamps this close are the same.
-    max_gap_s: float  #: Longest gap of the truth that is interpolated.
-
-
-class Completeness(Record):
-    """What of the drive the estimate covers; see `metrics.completeness`."""
-
-    truth_poses: int  #: True poses given.
-    images: int | None = None  #: Images of the drive; None where they are not known.
-    matched: int  #: Frames: poses of the truth that have an estimate.
-    missing: int  #: Images without an estimate; where images are not known, true poses in gaps between estimates.
-    lost: int  #: Frames at which the localiser was lost.
-    degraded: int  #: Frames at which it gave a pose that it has a reason to doubt.
-    unmatched_estimates: int  #: Estimates without a truth.
-    doubled_stamps: int  #: Estimates left out because a later one has the same stamp.
-    judged_share: float  #: Of the images those with an estimate; else of the truth's path what lies outside of gaps.
-    missing_share: float  #: The rest.
-    lost_share: float | None  #: Lost frames over frames.
-    degraded_share: float | None  #: Degraded frames over frames.
-    unmatched_share: float | None = None  #: Estimates without a truth over all stamps of estimates.
-    doubled_share: float | None = None  #: Estimates left out because a later one has the same stamp, over all given.
-    longest_gap_m: float  #: Longest path without an estimate.
-    longest_gap_s: float  #: Longest time without an estimate.
-    incomplete: str | None = None  #: Why the estimate is none of the whole drive; None where it is.
-
-
-class TruthRecord(Record):
-    """What is known of a truth that has noise, or positions alone."""
-
-    attitude: bool  #: Whether it has attitudes; without them attitude and heading errors are not known.
-    sigma_m: float | None  #: Standard deviation of its positions along each axis; None: taken as exact.
-    sigma_deg: float | None  #: Standard deviation of its attitudes about each axis; None: taken as exact.
-    path_excess: float | None = None  #: Share by which its noise lengthens its path, `2 (sigma / step)^2`.
-    lever_arm_m: tuple[float, ...] = ()  #: Point in RB that its positions are of; the estimate was taken there.
-    yaw_deg: float | None = None  #: Yaw that was fitted: turns the estimate.
-    tilt_deg: float | None = None  #: Angle by which z was tilted with it; None where only the yaw was fitted.
-    translation_m: tuple[float, ...] = ()  #: Translation that was fitted, after the turn.
-
-
-class TrajectoryScore(Record):
-    """The errors of a trajectory."""
-
-    first: Annotated[ConditionScore, Inline()]  #: Score of the first condition.
-    matched: int  #: Frames: poses of the truth that have an estimate.
-    estimate_poses: int  #: Estimates given.
-    lost: int  #: Frames at which the localiser was lost: they count like any other.
-    degraded: int = 0  #: Frames at which it gave a pose that it has a reason to doubt: they count like any other.
-    path_length_m: float  #: Length of the truth's path over the frames.
-    duration_s: float | None  #: From the first to the last frame.
-    discarded_starts: Annotated[int, Key("starts_given_up")] = 0  #: None since every pose is kept.
-    association: AssociationScore  #: How estimates found their truth.
-    completeness: Completeness | None = None  #: What of the drive is covered; None in scores before 0.2.
-    truth: TruthRecord | None = None  #: None of a truth with attitudes that is taken as exact.
-    several: Annotated[tuple[ConditionScore, ...], Key("conditions")] = ()  #: All, where there are more than one.
-    by_distance: tuple[DistanceScore, ...]  #: Error against distance.
+    clause: str = ""  #: Clause of the specification that defines the figure; empty if the specification does not.
+    subject: Subject  #: What the figure is about.
+    condition: str | None = None  #: Condition that ends the sub-trajectories [4.1.1], as on the command line.
+    #: Which part of the figure: the reading of the document (`pose`, `displacement`, `position`), an axis or direction
+    #: (`x`, `along`), a range (`0-4 m`), a pair (`pair 0`), a kind or stage of calls, a distance (`5 m`).
+    part: str | None = None
+    figure: str  #: Name of the figure.
+    unit: str  #: `m`, `deg`, `px`, `s`, `bytes`; `1` for counts and fractions.
+    n: int | None = None  #: Number of values.
+    independent: float | None = None  #: How many of them are independent: n over the overlap of sub-trajectories.
+    mean: float | None = None  #: Mean; of position errors the norm of the mean vector [4.2.3.1].
+    sigma: float | None = None  #: Standard deviation with n - 1 [4.1.3]; of position errors the norm of those of axes.
+    mean_plus_3sigma: float | None = None  #: `|mean| + 3 sigma`.
+    low95: float | None = None  #: Lower bound of the 95 % interval of mean + 3 sigma; of a NEES, of consistent means.
+    high95: float | None = None  #: Upper bound of that interval.
+    rmse: float | None = None  #: Root mean square of the sizes.
+    p50: float | None = None  #: Median of the sizes, interpolated linearly.
+    p95: float | None = None  #: 95 % quantile of the sizes.
+    p99: float | None = None  #: 99 % quantile of the sizes.
+    max: float | None = None  #: Largest size.
+    value: float | None = None  #: The number of a count, fraction or peak; of a NEES the expected mean.
 
     @property
-    def conditions(self) -> tuple[ConditionScore, ...]:
-        """Scores of all conditions."""
-        return self.several or (self.first,)
+    def interval(self) -> Interval | None:
+        """Both bounds of the 95 % interval, None where it is undefined."""
+        return None if self.low95 is None or self.high95 is None else (self.low95, self.high95)
 
-    def of(self, condition: Condition) -> ConditionScore | None:
-        """Return the score of a condition, None if it was not scored."""
-        return next((item for item in self.conditions if item.condition == condition), None)
+    def statistic(self, name: str) -> float | None:
+        """Return the number of a column."""
+        found: float | None = self.as_dict()[name]
+        return found
 
-
-class ErrorStatistics(Record):
-    """What is said of single errors e_i that are never negative."""
-
-    rmse: float | None  #: `sqrt(sum e_i^2 / n)`.
-    mean: float | None  #: `sum e_i / n`.
-    median: float | None  #: Interpolated between the two in the middle.
-    std: float | None  #: `sqrt(sum (e_i - mean)^2 / n)`: over n, not n - 1.
-    min: float | None  #: Smallest.
-    max: float | None  #: Largest.
+    def as_dict(self) -> dict[str, Any]:
+        """Return all columns by name."""
+        return msgspec.structs.asdict(self)
 
 
-class AlignmentTransform(Record):
-    """What was applied to the estimate: `p -> scale R p + t`."""
-
-    scale: float  #: Factor of the positions, 1 except for sim3.
-    quat_xyzw: tuple[float, ...]  #: Rotation R, scalar last.
-    translation_m: tuple[float, ...]  #: t.
+STATISTICS = ("mean", "sigma", "mean_plus_3sigma", "rmse", "p50", "p95", "p99", "max")
+"""Columns of numbers that are made of many values."""
+COLUMNS = tuple(Figure.__struct_fields__)
 
 
-class AlignedError(Record):
-    """One error of a trajectory as other tools give it."""
+def figure_row(
+    figure: str, condition: str | None = None, part: str | None = None, unit: str = "", **numbers: float | None
+) -> Figure:
+    """Return the row of a figure of the catalogue, with its clause, its subject and, unless given, its unit."""
+    kind = KINDS[figure]
+    place = None if part is None else str(part)
+    row: dict[str, Any] = {"condition": condition, "part": place, "figure": kind.name, "unit": unit or kind.unit}
+    return Figure(clause=kind.clause, subject=kind.subject, **row, **numbers)  # type: ignore[arg-type]
 
-    description: str  #: Metric, alignment and association in one line.
-    alignment: str  #: How the estimate was aligned: `none`, `origin`, `se3` or `sim3`.
-    association: str  #: How poses of estimate and truth were paired.
+
+def find_rows(
+    figures: tuple[Figure, ...],
+    figure: str = ANY,
+    *,
+    subject: str = ANY,
+    condition: str | Condition | None = ANY,
+    part: str | None = ANY,
+) -> Iterator[Figure]:
+    """Yield the rows that have these values, in their order."""
+    if isinstance(condition, Condition):
+        condition = condition.setting
+    elif condition is not None and condition != ANY:
+        condition = Condition.parse(condition).setting
+    for row in figures:
+        fits = (
+            figure in (ANY, row.figure),
+            subject in (ANY, row.subject),
+            condition in (ANY, row.condition),
+            part in (ANY, row.part),
+        )
+        if all(fits):
+            yield row
+
+
+# ---- verdicts
+
+
+class Verdict(Record, frozen=True, kw_only=True):
+    """The verdict on one limit."""
+
+    id: str | None = None  #: Number of the requirement, as the limits file gives it.
+    text: str | None = None  #: Text of the requirement, likewise.
+    name: str  #: Name of the limit as in the limits file, after `target ` for one of the target.
+    subject: Subject | None = None  #: Subject, condition, part, figure and statistic say which number is limited.
+    condition: str | None = None  #: Condition of the sub-trajectories, null outside the trajectory.
+    part: str | None = None  #: Part of the figure.
+    figure: str | None = None  #: Figure.
+    statistic: str | None = None  #: Column of the table of figures.
+    limit: float  #: Upper bound, of `coverage_min` the lower one, in the unit of the name.
+    value: float | None  #: The number, null where it is undefined.
+    low95: float | None = None  #: Lower bound of its 95 % interval.
+    high95: float | None = None  #: Upper bound of its 95 % interval.
+    margin: float | None = None  #: From the value to the limit in the same unit, negative where the limit is missed.
+    n: int | None = None  #: Number of values it is made of, null where it is not made of many.
+    #: Pass if `|value| <= limit` (`coverage_min`: `>=`); where certainty is required, if the whole interval is within.
+    state: VerdictState = msgspec.field(name="verdict")
+    certain: bool | None = None  #: Whether the interval lies on one side of the limit, null where there is no interval.
+    needs_certainty: bool = False  #: Whether the limits file requires certainty.
+    by_reading: dict[str, VerdictState] = {}  #: The verdict by each reading of the document.
+
+    @property
+    def interval(self) -> Interval | None:
+        """Both bounds of the 95 % interval, None where it is undefined."""
+        return None if self.low95 is None or self.high95 is None else (self.low95, self.high95)
+
+
+# ---- how estimates were compared with the ground truth
+
+
+class Association(Record, frozen=True, kw_only=True):
+    """How estimates found their ground truth, and what became of the poses."""
+
+    matched: int  #: Frames: poses of the ground truth that have an estimate.
+    estimate_poses: int  #: Estimates given.
+    truth_poses: int  #: True poses given.
+    images: int | None = None  #: Images of the drive; null where they are unknown.
+    lost: int = 0  #: Frames at which the localiser was lost; they count like any other.
+    degraded: int = 0  #: Frames whose pose was reported as degraded; they count like any other.
+    exact: int = 0  #: Frames whose stamps are equal.
+    near: int = 0  #: Frames whose stamps differ within the tolerance.
+    interpolated: int = 0  #: Frames with interpolated ground truth.
+    estimate_duplicates: int = 0  #: Estimates ignored because a later one has the same stamp.
+    truth_duplicates: int = 0  #: True poses ignored because a later one has the same stamp.
+    estimate_unordered: int = 0  #: Estimates that came after one with a later stamp (sorted, not ignored).
+    truth_unordered: int = 0  #: True poses that came after one with a later stamp.
+    largest_difference_ns: int = 0  #: Largest difference of the two stamps of a frame.
+    largest_gap_ns: int = 0  #: Largest gap of the ground truth that was interpolated.
+    path_length_m: float = 0.0  #: Length of the true path over the frames.
+    duration_s: float | None = None  #: From the first to the last frame.
+    mode: AssociationMode = AssociationMode.MATCH  #: `match` or `interpolate`.
+    tolerance_s: float = 0.0  #: Stamps this close are the same.
+    max_gap_s: float = 0.0  #: Longest gap of the ground truth that is interpolated.
+    spacing_frames: int = 10  #: Frames from one start of a sub-trajectory to the next [4.1.1].
+    #: How error from before N is kept out [4.1.2]: `T_gt(N) inv(T_est(N)) T_est(N+x)` is compared with `T_gt(N+x)`
+    #: (pose); displacements in DS, and changes of attitude and heading since N, are compared (displacement); or the
+    #: position at N alone is taken away (position). Where the ground truth has no attitudes, the yaw (yaw_aligned) or
+    #: the whole rotation (rotation_aligned) of the estimate is fitted over the drive, then as position.
+    rebase: Rebase = Rebase.POSE
+    incomplete: str | None = None  #: Why the estimate does not cover the whole drive; null if it does.
+
+
+class TruthRecord(Record, frozen=True, kw_only=True):
+    """What is known of the ground truth."""
+
+    attitude: bool  #: Whether it has attitudes; without them attitude and heading errors are unknown.
+    sigma_m: float | None = None  #: Standard deviation of its positions along each axis; null: taken as exact.
+    sigma_deg: float | None = None  #: Standard deviation of its attitudes about each axis; null: taken as exact.
+    path_excess: float | None = None  #: Fraction by which its noise lengthens its path, `2 (sigma / step)^2`.
+    lever_arm_m: tuple[float, ...] = ()  #: Point in RB that its positions are of; the estimate was taken there.
+    yaw_deg: float | None = None  #: Yaw that was fitted: rotates the estimate.
+    tilt_deg: float | None = None  #: Angle by which z was tilted with it; null where only the yaw was fitted.
+    translation_m: tuple[float, ...] = ()  #: Translation that was fitted, after the rotation.
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether it has attitudes and is taken as exact."""
+        return self.attitude and self.sigma_m is None and self.sigma_deg is None
+
+
+class Alignment(Record, frozen=True, kw_only=True):
+    """How APE and RPE were computed."""
+
+    align: str  #: How the estimate was aligned: `none`, `origin`, `se3` or `sim3`.
+    association: str  #: How poses of estimate and ground truth were paired.
     max_difference_s: float  #: Longest difference of the stamps of a pair.
-    delta: Condition | None = None  #: From one pose of a relative error to the other; None of an absolute error.
-    count: int  #: Number of errors n.
-    unit: str  #: Unit of the errors beside it: `m`.
-    translation: Annotated[ErrorStatistics, Inline()]  #: Of the positions, m.
-    rotation_deg: ErrorStatistics  #: Of the attitudes, deg.
-    transform: AlignmentTransform | None = None  #: The alignment; None for `none`.
+    rpe_delta: str  #: Length of a relative error: `frames=1`.
+    scale: float = 1.0  #: `p -> scale R p + t` was applied to the estimate.
+    quat_xyzw: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0)  #: Rotation R, scalar last.
+    translation_m: tuple[float, ...] = (0.0, 0.0, 0.0)  #: t.
 
 
-class AlignedErrors(Record):
-    """Both."""
+class CloudRecord(Record, frozen=True, kw_only=True):
+    """How a cloud was compared with the ground truth."""
 
-    ape: AlignedError  #: Absolute pose error (APE; of positions ATE): estimate against truth after the alignment.
-    rpe: AlignedError  #: Relative pose error (RPE): motion of the estimate against that of the truth.
-
-
-class DisparityStatistic(Record):
-    """The disparity errors that the depth errors amount to, `f b / Z - f b / Z_true`, px."""
-
-    mean: float | None  #: With its sign.
-    sigma: float | None  #: With Bessel's correction.
-    p50_abs: float | None  #: Median of the absolute values.
-    p95_abs: float | None  #: 95th percentile of the absolute values.
+    kind: CloudKind | None = None  #: Whether it is fused; null where the points' pixels are unknown.
+    #: Whether the points' pixels are unknown, so that only distances to the nearest true points are known.
+    nearest_only: bool = False
+    scored_range_m: tuple[float, float]  #: Ranges [low, high) of the ground truth that count for coverage.
 
 
-class SigmaNees(Record):
-    """Whether the sigma of map points is honest: squares of (error along the ray / sigma), one point of each block."""
+class CallRecords(Record, frozen=True, kw_only=True):
+    """How times and memory were measured."""
 
-    count: int  #: Points n.
-    mean: float  #: `sum (e_i / sigma_i)^2 / n`.
-    median: float  #: Of the squares: the bulk, without the gross errors.
-    expected: float  #: Mean of an honest sigma.
-    expected_median: float  #: Median of chi-square with one degree of freedom.
-    interval95: Interval  #: 2.5 % and 97.5 % points of chi-square with n degrees of freedom, over n.
+    clocks: dict[str, str] = {}  #: Clock of the times by kind of call; a host time is never a time of the target.
+    memory_method: str | None = None  #: How memory was measured; null if it was not.
 
 
-class RangeScore(Record):
-    """The point errors whose true range lies in [from_m, to_m)."""
-
-    from_m: float  #: Nearest true range.
-    to_m: float  #: Farthest true range, itself not included.
-    coverage: float | None  #: As in `MapScore`, of this range.
-    point_error_m: Annotated[SampleStatistic, Inline()]  #: As in `PointErrorScore`.
-    disparity_error_px: DisparityStatistic  #: As in `PointErrorScore`.
+# ---- the software under test, and what it did
 
 
-class PairScore(Record):
-    """The points of one pair."""
-
-    pair: int  #: Number of the pair.
-    coverage: float | None  #: As in `MapScore`, of this pair.
-    point_error_m: SampleStatistic  #: As in `PointErrorScore`.
-
-
-class PointErrorScore(Record):
-    """The errors of points against the surface that their pixels see [4.3.4]."""
-
-    points_without_truth: int  #: Points whose pixel has no truth (sky): not counted below.
-    point_error_m: SampleStatistic  #: `|truth - estimate|` of every point whose pixel has a truth [4.3.4].
-    disparity_error_px: DisparityStatistic  #: The same as an error of the disparity.
-    sigma_nees: SigmaNees | None  #: Consistency of the points' sigma, None where there are fewer than two.
-    by_range: tuple[RangeScore, ...]  #: By range of the truth from the left optical centre.
-    by_pair: tuple[PairScore, ...]  #: By pair.
-
-
-class MapCompleteness(Record):
-    """What of the map's pairs the cloud holds, and what of the cloud can be judged."""
-
-    pairs: int  #: Mapping pairs of the truth.
-    pairs_without_cloud: int | None = None  #: Those of which no point is in the cloud; None where pixels are not known.
-    pairs_without_cloud_share: float | None = None  #: The same over all pairs.
-    points_without_truth: int | None = None  #: Points whose pixel has no truth (sky); None where they are not known.
-    points_without_truth_share: float | None = None  #: The same over all points.
-
-
-class MapScore(Record):
-    """The errors and the coverage of a cloud."""
-
-    pairs: int  #: Mapping pairs of the truth.
-    points: int  #: Points of the cloud.
-    completeness: MapCompleteness | None = None  #: What is in it, and can be judged; None in scores before 0.2.
-    cloud: CloudKind | None = None  #: Whether it is fused; None where the points' pixels are not known.
-    #: Single pairs: of the left pixels whose truth lies in the scored range the share that has a point. Fused: the
-    #: share of those true points with a point nearer than two pixel footprints, `2 Z / f`.
-    coverage: float | None
-    coverage_range_m: tuple[float, float]  #: Scored range [low, high).
-    nearest_only: bool  #: Whether pixels are not known, so that only the nearest true points can be compared.
-    errors: Annotated[PointErrorScore | None, Inline()] = None  #: Against what pixels see, where they are known.
-    nearest_distance_m: SampleStatistic | None = None  #: To the nearest true point, which reads low; else.
-
-
-class StageTime(SampleStatistic):
-    """The times of one stage over the calls that had it, s."""
-
-    max: float  #: Longest.
-
-
-class CallScore(SampleStatistic):
-    """The wall-clock times of all calls of one kind, s [4.2.1]."""
-
-    p99: float | None  #: 99th percentile.
-    max: float | None  #: Longest.
-    first: float | None  #: The first call, which may load or compile.
-    max_after_first: float | None  #: Longest of the others.
-    clock: str  #: Clock they were measured with; a host time is never a time of the target.
-    stages: Mapping[str, StageTime] = field(default_factory=dict)  #: By name, where the calls tell them.
-
-
-class ByKind(Record):
-    """What there is of calls by kind; None where there was none."""
-
-    def of(self, kind: CallKind) -> Any:  # noqa: ANN401 - of the type of the fields
-        """Return what there is of a kind."""
-        return getattr(self, kind)
-
-
-class TimingScore(ByKind):
-    """The times of calls by kind [4.2.1]."""
-
-    localisation: Annotated[CallScore | None, Key("localisation_s")] = None  #: Pairs localised.
-    #: Sets of pairs mapped to one cloud each: the call that the document judges [4.3.1]; what follows are its stages.
-    mapping_call: Annotated[CallScore | None, Key("mapping_call_s")] = None
-    mapping: Annotated[CallScore | None, Key("mapping_s")] = None  #: Pairs mapped.
-    fusion: Annotated[CallScore | None, Key("fusion_s")] = None  #: Sets fused.
-
-    def kinds(self) -> Iterator[tuple[CallKind, CallScore]]:
-        """Yield the kinds of which there were calls."""
-        for kind in CallKind:
-            if (calls := self.of(kind)) is not None:
-                yield kind, calls
-
-
-class PeakMemory(Record):
-    """The memory of calls of one kind [4.2.2]; None where it was not measured."""
-
-    peak_bytes: int | None  #: Largest high-water mark of resident memory of all calls.
-    above_idle_bytes: int | None  #: The same above the idle process.
-    heap_peak_bytes: int | None = None  #: Largest sum of its blocks, where a target counts them.
-    stack_peak_bytes: int | None = None  #: Deepest stack, where a target measures it.
-
-
-class MemoryScore(ByKind):
-    """The memory of calls by kind [4.2.2]."""
-
-    localisation: Annotated[PeakMemory | None, Inline("localisation_")] = None  #: Pairs localised.
-    mapping_call: Annotated[PeakMemory | None, Inline("mapping_call_")] = None  #: Sets mapped to one cloud each.
-    mapping: Annotated[PeakMemory | None, Inline("mapping_")] = None  #: Pairs mapped.
-    fusion: Annotated[PeakMemory | None, Inline("fusion_")] = None  #: Sets fused.
-    method: str | None = None  #: How it was measured; None if nothing was.
-
-
-class TargetRecord(Record):
-    """What a target says of itself (`target.json` of the harness); what it does not say is None."""
+class TargetRecord(Record, frozen=True, kw_only=True, forbid_unknown_fields=False):
+    """What a target says of itself (`target.json` of the harness); what it does not say is null."""
 
     candidate: str | None = None  #: Version of the item under test.
     board: str | None = None  #: Board.
@@ -438,18 +262,16 @@ class TargetRecord(Record):
     flags: str | None = None  #: Its flags.
     byte_order: str | None = None  #: `big-endian` or `little-endian`.
     pointer_bits: int | None = None  #: Size of an address.
-    stack_painted_bytes: int | None = None  #: Stack that was watched.
 
 
-class TargetScore(Record):
-    """Calls that were measured elsewhere, apart from those of this host [4.3.1, 4.3.2]."""
+class TargetRun(Record, frozen=True, kw_only=True):
+    """Where calls were measured that are not of this host [4.2.1, 4.3.1]; their rows have the part `target`."""
 
     name: str  #: Name of the target.
-    about: TargetRecord | None = None  #: What the board says of itself; None where it was not a run of the harness.
-    matched_share: float | None = None  #: Of the estimates those with a call; None where the calls have no stamps.
+    about: TargetRecord | None = None  #: What the board says of itself; null where it was not a run of the harness.
+    matched_share: float | None = None  #: Fraction of estimates that have a call; null where calls have no stamps.
     other_run: str | None = None  #: Which run the calls are of, where it is not the estimate's.
-    timing: TimingScore  #: Times.
-    memory: MemoryScore  #: Memory, without kinds and method where it was not measured.
+    memory_method: str | None = None  #: How memory was measured; null if it was not.
 
 
 class MethodKind(StrEnum):
@@ -485,17 +307,17 @@ class FindingKind(StrEnum):
         return self not in (FindingKind.MISSING, FindingKind.LATE, FindingKind.DOUBLED, FindingKind.OTHER_FRAME)
 
 
-class MethodRecord(Record):
+class MethodRecord(Record, frozen=True, kw_only=True):
     """The software that made the estimate or the cloud."""
 
     name: str  #: Its name.
-    version: str | None  #: As it says itself, None where it does not.
+    version: str | None  #: As it says itself, null where it does not.
     kind: MethodKind  #: How it is reached.
-    sha256: str | None = None  #: Hash of the file that it was loaded from; None where it is not one file.
-    isolation: str | None = None  #: What its process was kept from; None where that is not known, or not needed.
+    sha256: str | None = None  #: Hash of the file that it was loaded from; null where it is not one file.
+    isolation: str | None = None  #: What its process was kept from; null where that is unknown, or not needed.
 
 
-class FindingRecord(Record):
+class FindingRecord(Record, frozen=True, kw_only=True):
     """Calls of a method with one kind of fault."""
 
     kind: FindingKind  #: What it did wrong.
@@ -510,7 +332,7 @@ class FindingRecord(Record):
         return f"{self.kind}: {calls}{place}: {self.text}"
 
 
-class AnswerCounts(Record):
+class AnswerCounts(Record, frozen=True, kw_only=True, omit_defaults=False):
     """What became of the pairs that were published to an external node, and of what it published."""
 
     pairs: int = 0  #: Pairs published to it.
@@ -519,23 +341,35 @@ class AnswerCounts(Record):
     late: int = 0  #: Answers that came after their time to answer.
     doubled: int = 0  #: Answers of a stamp that had been answered.
     other_stamp: int = 0  #: Answers whose stamp is that of no pair; poses among them count by interpolation.
-    other_frame: int = 0  #: Answers left out because they name other frames.
-    not_usable: int = 0  #: Answers left out because they are none: not finite, no unit quaternion, no x, y, z.
+    other_frame: int = 0  #: Answers ignored because they name other frames.
+    not_usable: int = 0  #: Answers ignored because they are invalid: not finite, no unit quaternion, no x, y, z.
 
 
-class ProcessUsage(Record):
+class ProcessUsage(Record, frozen=True, kw_only=True):
     """What the processes of a method took, seen from outside."""
 
     cpu_s: float  #: Processor time of all of them, user and system, s.
-    #: That of it between the calls, and beyond what all threads could do within them; None of an external node.
+    #: That of it between the calls, and beyond what all threads could do within them; null for an external node.
     cpu_outside_s: float | None = None
     peak_rss_bytes: int  #: Largest sum of their resident memory.
     processes: int  #: Largest number of them.
-    threads: int | None = None  #: Largest number of their threads; None of an external node.
+    threads: int | None = None  #: Largest number of their threads; null for an external node.
     method: str  #: How it was measured.
 
 
-class ExternalScore(Record):
+class StageTime(Record, frozen=True, kw_only=True):
+    """The times of an external node's answers, s."""
+
+    count: int  #: Number of values n.
+    mean: float | None  #: `sum t_i / n`.
+    sigma: float | None  #: `sqrt(sum (t_i - mean)^2 / (n - 1))` [4.1.3].
+    mean_plus_3sigma: float | None  #: `mean + 3 sigma`.
+    p50: float | None  #: Median.
+    p95: float | None  #: 95 % quantile.
+    max: float | None  #: Longest.
+
+
+class ExternalScore(Record, frozen=True, kw_only=True):
     """How an external node behaved."""
 
     task: str  #: `localisation` or `mapping`.
@@ -543,23 +377,44 @@ class ExternalScore(Record):
     frames: str  #: Frames that its answers name: `parent` or `parent -> child`.
     answers: AnswerCounts  #: What became of pairs and answers.
     latency_s: StageTime | None  #: From publishing the last image of a pair to its answer: not a time per call.
-    process: ProcessUsage | None = None  #: CPU and memory of its processes, None where they were not watched.
+    process: ProcessUsage | None = None  #: CPU and memory of its processes, null where they were not watched.
     ended: str = ""  #: How its process ended during the run; empty where it ran on, or was not started here.
 
 
-class ConventionRecord(Record):
+class ConventionRecord(Record, frozen=True, kw_only=True):
     """How the poses were converted before they were scored."""
 
     declared: tuple[str, ...] = ()  #: Settings that the user gave, `NAME=VALUE`.
-    diagnosed: str | None = None  #: Setting that the diagnosis found and the user had applied; None without.
-    fitted: bool = False  #: Whether numbers of it were fitted to the truth, which flatters the figures.
-    sentence: str | None = None  #: What the diagnosis says is wrong; None without.
+    diagnosed: str | None = None  #: Setting that the diagnosis found and the user had applied; null without.
+    fitted: bool = False  #: Whether numbers of it were fitted to the ground truth, which flatters the figures.
+    sentence: str | None = None  #: What the diagnosis reports as wrong; null without.
 
 
-# ---- details: the series that figures are drawn from, as columns, thinned to bounded size
+class InputFile(Record, frozen=True, kw_only=True):
+    """An input of the score."""
+
+    path: str  #: As given.
+    sha256: str  #: Hash of the content.
+    data_sha256: str | None = None  #: Of a ground truth the hash of its values, whatever file they were read from.
+    read_from: str | None = None  #: Of a ground truth the topic, frame or file that it was read from, where known.
 
 
-class CallHistogram(Record):
+class Provenance(Record, frozen=True, kw_only=True):
+    """What the score was made of."""
+
+    version: str  #: Of this suite.
+    commit: str | None = None  #: Commit that it was installed from, null where that is unknown.
+    command: str | None = None  #: Command that makes the figures again, null where none was given.
+    inputs: dict[str, InputFile] = {}  #: Files by role.
+    configuration: dict[str, Any] = {}  #: Settings in force.
+    host: dict[str, str] = {}  #: Machine, system and Python.
+    time: str | None = None  #: When it was made, ISO 8601.
+
+
+# ---- details: the series that plots are drawn from, as columns, thinned to bounded size
+
+
+class CallHistogram(Record, frozen=True, kw_only=True):
     """A histogram of the times of calls with logarithmic bins."""
 
     edges_s: tuple[float, ...]  #: Edges of the bins, one more than counts; empty if there was no call.
@@ -571,38 +426,29 @@ class CallHistogram(Record):
             raise ValueError(f"{len(self.counts)} counts with {len(self.edges_s)} edges: one edge more is needed")
 
 
-class CallSeries(Columns):
+class CallSeries(Columns, frozen=True, kw_only=True):
     """The calls in order; of many the slowest of each block."""
 
     slowest_of: int  #: Calls of a block.
     stamp_ns: Integers  #: Stamp of the pair.
     processing_time_s: Column  #: Wall-clock time.
     peak_rss_bytes: Column  #: Peak resident memory.
-    state: tuple[str, ...]  #: What the call said.
+    state: tuple[str, ...]  #: What the call reported.
 
 
-class CallFigures(Record):
-    """What the figures of the calls of one kind are drawn from."""
+class CallPlots(Record, frozen=True, kw_only=True):
+    """What the plots of the calls of one kind are drawn from."""
 
     histogram: CallHistogram  #: Of the times.
     series: CallSeries  #: Times and memory by call.
 
 
-class CallDetails(ByKind):
-    """The figures of calls by kind."""
-
-    localisation: CallFigures | None = None  #: Pairs localised.
-    mapping_call: CallFigures | None = None  #: Sets mapped.
-    mapping: CallFigures | None = None  #: Pairs mapped.
-    fusion: CallFigures | None = None  #: Sets fused.
-
-
-class PathRows(Columns):
+class PathRows(Columns, frozen=True, kw_only=True):
     """Every n-th frame of the trajectory; metres, DS."""
 
     every: int  #: n.
     stamp_ns: Integers  #: Stamps.
-    travelled_m: Column  #: Length of the truth's path up to the frame.
+    travelled_m: Column  #: Length of the true path up to the frame.
     truth_x_m: Column  #: True position.
     truth_y_m: Column  #: True position.
     truth_z_m: Column  #: True position.
@@ -610,16 +456,16 @@ class PathRows(Columns):
     estimate_y_m: Column  #: Estimated position.
     estimate_z_m: Column  #: Estimated position.
     lost: tuple[bool, ...]  #: Whether the localiser was lost.
-    degraded: tuple[bool, ...] = ()  #: Whether it had a reason to doubt the pose; empty in scores that do not know.
+    degraded: tuple[bool, ...] = ()  #: Whether the pose was reported as degraded.
     sigma_x_m: Column = ()  #: Sigma of x by the covariance published; empty where none was.
     sigma_y_m: Column = ()  #: Sigma of y.
     sigma_z_m: Column = ()  #: Sigma of z.
 
 
-class SubTrajectoryRows(Columns):
+class SubTrajectoryRows(Columns, frozen=True, kw_only=True):
     """Every n-th sub-trajectory of one condition."""
 
-    condition: Condition  #: What ends them.
+    condition: str  #: What ends them.
     every: int  #: n.
     start_frame: Integers  #: Number of the first frame.
     end_frame: Integers  #: Number of the last frame.
@@ -630,22 +476,21 @@ class SubTrajectoryRows(Columns):
     z_m: Column  #: Position error, DS.
     attitude_deg: Column  #: Attitude error.
     heading_deg: Column  #: Heading error, with its sign.
-    chord_m: Column = ()  #: Straight distance, estimate less truth.
+    chord_m: Column  #: Straight distance, estimate less truth.
     along_m: Column  #: Position error along the true displacement.
     cross_m: Column  #: Position error to the left of it.
-    vertical_m: Column  #: Position error along z of DS.
-    travelled_m: Column  #: Length of the truth's path from start to end.
+    travelled_m: Column  #: Length of the true path from start to end.
 
 
-class TrajectoryDetails(Record):
-    """What the figures of the trajectory are drawn from."""
+class TrajectoryDetails(Record, frozen=True, kw_only=True):
+    """What the plots of the trajectory are drawn from."""
 
     path: PathRows  #: Frames.
     sub_trajectories: tuple[SubTrajectoryRows, ...]  #: One for each condition.
 
 
-class PointRows(Columns):
-    """Every n-th point of the cloud that has a truth."""
+class PointRows(Columns, frozen=True, kw_only=True):
+    """Every n-th point of the cloud that has a ground truth."""
 
     x_m: Column  #: Position in LM.
     y_m: Column  #: Position in LM.
@@ -654,99 +499,102 @@ class PointRows(Columns):
     range_m: Column  #: Distance of the truth from the left optical centre.
 
 
-class ErrorImage(Record):
+class ErrorImage(Record, frozen=True, kw_only=True):
     """The mean point error of blocks of pixels of one pair."""
 
     pair: int  #: Number of the pair.
     block_px: int  #: Pixels of a block each way.
-    error: Annotated[tuple[Integers, ...], Key("error_0p1mm")]  #: Rows of blocks, -1 where there is no point.
+    error_0p1mm: tuple[Integers, ...]  #: Rows of blocks, -1 where there is no point.
 
 
-class Triangulation(Record):
+class Triangulation(Record, frozen=True, kw_only=True):
     """The numbers of the law of triangulation, error = Z^2 d / (f b) for a disparity error d."""
 
     focal_px: float  #: Focal length f.
     baseline_m: float  #: Baseline b.
 
 
-class MapDetails(Record):
-    """What the figures of the map are drawn from."""
+class MapDetails(Record, frozen=True, kw_only=True):
+    """What the plots of the map are drawn from."""
 
     cloud: PointRows  #: Points.
     error_images: tuple[ErrorImage, ...]  #: One for each pair.
     triangulation: Triangulation  #: Of the first pair's rig.
 
 
-class Details(Record):
-    """What figures are drawn from, as far as it is there."""
+class Details(Record, frozen=True, kw_only=True):
+    """What plots are drawn from, as far as it is known."""
 
-    calls: CallDetails | None = None  #: Times and memory.
+    calls: dict[str, CallPlots] = {}  #: Times and memory, by kind of call.
     trajectory: TrajectoryDetails | None = None  #: Trajectory.
     map: MapDetails | None = None  #: Map.
 
 
-class Verdict(Record):
-    """The verdict on one limit."""
-
-    metric: str  #: Name of the figure as in the limits file, after `target ` for one of the target.
-    id: str | None = None  #: Number of the requirement, as the limits file gives it.
-    text: str | None = None  #: Its text, likewise.
-    limit: float  #: Upper bound, of `coverage_min` the lower one, in the unit of the name.
-    value: float | None  #: The figure, None where it is undefined.
-    ci95: Interval | None  #: Its 95 % interval, None where it has none.
-    margin: float | None = None  #: From the figure to the limit in the same unit, negative where it is missed.
-    condition: Condition | None = None  #: Condition of the sub-trajectories, None outside the trajectory.
-    count: int | None  #: Number of values the figure is made of, None where it is not made of many.
-    #: Pass if `|value| <= limit` (`coverage_min`: `>=`); where certainty is needed, if the whole interval is within.
-    state: Annotated[VerdictState, Key("verdict")]
-    certain: bool | None  #: Whether the interval lies on one side of the limit, None where there is no interval.
-    needs_certainty: bool = False  #: Whether the limits file asks for it.
-    by_reading: Mapping[str, VerdictState] = field(default_factory=dict)  #: By each reading of the document.
+# ---- the whole
 
 
-class InputFile(Record):
-    """An input of the score."""
+class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
+    """The whole score."""
 
-    path: str  #: As given.
-    sha256: str  #: Hash of the content.
-    data_sha256: str | None = None  #: Of a truth the hash of its values, whatever file they were read from.
-    read_from: str | None = None  #: Of a truth the topic, frame or file that it was read from, where it is said.
-
-
-class Provenance(Record):
-    """What the score was made of."""
-
-    version: str  #: Of this suite.
-    commit: str | None = None  #: Commit that it was installed from, None where that is not known.
-    command: str | None = None  #: Command that makes the figures again, None where none was given.
-    inputs: Mapping[str, InputFile] = field(default_factory=dict)  #: Files by role.
-    configuration: Mapping[str, object] = field(default_factory=dict)  #: Settings in force.
-    host: Mapping[str, str] = field(default_factory=dict)  #: Machine, system and Python.
-    time: str | None = None  #: When it was made, ISO 8601.
-
-
-class Score(Record):
-    """The whole score; parts that are absent are None or empty."""
-
-    method: MethodRecord | None = None  #: Whose figures these are; None where nobody has said so.
+    verdict: VerdictState | None = None  #: Verdict over all limits; null where there are none, or nothing is judged.
+    figures: tuple[Figure, ...] = ()  #: The table of figures.
+    #: One for each limit, in their order, after those on findings and on what is missing.
+    verdicts: tuple[Verdict, ...] = ()
+    association: Association | None = None  #: How estimates found their ground truth.
+    truth: TruthRecord | None = None  #: What is known of the ground truth of the trajectory.
+    provenance: Provenance | None = None  #: What the score was made of.
+    alignment: Alignment | None = None  #: How APE and RPE were computed, where they were asked for.
+    cloud: CloudRecord | None = None  #: How a cloud was compared with the ground truth.
+    calls: CallRecords | None = None  #: How times and memory were measured on this host.
+    target: TargetRun | None = None  #: Where calls were measured elsewhere.
+    method: MethodRecord | None = None  #: Whose figures these are; null where the inputs do not name it.
     findings: tuple[FindingRecord, ...] = ()  #: What that method did wrong, one for each kind.
-    external: ExternalScore | None = None  #: How an external node behaved; None where there was none.
+    processes: ProcessUsage | None = None  #: What the processes of the method took; null where it has none of its own.
+    external: ExternalScore | None = None  #: How an external node behaved; null where there was none.
     convention: ConventionRecord | None = None  #: How the poses were converted before they were scored.
-    trajectory: TrajectoryScore | None = None  #: Errors of the trajectory.
-    aligned: Annotated[AlignedErrors | None, Inline()] = None  #: `ape` and `rpe`, where an alignment was asked for.
-    map: MapScore | None = None  #: Errors of the map.
-    timing: TimingScore | None = None  #: Times of the calls on this host.
-    memory: MemoryScore | None = None  #: Memory of the calls on this host.
-    processes: ProcessUsage | None = None  #: What the processes of the method took; None where it had none of its own.
-    target: TargetScore | None = None  #: Calls that were measured elsewhere.
-    verdicts: tuple[
-        Verdict, ...
-    ]  #: One for each limit, in their order, after those on findings and on what is missing.
     warnings: tuple[str, ...] = ()  #: One line for each.
     contradiction: str | None = None  #: Convention mismatch of estimate and truth: no figure of them judges anything.
-    incomplete: str | None = None  #: Why the estimate is none of the whole drive, unless a part was asked for.
-    provenance: Provenance | None = None  #: What it was made of.
-    details: Details | None = None  #: What figures are drawn from.
+    incomplete: str | None = None  #: Why the estimate does not cover the whole drive, unless a part was asked for.
+    details: Details | None = None  #: What plots are drawn from.
+
+    # ---- look-up
+
+    def rows(
+        self, figure: str = ANY, *, subject: str = ANY, condition: str | Condition | None = ANY, part: str | None = ANY
+    ) -> list[Figure]:
+        """Return the rows of the table of figures that have these values, in their order."""
+        return list(find_rows(self.figures, figure, subject=subject, condition=condition, part=part))
+
+    def figure(
+        self, figure: str, *, subject: str = ANY, condition: str | Condition | None = ANY, part: str | None = ANY
+    ) -> Figure | None:
+        """Return the first row of a figure, None without one.
+
+        The first condition, the reading that is judged, and the whole before its parts come first.
+        """
+        return next(find_rows(self.figures, figure, subject=subject, condition=condition, part=part), None)
+
+    def number(
+        self,
+        figure: str,
+        statistic: str = "value",
+        *,
+        subject: str = ANY,
+        condition: str | Condition | None = ANY,
+        part: str | None = ANY,
+    ) -> float | None:
+        """Return one number of a figure, None where it is undefined or there is no such row."""
+        row = self.figure(figure, subject=subject, condition=condition, part=part)
+        return None if row is None else row.statistic(statistic)
+
+    def has(self, subject: str) -> bool:
+        """Tell whether there is a figure about a subject."""
+        return any(row.subject == subject for row in self.figures)
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """The conditions of sub-trajectories, in their order."""
+        return tuple(dict.fromkeys(row.condition for row in self.rows("position") if row.condition is not None))
 
     @property
     def failures(self) -> tuple[FindingRecord, ...]:
@@ -757,3 +605,11 @@ class Score(Record):
     def failed(self) -> tuple[Verdict, ...]:
         """The verdicts that are `fail`."""
         return tuple(item for item in self.verdicts if item.state is VerdictState.FAIL)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return the table of figures as a pandas table."""
+        try:
+            import pandas
+        except ImportError as error:
+            raise MissingExtraError("to_pandas() needs pandas: pip install 'sfr_loc_map[notebook]'") from error
+        return pandas.DataFrame([row.as_dict() for row in self.figures], columns=list(COLUMNS))

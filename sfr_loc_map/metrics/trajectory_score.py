@@ -1,15 +1,15 @@
-"""The trajectory score: sub-trajectories of each condition, their errors, and what is said of them [4.1, 4.2.3].
+"""The trajectory score: associate, select, error, summarise [4.1, 4.2.3]. The formulas are in `metrics.formulas`.
 
-The same function scores a file and a live run; test/metrics/reference.py says it once more in a hundred lines.
+The same function scores a file and a live run.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import fields, replace
 from typing import Any, NamedTuple
 
+import msgspec
 import numpy as np
 
 from sfr_loc_map.errors import MetricsError
@@ -17,53 +17,36 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec, quat_from_matrix, quat_multiply
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth, at_point
 from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.aligned_error import umeyama
 from sfr_loc_map.metrics.association import Estimates, Frames, associate
 from sfr_loc_map.metrics.completeness import completeness
-from sfr_loc_map.metrics.config import (
-    AssociationConfig,
-    AssociationMode,
-    Condition,
-    ConditionKind,
-    Rebase,
-    TrajectoryScoreConfig,
-)
-from sfr_loc_map.metrics.consistency import nees_score, sums_of_steps
+from sfr_loc_map.metrics.config import AssociationConfig, Condition, ConditionKind, Rebase, TrajectoryScoreConfig
+from sfr_loc_map.metrics.consistency import StepSums, nees_rows, sums_of_steps
+from sfr_loc_map.metrics.formulas import Lengths, Poses, SubTrajectoryErrors
 from sfr_loc_map.metrics.score import (
-    AssociationCounts,
-    AssociationScore,
-    ConditionScore,
-    DistanceScore,
-    ErrorComponents,
-    IntervalStatistic,
+    Association,
+    Column,
+    Figure,
     PathRows,
-    Readings,
-    ReadingScore,
     SubTrajectoryRows,
     TrajectoryDetails,
-    TrajectoryScore,
     TruthRecord,
+    column,
+    figure_row,
 )
-from sfr_loc_map.metrics.statistics import MAX_BLOCKS, add_moments, add_to_blocks, column, interval95, statistic
-from sfr_loc_map.metrics.sub_trajectories import DISTANCE, KINDS, Progress, find_apart, find_ends, path_lengths
-from sfr_loc_map.metrics.trajectory_error import (
-    CHORD,
-    COLUMNS,
-    ONLY_POSITION,
-    PART,
-    READINGS,
-    PoseRows,
-    headings_rad,
-    sub_trajectory_errors,
-)
+from sfr_loc_map.metrics.statistics import interval95
 
-FIGURES = {"position_m": slice(0, 3), "attitude_deg": slice(3, 4), "heading_deg": slice(4, 5)}
-"""Figures of the score and the columns of the errors that they are made of."""
+READINGS: dict[Rebase, Callable[[Poses, IntArray, IntArray], SubTrajectoryErrors]] = {
+    Rebase.POSE: formulas.pose_reading,
+    Rebase.DISPLACEMENT: formulas.displacement_reading,
+    Rebase.POSITION: formulas.position_reading,
+}
+"""The readings of the document; see `Rebase`."""
 MIN_TILT_DEG, TILT_GAIN = 0.1, 3.0
 """The whole rotation is fitted to positions alone where it tilts z by so much and leaves so many times less."""
 ROLL_GAIN = 1.1  #: A turn about the line of the drive is fitted where it leaves so many times less: else it is noise.
-APART = (ConditionKind.DISPLACEMENT, ConditionKind.TURN)  #: What may shrink again along a drive.
-PATH_ROWS, DETAIL_ROWS = 2000, 1000  #: Frames, and sub-trajectories of each condition, that are kept for figures.
+PATH_ROWS, DETAIL_ROWS = 2000, 1000  #: Frames, and sub-trajectories of each condition, that are kept for plots.
 POSITION_VARIANCES = [0, 6, 11]
 """Columns of the upper triangle of a 6 x 6 covariance that hold the variances of x, y and z."""
 DISTANCES_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
@@ -71,14 +54,56 @@ DISTANCES_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
 DISTANCES_SPACING, DISTANCES_BASE_M = 10, 50.0
 """Their starts are at least this many frames apart, whatever the spacing of the conditions; beyond the base in
 proportion to the distance: the more sub-trajectories overlap, the less one more says."""
-DISTANCES_MAX_STARTS = 5000  #: A sub-trajectory of theirs through more starts than this is left out: the rover stood.
+DISTANCES_MAX_STARTS = 5000  #: Through more starts than this a sub-trajectory of theirs is ignored: the rover stood.
+
+
+class Pieces(NamedTuple):
+    """The sub-trajectories of one condition, and their errors by one reading of the document."""
+
+    starts: IntArray  #: Frames N.
+    ends: IntArray  #: Frames N+x.
+    poses: Poses  #: Of all frames.
+    errors: SubTrajectoryErrors
+
+    def true_displacement(self) -> FloatArray:
+        """Return the true displacements from N to N+x."""
+        return formulas.displacement(self.poses.true_position, self.starts, self.ends)
+
+    def by_direction(self) -> dict[str, FloatArray]:
+        """Return the position errors along x, y and z of DS, along and across the true displacement, and upright."""
+        x, y, z = self.errors.position_m.T
+        true_heading = formulas.heading(self.poses.true_attitude[self.ends])
+        along, cross = formulas.along_and_cross(self.errors.position_m, self.true_displacement(), true_heading)
+        return {"x": x, "y": y, "z": z, "along": along, "cross": cross, "vertical": z}
+
+
+class ErrorFigure(NamedTuple):
+    """A figure of sub-trajectories: its name in the catalogue, and its errors."""
+
+    name: str
+    errors_of: Callable[[Pieces], FloatArray]
+    is_unsigned: bool = False  #: Whether an error is never negative, so that errors are skewed.
+
+
+ERRORS = [
+    ErrorFigure("position", lambda pieces: pieces.errors.position_m),
+    ErrorFigure("attitude", lambda pieces: pieces.errors.attitude_deg, is_unsigned=True),
+    ErrorFigure("heading", lambda pieces: pieces.errors.heading_deg),
+]
+"""Errors that depend on the reading of the document."""
+ERRORS_OF_ALL_READINGS = [
+    ErrorFigure("chord", lambda pieces: formulas.chord_error(pieces.poses, pieces.starts, pieces.ends))
+]
+"""Errors that are the same by each reading."""
 
 
 class ScoredTrajectory(NamedTuple):
-    """What the trajectory adds to the score: its part, and what figures are drawn from if that is wanted."""
+    """What the trajectory adds to the score."""
 
-    score: TrajectoryScore
-    details: TrajectoryDetails | None
+    figures: tuple[Figure, ...]
+    association: Association
+    truth: TruthRecord
+    details: TrajectoryDetails | None  #: What plots are drawn from, if that is wanted.
 
 
 def score_trajectory(
@@ -92,175 +117,44 @@ def score_trajectory(
 ) -> ScoredTrajectory:
     """Return the score of a trajectory; poses of RB in DS, in any order.
 
-    Images, where their stamps are known, are what an estimate has to cover.
-
-    MetricsError if a condition is not valid, or no estimate has a truth (which is no error while a run is under way).
+    Images, where their stamps are known, are what an estimate has to cover. MetricsError if a condition is not valid,
+    or no estimate has a ground truth (which is no error while a run is under way).
     """
-    conditions = [Condition.parse(text) for text in config.conditions]
-    if not conditions:
-        raise MetricsError("no condition of a sub-trajectory given: give at least one, such as distance=5")
-    if truth.has_attitude:
-        frames, counts, mode = associate(estimates.trajectory, truth, config.association)
-        rebase, placed = Rebase(config.rebase), None
-    else:
-        estimates, frames, counts, mode, placed = associate_positions(estimates, truth, conditions, config.association)
-        rebase = Rebase.YAW_ALIGNED if placed.tilt_deg is None else Rebase.ROTATION_ALIGNED
-    stamps_ns, count, reading = frames.stamps_ns, len(frames.stamps_ns), READINGS.get(rebase, ONLY_POSITION)
-    if not count and not under_way:
-        spans = [
-            f"{len(each)} poses"
-            + (f" from {min(each) / NS_PER_S:.3f} s to {max(each) / NS_PER_S:.3f} s" if len(each) else "")
-            for each in (estimates.trajectory.stamps_ns.tolist(), truth.stamps_ns.tolist())
-        ]
-        raise MetricsError(
-            f"no estimate has a truth at its stamp: the estimate has {spans[0]}, the truth has {spans[1]}; give "
-            "trajectories of the same drive and clock (sfr doctor finds a clock that is off)"
-        )
-    lost, degraded = estimates.lost[frames.est_rows], estimates.degraded[frames.est_rows]
-    counts = replace(counts, lost=int(np.count_nonzero(lost)), degraded=int(np.count_nonzero(degraded)))
-    tolerance_s, scores, rows = config.association.tolerance_s, [], []
-    covered = completeness(
-        estimates.trajectory, truth, counts, count, conditions, image_stamps_ns, round(tolerance_s * NS_PER_S)
-    )
-    lengths = path_lengths(frames.gt_pos)
-    sigmas = (truth.sigma_m, truth.sigma_deg) if isinstance(truth, Truth) else (0.0, 0.0)
-    headings = headings_rad(frames.gt_quat), headings_rad(frames.est_quat)
-    poses = PoseRows(frames.gt_pos, frames.gt_quat, frames.est_pos, frames.est_quat, lengths, *headings)
-    progress = Progress(stamps_ns, lengths)
-    sums: dict[int, FloatArray] = {}
-    if estimates.steps is not None and estimates.covariance is not None:
-        pairs = [sub_trajectories(each, config.spacing, frames, progress) for each in conditions]
-        compared = np.unique(np.concatenate([np.concatenate(pair) for pair in pairs]))
-        sums = sums_of_steps(estimates, estimates.steps, frames.est_rows[compared])
-
-    for condition in conditions:
-        starts, ends = sub_trajectories(condition, config.spacing, frames, progress)
-        number = len(starts)
-        every = 1 << (max(-(-number // DETAIL_ROWS), 1) - 1).bit_length()
-        stretches, kept = np.zeros((MAX_BLOCKS, 1 + 2 * len(COLUMNS))), [np.zeros((0, len(COLUMNS)))]
-        found = {}  # moments by reading
-        for other in {reading, *(READINGS.values() if placed is None else ())}:
-            mean, squares = found[other] = np.zeros(len(COLUMNS)), np.zeros(len(COLUMNS))
-            for begin in range(0, max(number, 1), PART):
-                part = slice(begin, begin + PART)
-                errors = sub_trajectory_errors(poses, starts[part], ends[part], other)
-                add_moments(errors, begin, mean, squares)
-                if other == reading:
-                    add_to_blocks(errors, stretches)
-                    kept.append(errors[-begin % every :: every].copy())
-        mean, squares = found[reading]
-        overlap = int(np.sum(-(-(ends - starts) // config.spacing))) / max(number, 1)
-        nees = None
-        if estimates.covariance is not None:
-            nees = nees_score(frames, estimates.covariance, sums, starts, ends, sigmas)
-        figures: dict[str, Any] = {}
-        for name, which in (FIGURES | {"chord_m": slice(CHORD, CHORD + 1)}).items():
-            plain = statistic(number, mean[which], squares[which])
-            interval = interval95(stretches, which, overlap, unsigned=name == "attitude_deg")
-            figures[name] = IntervalStatistic(**vars(plain), mean_plus_3sigma_ci95=interval)
-        readings = {
-            str(name): ReadingScore(
-                **{key: statistic(number, *(part[which] for part in found[other])) for key, which in FIGURES.items()}
-            )
-            for name, other in READINGS.items()
-            if placed is None
-        }
-        columns = {item.name: [COLUMNS.index(item.name)] for item in fields(ErrorComponents)}
-        components = {name: statistic(number, mean[at], squares[at]) for name, at in columns.items()}
-        score = ConditionScore(
-            count=number,
-            condition=condition,
-            spacing_frames=config.spacing,
-            rebase=rebase,
-            overlap=overlap,
-            nees=nees,
-            components=ErrorComponents(**components),
-            readings=Readings(**readings) if readings else None,
-            **figures,
-        )
-        scores.append(score)
+    conditions = parsed_conditions(config)
+    placed = placed_frames(estimates, truth, conditions, config)
+    frames, association = placed.frames, placed.association
+    if not association.matched and not under_way:
+        raise MetricsError(nothing_matched(estimates.trajectory, truth))
+    poses = Poses(frames.gt_pos, frames.gt_quat, frames.est_pos, frames.est_quat)
+    length_m = formulas.path_length_m(frames.gt_pos)
+    association, covered = completeness(estimates.trajectory, truth, association, conditions, image_stamps_ns)
+    chosen = [select(condition, config.spacing, frames, length_m) for condition in conditions]
+    sums = step_sums(placed.estimates, frames, chosen)
+    figures: list[Figure] = []
+    rows: list[SubTrajectoryRows] = []
+    for condition, (starts, ends) in zip(conditions, chosen, strict=True):
+        pieces = Pieces(starts, ends, poses, placed.reading(poses, starts, ends))
+        overlap = overlap_of(starts, ends, config.spacing)
+        figures += condition_rows(condition.setting, str(association.rebase), pieces, overlap)
+        for name, reading in READINGS.items() if truth.has_attitude else ():
+            if name is not association.rebase:
+                other = pieces._replace(errors=reading(poses, starts, ends))
+                figures += [error_row(kind, condition.setting, str(name), other) for kind in ERRORS]
+        figures += nees_rows(condition.setting, placed.estimates, frames, sums, starts, ends, noise_of(truth))
         if details:
-            first, last = starts[::every], ends[::every]
-            made = SubTrajectoryRows(
-                condition=condition,
-                every=every,
-                start_frame=tuple(first.tolist()),
-                end_frame=tuple(last.tolist()),
-                start_stamp_ns=tuple(stamps_ns[first].tolist()),
-                end_stamp_ns=tuple(stamps_ns[last].tolist()),
-                **dict(zip(COLUMNS, map(column, np.concatenate(kept).T), strict=True)),
-            )
-            rows.append(made)
-
-    by_distance = []
-    for metres in DISTANCES_M:
-        spacing = max(config.spacing, round(DISTANCES_SPACING * max(metres / DISTANCES_BASE_M, 1.0)))
-        starts = np.arange(0, count, spacing)
-        ends = find_ends(starts, progress, DISTANCE, metres)
-        short = (ends < count) & (ends - starts <= DISTANCES_MAX_STARTS * spacing)
-        if not (number := int(np.count_nonzero(short))):
-            continue
-        mean, squares = np.zeros(len(COLUMNS)), np.zeros(len(COLUMNS))
-        add_moments(sub_trajectory_errors(poses, starts[short], ends[short], reading), 0, mean, squares)
-        figures = {name: statistic(number, mean[which], squares[which]) for name, which in FIGURES.items()}
-        by_distance.append(DistanceScore(distance_m=metres, count=number, **figures))
-
-    score_of_all = TrajectoryScore(
-        first=scores[0],
-        matched=count,
-        estimate_poses=counts.estimate_poses,
-        lost=counts.lost,
-        degraded=counts.degraded,
-        path_length_m=float(lengths[-1, 0] + lengths[-1, 1]) if count else 0.0,
-        duration_s=int(stamps_ns[-1] - stamps_ns[0]) / NS_PER_S if count else None,
-        association=AssociationScore(
-            counts=counts, mode=mode, tolerance_s=tolerance_s, max_gap_s=config.association.max_gap_s
-        ),
-        completeness=covered,
-        truth=truth_record(truth, frames, placed) if placed or any(sigmas) else None,
-        several=tuple(scores) if len(scores) > 1 else (),
-        by_distance=tuple(by_distance),
+            rows.append(sub_trajectory_rows(condition.setting, pieces, frames.stamps_ns, length_m))
+    figures += growth_rows(poses, length_m, config.spacing, placed.reading)
+    association = msgspec.structs.replace(
+        association,
+        path_length_m=float(length_m[-1]) if len(length_m) else 0.0,
+        duration_s=int(frames.stamps_ns[-1] - frames.stamps_ns[0]) / NS_PER_S if len(length_m) else None,
     )
-    if not details:
-        return ScoredTrajectory(score_of_all, None)
-    every = 1 << (max(-(-count // PATH_ROWS), 1) - 1).bit_length()
-    table = {"truth": frames.gt_pos.T, "estimate": frames.est_pos.T}
-    if estimates.covariance is not None:
-        variances = estimates.covariance[frames.est_rows][:, POSITION_VARIANCES].T
-        if np.isfinite(deviations := np.sqrt(np.where(variances >= 0.0, variances, np.nan)))[:, ::every].any():
-            table["sigma"] = deviations
-    path = PathRows(
-        every=every,
-        stamp_ns=tuple(stamps_ns[::every].tolist()),
-        travelled_m=column(lengths[::every, 0] + lengths[::every, 1]),
-        lost=tuple(lost[::every].tolist()),
-        degraded=tuple(degraded[::every].tolist()),
-        **{
-            f"{name}_{axis}_m": column(values[::every])
-            for name, axes in table.items()
-            for axis, values in zip("xyz", axes, strict=True)
-        },
-    )
-    return ScoredTrajectory(score_of_all, TrajectoryDetails(path=path, sub_trajectories=tuple(rows)))
+    plotted = TrajectoryDetails(path=path_rows(placed.estimates, frames, length_m), sub_trajectories=tuple(rows))
+    about = truth_record(truth, frames, placed.placement)
+    return ScoredTrajectory((*figures, *covered), association, about, plotted if details else None)
 
 
-def sub_trajectories(
-    condition: Condition, spacing: int, frames: Frames, progress: Progress
-) -> tuple[IntArray, IntArray]:
-    """Return the frames at which the sub-trajectories of a condition start and end."""
-    count = len(frames.stamps_ns)
-    starts = np.arange(0, count, spacing)
-    ends, apart = np.minimum(starts + 1, count), dict.fromkeys(APART, 0.0)
-    for part in (condition, *condition.others):  # what only grows along a drive, then what does not
-        if part.kind in apart:
-            apart[part.kind] = part.value
-            continue
-        threshold = float(round(part.value * NS_PER_S)) if part.kind is ConditionKind.TIME else part.value
-        ends = np.maximum(ends, find_ends(starts, progress, KINDS[part.kind], threshold))
-    if any(apart.values()):
-        metres, turn_deg = apart.values()
-        ends = find_apart(starts, ends, frames.gt_pos, frames.gt_quat, metres, np.radians(turn_deg))
-    return starts[ends < count], ends[ends < count]
+# ---- associate
 
 
 class Placement(NamedTuple):
@@ -271,12 +165,66 @@ class Placement(NamedTuple):
     translation_m: tuple[float, ...]
 
 
+class PlacedFrames(NamedTuple):
+    """Frames, how they came about, and the reading of the document by which they are judged."""
+
+    frames: Frames
+    association: Association
+    estimates: Estimates
+    reading: Callable[[Poses, IntArray, IntArray], SubTrajectoryErrors]
+    placement: Placement | None
+
+
+def parsed_conditions(config: TrajectoryScoreConfig) -> list[Condition]:
+    """Return the conditions of the settings; MetricsError if there is none."""
+    if not config.conditions:
+        raise MetricsError("no condition of a sub-trajectory given: give at least one, such as distance=5")
+    return [Condition.parse(text) for text in config.conditions]
+
+
+def placed_frames(
+    estimates: Estimates, truth: Trajectory, conditions: Sequence[Condition], config: TrajectoryScoreConfig
+) -> PlacedFrames:
+    """Return the frames of an estimate and a truth; a truth without attitudes has the estimate fitted to it."""
+    if truth.has_attitude:
+        rebase, placement = Rebase(config.rebase), None
+        frames, association = associate(estimates.trajectory, truth, config.association)
+        reading = READINGS[rebase]
+    else:
+        estimates, frames, association, placement = associate_positions(
+            estimates, truth, conditions, config.association
+        )
+        rebase = Rebase.YAW_ALIGNED if placement.tilt_deg is None else Rebase.ROTATION_ALIGNED
+        reading = formulas.position_reading
+    association = msgspec.structs.replace(
+        association,
+        lost=int(np.count_nonzero(estimates.lost[frames.est_rows])),
+        degraded=int(np.count_nonzero(estimates.degraded[frames.est_rows])),
+        spacing_frames=config.spacing,
+        rebase=rebase,
+    )
+    return PlacedFrames(frames, association, estimates, reading, placement)
+
+
+def nothing_matched(estimate: Trajectory, truth: Trajectory) -> str:
+    """Return what is said of an estimate without a ground truth at its stamps."""
+    spans = []
+    for poses in (estimate, truth):
+        stamps = poses.stamps_ns
+        span = f" from {min(stamps) / NS_PER_S:.3f} s to {max(stamps) / NS_PER_S:.3f} s" if len(stamps) else ""
+        spans.append(f"{len(stamps)} poses{span}")
+    return (
+        f"no estimate has a ground truth at its stamp: the estimate has {spans[0]}, the ground truth has {spans[1]}; "
+        "give trajectories of the same drive and clock (sfr doctor estimates the offset of a clock)"
+    )
+
+
 def associate_positions(
     estimates: Estimates, truth: Trajectory, conditions: Sequence[Condition], config: AssociationConfig
-) -> tuple[Estimates, Frames, AssociationCounts, AssociationMode, Placement]:
+) -> tuple[Estimates, Frames, Association, Placement]:
     """Return estimates of the point whose positions a truth has, and their frames, turned and moved to it.
 
-    Yaw and translation are fitted by least squares: what neither vision nor gravity tells (Zhang, Scaramuzza 2018,
+    Yaw and translation are fitted by least squares: what neither vision nor gravity observes (Zhang, Scaramuzza 2018,
     section IV-B). An estimate by vision alone that begins at the identity on a slope has a tilted z: where the whole
     rotation tilts z and leaves much less, it is the fit. MetricsError for a condition that needs attitudes.
     """
@@ -285,35 +233,128 @@ def associate_positions(
     poses = estimates.trajectory
     if isinstance(truth, Truth) and poses.has_attitude:
         poses = at_point(poses, truth.lever_arm_m)
-    frames, counts, mode = associate(poses, truth, config)
+    frames, association = associate(poses, truth, config)
     turn, translation, tilt_deg = np.eye(3), np.zeros(3), None
     if len(frames.stamps_ns):
         middle, true_middle = frames.est_pos.mean(axis=0), frames.gt_pos.mean(axis=0)
-        (x, y), (u, v) = (frames.est_pos - middle).T[:2], (frames.gt_pos - true_middle).T[:2]
-        yaw = float(np.arctan2((x * v - y * u).sum(), (x * u + y * v).sum()))
-        turn = matrix_from_rotvec(np.array([0.0, 0.0, yaw]))
-        est, true = frames.est_pos - middle, frames.gt_pos - true_middle
-        to, _, of = np.linalg.svd(true.T @ est @ turn.T)  # the least rotation that lays one line on the other
-        across, cosine = np.cross(of[0], to[:, 0]), float(of[0] @ to[:, 0])
-        sine = float(np.linalg.norm(across))
-        found = [turn, matrix_from_rotvec(across * (np.arctan2(sine, cosine) / max(sine, 1e-12))) @ turn]
-        with suppress(MetricsError):  # a straight line has no rotation about itself
-            found.append(umeyama(frames.est_pos, frames.gt_pos, with_scale=False).rotation)
-        left = [float(np.linalg.norm(est @ each.T - true)) for each in found]
-        best = 1 if left[1] <= ROLL_GAIN * left[-1] else -1
-        tilted = float(np.degrees(np.arccos(np.clip(found[best][2, 2], -1.0, 1.0))))
-        if tilted >= MIN_TILT_DEG and left[0] > TILT_GAIN * left[best]:
-            turn, tilt_deg = found[best], tilted
+        estimated, true = frames.est_pos - middle, frames.gt_pos - true_middle
+        turn, tilt_deg = fitted_rotation(frames, estimated, true)
         translation = true_middle - turn @ middle
         est_quat = quat_multiply(quat_from_matrix(turn), frames.est_quat)
         frames = frames._replace(est_pos=frames.est_pos @ turn.T + translation, est_quat=est_quat)
     known = Estimates(poses, estimates.lost, estimates.degraded, None)  # its covariance says nothing of the fit
     yaw_deg = float(np.degrees(np.arctan2(turn[1, 0], turn[0, 0])))
-    return known, frames, counts, mode, Placement(yaw_deg, tilt_deg, tuple(translation.tolist()))
+    return known, frames, association, Placement(yaw_deg, tilt_deg, tuple(translation.tolist()))
 
 
-def truth_record(truth: Trajectory, frames: Frames, placed: Placement | None) -> TruthRecord:
-    """Return what is known of a truth that has noise, or positions alone."""
+def fitted_rotation(frames: Frames, estimated: FloatArray, true: FloatArray) -> tuple[FloatArray, float | None]:
+    """Return the rotation that takes centred estimates `(F, 3)` to the truth, and the tilt of z, None for a yaw."""
+    (x, y), (u, v) = estimated.T[:2], true.T[:2]
+    yaw = float(np.arctan2((x * v - y * u).sum(), (x * u + y * v).sum()))
+    upright = matrix_from_rotvec(np.array([0.0, 0.0, yaw]))
+    to, _, of = np.linalg.svd(true.T @ estimated @ upright.T)  # the least rotation that lays one line on the other
+    across, cosine = np.cross(of[0], to[:, 0]), float(of[0] @ to[:, 0])
+    sine = float(np.linalg.norm(across))
+    found = [upright, matrix_from_rotvec(across * (np.arctan2(sine, cosine) / max(sine, 1e-12))) @ upright]
+    with suppress(MetricsError):  # a straight line has no rotation about itself
+        found.append(umeyama(frames.est_pos, frames.gt_pos, with_scale=False).rotation)
+    left = [float(np.linalg.norm(estimated @ each.T - true)) for each in found]
+    best = 1 if left[1] <= ROLL_GAIN * left[-1] else -1
+    tilt_deg = float(np.degrees(np.arccos(np.clip(found[best][2, 2], -1.0, 1.0))))
+    if tilt_deg >= MIN_TILT_DEG and left[0] > TILT_GAIN * left[best]:
+        return found[best], tilt_deg
+    return upright, None
+
+
+# ---- select
+
+
+def select(condition: Condition, spacing: int, frames: Frames, length_m: Lengths) -> tuple[IntArray, IntArray]:
+    """Return the frames N and N+x of the sub-trajectories of a condition [4.1.1].
+
+    N+x is the first frame at which all parts of the condition hold. A start whose condition is never met gives none.
+    """
+    count = len(frames.stamps_ns)
+    starts = formulas.start_frames(count, spacing)
+    ends = np.minimum(starts + 1, count)
+    metres = turn_deg = 0.0
+    for part in condition.parts:
+        if part.kind is ConditionKind.DISTANCE:
+            ends = np.maximum(ends, formulas.ends_by_distance(starts, length_m, part.value))
+        elif part.kind is ConditionKind.TIME:
+            time_ns = round(part.value * NS_PER_S)
+            ends = np.maximum(ends, formulas.ends_by_time(starts, frames.stamps_ns, time_ns))
+        elif part.kind is ConditionKind.FRAMES:
+            ends = np.maximum(ends, formulas.ends_by_frames(starts, int(part.value)))
+        elif part.kind is ConditionKind.DISPLACEMENT:
+            metres = part.value
+        else:
+            turn_deg = part.value
+    if metres or turn_deg:
+        ends = formulas.ends_apart(starts, ends, frames.gt_pos, frames.gt_quat, metres, turn_deg)
+    is_met = ends < count
+    return starts[is_met], ends[is_met]
+
+
+def overlap_of(starts: IntArray, ends: IntArray, spacing: int) -> float:
+    """Return how many starts lie within one sub-trajectory on average."""
+    return int(np.sum(-(-(ends - starts) // spacing))) / max(len(starts), 1)
+
+
+# ---- error, and what is said of errors
+
+
+def error_row(kind: ErrorFigure, condition: str | None, part: str, pieces: Pieces, overlap: float = 0.0) -> Figure:
+    """Return the row of a figure; with its 95 % interval if the overlap of the sub-trajectories is given."""
+    errors = kind.errors_of(pieces)
+    numbers: dict[str, Any] = formulas.statistics(errors)._asdict()
+    if overlap:
+        numbers["independent"] = len(errors) / overlap
+        bounds = interval95(errors, overlap, unsigned=kind.is_unsigned)
+        numbers["low95"], numbers["high95"] = bounds or (None, None)
+    return figure_row(kind.name, condition, part, **numbers)
+
+
+def condition_rows(condition: str, part: str, pieces: Pieces, overlap: float) -> Iterator[Figure]:
+    """Yield the rows of one condition by the reading that is judged, then its position errors by direction."""
+    for kind in (*ERRORS, *ERRORS_OF_ALL_READINGS):
+        yield error_row(kind, condition, part, pieces, overlap)
+    for direction, errors in pieces.by_direction().items():
+        yield figure_row("position", condition, direction, **formulas.statistics(errors)._asdict())
+
+
+def growth_rows(
+    poses: Poses, length_m: Lengths, spacing: int, reading: Callable[[Poses, IntArray, IntArray], SubTrajectoryErrors]
+) -> Iterator[Figure]:
+    """Yield the rows of the error against the length of the sub-trajectory."""
+    count = len(length_m)
+    for metres in DISTANCES_M:
+        apart = max(spacing, round(DISTANCES_SPACING * max(metres / DISTANCES_BASE_M, 1.0)))
+        starts = formulas.start_frames(count, apart)
+        ends = formulas.ends_by_distance(starts, length_m, metres)
+        is_short = (ends < count) & (ends - starts <= DISTANCES_MAX_STARTS * apart)
+        starts, ends = starts[is_short], ends[is_short]
+        if len(starts):
+            pieces = Pieces(starts, ends, poses, reading(poses, starts, ends))
+            for kind in ERRORS:
+                yield error_row(kind, None, f"{metres:g} m", pieces)
+
+
+def noise_of(truth: Trajectory) -> tuple[float, float]:
+    """Return the standard deviations of a truth, m and deg, 0 if it is taken as exact."""
+    return (truth.sigma_m, truth.sigma_deg) if isinstance(truth, Truth) else (0.0, 0.0)
+
+
+def step_sums(estimates: Estimates, frames: Frames, chosen: Sequence[tuple[IntArray, IntArray]]) -> dict[int, StepSums]:
+    """Return the sums of steps up to each estimate at which a sub-trajectory starts or ends; empty without steps."""
+    if estimates.steps is None or estimates.covariance is None:
+        return {}
+    compared = np.unique(np.concatenate([np.concatenate(pair) for pair in chosen]))
+    return sums_of_steps(estimates, estimates.steps, frames.est_rows[compared])
+
+
+def truth_record(truth: Trajectory, frames: Frames, placement: Placement | None) -> TruthRecord:
+    """Return what is known of the ground truth."""
     known = truth if isinstance(truth, Truth) else Truth(truth.stamps_ns, truth.positions, truth.quats_xyzw)
     steps = np.linalg.norm(np.diff(frames.gt_pos, axis=0), axis=1)
     step = float(np.median(steps)) if len(steps) else 0.0
@@ -323,5 +364,69 @@ def truth_record(truth: Trajectory, frames: Frames, placed: Placement | None) ->
         sigma_deg=known.sigma_deg or None,
         path_excess=2.0 * (known.sigma_m / step) ** 2 if known.sigma_m and step else None,
         lever_arm_m=known.lever_arm_m if any(known.lever_arm_m) else (),
-        **({} if placed is None else placed._asdict()),
+        yaw_deg=None if placement is None else placement.yaw_deg,
+        tilt_deg=None if placement is None else placement.tilt_deg,
+        translation_m=() if placement is None else placement.translation_m,
+    )
+
+
+# ---- what plots are drawn from
+
+
+def every_nth(count: int, most: int) -> int:
+    """Return the power of two of which every one is kept, so that at most so many remain."""
+    return 1 << (max(-(-count // most), 1) - 1).bit_length()
+
+
+def sub_trajectory_rows(condition: str, pieces: Pieces, stamps_ns: IntArray, length_m: Lengths) -> SubTrajectoryRows:
+    """Return the sub-trajectories of a condition, thinned."""
+    every = every_nth(len(pieces.starts), DETAIL_ROWS)
+    shown = slice(None, None, every)
+    starts, ends = pieces.starts[shown], pieces.ends[shown]
+    directions = pieces.by_direction()
+    chord_m = formulas.chord_error(pieces.poses, pieces.starts, pieces.ends)
+    return SubTrajectoryRows(
+        condition=condition,
+        every=every,
+        start_frame=tuple(starts.tolist()),
+        end_frame=tuple(ends.tolist()),
+        start_stamp_ns=tuple(stamps_ns[starts].tolist()),
+        end_stamp_ns=tuple(stamps_ns[ends].tolist()),
+        x_m=column(directions["x"][shown]),
+        y_m=column(directions["y"][shown]),
+        z_m=column(directions["z"][shown]),
+        attitude_deg=column(pieces.errors.attitude_deg[shown]),
+        heading_deg=column(pieces.errors.heading_deg[shown]),
+        chord_m=column(chord_m[shown]),
+        along_m=column(directions["along"][shown]),
+        cross_m=column(directions["cross"][shown]),
+        travelled_m=column(length_m[ends] - length_m[starts]),
+    )
+
+
+def path_rows(estimates: Estimates, frames: Frames, length_m: Lengths) -> PathRows:
+    """Return the frames of a trajectory, thinned."""
+    every = every_nth(len(length_m), PATH_ROWS)
+    shown = slice(None, None, every)
+    sigma: dict[str, Column] = {}
+    if estimates.covariance is not None:
+        variances = estimates.covariance[frames.est_rows[shown]][:, POSITION_VARIANCES]
+        deviations = np.sqrt(np.where(variances >= 0.0, variances, np.nan))
+        if np.isfinite(deviations).any():
+            sigma = {f"sigma_{axis}_m": column(values) for axis, values in zip("xyz", deviations.T, strict=True)}
+    truth_x, truth_y, truth_z = (column(values) for values in frames.gt_pos[shown].T)
+    estimate_x, estimate_y, estimate_z = (column(values) for values in frames.est_pos[shown].T)
+    return PathRows(
+        every=every,
+        stamp_ns=tuple(frames.stamps_ns[shown].tolist()),
+        travelled_m=column(length_m[shown]),
+        truth_x_m=truth_x,
+        truth_y_m=truth_y,
+        truth_z_m=truth_z,
+        estimate_x_m=estimate_x,
+        estimate_y_m=estimate_y,
+        estimate_z_m=estimate_z,
+        lost=tuple(estimates.lost[frames.est_rows[shown]].tolist()),
+        degraded=tuple(estimates.degraded[frames.est_rows[shown]].tolist()),
+        **sigma,
     )

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -33,7 +33,7 @@ from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.config import ScoreConfig, VerdictState
 from sfr_loc_map.metrics.limits import load_limits
 from sfr_loc_map.metrics.score import Provenance, Score
-from sfr_loc_map.metrics.score_json import to_dict, to_json
+from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.nodes.diagnostics import Level, Value, status_msg
 from sfr_loc_map.nodes.lifecycle.endpoints import RELIABILITIES, profile
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
@@ -46,15 +46,10 @@ from sfr_loc_map.pipeline.monitor_score import MonitorScore, ReportFile
 from sfr_loc_map.pipeline.reception import TransportGaps
 
 RESTS = 9.0  #: Time without scoring after each score, as a multiple of the processor time that it took.
-FIGURES = {
-    "position": ("trajectory", "position_m"),
-    "attitude": ("trajectory", "attitude_deg"),
-    "heading": ("trajectory", "heading_deg"),
-    "point": ("map", "point_error_m"),
-}
-"""Topics below `metrics/`, and where their figure stands in the JSON."""
+FIGURES = {"position": "position", "attitude": "attitude", "heading": "heading", "point": "point_error"}
+"""Topics below `metrics/`, and their figures in the score."""
 STATISTICS = ("mean", "sigma", "mean_plus_3sigma")
-"""Last word of these topics (`metrics/position/mean`), and key of the figure; config/sros2_policy.xml and
+"""Last word of these topics (`metrics/position/mean`), and column of the figure; config/sros2_policy.xml and
 docs/interfaces.md have them all."""
 VERDICT_LEVELS = {
     VerdictState.PASS: Level.OK,
@@ -109,10 +104,9 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     task, config_type = "monitor", MonitorNodeConfig
 
     def setup(self) -> None:
-        """Read the limits, load compiled code, create publishers."""
+        """Read the limits, create publishers."""
         config = self.config
         limits = load_limits(Path(config.limits_file)) if config.limits_file else None
-        self.load_kernels("metrics")
         self._score = MonitorScore(config.score, limits, config.truth)
         self._report_file = ReportFile(Path(config.save_file)) if config.save_file else None
         if self._report_file is not None:
@@ -269,14 +263,12 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
             self.status.error(str(error))
             return
         self._report.publish(String(data=to_json(score)))
-        content = to_dict(score)
         for (name, statistic), publisher in self._figures.items():
-            part, figure = FIGURES[name]
-            value = content.get(part, {}).get(figure, {}).get(statistic)
+            value = score.number(FIGURES[name], statistic)
             if value is not None:
                 publisher.publish(Float64(data=float(value)))
         header = header_msg(self._last_ns, "")
-        self._metrics.publish(DiagnosticArray(header=header, status=score_statuses(content)))
+        self._metrics.publish(DiagnosticArray(header=header, status=score_statuses(score)))
         end = time.perf_counter()
         self._rest_until_s = end + RESTS * (time.thread_time() - used_s)  # not what others took of a busy host
         self.status.note_call(Level.OK, "scoring", {"processing_time_s": end - begin}, {})
@@ -309,26 +301,22 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         return "the score restarts"
 
 
-def score_statuses(score: Mapping[str, Any]) -> list[DiagnosticStatus]:
-    """Return a score (JSON) as diagnostics: a status for each group of figures, one for each verdict as its level."""
+def score_statuses(score: Score) -> list[DiagnosticStatus]:
+    """Return a score as diagnostics: a status for each row of the table of figures, and one for each verdict."""
     found = []
-    for part in ("trajectory", "map", "timing", "memory"):
-        content = score.get(part, {})
-        if plain := _plain(content):
-            found.append(status_msg(part, Level.OK, "", plain))
-        for name, figure in content.items():
-            if isinstance(figure, dict) and "mean" in figure:
-                values = _plain(figure)
-                level = Level.OK if values.get("mean_plus_3sigma") is not None else Level.WARN
-                found.append(status_msg(f"{part}/{name}", level, "" if values else "not enough data", values))
-    for item in score.get("verdicts", []):
-        level = VERDICT_LEVELS[VerdictState(item["verdict"])]
-        found.append(status_msg(f"verdict/{item['metric']}", level, item["verdict"], _plain(item)))
+    for row in score.figures:
+        names = (row.subject, row.condition, row.part, row.figure)
+        numbers = {name: value for name, value in row.as_dict().items() if isinstance(value, int | float)}
+        is_known = row.value is not None or row.mean_plus_3sigma is not None
+        level, text = (Level.OK, "") if is_known else (Level.WARN, "not enough data")
+        found.append(status_msg("/".join(filter(None, names)), level, text, {**numbers, "unit": row.unit}))
+    for item in score.verdicts:
+        values: dict[str, Value] = {"limit": item.limit}
+        values |= {} if item.value is None else {"value": item.value}
+        values |= {} if item.margin is None else {"margin": item.margin}
+        name = "/".join(filter(None, ("verdict", item.name, item.condition)))
+        found.append(status_msg(name, VERDICT_LEVELS[item.state], item.state.value, values))
     return found
-
-
-def _plain(content: Mapping[str, Any]) -> dict[str, Value]:
-    return {name: value for name, value in content.items() if isinstance(value, (int, float, str))}
 
 
 main = partial(run, MonitorNode)

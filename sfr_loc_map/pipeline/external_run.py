@@ -6,10 +6,10 @@ import contextlib
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 import psutil
+from msgspec.structs import asdict, replace
 
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.methods.isolation import ProcessTree
@@ -119,7 +119,8 @@ class AnswerBook:
             self._note("late", FindingKind.LATE, stamp_ns, f"{latency_s:.3g} s after the pair was published")
 
     def _note(self, count: str, kind: FindingKind, stamp_ns: int, text: str) -> None:
-        self._counts = replace(self._counts, **{count: getattr(self._counts, count) + 1})
+        counts = asdict(self._counts)
+        self._counts = replace(self._counts, **{count: counts[count] + 1})
         before = self._findings.get(kind) or FindingRecord(kind=kind, count=0, first_stamp_ns=stamp_ns, text=text)
         self._findings[kind] = replace(before, count=before.count + 1)
 

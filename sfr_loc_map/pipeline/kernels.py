@@ -1,6 +1,6 @@
 """Loads the kernels of a part; where they are not compiled yet, a process of its own compiles them first.
 
-    python -m sfr_loc_map.pipeline.kernels localisation mapping terrain metrics
+    python -m sfr_loc_map.pipeline.kernels localisation mapping terrain
 
 The compiler takes some 300 MB, and a process does not give them back: in a first run after an installation they would
 be scored as memory of the localiser or the mapper. So a compilation that begins here is refused, this module is run
@@ -46,7 +46,6 @@ PARTS: Mapping[str, Callable[[], None]] = {
     "localisation": lambda: import_module("sfr_loc_map.localisation.localiser").Localiser.warm_up(),
     "mapping": _mapping,
     "terrain": lambda: import_module("sfr_loc_map.mapping.terrain.grid").warm_up(),
-    "metrics": lambda: import_module("sfr_loc_map.pipeline.monitor_score").warm_up(),
 }
 
 

@@ -20,7 +20,6 @@ from numpy.typing import DTypeLike, NDArray
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, PointImage
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.geometry.quaternion_kernels import slerp
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
@@ -30,14 +29,13 @@ from sfr_loc_map.io.truth import RB_ITSELF, TrackedBody
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, unique_rows
-from sfr_loc_map.metrics.calls import Calls, parts_of, score_calls, stage_of
+from sfr_loc_map.metrics.calls import Calls, ScoredCalls, score_calls, stage_of
 from sfr_loc_map.metrics.cloud_error import PairTruth, ScoredMap, score_map
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig
 from sfr_loc_map.metrics.consistency import STEP_SIZE
-from sfr_loc_map.metrics.limits import Limits, verdicts
-from sfr_loc_map.metrics.score import Details, Provenance, Score
-from sfr_loc_map.metrics.score_json import SCHEMA
-from sfr_loc_map.metrics.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.limits import Limits, judged
+from sfr_loc_map.metrics.score import SCHEMA, Details, Provenance, Score
+from sfr_loc_map.metrics.trajectory_score import ScoredTrajectory, score_trajectory
 from sfr_loc_map.pipeline.call_stats import CallRecord
 from sfr_loc_map.pipeline.reception import jumped_back
 
@@ -216,27 +214,46 @@ class MonitorScore:
         image_stamps_ns: IntArray | None = None,
     ) -> Score:
         """Return the score so far; with details, what figures are drawn from. Only what has ended is incomplete."""
-        parts: dict[str, Any] = {}
-        drawn: dict[str, Any] = {}
-        if self.map_score is not None:
-            parts["map"], drawn["map"] = self.map_score
-        if len(self._estimates) and len(self._truth):
-            rows = self._truth.all()
-            poses = Trajectory(rows["stamp_ns"], rows["position"], rows["quat"])
-            truth = self._body.applied(poses, rows["variances"])
-            config = self._config.trajectory
-            parts["trajectory"], drawn["trajectory"] = score_trajectory(
-                self._given_estimates(), truth, config, image_stamps_ns=image_stamps_ns, details=details, under_way=True
-            )
-            whole, allowed = parts["trajectory"].completeness, self._limits is not None and self._limits.allow_missing
-            if ended and not (config.partial or allowed):
-                parts["incomplete"] = whole.incomplete
-        if len(self._calls):
-            calls = [score_calls(self._calls.calls(), details=details)]
-            parts["timing"], parts["memory"], drawn["calls"] = parts_of(calls)
-        shown = Details(**drawn) if details and any(part is not None for part in drawn.values()) else None
-        score = Score(provenance=provenance, verdicts=(), details=shown, **parts)
-        return score if self._limits is None else replace(score, verdicts=verdicts(self._limits, score))
+        drive = self._scored_trajectory(image_stamps_ns, details=details)
+        calls = score_calls(self._calls.calls(), details=details) if len(self._calls) else ScoredCalls()
+        figures = [
+            *(() if drive is None else drive.figures),
+            *(() if self.map_score is None else self.map_score.figures),
+            *calls.figures,
+        ]
+        shown = Details(
+            trajectory=None if drive is None else drive.details,
+            map=None if self.map_score is None else self.map_score.details,
+            calls=dict(calls.plots),
+        )
+        allowed = self._config.trajectory.partial or (self._limits is not None and self._limits.allow_missing)
+        score = Score(
+            figures=tuple(figures),
+            association=None if drive is None else drive.association,
+            truth=None if drive is None else drive.truth,
+            provenance=provenance,
+            cloud=None if self.map_score is None else self.map_score.cloud,
+            calls=calls.records if len(self._calls) else None,
+            incomplete=drive.association.incomplete if drive is not None and ended and not allowed else None,
+            details=shown if details and shown != Details() else None,
+        )
+        return judged(score, self._limits)
+
+    def _scored_trajectory(self, image_stamps_ns: IntArray | None, *, details: bool) -> ScoredTrajectory | None:
+        """Return the score of the poses that have come, by the function that scores files."""
+        if not len(self._estimates) or not len(self._truth):
+            return None
+        rows = self._truth.all()
+        poses = Trajectory(rows["stamp_ns"], rows["position"], rows["quat"])
+        truth = self._body.applied(poses, rows["variances"])
+        return score_trajectory(
+            self._given_estimates(),
+            truth,
+            self._config.trajectory,
+            image_stamps_ns=image_stamps_ns,
+            details=details,
+            under_way=True,
+        )
 
     def _given_estimates(self) -> Estimates:
         rows, said = self._estimates.all(), self._steps.all()
@@ -259,19 +276,6 @@ class MonitorScore:
 
 def _check(stamp_ns: int, position: Sequence[float], quat_xyzw: Sequence[float]) -> None:
     Trajectory(np.array([stamp_ns]), np.array([position], np.float64), np.array([quat_xyzw], np.float64))
-
-
-def warm_up() -> None:
-    """Load all compiled code of the trajectory score."""
-    live = MonitorScore(ScoreConfig(), None)
-    for stamp in range(3):
-        pose = (float(stamp), 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
-        live.add_truth(stamp, *pose)
-        live.add_estimate(stamp, *pose, np.eye(6))
-        live.add_call(CallRecord(stamp, 0.0, TrackingState.DEGRADED, None, None, step=np.zeros(STEP_SIZE)))
-    live.result()
-    # what so short a drive does not meet: truth between two stamps
-    slerp(np.zeros((1, 4)), np.zeros((1, 4)), np.zeros(1))
 
 
 class ReportFile:

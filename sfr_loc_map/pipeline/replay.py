@@ -8,6 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
+from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import PointCloud
@@ -184,7 +185,8 @@ def score_replay(
     score = scoring.score_run(run, config, limits)
     if (made := score.provenance) is None:
         return score
-    return replace(score, provenance=replace(made, configuration={**made.configuration, **settings}))
+    made = struct_replace(made, configuration={**made.configuration, **settings})
+    return struct_replace(score, provenance=made)
 
 
 def _scored_cloud(source: Source, result: ReplayResult) -> scoring.ScoredCloud | None:

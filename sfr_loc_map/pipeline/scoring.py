@@ -13,6 +13,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map import __version__, io  # whose `open_source` is loaded late: files of trajectories need no images
 from sfr_loc_map.config import flatten
@@ -32,25 +33,31 @@ from sfr_loc_map.io.trajectory_file import ANNOUNCED, LoadedTrajectory, read_tra
 from sfr_loc_map.io.truth import truth_of_file
 from sfr_loc_map.metrics.aligned_error import aligned_errors
 from sfr_loc_map.metrics.association import Estimates
-from sfr_loc_map.metrics.calls import ScoredCalls, parts_of, score_calls, score_target, with_external
+from sfr_loc_map.metrics.calls import ScoredCalls, joined, score_calls, score_target, with_external
 from sfr_loc_map.metrics.cloud_error import PairTruth, point_errors, score_map, score_nearest, truths_of
-from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationMode, CallKind, Condition, ScoreConfig
+from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationMode, CallKind, Condition, ScoreConfig, label_of
 from sfr_loc_map.metrics.convention import Diagnosis, converted_estimates, diagnose
-from sfr_loc_map.metrics.limits import Limits, verdicts
+from sfr_loc_map.metrics.limits import Limits, judged
 from sfr_loc_map.metrics.score import (
+    Alignment,
+    Association,
+    CallPlots,
+    CallRecords,
+    CloudRecord,
     ConventionRecord,
     Details,
     ExternalScore,
+    Figure,
     FindingRecord,
     InputFile,
-    MemoryScore,
+    MapDetails,
     MethodKind,
     MethodRecord,
     Provenance,
     Score,
     TargetRecord,
-    TargetScore,
-    TimingScore,
+    TargetRun,
+    TrajectoryDetails,
     TruthRecord,
 )
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
@@ -181,131 +188,164 @@ def corrected(
         found = diagnose(drive.estimates.trajectory, drive.truth, config.trajectory.association, drive.rig).found
     if found is not None and found.setting:
         drive = drive.converted(PoseConvention.parse([found.setting]))
-        done = replace(done, diagnosed=found.setting, fitted=found.fitted, sentence=found.sentence)
+        done = struct_replace(done, diagnosed=found.setting, fitted=found.fitted, sentence=found.sentence)
     return drive, None if done == ConventionRecord() else done
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Part:
+    """What one part of a run adds to its score."""
+
+    figures: tuple[Figure, ...] = ()
+    warnings: tuple[str, ...] = ()
+    incomplete: str | None = None  #: Why the part does not cover the whole drive.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _DrivePart(_Part):
+    association: Association | None = None
+    truth: TruthRecord | None = None
+    alignment: Alignment | None = None
+    contradiction: str | None = None
+    details: TrajectoryDetails | None = None
+    data_sha256: str | None = None  #: Of the values of the truth: a folder and a bag made of it have the same.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _MapPart(_Part):
+    cloud: CloudRecord | None = None
+    details: MapDetails | None = None
+    data_sha256: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _CallsPart(_Part):
+    records: CallRecords | None = None
+    plots: Mapping[str, CallPlots] = field(default_factory=dict)
+    target: TargetRun | None = None
 
 
 def score_run(
     run: Run, config: ScoreConfig, limits: Limits | None = None, aligned: AlignedErrorConfig | None = None
 ) -> Score:
     """Return the score of a run, also for conditions that only the limits name; with settings, APE and RPE as well."""
-    if limits is not None:
-        present = [Condition.parse(text) for text in config.trajectory.conditions]
-        missing = tuple(item.setting for item in limits.conditions if item not in present)
-        conditions = (*config.trajectory.conditions, *missing)
-        config = replace(config, trajectory=replace(config.trajectory, conditions=conditions))
-    drive, cloud, convention, inputs = run.drive, run.cloud, run.convention, run.inputs
-    parts: dict[str, Any] = {}
-    drawn: dict[str, Any] = {}  # what figures are drawn from
-    contradiction, incomplete, warnings = None, run.missing or None, []
-    data = {}  # hashes of what the inputs mean: a folder and the bag it was converted to have the same truth
+    config = _with_conditions(config, limits)
+    drive = _drive_part(run, config, aligned)
+    cloud = _map_part(run, config)
+    calls = _calls_part(run)
+    method = _method_of(run)
+    incomplete = run.missing or drive.incomplete or _unanswered(run)
+    warnings = [*_convention_warnings(run.convention), *drive.warnings]
+    if incomplete and (config.trajectory.partial or (limits is not None and limits.allow_missing)):
+        warnings.append(f"a part of the drive is judged: {incomplete}")
+        incomplete = None
+    warnings += calls.warnings
+    warnings += () if method is None else _process_warnings(method, run.stats)
+    score = Score(
+        figures=(*drive.figures, *cloud.figures, *calls.figures),
+        association=drive.association,
+        truth=drive.truth,
+        provenance=_provenance(run, config, drive.data_sha256, cloud.data_sha256),
+        alignment=drive.alignment,
+        cloud=cloud.cloud,
+        calls=calls.records,
+        target=calls.target,
+        method=method,
+        findings=(*run.findings, *(finding for item in run.stats for finding in item.findings)),
+        processes=next((item.processes for item in run.stats if item.processes is not None), None),
+        external=run.external,
+        convention=run.convention,
+        warnings=tuple(warnings),
+        contradiction=drive.contradiction,
+        incomplete=incomplete or None,
+        details=_details(drive.details, cloud.details, calls.plots),
+    )
+    score = judged(score, limits)
+    return struct_replace(score, warnings=(*score.warnings, *_reading_warnings(score)))
+
+
+def _with_conditions(config: ScoreConfig, limits: Limits | None) -> ScoreConfig:
+    """Return settings with the conditions that only the limits name."""
+    present = [Condition.parse(text) for text in config.trajectory.conditions]
+    missing = [] if limits is None else [item.setting for item in limits.conditions if item not in present]
+    conditions = (*config.trajectory.conditions, *missing)
+    return replace(config, trajectory=replace(config.trajectory, conditions=conditions))
+
+
+def _details(
+    trajectory: TrajectoryDetails | None, cloud: MapDetails | None, calls: Mapping[str, CallPlots]
+) -> Details | None:
+    found = Details(trajectory=trajectory, map=cloud, calls=dict(calls))
+    return None if found == Details() else found
+
+
+# ---- the trajectory
+
+
+def _drive_part(run: Run, config: ScoreConfig, aligned: AlignedErrorConfig | None) -> _DrivePart:
+    drive = run.drive
+    if drive is None:
+        return _DrivePart()
+    contradiction = _contradiction(drive, config)
+    scored = score_trajectory(drive.estimates, drive.truth, config.trajectory, image_stamps_ns=drive.image_stamps_ns)
+    figures, alignment = scored.figures, None
+    if aligned is not None:
+        beside = aligned_errors(drive.estimates.trajectory, drive.truth, aligned)
+        figures, alignment = (*figures, *beside.figures), beside.alignment
+    warnings = [] if contradiction is None else [contradiction]
+    warnings += _frame_warnings(drive, scored.association)
+    warnings += truth_warnings(scored.truth)
+    return _DrivePart(
+        figures=figures,
+        warnings=tuple(warnings),
+        incomplete=scored.association.incomplete,
+        association=scored.association,
+        truth=scored.truth,
+        alignment=alignment,
+        contradiction=contradiction,
+        details=scored.details,
+        data_sha256=hash_arrays((drive.truth.stamps_ns, drive.truth.positions)),
+    )
+
+
+def _contradiction(drive: ScoredDrive, config: ScoreConfig) -> str | None:
+    """Return the convention mismatch that explains how estimate and truth disagree, and its remedy; None without."""
+    association = config.trajectory.association
+    found = diagnose(drive.estimates.trajectory, drive.truth, association, drive.rig, every=False).found
+    if found is None:
+        return None
+    remedy = f"--convention {found.setting} or --apply-diagnosis corrects it; " if found.setting else ""
+    return f"{found.sentence} ({remedy}sfr doctor EST TRUTH shows every hypothesis)"
+
+
+def _frame_warnings(drive: ScoredDrive, association: Association) -> Iterator[str]:
+    """Yield that frames are those of a sparse truth."""
+    many, what = association.images, "images"
+    if not many:
+        many, what = len(drive.estimates.trajectory), "estimates"
+    if association.mode is AssociationMode.MATCH and association.truth_poses < FEW_TRUE_POSES * many:
+        yield (
+            f"the truth has {association.truth_poses} poses for {many} {what}: frames and spacing count true poses; "
+            "sfr score --frames images interpolates the truth to every image"
+        )
+
+
+def _convention_warnings(convention: ConventionRecord | None) -> Iterator[str]:
     if convention is not None and convention.diagnosed is not None:
         fitted = "; numbers of it were fitted to the truth, which flatters the figures" if convention.fitted else ""
-        warnings += [f"--apply-diagnosis converted the estimate by {convention.diagnosed} before scoring it{fitted}"]
-    if drive is not None:
-        data["truth"] = hash_arrays((drive.truth.stamps_ns, drive.truth.positions))
-        estimate = drive.estimates.trajectory
-        association = config.trajectory.association
-        if (found := diagnose(estimate, drive.truth, association, drive.rig, every=False).found) is not None:
-            remedy = f"--convention {found.setting} or --apply-diagnosis corrects it; " if found.setting else ""
-            contradiction = f"{found.sentence} ({remedy}sfr doctor EST TRUTH tells more)"
-            warnings += [contradiction]
-        parts["trajectory"], drawn["trajectory"] = score_trajectory(
-            drive.estimates, drive.truth, config.trajectory, image_stamps_ns=drive.image_stamps_ns
-        )
-        whole, mode = parts["trajectory"].completeness, parts["trajectory"].association.mode
-        many, what = (whole.images, "images") if whole.images else (len(estimate.stamps_ns), "estimates")
-        if mode is AssociationMode.MATCH and whole.truth_poses < FEW_TRUE_POSES * many:
-            few = f"the truth has {whole.truth_poses} poses for {many} {what}: frames and spacing count true "
-            warnings += [f"{few}poses; sfr score --frames images interpolates the truth to every image"]
-        warnings += () if (about := parts["trajectory"].truth) is None else truth_warnings(about)
-        incomplete = incomplete or whole.incomplete
-        if aligned is not None:
-            parts["aligned"] = aligned_errors(estimate, drive.truth, aligned)
-    if run.external is not None and run.external.task == CallKind.LOCALISATION:  # one cloud may be of several pairs
-        answers = run.external.answers
-        unanswered = f"{answers.missing} of {answers.pairs} pairs have no answer" if answers.missing else None
-        incomplete = incomplete or unanswered
-    if incomplete and (config.trajectory.partial or (limits is not None and limits.allow_missing)):
-        warnings, incomplete = [*warnings, f"a part of the drive is judged: {incomplete}"], None
-    if cloud is not None:
-        data["map_truth"] = hash_arrays(truth.points for truth in cloud.truths)
-        parts["map"], drawn["map"] = (
-            score_nearest(cloud.loaded.xyz, cloud.truths, config.map)
-            if cloud.loaded.cloud is None
-            else score_map(cloud.loaded.cloud, cloud.truths, config.map)
-        )
-    calls = [score_calls(item.calls) for item in run.stats]
-    if run.external is not None:
-        nothing_told = ScoredCalls(TimingScore(), MemoryScore(), None)
-        calls = [with_external(item, run.external) for item in calls or [nothing_told]]
-    if calls:
-        parts["timing"], parts["memory"], drawn["calls"] = parts_of(calls)
-
-    target = None if run.target is None else _scored_target(run, run.target)
-    if target is not None and target.other_run is not None:
-        warnings += [f"the times of {target.name} are of another run: {target.other_run}"]
-    elif target is not None and target.matched_share is not None and target.matched_share < 1.0:
-        warnings += [f"the times of {target.name} are of {100.0 * target.matched_share:.3g} % of the estimates"]
-
-    files = {}
-    roles = ("estimate", "truth", "cloud", "map_truth", "target", "target_about", "limits", "configuration")
-    named = {name: getattr(inputs, name) for name in roles}
-    for name, path in (named | {f"stats_{number}": path for number, path in enumerate(inputs.stats)}).items():
-        if path is None:
-            continue
-        if name == "truth" and path.is_dir() and not is_bag(path):  # of the folder only the trajectory counts
-            places = [item for item in (path / "groundtruth.csv", path / "loc" / "groundtruth.csv") if item.is_file()]
-            path = places[0] if places else path
-        files[name] = InputFile(path=str(path), sha256=hash_path(path), data_sha256=data.get(name))
-    if drive is not None and isinstance(drive.truth, Truth) and "truth" in files:
-        files["truth"] = replace(files["truth"], read_from=drive.truth.read_from or None)
-    for name, sha256 in run.in_memory.items():
-        files[name] = InputFile(path=IN_MEMORY, sha256=sha256, data_sha256=data.get(name))
-    methods = [item.method for item in run.stats if item.method is not None]
-    others = [method for method in methods if method.kind is not MethodKind.BUILT_IN]  # beside ours it is under test
-    method = run.method or next(iter([*others, *methods]), None)
-    warnings += () if method is None else _of_process(method, run.stats)
-    score = Score(
-        method=method,
-        processes=next((item.processes for item in run.stats if item.processes is not None), None),
-        findings=(*run.findings, *(finding for item in run.stats for finding in item.findings)),
-        external=run.external,
-        convention=convention,
-        target=target,
-        verdicts=(),
-        warnings=tuple(warnings),
-        contradiction=contradiction,
-        incomplete=incomplete,
-        provenance=Provenance(
-            version=__version__,
-            commit=COMMIT,
-            command=inputs.command,
-            inputs=files,
-            configuration=flatten(config),
-            host={"machine": platform.machine(), "system": platform.system(), "python": platform.python_version()},
-            time=datetime.now(UTC).isoformat(timespec="seconds"),
-        ),
-        details=Details(**drawn) if any(part is not None for part in drawn.values()) else None,
-        **parts,
-    )
-    judged = verdicts(limits, score) if limits is not None or score.findings else ()
-    if contradiction is None and (differ := [item for item in judged if len(set(item.by_reading.values())) > 1]):
-        each = ", ".join(f"{reading} {state}" for reading, state in differ[0].by_reading.items())
-        over = "" if differ[0].condition is None else f" over {differ[0].condition.label}"
-        text = f"the reading of the document (--rebase) decides {len(differ)} of {len(judged)} verdicts, the first "
-        warnings += [f"{text}{differ[0].metric}{over}: {each}"]
-    return replace(score, verdicts=judged, warnings=tuple(warnings))
+        yield f"--apply-diagnosis converted the estimate by {convention.diagnosed} before scoring it{fitted}"
 
 
-def _of_process(method: MethodRecord, stats: Sequence[CallStats]) -> Iterator[str]:
-    if "not " in (method.isolation or ""):
-        yield f"method {method.name} was not shut in, it may have read what it liked: {method.isolation}"
-    for usage in (item.processes for item in stats if item.processes is not None):
-        outside_s = usage.cpu_outside_s or 0.0
-        if outside_s > max(OUTSIDE_SHARE * usage.cpu_s, OUTSIDE_S):
-            told = f"{outside_s:.3g} s of its {usage.cpu_s:.3g} s of processor time"
-            yield f"the method works outside its calls: {told}; no time of a call has them"
+def _reading_warnings(score: Score) -> Iterator[str]:
+    """Yield that the reading of the document decides verdicts."""
+    differ = [item for item in score.verdicts if len(set(item.by_reading.values())) > 1]
+    if not differ or score.contradiction is not None:
+        return
+    first = differ[0]
+    each = ", ".join(f"{reading} {state}" for reading, state in first.by_reading.items())
+    over = f" over {label_of(first.condition)}" if first.condition else ""
+    text = f"the reading of the document (--rebase) decides {len(differ)} of {len(score.verdicts)} verdicts, the first"
+    yield f"{text} {first.name}{over}: {each}"
 
 
 def truth_warnings(about: TruthRecord) -> Iterator[str]:
@@ -325,13 +365,127 @@ def truth_warnings(about: TruthRecord) -> Iterator[str]:
         )
 
 
-def _scored_target(run: Run, calls: CallStats) -> TargetScore:
+def _unanswered(run: Run) -> str | None:
+    """Return that an external localiser did not answer all pairs; of a mapper one cloud may be of several pairs."""
+    node = run.external
+    if node is None or node.task != CallKind.LOCALISATION or not node.answers.missing:
+        return None
+    return f"{node.answers.missing} of {node.answers.pairs} pairs have no answer"
+
+
+# ---- the map
+
+
+def _map_part(run: Run, config: ScoreConfig) -> _MapPart:
+    if run.cloud is None:
+        return _MapPart()
+    loaded, truths = run.cloud.loaded, run.cloud.truths
+    if loaded.cloud is None:
+        scored = score_nearest(loaded.xyz, truths, config.map)
+    else:
+        scored = score_map(loaded.cloud, truths, config.map)
+    return _MapPart(
+        figures=scored.figures,
+        cloud=scored.cloud,
+        details=scored.details,
+        data_sha256=hash_arrays(truth.points for truth in truths),
+    )
+
+
+# ---- the calls
+
+
+def _calls_part(run: Run) -> _CallsPart:
+    calls = [score_calls(item.calls) for item in run.stats]
+    if run.external is not None:
+        calls = [with_external(item, run.external) for item in calls or [ScoredCalls()]]
+    of_host = joined(calls)
+    records = of_host.records if calls else None
+    if run.target is None:
+        return _CallsPart(figures=of_host.figures, records=records, plots=of_host.plots)
+    of_target, target = _scored_target(run, run.target)
+    figures = (*of_host.figures, *of_target)
+    warnings = tuple(_target_warnings(target))
+    return _CallsPart(figures=figures, records=records, plots=of_host.plots, target=target, warnings=warnings)
+
+
+def _scored_target(run: Run, calls: CallStats) -> tuple[tuple[Figure, ...], TargetRun]:
     name = run.inputs.target_name or "target"
     if run.about is not None:
         name = run.about.board or "a board that is not named"
-    stamps, other = None if run.drive is None else run.drive.estimates.trajectory.stamps_ns, run.inputs.target_run
-    scored = score_target(calls.calls, name, stamps, has_stamps=calls.has_stamps, other_run=other)
-    return replace(scored, about=run.about)
+    stamps = None if run.drive is None else run.drive.estimates.trajectory.stamps_ns
+    other_run = run.inputs.target_run
+    figures, target = score_target(calls.calls, name, stamps, has_stamps=calls.has_stamps, other_run=other_run)
+    return figures, struct_replace(target, about=run.about)
+
+
+def _target_warnings(target: TargetRun) -> Iterator[str]:
+    if target.other_run is not None:
+        yield f"the times of {target.name} are of another run: {target.other_run}"
+    elif target.matched_share is not None and target.matched_share < 1.0:
+        yield f"the times of {target.name} are of {100.0 * target.matched_share:.3g} % of the estimates"
+
+
+def _method_of(run: Run) -> MethodRecord | None:
+    """Return whose run it is; a method under test rather than the one of this suite beside it."""
+    methods = [item.method for item in run.stats if item.method is not None]
+    others = [method for method in methods if method.kind is not MethodKind.BUILT_IN]
+    return run.method or next(iter([*others, *methods]), None)
+
+
+def _process_warnings(method: MethodRecord, stats: Sequence[CallStats]) -> Iterator[str]:
+    if "not " in (method.isolation or ""):
+        yield f"method {method.name} was not isolated, it may have read any file: {method.isolation}"
+    for usage in (item.processes for item in stats if item.processes is not None):
+        outside_s = usage.cpu_outside_s or 0.0
+        if outside_s > max(OUTSIDE_SHARE * usage.cpu_s, OUTSIDE_S):
+            told = f"{outside_s:.3g} s of its {usage.cpu_s:.3g} s of processor time"
+            yield f"the method works outside its calls: {told}; no time of a call has them"
+
+
+# ---- provenance
+
+
+def _provenance(run: Run, config: ScoreConfig, truth_sha256: str | None, map_truth_sha256: str | None) -> Provenance:
+    inputs = run.inputs
+    data = {"truth": truth_sha256, "map_truth": map_truth_sha256}
+    paths: dict[str, Path | None] = {
+        "estimate": inputs.estimate,
+        "truth": inputs.truth,
+        "cloud": inputs.cloud,
+        "map_truth": inputs.map_truth,
+        "target": inputs.target,
+        "target_about": inputs.target_about,
+        "limits": inputs.limits,
+        "configuration": inputs.configuration,
+    }
+    paths |= {f"stats_{number}": path for number, path in enumerate(inputs.stats)}
+    files: dict[str, InputFile] = {}
+    for name, path in paths.items():
+        if path is not None:
+            hashed = _trajectory_in(path) if name == "truth" else path
+            files[name] = InputFile(path=str(hashed), sha256=hash_path(hashed), data_sha256=data.get(name))
+    if run.drive is not None and isinstance(run.drive.truth, Truth) and "truth" in files:
+        files["truth"] = struct_replace(files["truth"], read_from=run.drive.truth.read_from or None)
+    for name, sha256 in run.in_memory.items():
+        files[name] = InputFile(path=IN_MEMORY, sha256=sha256, data_sha256=data.get(name))
+    return Provenance(
+        version=__version__,
+        commit=COMMIT,
+        command=inputs.command,
+        inputs=files,
+        configuration=flatten(config),
+        host={"machine": platform.machine(), "system": platform.system(), "python": platform.python_version()},
+        time=datetime.now(UTC).isoformat(timespec="seconds"),
+    )
+
+
+def _trajectory_in(path: Path) -> Path:
+    """Return the file of true poses of a data set folder: of the folder nothing else counts; otherwise the path."""
+    if not path.is_dir() or is_bag(path):
+        return path
+    places = [path / "groundtruth.csv", path / "loc" / "groundtruth.csv"]
+    return next((place for place in places if place.is_file()), path)
 
 
 # ---- from files to a run

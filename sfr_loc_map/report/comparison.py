@@ -9,18 +9,17 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+from sfr_loc_map.metrics.catalogue import CATALOGUE, Subject, title_of
 from sfr_loc_map.metrics.comparison import SIGNIFICANT, Comparison
-from sfr_loc_map.metrics.config import CallKind
-from sfr_loc_map.metrics.limits import value_at
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.config import CallKind, label_of
+from sfr_loc_map.metrics.score import Figure, Score
 from sfr_loc_map.report import plots
 from sfr_loc_map.report.page import overall_of
-from sfr_loc_map.report.score_figures import growth, path_errors
-from sfr_loc_map.report.score_tables import UNTOLD, convention_text, map_error
+from sfr_loc_map.report.score_figures import growth, path_errors, path_of, range_rows
+from sfr_loc_map.report.score_tables import UNNAMED, convention_text, row_title
 from sfr_loc_map.report.tables import ABSENT, MARKS, NONE, Cell, Column, Row, Table, Unit, fitting, number
 
 NEUTRAL = ("frames",)  #: Columns whose figures are neither good nor bad.
-POSITION = "trajectory.first.position_m.mean_plus_3sigma"
 SYMBOLS = ("circle", "square", "diamond")
 KINDS = (CallKind.LOCALISATION, CallKind.MAPPING)
 Named = Sequence[tuple[str, Score]]
@@ -32,10 +31,9 @@ def comparison_tables(result: Comparison) -> list[Table]:
     if result.pairs:
         rows: list[Row] = []
         for pair in result.pairs:
-            name, _, symbol = pair.figure.partition("_")
-            unit = fitting(Unit(symbol), pair.first, pair.other)
+            unit = fitting(Unit(pair.unit), pair.first, pair.other)
             row = (
-                Cell.head(f"{name}, {unit.symbol}, over {pair.condition.label}"),
+                Cell.head(f"{title_of(pair.figure)}, {unit.symbol}, over {label_of(pair.condition)}"),
                 Cell(pair.name),
                 _cell(pair.first, unit),
                 _cell(pair.other, unit),
@@ -56,7 +54,10 @@ def comparison_tables(result: Comparison) -> list[Table]:
     if result.side_by_side:
         title = "Whole runs, side by side (not paired: no interval)"
         columns = (Column("figure", words=True), *map(Column, names))
-        whole = tuple((Cell.head(row.figure), *map(_cell, row.values)) for row in result.side_by_side)
+        whole = tuple(
+            (Cell.head(f"{row.figure}, {row.unit}" if row.unit != "1" else row.figure), *map(_cell, row.values))
+            for row in result.side_by_side
+        )
         tables.append(Table("runs", title, columns, whole))
     return tables
 
@@ -78,7 +79,7 @@ def summary_of(result: Comparison) -> tuple[str, str]:
     """Return in a word and in a sentence how the others stand beside the reference, the worse first."""
     first, outcomes = result.names[0], dict[str, dict[str, list[str]]]()
     for pair in result.pairs:
-        figure = f"{pair.figure.partition('_')[0]} over {pair.condition.label}"
+        figure = f"{pair.figure} over {label_of(pair.condition)}"
         outcomes.setdefault(pair.name, {}).setdefault(pair.outcome.value, []).append(figure)
     counts, parts = {"worse": 0, "better": 0}, []
     for name, found in sorted(outcomes.items(), key=lambda item: "worse" not in item[1]):
@@ -104,68 +105,89 @@ def _marked(column: Column, cells: list[Cell]) -> list[Cell]:
 
 
 def _methods(named: Named) -> Table:
-    over = next((s.trajectory.first.condition.label for _, s in named if s.trajectory is not None), "")
-    kind, verdict = Column("kind", words=True), Column("verdict", words=True)
+    """Return a row a method; its columns are the figures that the catalogue compares, of the first condition."""
     shown: list[tuple[Column, Callable[[Score], Cell]]] = [
-        (verdict, lambda s: Cell.verdict(overall_of(s).state)),
-        (kind, lambda s: Cell(value_at(s, "method.kind") or ABSENT)),
+        (Column("verdict", words=True), lambda score: Cell.verdict(overall_of(score).state)),
+        (Column("kind", words=True), lambda score: Cell(ABSENT if score.method is None else score.method.kind.value)),
     ]
-    if any(score.trajectory is not None for _, score in named):
-        shown += [
-            (Column(f"position over {over}", Unit("mm")), _position),
-            (Column(f"attitude over {over}", Unit("deg")), _value("trajectory.first.attitude_deg.mean_plus_3sigma")),
-            (Column(f"heading over {over}", Unit("deg")), _value("trajectory.first.heading_deg.mean_plus_3sigma")),
-            (Column("frames"), _value("trajectory.matched")),
-            (Column("lost"), _value("trajectory.lost")),
-        ]
-    if any(score.map is not None for _, score in named):
-        shown += [
-            (Column("map point", Unit("mm")), lambda score: _cell(_map_error(score), Unit("mm"))),
-            (Column("coverage"), _value("map.coverage")),
-        ]
+    for figure in dict.fromkeys(row.figure for _, score in named for row in compared_rows(score)):
+        rows = [row for _, score in named for row in compared_rows(score) if row.figure == figure]
+        unit = fitting(Unit(rows[0].unit), *(row.mean_plus_3sigma for row in rows))
+        shown.append((Column(row_title(rows[0]).partition(",")[0], unit), _figure_cell(figure, unit)))
+    if any(score.association is not None for _, score in named):
+        shown.append((Column("frames"), lambda score: _cell(_frames(score, "matched"))))
+        shown.append((Column("lost"), lambda score: _cell(_frames(score, "lost"))))
+    if any(score.has(Subject.MAP) for _, score in named):
+        shown.append((Column("coverage"), lambda score: _cell(score.number("coverage"))))
     shown += [
         (Column("time p50", Unit("ms")), lambda score: _times(score, "p50")),
         (Column("time p95", Unit("ms")), lambda score: _times(score, "p95")),
-        (Column("memory", Unit("MiB")), lambda score: _of_kinds(score, "memory", "peak_bytes", Unit("MiB"))),
+        (Column("memory", Unit("MiB")), _peaks),
         (Column("findings"), lambda score: Cell.number(sum(item.count for item in score.findings))),
     ]
-    ordered = sorted(named, key=lambda item: value_at(item[1], POSITION) or _map_error(item[1]) or float("inf"))
+    ordered = sorted(named, key=lambda item: main_error(item[1]) or float("inf"))
     columns = [_marked(column, [cell_of(score) for _, score in ordered]) for column, cell_of in shown]
-    rows = tuple((Cell.head(name), *cells) for (name, _), *cells in zip(ordered, *columns, strict=True))
+    rows_of_all = tuple((Cell.head(name), *cells) for (name, _), *cells in zip(ordered, *columns, strict=True))
     note = (
-        "Errors: mean + 3 sigma, of position with its 95 % interval. Time per call: localisation / mapping; a latency "
+        "Errors: mean + 3 sigma, with its 95 % interval. Time per call: localisation / mapping; a latency "
         "is marked, it has transport and waiting in it, and is not a time per call. Memory: largest peak. "
         f"{MARKS['best']} best, {MARKS['worst']} worst of its column."
     )
-    return Table("counts", "Methods", (Column("method", words=True), *(column for column, _ in shown)), rows, note)
+    heads = (Column("method", words=True), *(column for column, _ in shown))
+    return Table("counts", "Methods", heads, rows_of_all, note)
 
 
-def _value(place: str, unit: Unit = NONE) -> Callable[[Score], Cell]:
-    return lambda score: _cell(value_at(score, place), unit)
+def compared_rows(score: Score) -> list[Figure]:
+    """Return the errors by which methods are compared: by the reading that is judged, over the first condition."""
+    first = next(iter(score.conditions), None)
+    rows = []
+    for kind in CATALOGUE:
+        if kind.is_compared or kind.name == "nearest_distance":
+            condition = first if kind.subject is Subject.TRAJECTORY else None
+            row = score.figure(kind.name, subject=kind.subject, condition=condition)
+            if row is not None and (row.part is None or kind.subject is Subject.TRAJECTORY):
+                rows.append(row)
+    return rows
 
 
-def _position(score: Score) -> Cell:
-    total, bounds = (value_at(score, f"{POSITION}{end}") for end in ("", "_ci95"))
-    if total is None:
-        return Cell(ABSENT)
-    interval = f" ({Cell.interval(bounds, unit=Unit('mm')).text})" if bounds is not None else ""
-    return Cell(number(total, unit=Unit("mm")) + interval, total)
+def main_error(score: Score) -> float | None:
+    """Return mean + 3 sigma of the position error or, of a map, of the point error."""
+    return next((row.mean_plus_3sigma for row in compared_rows(score)), None)
 
 
-def _map_error(score: Score) -> float | None:
-    error = map_error(score)
-    return None if error is None else error.value.mean_plus_3sigma
+def _figure_cell(figure: str, unit: Unit) -> Callable[[Score], Cell]:
+    def cell_of(score: Score) -> Cell:
+        row = next((row for row in compared_rows(score) if row.figure == figure), None)
+        if row is None or row.mean_plus_3sigma is None:
+            return Cell(ABSENT)
+        interval = f" ({Cell.interval(row.interval, unit=unit).text})" if row.interval else ""
+        return Cell(number(row.mean_plus_3sigma, unit=unit) + interval, row.mean_plus_3sigma)
+
+    return cell_of
 
 
-def _times(score: Score, name: str) -> Cell:
-    latency = value_at(score, f"external.latency_s.{name}")
-    if latency is not None and all(value_at(score, f"timing.{kind}") is None for kind in KINDS):
-        return Cell(f"latency {number(latency, unit=Unit('ms'))}")
-    return _of_kinds(score, "timing", name, Unit("ms"))
+def _frames(score: Score, name: str) -> int | None:
+    found = score.association
+    if found is None:
+        return None
+    return found.matched if name == "matched" else found.lost
 
 
-def _of_kinds(score: Score, part: str, name: str, unit: Unit) -> Cell:
-    values = [value for kind in KINDS if (value := value_at(score, f"{part}.{kind}.{name}")) is not None]
+def _times(score: Score, statistic: str) -> Cell:
+    rows = [score.figure(kind, part=None) for kind in KINDS]
+    latency = None if score.external is None else score.external.latency_s
+    if latency is not None and not any(rows):
+        seconds = latency.p50 if statistic == "p50" else latency.p95
+        return Cell(f"latency {number(seconds, unit=Unit('ms'))}")
+    return _joined([None if row is None else row.statistic(statistic) for row in rows], Unit("ms"))
+
+
+def _peaks(score: Score) -> Cell:
+    return _joined([score.number("peak", part=kind) for kind in KINDS], Unit("MiB"))
+
+
+def _joined(numbers: Sequence[float | None], unit: Unit) -> Cell:
+    values = [value for value in numbers if value is not None]
     text = " / ".join(number(value, unit=unit) for value in values)
     return Cell(text or ABSENT, values[0] if len(values) == 1 else None)
 
@@ -177,12 +199,12 @@ def _provenance(named: Named) -> Table:
         inputs = {} if origin is None else origin.inputs
         own = inputs.get("estimate") or inputs.get("cloud")
         texts = (
-            UNTOLD if method is None else f"{method.name} {method.version or ''}".strip(),
+            UNNAMED if method is None else f"{method.name} {method.version or ''}".strip(),
             convention_text(score) or ABSENT,
             ABSENT if own is None else own.path,
             ABSENT if own is None else own.sha256[:16],
-            UNTOLD if origin is None else f"sfr_loc_map {origin.version}",
-            value_at(score, "provenance.time") or UNTOLD,
+            UNNAMED if origin is None else f"sfr_loc_map {origin.version}",
+            UNNAMED if origin is None else origin.time or UNNAMED,
         )
         rows.append((Cell.head(name), *map(Cell, texts)))
     titles = ("method", "name and version", "poses converted", "estimate or cloud", "sha256", "scored by", "time")
@@ -210,7 +232,7 @@ def plain(name: str) -> str:
 
 
 def _paths(named: Named) -> list[plots.Plot]:
-    paths = [(k, name, value_at(score, "details.trajectory.path")) for k, (name, score) in enumerate(named)]
+    paths = [(k, name, path_of(score)) for k, (name, score) in enumerate(named)]
     known = [
         (plots.line_style(k), name, path, path_errors(path)[-1])
         for k, name, path in paths
@@ -239,16 +261,16 @@ def _paths(named: Named) -> list[plots.Plot]:
 def _cost(named: Named, kind: CallKind) -> list[plots.Plot]:
     data, times, errors = [], [], []
     for k, (name, score) in enumerate(named):
-        calls, node = value_at(score, f"timing.{kind}"), score.external
-        is_latency = calls is None and node is not None and node.task == kind
-        timed = node.latency_s if is_latency and node is not None else calls
-        error = _map_error(score)
-        if kind is CallKind.LOCALISATION:
-            error = value_at(score, POSITION)
-        if timed is None or not timed.p50 or not error:
+        seconds, node = score.number(kind, "p50", part=None), score.external
+        is_latency = seconds is None and node is not None and node.task == kind
+        if is_latency and node is not None and node.latency_s is not None:
+            seconds = node.latency_s.p50
+        subject = Subject.TRAJECTORY if kind is CallKind.LOCALISATION else Subject.MAP
+        error = next((row.mean_plus_3sigma for row in compared_rows(score) if row.subject is subject), None)
+        if not seconds or not error:
             continue
         color, symbol = plots.line_style(k)["color"], SYMBOLS[k // len(plots.COLORS) % len(SYMBOLS)]
-        times.append(1e3 * timed.p50)
+        times.append(1e3 * seconds)
         errors.append(1e3 * error)
         label, symbol = (f"{name} (latency)", f"{symbol}-open") if is_latency else (name, symbol)
         data.append(plots.marks(label, ([times[-1]], [errors[-1]]), color, symbol=symbol, size=13, showlegend=True))
@@ -267,14 +289,10 @@ def _cost(named: Named, kind: CallKind) -> list[plots.Plot]:
 def _over_range(named: Named) -> list[plots.Plot]:
     data, values = [], []
     for k, (name, score) in enumerate(named):
-        known = [
-            (item, 1e3 * item.point_error_m.p50)
-            for item in value_at(score, "map.errors.by_range") or ()
-            if item.point_error_m.p50 is not None
-        ]
-        values += [value for _, value in known]
+        known = [(low, high, 1e3 * row.p50) for low, high, row in range_rows(score) if row.p50 is not None]
+        values += [value for *_, value in known]
         if known:
-            levels = [([item.from_m, item.to_m], plots.scaled([value] * 2, 1.0)) for item, value in known]
+            levels = [([low, high], plots.scaled([value] * 2, 1.0)) for low, high, value in known]
             data.append(plots.line(name, plots.segments(levels), width=3, **plots.line_style(k)))
     if not data:
         return []

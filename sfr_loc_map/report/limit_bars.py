@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.metrics.config import VerdictState, label_of
 from sfr_loc_map.metrics.score import Score, Verdict
 from sfr_loc_map.report.score_tables import name_of, unit_of
 from sfr_loc_map.report.tables import NOT_ENOUGH, OPEN, VERDICTS, Cell, number
@@ -39,7 +39,7 @@ def share_of(item: Verdict, value: float | None) -> float | None:
     """Return how much of a limit a value uses; of a lower bound the limit over the value."""
     if value is None:
         return None
-    use, limit = (item.limit, abs(value)) if item.metric.endswith("_min") else (abs(value), item.limit)
+    use, limit = (item.limit, abs(value)) if item.name.endswith("_min") else (abs(value), item.limit)
     return min(use / limit if limit else MOST if use else 0.0, MOST)
 
 
@@ -53,14 +53,14 @@ def _bar(place: int, item: Verdict) -> LimitBar:
     unit = unit_of(item)
     known = item.value is not None and math.isfinite(item.value)
     value = f"{number(item.value, unit=unit)} {unit.symbol}" if known else NOT_ENOUGH
-    limit = f"{'≥' if item.metric.endswith('_min') else '≤'} {number(item.limit, unit=unit)} {unit.symbol}"
+    limit = f"{'≥' if item.name.endswith('_min') else '≤'} {number(item.limit, unit=unit)} {unit.symbol}"
     margin = "" if item.margin is None else f"{number(item.margin, unit=unit, signed=True)} {unit.symbol}"
-    over = "" if item.condition is None else item.condition.label
-    ends = sorted(share for bound in item.ci95 or () if (share := share_of(item, bound)) is not None)
+    over = label_of(item.condition)
+    ends = sorted(share for bound in item.interval or () if (share := share_of(item, bound)) is not None)
     style, name = VERDICTS.get(item.state, OPEN), name_of(item)
     return LimitBar(
         place=place,
-        metric=item.metric,
+        metric=item.name,
         name=name,
         over=over,
         state=item.state.value,
@@ -69,7 +69,7 @@ def _bar(place: int, item: Verdict) -> LimitBar:
         value=value,
         limit=limit,
         margin=margin,
-        interval=Cell.interval(item.ci95, unit=unit).text if item.ci95 else "",
+        interval=Cell.interval(item.interval, unit=unit).text if item.interval else "",
         bound=item.limit,
         share=share_of(item, item.value if known else None),
         low=ends[0] if len(ends) == 2 else None,

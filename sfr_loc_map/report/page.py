@@ -16,18 +16,19 @@ from sfr_loc_map.config import flatten
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text
 from sfr_loc_map.io.atomic import write_text
-from sfr_loc_map.metrics.config import ScoreConfig, VerdictState
-from sfr_loc_map.metrics.limits import finding_verdicts, value_at
+from sfr_loc_map.metrics.catalogue import Subject
+from sfr_loc_map.metrics.config import ScoreConfig, VerdictState, label_of
+from sfr_loc_map.metrics.limits import finding_verdicts, overall_verdict
 from sfr_loc_map.metrics.score import Score, Verdict
 from sfr_loc_map.metrics.score_json import from_json, to_plain
 from sfr_loc_map.report.limit_bars import share_of
 from sfr_loc_map.report.plots import Plot
-from sfr_loc_map.report.score_figures import error_sizes, parts_of, score_figures
+from sfr_loc_map.report.score_figures import error_sizes, parts_of, path_of, score_figures
 from sfr_loc_map.report.score_tables import EXACT, glossary, name_of, score_tables, truth_text, unit_of
 from sfr_loc_map.report.tables import METRE, OPEN, UNKNOWN, VERDICTS, Table, fitting, number, to_html
 
 TITLE = "Localisation and mapping report"
-FIRST_TABLES = ("verdicts", "pairs", "failures", "headline", "covered", "map-covered", "readings", "counts", "groups")
+FIRST_TABLES = ("verdicts", "pairs", "failures", "headline", "covered", "readings", "counts", "groups")
 """Tables before the figures."""
 TRUTH_ROLES, RESULT_ROLES = ("truth", "map_truth"), ("estimate", "cloud")
 NO_VERDICT, NO_VERDICT_ICON = "no verdict", "\u2013"
@@ -66,7 +67,7 @@ def render_page(score: Score, *, figures: bool = True) -> str:
         time=provenance.get("time", "time unknown"),
         overall=overall_of(score),
         provenance=list(provenance.items()),
-        every=value_at(score, "details.trajectory.path.every") or 1,
+        every=path.every if (path := path_of(score)) is not None else 1,
     )
 
 
@@ -140,33 +141,25 @@ def _overall(state: str | None, text: str, open_icon: str) -> Overall:
 
 
 def overall_of(score: Score) -> Overall:
-    """Return the verdict over all limits; no figure judges where estimate and truth contradict each other.
-
-    A method that did something wrong has failed, whatever its figures, and where no limit was given.
-    """
+    """Return the verdict over all limits, as it is shown."""
+    state = overall_verdict(score)
     if score.contradiction is not None and not score.failures:
         return _overall(None, f"Not judged: {score.contradiction}", NO_VERDICT_ICON)
-    wrong = tuple(item.metric for item in finding_verdicts(score))
-    judged = [item for item in score.verdicts if item.state is not VerdictState.INCOMPLETE]
-    states = [item.state for item in judged if item.metric not in wrong]
     part = "" if score.incomplete is None else f"Incomplete: {score.incomplete}. "
-    if wrong:
+    if score.failures:
         part = f"The method under test failed: {', '.join(item.kind for item in score.failures)}. {part}"
-    if not states and wrong:
-        return _overall(VerdictState.FAIL, part.strip(), OPEN.icon)
-    if not states and part:
-        return _overall(VerdictState.INCOMPLETE, part.strip(), OPEN.icon)
-    if not states:
-        return _overall(None, "No limits were given: there is no verdict.", NO_VERDICT_ICON)
+    wrong = {item.name for item in finding_verdicts(score)}
+    judged = [item for item in score.verdicts if item.state is not VerdictState.INCOMPLETE and item.name not in wrong]
+    if not judged:
+        text = part.strip() or "No limits were given: there is no verdict."
+        return _overall(state, text, NO_VERDICT_ICON if state is None else OPEN.icon)
+    states = [item.state for item in judged]
     passed, failed = states.count(VerdictState.PASS), states.count(VerdictState.FAIL)
     rest = len(states) - passed - failed
     text = f"{part}{passed} of {len(states)} limits met, {failed} missed, {rest} without enough data."
     certain = [item.certain for item in score.verdicts if item.certain is not None]
     if certain:
         text += f" Certain: {sum(certain)} of the {len(certain)} that have a 95 % interval."
-    state = VerdictState.FAIL if failed or wrong else VerdictState.NOT_ENOUGH_DATA if rest else VerdictState.PASS
-    if score.incomplete is not None and state is not VerdictState.FAIL:
-        state = VerdictState.INCOMPLETE
     return _overall(state, text, OPEN.icon)
 
 
@@ -185,13 +178,14 @@ def data_set_name(score: Score) -> str:
 
 def run_facts(score: Score) -> tuple[tuple[str, str], ...]:
     """Return the facts of the header, each with its name; what the score does not know is left out."""
-    drive, cloud, method, made = score.trajectory, score.map, score.method, score.provenance
+    drive, method, made = score.association, score.method, score.provenance
     facts = {"Truth": ", ".join(_paths(score, TRUTH_ROLES)), "Judged": ", ".join(_paths(score, RESULT_ROLES))}
     if drive is not None:
         facts["Drive"] = f"{number(drive.path_length_m)} m in {number(drive.duration_s)} s, "
         facts["Drive"] += f"{drive.matched} stereo pairs with a truth"
-    if cloud is not None:
-        facts["Map"] = f"{cloud.points} points of {cloud.pairs} stereo {'pair' if cloud.pairs == 1 else 'pairs'}"
+    if score.cloud is not None:
+        points, pairs = score.number("points"), score.number("pairs")
+        facts["Map"] = f"{points or 0:.0f} points of {pairs or 0:.0f} stereo {'pair' if pairs == 1 else 'pairs'}"
     facts["Method"] = "not named in the inputs"
     if method is not None:
         facts["Method"] = f"{method.name} {method.version or 'of unknown version'} ({method.kind})"
@@ -238,7 +232,7 @@ def _worth_a_look(score: Score) -> Iterator[LookFirst]:
         yield LookFirst(str(finding.kind), f"The method under test did something wrong: {finding}.")
     for item in sorted(score.failed, key=_use_of_limit, reverse=True):
         yield LookFirst(name_of(item), f"It misses its limit: {_beside_limit(item)}")
-    part = score.trajectory
+    part = score.association
     for count, word in () if part is None else ((part.lost, "lost"), (part.degraded, "degraded")):
         if count and part is not None:
             share = number(100.0 * count / max(part.matched, 1))
@@ -246,14 +240,13 @@ def _worth_a_look(score: Score) -> Iterator[LookFirst]:
             yield LookFirst(f"{word} frames", why)
     for item in score.verdicts:
         if item.state is VerdictState.NOT_ENOUGH_DATA:
-            count_text = "" if item.count is None else f" ({item.count} values)"
+            count_text = "" if item.n is None else f" ({item.n} values)"
             yield LookFirst(name_of(item), f"There is not enough data to judge it by its limit{count_text}.")
-    for condition in () if part is None else part.conditions:
-        if condition.nees is not None and condition.nees.pose.consistent is False:
-            mean, low = condition.nees.pose.mean or 0.0, (condition.nees.pose.interval95 or (0.0, 0.0))[0]
-            why = f"Over {condition.condition} the normalised squared error (NEES) is {number(mean)} in place of 6. "
-            why += "" if part is None else truth_text(score) or EXACT
-            size = "large" if mean < low else "small"
+    for row in score.rows("nees", subject=Subject.CONSISTENCY, part="pose"):
+        if row.mean is not None and row.interval is not None and not row.interval[0] <= row.mean <= row.interval[1]:
+            why = f"Over {label_of(row.condition)} the normalised squared error (NEES) is {number(row.mean)}, expected "
+            why += f"is 6. {truth_text(score) or EXACT}"
+            size = "large" if row.mean < row.interval[0] else "small"
             yield LookFirst(f"the covariance of the odometry, which is too {size}", why.strip())
     met = [item for item in score.verdicts if item.state is VerdictState.PASS]
     if met:
@@ -265,7 +258,7 @@ def _worth_a_look(score: Score) -> Iterator[LookFirst]:
         sizes = error_sizes(first.rows)
         worst = max(range(len(sizes)), key=sizes.__getitem__)
         unit = fitting(METRE, sizes[worst])
-        why = f"Over {first.score.condition} the largest position error is {number(sizes[worst], unit=unit)} "
+        why = f"Over {label_of(first.rows.condition)} the largest position error is {number(sizes[worst], unit=unit)} "
         why += f"{unit.symbol}, at frames {first.rows.start_frame[worst]} to {first.rows.end_frame[worst]}."
         yield LookFirst("the worst sub-trajectory", why)
 

@@ -3,22 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.metrics.config import CallKind, Condition
-from sfr_loc_map.metrics.limits import value_at
-from sfr_loc_map.metrics.score import (
-    ConditionScore,
-    ErrorImage,
-    PathRows,
-    PointRows,
-    Score,
-    Statistic,
-    SubTrajectoryRows,
-)
+from sfr_loc_map.metrics.catalogue import Subject
+from sfr_loc_map.metrics.config import CallKind, label_of
+from sfr_loc_map.metrics.score import ErrorImage, Figure, MapDetails, PathRows, PointRows, Score, SubTrajectoryRows
 from sfr_loc_map.report.plots import (
     COLORS,
     TRAVELLED,
@@ -39,7 +32,7 @@ from sfr_loc_map.report.plots import (
     segments,
     span,
 )
-from sfr_loc_map.report.score_tables import DIRECTIONS, HOST, STATISTIC, limits_on
+from sfr_loc_map.report.score_tables import DIRECTIONS, HOST, STATISTICS, limits_on
 from sfr_loc_map.report.tables import MIB
 
 SYMBOLS = ("circle", "diamond", "square", "triangle-up", "cross")
@@ -64,9 +57,13 @@ FAR = 10.0  #: A limit beyond so many times the largest value would flatten a li
 class Part(NamedTuple):
     """What figures show of one condition; `travelled_m` at the end of each sub-trajectory."""
 
-    score: ConditionScore
     rows: SubTrajectoryRows
     travelled_m: list[float]
+
+    @property
+    def over(self) -> str:
+        """The condition for people."""
+        return label_of(self.rows.condition)
 
 
 def score_figures(score: Score) -> list[tuple[str, list[Plot]]]:
@@ -79,39 +76,59 @@ def score_figures(score: Score) -> list[tuple[str, list[Plot]]]:
     return [(title, plots) for title, plots in groups if plots]
 
 
+def path_of(score: Score) -> PathRows | None:
+    """Return the frames of the trajectory, None where they are not known."""
+    details = score.details
+    return None if details is None or details.trajectory is None else details.trajectory.path
+
+
+def map_of(score: Score) -> MapDetails | None:
+    """Return what plots of the map are drawn from, None where it is not known."""
+    return None if score.details is None else score.details.map
+
+
 def _drive_figures(score: Score) -> list[Plot]:
-    path, parts = value_at(score, "details.trajectory.path"), parts_of(score)
+    path, parts = path_of(score), parts_of(score)
     figures = [_top_view(path, parts), *_along(path)] if path and path.stamp_ns else []
     if not parts:
         return figures
-    first, rows, means = parts[0], parts[0].rows, parts[0].score.components
-    over = f"Over {first.score.condition}"
-    panels = {title: (getattr(rows, name), getattr(means, name)) for name, title in DIRECTIONS.items()}
-    attitude = rows.attitude_deg, first.score.attitude_deg
-    of_angle = {"heading": (rows.heading_deg, first.score.heading_deg), "attitude": attitude}
-    by_direction, angles = _panels(score, first, panels), _panels(score, first, of_angle, scale=(1.0, "deg"))
-    directions = f"{over}, by the axes of DS, along and across the path; mean and 3 sigma of each direction."
-    of_angles = f"{over}. Heading has a sign; attitude is the angle of the shortest rotation."
+    first, rows, condition = parts[0], parts[0].rows, parts[0].rows.condition
+    errors = {
+        **{"x": rows.x_m, "y": rows.y_m, "z": rows.z_m},
+        **{"along": rows.along_m, "cross": rows.cross_m, "vertical": rows.z_m},
+    }
+    by_direction = {
+        title: (errors[name], score.figure("position", condition=condition, part=name))
+        for name, title in DIRECTIONS.items()
+    }
+    of_angle = {
+        "heading": (rows.heading_deg, score.figure("heading", condition=condition)),
+        "attitude": (rows.attitude_deg, score.figure("attitude", condition=condition)),
+    }
+    directions = f"Over {first.over}, by the axes of DS, along and across the path; mean and 3 sigma of each direction."
+    of_angles = f"Over {first.over}. Heading has a sign; attitude is the angle of the shortest rotation."
+    panels = _panels(score, first, by_direction)
+    angles = _panels(score, first, of_angle, scale=(1.0, "deg"))
     return [
         *figures,
         _position(score, parts),
         *growth([("mean + 3 sigma", score)]),
-        Plot("directions", "Position error by direction", directions, *by_direction, height=860, width="full"),
+        Plot("directions", "Position error by direction", directions, *panels, height=860, width="full"),
         Plot("angles", "Heading and attitude error", of_angles, *angles, height=480, width="full"),
     ]
 
 
 def parts_of(score: Score) -> list[Part]:
-    """Return figures and sub-trajectories of each condition that has any."""
-    details = value_at(score, "details.trajectory")
-    if details is None or score.trajectory is None:
+    """Return the sub-trajectories of each condition that has any."""
+    details = None if score.details is None else score.details.trajectory
+    if details is None:
         return []
     known, every = np.array(details.path.travelled_m, np.float64), details.path.every
     parts = []
-    for part, rows in zip(score.trajectory.conditions, details.sub_trajectories, strict=False):
+    for rows in details.sub_trajectories:
         if rows.start_frame:  # in a straight line between the rows of a thinned path
             travelled = np.interp(rows.end_frame, np.arange(len(known)) * every, known)
-            parts.append(Part(part, rows, [round(value, 4) for value in travelled.tolist()]))
+            parts.append(Part(rows, [round(value, 4) for value in travelled.tolist()]))
     return parts
 
 
@@ -121,14 +138,14 @@ def _limit_lines(
     ends: Column,
     most: float,
     factor: float = 1.0,
-    over: Condition | None = None,
+    condition: str | None = None,
     **more: Any,  # noqa: ANN401
 ) -> list[Trace]:
     """Return a line for each limit on a figure; one far beyond the largest value shown is in the legend only."""
     traces = []
-    for name, limit in limits_on(score, figure, over).items():
+    for name, limit in limits_on(score, figure, condition).items():
         far = {"visible": "legendonly"} if limit * factor > FAR * most else {}
-        title = f"limit of {STATISTIC.get(name, name)}" + (f", {over}" if over else "")
+        title = f"limit of {STATISTICS[name]}" + (f", {label_of(condition)}" if condition else "")
         traces.append(line(title, (ends, scaled([limit] * 2, factor)), "@bad", dash="longdash", **(more | far)))
     return traces
 
@@ -151,7 +168,7 @@ def _sizes(*columns: Column) -> list[Any]:
 
 def _traces_to(rows: SubTrajectoryRows) -> list[list[str | int]]:
     frames = zip(rows.start_frame, rows.end_frame, rows.start_stamp_ns, rows.end_stamp_ns, strict=True)
-    return [[str(rows.condition), first, last, str(start), str(end)] for first, last, start, end in frames]
+    return [[label_of(rows.condition), first, last, str(start), str(end)] for first, last, start, end in frames]
 
 
 # ---- the drive
@@ -244,23 +261,24 @@ def _position(score: Score, parts: list[Part]) -> Plot:
     factor, unit = error_scale(largest(*(error_sizes(part.rows) for part in parts)))
     data: list[Trace] = []
     for k, part in enumerate(parts):
-        over, figure = str(part.score.condition), part.score.position_m
+        over, condition = part.over, part.rows.condition
+        figure = score.figure("position", condition=condition)
         group: dict[str, Any] = {"legendgroup": over, "visible": True if k == 0 else "legendonly"}
         color, symbol = COLORS[k % len(COLORS)], SYMBOLS[k % len(SYMBOLS)]
         errors = scaled(error_sizes(part.rows), factor)
         data.append(_marked(part, f"error over {over}", errors, unit, color=color, symbol=symbol, **group))
         ends = [part.travelled_m[0], part.travelled_m[-1]]
         for name, value, dash in (
-            ("norm of the mean", figure.mean, "dash"),
-            ("mean + 3 sigma", figure.mean_plus_3sigma, "solid"),
+            ("norm of the mean", None if figure is None else figure.mean, "dash"),
+            ("mean + 3 sigma", None if figure is None else figure.mean_plus_3sigma, "solid"),
         ):
             if value is not None:
                 data.append(line(f"{name}, {over}", (ends, scaled([value] * 2, factor)), color, dash=dash, **group))
-        data += _limit_lines(score, "position_m", ends, math.inf, factor, part.score.condition, **(group if k else {}))
-        if figure.mean_plus_3sigma_ci95 is not None:
-            low, high = (bound * factor for bound in figure.mean_plus_3sigma_ci95)
+        data += _limit_lines(score, "position", ends, math.inf, factor, condition, **(group if k else {}))
+        if figure is not None and figure.interval is not None:
+            low, high = (bound * factor for bound in figure.interval)
             data.append(band(f"95 % interval of it, {over}", ends, low, high, f"{color}-soft", **group))
-    on = (limits_on(score, "position_m", part.score.condition) for part in parts)
+    on = (limits_on(score, "position", part.rows.condition) for part in parts)
     limits = [limit * factor for found in on for limit in found.values()]
     sizes = [value * factor for part in parts for value in error_sizes(part.rows)]
     layout = {"xaxis": axis(AT_THE_END), "yaxis": _upright(f"size of the position error, {unit}", sizes, limits)}
@@ -273,8 +291,8 @@ def growth(named: Sequence[tuple[str, Score]]) -> list[Plot]:
     """Return the error of some scores against the length of the sub-trajectories, as far as they have it."""
     series = []
     for k, (name, score) in enumerate(named):
-        steps = value_at(score, "trajectory.by_distance") or ()
-        totals = ((item.distance_m, item.position_m.mean_plus_3sigma) for item in steps)
+        steps = score.rows("position", subject=Subject.TRAJECTORY, condition=None)
+        totals = ((float((row.part or "0").removesuffix(" m")), row.mean_plus_3sigma) for row in steps)
         series.append((line_style(k), name, [item for item in totals if item[1] is not None]))
     points = [point for *_, over in series for point in over]
     if not points:
@@ -294,7 +312,7 @@ def growth(named: Sequence[tuple[str, Score]]) -> list[Plot]:
 
 
 def _panels(
-    score: Score, part: Part, panels: Mapping[str, tuple[Column, Statistic]], scale: tuple[float, str] | None = None
+    score: Score, part: Part, panels: Mapping[str, tuple[Column, Figure | None]], scale: tuple[float, str] | None = None
 ) -> tuple[list[Trace], dict[str, Any]]:
     factor, unit = scale or error_scale(largest(*(values for values, _ in panels.values())))
     data: list[Trace] = []
@@ -303,7 +321,8 @@ def _panels(
     for k, (title, (values, statistic)) in enumerate(panels.items()):
         suffix = str(k + 1) if k else ""
         place: dict[str, Any] = {"yaxis": f"y{suffix}", "xaxis": "x", "showlegend": k == 0}
-        mean, sigma = statistic.mean, statistic.sigma
+        mean = None if statistic is None else statistic.mean
+        sigma = None if statistic is None else statistic.sigma
         of_mean = {**place, "legendgroup": "m"}
         if mean is not None and sigma is not None:
             low, high = ((mean + sign * 3 * sigma) * factor for sign in (-1, 1))
@@ -313,8 +332,8 @@ def _panels(
         errors = scaled(values, factor)
         data.append(_marked(part, "sub-trajectory", errors, unit, symbol=SYMBOLS[0], **place, legendgroup="s"))
         for sign in (1.0, -1.0) if title == "heading" else (1.0,) if title == "attitude" else ():
-            over, most = part.score.condition, largest(errors)
-            data += _limit_lines(score, f"{title}_deg", ends, most, sign, over, **place | {"showlegend": sign > 0.0})
+            condition, most = part.rows.condition, largest(errors)
+            data += _limit_lines(score, title, ends, most, sign, condition, **place | {"showlegend": sign > 0.0})
         layout[f"yaxis{suffix}"] = axis(f"{title}, {unit}", zeroline=True)
     layout["xaxis"] = axis(AT_THE_END)
     return data, layout
@@ -324,10 +343,12 @@ def _panels(
 
 
 def _timeline(score: Score, kind: CallKind) -> list[Plot]:
-    series = value_at(score, f"details.calls.{kind}.series")
-    if series is None or len(series.stamp_ns) < 2:
+    plots = None if score.details is None else score.details.calls.get(kind)
+    if plots is None or len(plots.series.stamp_ns) < 2:
         return []
-    clock = "host time" if (value_at(score, f"timing.{kind}.clock") or "").startswith(HOST) else "time"
+    series = plots.series
+    known_clock = "" if score.calls is None else score.calls.clocks.get(kind, "")
+    clock = "host time" if known_clock.startswith(HOST) else "time"
     seconds = [round((stamp - series.stamp_ns[0]) * 1e-9, 6) for stamp in series.stamp_ns]
     shown = [state if state in STATES else "other" for state in series.state]
     data: list[Trace] = []
@@ -339,8 +360,8 @@ def _timeline(score: Score, kind: CallKind) -> list[Plot]:
             hover = f"call at stamp %{{customdata}} ns: %{{y:.4g}} s<extra>{name}</extra>"
             data.append(marks(name, places, color, symbol=symbol, size=5, customdata=stamps, hovertemplate=hover))
     ends = [min(seconds), max(seconds)]
-    data += _limit_lines(score, f"{kind}_s", ends, math.inf)
-    limits = list(limits_on(score, f"{kind}_s", None).values())
+    data += _limit_lines(score, kind, ends, math.inf)
+    limits = list(limits_on(score, kind).values())
     layout: dict[str, Any] = {
         "xaxis": axis("time since the first pair, s"),
         "yaxis": _upright(f"{clock} per call, s", series.processing_time_s, limits),
@@ -348,8 +369,8 @@ def _timeline(score: Score, kind: CallKind) -> list[Plot]:
     if any(peak is not None for peak in series.peak_rss_bytes):
         peaks = scaled(series.peak_rss_bytes, 1 / MIB.size)
         data.append(line("peak memory", (seconds, peaks), "@three", yaxis="y2"))
-        for item in (item for item in score.verdicts if item.metric == f"{kind}_peak_bytes"):
-            level = scaled([item.limit] * 2, 1 / MIB.size)
+        for limit in limits_on(score, "peak", part=kind).values():
+            level = scaled([limit] * 2, 1 / MIB.size)
             data.append(line("limit of the peak", (ends, level), "@bad", dash="longdash", yaxis="y2"))
         layout["grid"] = {"rows": 2, "columns": 1, "pattern": "coupled", "ygap": 0.14}
         layout["yaxis2"] = axis("peak memory, MiB")
@@ -363,13 +384,22 @@ def _timeline(score: Score, kind: CallKind) -> list[Plot]:
 
 
 def _map_figures(score: Score) -> list[Plot]:
-    images, cloud = value_at(score, "details.map.error_images") or (), value_at(score, "details.map.cloud")
+    details = map_of(score)
+    images = () if details is None else details.error_images
     figures = [_image(item, "third" if len(images) % 3 == 0 else "half") for item in images]
-    if value_at(score, "map.errors.by_range"):
+    if any(True for _ in range_rows(score)):
         figures.append(_over_range(score))
-    if cloud is not None and cloud.x_m:
-        figures.append(_in_space(cloud))
+    if details is not None and details.cloud.x_m:
+        figures.append(_in_space(details.cloud))
     return figures
+
+
+def range_rows(score: Score) -> Iterator[tuple[float, float, Figure]]:
+    """Yield the point errors by range, with the bounds of each range."""
+    for row in score.rows("point_error"):
+        bounds = re.fullmatch(r"(\S+)-(\S+) m", row.part or "")
+        if bounds is not None:
+            yield float(bounds[1]), float(bounds[2]), row
 
 
 def _coloured(errors_mm: Column) -> tuple[list[float | None], float, float, dict[str, Any]]:
@@ -381,8 +411,8 @@ def _coloured(errors_mm: Column) -> tuple[list[float | None], float, float, dict
 
 
 def _image(item: ErrorImage, width: str) -> Plot:
-    block, columns = item.block_px, len(item.error[0]) if item.error else 0
-    values = [[None if value < 0 else value / 10 for value in row] for row in item.error]
+    block, columns = item.block_px, len(item.error_0p1mm[0]) if item.error_0p1mm else 0
+    values = [[None if value < 0 else value / 10 for value in row] for row in item.error_0p1mm]
     logs, low, high, bar = _coloured([value for row in values for value in row])
     shown = [logs[k : k + columns] for k in range(0, len(logs), columns)] if columns else values
     first = (block - 1) / 2
@@ -402,35 +432,35 @@ def _image(item: ErrorImage, width: str) -> Plot:
 
 
 def _over_range(score: Score) -> Plot:
-    errors, details = value_at(score, "map.errors"), value_at(score, "details.map")
-    bins = errors.by_range
+    details, bins = map_of(score), list(range_rows(score))
     data: list[Trace] = []
-    ranges: Column = value_at(details, "cloud.range_m") or ()
-    if ranges:
+    ranges: Column = () if details is None else details.cloud.range_m
+    if details is not None and ranges:
         step = -(-len(ranges) // SCATTER_ROWS)
         some = ranges[::step], scaled(details.cloud.error_m[::step], 1e3)
         data.append(marks("points (some)", some, "@faint", size=3, hoverinfo="skip"))
-    low, high = min((value for value in ranges if value), default=0.5), bins[-1].to_m
+    low, high = min((value for value in ranges if value), default=0.5), bins[-1][1]
     for name, color, dash in (
         ("p50", "@one", "solid"),
         ("p95", "@two", "solid"),
         ("mean_plus_3sigma", "@five", "dash"),
     ):
         levels = [
-            ([max(item.from_m, low), item.to_m], scaled([getattr(item.point_error_m, name)] * 2, 1e3)) for item in bins
+            ([max(nearest, low), farthest], scaled([row.statistic(name)] * 2, 1e3)) for nearest, farthest, row in bins
         ]
-        data.append(line(STATISTIC.get(name, name), segments(levels), color, dash=dash, width=3))
-    data += _limit_lines(score, "point_error_m", [low, high], math.inf, 1e3)
-    law, ratio = value_at(details, "triangulation"), (high / low) ** (1 / LAW_STEPS)
+        data.append(line(STATISTICS[name], segments(levels), color, dash=dash, width=3))
+    data += _limit_lines(score, "point_error", [low, high], math.inf, 1e3)
+    law, ratio = None if details is None else details.triangulation, (high / low) ** (1 / LAW_STEPS)
+    median_px = score.number("disparity_error", "p50", part=None)
     steps = [low * ratio**k for k in range(LAW_STEPS + 1)]
-    for d, width in ((0.1, 1.0), (0.25, 1.0), (1.0, 1.0), (errors.disparity_error_px.p50_abs, 2.5)):
+    for d, width in ((0.1, 1.0), (0.25, 1.0), (1.0, 1.0), (median_px, 2.5)):
         if law is not None and d is not None:
             amounts = scaled([r * r * d / (law.focal_px * law.baseline_m) for r in steps], 1e3)
             words = [f"{d:.2g} px "] + [""] * LAW_STEPS
             more = {"mode": "lines+text", "text": words, "textposition": "middle left", "showlegend": d == 1.0}
             trace = line("law of triangulation", (steps, amounts), "@truth", dash="dot", width=width)
             data.append(trace | more | {"legendgroup": "law"})
-    totals = [value for item in bins for value in (item.point_error_m.p50, item.point_error_m.mean_plus_3sigma)]
+    totals = [value for *_, row in bins for value in (row.p50, row.mean_plus_3sigma)]
     known = [value * 1e3 for value in totals if value] or [1.0]
     layout = {
         "xaxis": log_axis("range from the left camera, m", low, high)

@@ -11,11 +11,22 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from msgspec.structs import replace as struct_replace
+
 from sfr_loc_map.inputs import printable
+from sfr_loc_map.metrics.catalogue import KINDS, Subject
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.score import Score, Verdict
+from sfr_loc_map.metrics.score import Score, TargetRecord, Verdict
 from sfr_loc_map.report.page import from_template, overall_of
-from sfr_loc_map.report.score_tables import NO_INTERVAL, covered_tables, name_of, readings_table, unit_of
+from sfr_loc_map.report.score_tables import (
+    NO_INTERVAL,
+    certain_text,
+    name_of,
+    readings_text,
+    sign_of,
+    table_of,
+    unit_of,
+)
 from sfr_loc_map.report.tables import ABSENT, OPEN, UNKNOWN, VERDICTS, Cell, to_html
 
 DOCUMENT = "Clarification of performance metrics for SFR Breadboarding"
@@ -32,47 +43,38 @@ CLAUSES = {
     "4.3.2": "RAM of a mapping call",
     "4.3.4": "Error of each point of the cloud",
 }
-CLAUSE_OF = {
-    "position": "4.2.3.1",
-    "attitude": "4.2.3.2",
-    "heading": "4.2.3.3",
-    "point_error": "4.3.4",
-    "coverage": "4.3.4",
-    "points_without": "4.3.4",
-    "pairs_without": "4.3.4",
-}
 ORDER = (VerdictState.FAIL, VerdictState.INCOMPLETE, VerdictState.NOT_ENOUGH_DATA, "no verdict")  #: The worst first.
+WHOLE_DRIVE = "4.1.1"
 NOT_JUDGED = "not judged"  #: Where estimate and truth contradict each other.
 
 
-def clause_of(metric: str) -> str:
-    """Return the clause that defines a limited figure."""
-    name = metric.removeprefix("target ")
-    for start, clause in CLAUSE_OF.items():
-        if name.startswith(start):
-            return clause
-    if "_share" in name or name.endswith("_calls"):
-        return "4.1.1"
-    task = "4.2" if name.startswith("localisation") else "4.3"
-    return f"{task}.{2 if name.endswith('_bytes') else 1}"
+def clause_of(item: Verdict) -> str:
+    """Return the clause that defines a limited figure; what is on no figure is about the drive as a whole."""
+    kind = None if item.figure is None else KINDS.get(item.figure)
+    if kind is None or not kind.clause:
+        return WHOLE_DRIVE
+    if kind.subject is Subject.MEMORY and "mapping" in (item.part or ""):
+        return "4.3.2"
+    return kind.clause
 
 
 def render_test_report(scores: Sequence[Score], title: str = "") -> str:
     """Return the report as HTML, without script; it prints on A4."""
     # a limit of the map has no value in a score of the drive: it is judged where it has one
-    judged = {(item.metric, item.condition) for score in scores for item in score.verdicts if item.value is not None}
+    judged = {(item.name, item.condition) for score in scores for item in score.verdicts if item.value is not None}
     left_out = [
-        {k for k, item in enumerate(score.verdicts) if item.value is None and (item.metric, item.condition) in judged}
+        {k for k, item in enumerate(score.verdicts) if item.value is None and (item.name, item.condition) in judged}
         for score in scores
     ]
     results = [row for index, score in enumerate(scores) for row in _results(score, index, left_out[index])]
     states = [row["verdict"] for row in results]
     scores = [
-        replace(score, verdicts=tuple(item for k, item in enumerate(score.verdicts) if k not in gone))
+        struct_replace(score, verdicts=tuple(item for k, item in enumerate(score.verdicts) if k not in gone))
         for score, gone in zip(scores, left_out, strict=True)
     ]
     overalls = [overall_of(score) for score in scores]
     clauses = sorted({row["clause"] for row in results} | {"4.1.1", "4.1.2", "4.1.3"})
+    tables_of_all = [(table_of(item, "covered"), table_of(item, "readings")) for item in scores]
     return from_template(
         "test_report.html.j2",
         title=title or "Test report",
@@ -92,7 +94,7 @@ def render_test_report(scores: Sequence[Score], title: str = "") -> str:
         no_interval=NO_INTERVAL,
         tables=[
             "".join(to_html(replace(table, name=f"{table.name}-{n}")) for table in judged_by if table.rows)
-            for n, judged_by in enumerate(((*covered_tables(item), readings_table(item)) for item in scores), 1)
+            for n, judged_by in enumerate(tables_of_all, 1)
         ],
         deviations=_of_all(scores, _deviations),
         anomalies=_of_all(scores, _anomalies),
@@ -118,16 +120,17 @@ def _item(score: Score) -> dict[str, str]:
         facts["Hash"] = method.sha256 or UNKNOWN
     if target is not None:
         facts["Board"] = target.name
-        about = target.about
-        for label, name in (("OS", "os"), ("Clock", "clock"), ("Compiler", "compiler"), ("Build flags", "flags")):
-            facts[label] = UNKNOWN if about is None else str(getattr(about, name) or UNKNOWN)
-        resolution = None if about is None else about.clock_resolution_s
+        about = target.about or TargetRecord()
+        facts["OS"] = about.os or UNKNOWN
+        facts["Clock"] = about.clock or UNKNOWN
+        facts["Compiler"] = about.compiler or UNKNOWN
+        facts["Build flags"] = about.flags or UNKNOWN
+        resolution = about.clock_resolution_s
         facts["Clock resolution"] = UNKNOWN if resolution is None else f"{resolution:g} s"
-    clocks = [] if score.timing is None else sorted({calls.clock for _, calls in score.timing.kinds()})
-    if clocks:
-        facts["Clock of the host"] = ", ".join(clocks)
-    if score.memory is not None:
-        facts["Memory"] = score.memory.method or UNKNOWN
+    if score.calls is not None:
+        if score.calls.clocks:
+            facts["Clock of the host"] = ", ".join(sorted(set(score.calls.clocks.values())))
+        facts["Memory"] = score.calls.memory_method or UNKNOWN
     if made is not None:
         facts["Judged by"] = f"sfr_loc_map {made.version}, commit {made.commit or UNKNOWN}"
         facts["Host"] = ", ".join(f"{name} {value}" for name, value in made.host.items()) or UNKNOWN
@@ -139,49 +142,45 @@ def _results(score: Score, index: int, left_out: Collection[int]) -> Iterator[di
     for place, item in enumerate(score.verdicts):
         if place in left_out:
             continue
-        unit, key = unit_of(item, *(item.ci95 or ())), f"verdicts.{place}"
+        unit, key = unit_of(item, *(item.interval or ())), f"verdicts.{place}"
         verdict = NOT_JUDGED if score.contradiction is not None else str(item.state)
         yield {
             "id": item.id or f"{index + 1}.{place + 1}",
             "text": printable(item.text or ""),
             "name": name_of(item),
             "unit": unit.symbol,
-            "sign": "\u2265" if item.metric.endswith("_min") else "\u2264",
+            "sign": sign_of(item),
             "value": Cell.number(item.value, f"{key}.value", unit),
             "limit": Cell.number(item.limit, f"{key}.limit", unit),
             "margin": Cell.number(item.margin, f"{key}.margin", unit, ABSENT),
-            "ci95": Cell.interval(item.ci95, f"{key}.ci95", unit),
-            "count": Cell.number(item.count, f"{key}.count", undefined=ABSENT),
+            "ci95": Cell.interval(item.interval, f"{key}.low95", unit),
+            "count": Cell.number(item.n, f"{key}.n", undefined=ABSENT),
             "verdict": verdict,
-            "certain": {True: "yes", False: "no", None: ABSENT}[item.certain] + " (asked for)" * item.needs_certainty,
+            "certain": certain_text(item),
             "style": VERDICTS.get(verdict, OPEN),
-            "clause": clause_of(item.metric),
+            "clause": clause_of(item),
             "command": index + 1,
         }
 
 
 def _deviations(score: Score) -> Iterator[str]:
-    drive = score.trajectory
-    if drive is not None and (whole := drive.completeness) is not None:
-        if whole.incomplete:
-            yield f"The drive is not covered: {whole.incomplete}."
-        for count, what in ((whole.lost, "lost"), (whole.degraded, "degraded")):
+    if (drive := score.association) is not None:
+        if drive.incomplete:
+            yield f"The drive is not covered: {drive.incomplete}."
+        for count, what in ((drive.lost, "lost"), (drive.degraded, "degraded")):
             if count:
-                yield f"{count} of {whole.matched} frames are {what}; they are judged like the others."
-        if whole.unmatched_estimates:
-            yield f"{whole.unmatched_estimates} estimates have no truth and are not judged."
-        if whole.doubled_stamps:
-            yield f"{whole.doubled_stamps} estimates were left out because a later one has the same stamp."
-    cloud = None if score.map is None else score.map.completeness
-    if cloud is not None:
-        if cloud.pairs_without_cloud:
-            yield f"{cloud.pairs_without_cloud} of {cloud.pairs} mapping pairs have no point in the cloud."
-        if cloud.points_without_truth:
-            yield f"{cloud.points_without_truth} points lie where the truth has no surface, and are not judged."
+                yield f"{count} of {drive.matched} frames are {what}; they are judged like the others."
+        if unmatched := score.number("unmatched", part="count"):
+            yield f"{unmatched:.0f} estimates have no truth and are not judged."
+        if drive.estimate_duplicates:
+            yield f"{drive.estimate_duplicates} estimates were ignored because a later one has the same stamp."
+    if without_cloud := score.number("pairs_without_cloud", part="count"):
+        yield f"{without_cloud:.0f} of {score.number('pairs'):.0f} mapping pairs have no point in the cloud."
+    if without_truth := score.number("points_without_truth", part="count"):
+        yield f"{without_truth:.0f} points are where the truth has no surface, and are not judged."
     for item in score.verdicts:
         if len(set(item.by_reading.values())) > 1:
-            said = ", ".join(f"{reading}: {state}" for reading, state in item.by_reading.items())
-            yield f"{_name(item)} depends on the reading of the document ({said})."
+            yield f"{_name(item)} depends on the reading of the document ({readings_text(item)})."
     if score.convention is not None:
         yield f"The poses were converted before: {', '.join(score.convention.declared) or 'as diagnosed'}."
 
@@ -196,7 +195,7 @@ def _anomalies(score: Score) -> Iterator[str]:
 def _open_points(score: Score) -> Iterator[str]:
     for item in score.verdicts:
         if item.state is VerdictState.NOT_ENOUGH_DATA:
-            yield f"{_name(item)}: not enough data ({'no value' if not item.count else f'{item.count} values'})."
+            yield f"{_name(item)}: not enough data ({'no value' if not item.n else f'{item.n} values'})."
         elif item.certain is False:
             yield f"{_name(item)}: the 95 % interval spans the limit; more data may change the verdict."
     if score.provenance is None or score.provenance.commit is None:
@@ -237,15 +236,17 @@ def junit(scores: Mapping[str, Score], without: Mapping[str, str] | None = None)
         if score.provenance is not None and score.provenance.time:
             suite.set("timestamp", score.provenance.time[:19])
         for item, state in zip(score.verdicts, states, strict=True):
-            name, kind = printable(_name(item)), f"sfr.{clause_of(item.metric)}"
+            name, kind = printable(_name(item)), f"sfr.{clause_of(item)}"
             case = ET.SubElement(suite, "testcase", classname=kind, name=name)
             properties = ET.SubElement(case, "properties")
-            for name in ("id", "text", "limit", "value", "margin", "certain"):
-                if (value := getattr(item, name)) is not None:
+            facts = {"id": item.id, "text": item.text, "limit": item.limit, "value": item.value}
+            facts |= {"margin": item.margin, "certain": item.certain}
+            for name, value in facts.items():
+                if value is not None:
                     ET.SubElement(properties, "property", name=name, value=printable(str(value)))
             if state in JUNIT:
                 why = score.contradiction or score.incomplete if JUNIT[state][0] == "error" else None
-                said = why or f"{item.metric} {item.value} against {item.limit}"
+                said = why or f"{item.name} {item.value} against {item.limit}"
                 ET.SubElement(case, JUNIT[state][0], message=printable(f"{state}: {said}"))
     ET.indent(root)
     return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"

@@ -5,26 +5,19 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
-from dataclasses import is_dataclass
-from enum import StrEnum
 from pathlib import Path
-from typing import Any, Union, get_args, get_origin
 
 from sfr_loc_map import __version__
 from sfr_loc_map.errors import MissingExtraError, OutputError
 from sfr_loc_map.inputs import one_line
 from sfr_loc_map.io.atomic import atomic_path
-from sfr_loc_map.metrics.score import MapScore, MemoryScore, Score, TimingScore, TrajectoryScore
-from sfr_loc_map.metrics.score_json import fields_of, to_plain
-from sfr_loc_map.metrics.trajectory_score import FIGURES
+from sfr_loc_map.metrics.config import label_of
+from sfr_loc_map.metrics.score import COLUMNS, Score
 from sfr_loc_map.report.test_report import junit
 from sfr_loc_map.suite.figures import figures_of
 from sfr_loc_map.suite.summary import Summary
 
 EXPERIMENT = "sfr suite"  #: Of MLflow.
-PARTS = {"trajectory": TrajectoryScore, "map": MapScore, "timing": TimingScore, "memory": MemoryScore}
-TYPES = {int: "int64", float: "float64", str: "string", bool: "bool"}  #: Of columns, by those of fields.
 
 
 def suite_junit(summary: Summary) -> str:
@@ -43,40 +36,22 @@ def suite_junit(summary: Summary) -> str:
     return junit(judged | scores, failed | refused | waiting)
 
 
-def _columns(
-    record: type, values: Mapping[str, Any], prefix: str, inlined: str = ""
-) -> Iterator[tuple[str, str, object]]:
-    """Yield name, type and value of the column of each single value of a record, and of those within it."""
-    for item in fields_of(record):
-        kind, key = item.kind, inlined + item.keys[0]
-        if get_origin(kind) in (Union, type(int | None)):
-            kind = next(part for part in get_args(kind) if part is not type(None))
-        if kind in TYPES or hasattr(kind, "to_plain") or (isinstance(kind, type) and issubclass(kind, StrEnum)):
-            value = values.get(key)
-            yield prefix + key, TYPES.get(kind, "string"), json.dumps(value) if isinstance(value, dict) else value
-        elif is_dataclass(kind) and isinstance(kind, type):
-            within = (
-                (values.get(key) or {}, f"{prefix}{key}.") if item.prefix is None else (values, prefix, item.prefix)
-            )
-            yield from _columns(kind, *within)
-
-
 def write_parquet(summary: Summary, path: Path) -> None:
-    """Write a row a result, a column a single value of its score; nothing without pyarrow."""
+    """Write the tables of figures of all results as one, each row with its job; nothing without pyarrow."""
     try:
         import pyarrow
         import pyarrow.parquet
     except ImportError:
         return
 
-    def columns(score: Score) -> Iterator[tuple[str, str, object]]:
-        for part, record in PARTS.items():
-            yield from _columns(record, to_plain(getattr(score, part)) or {}, f"{part}.")
-
-    head = {**dict.fromkeys(("key", "label", "task", "source", "configuration", "faults"), "string"), "repeat": "int64"}
-    kinds = head | {name: kind for name, kind, _ in columns(Score(verdicts=()))}
-    rows = [drive.names() | {name: value for name, _, value in columns(drive.score)} for drive in summary.drives]
-    schema = pyarrow.schema(list(kinds.items()))
+    names = {
+        **dict.fromkeys(("key", "label", "task", "source", "configuration", "faults"), "string"),
+        "repeat": "int64",
+    }
+    words = dict.fromkeys(("clause", "subject", "condition", "part", "figure", "unit"), "string")
+    numbers = {name: "int64" if name == "n" else "float64" for name in COLUMNS if name not in words}
+    rows = [drive.names() | row.as_dict() for drive in summary.drives for row in drive.score.figures]
+    schema = pyarrow.schema(list((names | words | numbers).items()))
     with atomic_path(path) as temporary:
         pyarrow.parquet.write_table(pyarrow.Table.from_pylist(rows, schema=schema), temporary)
 
@@ -94,10 +69,9 @@ def log_to_mlflow(summary: Summary, folder: Path, uri: str) -> str:
             means.setdefault("/".join((*filter(None, drive.runs), f"drive mean of {figure.name}")), []).append(value)
     values |= {name: sum(of_drives) / len(of_drives) for name, of_drives in means.items()}
     for group in summary.groups:
-        for part in group.conditions:
-            for error in FIGURES:
-                runs = "/".join(filter(None, (*group.runs, part.condition.label, error)))
-                values |= {f"{runs}/{key}": value for key, value in to_plain(getattr(part, error)).items()}
+        for row in group.figures:
+            runs = "/".join(filter(None, (*group.runs, label_of(row.condition), row.figure)))
+            values |= {f"{runs}/{key}": value for key, value in row.as_dict().items() if isinstance(value, float)}
     metrics = [(re.sub(r"[^\w\-. :/]", "_", name), value) for name, value in values.items() if isinstance(value, float)]
     about = {"verdict": summary.verdict, "code": summary.code, "version": __version__, **summary.run}
     told = {f"sfr.{name}": value for name, value in about.items() if value is not None}

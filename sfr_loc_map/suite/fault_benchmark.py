@@ -22,6 +22,7 @@ from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.methods.comparison import SCHEMA
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.pipeline.convert import FaultyLoc
 from sfr_loc_map.pipeline.offline import localise, start_pose, trajectory_of
@@ -165,12 +166,13 @@ def fault_figures(
     """Return the figures of one drive as JSON; position and heading: mean + 3 sigma of pairs that are not lost."""
     lost = [estimate.state is TrackingState.LOST for estimate in estimates]
     known = [estimate for estimate, gone in zip(estimates, lost, strict=True) if not gone]
-    scored = score_trajectory(Estimates.of(trajectory_of(known)), truth, scoring).score.first if known else None
+    figures = score_trajectory(Estimates.of(trajectory_of(known)), truth, scoring).figures if known else ()
+    score = Score(figures=figures)
     stated, last = stated_errors(estimates, truth), estimates[-1].statistics
     return {
         "pairs": len(estimates),
-        "position_m": None if scored is None else scored.position_m.mean_plus_3sigma,
-        "heading_deg": None if scored is None else scored.heading_deg.mean_plus_3sigma,
+        "position_m": score.number("position", "mean_plus_3sigma"),
+        "heading_deg": score.number("heading", "mean_plus_3sigma"),
         "longest_lost": max((len(list(run)) for gone, run in groupby(lost) if gone), default=0),
         "vertical_offset_px": last.vertical_offset_px,
         "disparity_offset_px": last.disparity_offset_px,

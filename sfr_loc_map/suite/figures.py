@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from sfr_loc_map.metrics.config import CallKind
-from sfr_loc_map.metrics.limits import value_at
+from sfr_loc_map.metrics.catalogue import CATALOGUE, Subject
+from sfr_loc_map.metrics.config import CallKind, label_of
 from sfr_loc_map.metrics.score import Score
 
 LEAST_SHARE = 1e-4  #: Shares are compared in logarithms: that of a map that is covered as a whole.
@@ -36,25 +36,28 @@ class FigureName:
 def figures_of(score: Score) -> dict[FigureName, float]:
     """Return the figures of a score that are defined; those but counts are positive."""
     found: dict[FigureName, float | None] = {}
-    for part in () if score.trajectory is None else score.trajectory.conditions:
-        for error, unit in (("position", "m"), ("attitude", "deg"), ("heading", "deg")):
-            name = FigureName(FigureKind.ACCURACY, f"{error} over {part.condition.label}, {unit}")
-            found[name] = getattr(part, f"{error}_{unit}").mean_plus_3sigma
-        nees = None if part.nees is None or part.nees.pose.mean is None else part.nees.pose.mean
-        expected = FigureName(FigureKind.NEES, f"NEES over {part.condition.label}, over that expected")
-        found[expected] = None if nees is None or part.nees is None else nees / part.nees.pose.expected
-    point_error = value_at(score, "map.errors.point_error_m.mean_plus_3sigma")
+    errors = [kind for kind in CATALOGUE if kind.is_compared and kind.subject is Subject.TRAJECTORY]
+    for condition in score.conditions:
+        over = label_of(condition)
+        for kind in errors:
+            name = FigureName(FigureKind.ACCURACY, f"{kind.name} over {over}, {kind.unit}")
+            found[name] = score.number(kind.name, "mean_plus_3sigma", condition=condition)
+        nees = score.figure("nees", condition=condition, part="pose")
+        expected = FigureName(FigureKind.NEES, f"NEES over {over}, over that expected")
+        found[expected] = None if nees is None or nees.mean is None or not nees.value else nees.mean / nees.value
+    point_error = score.number("point_error", "mean_plus_3sigma", part=None)
     found[FigureName(FigureKind.ACCURACY, "map point error, m")] = point_error
-    coverage = value_at(score, "map.coverage")
+    coverage = score.number("coverage", part=None)
     uncovered = None if coverage is None else max(1.0 - coverage, LEAST_SHARE)
     found[FigureName(FigureKind.ACCURACY, "map not covered, share")] = uncovered
-    for kind in (CallKind.LOCALISATION, CallKind.MAPPING_CALL, CallKind.MAPPING):
-        found[FigureName(FigureKind.TIME, f"{kind} mean, s")] = value_at(score, f"timing.{kind}.mean")
-        found[FigureName(FigureKind.MEMORY, f"{kind} peak, bytes")] = value_at(score, f"memory.{kind}.peak_bytes")
+    for call in (CallKind.LOCALISATION, CallKind.MAPPING_CALL, CallKind.MAPPING):
+        found[FigureName(FigureKind.TIME, f"{call} mean, s")] = score.number(call, "mean", part=None)
+        found[FigureName(FigureKind.MEMORY, f"{call} peak, bytes")] = score.number("peak", part=call)
     defined = {name: value for name, value in found.items() if value is not None and value > 0.0}
-    if (drive := score.trajectory) is not None:
+    if (drive := score.association) is not None:
         defined[FigureName(FigureKind.LOST, "lost, frames")] = drive.lost
         defined[FigureName(FigureKind.DEGRADED, "degraded, frames")] = drive.degraded
-        if drive.completeness is not None:
-            defined[FigureName(FigureKind.MISSING, "missing, frames")] = drive.completeness.missing
+        missing = score.number("missing", part="count")
+        if missing is not None:
+            defined[FigureName(FigureKind.MISSING, "missing, frames")] = missing
     return defined

@@ -12,6 +12,7 @@ import cv2
 import numba
 import numpy as np
 import yaml
+from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.child_process import child_environment
 from sfr_loc_map.config import build
@@ -26,7 +27,7 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.methods.registry import MethodLimits, record_of_ours
 from sfr_loc_map.metrics.cloud_error import truths_of
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.limits import Limits, parse_limits, verdicts
+from sfr_loc_map.metrics.limits import Limits, judged, parse_limits
 from sfr_loc_map.metrics.score import Provenance, Score
 from sfr_loc_map.metrics.score_json import from_json, to_plain
 from sfr_loc_map.pipeline.call_stats import load_call_stats, save_stats
@@ -61,7 +62,7 @@ def run_job(job: Job, scratch: Path, cache: Path) -> Score:
         source = faulty(open_source(path), _faults(job), job.fault_seed)
         run = (_localise if job.kind is JobKind.LOCALISE else _map)(job, source, path, scratch)
         score = score_run(run, config, limits)
-    return replace(score, verdicts=verdicts(limits, score), provenance=_provenance(job, score.provenance, scratch))
+    return struct_replace(judged(score, limits), provenance=_provenance(job, score.provenance, scratch))
 
 
 def _localise(job: Job, source: Source, truth: Path, scratch: Path) -> Run:
@@ -142,6 +143,8 @@ def _provenance(job: Job, provenance: Provenance | None, scratch: Path) -> Prove
     about |= {name: getattr(job, name) for name in TOLD}
     of_suite = {f"suite.{name}": value for name, value in about.items()}
     host = {**known.host, "threads": str(job.threads)}
-    inputs = {role: replace(item, path=item.path.removeprefix(f"{scratch}/")) for role, item in known.inputs.items()}
+    inputs = {
+        role: struct_replace(item, path=item.path.removeprefix(f"{scratch}/")) for role, item in known.inputs.items()
+    }
     configuration = {**known.configuration, **job.parameters, **of_suite}
-    return replace(known, inputs=inputs, configuration=configuration, host=host)
+    return struct_replace(known, inputs=inputs, configuration=configuration, host=host)

@@ -9,6 +9,7 @@ from operator import itemgetter
 
 from sfr_loc_map.io.atomic import atomic_path, write_text
 from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.metrics.score import Figure, find_rows
 from sfr_loc_map.metrics.score_json import json_line
 from sfr_loc_map.report.page import render_overview, render_page
 from sfr_loc_map.report.plots import Column, Plot, axis, error_scale, largest, marks, scaled
@@ -62,8 +63,8 @@ def _error_plots(summary: Summary) -> list[Plot]:
     each.sort(key=itemgetter(0))
     if not each:
         return []
-    groups = [(number, group.conditions[0]) for number, group in enumerate(summary.groups, 1) if group.conditions]
-    pooled = [(number, condition.position_m.mean_plus_3sigma) for number, condition in groups]
+    firsts = ((number, first_position(group.figures)) for number, group in enumerate(summary.groups, 1))
+    pooled = [(number, row.mean_plus_3sigma) for number, row in firsts if row is not None]
     factor, unit = error_scale(largest([value for _, value in each]))
     traces = [
         marks("one drive", _columns(each, factor), "@one", size=6),
@@ -72,6 +73,11 @@ def _error_plots(summary: Summary) -> list[Plot]:
     layout = {"xaxis": axis(RUNS, dtick=1), "yaxis": axis(f"position, mean + 3 sigma, {unit}", type="log")}
     caption = "Each drive, and the sub-trajectories of all drives pooled; first condition."
     return [Plot("suite-errors", "Position error by runs", caption, traces, layout, width="full")]
+
+
+def first_position(figures: tuple[Figure, ...]) -> Figure | None:
+    """Return the position error over the first condition, None without one."""
+    return next(find_rows(figures, "position"), None)
 
 
 def render_history(history: History) -> str:

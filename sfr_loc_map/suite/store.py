@@ -1,6 +1,6 @@
 """The folder of a suite. Its results are files, and what is done follows from them.
 
-DIR/results/KEY.json        score of a job (sfr-score/1)
+DIR/results/KEY.json        score of a job (sfr-score/2)
 DIR/failures/KEY.json       why a job failed
 DIR/plan.json               what the sources of the suite's file hold, its jobs in their order, its code
 DIR/workers.json            the workers of its runs, what they did, why they were set aside

@@ -7,32 +7,35 @@ means and sigmas of the drives give count, mean and sigma of all their values ex
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
+from msgspec.structs import asdict, replace
 from numpy.typing import NDArray
 
 from sfr_loc_map import __version__
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.metrics.config import Condition, VerdictState
+from sfr_loc_map.metrics.catalogue import CATALOGUE, Subject
+from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.limits import (
     COVERAGE_MIN,
-    PLACES,
-    Figure,
+    LimitedFigure,
     LimitPart,
     Limits,
     figure_of,
     finding_verdicts,
     incomplete_verdict,
+    judged,
     meets,
     parse_limits,
-    value_at,
+    plain_verdict,
     verdict_on,
-    verdicts,
+    with_verdict,
 )
-from sfr_loc_map.metrics.score import ConditionScore, IntervalStatistic, Score, Statistic, Verdict
+from sfr_loc_map.metrics.score import Figure, Score, Verdict, figure_row
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.metrics.statistics import student_quantile
 from sfr_loc_map.suite.cluster import WorkerRecord
@@ -45,6 +48,7 @@ SCHEMA = "sfr-suite/1"
 MIN_DRIVES = 5  #: With fewer drives there is no interval.
 RESAMPLES = 2000
 SEED = 20260101
+POOLED = "pooled"  #: Part of the rows over all drives.
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,8 +66,7 @@ class ScoredJob:
     @property
     def figure(self) -> float | None:
         """Mean + 3 sigma of the position over the first condition, None without a trajectory."""
-        found: float | None = value_at(self.score, "trajectory.first.position_m.mean_plus_3sigma")
-        return found
+        return self.score.number("position", "mean_plus_3sigma")
 
     def names(self) -> dict[str, object]:
         """Return what it is called, as JSON values."""
@@ -79,21 +82,8 @@ class ScoredJob:
         }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PooledCondition:
-    """Errors over the sub-trajectories of one condition of all drives, as `ConditionScore` names them."""
-
-    condition: Condition
-    drives: int  #: Drives with at least two sub-trajectories.
-    count: int  #: Sub-trajectories.
-    position_m: IntervalStatistic
-    attitude_deg: IntervalStatistic
-    heading_deg: IntervalStatistic  #: The mean is taken without its sign.
-    chord_m: IntervalStatistic | None = None  #: Of the straight distance.
-
-
-class GroupVerdict(Verdict):
-    """The verdict on one limit over all drives of a group; its count is of sub-trajectories, or of drives."""
+class GroupVerdict(Verdict, frozen=True, kw_only=True):
+    """The verdict on one limit over all drives of a group; its n is of sub-trajectories, or of drives."""
 
     over: str  #: `pooled` values of all drives, or the `worst drive` (figures that cannot be pooled).
     missed_by: int  #: Drives that miss the limit on their own.
@@ -109,7 +99,7 @@ class Group:
     drives: int
     lost: int
     matched: int
-    conditions: tuple[PooledCondition, ...]
+    figures: tuple[Figure, ...]  #: Errors over the sub-trajectories of all drives, by condition.
     verdicts: tuple[GroupVerdict, ...]
 
     @property
@@ -180,8 +170,9 @@ def summarise(store: Store) -> Summary:
     for job, state in entries:
         if state == "done":
             score = store.score(job.key)
-            judged = tuple(item for item in verdicts(limits, score) if _applies(item, score))
-            drives.append(ScoredJob(job, replace(score, verdicts=judged)))
+            score = judged(score, limits)
+            applying = tuple(item for item in score.verdicts if _applies(item, score))
+            drives.append(ScoredJob(job, with_verdict(replace(score, verdicts=applying))))
     return Summary(
         tasks=len(entries),
         waiting=sum(state == "waiting" for _, state in entries),
@@ -197,10 +188,8 @@ def summarise(store: Store) -> Summary:
 
 def _applies(verdict: Verdict, score: Score) -> bool:
     """Tell whether a limit is on what the job made: a map is not judged by the limits of a drive."""
-    if verdict.condition is not None:
-        return score.trajectory is not None
-    if verdict.metric == COVERAGE_MIN or verdict.metric.startswith("point_error"):
-        return score.map is not None
+    if verdict.subject in (Subject.TRAJECTORY, Subject.MAP):
+        return score.has(verdict.subject)
     return verdict.value is not None
 
 
@@ -211,12 +200,10 @@ def groups_of(drives: Sequence[ScoredJob], limits: Limits | None) -> Iterator[Gr
         members.setdefault(drive.runs, []).append(drive)
     for (task, configuration, faults), jobs in members.items():
         scores = [job.score for job in jobs]
-        trajectories = [score.trajectory for score in scores if score.trajectory is not None]
-        parts: dict[Condition, list[tuple[str, ConditionScore]]] = {}
-        for job in jobs:
-            for part in () if job.score.trajectory is None else job.score.trajectory.conditions:
-                parts.setdefault(part.condition, []).append((job.job.drive, part))
-        pooled = {condition: pool(items) for condition, items in parts.items()}
+        trajectories = [score.association for score in scores if score.association is not None]
+        conditions = list(dict.fromkeys(condition for score in scores for condition in score.conditions))
+        results = [(job.job.drive, job.score) for job in jobs]
+        pooled = tuple(row for condition in conditions for row in pool(results, condition))
         yield Group(
             task=task,
             configuration=configuration,
@@ -224,97 +211,100 @@ def groups_of(drives: Sequence[ScoredJob], limits: Limits | None) -> Iterator[Gr
             drives=len(scores),
             lost=sum(item.lost for item in trajectories),
             matched=sum(item.matched for item in trajectories),
-            conditions=tuple(pooled.values()),
+            figures=pooled,
             verdicts=tuple(_verdicts(limits, scores, pooled)),
         )
 
 
-def _verdicts(
-    limits: Limits | None, scores: Sequence[Score], pooled: Mapping[Condition, PooledCondition]
-) -> Iterator[GroupVerdict]:
+def _verdicts(limits: Limits | None, scores: Sequence[Score], pooled: tuple[Figure, ...]) -> Iterator[GroupVerdict]:
     wrong = [item for score in scores for item in finding_verdicts(score)]
-    for metric in dict.fromkeys(item.metric for item in wrong):
-        mine = [item for item in wrong if item.metric == metric]
-        worst = replace(max(mine, key=lambda item: item.value or 0.0), count=len(scores))
-        yield GroupVerdict(**vars(worst), over="worst drive", missed_by=len(mine))
+    for name in dict.fromkeys(item.name for item in wrong):
+        mine = [item for item in wrong if item.name == name]
+        worst = replace(max(mine, key=lambda item: item.value or 0.0), n=len(scores))
+        yield _of_group(worst, "worst drive", len(mine))
     if contradicted := sum(score.contradiction is not None for score in scores):
-        open_ = replace(incomplete_verdict(None), metric="convention_mismatch_drives", limit=0.0, count=len(scores))
-        open_ = replace(open_, value=float(contradicted), state=VerdictState.NOT_ENOUGH_DATA)
-        yield GroupVerdict(**vars(open_), over="worst drive", missed_by=contradicted)
-    if parts := [score.trajectory for score in scores if score.incomplete is not None]:
-        wholes = [part.completeness for part in parts if part is not None and part.completeness is not None]
-        share = min((whole.judged_share for whole in wholes), default=None)
-        # a drive that is not whole is no pass, whatever the figures of the others
-        whole = replace(incomplete_verdict(share), count=len(scores))
-        yield GroupVerdict(**vars(whole), over="worst drive", missed_by=len(parts))
-    if limits is None:
-        return
-    for limit in limits.limits:
-        values = [value for score in scores if (value := figure_of(limit, score).value) is not None]
-        part = {LimitPart.TRAJECTORY: "trajectory", LimitPart.MAP: "map"}.get(limit.part)
-        if not (any(getattr(score, part) is not None for score in scores) if part else values):
-            continue  # maps are not judged by the limits of drives
-        over, value, interval, count = "worst drive", max(values, key=abs, default=None), None, len(values)
+        value, state = float(contradicted), VerdictState.NOT_ENOUGH_DATA
+        plain = plain_verdict("convention_mismatch_drives", 0.0, value, state)
+        yield _of_group(replace(plain, n=len(scores)), "worst drive", contradicted)
+    if parts := [score for score in scores if score.incomplete is not None]:
+        shares = [share for score in parts if (share := score.number("judged")) is not None]
+        # a drive that is not covered is no pass, whatever the figures of the others
+        whole = replace(incomplete_verdict(min(shares, default=None)), n=len(scores))
+        yield _of_group(whole, "worst drive", len(parts))
+    for limit in () if limits is None else limits.limits:
+        values = [found for score in scores if (found := figure_of(limit, score).value) is not None]
+        subject = limit.limited.subject
+        if subject in (Subject.TRAJECTORY, Subject.MAP) and limit.part is not LimitPart.TARGET:
+            if not any(score.has(subject) for score in scores):
+                continue  # maps are not judged by the limits of drives
+        elif not values:
+            continue
+        over, count = "worst drive", len(values)
         if limit.condition is not None:
-            errors, place = pooled.get(limit.condition), PLACES[limit.part][limit.key]
-            over, value, interval = "pooled", value_at(errors, place), value_at(errors, f"{place}_ci95")
-            count = 0 if errors is None else errors.count
-        elif limit.key == COVERAGE_MIN:
-            value = min(values, default=None)
-        figure = Figure(value, None if limit.condition is None else count, interval)  # drives need no least number
-        verdict = replace(verdict_on(limit, figure, limits.minimum_count), count=count)
-        missed = sum(not meets(limit, value) for value in values)
-        yield GroupVerdict(**vars(verdict), over=over, missed_by=missed)
+            figure = figure_of(limit, Score(figures=pooled))
+            over, count = "pooled", figure.n or 0
+        else:  # drives need no least number
+            worst_value = min(values, default=None) if limit.key == COVERAGE_MIN else max(values, key=abs, default=None)
+            figure = LimitedFigure(worst_value)
+        verdict = replace(verdict_on(limit, figure, limits.minimum_count if limits else 2), n=count)
+        yield _of_group(verdict, over, sum(not meets(limit, found) for found in values))
 
 
-def pool(scores: Sequence[tuple[str, ConditionScore]]) -> PooledCondition:
-    """Return the pooled errors of the scores of one condition, each with its drive; repeats are of one drive."""
-    used = [item for _, item in scores if item.count > 1]
-    drives = [drive for drive, item in scores if item.count > 1]
-
-    def pooled(parts: Callable[[ConditionScore], Sequence[Statistic | None]]) -> IntervalStatistic:
-        return pooled_statistic([(item.count, parts(item)) for item in used], drives)
-
-    return PooledCondition(
-        condition=scores[0][1].condition,
-        drives=len({*drives}),
-        count=sum(item.count for item in used),
-        position_m=pooled(lambda item: (item.components.x_m, item.components.y_m, item.components.z_m)),
-        attitude_deg=pooled(lambda item: (item.attitude_deg,)),
-        heading_deg=pooled(lambda item: (item.heading_deg,)),
-        chord_m=pooled(lambda item: (item.chord_m,)),
-    )
+def _of_group(verdict: Verdict, over: str, missed_by: int) -> GroupVerdict:
+    return GroupVerdict(**asdict(verdict), over=over, missed_by=missed_by)
 
 
-def pooled_statistic(
-    results: Sequence[tuple[int, Sequence[Statistic | None]]], drives: Sequence[str]
-) -> IntervalStatistic:
-    """Return mean, sigma and mean + 3 sigma of all values: of each result its count and statistics by component.
+def pool(results: Sequence[tuple[str, Score]], condition: str) -> Iterator[Figure]:
+    """Yield the pooled errors over one condition of scores, each with its drive; repeats are of one drive.
 
-    `drives` names the drive of each; the interval resamples drives, each with all of its results.
+    Means and sigmas of a vector are pooled axis by axis.
     """
-    used = [
-        (drive, n, [part for part in parts if part is not None])
-        for drive, (n, parts) in zip(drives, results, strict=True)
-        if n > 1 and all(part is not None and part.mean is not None for part in parts)
-    ]
+    for kind in CATALOGUE:
+        if kind.subject is not Subject.TRAJECTORY:
+            continue
+        axes: tuple[str | None, ...] = ("x", "y", "z") if kind.name == "position" else (None,)
+        used: list[tuple[str, list[Figure]]] = []
+        for drive, score in results:
+            rows = [_axis_row(score, kind.name, condition, axis) for axis in axes]
+            known = [row for row in rows if row is not None and row.mean is not None and (row.n or 0) > 1]
+            if len(known) == len(axes):
+                used.append((drive, known))
+        has_figure = any(score.figure(kind.name, condition=condition) is not None for _, score in results)
+        if has_figure:
+            yield pooled_row(kind.name, condition, used)
+
+
+def _axis_row(score: Score, figure: str, condition: str, axis: str | None) -> Figure | None:
+    """Return the row of one axis of a figure; of a figure without axes the row of the reading that is judged."""
+    if axis is None:
+        return score.figure(figure, condition=condition)
+    return score.figure(figure, condition=condition, part=axis)
+
+
+def pooled_row(figure: str, condition: str, used: Sequence[tuple[str, Sequence[Figure]]]) -> Figure:
+    """Return mean, sigma and mean + 3 sigma of all values: of each result its drive and its rows by axis.
+
+    The interval resamples drives, each with all of its results; `independent` is the number of drives.
+    """
+    numbers = {drive: number for number, drive in enumerate(dict.fromkeys(drive for drive, _ in used))}
+    many = len(numbers)
+    count = np.array([float(rows[0].n or 0) for _, rows in used])
+    total = int(count.sum())
     if not used:
-        return IntervalStatistic(mean=None, sigma=None, mean_plus_3sigma=None, mean_plus_3sigma_ci95=None)
-    numbers = {drive: number for number, drive in enumerate(dict.fromkeys(drive for drive, _, _ in used))}
-    count, many = np.array([float(n) for _, n, _ in used]), len(numbers)
-    means = np.array([[part.mean for part in parts] for _, _, parts in used], np.float64)
-    sigmas = np.array([[part.sigma for part in parts] for _, _, parts in used], np.float64)
+        return figure_row(figure, condition, POOLED, n=0, independent=0)
+    means = np.array([[row.mean for row in rows] for _, rows in used], np.float64)
+    sigmas = np.array([[row.sigma for row in rows] for _, rows in used], np.float64)
     squares = np.square(sigmas) * (count[:, None] - 1.0)
     mean, sigma = (float(values[0]) for values in _pooled(count, means, squares, np.ones((1, len(count)))))
-    figure, interval = mean + 3.0 * sigma, None
-    if many >= MIN_DRIVES and figure > 0.0:
-        weights = drawn_weights(many)[:, [numbers[drive] for drive, _, _ in used]]
+    found: dict[str, Any] = {"mean": mean, "sigma": sigma, "mean_plus_3sigma": mean + 3.0 * sigma}
+    if many >= MIN_DRIVES and found["mean_plus_3sigma"] > 0.0:
+        weights = drawn_weights(many)[:, [numbers[drive] for drive, _ in used]]
         drawn_means, drawn_sigmas = _pooled(count, means, squares, weights)
         spread = float(np.std(np.log(np.maximum(drawn_means + 3.0 * drawn_sigmas, 1e-300))))
         spread *= np.sqrt(many / (many - 1.0))
         factor = float(np.exp(student_quantile(0.975, many - 1.0) * spread))
-        interval = (figure / factor, figure * factor)
-    return IntervalStatistic(mean=mean, sigma=sigma, mean_plus_3sigma=figure, mean_plus_3sigma_ci95=interval)
+        found["low95"], found["high95"] = found["mean_plus_3sigma"] / factor, found["mean_plus_3sigma"] * factor
+    return figure_row(figure, condition, POOLED, n=total, independent=many, **found)
 
 
 def _pooled(

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from sfr_loc_map.metrics.catalogue import CATALOGUE, Subject
+from sfr_loc_map.metrics.config import label_of
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_plain
-from sfr_loc_map.report.score_tables import limit_name, limit_unit
+from sfr_loc_map.report.score_tables import name_of, unit_of
 from sfr_loc_map.report.tables import (
     ABSENT,
-    DEGREE,
-    METRE,
     MIB,
     MILLIMETRE,
     MILLISECOND,
     NONE,
     PERCENT,
-    SHARE,
     Cell,
     Column,
     Table,
@@ -53,7 +53,7 @@ VERDICTS: Columns = (
     ("limit", SHOWN, "limit"),
     ("95 % interval", INTERVAL, "ci95"),
     ("of", WORDS, "over"),
-    ("n", NONE, "count"),
+    ("n", NONE, "n"),
     ("drives that miss it", NONE, "missed_by"),
 )
 POOLED: Columns = (
@@ -63,34 +63,19 @@ POOLED: Columns = (
     ("mean", SHOWN, "mean"),
     ("sigma", SHOWN, "sigma"),
     ("mean + 3 sigma", SHOWN, "mean_plus_3sigma"),
-    ("95 % interval", INTERVAL, "mean_plus_3sigma_ci95"),
+    ("95 % interval", INTERVAL, "ci95"),
     ("unit", WORDS, "unit"),
-    ("sub-trajectories", NONE, "count"),
-    ("drives", NONE, "drives"),
+    ("sub-trajectories", NONE, "n"),
+    ("drives", NONE, "independent"),
 )
-DRIVES: Columns = (
-    ("drive", HEAD, "source"),
-    ("runs", WORDS, "runs"),
-    ("position, mean + 3 sigma", MILLIMETRE, "trajectory.position_m.mean_plus_3sigma"),
-    ("attitude", DEGREE, "trajectory.attitude_deg.mean_plus_3sigma"),
-    ("heading", DEGREE, "trajectory.heading_deg.mean_plus_3sigma"),
-    ("covered", PERCENT, "trajectory.completeness.judged_share"),
-    ("n", NONE, "trajectory.count"),
-    ("lost", NONE, "trajectory.lost"),
-    ("pairs", NONE, "trajectory.matched"),
-    ("call p95", MILLISECOND, "timing.localisation_s.p95"),
-    ("peak", MIB, "memory.localisation_peak_bytes"),
-    ("limits missed", NONE, "missed"),
-    ("result", FILE, "key"),
+OF_DRIVES: tuple[tuple[str, Unit, str, str], ...] = (
+    ("covered", PERCENT, "judged", "value"),
+    ("n", NONE, "position", "n"),
+    ("lost", NONE, "lost", "count"),
+    ("call p95", MILLISECOND, "localisation", "p95"),
+    ("peak", MIB, "peak", "value"),
 )
-MAPS: Columns = (
-    ("drive", HEAD, "source"),
-    ("runs", WORDS, "runs"),
-    ("coverage", PERCENT, "map.coverage"),
-    ("point error mean", MILLIMETRE, "map.point_error_m.mean"),
-    ("mean + 3 sigma", MILLIMETRE, "map.point_error_m.mean_plus_3sigma"),
-    ("result", FILE, "key"),
-)
+"""Columns of the table of drives after the errors that the catalogue compares: title, unit, figure, statistic."""
 WORKERS: Columns = (
     ("worker", HEAD, "worker"),
     ("host", WORDS, "host"),
@@ -164,38 +149,35 @@ def suite_tables(summary: Summary) -> list[Table]:
     for number, group in enumerate(summary.groups, 1):
         head = {"runs": _joined(*group.runs), "link": "suite.json"}
         row = {**to_plain(group), **head, "number": number, "faults": group.faults or "none"}
-        groups.append(row if group.conditions else row | {"matched": None, "lost": None})  # maps have no frames
-        for part in group.conditions:
-            for key, unit in (("position_m", METRE), ("attitude_deg", DEGREE), ("heading_deg", DEGREE)):
-                figures = to_plain(getattr(part, key))
-                shown = MILLIMETRE if unit is METRE and (figures["mean_plus_3sigma"] or 0.0) < 1.0 else unit
-                named = {"over": part.condition.label, "error": key.partition("_")[0], "unit": shown.symbol}
-                pooled.append(figures | head | named | {"count": part.count, "drives": part.drives, "shown": shown})
+        groups.append(row if group.figures else row | {"matched": None, "lost": None})  # maps have no frames
+        for figure in group.figures:
+            if figure.figure != "chord":
+                shown = fitting(Unit(figure.unit), figure.mean_plus_3sigma)
+                named = {"over": label_of(figure.condition), "error": figure.figure, "unit": shown.symbol}
+                pooled.append(figure.as_dict() | head | named | {"ci95": figure.interval, "shown": shown})
         for item in group.verdicts:
-            figure = limit_name(item.metric) + ("" if item.condition is None else f" over {item.condition.label}")
-            unit = fitting(limit_unit(item.metric), item.limit, item.value, *(item.ci95 or ()))
-            unit = PERCENT if unit is SHARE else unit
-            verdicts.append({**to_plain(item), **head, "figure": figure, "unit": unit.symbol, "shown": unit})
+            unit = unit_of(item, *(item.interval or ()))
+            told = {"figure": name_of(item), "unit": unit.symbol, "shown": unit, "ci95": item.interval}
+            verdicts.append({**to_plain(item), **head, **told})
     verdicts.sort(key=lambda row: WORST.index(row["verdict"]) if row["verdict"] in WORST else len(WORST))
     failures = [to_plain(item) | {"folder": "failures"} for item in summary.failures]
     failures += [{"label": item.path, "cause": "source refused", "message": item.reason} for item in summary.refusals]
     pages = {drive.job.key for drive in linked(summary)}
-    maps = [_row(drive, pages) for drive in summary.drives if drive.score.map is not None]
-    maps.sort(key=lambda row: -((row["map"].get("point_error_m") or {}).get("mean_plus_3sigma") or 0.0))
+    maps = [drive for drive in summary.drives if drive.score.has(Subject.MAP)]
+    maps.sort(key=lambda drive: -(drive.score.number("point_error", "mean_plus_3sigma") or 0.0))
     counts = summary.counts | {"sources refused": len(summary.refusals)}
     of_verdicts = "Pooled: the sub-trajectories of all drives are one sample. Worst drive: the figure cannot be pooled."
     of_pooled = "95 % interval of mean + 3 sigma by resampling whole drives; it needs five of them."
     of_workers = "Data checked: sources whose hash was that of the plan. One that was set aside got no more tasks."
     of_drives = "Errors over the sub-trajectories of the first condition."
-    drives = [_row(drive, pages) for drive in worst_first(summary)]
     tables = (
         _table("verdicts", "Verdicts over all drives", VERDICTS, verdicts, of_verdicts),
         _table("failures", "Tasks without a result", FAILURES, failures),
         _table("counts", "Tasks", tuple((name, NONE, name) for name in counts), [counts]),
         _table("groups", "Runs", GROUPS, groups, "Drives of one number were run alike."),
         _table("pooled", "Errors over the sub-trajectories of all drives", POOLED, pooled, of_pooled),
-        _table("maps", "Maps, the worst first", MAPS, maps),
-        _table("drives", "Drives, the worst first", DRIVES, drives, of_drives),
+        result_table("maps", "Maps, the worst first", maps, pages, Subject.MAP),
+        result_table("drives", "Drives, the worst first", worst_first(summary), pages, Subject.TRAJECTORY, of_drives),
         _table("workers", "Workers", WORKERS, map(to_plain, summary.workers), of_workers),
     )
     return [table for table in tables if table.rows]
@@ -203,13 +185,13 @@ def suite_tables(summary: Summary) -> list[Table]:
 
 def worst_first(summary: Summary) -> list[ScoredJob]:
     """Return the drives with a trajectory, those with the largest mean + 3 sigma of position first."""
-    drives = [drive for drive in summary.drives if drive.score.trajectory is not None]
+    drives = [drive for drive in summary.drives if drive.score.association is not None]
     return sorted(drives, key=lambda drive: -1.0 if drive.figure is None else drive.figure, reverse=True)
 
 
 def linked(summary: Summary) -> list[ScoredJob]:
     """Return the results that have a page of their own: the worst drives, and the maps."""
-    maps = [drive for drive in summary.drives if drive.score.trajectory is None]
+    maps = [drive for drive in summary.drives if drive.score.association is None]
     return (worst_first(summary) + maps)[:MAX_PAGES]
 
 
@@ -217,15 +199,46 @@ def _joined(*parts: str) -> str:
     return ", ".join(part for part in parts if part not in ("", NO_CONFIGURATION))
 
 
-def _row(drive: ScoredJob, pages: set[str]) -> dict[str, Any]:
-    job, score = drive.job, drive.score
-    return {
-        **drive.names(),
-        **{part: to_plain(getattr(score, part)) for part in ("trajectory", "timing", "memory", "map")},
-        "runs": _joined(*drive.runs, f"repeat {job.repeat}" if job.repeat else ""),
-        "link": f"{PAGES}/{job.key}.html" if job.key in pages else "",
-        "missed": len(score.failed),
-    }
+def result_table(
+    name: str, title: str, drives: Sequence[ScoredJob], pages: set[str], subject: Subject, note: str = ""
+) -> Table:
+    """Return a row a result: the errors that the catalogue compares, over the first condition, and what they cost."""
+    errors = [kind for kind in CATALOGUE if kind.is_compared and kind.subject is subject]
+    columns = [Column("drive", words=True), Column("runs", words=True)]
+    columns += [Column(f"{kind.name.replace('_', ' ')}, mean + 3 sigma", shown_unit(kind.unit)) for kind in errors]
+    if subject is Subject.MAP:
+        columns.append(Column("coverage", PERCENT))
+    else:
+        columns += [Column(title, unit) for title, unit, *_ in OF_DRIVES]
+    columns += [Column("limits missed"), Column("result", words=True)]
+    rows = []
+    for drive in drives:
+        job, score = drive.job, drive.score
+        runs = _joined(*drive.runs, f"repeat {job.repeat}" if job.repeat else "")
+        link = f"{PAGES}/{job.key}.html" if job.key in pages else ""
+        cells = [replace(Cell.head(job.source.name), link=link), Cell(runs)]
+        for kind in errors:
+            value = score.number(kind.name, "mean_plus_3sigma")
+            cells.append(Cell.number(value, kind.name, shown_unit(kind.unit), ABSENT))
+        if subject is Subject.MAP:
+            cells.append(Cell.number(score.number("coverage"), "coverage", PERCENT, ABSENT))
+        else:
+            cells += [_number_cell(score, unit, figure, statistic) for _, unit, figure, statistic in OF_DRIVES]
+        cells.append(Cell.number(len(score.failed)))
+        cells.append(Cell(job.key[:SHORT_KEY], link=f"results/{job.key}.json"))
+        rows.append(tuple(cells))
+    return Table(name, title, tuple(columns), tuple(rows), note)
+
+
+def _number_cell(score: Score, unit: Unit, figure: str, statistic: str) -> Cell:
+    if statistic == "count":
+        return Cell.number(score.number(figure, part="count"), figure, unit, ABSENT)
+    return Cell.number(score.number(figure, statistic), figure, unit, ABSENT)
+
+
+def shown_unit(unit: str) -> Unit:
+    """Return the unit of a column of errors."""
+    return MILLIMETRE if unit == "m" else Unit(unit)
 
 
 def comparison_tables(result: SuiteComparison) -> list[Table]:

@@ -1,0 +1,277 @@
+"""The specification's formulas, one after the other in the order of its clauses; all sub-trajectories at once.
+
+N is the frame at which a sub-trajectory starts, N+x the frame at which it ends. `starts` and `ends` are arrays `(M,)`
+of such frames, so that `true_position[ends]` is the true position at N+x of every sub-trajectory. Positions `(F, 3)`
+are of the RB origin in DS, metres. Quaternions `(F, 4)` are scalar last [3.1.1], of unit length, and take components
+in RB to components in DS (the conjugate of `att_q_DsToRb` [3.1.2]).
+
+test/metrics/reference.py says the same with loops and SciPy's rotations, and shares nothing with this module.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.rotation import quat_angle, quat_conjugate, quat_multiply, quat_rotate
+
+DISTANCE_TOLERANCE_M = 1e-9  #: A path that is shorter than the distance by this rounding error is long enough.
+MIN_DIRECTION_M = 1e-6  #: A horizontal displacement shorter than this has no direction: the heading is taken.
+Lengths = NDArray[np.longdouble]  #: Path lengths `(F,)`, m.
+QUANTILES = {"p50": 50.0, "p95": 95.0, "p99": 99.0}
+
+
+# ---- 4.1.1 Sub-trajectories
+
+
+def start_frames(frames: int, spacing: int) -> IntArray:
+    """Return the frames N: the first frame, then every `spacing` frames [4.1.1: 10 are recommended]."""
+    return np.arange(0, frames, spacing)
+
+
+def path_length_m(true_position: FloatArray) -> Lengths:
+    """Return the length of the true path up to each frame; in extended precision, so that long paths keep 1e-9 m."""
+    steps = np.linalg.norm(np.diff(true_position, axis=0), axis=1)
+    length = np.zeros(len(true_position), np.longdouble)
+    np.cumsum(steps, out=length[1:], dtype=np.longdouble)
+    return length
+
+
+def ends_by_distance(starts: IntArray, length_m: Lengths, distance_m: float) -> IntArray:
+    """Return the first frame N+x to which the true path from N is so long; the number of frames if there is none."""
+    needed = length_m[starts] + (distance_m - DISTANCE_TOLERANCE_M)
+    return np.maximum(np.searchsorted(length_m, needed, side="left"), starts + 1)
+
+
+def ends_by_time(starts: IntArray, stamps_ns: IntArray, time_ns: int) -> IntArray:
+    """Return the first frame N+x whose stamp is so much later than that of N; the number of frames if none is."""
+    since_first = stamps_ns - stamps_ns[:1]
+    return np.maximum(np.searchsorted(since_first, since_first[starts] + time_ns, side="left"), starts + 1)
+
+
+def ends_by_frames(starts: IntArray, frames: int) -> IntArray:
+    """Return the frame N+x that is so many frames after N."""
+    return starts + frames
+
+
+def ends_apart(
+    starts: IntArray,
+    earliest: IntArray,
+    true_position: FloatArray,
+    true_attitude: FloatArray,
+    metres: float,
+    turn_deg: float,
+) -> IntArray:
+    """Return the first frame N+x, from the earliest on, that is so far from N in a straight line and turned so much."""
+    ends = earliest.copy()
+    half_turn_cosine = np.cos(0.5 * np.radians(turn_deg)) + 1e-12  # a turn of exactly so much is enough
+    searching = np.flatnonzero(ends < len(true_position))
+    while len(searching):
+        first, last = starts[searching], ends[searching]
+        distance_m = np.linalg.norm(true_position[last] - true_position[first], axis=1)
+        cosine = np.abs(np.sum(true_attitude[last] * true_attitude[first], axis=1))
+        is_apart = (distance_m >= metres - DISTANCE_TOLERANCE_M) & (cosine <= half_turn_cosine)
+        searching = searching[~is_apart]
+        ends[searching] += 1
+        searching = searching[ends[searching] < len(true_position)]
+    return ends
+
+
+# ---- 4.1.2 Error over a sub-trajectory: error accumulated before N does not count
+
+
+class SubTrajectoryErrors(NamedTuple):
+    """The errors of M sub-trajectories."""
+
+    position_m: FloatArray  #: `(M, 3)`, a vector in DS.
+    attitude_deg: FloatArray  #: `(M,)`, never negative.
+    heading_deg: FloatArray  #: `(M,)`, with a sign, in (-180, 180].
+
+
+class Poses(NamedTuple):
+    """True and estimated poses of the same frames, side by side."""
+
+    true_position: FloatArray
+    true_attitude: FloatArray
+    position: FloatArray
+    attitude: FloatArray
+
+
+def pose_reading(poses: Poses, starts: IntArray, ends: IntArray) -> SubTrajectoryErrors:
+    """Return the errors if the whole pose at N is taken away.
+
+    `T_gt(N) inv(T_est(N)) T_est(N+x)` is compared with `T_gt(N+x)`.
+    """
+    true_position, true_attitude, position, attitude = poses
+    correction = quat_multiply(true_attitude[starts], quat_conjugate(attitude[starts]))
+    moved = quat_rotate(correction, displacement(position, starts, ends))
+    turned = quat_multiply(correction, attitude[ends])
+    return SubTrajectoryErrors(
+        position_error(moved, displacement(true_position, starts, ends)),
+        attitude_error_deg(turned, true_attitude[ends]),
+        heading_error_deg(heading(turned), heading(true_attitude[ends])),
+    )
+
+
+def displacement_reading(poses: Poses, starts: IntArray, ends: IntArray) -> SubTrajectoryErrors:
+    """Return the errors to the letter of the document: displacements in DS, and changes since N, are compared."""
+    true_position, true_attitude, position, attitude = poses
+    true_change = quat_multiply(quat_conjugate(true_attitude[starts]), true_attitude[ends])
+    change = quat_multiply(quat_conjugate(attitude[starts]), attitude[ends])
+    change_of_heading = heading(attitude[ends]) - heading(attitude[starts])
+    true_change_of_heading = heading(true_attitude[ends]) - heading(true_attitude[starts])
+    return SubTrajectoryErrors(
+        position_error(displacement(position, starts, ends), displacement(true_position, starts, ends)),
+        attitude_error_deg(change, true_change),
+        heading_error_deg(change_of_heading, true_change_of_heading),
+    )
+
+
+def position_reading(poses: Poses, starts: IntArray, ends: IntArray) -> SubTrajectoryErrors:
+    """Return the errors if the position at N alone is taken away, as other tools do; attitudes are compared at N+x."""
+    true_position, true_attitude, position, attitude = poses
+    return SubTrajectoryErrors(
+        position_error(displacement(position, starts, ends), displacement(true_position, starts, ends)),
+        attitude_error_deg(attitude[ends], true_attitude[ends]),
+        heading_error_deg(heading(attitude[ends]), heading(true_attitude[ends])),
+    )
+
+
+# ---- 4.1.3 Standard deviation
+
+
+def standard_deviation(errors: FloatArray) -> FloatArray:
+    """Return the standard deviation of each column, with Bessel's correction: `sqrt(sum (x - mean)^2 / (n - 1))`."""
+    squares = np.square(errors - np.mean(errors, axis=0))
+    return np.asarray(np.sqrt(np.sum(squares, axis=0) / (len(errors) - 1)))
+
+
+# ---- 4.2.3.1 3D position error
+
+
+def displacement(position: FloatArray, starts: IntArray, ends: IntArray) -> FloatArray:
+    """Return the displacement of the RB origin from N to N+x, in DS."""
+    return np.asarray(position[ends] - position[starts])
+
+
+def position_error(estimated: FloatArray, actual: FloatArray) -> FloatArray:
+    """Return the error vectors: the Cartesian difference of the estimated and the actual displacement."""
+    return np.asarray(estimated - actual)
+
+
+def mean_of_vectors(errors: FloatArray) -> float:
+    """Return 'mean': the norm of the mean of all position error vectors."""
+    return float(np.linalg.norm(np.mean(errors, axis=0)))
+
+
+def sigma_of_vectors(errors: FloatArray) -> float:
+    """Return 'sigma': the norm of the vector of the standard deviations on each axis of DS."""
+    return float(np.linalg.norm(standard_deviation(errors)))
+
+
+def mean_plus_3sigma(mean: float, sigma: float) -> float:
+    """Return mean + 3 sigma; the mean of a signed quantity (heading [4.2.3.3]) is taken without its sign."""
+    return abs(mean) + 3.0 * sigma
+
+
+# ---- 4.2.3.2 Attitude error
+
+
+def attitude_error_deg(estimated: FloatArray, actual: FloatArray) -> FloatArray:
+    """Return the magnitude of the shortest rotation from the actual to the estimated attitude, unsigned, degrees.
+
+    The document takes it from the scalar part. `2 atan2(|v|, |w|)` of the rotation (v, w) is the same angle as
+    `2 acos |w|`, and keeps its precision near 0.
+    """
+    return np.degrees(quat_angle(quat_multiply(quat_conjugate(actual), estimated)))
+
+
+# ---- 4.2.3.3 Heading error
+
+
+def heading(attitude: FloatArray) -> FloatArray:
+    """Return the angle in the x-y plane of DS from its x-axis to the RB x-axis: `atan2(Y_RB, X_RB)`, radians."""
+    x, y, z, w = np.moveaxis(attitude, -1, 0)
+    return np.asarray(np.arctan2(2.0 * (x * y + z * w), 1.0 - 2.0 * (y * y + z * z)))
+
+
+def heading_error_deg(estimated: FloatArray, actual: FloatArray) -> FloatArray:
+    """Return estimated less actual heading with its sign, wrapped to (-180, 180], degrees."""
+    error = np.degrees(estimated - actual)
+    return np.asarray(error - 360.0 * np.ceil((error - 180.0) / 360.0))
+
+
+# ---- 4.3.4 Error in the output point cloud
+
+
+def point_error(actual: FloatArray, estimated: FloatArray) -> FloatArray:
+    """Return `pointErr_n = norm(pos_n_ref - pos_n_est)` of each point `(P, 3)`."""
+    return np.asarray(np.linalg.norm(actual - estimated, axis=1))
+
+
+# ---- beside the document: the same errors by direction, without attitudes, and along the ray of a pixel
+
+
+def chord_error(poses: Poses, starts: IntArray, ends: IntArray) -> FloatArray:
+    """Return the straight distance from N to N+x, estimated less actual: it needs no attitudes."""
+    estimated = np.linalg.norm(displacement(poses.position, starts, ends), axis=1)
+    return np.asarray(estimated - np.linalg.norm(displacement(poses.true_position, starts, ends), axis=1))
+
+
+def along_and_cross(
+    error: FloatArray, true_displacement: FloatArray, true_heading: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the parts of position errors along the horizontal true displacement, and to the left of it."""
+    length = np.linalg.norm(true_displacement[:, :2], axis=1)
+    has_direction = length >= MIN_DIRECTION_M
+    divisor = np.where(has_direction, length, 1.0)
+    east = np.where(has_direction, true_displacement[:, 0] / divisor, np.cos(true_heading))
+    north = np.where(has_direction, true_displacement[:, 1] / divisor, np.sin(true_heading))
+    return error[:, 0] * east + error[:, 1] * north, error[:, 1] * east - error[:, 0] * north
+
+
+def disparity_error(focal_px: float, baseline_m: float, depth_m: FloatArray, true_depth_m: FloatArray) -> FloatArray:
+    """Return the error of the disparity that an error of the depth amounts to: `f b / Z - f b / Z_true`, px."""
+    return np.asarray(focal_px * baseline_m / depth_m - focal_px * baseline_m / true_depth_m)
+
+
+# ---- what is said of n errors: a row of the table of figures
+
+
+class Statistics(NamedTuple):
+    """The figures of n errors; None is undefined."""
+
+    n: int
+    mean: float | None = None
+    sigma: float | None = None
+    mean_plus_3sigma: float | None = None
+    rmse: float | None = None
+    p50: float | None = None
+    p95: float | None = None
+    p99: float | None = None
+    max: float | None = None
+
+
+def statistics(errors: NDArray[np.floating]) -> Statistics:
+    """Return the figures of errors `(n,)`, or of error vectors `(n, 3)`; undefined where an error is unknown (NaN).
+
+    Mean and sigma are those of the document. Root mean square, quantiles (interpolated linearly) and maximum are of the
+    sizes of the errors.
+    """
+    given = np.asarray(errors, np.float64)
+    n = len(given)
+    if n == 0 or not np.isfinite(np.sum(given)):
+        return Statistics(0)
+    is_vector = given.ndim == 2
+    sizes = np.linalg.norm(given, axis=1) if is_vector else np.abs(given)
+    mean = mean_of_vectors(given) if is_vector else float(np.mean(given))
+    sigma = total = None
+    if n > 1:
+        sigma = sigma_of_vectors(given) if is_vector else float(standard_deviation(given))
+        total = mean_plus_3sigma(mean, sigma)
+    p50, p95, p99 = np.percentile(sizes, list(QUANTILES.values())).tolist()
+    rmse = float(np.sqrt(np.mean(np.square(sizes))))
+    return Statistics(n, mean, sigma, total, rmse, p50, p95, p99, float(np.max(sizes)))
