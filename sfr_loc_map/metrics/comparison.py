@@ -88,12 +88,7 @@ class Comparison(Record, frozen=True, kw_only=True, omit_defaults=False):
         return {"schema": SCHEMA, **to_plain(self)}
 
 
-SHOWN = {
-    Subject.MAP: ("mean", "mean_plus_3sigma", "value"),
-    Subject.TIMING: ("p50", "p95"),
-    Subject.MEMORY: ("value",),
-    Subject.COMPLETENESS: ("value",),
-}
+SHOWN = {Subject.MAP: ("mean", "mean_plus_3sigma", "value"), Subject.TIMING: ("p50", "p95"), Subject.MEMORY: ("value",)}
 """The numbers of whole runs that are shown side by side, by subject."""
 ERROR_COLUMNS = {"position": ("x_m", "y_m", "z_m"), "attitude": ("attitude_deg",), "heading": ("heading_deg",)}
 """Errors of sub-trajectories in a score's details, by figure."""

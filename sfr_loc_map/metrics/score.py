@@ -169,7 +169,7 @@ class Verdict(Record, frozen=True, kw_only=True):
 # ---- how estimates were compared with the ground truth
 
 
-class Association(Record, frozen=True, kw_only=True):
+class Association(Record, frozen=True, kw_only=True, omit_defaults=False):
     """How estimates found their ground truth, and what became of the poses."""
 
     matched: int  #: Frames: poses of the ground truth that have an estimate.
@@ -201,7 +201,7 @@ class Association(Record, frozen=True, kw_only=True):
     incomplete: str | None = None  #: Why the estimate does not cover the whole drive; null if it does.
 
 
-class TruthRecord(Record, frozen=True, kw_only=True):
+class TruthRecord(Record, frozen=True, kw_only=True, omit_defaults=False):
     """What is known of the ground truth."""
 
     attitude: bool  #: Whether it has attitudes; without them attitude and heading errors are unknown.
@@ -533,16 +533,22 @@ class Details(Record, frozen=True, kw_only=True):
 # ---- the whole
 
 
+def written(default: Any) -> Any:  # noqa: ANN401 - stands for the field's value, as msgspec.field does
+    """Declare a field that is always written, null or empty where it is unknown."""
+    return msgspec.field(default_factory=lambda: default)
+
+
 class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     """The whole score."""
 
-    verdict: VerdictState | None = None  #: Verdict over all limits; null where there are none, or nothing is judged.
-    figures: tuple[Figure, ...] = ()  #: The table of figures.
+    #: Verdict over all limits; null where there are none, or nothing is judged.
+    verdict: VerdictState | None = written(None)
+    figures: tuple[Figure, ...] = written(())  #: The table of figures.
     #: One for each limit, in their order, after those on findings and on what is missing.
-    verdicts: tuple[Verdict, ...] = ()
-    association: Association | None = None  #: How estimates found their ground truth.
-    truth: TruthRecord | None = None  #: What is known of the ground truth of the trajectory.
-    provenance: Provenance | None = None  #: What the score was made of.
+    verdicts: tuple[Verdict, ...] = written(())
+    association: Association | None = written(None)  #: How estimates found their ground truth.
+    truth: TruthRecord | None = written(None)  #: What is known of the ground truth of the trajectory.
+    provenance: Provenance | None = written(None)  #: What the score was made of.
     alignment: Alignment | None = None  #: How APE and RPE were computed, where they were asked for.
     cloud: CloudRecord | None = None  #: How a cloud was compared with the ground truth.
     calls: CallRecords | None = None  #: How times and memory were measured on this host.

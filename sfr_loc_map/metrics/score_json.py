@@ -77,9 +77,8 @@ def from_json(text: str | bytes, origin: str = "score") -> Score:
     """
     try:
         head = msgspec.json.decode(text, type=_Head)
-    except msgspec.ValidationError:
-        _check_schema(None, origin)
-        raise
+    except msgspec.ValidationError as error:
+        raise InputError(f"{origin} is not a score: {error}; give the JSON of sfr score --json") from error
     except (msgspec.DecodeError, ValueError, RecursionError) as error:
         problem = " ".join(str(error).split())
         raise InputError(f"{origin} is no JSON ({problem}): give the JSON of sfr score --json") from error

@@ -284,7 +284,7 @@ def figure_table(name: str, title: str, placed: Sequence[Placed], note: str = ""
         for key in statistics:
             line.append(Cell.number(row.statistic(key), f"{place}.{key}", unit, undefined_of(row, key)))
         if has_interval:
-            line.append(Cell.interval(row.interval, f"{place}.low95", unit, ABSENT))
+            line.append(Cell.interval(row.interval, place, unit, ABSENT))
         line.append(Cell.number(row.n, f"{place}.n", undefined=ABSENT))
         if has_independent:
             line.append(Cell.number(row.independent, f"{place}.independent", undefined=ABSENT))
@@ -336,7 +336,7 @@ def verdict_table(score: Score) -> Table:
             Cell.number(item.value, f"{key}.value", unit, NOT_ENOUGH),
             Cell(f"{sign_of(item)} {number(item.limit, unit=unit)}", item.limit, f"{key}.limit"),
             Cell(ABSENT) if item.margin is None else Cell.number(item.margin, f"{key}.margin", unit),
-            Cell.interval(item.interval, f"{key}.low95", unit, NOT_ENOUGH if total else ABSENT),
+            Cell.interval(item.interval, key, unit, NOT_ENOUGH if total else ABSENT),
             Cell.number(item.n, f"{key}.n", undefined=ABSENT),
             Cell(certain_text(item)),
         )

@@ -99,7 +99,8 @@ class Cell:
     text: str
     #: The same exactly, in the unit of its source; both bounds of an interval; None for words and what is not defined.
     value: float | int | Interval | None = None
-    key: str = ""  #: Where it comes from, such as `trajectory.position_m.mean`; empty for words.
+    key: str = ""  #: Where it comes from, such as `trajectory.position_m.mean`; empty for words. Of an
+    #: interval the row that has both bounds.
     kind: CellKind = CellKind.PLAIN
     link: str = ""  #: Place of a page about it, relative to the page that the table stands in; empty for none.
     mark: str = ""  #: One of `MARKS`, empty for none.
@@ -147,6 +148,7 @@ class VerdictStyle(NamedTuple):
     colour: str
 
 
+ENDS = ("low95", "high95")  #: Keys of the bounds of an interval, below the key of its cell.
 MARKS = {"best": "▲", "worst": "▼"}  #: Of the figures of a column, by their sign.
 LEAN_ROWS = 300  #: A table with more rows shows its figures alone, so that a page of thousands stays small.
 VERDICTS = {"pass": VerdictStyle("✔", "pass", "green"), "fail": VerdictStyle("✖", "fail", "bold red")}
@@ -275,7 +277,7 @@ def to_csv(tables: Iterable[Table]) -> str:
                 if cell.kind is CellKind.VERDICT:
                     found = [("", cell.text)]
                 elif isinstance(cell.value, tuple):
-                    found = [(f"{cell.key}.{k}", repr(bound)) for k, bound in enumerate(cell.value)]
+                    found = [(f"{cell.key}.{end}", repr(bound)) for end, bound in zip(ENDS, cell.value, strict=True)]
                 elif cell.key:
                     found = [(cell.key, "" if cell.value is None else repr(cell.value))]
                 writer.writerows((table.name, head, column.title, *item) for item in found)

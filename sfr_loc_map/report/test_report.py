@@ -153,7 +153,7 @@ def _results(score: Score, index: int, left_out: Collection[int]) -> Iterator[di
             "value": Cell.number(item.value, f"{key}.value", unit),
             "limit": Cell.number(item.limit, f"{key}.limit", unit),
             "margin": Cell.number(item.margin, f"{key}.margin", unit, ABSENT),
-            "ci95": Cell.interval(item.interval, f"{key}.low95", unit),
+            "ci95": Cell.interval(item.interval, key, unit),
             "count": Cell.number(item.n, f"{key}.n", undefined=ABSENT),
             "verdict": verdict,
             "certain": certain_text(item),

@@ -13,10 +13,11 @@ from scipy.spatial.transform import Rotation
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.trajectory_score import ScoredTrajectory, score_trajectory
 
 STEP_M = 0.1
-FIGURES = ("position_m", "attitude_deg", "heading_deg")
+FIGURES = ("position", "attitude", "heading")
 LAWS = {"white steps": (0.0, 0.0), "biased steps": (0.002, 0.0), "steps with memory": (0.0, 0.9)}
 """Bias of a step, m, and how much of the error before it keeps."""
 
@@ -52,9 +53,10 @@ def coverage(runs: int, length_m: float, spacing: int, law: str, curved: bool, s
     values = (np.linalg.norm(mean[:3]) + 3 * np.linalg.norm(sigma[:3]), *(np.abs(mean[3:]) + 3 * sigma[3:]))
     target, held = dict(zip(FIGURES, map(float, values), strict=True)), {name: [] for name in FIGURES}
     for _ in range(runs):
-        got = run(rng, frames, spacing, law, curved).score.first
+        got = Score(figures=run(rng, frames, spacing, law, curved).figures)
         for name in FIGURES:
-            interval = getattr(got, name).mean_plus_3sigma_ci95
+            row = got.figure(name)
+            interval = None if row is None else row.interval
             if interval is not None:
                 held[name].append(interval[0] <= target[name] <= interval[1])
     return {name: float(np.mean(values)) if values else float("nan") for name, values in held.items()}

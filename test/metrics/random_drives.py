@@ -9,7 +9,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.score import Details, Score
-from sfr_loc_map.metrics.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.trajectory_score import ScoredTrajectory, score_trajectory
 
 Poses = tuple[Any, Any, Any]
 
@@ -64,5 +64,10 @@ def trajectory(poses: Poses) -> Any:
 def score_of(estimate: Poses, truth: Poses, config: TrajectoryScoreConfig | None = None) -> Score:
     """A score of a trajectory, by default over 5 m and 3 s."""
     config = config or TrajectoryScoreConfig(conditions=("distance=5", "time=3"))
-    scored = score_trajectory(Estimates.of(trajectory(estimate)), trajectory(truth), config)
-    return Score(verdicts=(), trajectory=scored.score, details=Details(trajectory=scored.details))
+    return as_score(score_trajectory(Estimates.of(trajectory(estimate)), trajectory(truth), config))
+
+
+def as_score(scored: ScoredTrajectory) -> Score:
+    """A score of a trajectory alone."""
+    details = None if scored.details is None else Details(trajectory=scored.details)
+    return Score(figures=scored.figures, association=scored.association, truth=scored.truth, details=details)

@@ -65,6 +65,14 @@ def errors_of(frames: list[Any], pairs: list[tuple[int, int]], rebase: str) -> A
     for start, end in pairs:
         gt_n, est_n = matrix(frames[start][1]), matrix(frames[start][2])
         gt_x, est_x = matrix(frames[end][1]), matrix(frames[end][2])
+        if rebase == "displacement":
+            position.append((est_x[:3, 3] - est_n[:3, 3]) - (gt_x[:3, 3] - gt_n[:3, 3]))
+            change, true_change = np.linalg.inv(est_n) @ est_x, np.linalg.inv(gt_n) @ gt_x
+            angle = Rotation.from_matrix(true_change[:3, :3]).inv() * Rotation.from_matrix(change[:3, :3])
+            attitude.append(math.degrees(angle.magnitude()))
+            turns = [heading(Rotation.from_matrix(pose[:3, :3])) for pose in (est_x, est_n, gt_x, gt_n)]
+            headings.append(wrapped((turns[0] - turns[1]) - (turns[2] - turns[3])))
+            continue
         if rebase == "pose":
             moved = gt_n @ np.linalg.inv(est_n) @ est_x
             position.append(moved[:3, 3] - gt_x[:3, 3])
@@ -93,8 +101,8 @@ def score(estimate: Poses, truth: Poses, kind: str, value: float, spacing: int, 
     result = {"count": len(position), "matched": len(frames)}
     mean = math.sqrt(sum(m * m for m, _ in axes))
     sigma = math.sqrt(sum(s * s for _, s in axes))
-    result["position_m"] = (mean, sigma, mean + 3 * sigma)
-    for name, values in (("attitude_deg", attitude), ("heading_deg", headings)):
+    result["position"] = (mean, sigma, mean + 3 * sigma)
+    for name, values in (("attitude", attitude), ("heading", headings)):
         mean, sigma = statistics(values)
         result[name] = (mean, sigma, abs(mean) + 3 * sigma)
     return result

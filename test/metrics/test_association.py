@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.association import Frames, associate, unique_rows
 from sfr_loc_map.metrics.config import AssociationConfig, AssociationMode
-from sfr_loc_map.metrics.score import AssociationCounts
+from sfr_loc_map.metrics.score import Association
 
 STAMPS = st.lists(st.integers(0, 60), max_size=25, unique=True).map(lambda s: np.array(sorted(s), np.int64))
 
@@ -21,9 +21,7 @@ def poses(stamps: Any) -> Trajectory:
     return Trajectory(np.asarray(stamps, np.int64), x, np.tile([0.0, 0.0, 0.0, 1.0], (len(stamps), 1)))
 
 
-def associated(
-    est: Any, gt: Any, mode: str = "match", tolerance: int = 0, gap: int = 10
-) -> tuple[Frames, AssociationCounts, AssociationMode]:
+def associated(est: Any, gt: Any, mode: str = "match", tolerance: int = 0, gap: int = 10) -> tuple[Frames, Association]:
     config = AssociationConfig(truth=mode, tolerance_s=tolerance * 1e-9, max_gap_s=gap * 1e-9)
     return associate(poses(est), poses(gt), config)
 
@@ -31,7 +29,7 @@ def associated(
 @settings(max_examples=200)
 @given(STAMPS, STAMPS, st.integers(0, 5))
 def test_each_truth_is_used_once_and_within_the_tolerance(est: np.ndarray, gt: np.ndarray, tolerance: int) -> None:
-    frames, counts, _ = associated(est, gt, tolerance=tolerance)
+    frames, counts = associated(est, gt, tolerance=tolerance)
     partner = dict(zip(est[frames.est_rows].tolist(), frames.gt_pos[:, 0].astype(int).tolist(), strict=True))
     assert len(set(partner.values())) == len(partner) == counts.exact + counts.near
     free_gt = sorted(set(range(len(gt))) - set(np.searchsorted(gt, np.intersect1d(est, gt)).tolist()))
@@ -54,13 +52,13 @@ def test_of_one_stamp_the_last_counts(stamps: list[int]) -> None:
     last = {stamp: row for row, stamp in enumerate(stamps)}
     wanted = [last[stamp] for stamp in sorted(last)]
     assert unique_rows(np.array(stamps, np.int64)).tolist() == wanted
-    frames, counts, _ = associated(stamps, range(21))
+    frames, counts = associated(stamps, range(21))
     assert frames.est_rows.tolist() == wanted
     assert counts.estimate_duplicates == len(stamps) - len(wanted)
 
 
 def test_estimates_between_true_poses_get_interpolated_truth() -> None:
-    frames, counts, _ = associated([5, 10, 15, 35, 99], [0, 10, 20, 40, 50], "interpolate")
+    frames, counts = associated([5, 10, 15, 35, 99], [0, 10, 20, 40, 50], "interpolate")
     assert frames.stamps_ns.tolist() == [5, 10, 15], "35 lies in a gap of 20, 99 after the end"
     assert frames.gt_pos[:, 0].tolist() == [0.5, 1.0, 1.5]
     assert (counts.exact, counts.interpolated, counts.largest_gap_ns) == (1, 2, 10)
@@ -77,4 +75,4 @@ def test_estimates_between_true_poses_get_interpolated_truth() -> None:
     ],
 )
 def test_the_first_stamps_decide_the_mode(est: np.ndarray, gt: np.ndarray, mode: AssociationMode) -> None:
-    assert associated(est, gt, "auto")[2] is mode
+    assert associated(est, gt, "auto")[1].mode is mode

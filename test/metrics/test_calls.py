@@ -6,15 +6,16 @@ import pytest
 from sfr_loc_map.metrics import calls as module
 from sfr_loc_map.metrics.calls import (
     HOST_CLOCK,
+    AFTER_FIRST,
+    FIRST,
     METHOD_UNAVAILABLE,
+    TARGET,
     CallMeter,
     Calls,
-    call_score,
     score_calls,
     score_target,
 )
-from sfr_loc_map.metrics.config import CallKind
-from sfr_loc_map.metrics.score import MemoryScore, PeakMemory
+from sfr_loc_map.metrics.score import Score
 
 SIZE = 200 * 1024 * 1024
 
@@ -57,34 +58,52 @@ def calls(
     return Calls(np.arange(len(states)), np.array(seconds), states, peaks, peaks / 10.0, named)
 
 
+def of(made: Calls) -> Score:
+    scored = score_calls(made)
+    return Score(figures=scored.figures, calls=scored.records)
+
+
 @pytest.mark.clause("4.2.1")
 def test_figures_by_hand() -> None:
-    got = call_score(np.array([5.0, 1.0, 2.0, 3.0, np.nan]), HOST_CLOCK)
-    assert (got.count, got.mean, got.clock) == (4, 2.75, "host monotonic")
-    assert got.sigma == pytest.approx(np.sqrt(8.75 / 3))
-    assert got.mean_plus_3sigma == pytest.approx(2.75 + 3 * np.sqrt(8.75 / 3))
-    assert (got.p50, got.max, got.first, got.max_after_first) == (2.5, 5.0, 5.0, 3.0)
-    assert call_score(np.empty(0), HOST_CLOCK).mean is None
+    got = of(calls(["tracking"] * 5, [5.0, 1.0, 2.0, 3.0, np.nan]))
+    row = got.figure("localisation", part=None)
+    assert (row.clause, row.n, row.mean) == ("4.2.1", 4, 2.75)
+    assert got.calls.clocks == {"localisation": HOST_CLOCK}
+    assert row.sigma == pytest.approx(np.sqrt(8.75 / 3))
+    assert row.mean_plus_3sigma == pytest.approx(2.75 + 3 * np.sqrt(8.75 / 3))
+    assert (row.p50, row.max) == (2.5, 5.0)
+    assert row.p95 == pytest.approx(np.percentile([5.0, 1.0, 2.0, 3.0], 95))
+    assert row.p99 == pytest.approx(np.percentile([5.0, 1.0, 2.0, 3.0], 99))
+    assert got.number("localisation", part=FIRST) == 5.0
+    assert got.number("localisation", "max", part=AFTER_FIRST) == 3.0
+    assert not of(calls(["tracking"], [np.nan])).rows("localisation")
 
 
 @pytest.mark.clause("4.2.1", "4.3.1", "4.2.2", "4.3.2")
 def test_localisation_mapping_and_fusion_are_told_apart() -> None:
     states = ["initialising", "tracking", "mapped", "mapped", "fused"]
-    got = score_calls(calls(states, [1.0, 2.0, 3.0, 4.0, 5.0], [10.0, 30.0, 20.0, np.nan, 5.0]))
-    timing, memory = dict(got.timing.kinds()), got.memory
-    assert (timing[CallKind.LOCALISATION].mean, timing[CallKind.MAPPING].max) == (1.5, 4.0)
-    assert timing[CallKind.FUSION].count == 1
-    assert memory.localisation == PeakMemory(peak_bytes=30, above_idle_bytes=3)
-    assert memory.mapping == PeakMemory(peak_bytes=20, above_idle_bytes=2)
-    unknown = score_calls(calls(["tracking", "lost"], [1.0, 1.0])).memory
-    assert unknown.localisation == PeakMemory(peak_bytes=None, above_idle_bytes=None)
-    assert (unknown.mapping, unknown.method) == (None, METHOD_UNAVAILABLE)
+    got = of(calls(states, [1.0, 2.0, 3.0, 4.0, 5.0], [10.0, 30.0, 20.0, np.nan, 5.0]))
+    assert (got.number("localisation", "mean"), got.number("mapping", "max")) == (1.5, 4.0)
+    assert got.figure("fusion").n == 1
+    assert [got.number(name, part="localisation") for name in ("peak", "above_idle")] == [30, 3]
+    assert [got.number(name, part="mapping") for name in ("peak", "above_idle")] == [20, 2]
+    unknown = of(calls(["tracking", "lost"], [1.0, 1.0]))
+    assert [unknown.number(name, part="localisation") for name in ("peak", "above_idle")] == [None, None]
+    assert unknown.figure("peak", part="mapping") is None
+    assert unknown.calls.memory_method == METHOD_UNAVAILABLE
+
+
+def test_a_stage_is_over_the_calls_that_had_it() -> None:
+    got = of(calls(["tracking"] * 3, [1.0, 2.0, 3.0], track=[0.5, np.nan, 1.5]))
+    row = got.figure("localisation", part="track")
+    assert (row.n, row.mean, row.max) == (2, 1.0, 1.5)
 
 
 @pytest.mark.clause("4.2.1", "4.2.2")
-def test_a_target_stands_under_its_own_name() -> None:
-    unmeasured = score_target(calls([""], [1.0]), "GR740")
-    assert unmeasured.timing.localisation is not None
-    assert unmeasured.timing.localisation.clock == "GR740"
-    assert unmeasured.memory == MemoryScore()
-    assert score_target(calls([""], [1.0], [7.0]), "GR740").memory.method == "as measured on GR740"
+def test_calls_of_a_target_are_apart_from_those_of_the_host() -> None:
+    figures, target = score_target(calls([""], [1.0]), "GR740")
+    assert [row.part for row in figures] == [TARGET, f"{TARGET} {FIRST}"]
+    assert (target.name, target.memory_method) == ("GR740", None)
+    measured, target = score_target(calls([""], [1.0], [7.0]), "GR740")
+    assert Score(figures=measured).number("peak", part=f"{TARGET} localisation") == 7.0
+    assert target.memory_method == "as measured on GR740"

@@ -8,29 +8,34 @@ from map_scenes import RIG, cloud_of, points_of, wall
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.metrics.cloud_error import score_map, score_nearest
+from sfr_loc_map.metrics.cloud_error import POINTS, PairTruth, score_map, score_nearest
 from sfr_loc_map.metrics.config import MapScoreConfig
-from sfr_loc_map.metrics.score import MapScore, PointErrorScore
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_plain
 
 CONFIG = MapScoreConfig()
 
 
-def errors_of(score: MapScore) -> PointErrorScore:
-    assert score.errors is not None
-    return score.errors
+def scored(cloud: PointCloud, truths: list[PairTruth]) -> Score:
+    found = score_map(cloud, truths, CONFIG)
+    return Score(figures=found.figures, cloud=found.cloud)
+
+
+RANGES = ("0-4 m", "4-10 m", "10-20 m", "20-40 m")
 
 
 @pytest.mark.clause("4.3.4")
 def test_a_perfect_cloud_and_one_of_the_near_pair_alone() -> None:
     near, far = wall(3.0), wall(30.0)
     cloud = cloud_of([near, far])
-    got = score_map(cloud, [near, far], CONFIG).score
-    assert (got.coverage, got.points, got.nearest_only) == (1.0, 2 * 36 * 64, False)
-    assert (errors_of(got).point_error_m.count, errors_of(got).point_error_m.mean_plus_3sigma) == (got.points, 0.0)
-    got = score_map(cloud.select(cloud.pair == 0), [near, far], CONFIG).score
-    assert got.coverage == 1.0
-    assert [item.coverage for item in errors_of(got).by_range] == [1.0, None, None, 0.0]
+    got, points = scored(cloud, [near, far]), 2 * 36 * 64
+    assert (got.number("coverage"), got.number("points"), got.cloud.nearest_only) == (1.0, points, False)
+    row = got.figure("point_error")
+    assert (row.clause, row.part, row.n, row.mean_plus_3sigma) == ("4.3.4", None, points, 0.0)
+    got = scored(cloud.select(cloud.pair == 0), [near, far])
+    assert got.number("coverage") == 1.0
+    assert [got.number("coverage", part=part) for part in RANGES] == [1.0, None, None, 0.0]
+    assert got.number("pairs_without_cloud", part="count") == 1
 
 
 @pytest.mark.clause("4.3.4")
@@ -58,12 +63,12 @@ def test_agrees_with_loops_on_random_clouds() -> None:
         for u in range(RIG.width)
         if math.dist(truth.points[v, u].tolist(), truth.T_lm_left.translation) < 10.0  # NaN is not
     }
-    got = score_map(cloud, truths, CONFIG).score
-    assert got.coverage == pytest.approx(len(seen & pixels) / len(seen), abs=1e-12)
-    assert errors_of(got).points_without_truth == count - len(errors)
-    ranges = [item.point_error_m for item in errors_of(got).by_range]
-    for figure, values in [(errors_of(got).point_error_m, errors), *zip(ranges, bins.values(), strict=True)]:
-        assert figure.count == len(values)
+    got = scored(cloud, truths)
+    assert got.number("coverage") == pytest.approx(len(seen & pixels) / len(seen), abs=1e-12)
+    assert got.number("points_without_truth", part="count") == count - len(errors)
+    for part, values in [(None, errors), *zip(RANGES, bins.values(), strict=True)]:
+        figure = got.figure("point_error", part=part)
+        assert figure.n == len(values)
         if len(values) > 1:
             mean = sum(values) / len(values)
             sigma = math.sqrt(sum((x - mean) ** 2 for x in values) / (len(values) - 1))
@@ -74,9 +79,9 @@ def test_agrees_with_loops_on_random_clouds() -> None:
 def test_disparity_error_is_the_triangulation_law() -> None:
     """A wall at 5 m seen at 5.5 m: f b (1/5.5 - 1/5) pixels."""
     truth = wall(5.0)
-    got = score_map(cloud_of([truth], stretch=1.1), [truth], CONFIG).score
-    assert errors_of(got).disparity_error_px.mean == pytest.approx(60.0 * 0.2 * (1 / 5.5 - 1 / 5.0), abs=1e-5)
-    assert errors_of(got).disparity_error_px.sigma == pytest.approx(0.0, abs=1e-5)
+    got = scored(cloud_of([truth], stretch=1.1), [truth]).figure("disparity_error")
+    assert got.mean == pytest.approx(60.0 * 0.2 * (1 / 5.5 - 1 / 5.0), abs=1e-5)
+    assert got.sigma == pytest.approx(0.0, abs=1e-5)
 
 
 def test_footprint_coverage_by_loops() -> None:
@@ -89,8 +94,7 @@ def test_footprint_coverage_by_loops() -> None:
         if np.isfinite(true).all():
             total += 1
             have += np.sqrt(((points - true) ** 2).sum(axis=1)).min() < 2 * true[2] / 60.0
-    got = score_map(shifted, [truth], CONFIG).score
-    assert got.coverage == pytest.approx(have / total)
+    assert scored(shifted, [truth]).number("coverage") == pytest.approx(have / total)
     assert 0 < have < total
 
 
@@ -102,26 +106,25 @@ def test_sigma_that_is_right_is_found_consistent_and_a_small_one_not() -> None:
     ray = cloud.xyz / np.linalg.norm(cloud.xyz, axis=1, keepdims=True)
     noisy = (cloud.xyz + ray * rng.normal(0, 0.05, (len(cloud), 1))).astype(np.float32)
     right, small = (
-        errors_of(score_map(replace(cloud, xyz=noisy, sigma=sigma), [truth], CONFIG).score).sigma_nees
+        scored(replace(cloud, xyz=noisy, sigma=sigma), [truth]).figure("nees", part=POINTS)
         for sigma in (cloud.sigma, cloud.sigma / 3)
     )
-    assert right is not None
-    assert small is not None
-    assert right.interval95[0] < right.mean < right.interval95[1]
-    assert small.mean > small.interval95[1]
+    assert right.low95 < right.mean < right.high95
+    assert small.mean > small.high95
 
 
 def test_a_cloud_without_pixels_has_a_figure_of_another_name_and_the_empty_one_has_none() -> None:
     truth = wall(5.0)
-    got = score_nearest(cloud_of([truth]).xyz + np.float32([0, 0, 0.1]), [truth], CONFIG).score
-    assert (got.nearest_only, got.errors) == (True, None)
-    assert got.nearest_distance_m is not None
-    assert got.nearest_distance_m.mean == pytest.approx(0.1, rel=1e-3)
+    found = score_nearest(cloud_of([truth]).xyz + np.float32([0, 0, 0.1]), [truth], CONFIG)
+    got = Score(figures=found.figures, cloud=found.cloud)
+    assert got.cloud.nearest_only
+    assert got.figure("point_error") is None
+    assert got.number("nearest_distance", "mean") == pytest.approx(0.1, rel=1e-3)
     records = cloud_of([wall()]).to_structured()
     records["pair"][3] = 1
     with pytest.raises(MetricsError, match="source that the cloud was made from"):
         score_map(PointCloud.from_structured(records, fused=False), [wall()], CONFIG)
-    scored = score_map(PointCloud.empty(fused=False), [wall()], CONFIG)
-    assert scored.score.coverage == 0.0
-    assert errors_of(scored.score).point_error_m.mean is None
-    assert "NaN" not in json.dumps(to_plain(scored.score))
+    empty = scored(PointCloud.empty(fused=False), [wall()])
+    assert empty.number("coverage") == 0.0
+    assert empty.number("point_error", "mean") is None
+    assert "NaN" not in json.dumps(to_plain(empty))

@@ -1,17 +1,16 @@
 """Which of two estimates is better: paired, with an interval that chance does not deceive."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from random_drives import drive, score_of
 
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.metrics.calls import HOST_CLOCK, call_score
 from sfr_loc_map.metrics.comparison import Comparison, compare_scores
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.score import MapScore, Score, TimingScore
+from sfr_loc_map.metrics.score import Score, figure_row
 
 
 def scores(seed: int, noises: tuple[float, ...], count: int = 800, over: str = "distance=5") -> list[Score]:
@@ -51,9 +50,13 @@ def test_estimates_that_differ_by_chance_are_not_called_different() -> None:
 
 
 def whole_run(coverage: float, mapping_p95: float | None = None) -> Score:
-    times = call_score(np.array([coverage]), HOST_CLOCK)
-    part = MapScore(pairs=1, points=2, coverage=coverage, coverage_range_m=(0.0, 10.0), nearest_only=True)
-    return Score(map=part, timing=TimingScore(mapping=replace(times, p95=mapping_p95)), verdicts=())
+    return Score(figures=(figure_row("coverage", value=coverage), figure_row("mapping", p95=mapping_p95)))
+
+
+def test_whole_runs_are_side_by_side() -> None:
+    result = compare_scores([whole_run(0.5, 0.1), whole_run(0.6), whole_run(0.7, 0.3)], ["a", "b", "c"])
+    found = {item.figure: item.values for item in result.side_by_side}
+    assert found == {"coverage": (0.5, 0.6, 0.7), "mapping p95": (0.1, None, 0.3)}
 
 
 def test_unlike_scores_are_refused() -> None:
@@ -62,7 +65,7 @@ def test_unlike_scores_are_refused() -> None:
     cases: list[tuple[list[Any], str]] = [
         ([a, other], "re-based"),
         ([a], "two scores"),
-        ([whole_run(0.5), Score(verdicts=())], "in common"),
+        ([whole_run(0.5), Score()], "in common"),
         ([a, score_of(estimate, (truth[0] + 7, *truth[1:]), TrajectoryScoreConfig())], "in common"),
     ]
     for given, words in cases:
@@ -73,12 +76,11 @@ def test_unlike_scores_are_refused() -> None:
 def test_few_sub_trajectories_are_not_enough_for_the_comparison_where_they_are_not_for_the_score() -> None:
     """Starts that overlap are fewer than two independent ones: no interval here or there, nobody is worse."""
     both = scores(3, (0.001, 0.010), 70, "distance=7.5")
-    part = both[0].trajectory
-    assert part is not None
-    assert part.first.count / part.first.overlap < 2
-    assert part.first.position_m.mean_plus_3sigma_ci95 is None
+    row = both[0].figure("position")
+    assert row.independent < 2
+    assert row.interval is None
     for pair in compare_scores(both, ["a", "b"]).pairs[:1]:
-        assert (pair.count, pair.outcome, pair.ci95) == (part.first.count, "not enough data", None)
+        assert (pair.count, pair.outcome, pair.ci95) == (row.n, "not enough data", None)
 
 
 def test_worse_is_said_only_where_the_corrected_p_says_so() -> None:
@@ -116,5 +118,5 @@ def test_nothing_is_said_of_attitudes_that_are_not_known() -> None:
         for score in both
     ]
     for pair in compare_scores(without, ["a", "b"]).pairs:
-        if pair.figure == "attitude_deg":
+        if pair.figure == "attitude":
             assert (pair.outcome, pair.first, pair.ci95) == ("not enough data", None, None)

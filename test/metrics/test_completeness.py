@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from random_drives import as_score
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.score import Completeness
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 
 SECOND = 1_000_000_000
@@ -25,12 +26,23 @@ def straight(first: int = 0, last: int = COUNT, every: int = 1) -> Trajectory:
     return Trajectory(rows * SECOND // 10, positions, np.tile([0.0, 0.0, 0.0, 1.0], (len(rows), 1)))
 
 
-def covered(estimate: Trajectory, truth: Trajectory, images: Trajectory | None = None) -> Completeness:
+class Covered:
+    """What a score says of completeness."""
+
+    def __init__(self, score: Score) -> None:
+        self.incomplete, self.matched = score.association.incomplete, score.association.matched
+        self.judged_share, self.missing_share = score.number("judged"), score.number("missing")
+        self.missing = score.number("missing", part="count")
+        self.unmatched_estimates = score.number("unmatched", part="count")
+        self.doubled_stamps = score.number("doubled", part="count")
+        self.longest_gap_m = score.number("longest_gap", part="distance")
+        self.longest_gap_s = score.number("longest_gap", part="time")
+
+
+def covered(estimate: Trajectory, truth: Trajectory, images: Trajectory | None = None) -> Covered:
     stamps = None if images is None else images.stamps_ns
     config = TrajectoryScoreConfig(conditions=("distance=2",))
-    made = score_trajectory(Estimates.of(estimate), truth, config, image_stamps_ns=stamps).score.completeness
-    assert made is not None
-    return made
+    return Covered(as_score(score_trajectory(Estimates.of(estimate), truth, config, image_stamps_ns=stamps)))
 
 
 @pytest.mark.clause("4.1.1")
@@ -161,13 +173,13 @@ def test_random_holes_are_those_of_a_slow_loop(seed: int, denser: int, images_kn
         rows = np.searchsorted(stamps, at)
         return Trajectory(at, np.column_stack([x[rows], np.zeros((len(at), 2))]), np.tile([0, 0, 0, 1.0], (len(at), 1)))
 
-    made = score_trajectory(
+    scored = score_trajectory(
         Estimates.of(poses(estimated)),
         poses(stamps),
         TrajectoryScoreConfig(conditions=(condition,)),
         image_stamps_ns=images if images_known else None,
-    ).score.completeness
-    assert made is not None
+    )
+    made = Covered(as_score(scored))
     expected = slow(estimated.tolist(), stamps.tolist(), x.tolist(), images.tolist() if images_known else None)
     for name, value in expected.items():
         assert getattr(made, name) == pytest.approx(value, abs=1e-9), name

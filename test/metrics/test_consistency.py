@@ -13,7 +13,8 @@ from sfr_loc_map.geometry.transform import propagated_covariance, propagation
 from sfr_loc_map.inputs import LOST_VARIANCE
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.consistency import accumulated, relative_covariance
+from sfr_loc_map.metrics.consistency import relative_covariance, sums_of_steps
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 
 STEP = np.array([0.1, 0.0, 0.0])
@@ -43,36 +44,37 @@ def odometry(frames: int, seed: int, *, offset: bool = False) -> tuple[Trajector
     return Trajectory(stamps, *columns[:2]), Trajectory(stamps, *columns[2:4]), columns[4]
 
 
-def nees(truth: Trajectory, estimate: Trajectory, covariance: Any) -> Any:
+def nees(truth: Trajectory, estimate: Trajectory, covariance: Any) -> Score:
     config = TrajectoryScoreConfig(conditions=("distance=2",))
-    return score_trajectory(Estimates.of(estimate, covariance=covariance), truth, config).score.first.nees
+    return Score(figures=score_trajectory(Estimates.of(estimate, covariance=covariance), truth, config).figures)
 
 
 @pytest.mark.slow
 def test_an_honest_covariance_is_consistent_and_a_wrong_one_is_found_out() -> None:
     truth, estimate, covariance = odometry(5000, 8, offset=True)
     got = nees(truth, estimate, covariance)
-    assert got.count > 200
-    assert got.not_usable == 0
-    for part, degrees in ((got.pose, 6), (got.position, 3), (got.attitude, 3)):
-        assert (part.consistent, part.expected) == (True, degrees)
-        assert part.interval95[0] < degrees < part.interval95[1]
+    assert got.number("nees_not_usable") == 0
+    for part, degrees in (("pose", 6), ("position", 3), ("attitude", 3)):
+        row = got.figure("nees", part=part)
+        assert row.n > 200
+        assert row.low95 < row.mean < row.high95
+        assert row.low95 < row.value == degrees < row.high95
     for factor in (0.25, 4.0):
-        wrong = nees(truth, estimate, covariance * factor).pose
-        assert wrong.consistent is False
+        wrong = nees(truth, estimate, covariance * factor).figure("nees", part="pose")
+        assert not wrong.low95 < wrong.mean < wrong.high95
         assert wrong.mean == pytest.approx(6 / factor, rel=0.25)
 
 
 def test_lost_unknown_and_shrinking_covariances_are_left_out() -> None:
     truth, estimate, covariance = odometry(300, 6)
-    assert nees(truth, estimate, None) is None
-    assert nees(truth, estimate, np.full((300, 21), np.nan)) is None
+    assert not nees(truth, estimate, None).rows("nees")
+    assert not nees(truth, estimate, np.full((300, 21), np.nan)).rows("nees")
     lost = covariance.copy()
     lost[100:200] = (LOST_VARIANCE * np.eye(6))[UPPER]
-    assert 0 < nees(truth, estimate, lost).count < nees(truth, estimate, covariance).count
+    assert 0 < nees(truth, estimate, lost).figure("nees").n < nees(truth, estimate, covariance).figure("nees").n
     constant = nees(truth, estimate, np.tile(covariance[-1], (300, 1)))
-    assert (constant.count, constant.pose.mean) == (0, None)
-    assert constant.not_usable > 0
+    assert (constant.figure("nees").n, constant.figure("nees").mean) == (0, None)
+    assert constant.number("nees_not_usable") > 0
 
 
 COUNT = 30
@@ -99,7 +101,8 @@ def test_steps_are_composed_as_one_after_the_other() -> None:
         composed += propagated_covariance(in_ds @ NOISE[k] @ in_ds.T, POSITIONS[20] - POSITIONS[k])
     steps = STEPS.copy()
     steps[25] = np.nan
-    sums = accumulated(steps, np.zeros(COUNT, np.bool_), POSITIONS, QUATS, np.arange(COUNT))
+    estimates = Estimates.of(Trajectory(np.arange(COUNT), POSITIONS, QUATS), steps=steps)
+    sums = sums_of_steps(estimates, steps, np.arange(COUNT))
     assert relative_covariance(sums[24], sums[26], POSITIONS[26]) is None, "a step is not known"
     found = relative_covariance(sums[4], sums[20], POSITIONS[20])
     assert found is not None

@@ -1,17 +1,26 @@
 """Limits of a file: verdicts on figures, each found by its name, and files that are refused."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from random_drives import drive, score_of
 
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.metrics.calls import HOST_CLOCK, call_score
+from sfr_loc_map.metrics.calls import Calls, score_target
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.limits import parse_limits, verdicts
-from sfr_loc_map.metrics.score import MapScore, MemoryScore, PeakMemory, Score, TargetScore, TimingScore
+from sfr_loc_map.metrics.limits import (
+    PLACES,
+    LimitPart,
+    judged,
+    limits_of,
+    overall_verdict,
+    parse_limits,
+    reasons_not_judged,
+    verdicts,
+)
+from sfr_loc_map.metrics.score import FindingKind, FindingRecord, Score, figure_row
 
 LIMIT = {"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 0.5}]}
 
@@ -24,49 +33,105 @@ def with_position(total: float | None, interval: tuple[float, float] | None = No
     """A score of two conditions whose position over 5 m has a mean + 3 sigma, and whose heading is 0.6 deg off."""
     truth, estimate = drive(1)
     score = score_of(estimate, truth, TrajectoryScoreConfig(conditions=("time=3", "distance=5")))
-    assert score.trajectory is not None
-    other, part = score.trajectory.several
-    position = replace(part.position_m, mean_plus_3sigma=total, mean_plus_3sigma_ci95=interval)
-    part = replace(part, position_m=position, heading_deg=replace(part.heading_deg, mean=-0.6), count=count)
-    return replace(score, trajectory=replace(score.trajectory, several=(other, part)))
+    low, high = interval or (None, None)
+    figures = []
+    for row in score.figures:
+        if (row.condition, row.part, row.figure) == ("distance=5", "pose", "position"):
+            row = replace(row, mean_plus_3sigma=total, low95=low, high95=high, n=count)
+        elif (row.condition, row.part, row.figure) == ("distance=5", "pose", "heading"):
+            row = replace(row, mean=-0.6, n=count)
+        figures.append(row)
+    return replace(score, figures=tuple(figures))
 
 
 def test_pass_fail_and_not_enough_data() -> None:
     assert [judge(LIMIT, with_position(total))[0] for total in (0.4, 0.5, 0.6)] == ["pass", "pass", "fail"]
     assert judge(LIMIT, with_position(None, count=1)) == ["not enough data"]
     assert judge({**LIMIT, "minimum_count": 30}, with_position(0.6)) == ["not enough data"]
-    assert judge(LIMIT, Score(verdicts=())) == ["not enough data"]
+    assert judge(LIMIT, Score()) == ["not enough data"]
     signed = {"trajectory": [{"condition": "distance=5", "heading_mean_deg": 0.5}]}
     assert judge(signed, with_position(0.4)) == ["fail"], "a signed mean is judged by its size"
     verdict = verdicts(parse_limits(LIMIT, "limits"), with_position(0.4, (0.3, 0.7)))[0]
-    assert (verdict.state, verdict.certain, verdict.ci95) == ("pass", False, (0.3, 0.7))
+    assert (verdict.state, verdict.certain, verdict.interval) == ("pass", False, (0.3, 0.7))
+    where = (verdict.subject, verdict.condition, verdict.part, verdict.figure, verdict.statistic)
+    assert where == ("trajectory", "distance=5", "pose", "position", "mean_plus_3sigma")
+    assert verdict.margin == pytest.approx(0.1)
+    barely = with_position(0.5005)
+    assert judge(LIMIT, barely) == ["fail"], "a thousandth above the limit"
 
 
 def test_coverage_is_a_lower_bound_and_times_have_counts() -> None:
     content = {"map": {"coverage_min": 0.8}, "timing": {"localisation_p95_s": 0.1}, "memory": {"mapping_peak_bytes": 9}}
     score = Score(
-        map=MapScore(pairs=1, points=2, coverage=0.9, coverage_range_m=(0.0, 10.0), nearest_only=True),
-        timing=TimingScore(localisation=call_score(np.array([0.5]), HOST_CLOCK)),
-        memory=MemoryScore(mapping=PeakMemory(peak_bytes=10, above_idle_bytes=None)),
-        verdicts=(),
+        figures=(
+            figure_row("coverage", n=2, value=0.9),
+            figure_row("localisation", n=1, p95=0.5),
+            figure_row("peak", part="mapping", n=1, value=10),
+        )
     )
     assert judge(content, score) == ["pass", "not enough data", "fail"]
     assert judge({"map": {"coverage_min": 0.95}}, score) == ["fail"]
-    judged = replace(score, verdicts=verdicts(parse_limits(content, "limits"), score))
-    assert [item.metric for item in judged.failed] == ["mapping_peak_bytes"]
+    assert [item.name for item in judged(score, parse_limits(content, "limits")).failed] == ["mapping_peak_bytes"]
 
 
 @pytest.mark.clause("4.2.1")
 def test_the_target_is_judged_by_its_own_figures() -> None:
-    timing = TimingScore(localisation=call_score(np.array([0.5, 0.7]), "GR740"))
-    score = Score(target=TargetScore(name="GR740", timing=timing, memory=MemoryScore()), verdicts=())
+    unknown = np.full(2, np.nan)
+    figures, target = score_target(Calls(np.arange(2), np.array([0.5, 0.7]), ["", ""], unknown, unknown), "GR740")
+    score = Score(figures=figures, target=target)
     content = {"target": {"localisation_max_s": 0.6, "localisation_peak_bytes": 5}, "timing": {"localisation_max_s": 1}}
     got = verdicts(parse_limits(content, "limits"), score)
-    assert [(item.metric, item.state, item.value) for item in got] == [
+    assert [(item.name, item.state, item.value) for item in got] == [
         ("localisation_max_s", "not enough data", None),
         ("target localisation_max_s", "fail", 0.7),
         ("target localisation_peak_bytes", "not enough data", None),
     ]
+
+
+def test_each_name_of_a_limit_finds_its_number() -> None:
+    """Every row that the catalogue can name is found by exactly its own value, and a verdict names its limit again."""
+    for part, names in PLACES.items():
+        for name, limited in names.items():
+            statistic = limited.statistic
+            row = figure_row(
+                limited.figure,
+                "distance=5" if part is LimitPart.TRAJECTORY else None,
+                "pose" if part is LimitPart.TRAJECTORY else limited.part,
+                n=50,
+                **{statistic: 0.25},
+            )
+            entry = {name: 0.5}
+            content = {str(part): [{"condition": "distance=5", **entry}] if part is LimitPart.TRAJECTORY else entry}
+            limits = parse_limits(content, "limits")
+            (verdict,) = verdicts(limits, Score(figures=(row,)))
+            assert verdict.value == 0.25, name
+            assert (verdict.figure, verdict.statistic) == (limited.figure, statistic)
+            assert limits_of([verdict]).limits == limits.limits
+
+
+def test_the_verdict_over_all() -> None:
+    limits = parse_limits(LIMIT, "limits")
+    good, bad, unknown = (judged(with_position(total), limits) for total in (0.4, 0.6, None))
+    assert [item.verdict for item in (good, bad, unknown)] == ["pass", "fail", "not enough data"]
+    assert judged(with_position(0.4), None).verdict is None
+    part = replace(with_position(0.4), incomplete="half of it")
+    assert judged(part, limits).verdict == "incomplete"
+    assert judged(replace(with_position(0.6), incomplete="half of it"), limits).verdict == "fail"
+    assert overall_verdict(replace(good, contradiction="its quaternions are conjugated")) is None
+    crash = FindingRecord(kind=FindingKind.CRASHED, count=1, first_stamp_ns=None, text="signal 11")
+    assert judged(replace(with_position(0.4), findings=(crash,)), limits).verdict == "fail"
+    assert overall_verdict(Score(findings=(crash,))) == "fail"
+    late = replace(crash, kind=FindingKind.LATE)
+    assert judged(replace(with_position(0.4), findings=(late,)), limits).verdict == "pass"
+
+
+def test_reasons_why_something_is_not_judged() -> None:
+    truth, estimate = drive(1)
+    score = score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5", "distance=1e6")))
+    assert len(reasons_not_judged(score)) == 1
+    assert "distance=1e+06" in reasons_not_judged(score)[0]
+    few = judged(with_position(None, count=1), parse_limits(LIMIT, "limits"))
+    assert "only 1 values" in reasons_not_judged(few)[0]
 
 
 @pytest.mark.parametrize(

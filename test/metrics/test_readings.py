@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from random_drives import as_score
 from scipy.spatial.transform import Rotation
 
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.association import Estimates
-from sfr_loc_map.metrics.config import Condition, Rebase, TrajectoryScoreConfig
-from sfr_loc_map.metrics.trajectory_error import READINGS
-from sfr_loc_map.metrics.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig
+from sfr_loc_map.metrics.trajectory_score import READINGS, score_trajectory
 
 SECOND = 1_000_000_000
 
@@ -79,9 +79,9 @@ def oracle(estimate: Trajectory, truth: Trajectory, condition: str, spacing: int
     attitude = np.mean(angles) + 3.0 * np.std(angles, ddof=1)
     return {
         "count": len(errors),
-        "position_m": position,
-        "attitude_deg": attitude,
-        "heading_deg": abs(np.mean(headings)) + 3.0 * np.std(headings, ddof=1),
+        "position": position,
+        "attitude": attitude,
+        "heading": abs(np.mean(headings)) + 3.0 * np.std(headings, ddof=1),
     }
 
 
@@ -96,25 +96,24 @@ def oracle(estimate: Trajectory, truth: Trajectory, condition: str, spacing: int
 )
 def test_each_reading_is_that_of_the_oracle(seed: int, condition: str, spacing: int) -> None:
     estimate, truth = drive(seed)
-    for used in map(Rebase, READINGS):
+    for used in READINGS:
         config = TrajectoryScoreConfig(conditions=(condition,), spacing=spacing, rebase=used)
-        first = score_trajectory(Estimates.of(estimate), truth, config).score.first
-        assert first.rebase is used
-        for reading in map(Rebase, READINGS):
+        score = as_score(score_trajectory(Estimates.of(estimate), truth, config))
+        assert score.association.rebase is used
+        for reading in READINGS:
             expected = oracle(estimate, truth, condition, spacing, reading)
-            assert first.count == expected.pop("count")
+            count = expected.pop("count")
             for name, value in expected.items():
-                assert getattr(getattr(first.readings, reading), name).mean_plus_3sigma == pytest.approx(
-                    value, abs=1e-9
-                )
-                if reading is used:
-                    assert getattr(first, name).mean_plus_3sigma == pytest.approx(value, abs=1e-9)
+                row = score.figure(name, part=reading)
+                assert row.n == count
+                assert row.mean_plus_3sigma == pytest.approx(value, abs=1e-9)
+            assert score.figure("position").part == used
 
 
 def test_several_conditions_read_back() -> None:
     condition = Condition.parse("distance=5,time=10")
-    assert condition.to_plain() == {"distance_m": 5.0, "time_s": 10.0}
-    assert Condition.from_plain(condition.to_plain()) == Condition.parse(condition.setting) == condition
+    assert condition.setting == "distance=5,time=10"
+    assert Condition.parse(condition.setting) == condition
     assert condition.label == "5 m and 10 s"
 
 
@@ -127,12 +126,11 @@ def test_the_worked_example_of_the_page_on_rebasing() -> None:
     stamps = np.arange(601, dtype=np.int64) * SECOND // 10
     straight = Trajectory(stamps, true, np.tile([0.0, 0.0, 0.0, 1.0], (601, 1)))
     estimates = Estimates.of(Trajectory(stamps, moved, drift.as_quat()))
-    first = score_trajectory(estimates, straight, TrajectoryScoreConfig()).score.first
+    score = as_score(score_trajectory(estimates, straight, TrajectoryScoreConfig()))
     page = (Path(__file__).parents[2] / "docs/concepts/rebasing.md").read_text()
-    assert f"{first.count} pieces of 5 m" in page
-    for reading in map(Rebase, READINGS):
-        figures = getattr(first.readings, reading)
+    assert f"{score.figure('position').n} pieces of 5 m" in page
+    for reading in READINGS:
         position, *angles = (
-            getattr(figures, name).mean_plus_3sigma for name in ("position_m", "attitude_deg", "heading_deg")
+            score.number(name, "mean_plus_3sigma", part=reading) for name in ("position", "attitude", "heading")
         )
         assert f"| `{reading}` | {position:.3f} | {angles[0]:.2f} | {angles[1]:.2f} |" in page

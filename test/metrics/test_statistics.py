@@ -1,44 +1,22 @@
-"""Statistics against numpy, quantiles against printed tables and SciPy, intervals against the truth."""
+"""Quantiles against printed tables and SciPy, intervals against the truth."""
 
 import numpy as np
 import pytest
 from interval_coverage import coverage
 from scipy import stats
 
+from sfr_loc_map.metrics.score import column
 from sfr_loc_map.metrics.statistics import (
-    add_moments,
+    MAX_BLOCKS,
+    chi2_interval95,
     chi2_quantile,
-    column,
-    sample_statistic,
-    statistic,
+    group_sums,
+    interval95,
     student_quantile,
 )
 
 
-@pytest.mark.clause("4.1.3")
-@pytest.mark.parametrize("offset", [0.0, 1e9])
-def test_moments_are_those_of_numpy_however_large_the_mean(offset: float) -> None:
-    values = np.random.default_rng(1).normal(0, 1, (1000, 3)) * [1, 2, 3] + offset
-    mean, squares = np.zeros((2, 3))
-    for begin, end in ((0, 1), (1, 700), (700, 1000)):
-        add_moments(values[begin:end], begin, mean, squares)
-    sigmas = (values - offset).std(axis=0, ddof=1)
-    assert mean == pytest.approx(values.mean(axis=0), rel=1e-12)
-    got = statistic(1000, mean, squares)
-    assert got.mean == pytest.approx(np.linalg.norm(values.mean(axis=0)), rel=1e-12)
-    assert got.sigma == pytest.approx(np.linalg.norm(sigmas), rel=1e-6 if offset else 1e-12)
-    signed = statistic(1000, -mean[:1], squares[:1])
-    assert signed.mean == -mean[0]
-    assert signed.mean_plus_3sigma == pytest.approx(abs(mean[0]) + 3 * sigmas[0], rel=1e-6)
-
-
-@pytest.mark.clause("4.1.3")
-def test_sample_statistics_by_numpy() -> None:
-    values = np.random.default_rng(4).lognormal(size=101)
-    got = sample_statistic(values)
-    assert (got.count, got.mean, got.sigma) == (101, np.mean(values), np.std(values, ddof=1))
-    assert got.mean_plus_3sigma == pytest.approx(np.mean(values) + 3 * np.std(values, ddof=1))
-    assert (got.p50, got.p95) == pytest.approx((np.median(values), np.percentile(values, 95)))
+def test_columns_are_rounded_and_undefined_where_not_finite() -> None:
     assert column(np.array([1.23456789012, np.nan, np.inf])) == (1.23456789, None, None)
 
 
@@ -49,6 +27,29 @@ def test_quantiles_are_those_of_printed_tables_and_of_the_library() -> None:
         for freedom in (1.0, 2.5, 300.0, 1e6):
             assert chi2_quantile(share, freedom) == stats.chi2.ppf(share, freedom)
             assert student_quantile(share, freedom) == stats.t.ppf(share, freedom)
+    assert chi2_interval95(12, 4) == pytest.approx(stats.chi2.ppf([0.025, 0.975], 12) / 4)
+
+
+def test_groups_hold_the_sums_of_consecutive_offsets() -> None:
+    offsets = np.random.default_rng(3).normal(size=(11, 2))
+    groups = group_sums(offsets, 4)
+    assert groups[:, 0].tolist() == [4, 4, 3]
+    np.testing.assert_allclose(groups[1, 1:3], offsets[4:8].sum(axis=0))
+    np.testing.assert_allclose(groups[2, 3:], np.square(offsets[8:]).sum(axis=0))
+
+
+def test_an_interval_needs_two_independent_sub_trajectories_and_shrinks_with_more() -> None:
+    rng = np.random.default_rng(1)
+    errors = rng.normal(0, 1, (40 * MAX_BLOCKS + 7, 3))
+    assert interval95(errors[:10], 5.01, unsigned=False) is None
+    widths = []
+    for count in (10, 100, MAX_BLOCKS + 1, len(errors)):
+        low, high = interval95(errors[:count], 5.0, unsigned=False)
+        assert low < 3.0 * np.sqrt(3.0) * 1.05
+        assert high > 3.0 * np.sqrt(3.0) * 0.95
+        widths.append(high - low)
+    assert widths == sorted(widths, reverse=True)
+    assert interval95(np.full((9, 1), 2.0), 1.0, unsigned=False) == (2.0, 2.0), "nothing scatters"
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from random_drives import as_score
 from scipy.spatial.transform import Rotation
 
 from sfr_loc_map.errors import MetricsError
@@ -17,7 +18,7 @@ from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationConfig, Rebase, TrajectoryScoreConfig
 from sfr_loc_map.metrics.convention import diagnose
 from sfr_loc_map.metrics.limits import parse_limits, verdicts
-from sfr_loc_map.metrics.score import Score, TrajectoryScore
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_json, to_json
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 
@@ -43,8 +44,12 @@ def alone(truth: Trajectory, lever: tuple[float, ...] = (0.0, 0.0, 0.0), **more:
     return Truth(truth.stamps_ns, moved, np.zeros((len(truth), 4)), lever_arm_m=lever, **more)
 
 
-def scored(estimate: Trajectory, truth: Trajectory) -> TrajectoryScore:
-    return score_trajectory(Estimates.of(estimate), truth, CONFIG).score
+def scored(estimate: Trajectory, truth: Trajectory) -> Score:
+    return as_score(score_trajectory(Estimates.of(estimate), truth, CONFIG))
+
+
+def total(score: Score) -> float:
+    return score.number("position", "mean_plus_3sigma")
 
 
 @settings(max_examples=15, deadline=None)
@@ -57,19 +62,21 @@ def test_positions_alone_keep_the_chords_and_know_no_yaw(seed: int, yaw_deg: flo
         STAMPS, turn.apply(estimate.positions) + offset, (turn * Rotation.from_quat(estimate.quats_xyzw)).as_quat()
     )
     full, plain, turned = scored(estimate, truth), scored(estimate, alone(truth)), scored(elsewhere, alone(truth))
-    for whole, part, other in zip(full.conditions, plain.conditions, turned.conditions, strict=True):
+    assert full.conditions == plain.conditions == turned.conditions
+    assert plain.association.rebase is Rebase.YAW_ALIGNED
+    assert {row.part for row in plain.rows("attitude")} & {"pose", "displacement", "position"} == set()
+    assert not plain.rows("nees")
+    for condition in full.conditions:
+        whole, part, other = (each.figure("chord", condition=condition) for each in (full, plain, turned))
+        position, moved = (each.figure("position", condition=condition) for each in (plain, turned))
         for name in ("mean", "sigma", "mean_plus_3sigma"):
-            assert getattr(part.chord_m, name) == pytest.approx(getattr(whole.chord_m, name), abs=1e-9)
-            for figure in ("chord_m", "position_m"):
-                found = getattr(getattr(other, figure), name)
-                assert found == pytest.approx(getattr(getattr(part, figure), name), abs=1e-9)
-            assert getattr(part.attitude_deg, name) is None
-            assert getattr(part.heading_deg, name) is None
-        assert part.count == whole.count > 10
-        assert part.chord_m.mean_plus_3sigma <= part.position_m.mean_plus_3sigma
-        assert part.rebase is Rebase.YAW_ALIGNED
-        assert part.readings is None
-        assert part.nees is None
+            assert part.statistic(name) == pytest.approx(whole.statistic(name), abs=1e-9)
+            assert other.statistic(name) == pytest.approx(part.statistic(name), abs=1e-9)
+            assert moved.statistic(name) == pytest.approx(position.statistic(name), abs=1e-9)
+            for unknown in ("attitude", "heading"):
+                assert plain.number(unknown, name, condition=condition) is None
+        assert part.n == whole.n > 10
+        assert part.mean_plus_3sigma <= position.mean_plus_3sigma
     found = (turned.truth.yaw_deg - plain.truth.yaw_deg + yaw_deg + 180.0) % 360.0 - 180.0
     assert found == pytest.approx(0.0, abs=1e-6)
 
@@ -77,9 +84,8 @@ def test_positions_alone_keep_the_chords_and_know_no_yaw(seed: int, yaw_deg: flo
 def test_the_position_error_after_a_fit_is_near_that_of_the_whole_pose() -> None:
     """On a drive whose heading hardly drifts; the chord is the direct formula."""
     truth, estimate = drive()
-    full, part = scored(estimate, truth).first, scored(estimate, alone(truth)).first
-    assert part.position_m.mean_plus_3sigma == pytest.approx(full.position_m.mean_plus_3sigma, rel=0.1)
-    rows = score_trajectory(Estimates.of(estimate), truth, CONFIG).details.sub_trajectories[0]
+    assert total(scored(estimate, alone(truth))) == pytest.approx(total(scored(estimate, truth)), rel=0.1)
+    rows = scored(estimate, truth).details.trajectory.sub_trajectories[0]
     starts, ends = np.array(rows.start_frame), np.array(rows.end_frame)
     chords = [np.linalg.norm(item.positions[ends] - item.positions[starts], axis=1) for item in (estimate, truth)]
     np.testing.assert_allclose(rows.chord_m, chords[0] - chords[1], atol=1e-8)
@@ -93,18 +99,18 @@ def test_an_estimate_that_begins_level_on_a_slope_is_fitted_with_its_tilt() -> N
         STAMPS, tilt.apply(estimate.positions), (tilt * Rotation.from_quat(estimate.quats_xyzw)).as_quat()
     )
     plain, found = scored(estimate, alone(truth)), scored(tilted, alone(truth))
-    assert (plain.first.rebase, found.first.rebase) == (Rebase.YAW_ALIGNED, Rebase.ROTATION_ALIGNED)
+    assert (plain.association.rebase, found.association.rebase) == (Rebase.YAW_ALIGNED, Rebase.ROTATION_ALIGNED)
     assert plain.truth.tilt_deg is None
     assert found.truth.tilt_deg == pytest.approx(6.7, abs=0.5)
-    assert found.first.position_m.mean_plus_3sigma <= 1.1 * plain.first.position_m.mean_plus_3sigma
+    assert total(found) <= 1.1 * total(plain)
     line = replace(truth, positions=truth.positions * [1.0, 0.0, 0.0])
-    assert scored(line, alone(line)).first.rebase is Rebase.YAW_ALIGNED
+    assert scored(line, alone(line)).association.rebase is Rebase.YAW_ALIGNED
     for noise_m in (0.0, 1e-3):  # what turns about the line is noise
         place = line.positions + np.random.default_rng(2).normal(0.0, noise_m, (COUNT, 3))
         sloped = replace(line, positions=Rotation.from_euler("ZY", [40.0, 6.0], degrees=True).apply(place))
         found = scored(sloped, alone(line))
         assert found.truth.tilt_deg == pytest.approx(6.0, abs=0.05)
-        assert found.first.position_m.mean_plus_3sigma < 0.01 + 1e-6
+        assert total(found) < 0.01 + 1e-6
 
 
 def test_a_prism_is_compared_where_it_is() -> None:
@@ -112,10 +118,10 @@ def test_a_prism_is_compared_where_it_is() -> None:
     truth, _ = drive()
     lever = (0.4, -0.3, 1.5)
     right = scored(truth, alone(truth, lever))
-    assert right.first.position_m.mean_plus_3sigma == pytest.approx(0.0, abs=1e-9)
+    assert total(right) == pytest.approx(0.0, abs=1e-9)
     assert right.truth.lever_arm_m == lever
     wrong = scored(truth, replace(alone(truth, lever), lever_arm_m=(0.0, 0.0, 0.0)))
-    assert wrong.first.position_m.mean_plus_3sigma > 0.1
+    assert total(wrong) > 0.1
 
 
 def test_what_needs_attitudes_is_refused_or_unknown() -> None:
@@ -129,7 +135,7 @@ def test_what_needs_attitudes_is_refused_or_unknown() -> None:
         },
         "limits",
     )
-    score = Score(trajectory=scored(estimate, part), verdicts=())
+    score = scored(estimate, part)
     assert [str(item.state) for item in verdicts(limits, score)] == ["not enough data", "pass"]
     assert from_json(to_json(score)) == score
     with pytest.raises(MetricsError, match="turn=DEG needs attitudes"):
@@ -137,9 +143,10 @@ def test_what_needs_attitudes_is_refused_or_unknown() -> None:
     with pytest.raises(MetricsError, match="estimate has positions alone"):
         scored(part, truth)
     assert diagnose(estimate, part, AssociationConfig()).found is None
-    errors = aligned_errors(estimate, part, AlignedErrorConfig())
-    assert errors.ape.translation.rmse > errors.rpe.translation.rmse > 0.0
-    assert errors.ape.rotation_deg.rmse is errors.rpe.rotation_deg.rmse is None
+    errors = Score(figures=aligned_errors(estimate, part, AlignedErrorConfig()).figures)
+    ape, rpe = (errors.number(name, "rmse", part="translation") for name in ("ape", "rpe"))
+    assert ape > rpe > 0.0
+    assert [errors.number(name, "rmse", part="rotation") for name in ("ape", "rpe")] == [None, None]
     with pytest.raises(MetricsError, match="origin"):
         aligned_errors(estimate, part, AlignedErrorConfig(align="origin"))
 
@@ -158,12 +165,11 @@ def test_the_noise_of_the_truth_is_in_the_consistency() -> None:
     covariance = np.arange(1, COUNT + 1)[:, None] * (1e-10 * np.eye(6)[UPPER])
     estimates = Estimates.of(true, covariance=covariance)
     config = replace(CONFIG, conditions=("frames=5",), spacing=1)
-    exact = score_trajectory(estimates, noisy, config).score
-    stated = score_trajectory(estimates, replace(noisy, sigma_m=sigma_m, sigma_deg=sigma_deg), config).score
-    assert exact.first.nees.pose.mean > 1000.0
+    exact = as_score(score_trajectory(estimates, noisy, config))
+    stated = as_score(score_trajectory(estimates, replace(noisy, sigma_m=sigma_m, sigma_deg=sigma_deg), config))
+    assert exact.number("nees", "mean", part="pose") > 1000.0
     for name, degrees in (("pose", 6.0), ("position", 3.0), ("attitude", 3.0)):
-        part = getattr(stated.first.nees, name)
-        assert part.mean == pytest.approx(degrees, rel=0.25)
-    assert exact.truth is None
+        assert stated.number("nees", "mean", part=name) == pytest.approx(degrees, rel=0.25)
+    assert exact.truth.is_exact
     assert (stated.truth.sigma_m, stated.truth.sigma_deg, stated.truth.attitude) == (sigma_m, sigma_deg, True)
     assert stated.truth.path_excess > 0.1

@@ -1,20 +1,20 @@
 """Scores for the tests of the report, made by the score's own functions from invented runs."""
 
-from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
+from msgspec.structs import replace
 
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.metrics.association import Estimates
-from sfr_loc_map.metrics.calls import Calls, parts_of, score_calls
+from sfr_loc_map.metrics.calls import Calls, score_calls
 from sfr_loc_map.metrics.cloud_error import PairTruth, score_map
 from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
-from sfr_loc_map.metrics.limits import parse_limits, verdicts
+from sfr_loc_map.metrics.limits import judged, parse_limits
 from sfr_loc_map.metrics.score import Details, InputFile, Provenance, Score
 from sfr_loc_map.metrics.score_json import to_dict
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
@@ -91,19 +91,31 @@ def whole_score(frames: int = 300, side: int = 96, pairs: int = 2) -> Score:
         configuration={"unknown": None},
         time="2024-02-29T12:00:00+00:00",
     )
-    trajectory, path = score_trajectory(*drive(frames), config)
-    mapped, points = score_map(*cloud(side, pairs), MapScoreConfig())
-    timing, memory, series = parts_of([score_calls(calls(frames, pairs))])
+    driven = score_trajectory(*drive(frames), config)
+    mapped = score_map(*cloud(side, pairs), MapScoreConfig())
+    called = score_calls(calls(frames, pairs))
     score = Score(
-        verdicts=(),
+        figures=(*driven.figures, *mapped.figures, *called.figures),
+        association=driven.association,
+        truth=driven.truth,
         provenance=made,
-        trajectory=trajectory,
-        map=mapped,
-        timing=timing,
-        memory=memory,
-        details=Details(trajectory=path, map=points, calls=series),
+        cloud=mapped.cloud,
+        calls=called.records,
+        details=Details(trajectory=driven.details, map=mapped.details, calls=dict(called.plots)),
     )
-    return replace(score, verdicts=verdicts(parse_limits(LIMITS, "test"), score))
+    return judged(score, parse_limits(LIMITS, "test"))
+
+
+def without(score: Score, *subjects: str) -> Score:
+    """The score without the figures about some subjects, and what is said of them."""
+    gone = {"trajectory": ("association", "truth"), "map": ("cloud",), "timing": ("calls",)}
+    absent = dict.fromkeys([name for subject in subjects for name in gone.get(subject, ())])
+    return replace(score, figures=tuple(row for row in score.figures if row.subject not in subjects), **absent)
+
+
+def place_of(score: Score, figure: str, **where: str | None) -> str:
+    """The place of a row in the JSON."""
+    return f"figures.{score.figures.index(score.figure(figure, **where))}"
 
 
 def json_of(score: Score) -> dict[str, Any]:
@@ -112,7 +124,7 @@ def json_of(score: Score) -> dict[str, Any]:
 
 
 def dig(value: Any, key: str) -> Any:
-    """What a key such as `map.by_range.0.mean` leads to in JSON values."""
+    """What a key such as `figures.0.mean` leads to in JSON values."""
     for part in key.split("."):
         value = value[int(part) if isinstance(value, list) else part]
     return value

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from made_scores import whole_score
+from msgspec.structs import replace
 
-from sfr_loc_map.metrics.config import Condition, VerdictState
+from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.score import InputFile, MethodKind, MethodRecord, Provenance, Score, Verdict
 from sfr_loc_map.report.page import look_first
 
@@ -25,11 +24,8 @@ def named(truth: str = "drives/crater/loc/groundtruth.csv", **settings: object) 
     return replace(whole_score(), provenance=made, method=method)
 
 
-def verdict(value: float | None, limit: float, state: VerdictState, metric: str = "position_mean_m") -> Verdict:
-    over = Condition.parse("distance=5")
-    return Verdict(
-        metric=metric, limit=limit, value=value, state=state, ci95=None, count=7, certain=None, condition=over
-    )
+def verdict(value: float | None, limit: float, state: VerdictState, name: str = "position_mean_m") -> Verdict:
+    return Verdict(name=name, limit=limit, value=value, state=state, n=7, condition="distance=5")
 
 
 def test_missed_limits_come_first_the_worst_before_the_others() -> None:

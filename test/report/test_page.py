@@ -4,13 +4,13 @@ import math
 import re
 import shutil
 import subprocess
-from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
 import pytest
-from made_scores import HOSTILE, dig, json_of, whole_score
+from made_scores import HOSTILE, dig, json_of, place_of, whole_score, without
+from msgspec.structs import replace
 
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_dict
@@ -54,9 +54,10 @@ class Elements(HTMLParser):
 def hostile_score() -> Score:
     """A score with markup in every text that may come from outside."""
     plain = json_of(whole_score())
-    stage = {"count": 1, "mean": 1.0, "sigma": 1.0, "mean_plus_3sigma": 4.0, "p50": 1.0, "p95": 1.0, "max": 1.0}
-    plain["timing"]["localisation_s"] |= {"clock": HOSTILE, "stages": {HOSTILE: stage}}
-    plain["memory"]["method"] = plain["verdicts"][0]["metric"] = HOSTILE
+    stage = {"subject": "timing", "figure": HOSTILE, "part": HOSTILE, "unit": HOSTILE, "n": 1, "mean": 1.0}
+    plain["figures"].append(stage)
+    plain["calls"] = {"clocks": {"localisation": HOSTILE}, "memory_method": HOSTILE}
+    plain["verdicts"][0]["name"] = HOSTILE
     plain["details"]["calls"]["localisation"]["series"]["state"][0] = HOSTILE
     return from_dict(plain)
 
@@ -79,9 +80,9 @@ def test_every_number_with_a_key_is_the_one_of_the_json(page: str) -> None:
     exact = {key: float(value) for key, (value, _) in cells.items() if value}
     assert len(exact) > 100
     assert exact == {key: dig(score, key) for key in exact}
-    key = "trajectory.conditions.0.heading_deg.mean_plus_3sigma"
+    key = f"{place_of(whole_score(), 'heading')}.mean_plus_3sigma"
     assert cells[key][1] == number(exact[key])
-    key = "trajectory.conditions.0.position_m.mean"
+    key = f"{place_of(whole_score(), 'position')}.mean"
     assert cells[key][1] == number(exact[key], unit=MILLIMETRE)
 
 
@@ -123,9 +124,12 @@ def test_hostile_texts_stay_texts(page: str) -> None:
     assert HOSTILE not in hostile
 
 
-@pytest.mark.parametrize("part", ["trajectory", "map", "timing", "memory", "details", "provenance"])
+@pytest.mark.parametrize("part", ["trajectory", "map", "timing", "memory", "completeness", "details", "provenance"])
 def test_each_part_may_be_absent_and_without_figures_there_is_no_script(part: str) -> None:
-    text = render_page(replace(whole_score(), **{part: None}), figures=part != "details")
+    score = (
+        replace(whole_score(), **{part: None}) if part in ("details", "provenance") else without(whole_score(), part)
+    )
+    text = render_page(score, figures=part != "details")
     assert "<h1>" in text
     assert ("<script" in text) == (part != "details")
 

@@ -3,19 +3,20 @@
 import json
 import re
 import xml.etree.ElementTree as ET
-from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
 from cli_result import Sfr
-from made_scores import HOSTILE, dig, json_of, whole_score
+from made_scores import HOSTILE, calls, dig, json_of, whole_score, without
+from msgspec.structs import replace
 
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.limits import parse_limits, verdicts
-from sfr_loc_map.metrics.score import Score, TargetScore
+from sfr_loc_map.metrics.calls import score_target
+from sfr_loc_map.metrics.limits import judged, parse_limits, with_verdict
+from sfr_loc_map.metrics.score import Score, Verdict
 from sfr_loc_map.report.page import load_score
-from sfr_loc_map.report.score_tables import readings_table, score_tables
+from sfr_loc_map.report.score_tables import score_tables, table_of
 from sfr_loc_map.report.test_report import CLAUSES, clause_of, junit, render_test_report
 
 COMMANDS = ("sfr score estimate.csv data", "sfr score cloud.ply data", "sfr score target data")
@@ -39,20 +40,18 @@ TEN: dict[str, Any] = {
 def scores() -> list[Score]:
     """A score with ten requirements, a map alone, and one of a part of the drive."""
     whole = whole_score()
-    assert whole.timing is not None
-    assert whole.memory is not None
     assert whole.provenance is not None
-    target = TargetScore(name="GR740", timing=whole.timing, memory=whole.memory)
+    of_target, target = score_target(calls(300, 2), "GR740")
     parts = [
-        replace(whole, target=target),
-        replace(whole, trajectory=None),
-        replace(whole, map=None, incomplete="the estimate covers 50 % of the images"),
+        replace(whole, figures=(*whole.figures, *of_target), target=target),
+        without(whole, "trajectory", "completeness"),
+        replace(without(whole, "map"), incomplete="the estimate covers 50 % of the images"),
     ]
     named = [
         replace(part, provenance=replace(whole.provenance, command=command))
         for part, command in zip(parts, COMMANDS, strict=True)
     ]
-    return [replace(part, verdicts=verdicts(parse_limits(TEN, "test"), part)) for part in named]
+    return [judged(part, parse_limits(TEN, "test")) for part in named]
 
 
 class Page(HTMLParser):
@@ -83,7 +82,8 @@ def test_every_figure_is_found_in_the_json_and_every_link_leads_to_its_clause_an
     page, plain = Page(text), [json_of(score) for score in made]
     assert len(page.figures) > 100
     for score, key, value in page.figures:
-        assert json.loads(value) == dig(plain[score - 1], key), (score, key)
+        number, found = json.loads(value), dig(plain[score - 1], key)
+        assert number == ([found["low95"], found["high95"]] if isinstance(number, list) else found), (score, key)
     assert len(set(page.ids)) == len(page.ids)
     assert {link.removeprefix("#") for link in page.links} <= set(page.ids)
     for command in COMMANDS:
@@ -103,7 +103,7 @@ def test_what_stands_first_is_the_worst_and_a_part_is_said_first() -> None:
     made = scores()
     assert "<strong>FAIL</strong>" in render_test_report(made)
     part = made[2]
-    met = replace(part, verdicts=tuple(replace(item, state=VerdictState.PASS) for item in part.verdicts))
+    met = with_verdict(replace(part, verdicts=tuple(replace(item, state=VerdictState.PASS) for item in part.verdicts)))
     whole = replace(met, incomplete=None)
     assert "<strong>INCOMPLETE</strong>" in render_test_report([whole, met])
     assert part.verdicts[0].state is VerdictState.INCOMPLETE
@@ -112,8 +112,9 @@ def test_what_stands_first_is_the_worst_and_a_part_is_said_first() -> None:
 
 def test_every_limit_has_a_clause_of_the_list() -> None:
     for score in scores():
-        assert {clause_of(item.metric) for item in score.verdicts} <= set(CLAUSES)
-    assert clause_of("judged_share_min") == "4.1.1"
+        assert {clause_of(item) for item in score.verdicts} <= set(CLAUSES)
+    plain = Verdict(name="judged_share_min", limit=1.0, value=0.5, state=VerdictState.INCOMPLETE)
+    assert clause_of(plain) == "4.1.1"
 
 
 def test_junit_says_every_state_in_its_own_word() -> None:
@@ -143,12 +144,12 @@ def test_junit_says_every_state_in_its_own_word() -> None:
 
 def test_a_verdict_that_depends_on_the_reading_is_named() -> None:
     score = scores()[0]
-    note = readings_table(score).note
-    assert note.endswith("No verdict would differ by another reading.")
+    note = table_of(score, "readings").note
+    assert note.endswith("Each reading gives the same verdicts.")
     first = score.verdicts[0]
     other = replace(first, by_reading={"pose": VerdictState.PASS, "position": VerdictState.FAIL})
-    said = readings_table(replace(score, verdicts=(other,))).note
-    assert "The reading decides: position mean + 3 sigma, over 5 m: " in said
+    said = table_of(replace(score, verdicts=(other,)), "readings").note
+    assert "The reading decides: position mean + 3 sigma over 5 m: " in said
     assert "fail by position" in said
 
 
