@@ -66,7 +66,7 @@ CLAUSES = (
         "3.1.1",
         "Quaternions",
         "Four elements, scalar last: q1 i + q2 j + q3 k + q4.",
-        ("geometry/rotation.py", "geometry/quaternion_kernels.py"),
+        ("geometry/rotation.py", "geometry/rotation.py"),
         "not shown; all files and topics are scalar last",
         "Estimates written scalar first are named, and judge nothing until they are converted.",
     ),
@@ -160,7 +160,7 @@ CLAUSES = (
         "Sub-trajectories",
         "Start at frame N, end when the condition is met; repeat from the next start; a spacing of 10 frames is "
         "recommended; mean, sigma and mean + 3 sigma over all.",
-        ("metrics/sub_trajectories.py", "metrics/config.py", "metrics/completeness.py"),
+        ("metrics/formulas.py", "metrics/config.py", "metrics/completeness.py"),
         "table of figures: condition and n; What was scored: spacing of the starts; what of the drive is judged",
         '"The conditions associated with the requirement": several may have to hold at once. Frames are true poses '
         "that have an estimate, or images with `--frames images`. Starts go to the end of the trajectory, so that the "
@@ -171,7 +171,7 @@ CLAUSES = (
         "4.1.2",
         "Error over a sub-trajectory",
         "The error that the estimate already has at the start does not count.",
-        ("metrics/trajectory_error.py", "metrics/config.py"),
+        ("metrics/formulas.py", "metrics/config.py"),
         "note below the figures: re-based by; readings side by side",
         '"Taken into account" is not said how. `pose` is the default, since an error of heading from before N is error '
         "from before N. `displacement` is the letter of 4.1.1 and 4.2.3.1. `position` is what other tools do. All "
@@ -179,7 +179,7 @@ CLAUSES = (
         "pose by default; displacement, position",
     ),
     Clause(
-        "4.1.3", "Standard deviation", "With Bessel's correction.", ("metrics/statistics.py",), "every column sigma"
+        "4.1.3", "Standard deviation", "With Bessel's correction.", ("metrics/formulas.py",), "every column sigma"
     ),
     Clause(
         "4.2.1",
@@ -208,7 +208,7 @@ CLAUSES = (
         "3D position error",
         "Vector of estimated less actual displacement of the RB origin in DS, m. Mean: norm of the mean vector. Sigma: "
         "norm of the standard deviations of the axes.",
-        ("metrics/trajectory_error.py", "metrics/trajectory_score.py"),
+        ("metrics/formulas.py", "metrics/trajectory_score.py"),
         "row position error over ...",
         "The letter is `displacement`: displacements in DS, not turned. With `pose` the estimated displacement is "
         "turned by the attitude error at N before it is compared (4.1.2).",
@@ -218,7 +218,7 @@ CLAUSES = (
         "4.2.3.2",
         "Attitude error",
         "Angle of the shortest rotation between both attitudes, deg, unsigned; mean and standard deviation of it.",
-        ("metrics/trajectory_error.py", "metrics/trajectory_score.py"),
+        ("metrics/formulas.py", "metrics/trajectory_score.py"),
         "row attitude error over ...",
         "From N to N+x the change of attitude counts (4.1.1); `pose` and `displacement` agree in it, `position` "
         "compares attitudes as they are. The scalar part alone loses digits near 0: the vector part is "
@@ -229,7 +229,7 @@ CLAUSES = (
         "4.2.3.3",
         "Heading error",
         "atan2 of the RB x-axis in DS, deg, signed; abs(mean) + 3 sigma.",
-        ("metrics/trajectory_error.py", "metrics/trajectory_score.py"),
+        ("metrics/formulas.py", "metrics/trajectory_score.py"),
         "row heading error over ...",
         "`displacement` takes the difference of the heading changes, `pose` the heading after re-basing, `position` "
         "the heading as it is; differences are wrapped to (-180, 180] degrees.",

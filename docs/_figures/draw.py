@@ -98,18 +98,14 @@ def example_table() -> str:
     """Return the table of the worked example."""
     truth, estimate = example_drive()
     score = sfr.score(estimate, truth, ["distance=5"])
-    assert score.trajectory is not None
-    over = score.trajectory.first
     end = float(np.linalg.norm(estimate.positions[-1] - truth.positions[-1]))
     rows = ["| figure | mean | sigma | mean + 3 sigma |", "|---|---|---|---|"]
-    for name, unit, part, digits in (
-        ("position", "m", over.position_m, 3),
-        ("attitude", "deg", over.attitude_deg, 2),
-        ("heading", "deg", over.heading_deg, 2),
-    ):
-        values = (part.mean, part.sigma, part.mean_plus_3sigma)
+    for name, unit, digits in (("position", "m", 3), ("attitude", "deg", 2), ("heading", "deg", 2)):
+        values = [score.number(name, statistic) for statistic in ("mean", "sigma", "mean_plus_3sigma")]
         rows.append(f"| {name}, {unit} | " + " | ".join(f"{value or 0.0:.{digits}f}" for value in values) + " |")
-    return "\n".join([*rows, "", f"{over.count} pieces of 5 m; the end of the drive is off by {end:.2f} m."])
+    return "\n".join(
+        [*rows, "", f"{score.number('position', 'n')} pieces of 5 m; the end of the drive is off by {end:.2f} m."]
+    )
 
 
 def draw_interval() -> None:

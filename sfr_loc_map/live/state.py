@@ -215,8 +215,7 @@ class LiveState:
         shown, content = report.to_plain(), report.content
         drive = content.get("association")
         if not self.ended and content.get("incomplete") is None and drive:
-            so_far = {name: value for name, value in drive.items() if name != "incomplete"}
-            content = content | {"association": so_far}
+            content = content | {"association": drive | {"incomplete": None}}
         live |= {name: shown[name] for name in ("overall", "tables", "limits")}
         return content | {"live": live | {"events": self.events_to_plain()}}
 

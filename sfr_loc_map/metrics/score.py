@@ -107,7 +107,9 @@ def figure_row(
     kind = KINDS[figure]
     place = None if part is None else str(part)
     row: dict[str, Any] = {"condition": condition, "part": place, "figure": kind.name, "unit": unit or kind.unit}
-    return Figure(clause=kind.clause, subject=kind.subject, **row, **numbers)  # type: ignore[arg-type]
+    for name, value in numbers.items():
+        row[name] = None if value is None else int(value) if name == "n" else float(value)
+    return Figure(clause=kind.clause, subject=kind.subject, **row)
 
 
 def find_rows(

@@ -283,7 +283,7 @@ def findings_of(texts: Sequence[str], stamps_ns: Sequence[int]) -> tuple[Finding
         if word in set(FindingKind):
             kind = FindingKind(word)
             first = counted.get(kind) or FindingRecord(kind=kind, count=0, first_stamp_ns=stamp_ns, text=rest)
-            counted[kind] = replace(first, count=first.count + 1)
+            counted[kind] = msgspec.structs.replace(first, count=first.count + 1)
     return tuple(counted.values())
 
 

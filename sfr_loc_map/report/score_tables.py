@@ -49,7 +49,7 @@ STATISTICS = {
     **{"p50": "p50", "p95": "p95", "p99": "p99", "max": "max", "value": "value"},
 }
 """Columns of the table of figures, and their names for people."""
-HEADLINE_COLUMNS = ("mean", "sigma", "mean_plus_3sigma", "p95", "max", "value")
+HEADLINE_COLUMNS = ("mean", "sigma", "mean_plus_3sigma", "value")
 DIRECTIONS = {
     **{"x": "x (east)", "y": "y (north)", "z": "z (up)"},
     **{"along": "along the path", "cross": "to the left of it", "vertical": "vertical"},
@@ -282,12 +282,14 @@ def figure_table(name: str, title: str, placed: Sequence[Placed], note: str = ""
         unit, place = row_unit(row), f"figures.{index}"
         line = [Cell.head(row_title(row)), Cell(unit.symbol)]
         for key in statistics:
-            line.append(Cell.number(row.statistic(key), f"{place}.{key}", unit, undefined_of(row, key)))
+            value = row.statistic(key)
+            line.append(Cell.number(value, "" if value is None else f"{place}.{key}", unit, undefined_of(row, key)))
         if has_interval:
             line.append(Cell.interval(row.interval, place, unit, ABSENT))
-        line.append(Cell.number(row.n, f"{place}.n", undefined=ABSENT))
+        line.append(Cell(ABSENT) if row.n is None else Cell.number(row.n, f"{place}.n"))
         if has_independent:
-            line.append(Cell.number(row.independent, f"{place}.independent", undefined=ABSENT))
+            independent = row.independent
+            line.append(Cell(ABSENT) if independent is None else Cell.number(independent, f"{place}.independent"))
         cells.append(tuple(line))
     return Table(name, title, tuple(columns), tuple(cells), note)
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from cli_result import Sfr
+from score_rows import number, rows_about
 
 import sfr_loc_map as suite
 from sfr_loc_map.errors import ConfigError, InputError
@@ -66,29 +67,28 @@ def test_a_map_scored_in_memory_has_the_figures_of_the_command(
     done = sfr("score", tmp_path / "cloud.npz", folder, "--json", "-")
     assert done.code == 0, done.err
     content = figures(suite.score(cloud, folder).to_json())
-    assert content["map"] == figures(done.out)["map"]
-    assert content["timing"]["fusion_s"]["count"] == 1
+    assert rows_about(content, "map") == rows_about(figures(done.out), "map")
+    assert number(content, "fusion", "n") == 1
     assert np.array_equal(suite.PointCloud.load(tmp_path / "cloud.npz").xyz, cloud.xyz)
 
 
 def test_two_trajectories_are_scored(estimate: suite.Trajectory, folder: Path, tmp_path: Path) -> None:
     truth = suite.open(folder).truth
     scored = suite.score(estimate, truth, ["frames=2"], spacing=1)
-    assert scored.verdict == "no verdict"
-    moved = suite.score(replace(truth, positions=truth.positions + 1.0), truth, ["frames=2"], spacing=1).trajectory
-    assert moved.first.position_m.mean_plus_3sigma == pytest.approx(0.0, abs=1e-12)
+    assert scored.verdict is None
+    moved = suite.score(replace(truth, positions=truth.positions + 1.0), truth, ["frames=2"], spacing=1)
+    assert moved.number("position", "mean_plus_3sigma") == pytest.approx(0.0, abs=1e-12)
     half = suite.Trajectory(estimate.stamps_ns[:3], estimate.positions[:3], estimate.quats_xyzw[:3])
     options = {"rebase": "displacement", "spacing": 1}
     found, asked = (suite.score(half, folder, "frames=2,time=0.1", partial=each, **options) for each in (False, True))
-    assert (found.verdict, asked.verdict) == ("incomplete", "no verdict")
+    assert (found.verdict, asked.verdict) == ("incomplete", None)
     assert repr(found).startswith("Score(incomplete, ")
     assert found.incomplete.startswith("the estimate covers 50 % of the images")
-    assert found.trajectory.first.rebase == "displacement"
-    assert found.trajectory.first.position_m.mean == found.trajectory.first.readings.displacement.position_m.mean
+    assert found.association.rebase == found.figure("position").part == "displacement"
     estimate.save(tmp_path / "poses.kitti")
     (tmp_path / "poses.times.txt").unlink()  # poses without stamps get those of poses in memory
     for pair in ((tmp_path / "poses.kitti", estimate), (estimate, tmp_path / "poses.kitti"), (estimate, truth)):
-        found = suite.score(*pair, "frames=2").trajectory  # one condition may be a text
+        found = suite.score(*pair, "frames=2").association  # one condition may be a text
         assert found.matched == len(estimate) == 6
 
 
@@ -161,16 +161,18 @@ def test_scores_are_tables_of_pandas(estimate: suite.Trajectory, cloud: suite.Po
     pytest.importorskip("pandas", reason="pandas is not installed")
     scored = suite.score(estimate, folder, ["frames=2", "frames=3"], spacing=1)
     table = scored.to_pandas()
-    first = scored.trajectory.several[1].position_m
-    assert table.loc[("3 frames", "position_m"), "mean_plus_3sigma"] == first.mean_plus_3sigma
-    assert table.loc[("3 frames", "heading_deg"), "count"] == scored.trajectory.several[1].count
-    assert table.loc[("localisation", "seconds"), "mean"] == scored.timing.localisation.mean
+    heading = scored.figure("heading", condition="frames=3")
+    over = table[(table.condition == "frames=3") & (table.part == "pose")].set_index("figure")
+    assert over.loc["heading", "mean_plus_3sigma"] == heading.mean_plus_3sigma
+    assert over.loc["position", "n"] == heading.n
+    times = table[(table.subject == "timing") & table.part.isna()].set_index("figure")
+    assert times.loc["localisation", "mean"] == scored.number("localisation", "mean")
     rows = scored.to_pandas("sub_trajectories")
-    assert len(rows) == sum(item.count for item in scored.trajectory.several)
-    moments = rows[rows.condition == "3 frames"]["heading_deg"]
-    assert moments.std() == pytest.approx(scored.trajectory.several[1].heading_deg.sigma, rel=1e-6)
+    assert len(rows) == sum(scored.figure("heading", condition=each).n for each in ("frames=2", "frames=3"))
+    moments = rows[rows.condition == "frames=3"]["heading_deg"]
+    assert moments.std() == pytest.approx(heading.sigma, rel=1e-6)
     of_map = suite.score(cloud, folder)
-    assert of_map.to_pandas().loc[("map", "point_error_m"), "count"] == of_map.map.errors.point_error_m.count
+    assert of_map.to_pandas().set_index("figure").loc["points", "value"] == of_map.number("points") > 0
     assert len(of_map.to_pandas("sub_trajectories")) == 0
     with pytest.raises(ConfigError, match="must be figures or sub_trajectories"):
         scored.to_pandas("all")

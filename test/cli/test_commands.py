@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from broken_sources import good_folder
 from cli_result import Sfr
+from score_rows import number
 
 from sfr_loc_map.cli.main import PANELS
 from sfr_loc_map.errors import ExitCode
@@ -112,11 +113,11 @@ def test_from_source_to_score_and_report(sfr: Sfr, tmp_path: Path) -> None:
     fields = np.load(cloud)
     assert set(fields) == {"x", "y", "z", "sigma", "intensity", "u", "v", "pair", "fused", "pair_stamps_ns"}
     score = strict(sfr("score", trajectory, source, "--condition", "frames=1", "--spacing", "1", "--json", "-").out)
-    assert score["trajectory"]["count"] == 2
-    assert score["trajectory"]["position_m"]["mean"] < 0.01
+    assert number(score, "position", "n") == 2
+    assert number(score, "position", "mean") < 0.01
     file = tmp_path / "map.json"
     assert sfr("score", cloud, source, "--json", file).code == 0
-    assert strict(file.read_text())["map"]["point_error_m"]["p50"] < 0.05
+    assert number(strict(file.read_text()), "point_error", "p50") < 0.05
     page = sfr("report", file)
     assert page.code == 0
     assert (tmp_path / "report.html").stat().st_size > 0

@@ -10,6 +10,7 @@ import pytest
 from cli_result import Sfr
 from made_scene import write_folder
 from scipy.spatial.transform import Rotation
+from score_rows import number
 
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
@@ -17,7 +18,7 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.trajectory_file import save_trajectory
 
 WORLD = Transform(Rotation.from_euler("xyz", [0.4, -1.0, 2.0]).as_matrix(), np.array([4.0, -5.0, 6.0]))
-FIGURES = ("position_m", "attitude_deg", "heading_deg")
+FIGURES = ("position", "attitude", "heading")
 
 
 @pytest.fixture(scope="module")
@@ -38,8 +39,8 @@ def estimate(source: Path) -> Trajectory:
 
 
 def figures(path: Path) -> list[float]:
-    trajectory = json.loads(path.read_text())["trajectory"]
-    return [trajectory[name][key] for name in FIGURES for key in ("mean", "sigma", "mean_plus_3sigma")]
+    score = json.loads(path.read_text())
+    return [number(score, name, key) for name in FIGURES for key in ("mean", "sigma", "mean_plus_3sigma")]
 
 
 def test_poses_of_the_optical_frame_in_another_world_are_scored_as_those_of_rb(

@@ -16,6 +16,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
 from cli_result import Sfr
 from made_scene import write_folder
 from processes import Process
+from score_rows import number, rows_about
 
 COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
 NODE = Path(__file__).parent / "faulty_external_node.py"
@@ -52,8 +53,8 @@ def test_a_faulty_node_of_the_optical_frame_is_scored_and_each_fault_named(sfr: 
     assert score["external"]["ended"] == "ended with exit code 3: out of memory, as it were"
     assert 0.0 < score["external"]["latency_s"]["p50"] < 4.0
     assert score["external"]["process"]["peak_rss_bytes"] > 1e7
-    assert score["memory"]["localisation_peak_bytes"] == score["external"]["process"]["peak_rss_bytes"]
-    assert score["timing"]["localisation_s"]["clock"] == "as the node reports (<node>/call)"
+    assert number(score, "peak", part="localisation") == score["external"]["process"]["peak_rss_bytes"]
+    assert score["calls"]["clocks"]["localisation"] == "as the node reports (<node>/call)"
     kinds = {finding["kind"] for finding in score["findings"]}
     assert kinds == {"crashed", "doubled answer", "another frame", "not finite", "missing answer"}
     for kind in kinds:
@@ -62,10 +63,10 @@ def test_a_faulty_node_of_the_optical_frame_is_scored_and_each_fault_named(sfr: 
     published = out / "estimate_as_published.csv"
     words = ["score", published, source, *CONVENTION, *SCORED, "--json", tmp_path / "offline.json", "--overwrite"]
     assert [sfr(*words).code, sfr(*words, "--partial").code] == [3, 0]
-    offline = json.loads((tmp_path / "offline.json").read_text())["trajectory"]
-    assert offline["completeness"] == score["trajectory"]["completeness"]
-    for name in ("position_m", "attitude_deg", "heading_deg"):
-        assert score["trajectory"][name]["mean"] == pytest.approx(offline[name]["mean"], abs=1e-9)
+    offline = json.loads((tmp_path / "offline.json").read_text())
+    assert rows_about(offline, "completeness") == rows_about(score, "completeness")
+    for name in ("position", "attitude", "heading"):
+        assert number(score, name, "mean") == pytest.approx(number(offline, name, "mean"), abs=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import score_rows
 from cli_result import Result, Sfr
 from made_scene import LOC_RIG, NAV_RIG, loc_pair, nav_pair
 from scipy.spatial.transform import Rotation
@@ -132,7 +133,7 @@ def test_half_a_drive_is_incomplete_unless_asked_for(judge: Judge) -> None:
     assert "not judged: incomplete: the estimate covers 50 % of the true path" in result.err
     first = next(line for line in result.out.splitlines() if "verdict:" in line or "incomplete:" in line)
     assert first.startswith("incomplete:")
-    assert score["trajectory"]["completeness"]["missing"] == 200
+    assert score_rows.number(score, "missing", part="count") == 200
 
     result, score = judge("--partial", limits=SUM + "1\n", estimate=half)
     assert (result.code, [item["verdict"] for item in score["verdicts"]]) == (0, ["pass"])
@@ -152,7 +153,7 @@ def test_a_share_may_be_missing_where_a_limit_says_so(judge: Judge) -> None:
         ):
             result, score = judge(limits=text, estimate=half)
             assert result.code == code, text
-            found = next(item for item in score["verdicts"] if item["metric"] == "missing_max_share")
+            found = next(item for item in score["verdicts"] if item["name"] == "missing_max_share")
             assert found["value"] == pytest.approx(0.5, abs=0.003)
 
 
@@ -215,9 +216,9 @@ def test_the_readings_differ_under_drift_and_the_result_says_which_verdict_they_
     turned = (drift * judge.heading).as_quat()
     drifting = replace(judge.truth, positions=np.cumsum(drift.apply(judge.steps), axis=0), quats_xyzw=turned)
     result, score = judge(limits=SUM + "0.3\n  attitude_mean_plus_3sigma_deg: 1\n", estimate=drifting)
-    readings = score["trajectory"]["readings"]
-    position = {name: reading["position_m"]["mean_plus_3sigma"] for name, reading in readings.items()}
-    attitude = {name: reading["attitude_deg"]["mean_plus_3sigma"] for name, reading in readings.items()}
+    readings = ("pose", "displacement", "position")
+    position = {name: score_rows.number(score, "position", "mean_plus_3sigma", part=name) for name in readings}
+    attitude = {name: score_rows.number(score, "attitude", "mean_plus_3sigma", part=name) for name in readings}
     assert position["pose"] < 0.05
     assert position["displacement"] == pytest.approx(position["position"], abs=1e-9)
     assert position["displacement"] > 0.7
@@ -227,7 +228,7 @@ def test_the_readings_differ_under_drift_and_the_result_says_which_verdict_they_
     assert "decides 2 of 2 verdicts" in result.err
     for reading, code in (("pose", 0), ("displacement", 1), ("position", 1)):
         result, score = judge("--rebase", reading, limits=SUM + "0.3\n", estimate=drifting)
-        assert (result.code, score["trajectory"]["rebase"]) == (code, reading)
+        assert (result.code, score["association"]["rebase"]) == (code, reading)
         assert score["verdicts"][0]["value"] == position[reading]
     assert "decides" not in judge(limits=SUM + "5\n", estimate=drifting)[0].err
 
@@ -240,9 +241,9 @@ def test_three_pairs_to_one_cloud_are_one_call_with_time_and_memory(sfr: Sfr, ju
     result = sfr("score", made, source, "--stats", stats, "--limits", limits, "--json", "-")
     assert result.code == 0, result.err
     score = json.loads(result.out)
-    whole = score["timing"]["mapping_call_s"]
-    assert whole["count"] == 1
-    parts = score["timing"]["mapping_s"]["mean"] * 2 + score["timing"]["fusion_s"]["mean"]
+    whole = score_rows.row(score, "mapping_call")
+    assert whole["n"] == 1
+    parts = score_rows.number(score, "mapping", "mean") * 2 + score_rows.number(score, "fusion", "mean")
     assert whole["max"] >= 0.99 * parts
     assert [item["verdict"] for item in score["verdicts"]] == ["pass", "pass"]
 
@@ -277,14 +278,14 @@ def test_what_a_target_says_of_itself_is_refused_in_one_line(judge: Judge, text:
 def test_frames_that_are_true_poses_not_images_are_said(judge: Judge) -> None:
     sparse = rows_of(judge.truth, slice(None, None, 5))
     result, score = judge(truth=sparse)
-    assert (result.code, score["trajectory"]["matched"]) == (0, 81)
+    assert (result.code, score["association"]["matched"]) == (0, 81)
     assert "the truth has 81 poses for 401 estimates" in result.err
     result, score = judge("--frames", "images", truth=sparse)
-    assert (result.code, score["trajectory"]["matched"]) == (0, COUNT)
-    assert score["trajectory"]["association"]["truth"] == "interpolate"
+    assert (result.code, score["association"]["matched"]) == (0, COUNT)
+    assert score["association"]["mode"] == "interpolate"
     assert "81 poses" not in result.err
     holed = rows_of(sparse, np.r_[0:30, 50:81])  # 10.5 s without truth
-    assert judge("--frames", "images", truth=holed)[1]["trajectory"]["matched"] == COUNT - 104
+    assert judge("--frames", "images", truth=holed)[1]["association"]["matched"] == COUNT - 104
     assert judge("--frames", "images", "--associate", "match", truth=sparse)[0].code == 2
 
 
@@ -295,9 +296,9 @@ def test_the_images_of_the_source_are_what_has_to_be_covered(sfr: Sfr, judge: Ju
     for rows, code in ((slice(12), 0), (slice(8), 3)):
         result, score = judge("--condition", "frames=3", "--spacing", 1, estimate=rows_of(whole, rows), truth=source)
         assert result.code == code, result.err
-        covered = score["trajectory"]["completeness"]
+        covered = score["association"]
         assert (covered["images"], covered["matched"]) == (12, len(stamps[rows]))
-        assert covered["judged_share"] == pytest.approx(len(stamps[rows]) / 12)
+        assert score_rows.number(score, "judged") == pytest.approx(len(stamps[rows]) / 12)
 
 
 def test_a_score_says_what_it_was_made_of(judge: Judge) -> None:
@@ -324,8 +325,8 @@ def test_the_error_of_every_point_can_be_had(sfr: Sfr, tmp_path: Path, source: P
         parquet = pytest.importorskip("pyarrow.parquet").read_table(points)
         table = {name: parquet[name].to_numpy() for name in parquet.column_names}
     assert list(table) == ["pair", "u", "v", "range_m", "error_m", "sigma_m"]
-    errors = json.loads(result.out)["map"]["point_error_m"]
-    assert len(table["u"]) == errors["count"]
+    errors = score_rows.row(json.loads(result.out), "point_error")
+    assert len(table["u"]) == errors["n"]
     assert table["error_m"].mean() == pytest.approx(errors["mean"], abs=1e-8)
     assert table["v"].min() == SKY_ROWS  # what sees the sky has no error
     assert set(table["pair"]) == {0, 1}
@@ -345,7 +346,7 @@ def test_quaternions_with_the_scalar_first_are_named(sfr: Sfr, judge: Judge, nam
 
 
 def test_a_pass_that_is_not_certain_is_none_where_certainty_is_needed(judge: Judge) -> None:
-    value = judge()[1]["trajectory"]["position_m"]["mean_plus_3sigma"]
+    value = score_rows.number(judge()[1], "position", "mean_plus_3sigma")
     for factor, certain, code, verdict in (
         (1.01, "true", 3, "not enough data"),
         (1.01, "false", 0, "pass"),
@@ -365,11 +366,10 @@ def test_a_pass_that_is_not_certain_is_none_where_certainty_is_needed(judge: Jud
 def test_several_conditions_hold_at_once(judge: Judge) -> None:
     """5 m take 34 frames of 0.15 m, and 4 s take 40: both hold after 40."""
     result, score = judge("--condition", "distance=5,time=4", "--condition", "time=4", "--condition", "displacement=3")
-    both, time, straight = score["trajectory"]["conditions"]
     assert result.code == 0
-    assert both["condition"] == {"distance_m": 5.0, "time_s": 4.0}
-    assert both["position_m"] == time["position_m"]
-    assert straight["condition"] == {"displacement_m": 3.0}
+    both, time = (score_rows.row(score, "position", condition=each) for each in ("distance=5,time=4", "time=4"))
+    assert both == time | {"condition": both["condition"]}
+    assert score_rows.row(score, "position", condition="displacement=3")["n"] > 0
     for condition in ("displacement=500", "turn=170", "distance=5,time=4000"):
         result, _ = judge("--condition", condition)
         assert result.code == 3
@@ -425,7 +425,7 @@ def test_the_judged_figure_stands_beside_its_limit(sfr: Sfr, judge: Judge, sourc
     result = sfr("score", cloud, source, "--limits", limits, "--json", judge.folder / "s.json")
     score = json.loads((judge.folder / "s.json").read_text())
     p95, coverage = score["verdicts"]
-    assert p95["value"] == score["map"]["point_error_m"]["p95"]
+    assert p95["value"] == score_rows.number(score, "point_error", "p95")
     assert p95["margin"] == pytest.approx(0.3 - p95["value"])
     assert coverage["margin"] == pytest.approx(coverage["value"] - 0.5)
     row = next(line for line in result.out.splitlines() if "p95" in line and "≤" in line)

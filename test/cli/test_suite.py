@@ -20,6 +20,7 @@ from cli_result import Sfr
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "suite"))
 from made_suites import SFR, made_suite, results
+from score_rows import row
 
 DRIVES = 3
 LIMITS = {"trajectory": [{"condition": "distance=1", "position_mean_plus_3sigma_m": 1.0}]}
@@ -49,13 +50,13 @@ def test_a_suite_is_run_once_judged_and_reported(sfr: Sfr, suite: Path, serial: 
     assert summary["counts"] == {"tasks": DRIVES, "done": DRIVES, "failed": 0, "waiting": 0}
     assert summary["verdict"] == "pass"
     (group,) = summary["groups"]
-    (pooled,) = group["conditions"]
-    assert pooled["drives"] == DRIVES
+    pooled = row(group, "position")
+    assert pooled["independent"] == DRIVES
     scores = [json.loads((serial / drive["file"]).read_text()) for drive in summary["drives"]]
     rows = [score["details"]["trajectory"]["sub_trajectories"][0] for score in scores]
     errors = np.concatenate([np.column_stack([row[f"{axis}_m"] for axis in "xyz"]) for row in rows])
     figure = np.linalg.norm(errors.mean(axis=0)) + 3 * np.linalg.norm(errors.std(axis=0, ddof=1))
-    assert pooled["position_m"]["mean_plus_3sigma"] == pytest.approx(figure, rel=1e-6), "the rows are rounded"
+    assert pooled["mean_plus_3sigma"] == pytest.approx(figure, rel=1e-6), "the rows are rounded"
     page = (serial / "report.html").read_text()
     assert all(f'href="pages/{drive["key"]}.html"' in page for drive in summary["drives"])
     links = set(re.findall(r'<a href="([^":]+)"', page))

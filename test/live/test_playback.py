@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from made_scene import PERIOD_NS, START_NS, nav_pair, true_pose, write_folder
 from rosbags.rosbag2 import StoragePlugin, Writer
+from score_rows import row, rows_about
 
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import InputError
@@ -120,8 +121,10 @@ def test_a_recording_of_a_run_is_played_with_what_its_nodes_said(tmp_path: Path)
     state = played(bag)
     assert state.report is not None
     wanted = to_dict(score_files(ScoreInputs.of(bag, bag), CONFIG))
-    for name in ("position_m", "attitude_deg", "heading_deg", "matched", "lost"):
-        assert state.report.content["trajectory"][name] == wanted["trajectory"][name]
+    for name in ("position", "attitude", "heading"):
+        assert row(state.report.content, name) == row(wanted, name)
+    for name in ("matched", "lost"):
+        assert state.report.content["association"][name] == wanted["association"][name]
     node = state.nodes["localisation_node"]
     assert (node.message, node.level, node.state) == ("warm", 1, "tracking")
 
@@ -134,11 +137,11 @@ def check_final(state: LiveState, source: Path, out: Path) -> None:
         to_dict(score_files(ScoreInputs.of(out / name, source, stats), CONFIG))
         for name in ("estimate.csv", "cloud.ply")
     )
-    assert [content[part] for part in ("trajectory", "timing", "memory")] == [
-        drive[part] for part in ("trajectory", "timing", "memory")
-    ]
-    assert content["map"] == cloud["map"]
-    assert content["trajectory"]["lost"] == content["trajectory"]["degraded"] == 1
+    for subject in ("trajectory", "timing", "memory"):
+        assert rows_about(content, subject) == rows_about(drive, subject)
+    assert content["association"] == drive["association"]
+    assert rows_about(content, "map") == rows_about(cloud, "map")
+    assert content["association"]["lost"] == content["association"]["degraded"] == 1
     assert [row.lost for row in state.path.rows].index(True) == LOST_AT
     assert state.path.rows[-1].truth_m is not None
     shown = state.media["mapping/points"]
@@ -176,7 +179,7 @@ def test_player_has_the_figures_of_its_place_pauses_jumps_back_and_ends(source: 
         until(lambda: state.time_line == TimeLine(1.05, recording.end_s, False))
         assert state.path.rows[-1].n == 10
         assert state.report is not None
-        assert state.report.content["trajectory"]["estimate_poses"] == 11
+        assert state.report.content["association"]["estimate_poses"] == 11
         assert not state.live_to_plain(time.time() + 100.0)["stale"], "a player that stands still makes nothing stale"
         player.run(Command(Action.PLAY))
         until(lambda: at_s() >= recording.end_s)
@@ -213,7 +216,7 @@ def test_a_run_brings_its_truth_and_limits_wherever_it_is_opened(
     player.report()
     assert state.report is not None
     assert state.report.overall.state == "fail"
-    assert state.to_plain(time.time())["trajectory"]["estimate_poses"] == 21, "as of then"
+    assert state.to_plain(time.time())["association"]["estimate_poses"] == 21, "as of then"
     assert "limit" in [event["kind"] for event in state.events_to_plain()]
     assert all(
         topic["rate_hz"] is None or topic["rate_hz"] < 11 for topic in state.to_plain(0.0)["live"]["topics"].values()

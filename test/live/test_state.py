@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from live_run import NODES, call, fill, health
 from made_scores import HOSTILE, dig, json_of, whole_score
+from msgspec.structs import replace
 
 from sfr_loc_map.live.state import MAX_CALLS, MAX_NODES, LiveState
 from sfr_loc_map.live.updates import GraphView, PoseSample, Report, Sampled, Status, StatusKind, Track, Update
@@ -40,25 +40,24 @@ def test_state_is_the_report_with_additions_and_the_strings_of_its_tables() -> N
 
 
 def test_a_run_is_incomplete_once_it_is_over_and_not_before() -> None:
-    score = replace(whole_score(100, 48, 2), verdicts=())
-    whole = score.trajectory.completeness
-    part = replace(score, trajectory=replace(score.trajectory, completeness=replace(whole, incomplete="half of it")))
+    score = replace(whole_score(100, 48, 2), verdicts=(), verdict=None)
+    part = replace(score, association=replace(score.association, incomplete="half of it"))
     for partial, verdict in ((False, "incomplete"), (True, "no verdict")):
         provenance = replace(score.provenance, configuration={"monitor": {"score.trajectory.partial": partial}})
         report, state = Report(to_json(replace(part, provenance=provenance)), 1.0), LiveState()
         state.put(report)
         under_way = state.to_plain(1.0)
-        assert "incomplete" not in under_way | under_way["trajectory"]["completeness"]
-        assert {"pose", "displacement", "position"} == set(under_way["trajectory"]["readings"])
+        assert "incomplete" not in under_way
+        assert under_way["association"]["incomplete"] is None
         assert under_way["live"]["overall"]["state"] == "no verdict"
         state.end()
         for _ in range(2):
             ended = state.to_plain(1.0)
             assert ended["live"]["overall"]["state"] == verdict
             assert ended.get("incomplete") == (None if partial else "half of it")
-            assert ended["trajectory"]["completeness"]["judged_share"] == whole.judged_share
+            assert ended["figures"] == under_way["figures"]
             state.put(report)  # a last one that comes late
-    for known in (score, replace(score, trajectory=None)):  # known by the images of the source
+    for known in (score, replace(score, association=None)):  # known by the images of the source
         state = LiveState()
         state.put(Report(to_json(known), 1.0))
         state.end("an image has no pose")
@@ -81,7 +80,7 @@ words = st.text(max_size=20) | st.sampled_from([HOSTILE, "nan", "1e999", "-1", "
 numbers = st.floats() | st.integers(-(2**70), 2**70)
 figures = ["stamp_ns", "processing_time_s", "peak_rss_bytes", "lifecycle", "latency_transport_s"]
 values = st.dictionaries(st.sampled_from(figures) | words, words | numbers.map(str), max_size=6)
-reports = words | st.sampled_from(["{}", '{"schema": "sfr-score/1", "verdicts": [], "x": 1e999}'])
+reports = words | st.sampled_from(["{}", '{"schema": "sfr-score/2", "verdicts": [], "x": 1e999}'])
 quats = st.tuples(numbers, numbers, numbers, numbers) | st.just((0.0, 0.0, 0.0, 1.0))
 places, times = st.tuples(numbers, numbers, numbers), st.floats(0, 1e10)
 updates = st.one_of(

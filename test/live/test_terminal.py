@@ -92,7 +92,7 @@ def test_what_is_stale_lost_or_hostile_is_said_in_words(recorded: list[Any]) -> 
     assert "STALE" not in back
     assert "pose 201: lost" in back
     assert "localisation_node: lost: no_features" in back
-    hostile = Report('{"schema": "sfr-score/1", "verdicts": [], "warnings": ["[red]\\u001b]0;own\\u0007[/] x"]}', END_S)
+    hostile = Report('{"schema": "sfr-score/2", "verdicts": [], "warnings": ["[red]\\u001b]0;own\\u0007[/] x"]}', END_S)
     text = drawn([hostile, TimeLine(1.0, 2.0, True)], END_S)
     assert not re.search(r"\x1b\]0|\x07", text)
     assert "1.0 of 2.0 s, playing" in text

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import score_rows
 from cli_result import Sfr
 from made_scene import LOC_RIG, NAV_RIG, loc_pair, nav_pair, true_pose
 
@@ -200,10 +201,10 @@ def test_the_command_names_the_finding_and_writes_what_there_is(
     assert scored.code == 1  # without any limit
     assert scored.err.splitlines()[-1].endswith("the method failed: crashed")
     (verdict,) = score["verdicts"]
-    assert (verdict["metric"], verdict["value"], verdict["verdict"]) == ("crashed_calls", 1.0, "fail")
-    assert score["trajectory"]["estimate_poses"] == 12
+    assert (verdict["name"], verdict["value"], verdict["verdict"]) == ("crashed_calls", 1.0, "fail")
+    assert score["association"]["estimate_poses"] == 12
     about = {"name": f"lib:{faulty}", "version": "faulty 1", "kind": "library"}
     about |= {"sha256": hashlib.sha256(faulty.read_bytes()).hexdigest(), "isolation": score["method"]["isolation"]}
     assert score["method"] == about
     assert [(item["kind"], item["count"]) for item in score["findings"]] == [("crashed", 1)]
-    assert score["timing"]["localisation_s"]["count"] == 11
+    assert score_rows.number(score, "localisation", "n") == 11

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from cli_result import Sfr
+from score_rows import number
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "candidates.md").read_text(encoding="utf-8").partition("\n## A ROS node")[0]
@@ -38,6 +39,6 @@ def test_the_commands_on_the_page_work(drive: Path, tmp_path: Path, monkeypatch:
     assert len(lines) == 9  # among them the time on the target, by a program without this suite
     assert still["method"]["kind"] == "python"
     assert c["method"]["kind"] == "library"
-    assert still["trajectory"]["position_m"]["mean"] > 3 * c["trajectory"]["position_m"]["mean"]
-    counts = {name: part["count"] for name, part in target["target"]["timing"].items() if "count" in part}
-    assert counts == {"localisation_s": 12, "mapping_call_s": 1}
+    assert number(still, "position", "mean") > 3 * number(c, "position", "mean")
+    counts = {name: number(target, name, "n", part="target") for name in ("localisation", "mapping_call")}
+    assert counts == {"localisation": 12, "mapping_call": 1}

@@ -5,9 +5,9 @@ import pytest
 
 from sfr_loc_map.metrics import calls as module
 from sfr_loc_map.metrics.calls import (
-    HOST_CLOCK,
     AFTER_FIRST,
     FIRST,
+    HOST_CLOCK,
     METHOD_UNAVAILABLE,
     TARGET,
     CallMeter,

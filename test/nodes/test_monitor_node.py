@@ -12,6 +12,7 @@ from nav_msgs.msg import Odometry
 from peers import Capture, LocalNode, Manager
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from scenes import params, raw
+from score_rows import row
 from std_msgs.msg import Float64, String
 
 from sfr_loc_map.io import bag_messages
@@ -43,11 +44,12 @@ def test_the_monitor_scores_what_it_receives(ros: None, capfd: Capture, tmp_path
         peer.until(lambda: trajectory_of(report).get("matched") == 21, "the report")
         score = json.loads(report[-1].data)
         # 5 frames are 0.5 m; 1 % too long: 5 mm each time, without spread.
-        assert score["trajectory"]["count"] == 4
-        assert score["trajectory"]["position_m"]["mean"] == pytest.approx(0.005, abs=1e-12)
-        assert score["trajectory"]["position_m"]["sigma"] == pytest.approx(0.0, abs=1e-12)
+        position = row(score, "position")
+        assert position["n"] == 4
+        assert position["mean"] == pytest.approx(0.005, abs=1e-12)
+        assert position["sigma"] == pytest.approx(0.0, abs=1e-12)
         assert score["verdicts"][0]["verdict"] == "fail"
-        peer.until(lambda: means and means[-1].data == score["trajectory"]["position_m"]["mean"], "the figure")
+        peer.until(lambda: means and means[-1].data == position["mean"], "the figure")
 
         def verdicts() -> list[tuple[bytes, str]]:
             statuses = metrics[-1].status if metrics else []
@@ -63,7 +65,7 @@ def test_the_monitor_scores_what_it_receives(ros: None, capfd: Capture, tmp_path
         answer = peer.call("monitor_node/save")
         assert (answer.success, answer.message) == (True, str(save))
         saved = json.loads(save.read_text())
-        assert saved["trajectory"] == score["trajectory"]
+        assert saved["figures"] == score["figures"]
         assert saved["provenance"]["configuration"]["monitor"]["score.trajectory.spacing"] == 5
         assert list(saved["provenance"]["configuration"]) == ["monitor"]
         assert peer.call("monitor_node/reset").success

@@ -22,6 +22,7 @@ from peers import Capture, LocalNode, Manager, localised
 from rcl_interfaces.msg import Parameter as ParameterMsg
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from scenes import DRIVERS, MOUNT, OPTICAL, params, raw, send_infos, send_pair
+from score_rows import number
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 
@@ -241,8 +242,8 @@ def test_three_nodes_in_one_process_localise_map_and_score_for_a_manager_and_pro
             send_pair(peer, "nav", item.pair)
         peer.until(lambda: clouds and clouds[-1].width > 1000, "a cloud")
         assert clouds[-1].point_step % 4 == 0
-        for count, task in ((3, "localisation_s"), (2, "mapping_s")):
-            peer.until(lambda n=count, t=task: timing(reports).get(t, {}).get("count") == n, f"{count} of {task}")
+        for count, task in ((3, "localisation"), (2, "mapping")):
+            peer.until(lambda n=count, t=task: number(latest(reports), t, "n") == n, f"{count} of {task}")
         text = (EXAMPLES / "sfr.rviz").read_text(encoding="utf-8")
         used = {
             f"/{topic}": KINDS[name]
@@ -259,5 +260,5 @@ def test_three_nodes_in_one_process_localise_map_and_score_for_a_manager_and_pro
         take(backwards, (Transition.TRANSITION_UNCONFIGURED_SHUTDOWN, "finalized"))
 
 
-def timing(reports: list[String]) -> dict:
-    return json.loads(reports[-1].data)["timing"] if reports else {}
+def latest(reports: list[String]) -> dict:
+    return json.loads(reports[-1].data) if reports else {"figures": []}

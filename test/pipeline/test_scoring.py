@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import score_rows
 from cli_result import Sfr
 from made_scene import NAV_RIG, nav_pair, write_folder
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -52,22 +53,24 @@ def test_score_of_trajectories_in_files_and_bags_with_their_calls(tmp_path: Path
     lines = [f"{k * PERIOD_NS},0.0{k % 3 + 1},{state},1000" for k, state in enumerate(states)]
     stats.write_text("\n".join(["stamp_ns,processing_time_s,state,reason,peak_rss_bytes", *lines]) + "\n")
     score = scored(*files)
-    trajectory = score["trajectory"]
-    assert (score["schema"], set(score["provenance"]["inputs"])) == ("sfr-score/1", {"estimate", "truth"})
-    assert (trajectory["count"], trajectory["matched"], trajectory["estimate_poses"]) == (25, 300, 300)
-    assert trajectory["condition"] == {"distance_m": 5.0}
-    assert trajectory["position_m"]["mean"] == pytest.approx(0.05)
-    assert trajectory["position_m"]["sigma"] == pytest.approx(0.0, abs=1e-12)
+    figures, poses = score["figures"], score["association"]
+    assert (score["schema"], set(score["provenance"]["inputs"])) == ("sfr-score/2", {"estimate", "truth"})
+    assert (poses["matched"], poses["estimate_poses"]) == (300, 300)
+    position = score_rows.row(score, "position", condition="distance=5", part="pose")
+    assert position["n"] == 25
+    assert position["mean"] == pytest.approx(0.05)
+    assert position["sigma"] == pytest.approx(0.0, abs=1e-12)
     assert "position error over 5 m" in sfr("score", *files).out
     score = scored(*files, "--condition", "time=3", "--condition", "frames=7", "--stats", stats)
-    assert [item["condition"] for item in score["trajectory"]["conditions"]] == [{"time_s": 3.0}, {"frames": 7}]
-    assert (score["trajectory"]["lost"], score["trajectory"]["degraded"]) == (10, 3)
-    assert score["timing"]["localisation_s"]["max"] == 0.03
-    memory = score["memory"]
-    assert (memory["localisation_peak_bytes"], memory["localisation_above_idle_bytes"]) == (1000, None)
+    conditions = [item["condition"] for item in score["figures"] if item["figure"] == "chord"]
+    assert conditions == ["time=3", "frames=7"]
+    assert (score["association"]["lost"], score["association"]["degraded"]) == (10, 3)
+    assert score_rows.number(score, "lost") == pytest.approx(10 / 300)
+    assert score_rows.number(score, "localisation", "max") == 0.03
+    assert [score_rows.number(score, name, part="localisation") for name in ("peak", "above_idle")] == [1000, None]
     bags = [tmp_path / "estimate.mcap", tmp_path / "truth.db3"]
     assert [sfr("convert", *pair).code for pair in zip(files, bags, strict=True)] == [0, 0]
-    assert scored(*bags)["trajectory"] == trajectory
+    assert scored(*bags)["figures"] == figures
 
 
 def test_calls_that_cannot_be_are_refused_and_those_of_another_drive_told(
@@ -98,13 +101,13 @@ def test_a_cloud_file_without_its_kind_needs_the_option_and_one_with_it_is_not_c
     cloud = PointCloud(xyz, 0.1 * ones, ones, u, v, np.zeros(len(xyz), np.uint8), fused=False)
     save_cloud(silent, replace(cloud, fused=None))
     save_cloud(path, cloud)
-    part = scored(path, folder)["map"]
-    assert (part["pairs"], part["points"], part["coverage"]) == (1, len(xyz), 1.0)
-    assert part["point_error_m"]["mean"] == pytest.approx(0.1, abs=1e-6)
+    score = scored(path, folder)
+    assert [score_rows.number(score, name) for name in ("pairs", "points", "coverage")] == [1, len(xyz), 1.0]
+    assert score_rows.number(score, "point_error", "mean") == pytest.approx(0.1, abs=1e-6)
     assert "does not say whether it is fused: give --fused" in sfr("score", silent, folder).err
-    kinds = [scored(silent, folder, option)["map"]["cloud"] for option in ("--fused", "--not-fused")]
+    kinds = [scored(silent, folder, option)["cloud"]["kind"] for option in ("--fused", "--not-fused")]
     assert kinds == ["fused", "single pairs"]
-    assert scored(path, folder, "--not-fused")["map"]["cloud"] == "single pairs"
+    assert scored(path, folder, "--not-fused")["cloud"]["kind"] == "single pairs"
     done = sfr("score", path, folder, "--fused")
     assert (done.code, "says that it is not fused" in done.err) == (2, True)
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
+
+from sfr_loc_map.report.page import load_score
 
 _OVER_1_M = "minimum_count: 2\ntrajectory:\n  - {condition: distance=1, %s: 0.05}\n"
 LIMITS = {
@@ -15,10 +16,8 @@ LIMITS = {
 
 def error_of(figure: str, out: Path) -> float | None:
     """Return mean + 3 sigma of the error over 1 m, mm, of a map the 95th percentile, m; None where there is none."""
-    report = json.loads((out / "report.json").read_text())
+    score = load_score(out / "report.json")
     if figure == "map":
-        return None if report.get("map") is None else report["map"]["point_error_m"]["p95"]
-    drive = report["trajectory"]
-    over_1_m = next(each for each in drive.get("conditions", [drive]) if each["condition"] == {"distance_m": 1.0})
-    found = (over_1_m.get(f"{figure}_m") or {}).get("mean_plus_3sigma")
+        return score.number("point_error", "p95", part=None)
+    found = score.number(figure, "mean_plus_3sigma", condition="distance=1")
     return None if found is None else 1e3 * found

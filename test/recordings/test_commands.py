@@ -13,6 +13,7 @@ import yaml
 from cli_result import Sfr
 from drive import Drive, load_drive
 from rows import ROWS, write_rig
+from score_rows import number
 
 from sfr_loc_map.io.bag import IMAGE
 from sfr_loc_map.io.source_config import NAME
@@ -63,7 +64,7 @@ def test_what_the_doctor_fixes_every_command_accepts(sfr: Sfr, tmp_path: Path, d
         result = sfr(*words)
         assert result.code == 0, (words, result.err)
     score = ("score", tmp_path / "with" / "e.csv", made.source, "--condition", "frames=5", "--json", "-")
-    assert json.loads(sfr(*score).out)["trajectory"]["position_m"]["mean"] < 0.01
+    assert number(json.loads(sfr(*score).out), "position", "mean") < 0.01
 
 
 FORMS = {

@@ -11,8 +11,8 @@ from cli_result import Sfr
 from made_scores import HOSTILE, calls, dig, json_of, whole_score, without
 from msgspec.structs import replace
 
-from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.calls import score_target
+from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.limits import judged, parse_limits, with_verdict
 from sfr_loc_map.metrics.score import Score, Verdict
 from sfr_loc_map.report.page import load_score

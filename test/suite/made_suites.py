@@ -35,8 +35,7 @@ def results(folder: Path) -> dict[str, object]:
     scores = {}
     for path in sorted((folder / "results").glob("*.json")):
         score = json.loads(path.read_text())
-        for part in MEASURED:
-            score.pop(part, None)
+        score["figures"] = [item for item in score["figures"] if item["subject"] not in MEASURED]
         score["provenance"].pop("time")
         scores[path.stem] = score
     return scores

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from made_suites import JOB
+from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.metrics.comparison import Outcome
@@ -20,12 +21,10 @@ POSITION = "position over 1 m, m"
 
 
 def scaled(score: Score, factor: float) -> Score:
-    trajectory = score.trajectory
-    assert trajectory is not None
-    position = trajectory.first.position_m
-    assert position.mean_plus_3sigma is not None
-    larger = replace(position, mean_plus_3sigma=factor * position.mean_plus_3sigma)
-    return replace(score, trajectory=replace(trajectory, first=replace(trajectory.first, position_m=larger)))
+    position, *others = score.figures
+    assert position.figure == "position"
+    larger = struct_replace(position, mean_plus_3sigma=factor * position.mean_plus_3sigma)
+    return struct_replace(score, figures=(larger, *others))
 
 
 def summary(score: Score, factors: dict[str, float]) -> Summary:

@@ -10,7 +10,8 @@ import pytest
 from made_suites import JOB
 
 from sfr_loc_map.errors import OutputError
-from sfr_loc_map.metrics.limits import parse_limits, verdicts
+from sfr_loc_map.metrics.config import label_of
+from sfr_loc_map.metrics.limits import judged, parse_limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.suite.cluster import FailureCause
 from sfr_loc_map.suite.export import log_to_mlflow, suite_junit, write_parquet
@@ -23,7 +24,7 @@ from sfr_loc_map.suite.summary import ScoredJob, Summary, groups_of
 def summary(score: Score) -> Summary:
     limits = parse_limits({"trajectory": [{"condition": "distance=1", "position_mean_m": 1e-9}]}, "limits")
     drives = [
-        ScoredJob(replace(JOB, source=replace(JOB.source, name=name)), replace(score, verdicts=verdicts(limits, score)))
+        ScoredJob(replace(JOB, source=replace(JOB.source, name=name)), judged(score, limits))
         for name in ("first", "other")
     ]
     failed = JobFailure("k", "localise third", "third.mcap", FailureCause.TIME, "not done after 5 s")
@@ -47,13 +48,12 @@ def test_parquet_has_the_same_columns_with_and_without_results(summary: Summary,
     write_parquet(replace(summary, drives=()), tmp_path / "empty")
     full, empty = (parquet.read_table(tmp_path / name) for name in ("full", "empty"))
     assert full.schema.equals(empty.schema)
-    row = full.to_pylist()[0]
-    score = summary.drives[0].score
-    assert score.trajectory is not None
-    assert row["trajectory.position_m.mean_plus_3sigma"] == score.trajectory.first.position_m.mean_plus_3sigma
-    assert (row["trajectory.condition"], row["trajectory.matched"]) == ('{"distance_m": 1.0}', 60)
-    assert {str(full.schema.field(name).type) for name in ("trajectory.matched", "map.pairs")} == {"int64"}
-    assert row["map.coverage"] is None
+    rows, score = full.to_pylist(), summary.drives[0].score
+    assert len(rows) == 2 * len(score.figures)
+    first = next(row for row in rows if row["figure"] == "position")
+    assert first["mean_plus_3sigma"] == score.number("position", "mean_plus_3sigma")
+    assert (first["label"], first["condition"], first["part"]) == ("localise first, default", "distance=1", "pose")
+    assert (str(full.schema.field("n").type), first["value"]) == ("int64", None)
 
 
 def test_mlflow_has_the_figures_and_the_files(
@@ -66,9 +66,9 @@ def test_mlflow_has_the_figures_and_the_files(
     uri = f"file://{tmp_path}/runs"
     client = tracking.MlflowClient(uri)
     run = client.get_run(log_to_mlflow(summary, tmp_path / "out", uri))
-    group = summary.groups[0].conditions[0]
-    name = f"localise/default/{group.condition.label}/position_m/mean_plus_3sigma"
-    assert run.data.metrics[name] == pytest.approx(group.position_m.mean_plus_3sigma)
+    row = summary.groups[0].figures[0]
+    name = f"localise/default/{label_of(row.condition)}/position/mean_plus_3sigma"
+    assert run.data.metrics[name] == pytest.approx(row.mean_plus_3sigma)
     assert (run.data.metrics["failed"], run.info.status, run.data.tags["sfr.host"]) == (1.0, "FAILED", "h")
     assert [item.path for item in client.list_artifacts(run.info.run_id)] == ["suite.json"]
     monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")

@@ -48,7 +48,7 @@ def test_every_key_means_something(tmp_path: Path) -> None:
     }
     assert made.configurations == {"default": {}, "few": {"localisation.max_features": 400}, "mine": mine}
     assert made.tasks == (JobKind.LOCALISE,)
-    assert made.scoring.conditions == ("distance=5.0", "time=60.0", "frames=10.0")
+    assert made.scoring.conditions == ("distance=5", "time=60", "frames=10")
     assert (made.settings.memory_mb, made.settings.repeats) == (500, 1)
 
 

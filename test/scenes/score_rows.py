@@ -1,0 +1,19 @@
+"""Looks numbers up in the JSON of a score."""
+
+from typing import Any
+
+
+def row(score: Any, figure: str, **where: Any) -> dict[str, Any]:
+    """The first row of a figure with these values, empty without one."""
+    found = (item for item in score["figures"] if item["figure"] == figure)
+    return next((item for item in found if all(item.get(key) == value for key, value in where.items())), {})
+
+
+def number(score: Any, figure: str, statistic: str = "value", **where: Any) -> Any:
+    """One number of a figure, None where it is undefined."""
+    return row(score, figure, **where).get(statistic)
+
+
+def rows_about(score: Any, *subjects: str) -> list[dict[str, Any]]:
+    """The rows about some subjects."""
+    return [item for item in score["figures"] if item["subject"] in subjects]
