@@ -178,9 +178,7 @@ CLAUSES = (
         "three are computed, and a verdict that depends on the reading is named.",
         "pose by default; displacement, position",
     ),
-    Clause(
-        "4.1.3", "Standard deviation", "With Bessel's correction.", ("metrics/formulas.py",), "every column sigma"
-    ),
+    Clause("4.1.3", "Standard deviation", "With Bessel's correction.", ("metrics/formulas.py",), "every column sigma"),
     Clause(
         "4.2.1",
         "Timing performance, localisation",

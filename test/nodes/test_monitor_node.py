@@ -21,9 +21,9 @@ from sfr_loc_map.nodes.monitor_node import MonitorNode
 NO_TURN = np.array([0.0, 0.0, 0.0, 1.0])
 
 
-def trajectory_of(reports: list[String]) -> dict[str, Any]:
-    """Return the trajectory's part of the last report, empty where there is none."""
-    return json.loads(reports[-1].data).get("trajectory", {}) if reports else {}
+def association_of(reports: list[String]) -> dict[str, Any]:
+    """Return how the last report associates poses, empty where it does not."""
+    return json.loads(reports[-1].data).get("association") or {} if reports else {}
 
 
 def test_the_monitor_scores_what_it_receives(ros: None, capfd: Capture, tmp_path: Path) -> None:
@@ -41,7 +41,7 @@ def test_the_monitor_scores_what_it_receives(ros: None, capfd: Capture, tmp_path
                 peer.publish(
                     Odometry, topic, raw(bag_messages.odometry(START_NS + index * PERIOD_NS, position, NO_TURN))
                 )
-        peer.until(lambda: trajectory_of(report).get("matched") == 21, "the report")
+        peer.until(lambda: association_of(report).get("matched") == 21, "the report")
         score = json.loads(report[-1].data)
         # 5 frames are 0.5 m; 1 % too long: 5 mm each time, without spread.
         position = row(score, "position")
@@ -69,4 +69,4 @@ def test_the_monitor_scores_what_it_receives(ros: None, capfd: Capture, tmp_path
         assert saved["provenance"]["configuration"]["monitor"]["score.trajectory.spacing"] == 5
         assert list(saved["provenance"]["configuration"]) == ["monitor"]
         assert peer.call("monitor_node/reset").success
-        peer.until(lambda: not trajectory_of(report), "the reset")
+        peer.until(lambda: not association_of(report), "the reset")
