@@ -1,7 +1,7 @@
-"""Image pyramids and patches: cut out with their gradients, warped by the homography of their plane, compared.
+"""Image pyramids, and patches that are cut out with their gradients, warped by a homography and compared.
 
-A plane in disparity, hence in inverse depth, is one in space, so a patch around a host pixel moves into another image
-by a homography (Hartley and Zisserman 2004, section 13.1).
+Around a host pixel, inverse depth is approximated as linear in the pixel, which is a plane in space. A plane maps
+pixels of the host image to pixels of another image by a homography (Hartley and Zisserman 2004, section 13.1).
 """
 
 from __future__ import annotations
@@ -17,20 +17,21 @@ from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
 from sfr_loc_map.jit import jit_fast, jit_fast_inline, jit_fast_ir_inline
 
 SMOOTHING = cv2.getGaussianKernel(3, 0.5, cv2.CV_32F)
-"""Along rows and columns: against the errors of bilinear interpolation."""
+"""Gaussian kernel of 0.5 px along rows and columns, which reduces the errors of bilinear interpolation. Other widths:
+docs/decisions/0002-localiser.md."""
 LEVELS = 4
-"""Levels of the pyramid; level l is 2^l times smaller, its pixel centres at `u_l = (u + 0.5) / 2^l - 0.5`."""
+"""Levels of the pyramid. Level l is 2^l times smaller; its pixels are `u_l = (u + 0.5) / 2^l - 0.5`."""
 
 
 class ImageLevel(NamedTuple):
-    """One level of a pyramid as a struct for kernels."""
+    """One level of a pyramid."""
 
     image: FloatImage  #: `(H, W)` float32.
     scale: float  #: Pixels of full size per pixel, `2^l`.
 
 
 Pyramid = tuple[ImageLevel, ...]
-"""Level 0 is the image smoothed lightly, each next one the mean of 2 x 2 pixels of the one before."""
+"""Level 0 is the smoothed image. A pixel of each next level is the mean of 2 x 2 pixels of the level before."""
 
 
 def build_pyramid(image: GreyImage) -> Pyramid:
@@ -43,7 +44,8 @@ def build_pyramid(image: GreyImage) -> Pyramid:
     return tuple(ImageLevel(np.ascontiguousarray(level), 2.0**number) for number, level in enumerate(levels))
 
 
-BEHIND = -1e9  #: Pixel coordinates of what lies behind the camera.
+BEHIND = -1e9  #: Pixel coordinate of a point behind the camera.
+MIN_WARP_DEPTH = 1e-9  #: Depth times inverse depth, no unit, below which a pixel counts as behind the camera.
 
 
 class LocalPlanes(NamedTuple):
@@ -52,19 +54,22 @@ class LocalPlanes(NamedTuple):
     hosts: Poses  #: `(N,)` host cameras.
     uv: FloatArray  #: `(N, 2)` host pixels.
     inverse_depth: FloatArray  #: `(N,)` at the host pixels, 1/m.
-    slopes: FloatArray  #: `(N, 2)` its change per pixel along u and v, 1/m.
+    slopes: FloatArray  #: `(N, 2)` derivative of the inverse depth by u and v, 1/m per pixel.
 
 
 class LocalWarp(NamedTuple):
-    """A homography around a pixel: `x + (xu i + xv j) / (1 + wu i + wv j)` for a pixel (i, j) beside, y likewise."""
+    """A homography around a host pixel (u, v).
 
-    x: float  #: Where the pixel itself is; `BEHIND` behind the camera.
+    The pixel (u + i, v + j) is mapped to `x + (xu i + xv j) / (1 + wu i + wv j)`, and likewise for y.
+    """
+
+    x: float  #: Position to which the host pixel is mapped; `BEHIND` behind the camera.
     y: float
-    xu: float  #: Derivatives there; 0 behind the camera.
+    xu: float  #: Derivatives of x and y by u and v at the host pixel; 0 behind the camera.
     xv: float
     yu: float
     yv: float
-    wu: float  #: Change of the depth per pixel over the depth.
+    wu: float  #: Relative change of the depth per host pixel along u and v.
     wv: float
 
 
@@ -72,21 +77,30 @@ class LocalWarp(NamedTuple):
 def plane_homographies(target: Pose, planes: LocalPlanes, camera: StereoCamera, offset_x: float) -> FloatArray:
     """Return the homographies `(N, 3, 3)` of local planes, from host pixels to pixels of one image.
 
-    `x' ~ K (R K^-1 (u, v, 1) + t rho(u, v))` with the inverse depth `rho` linear in the host pixel. The target is the
-    left camera; the offset is the position of the image's camera along its x: 0 or the baseline, metres.
+    A host pixel of inverse depth `rho(u, v) = offset + slope_u u + slope_v v` is mapped to
+    `K (R K^-1 (u, v, 1) + t rho(u, v))`, with the rotation R and the translation t from the host to the target. The
+    target is the left camera. `offset_x` is the position of the image's camera along its x axis: 0 for the left image,
+    the baseline for the right one, metres.
     """
     fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
-    rotation, position, uv, slopes = target.rotation, target.position, planes.uv, planes.slopes
-    out = np.empty((len(uv), 3, 3))
+    rotation = target.rotation
+    position = target.position
+    uv = planes.uv
+    slopes = planes.slopes
+    homographies = np.empty((len(uv), 3, 3))
     for n in range(len(uv)):
-        h, r_wh, p_h = out[n], planes.hosts.rotations[n], planes.hosts.positions[n]
+        h = homographies[n]
+        r_wh = planes.hosts.rotations[n]
+        p_h = planes.hosts.positions[n]
         offset = planes.inverse_depth[n] - slopes[n, 0] * uv[n, 0] - slopes[n, 1] * uv[n, 1]
-        d0, d1, d2 = p_h[0] - position[0], p_h[1] - position[1], p_h[2] - position[2]
+        dx = p_h[0] - position[0]
+        dy = p_h[1] - position[1]
+        dz = p_h[2] - position[2]
         for r in range(3):
             r0 = rotation[0, r] * r_wh[0, 0] + rotation[1, r] * r_wh[1, 0] + rotation[2, r] * r_wh[2, 0]
             r1 = rotation[0, r] * r_wh[0, 1] + rotation[1, r] * r_wh[1, 1] + rotation[2, r] * r_wh[2, 1]
             r2 = rotation[0, r] * r_wh[0, 2] + rotation[1, r] * r_wh[1, 2] + rotation[2, r] * r_wh[2, 2]
-            t = rotation[0, r] * d0 + rotation[1, r] * d1 + rotation[2, r] * d2
+            t = rotation[0, r] * dx + rotation[1, r] * dy + rotation[2, r] * dz
             if r == 0:
                 t -= offset_x
             h[r, 0] = r0 / fx + t * slopes[n, 0]
@@ -95,86 +109,81 @@ def plane_homographies(target: Pose, planes: LocalPlanes, camera: StereoCamera, 
         for c in range(3):
             h[0, c] = fx * h[0, c] + cx * h[2, c]
             h[1, c] = fy * h[1, c] + cy * h[2, c]
-    return out
+    return homographies
 
 
 @jit_fast_inline
 def local_warp(h: FloatArray, u: float, v: float) -> LocalWarp:
-    """Return a homography around a pixel."""
+    """Return a homography around a host pixel."""
     w = h[2, 0] * u + h[2, 1] * v + h[2, 2]
-    if w <= 1e-9:
+    if w <= MIN_WARP_DEPTH:
         return LocalWarp(BEHIND, BEHIND, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    x, y = (h[0, 0] * u + h[0, 1] * v + h[0, 2]) / w, (h[1, 0] * u + h[1, 1] * v + h[1, 2]) / w
-    return LocalWarp(
-        x,
-        y,
-        (h[0, 0] - x * h[2, 0]) / w,
-        (h[0, 1] - x * h[2, 1]) / w,
-        (h[1, 0] - y * h[2, 0]) / w,
-        (h[1, 1] - y * h[2, 1]) / w,
-        h[2, 0] / w,
-        h[2, 1] / w,
-    )
+    x = (h[0, 0] * u + h[0, 1] * v + h[0, 2]) / w
+    y = (h[1, 0] * u + h[1, 1] * v + h[1, 2]) / w
+    xu = (h[0, 0] - x * h[2, 0]) / w
+    xv = (h[0, 1] - x * h[2, 1]) / w
+    yu = (h[1, 0] - y * h[2, 0]) / w
+    yv = (h[1, 1] - y * h[2, 1]) / w
+    return LocalWarp(x, y, xu, xv, yu, yv, h[2, 0] / w, h[2, 1] / w)
 
 
-HALF = 5  #: Half width of a patch: 11 x 11 pixels.
-SIDE = 2 * HALF + 1
-MIN_POWER = 1e-3  #: Sum of squares about the mean below which a patch has no texture, grey levels squared.
-Patch = NDArray[np.float32]  #: Values of one patch `(S * S,)` row by row, or of several; float32.
+HALF = 5  #: Half width of a patch, pixels.
+SIDE = 2 * HALF + 1  #: Side of a patch, pixels.
+MIN_POWER = 1e-3  #: Minimum power (sum of squares about the mean) of a textured patch, grey levels squared.
+Patch = NDArray[np.float32]  #: Values of one patch `(S * S,)` row by row, or of several patches; float32.
 
 
 class Templates(NamedTuple):
-    """N patches that are sought in other images, with what does not depend on the image.
+    """N patches that are tracked in other images: the part of the comparison that does not depend on the image.
 
-    A patch that is warped has other derivatives, which are sums of these two.
+    The derivatives of a warped patch are linear combinations of the two that are stored.
     """
 
-    #: `(N, 3, S * S)` float32: grey levels without their mean, and derivatives along x and y of the host image without
-    #: their mean and without what a change of contrast explains.
+    #: `(N, 3, S * S)` float32: grey levels without their mean; derivatives along x and y of the host image, without
+    #: their mean and orthogonal to the grey levels, because a change of contrast explains the parallel part.
     values: Patch
-    #: `(N, 6)`: sum of the squared grey levels; what a change of contrast explains of the two derivatives, as factors
-    #: of the grey levels; sums of products xx, xy, yy of the derivatives that are left.
+    #: `(N, 6)`: power of the grey levels; factors of the grey levels in the parallel parts of the derivatives along x
+    #: and y; sums of products xx, xy, yy of the orthogonal parts.
     moments: FloatArray
 
 
 class PatchPixels(NamedTuple):
-    """Pixels of a patch from its centre, `(S * S,)` float32: columns and rows in the host; x, y in another image."""
+    """Pixels of a patch relative to its centre, `(S * S,)` float32."""
 
-    columns: Patch
+    columns: Patch  #: In the host image.
     rows: Patch
-    x: Patch
+    x: Patch  #: In another image.
     y: Patch
 
 
 class WarpedNormal(NamedTuple):
-    """Products xx, xy, yy of the derivatives of a warped patch, and the matrix b that takes the host's to the target.
-
-    That is the inverse transpose of the warp's derivative.
-    """
+    """Normal matrix of a warped patch in the target image: sums of products of its derivatives."""
 
     xx: float
     xy: float
     yy: float
-    b00: float
+    b00: float  #: Inverse transpose of the warp's derivative, which takes derivatives in the host to the target.
     b01: float
     b10: float
     b11: float
 
 
 class Products(NamedTuple):
-    """Of samples without their mean: sum of squares, and of products with a template and its x and y derivatives."""
+    """Comparison of samples, without their mean, with a template."""
 
-    power: np.float32
-    grey: np.float32
-    x: np.float32
-    y: np.float32
+    power: np.float32  #: Sum of the squared samples.
+    grey: np.float32  #: Sum of products with the grey levels of the template.
+    x: np.float32  #: Sum of products with the derivative along x.
+    y: np.float32  #: Sum of products with the derivative along y.
 
 
 @jit_fast_ir_inline
 def sample(image: FloatImage, x: float | np.float32, y: float | np.float32) -> np.float32:
-    """Return the bilinear value of an image at a position that is known to lie inside it."""
-    # unsigned: for a signed index each read would test whether it counts from the end
-    left, above, one = np.uintp(np.int32(x)), np.uintp(np.int32(y)), np.uintp(1)
+    """Return an image at a position inside it by bilinear interpolation."""
+    # Unsigned indices: with a signed index each read would test for a count from the end.
+    left = np.uintp(np.int32(x))
+    above = np.uintp(np.int32(y))
+    one = np.uintp(1)
     fx = np.float32(x - np.int32(x))
     fy = np.float32(y - np.int32(y))
     top: np.float32 = image[above, left] + fx * (image[above, left + one] - image[above, left])
@@ -191,33 +200,35 @@ def half_width(size: int) -> int:
 
 @jit_fast
 def cut_patches(image: FloatImage, uv: FloatArray, half: int) -> Patch:
-    """Cut patches `(N, 3, S * S)`: grey levels and their derivatives along x and y, grey levels per pixel.
+    """Cut patches `(N, 3, S * S)`: grey levels, and their central differences along x and y, grey levels per pixel.
 
-    Their centres `(N, 2)`, pixels, are at least half + 2 from the border.
+    The distance of the centres `(N, 2)`, pixels, from the border is at least half + 2.
     """
     side = 2 * half + 1
-    out = np.empty((len(uv), 3, side * side), np.float32)
+    patches = np.empty((len(uv), 3, side * side), np.float32)
     grid = np.empty((side + 2, side + 2), np.float32)
     for n in range(len(uv)):
-        x, y = uv[n, 0] - half - 1, uv[n, 1] - half - 1
-        column, row = int(x), int(y)
-        whole = column == x and row == y  # as in all keyframes: nothing to interpolate
+        x = uv[n, 0] - half - 1
+        y = uv[n, 1] - half - 1
+        column = int(x)
+        row = int(y)
+        is_whole_pixel = column == x and row == y  # as in keyframes: nothing to interpolate
         for j in range(side + 2):
             for i in range(side + 2):
-                grid[j, i] = image[row + j, column + i] if whole else sample(image, x + i, y + j)
+                grid[j, i] = image[row + j, column + i] if is_whole_pixel else sample(image, x + i, y + j)
         k = 0
         for j in range(1, side + 1):
             for i in range(1, side + 1):
-                out[n, 0, k] = grid[j, i]
-                out[n, 1, k] = np.float32(0.5) * (grid[j, i + 1] - grid[j, i - 1])
-                out[n, 2, k] = np.float32(0.5) * (grid[j + 1, i] - grid[j - 1, i])
+                patches[n, 0, k] = grid[j, i]
+                patches[n, 1, k] = np.float32(0.5) * (grid[j, i + 1] - grid[j, i - 1])
+                patches[n, 2, k] = np.float32(0.5) * (grid[j + 1, i] - grid[j - 1, i])
                 k += 1
-    return out
+    return patches
 
 
 @jit_fast_ir_inline
 def normalise(values: Patch) -> np.float32:
-    """Subtract the mean from values in place; return the sum of their squares."""
+    """Subtract the mean from values in place; return their power, the sum of their squares."""
     mean = np.float32(0.0)
     for k in range(values.size):
         mean += values[k]
@@ -231,24 +242,31 @@ def normalise(values: Patch) -> np.float32:
 
 @jit_fast_inline
 def patch_pixels(size: int) -> PatchPixels:
-    """Return the pixels of a patch of a size; x and y are to be filled."""
+    """Return the pixels of a patch of `size` pixels; x and y are to be filled."""
     half = half_width(size)
-    columns, rows = np.empty(size, np.float32), np.empty(size, np.float32)
+    columns = np.empty(size, np.float32)
+    rows = np.empty(size, np.float32)
     k = 0
     for j in range(-half, half + 1):
         for i in range(-half, half + 1):
-            columns[k], rows[k] = i, j
+            columns[k] = i
+            rows[k] = j
             k += 1
     return PatchPixels(columns, rows, np.empty(size, np.float32), np.empty(size, np.float32))
 
 
 @jit_fast_inline
 def warp_pixels(pixels: PatchPixels, by: LocalWarp) -> None:
-    """Fill x and y: how far from the warped centre the warped pixels are, all in front of the camera."""
-    xu, xv, yu, yv = np.float32(by.xu), np.float32(by.xv), np.float32(by.yu), np.float32(by.yv)
-    wu, wv = np.float32(by.wu), np.float32(by.wv)
+    """Fill x and y with the warped pixels, relative to the warped centre. All lie in front of the camera."""
+    xu = np.float32(by.xu)
+    xv = np.float32(by.xv)
+    yu = np.float32(by.yu)
+    yv = np.float32(by.yv)
+    wu = np.float32(by.wu)
+    wv = np.float32(by.wv)
     for k in range(pixels.x.size):
-        i, j = pixels.columns[k], pixels.rows[k]
+        i = pixels.columns[k]
+        j = pixels.rows[k]
         scale = np.float32(1.0) / max(np.float32(1.0) + wu * i + wv * j, np.float32(1e-6))
         pixels.x[k] = scale * (xu * i + xv * j)
         pixels.y[k] = scale * (yu * i + yv * j)
@@ -256,38 +274,63 @@ def warp_pixels(pixels: PatchPixels, by: LocalWarp) -> None:
 
 @jit_fast_inline
 def warped_normal(by: LocalWarp, det: float, xx: float, xy: float, yy: float) -> WarpedNormal:
-    """Take products of derivatives in the host to the target; `det` is the determinant of the warp, not 0."""
-    b00, b01, b10, b11 = by.yv / det, -by.yu / det, -by.xv / det, by.xu / det
-    px, py, qx, qy = b00 * xx + b01 * xy, b00 * xy + b01 * yy, b10 * xx + b11 * xy, b10 * xy + b11 * yy
-    return WarpedNormal(px * b00 + py * b01, px * b10 + py * b11, qx * b10 + qy * b11, b00, b01, b10, b11)
+    """Return the normal matrix `B N B^T` in the target, from that in the host.
+
+    N is given by xx, xy, yy. B is the inverse transpose of the warp's derivative, whose determinant `det` is not 0.
+    """
+    b00 = by.yv / det
+    b01 = -by.yu / det
+    b10 = -by.xv / det
+    b11 = by.xu / det
+    bn00 = b00 * xx + b01 * xy
+    bn01 = b00 * xy + b01 * yy
+    bn10 = b10 * xx + b11 * xy
+    bn11 = b10 * xy + b11 * yy
+    warped_xx = bn00 * b00 + bn01 * b01
+    warped_xy = bn00 * b10 + bn01 * b11
+    warped_yy = bn10 * b10 + bn11 * b11
+    return WarpedNormal(warped_xx, warped_xy, warped_yy, b00, b01, b10, b11)
 
 
 @jit_fast
 def templates_of(patches: Patch) -> Templates:
-    """Return the templates of patches `(N, 3, S * S)` of `cut_patches`, which become their values."""
-    values, moments = patches, np.zeros((len(patches), 6))
+    """Return the templates of patches `(N, 3, S * S)` of `cut_patches`, which are changed and become their values.
+
+    The moments of a patch without texture are 0.
+    """
+    values = patches
+    moments = np.zeros((len(patches), 6))
     for n in range(len(patches)):
-        grey, dx, dy = values[n, 0], values[n, 1], values[n, 2]
+        grey = values[n, 0]
+        dx = values[n, 1]
+        dy = values[n, 2]
         power = normalise(grey)
         normalise(dx)
         normalise(dy)
         if power < MIN_POWER:
             continue
-        x, y = np.float32(0.0), np.float32(0.0)
+        contrast_x = np.float32(0.0)
+        contrast_y = np.float32(0.0)
         for k in range(grey.size):
-            x += grey[k] * dx[k]
-            y += grey[k] * dy[k]
-        x /= power
-        y /= power
-        xx, xy, yy = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+            contrast_x += grey[k] * dx[k]
+            contrast_y += grey[k] * dy[k]
+        contrast_x /= power
+        contrast_y /= power
+        xx = np.float32(0.0)
+        xy = np.float32(0.0)
+        yy = np.float32(0.0)
         for k in range(grey.size):
-            dx[k] -= x * grey[k]
-            dy[k] -= y * grey[k]
+            dx[k] -= contrast_x * grey[k]
+            dy[k] -= contrast_y * grey[k]
             xx += dx[k] * dx[k]
             xy += dx[k] * dy[k]
             yy += dy[k] * dy[k]
-        out = moments[n]
-        out[0], out[1], out[2], out[3], out[4], out[5] = power, x, y, xx, xy, yy
+        moments[n, 0] = power
+        moments[n, 1] = contrast_x
+        moments[n, 2] = contrast_y
+        moments[n, 3] = xx
+        moments[n, 4] = xy
+        moments[n, 5] = yy
     return Templates(values, moments)
 
 
@@ -295,19 +338,24 @@ def templates_of(patches: Patch) -> Templates:
 def products_with_samples(
     image: FloatImage, x: Patch, y: Patch, shift_x: np.float32, shift_y: np.float32, template: Patch
 ) -> Products:
-    """Compare an image with a template `(3, S * S)` at positions `(S * S,)`, shifted, all inside the image.
+    """Compare an image with a template `(3, S * S)` at shifted positions `(S * S,)`, all inside the image.
 
-    Samples are not stored: memory that may be the image's would keep the loop from being vector code.
+    Samples are not stored, because the compiler does not vectorise a loop that writes to memory which may be the
+    image's.
     """
-    # as the template has no mean that of the samples need not be known before; one of them keeps the sums small
+    # The template has no mean, so the mean of the samples is not needed. One sample is subtracted to keep sums small.
     level = sample(image, x[0] + shift_x, y[0] + shift_y)
-    total, squares = np.float32(0.0), np.float32(0.0)
-    of_grey, of_x, of_y = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    total = np.float32(0.0)
+    squares = np.float32(0.0)
+    with_grey = np.float32(0.0)
+    with_x = np.float32(0.0)
+    with_y = np.float32(0.0)
     for k in range(x.size):
         value = sample(image, x[k] + shift_x, y[k] + shift_y) - level
         total += value
         squares += value * value
-        of_grey += template[0, k] * value
-        of_x += template[1, k] * value
-        of_y += template[2, k] * value
-    return Products(squares - total * total / np.float32(x.size), of_grey, of_x, of_y)
+        with_grey += template[0, k] * value
+        with_x += template[1, k] * value
+        with_y += template[2, k] * value
+    power = squares - total * total / np.float32(x.size)
+    return Products(power, with_grey, with_x, with_y)

@@ -1,9 +1,9 @@
-"""Patches that are warped by their local plane and tracked by least squares.
+"""Tracking of patches: each is warped by its local plane, then its shift is estimated by least squares.
 
-A patch is warped from its host image by the homography of its plane. Only the remaining shift is then estimated, by
-Gauss-Newton on the difference of the two patches, each normalised to the same mean and contrast (Lucas and Kanade
-1981; Baker and Matthews 2004). Its derivatives in the target are those in the host, multiplied by the inverse
-transpose of the warp's derivative, so their products follow from those of the template.
+A patch is warped from its host image by the homography of its plane. Only the remaining shift is estimated, by
+Gauss-Newton on the difference of the two patches, both normalised to the same mean and contrast (Lucas and Kanade
+1981). As in the inverse compositional method (Baker and Matthews 2004, section 3.2), the derivatives are those of the
+template: multiplied by the inverse transpose of the warp's derivative, they are the derivatives in the target.
 """
 
 from __future__ import annotations
@@ -27,29 +27,56 @@ from sfr_loc_map.localisation.frontend.patch import (
     warped_normal,
 )
 
-MIN_DETERMINANT = 0.05  #: Smallest area to which a warp may shrink a pixel, pixels.
-MAX_SPAN_PX = 60.0  #: Largest extent of a warped patch, pixels.
-MAX_DEPTH_CHANGE = 0.99  #: Largest change of the depth from the centre of a patch to a corner, over the depth.
-MAX_STEP_PX = 1.5  #: Largest step of one iteration.
-CONVERGED_PX, FINISHED_PX = 0.03, 0.01
-"""Last step of a track that has converged, and the step below which no further iteration follows."""
+MIN_DETERMINANT = 0.05  #: Minimum determinant of a warp: the area, px^2, that a pixel of the host covers.
+MAX_SPAN_PX = 60.0  #: Maximum extent of a warped patch, pixels.
+MAX_DEPTH_CHANGE = 0.99  #: Maximum relative change of the depth from the centre of a patch to a corner.
+MIN_TEXTURE_RATIO = 1e-6  #: Minimum determinant of a normal matrix over its squared trace: texture in two directions.
+MAX_STEP_PX = 1.5  #: Maximum step of one iteration, pixels.
+CONVERGED_PX = 0.03  #: Maximum last step of a track that has converged, pixels.
+FINISHED_PX = 0.01  #: Step below which no further iteration follows, pixels.
 
 
 class PatchTracks(NamedTuple):
-    """Tracks of N patches in an image; NaN where one left the image, has no texture, did not converge, or differs."""
+    """Tracks of N patches in an image.
+
+    A row is NaN if the patch left the image, has no texture, did not converge, or has too low a correlation.
+    """
 
     uv: FloatArray  #: `(N, 2)` position of the patch centre, pixels.
-    covariance: FloatArray  #: `(N, 3)` uu, uv, vv of that position for a noise of one grey level, px^2.
-    residual: FloatArray  #: `(N,)` RMS, grey levels of the patch.
+    covariance: FloatArray  #: `(N, 3)` uu, uv, vv of the position at a noise of one grey level, px^2.
+    residual: FloatArray  #: `(N,)` RMS, grey levels of the template.
     correlation: FloatArray  #: `(N,)` normalised cross-correlation with the image.
 
 
 class TrackingLimits(NamedTuple):
-    """What a track has to keep."""
+    """Limits of a track."""
 
-    max_shift: float  #: Largest accepted shift, pixels.
-    iterations: int  #: Most Gauss-Newton iterations.
-    min_correlation: float  #: Smallest accepted correlation.
+    max_shift: float  #: Maximum shift, pixels.
+    iterations: int  #: Maximum number of Gauss-Newton iterations.
+    min_correlation: float  #: Minimum normalised cross-correlation.
+
+
+class _Box(NamedTuple):
+    """Bounding box of a warped patch in the image, pixels."""
+
+    left: float
+    right: float
+    top: float
+    bottom: float
+
+
+@jit_fast_inline
+def _bounding_box(warped: LocalWarp, pixels: PatchPixels, half: int) -> _Box:
+    """Return the bounding box of a warped patch from its corners."""
+    x = pixels.x
+    y = pixels.y
+    side = 2 * half
+    last = x.size - 1
+    left = warped.x + min(x[0], x[side], x[last - side], x[last])
+    right = warped.x + max(x[0], x[side], x[last - side], x[last])
+    top = warped.y + min(y[0], y[side], y[last - side], y[last])
+    bottom = warped.y + max(y[0], y[side], y[last - side], y[last])
+    return _Box(left, right, top, bottom)
 
 
 @jit_fast_inline
@@ -62,68 +89,77 @@ def _track(
     limits: TrackingLimits,
     tracks: PatchTracks,
 ) -> None:
-    """Estimate the shift of a warped patch by Gauss-Newton; fill its track if there is one."""
-    template, moments, half = templates.values[n], templates.moments[n], half_width(pixels.x.size)
-    power, det = moments[0], warped.xu * warped.yv - warped.xv * warped.yu
-    # what is in front of the camera at its corners lies between them
-    if abs(det) < MIN_DETERMINANT or power == 0.0 or half * (abs(warped.wu) + abs(warped.wv)) > MAX_DEPTH_CHANGE:
+    """Estimate the shift of a warped patch by Gauss-Newton; fill its track if it converges."""
+    template = templates.values[n]
+    moments = templates.moments[n]
+    half = half_width(pixels.x.size)
+    power = moments[0]
+    determinant = warped.xu * warped.yv - warped.xv * warped.yu
+    # If the corners are in front of the camera, all pixels between them are.
+    is_in_front = half * (abs(warped.wu) + abs(warped.wv)) <= MAX_DEPTH_CHANGE
+    if abs(determinant) < MIN_DETERMINANT or power == 0.0 or not is_in_front:
         return
-    normal = warped_normal(warped, det, moments[3], moments[4], moments[5])
-    det = normal.xx * normal.yy - normal.xy * normal.xy
-    if det <= 1e-6 * (normal.xx + normal.yy) ** 2:
+    normal = warped_normal(warped, determinant, moments[3], moments[4], moments[5])
+    normal_determinant = normal.xx * normal.yy - normal.xy * normal.xy
+    if normal_determinant <= MIN_TEXTURE_RATIO * (normal.xx + normal.yy) ** 2:
         return
     warp_pixels(pixels, warped)
-    # the corners span the patch
-    x, y, side, last = pixels.x, pixels.y, 2 * half, pixels.x.size - 1
-    low_x = warped.x + min(x[0], x[side], x[last - side], x[last])
-    high_x = warped.x + max(x[0], x[side], x[last - side], x[last])
-    low_y = warped.y + min(y[0], y[side], y[last - side], y[last])
-    high_y = warped.y + max(y[0], y[side], y[last - side], y[last])
-    if high_x - low_x > MAX_SPAN_PX or high_y - low_y > MAX_SPAN_PX:
+    box = _bounding_box(warped, pixels, half)
+    if box.right - box.left > MAX_SPAN_PX or box.bottom - box.top > MAX_SPAN_PX:
         return
     height, width = image.shape
-    sx, sy, residual, correlation = 0.0, 0.0, 0.0, -1.0
+    shift_x = 0.0
+    shift_y = 0.0
+    residual = 0.0
+    correlation = -1.0
     converged = False
     for _ in range(limits.iterations):
         converged = False
-        if max(abs(sx), abs(sy)) > limits.max_shift or low_x + sx < 0.0 or low_y + sy < 0.0:
+        if max(abs(shift_x), abs(shift_y)) > limits.max_shift or box.left + shift_x < 0.0 or box.top + shift_y < 0.0:
             break
-        if high_x + sx >= width - 1.001 or high_y + sy >= height - 1.001:
+        if box.right + shift_x >= width - 1.001 or box.bottom + shift_y >= height - 1.001:
             break
-        found = products_with_samples(image, x, y, np.float32(warped.x + sx), np.float32(warped.y + sy), template)
-        if found.power < MIN_POWER:
+        centre_x = np.float32(warped.x + shift_x)
+        centre_y = np.float32(warped.y + shift_y)
+        products = products_with_samples(image, pixels.x, pixels.y, centre_x, centre_y, template)
+        if products.power < MIN_POWER:
             break
-        # the derivatives are orthogonal to the template, so only the target enters
-        gain = np.sqrt(power / found.power)
-        bx = gain * (normal.b00 * found.x + normal.b01 * found.y)
-        by = gain * (normal.b10 * found.x + normal.b11 * found.y)
-        correlation = found.grey / np.sqrt(power * found.power)
+        # The derivatives are orthogonal to the template's grey levels, so only the target enters the right-hand side.
+        gain = np.sqrt(power / products.power)
+        rhs_x = gain * (normal.b00 * products.x + normal.b01 * products.y)
+        rhs_y = gain * (normal.b10 * products.x + normal.b11 * products.y)
+        correlation = products.grey / np.sqrt(power * products.power)
         residual = np.sqrt(max(2.0 * power * (1.0 - correlation), 0.0) / pixels.x.size)
-        dx, dy = (normal.yy * bx - normal.xy * by) / det, (normal.xx * by - normal.xy * bx) / det
-        step = max(abs(dx), abs(dy))
+        step_x = (normal.yy * rhs_x - normal.xy * rhs_y) / normal_determinant
+        step_y = (normal.xx * rhs_y - normal.xy * rhs_x) / normal_determinant
+        step = max(abs(step_x), abs(step_y))
         limit = MAX_STEP_PX / step if step > MAX_STEP_PX else 1.0
-        sx -= limit * dx
-        sy -= limit * dy
+        shift_x -= limit * step_x
+        shift_y -= limit * step_y
         converged = step < CONVERGED_PX
         if step < FINISHED_PX:
             break
     if converged and correlation >= limits.min_correlation:
-        cov = tracks.covariance[n]
-        cov[0], cov[1], cov[2] = normal.yy / det, -normal.xy / det, normal.xx / det
-        tracks.uv[n, 0], tracks.uv[n, 1] = warped.x + sx, warped.y + sy
-        tracks.residual[n], tracks.correlation[n] = residual, correlation
+        covariance = tracks.covariance[n]
+        covariance[0] = normal.yy / normal_determinant
+        covariance[1] = -normal.xy / normal_determinant
+        covariance[2] = normal.xx / normal_determinant
+        tracks.uv[n, 0] = warped.x + shift_x
+        tracks.uv[n, 1] = warped.y + shift_y
+        tracks.residual[n] = residual
+        tracks.correlation[n] = correlation
 
 
 @jit_fast
 def track_patches(
     image: FloatImage, templates: Templates, host_uv: FloatArray, homographies: FloatArray, limits: TrackingLimits
 ) -> PatchTracks:
-    """Find patches in an image, from their host pixels `(N, 2)` and homographies `(N, 3, 3)` from host to target."""
-    count, size = len(host_uv), templates.values.shape[2]
-    tracks = PatchTracks(
-        np.full((count, 2), np.nan), np.full((count, 3), np.nan), np.full(count, np.nan), np.full(count, np.nan)
-    )
-    pixels = patch_pixels(size)
+    """Track patches in an image, from host pixels `(N, 2)` and homographies `(N, 3, 3)` from the host to the image."""
+    count = len(host_uv)
+    uv = np.full((count, 2), np.nan)
+    covariance = np.full((count, 3), np.nan)
+    tracks = PatchTracks(uv, covariance, np.full(count, np.nan), np.full(count, np.nan))
+    pixels = patch_pixels(templates.values.shape[2])
     for n in range(count):
         warped = local_warp(homographies[n], host_uv[n, 0], host_uv[n, 1])
         _track(image, templates, n, warped, pixels, limits, tracks)
