@@ -1,4 +1,7 @@
-"""Work shared by two threads: left and right image, or two halves of many points. Results do not depend on timing."""
+"""Work shared by two threads: left and right image, or two halves of many points. Results do not depend on timing.
+
+The functions release the interpreter's lock (`nogil` kernels, OpenCV), so that both threads run.
+"""
 
 from __future__ import annotations
 
@@ -10,38 +13,45 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import cache
 from queue import SimpleQueue
-from typing import Any, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 
-FEWEST = 64  #: Points from which on a second thread is worth its start.
-_core = getattr(ctypes.CDLL(None), "sched_getcpu", None)
+MIN_POINTS = 64  #: Minimum number of points that are divided between threads: fewer take less time than the hand-over.
+BACKGROUND = ThreadPoolExecutor(max_workers=1, thread_name_prefix="keyframe")
+"""Thread of keyframes, which may itself share its work by `both`; started with the first task."""
 R = TypeVar("R")
 Rows = TypeVar("Rows", bound=FloatArray | tuple[FloatArray, ...])
 """An array with a row for each point, or a `NamedTuple` of such arrays."""
-BACKGROUND = ThreadPoolExecutor(max_workers=1, thread_name_prefix="keyframe")
-"""Does keyframe work, which may itself share its parts between threads; the thread starts with the first work."""
-_Task = tuple[Callable[..., Any], tuple[Any, ...], SimpleQueue[Any]]
+_current_core = getattr(ctypes.CDLL(None), "sched_getcpu", None)  #: Core of the calling thread; None on macOS.
+
+
+class _Task(NamedTuple):
+    """A call for the second thread, and the queue for its result or its exception."""
+
+    function: Callable[..., Any]
+    arguments: tuple[Any, ...]
+    done: SimpleQueue[Any]
 
 
 @cache
 def _second_thread() -> tuple[SimpleQueue[_Task], int]:
-    """Return the tasks of a thread that works beside its caller, and its number.
+    """Return the tasks of a thread that works beside its caller, and the number of the thread.
 
-    A pool with its futures takes five times as long to hand work over and back.
+    The hand-over with a `ThreadPoolExecutor` and its futures takes five times as long.
     """
     tasks: SimpleQueue[_Task] = SimpleQueue()
 
     def work() -> None:
         while True:
-            function, arguments, done = tasks.get()
+            task = tasks.get()
             try:
-                done.put(function(*arguments))
+                task.done.put(task.function(*task.arguments))
             except BaseException as error:
-                done.put(error)
-            del function, arguments, done  # images are not kept until the next task
+                task.done.put(error)
+            del task  # so that images are freed before the next task
 
     thread = threading.Thread(target=work, name="right", daemon=True)
     thread.start()
@@ -49,38 +59,52 @@ def _second_thread() -> tuple[SimpleQueue[_Task], int]:
 
 
 def both(function: Callable[..., R], left: tuple[Any, ...], right: tuple[Any, ...]) -> tuple[R, R]:
-    """Return the results of a function that lets go of the interpreter's lock, for left and right arguments.
-
-    A scheduler may leave a thread that it wakes on the core of the one that woke it, and behind it, for milliseconds:
-    longer than the work takes. So the second thread is kept off this one's core.
-    """
+    """Return the results of a function for left and right arguments; the right call runs in the second thread."""
     tasks, thread = _second_thread()
-    others = os.sched_getaffinity(0) - {_core()} if _core else set()
+    _keep_off_this_core(thread)
+    done: SimpleQueue[R | BaseException] = SimpleQueue()
+    tasks.put(_Task(function, right, done))
+    left_result = function(*left)
+    right_result = done.get()
+    if isinstance(right_result, BaseException):
+        raise right_result
+    return left_result, right_result
+
+
+def _keep_off_this_core(thread: int) -> None:
+    """Restrict a thread to the other cores.
+
+    A scheduler may leave a thread that it wakes on the core of the waking thread, and behind it, for milliseconds. That
+    is longer than the work takes.
+    """
+    if _current_core is None:
+        return
+    others = os.sched_getaffinity(0) - {_current_core()}
     if others and os.sched_getaffinity(thread) != others:
         with suppress(OSError):  # a container may forbid it
             os.sched_setaffinity(thread, others)
-    done: SimpleQueue[R | BaseException] = SimpleQueue()
-    tasks.put((function, right, done))
-    result, other = function(*left), done.get()
-    if isinstance(other, BaseException):
-        raise other
-    return result, other
 
 
 def in_halves(function: Callable[..., Rows], *points: Any) -> Rows:  # noqa: ANN401 - any arrays
     """Return `function(*points)`, rows for each point, from two calls with half of the points each.
 
-    The function lets go of the interpreter's lock, and a point's row depends on that point alone; points are arrays
-    with a row for each, or named tuples of such arrays.
+    The row of a point depends on that point alone. Points are arrays with a row for each point, or named tuples of such
+    arrays.
     """
     count = len(points[0][0]) if isinstance(points[0], tuple) else len(points[0])
-    if count < FEWEST:
+    if count < MIN_POINTS:
         return function(*points)
-    first, second = (
-        tuple(type(a)(*(x[half] for x in a)) if isinstance(a, tuple) else a[half] for a in points)
-        for half in (slice(count // 2), slice(count // 2, None))
-    )
+    middle = count // 2
+    first = tuple(_rows(array, slice(middle)) for array in points)
+    second = tuple(_rows(array, slice(middle, None)) for array in points)
     halves = both(function, first, second)
     if isinstance(halves[0], tuple):
         return type(halves[0])(*map(np.concatenate, zip(*halves, strict=True)))
     return cast(Rows, np.concatenate(halves))
+
+
+def _rows(array: Any, chosen: slice) -> Any:  # noqa: ANN401 - an array, or a named tuple of arrays
+    """Return some rows of an array, or of each array of a named tuple."""
+    if isinstance(array, tuple):
+        return type(array)(*(part[chosen] for part in array))
+    return array[chosen]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import ConfigError, GeometryError
-from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
+from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, Mask, median
 from sfr_loc_map.geometry.plausibility import check_image_size
 from sfr_loc_map.geometry.small_linalg import copy_row
 from sfr_loc_map.geometry.stereo import StereoRig
@@ -18,42 +18,52 @@ from sfr_loc_map.inputs import read_bytes
 from sfr_loc_map.jit import jit, jit_fast
 from sfr_loc_map.localisation.parallel import both
 
-BLOCK = 7  #: Side of the neighbourhood over which the gradients of a corner are summed, pixels.
-MAX_MASK_BYTES = 64_000_000
-_PNG_HEAD = re.compile(rb"\x89PNG\r\n\x1a\n.{4}IHDR(.{4})(.{4})", re.DOTALL)
-"""Signature, and the header that comes first: width and height (ISO/IEC 15948, 11.2.2)."""
+BLOCK = 7  #: Side of the neighbourhood over which the gradient matrix of a corner is summed, pixels.
+MIN_CELL_PX = 8  #: Minimum side of a cell of the grid, pixels.
+MIN_DISTANCE_RATIO = 0.6  #: Minimum distance of a new corner from landmarks, over the side of a cell.
+MIN_STRENGTH_RATIO = 0.04  #: Minimum strength of a corner over the median: the strongest pixel of a flat cell is noise.
+MAX_MASK_BYTES = 64_000_000  #: Maximum size of the file of a mask.
+_PNG_HEADER = re.compile(rb"\x89PNG\r\n\x1a\n.{4}IHDR(.{4})(.{4})", re.DOTALL)
+"""Signature, and the first chunk with width and height (ISO/IEC 15948, 11.2.2)."""
 
 
 def find_corners(
     image: FloatImage, occupied: FloatArray, wanted: int, border: int, mask: NDArray[np.uint8] | None = None
 ) -> FloatArray:
-    """Return new corners `(N, 2)`, whole pixels, the strongest first: one for each wanted cell without a landmark yet.
+    """Return new corners `(N, 2)`, whole pixels, the strongest first: at most one for each cell of a grid.
 
-    The strength is the smaller eigenvalue of the gradient matrix (Shi and Tomasi 1994). Landmarks occupy pixels
-    `(M, 2)`; no corner is taken within a border, pixels, or where the mask `(H, W)` is 0.
+    The strength of a corner is the smaller eigenvalue of the gradient matrix (Shi and Tomasi 1994).
+
+    Args:
+        image: Image, `(H, W)`.
+        occupied: `(M, 2)` pixels of existing landmarks, near which no corner is returned.
+        wanted: Approximate number of cells.
+        border: Width of the border without corners, pixels.
+        mask: `(H, W)`; corners are not returned where the mask is 0.
     """
-    strength, middle = np.zeros_like(image), len(image) // 2
+    strength = np.zeros_like(image)
+    middle = len(image) // 2
     both(_fill_strength, (image, strength, 0, middle), (image, strength, middle, len(image)))
     if mask is not None:
         strength[mask == 0] = 0.0
     height, width = image.shape
-    side = max(8, int(np.sqrt(height * width / wanted)))
-    best = _strongest(strength, side, border)
-    distance = 0.6 * side
+    side = max(MIN_CELL_PX, int(np.sqrt(height * width / wanted)))
+    corners = _strongest(strength, side, border)
+    distance = MIN_DISTANCE_RATIO * side
     by_row = np.ascontiguousarray(occupied[np.argsort(occupied[:, 1])])
-    best = best[_far(best, by_row, np.searchsorted(by_row[:, 1], best[:, 1] - distance), distance)]
-    if not len(best):
+    first = np.searchsorted(by_row[:, 1], corners[:, 1] - distance)
+    corners = corners[_is_far(corners, by_row, first, distance)]
+    if not len(corners):
         return np.zeros((0, 2))
-    # the strongest corner of a cell without texture is noise: a small share of the median strength is required
-    floor = 0.04 * np.median(best[:, 2])
-    best = best[best[:, 2] > floor]
-    return np.ascontiguousarray(best[np.argsort(-best[:, 2], kind="stable"), :2])
+    corners = corners[corners[:, 2] > MIN_STRENGTH_RATIO * median(corners[:, 2])]
+    return np.ascontiguousarray(corners[np.argsort(-corners[:, 2], kind="stable"), :2])
 
 
 def load_mask(path: str, rig: StereoRig) -> NDArray[np.uint8] | None:
-    """Read a mask image `(H, W)` of a rig, None for an empty path; corners stay a patch's width from where it is 0.
+    """Read the mask `(H, W)` of a rig; None for an empty path.
 
-    Raises ConfigError if it cannot be read or has another size.
+    The masked region, where the mask is 0, is enlarged by the block of a corner. Raises ConfigError if the file cannot
+    be read or the mask has another size than the images.
     """
     if not path:
         return None
@@ -65,10 +75,10 @@ def load_mask(path: str, rig: StereoRig) -> NDArray[np.uint8] | None:
 
 
 def read_mask(path: str) -> NDArray[np.uint8]:
-    """Read the image `(H, W)` of a mask, of whatever size; raises ConfigError if it cannot be read."""
+    """Read the image `(H, W)` of a mask of any size; raises ConfigError if it cannot be read."""
     try:
         data = read_bytes(Path(path), MAX_MASK_BYTES)
-        head = _PNG_HEAD.match(data)
+        head = _PNG_HEADER.match(data)
         if head is None:
             raise ConfigError(f"mask '{path}': no PNG; give a grey PNG of the size of the images")
         check_image_size(int.from_bytes(head[1], "big"), int.from_bytes(head[2], "big"))
@@ -83,66 +93,83 @@ def read_mask(path: str) -> NDArray[np.uint8]:
 
 @jit_fast
 def _fill_strength(image: FloatImage, strength: FloatImage, first: int, end: int) -> None:
-    """Fill rows of the strength: gradients by Sobel's filter, their products summed over the block."""
+    """Fill rows of the strength: products of Sobel gradients are summed over the block around each pixel.
+
+    The products of the last `BLOCK` rows are kept in a ring, so that each row is computed once.
+    """
     height, width = image.shape
     reach = BLOCK // 2
-    products = np.zeros((3, BLOCK, width), np.float32)  # xx, xy, yy of the last rows, one after the other
-    sums = np.empty((3, width), np.float32)
-    across = np.empty((3, width), np.float32)
-    two, half = np.float32(2.0), np.float32(0.5)
+    products = np.zeros((3, BLOCK, width), np.float32)  # xx, xy, yy of the last rows
+    column_sums = np.empty((3, width), np.float32)
+    block_sums = np.empty((3, width), np.float32)
+    two = np.float32(2.0)
+    half = np.float32(0.5)
     for row in range(max(first - reach, 1), min(end + reach, height - 1)):
-        xx, xy, yy = products[0, row % BLOCK], products[1, row % BLOCK], products[2, row % BLOCK]
-        above, here, below = image[row - 1], image[row], image[row + 1]
+        place = row % BLOCK
+        xx = products[0, place]
+        xy = products[1, place]
+        yy = products[2, place]
+        above = image[row - 1]
+        here = image[row]
+        below = image[row + 1]
         for x in range(1, width - 1):
             dx = above[x + 1] - above[x - 1] + two * (here[x + 1] - here[x - 1]) + below[x + 1] - below[x - 1]
             dy = below[x - 1] - above[x - 1] + two * (below[x] - above[x]) + below[x + 1] - above[x + 1]
-            xx[x], xy[x], yy[x] = dx * dx, dx * dy, dy * dy
+            xx[x] = dx * dx
+            xy[x] = dx * dy
+            yy[x] = dy * dy
         centre = row - reach
         if centre < max(first, 1 + reach):
             continue
         for c in range(3):
-            copy_row(products[c, 0], sums[c])
+            copy_row(products[c, 0], column_sums[c])
             for k in range(1, BLOCK):
                 for x in range(width):
-                    sums[c, x] += products[c, k, x]
-            across[c] = 0.0
+                    column_sums[c, x] += products[c, k, x]
+            block_sums[c] = 0.0
             for k in range(-reach, reach + 1):
                 for x in range(reach, width - reach):
-                    across[c, x] += sums[c, x + k]
+                    block_sums[c, x] += column_sums[c, x + k]
         out = strength[centre]
         for x in range(reach + 1, width - reach - 1):
-            mean, split = half * (across[0, x] + across[2, x]), half * (across[0, x] - across[2, x])
-            out[x] = mean - np.sqrt(split * split + across[1, x] * across[1, x])
+            mean = half * (block_sums[0, x] + block_sums[2, x])
+            split = half * (block_sums[0, x] - block_sums[2, x])
+            out[x] = mean - np.sqrt(split * split + block_sums[1, x] * block_sums[1, x])
 
 
 @jit
 def _strongest(strength: FloatImage, side: int, border: int) -> FloatArray:
+    """Return the strongest pixel of each cell of a side, `(N, 3)` u, v, strength, for cells with positive strength."""
     height, width = strength.shape
-    rows, columns = -(-height // side), -(-width // side)
+    rows = -(-height // side)
+    columns = -(-width // side)
     best = np.zeros((rows * columns, 3))
     for row in range(rows):
         for column in range(columns):
-            cell = row * columns + column
+            cell = best[row * columns + column]
             for y in range(max(border, row * side), min(height - border, row * side + side)):
                 for x in range(max(border, column * side), min(width - border, column * side + side)):
-                    if strength[y, x] > best[cell, 2]:
-                        best[cell, 0], best[cell, 1], best[cell, 2] = x, y, strength[y, x]
+                    if strength[y, x] > cell[2]:
+                        cell[0] = x
+                        cell[1] = y
+                        cell[2] = strength[y, x]
     return best[best[:, 2] > 0.0]
 
 
 @jit
-def _far(found: FloatArray, by_row: FloatArray, first: NDArray[np.intp], distance: float) -> NDArray[np.bool_]:
-    """Tell which of found points `(N, 3)` are at least so far from occupied ones `(M, 2)`, in the order of their rows.
+def _is_far(corners: FloatArray, by_row: FloatArray, first: NDArray[np.intp], distance: float) -> Mask:
+    """Tell which corners `(N, 3)` are at least a distance away from points `(M, 2)` in the order of their rows.
 
-    Those before `first` `(N,)` are too far above.
+    The points before `first` `(N,)` are too far above the corner.
     """
-    far = np.ones(len(found), np.bool_)
-    for n in range(len(found)):
+    is_far = np.ones(len(corners), np.bool_)
+    for n in range(len(corners)):
         for m in range(first[n], len(by_row)):
-            du, dv = found[n, 0] - by_row[m, 0], found[n, 1] - by_row[m, 1]
+            du = corners[n, 0] - by_row[m, 0]
+            dv = corners[n, 1] - by_row[m, 1]
             if dv <= -distance:
                 break
             if du * du + dv * dv < distance * distance:
-                far[n] = False
+                is_far[n] = False
                 break
-    return far
+    return is_far

@@ -1,6 +1,6 @@
 """Projection of a landmark into the images of a stereo pair, with its Jacobians.
 
-A landmark is a pixel (u, v) of its host image with an inverse depth rho (Civera et al. 2008, section II). With its host
+A landmark is a pixel (u, v) of its host image with an inverse depth rho (Civera et al. 2008). With its host
 ray `r = K^-1 (u, v, 1)`, the pose `R_wh, p_h` of the host camera and the pose `R_wc, p_c` of the target camera, the
 vector from the target camera to the landmark, multiplied by rho, is
 

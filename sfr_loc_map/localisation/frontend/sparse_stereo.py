@@ -414,7 +414,7 @@ class _Neighbours(NamedTuple):
     """Nearest points of N corners among the corners themselves and M known points, which follow them."""
 
     distance: FloatArray  #: `(N, k)` pixels, nearest first.
-    index: NDArray[np.intp]  #: `(N, k)`.
+    numbers: NDArray[np.intp]  #: `(N, k)`.
 
 
 def match_corners(
@@ -460,7 +460,7 @@ def match_corners(
     good &= (tracks.correlation > MIN_NCC) & (disparity > MIN_DISPARITY_PX) & (np.abs(vertical) < MAX_VERTICAL_PX)
     if right_mask is not None:
         good &= _is_free(right_mask, np.where(good[:, None], tracks.uv, 0.0))
-    matched = Templates(*(array[good] for array in templates))
+    matched = Templates(templates.values[good], templates.moments[good])
     covariance = tracks.covariance[good]
     return StereoMatches(uv[good], tracks.uv[good], covariance, tracks.residual[good], slope[good], matched)
 
@@ -532,7 +532,7 @@ def _slopes(
     support = np.concatenate((np.column_stack((uv, disparity)), known))
     usable = np.concatenate((good, np.ones(len(known), np.bool_)))
     fit = partial(_fit_slopes, support=support, usable=usable)
-    return in_halves(fit, uv, disparity, neighbours.index, neighbours.distance)
+    return in_halves(fit, uv, disparity, neighbours.numbers, neighbours.distance)
 
 
 @jit_fast
