@@ -1,4 +1,4 @@
-"""Frozen and torn images: with new noise, of two exposures, or of one that was never shown."""
+"""Guards: the table of findings, and stale images (frozen, with new noise, partially transferred)."""
 
 from __future__ import annotations
 
@@ -11,8 +11,21 @@ from made_scene import HEIGHT, true_pose
 
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.localisation.estimate import StateReason, TrackingState
+from sfr_loc_map.localisation.guards import RULES, Action, Finding, decide
 
 DRIVE = drive(16)
+
+
+def test_each_finding_has_a_rule_and_what_keeps_or_loses_a_pair_wins_over_what_degrades_it() -> None:
+    assert set(RULES) == set(Finding)
+    for finding, rule in RULES.items():
+        assert decide({finding}) == (rule.action, rule.reason, rule.is_late)
+        for other, second in RULES.items():
+            verdict = decide({finding, other})
+            assert verdict.is_late == (rule.is_late or second.is_late)
+            if second.action is Action.DEGRADE and rule.action is not Action.DEGRADE:
+                assert verdict[:2] == rule[:2]
+    assert decide(set()) == (Action.ACCEPT, None, False)
 
 
 def torn(new: StereoPair, old: StereoPair, row: int) -> StereoPair:

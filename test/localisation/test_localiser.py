@@ -279,6 +279,29 @@ def test_images_that_are_no_stereo_pair_are_lost_and_begin_no_window(fault: str)
     assert [estimate.state.value for estimate in run([mixed(DRIVE[0]), DRIVE[1]])] == ["lost", "degraded"]
 
 
+@pytest.mark.parametrize("fault", ["swapped", "identical", "black", "repeated"])
+def test_a_refused_pair_leaves_behind_the_memories_of_the_guards_alone(fault: str) -> None:
+    by, index = localiser(), 12
+    run(DRIVE[:index], by)
+    while by._pending is not None:  # the next call shall have no keyframe to wait for
+        by.process(DRIVE[index])
+        index += 1
+    before, last, pair = by._state, DRIVE[index - 1], DRIVE[index]
+    refused = {
+        "swapped": replace(pair, left=pair.right, right=pair.left),
+        "identical": replace(pair, right=pair.left),
+        "black": black(index),
+        "repeated": replace(last, stamp_ns=pair.stamp_ns),
+    }[fault]
+    estimate = by.process(refused)
+    assert estimate.state is not TrackingState.TRACKING
+    after = by._state
+    for name in ("landmark_map", "calibration", "shear", "keyframes"):
+        assert getattr(after, name) is getattr(before, name), name
+    assert after.path.history == before.path.history
+    assert after.path.motion.T_world_left is before.path.motion.T_world_left
+
+
 # ---- poses that cannot be
 
 
