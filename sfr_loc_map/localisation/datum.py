@@ -14,7 +14,7 @@ from typing import NamedTuple
 from sfr_loc_map.geometry.transform import Transform, interpolated
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.localisation.estimate import StartPose
-from sfr_loc_map.localisation.uncertainty import Ambiguity, DisparityBias, LocatedCovariance
+from sfr_loc_map.localisation.uncertainty import DirectedError, DisparityBias, LocatedCovariance
 
 HISTORY_PAIRS = 1000  #: Number of past pairs to which a pose from outside can be applied.
 MAX_AHEAD_NS = 10 * NS_PER_S
@@ -42,7 +42,7 @@ class Datum:
     """Place of the world in DS."""
 
     T_ds_world: Transform  #: Takes points in the world to DS.
-    placed: StartPose  #: Pose from outside by which the world was placed at its last pose.
+    placed: StartPose  #: Pose from outside that defined `T_ds_world` last.
     pending: PendingPose | None = None  #: Pose from outside that is not applied yet.
     has_pairs: bool = False  #: Whether a pair has arrived.
 
@@ -52,11 +52,11 @@ class PastPose(NamedTuple):
 
     stamp_ns: int
     T_world_left: Transform
-    has_predecessor: bool  #: Whether the pair before was tracked.
+    was_known: bool  #: Whether the pose before was not lost.
     window: int  #: Number of its window.
     in_window: LocatedCovariance  #: Covariance of the pose in its window.
     bias: DisparityBias  #: Path integrals up to it.
-    ambiguity: Ambiguity  #: Sum of the ambiguous motions up to it.
+    directed: DirectedError  #: Sum of the directed errors up to it.
 
 
 class History(NamedTuple):
@@ -76,7 +76,8 @@ class History(NamedTuple):
     def at(self, stamp_ns: int) -> tuple[PastPose, float]:
         """Return the pose at a stamp that is not after the last pose, and the time between it and the stamp, s.
 
-        The pose is interpolated between two pairs that were both tracked; otherwise the nearest pose is returned.
+        The pose is interpolated between two pairs if the pose of the earlier one was known; otherwise the nearest pose
+        is returned. The errors are those of the later pair. Stamps increase.
         """
         after = bisect_left(self.poses, stamp_ns, key=lambda pose: pose.stamp_ns)
         later = self.poses[after]
@@ -85,7 +86,7 @@ class History(NamedTuple):
         if after == 0:
             return later, (later.stamp_ns - stamp_ns) / NS_PER_S
         earlier = self.poses[after - 1]
-        if later.has_predecessor:
+        if later.was_known:
             fraction = (stamp_ns - earlier.stamp_ns) / (later.stamp_ns - earlier.stamp_ns)
             between = interpolated(earlier.T_world_left, later.T_world_left, fraction)
             return later._replace(stamp_ns=stamp_ns, T_world_left=between), 0.0

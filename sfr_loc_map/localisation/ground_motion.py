@@ -1,28 +1,33 @@
-"""Which of the motions in the images is the ground's; what follows another motion is excluded while it lasts.
+"""Selection of the ground's motion among the rigid motions in an image; everything else is excluded while it lasts.
 
 The landmarks that a pose does not explain are searched for a second rigid motion. The ground's motion is the one that
 more landmarks follow and that continues the motion before. The landmarks and image cells of the other motion (own body,
-dirt on the lens, moving objects) are excluded. If the two cannot be told apart, the pose is ambiguous.
+dirt on the lens, moving objects) are excluded. If the evidence does not separate the two, the pose is ambiguous.
 
 The ground is identified by its motion. Until a single rigid motion has explained several moving image pairs (phase
 `LEARNING`), a pose that leaves changed image cells unexplained is contradicted, and two competing motions are
 ambiguous.
 
-`GroundSelector.select` follows this table of cases, from top to bottom:
+A motion is *contradicted* if many cells changed that it does not move. It is *unusual* if more landmarks than usual do
+not follow it. `GroundSelector._decide` goes through this table from top to bottom; the first row that applies decides:
 
-| case | condition | result |
+| motion | and | result |
 |---|---|---|
-| own body | the motion is untrusted, wrong, or unusual, and the other landmarks follow a second one | second motion |
-| untrusted | too few landmarks agree on a pose | the tracks as they are |
-| contradicted | changed cells contradict the motion, and there is no second one | the last pose is kept |
-| two motions | changed cells contradict the motion, or it is unusual, and there is a second one | `_choose` |
-| partial transfer | unusual, after a partially transferred pair, or no second motion explains the rest | late |
-| one motion | otherwise | the tracks; what is fixed to the camera is excluded |
+| contradicted, untrusted, or unusual and not known | the other landmarks follow a second motion | own body excluded |
+| untrusted | | the tracks as they are: the localiser is lost |
+| contradicted | no second motion, or that is contradicted, too | the last pose is kept |
+| contradicted | a second motion | `_choose` |
+| unusual | the pair before was partially transferred | partial transfer |
+| unusual | a second motion that differs | `_choose` |
+| unusual | nearly half of the landmarks are unexplained | partial transfer |
+| otherwise | | one motion; what is fixed to the camera is excluded |
+
+`_choose` takes the motion with more evidence. It returns a partial transfer if one motion is a standstill, and an
+ambiguous pose if the evidence is not clear or the ground is not known.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum, auto
 from operator import attrgetter
@@ -49,65 +54,62 @@ from sfr_loc_map.localisation.frontend.landmarks import ALIGNED_LANDMARKS, Landm
 from sfr_loc_map.localisation.frontend.pose_solver import RightOffset
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks
 from sfr_loc_map.localisation.guards import Finding
+from sfr_loc_map.localisation.motion_model import Guesses
 from sfr_loc_map.localisation.relocalisation import References, Relocaliser
-from sfr_loc_map.localisation.uncertainty import Ambiguity
+from sfr_loc_map.localisation.uncertainty import DirectedError
+
+# The thresholds were chosen on rendered drives with injected faults (docs/decisions/0002-localiser.md), so that clean
+# drives have no findings and no error of a faulty drive exceeds five times its stated 3 sigma without one.
 
 # ---- a second motion
 
-MIN_AGREEMENT = 0.3  #: Fraction of the unexplained landmarks that a second motion must explain.
-CONVINCING = 0.6  #: The same fraction from which it is accepted in any case, and not searched for by optical flow.
-MIN_DIFFERENCE_PX = 1.0  #: Image motion between two poses that are different motions, px,
-MIN_DIFFERENCE_RATIO = (
-    0.05  #: and as a ratio to the image motion itself: some landmarks agree on a slightly wrong pose.
-)
-OLD_WEIGHT = 3.0  #: Evidence of a landmark that is older than the newest keyframe.
+MIN_AGREEMENT = 0.3  #: Minimum fraction of the unexplained landmarks that a second motion explains.
+CONVINCING = 0.6  #: Fraction of the unexplained landmarks from which a second motion is accepted without further tests.
+MIN_DIFFERENCE_PX = 1.0  #: Minimum image motion between two poses that are different motions, px.
+MIN_DIFFERENCE_RATIO = 0.05  #: Minimum of the same as a ratio to the image motion of the first pose.
+OLD_WEIGHT = 3.0  #: Evidence of a landmark that is older than the newest keyframe; a newer one has 1.
 EXPECTED_WEIGHT = 1.5  #: Factor on the evidence of a motion that continues the one before.
-CLEAR_RATIO = 1.4  #: Ratio of the evidence of two motions from which the ground's is known.
+CLEAR_RATIO = 1.4  #: Minimum ratio of the evidence for two motions that makes one of them the ground's.
+RETRY_RATIO = 1.4  #: Minimum ratio of inliers by which a second refinement replaces the first one.
 
-# ---- unusual pairs
+# ---- unusual and contradicted motions
 
-MIN_UNEXPLAINED = 0.12  #: Fraction of unexplained landmarks, above the typical one, from which a pair is unusual.
-MAX_UNEXPLAINED = 0.47  #: Fraction of unexplained landmarks from which a pair is unusual in any case.
+MIN_UNEXPLAINED = 0.12  #: Fraction of unexplained landmarks, above the typical one, from which a motion is unusual.
+MAX_UNEXPLAINED = 0.47  #: Fraction of unexplained landmarks from which a motion is unusual in any case.
 TYPICAL_FACTOR = 1.25  #: Factor on the typical fraction of unexplained landmarks.
-RISING_GAIN = 0.1  #: Gain of the typical fraction for a pair with a larger fraction,
-FALLING_GAIN = 0.5  #: and for a pair with a smaller one.
-MAX_WRONG_LEARNING = 0.05  #: Fraction of cells that may contradict a pose while the ground is learnt,
-MAX_WRONG_KNOWN = 0.4  #: and when it is known.
-MIN_FIXED = 12  #: Minimum number of landmarks that are taken as fixed to the camera.
+RISING_GAIN = 0.1  #: Gain of the typical fraction for a pair with a larger fraction.
+FALLING_GAIN = 0.5  #: Gain of the typical fraction for a pair with a smaller fraction.
+MAX_WRONG_UNKNOWN = 0.05  #: Maximum fraction of cells that contradict a motion while the ground is not known.
+MAX_WRONG_KNOWN = 0.4  #: Maximum fraction of cells that contradict the motion of a known ground.
+MIN_FIXED = 12  #: Minimum number of landmarks on static texture that may be the own body.
+MAX_MOVING = 0.12  #: Fraction of excluded moving cells from which a pair is not explained by one motion.
 
 # ---- phases
 
 LEARNING_PAIRS = 3  #: Moving pairs that one motion must explain before it is the ground's.
-SETTLING_PAIRS = 3  #: Consistent pairs needed to recover after a contradicted pose.
-AMBIGUOUS_PAIRS = 10  #: Consistent pairs needed to recover after two competing motions.
+SHORT_DOUBT_PAIRS = 3  #: Agreeing pairs that end the doubt about a ground that was known.
+LONG_DOUBT_PAIRS = 10  #: Agreeing pairs that end the doubt about a ground that was not known.
+SETTLING_PAIRS = 3  #: Moving pairs that stay degraded after a contradicted or ambiguous pose.
+STALE_SETTLING_PAIRS = 10  #: Moving pairs that stay degraded after a mostly stale image.
+MOSTLY_STALE = 0.5  #: Fraction of stale rows from which an image is mostly stale: later images may be entirely stale.
 AFTER_TRANSFER = 0.5  #: Factor on `MIN_UNEXPLAINED` after a partially transferred pair.
-MOSTLY_STALE = 0.5  #: Fraction of stale rows above which the next pairs may look like the one before.
-MAX_TRANSFERS = 10  #: Consecutive pairs that may be partially transferred: what lasts longer is something else.
+MAX_TRANSFERS = 10  #: Maximum number of consecutive pairs that are taken as partially transferred.
 
 # ---- reference image
 
-REFERENCE_PX = 3.0  #: Image motion that shows what is fixed to the camera; the reference image is then replaced.
-REFERENCE_PAIRS = 10  #: Pairs after which the reference image is replaced, however slow the motion.
+REFERENCE_PX = 3.0  #: Image motion, px, that shows what is fixed to the camera; the reference image is then replaced.
+REFERENCE_PAIRS = 10  #: Number of compared pairs after which the reference image is replaced, however slow the motion.
 FAR_RATIO = 0.06  #: Image motion per pair, fraction of the width, above which a landmark may not be found again.
 
+AT_LEAST_UNOBSERVED = DirectedError(0.0, 0.0)  #: Ambiguity of unknown size: the motion since the last pose counts.
 NO_ROWS = np.zeros(0, np.intp)
 
 
 class Prediction(NamedTuple):
-    """Initial guesses of the left camera's pose, and the offset of the right camera."""
+    """What is expected of a pair."""
 
-    poses: Sequence[Pose]  #: Constant velocity, standstill, and others.
-    offset: RightOffset
-
-    @property
-    def expected(self) -> Pose:
-        """Pose at constant velocity."""
-        return self.poses[0]
-
-    @property
-    def standstill(self) -> Pose:
-        """Last pose."""
-        return self.poses[1]
+    guesses: Guesses  #: Initial guesses of the left camera's pose.
+    offset: RightOffset  #: Offset of the right camera.
 
 
 class Phase(Enum):
@@ -126,6 +128,8 @@ class Confidence(NamedTuple):
 
     def agreed(self) -> Confidence:
         """Return the confidence after a moving pair that one motion explained."""
+        if self.phase is Phase.KNOWN:
+            return self
         if self.phase is Phase.IN_DOUBT:
             return Confidence(Phase.IN_DOUBT, self.pairs - 1) if self.pairs > 1 else Confidence()
         pairs = self.pairs + 1
@@ -141,8 +145,8 @@ class Confidence(NamedTuple):
         A known ground recovers soon; doubt about a ground that was being learnt lasts longer.
         """
         was_known = self.phase is Phase.KNOWN
-        recovers = self.phase is Phase.IN_DOUBT and self.pairs <= SETTLING_PAIRS
-        return Confidence(Phase.IN_DOUBT, SETTLING_PAIRS if was_known or recovers else AMBIGUOUS_PAIRS)
+        recovers = self.phase is Phase.IN_DOUBT and self.pairs <= SHORT_DOUBT_PAIRS
+        return Confidence(Phase.IN_DOUBT, SHORT_DOUBT_PAIRS if was_known or recovers else LONG_DOUBT_PAIRS)
 
 
 class Reference(NamedTuple):
@@ -150,19 +154,19 @@ class Reference(NamedTuple):
 
     image: FloatImage  #: Pyramid level `LEVEL` of a left image.
     pose: Pose  #: Pose of the left camera there.
-    age: int = 0  #: Number of pairs since.
+    age: int = 0  #: Number of pairs that were compared with it.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundMemory:
-    """What is remembered from pair to pair, whether their poses are accepted or not."""
+    """What is remembered from pair to pair. A refused pair leaves it behind, too, except for the reference image."""
 
     excluded: ExcludedCells  #: Cells that do not move with the ground.
     contradicting: Mask  #: `(R, C)` cells that contradicted a motion since the ground is in doubt.
-    reference: Reference | None = None  #: None before the first window.
+    reference: Reference | None = None  #: Image of an accepted pose; None before the first window.
     confidence: Confidence = Confidence()
     transfers: int = 0  #: Number of consecutive partially transferred pairs.
-    settling: int = 0  #: Consistent pairs that are still needed after a contradicted pose.
+    settling: int = 0  #: Number of moving pairs that are still degraded after a doubtful one.
     typical: float | None = None  #: Typical fraction of unexplained landmarks; None before the first pair.
 
     @classmethod
@@ -187,11 +191,8 @@ class GroundMemory:
         )
 
     def after_stale_rows(self, stale: Mask) -> GroundMemory:
-        """Return the memory after a pair with stale rows `(H,)`: the pairs after it may have some, too.
-
-        If most rows are stale, each of the next images may look like the one before as a whole.
-        """
-        return replace(self, transfers=1, settling=AMBIGUOUS_PAIRS if stale.mean() > MOSTLY_STALE else 1)
+        """Return the memory after a pair with stale rows `(H,)`: later pairs may have stale parts, too."""
+        return replace(self, transfers=1, settling=STALE_SETTLING_PAIRS if stale.mean() > MOSTLY_STALE else 1)
 
     def doubted(self, cells: Mask) -> GroundMemory:
         """Return the memory after it became unknown which motion is the ground's; cells `(R, C)` contradict it."""
@@ -206,9 +207,14 @@ class Ground(NamedTuple):
     tracks: Tracks  #: Tracks that follow it.
     memory: GroundMemory  #: Memory for the next pair.
     findings: frozenset[Finding] = frozenset()
-    dynamic: NDArray[np.intp] = NO_ROWS  #: `(N,)` rows in the window of landmarks that follow another motion.
-    ambiguity: Ambiguity | None = None  #: How far the pose may be another one; None if it is unambiguous.
+    not_ground: NDArray[np.intp] = NO_ROWS  #: `(N,)` rows in the window of landmarks that do not move with the ground.
+    ambiguity: DirectedError | None = None  #: How far the pose may be another one; None if it is unambiguous.
     is_second: bool = False  #: Whether the tracks follow another motion than the first tracks.
+    reference: Reference | None = None  #: Reference image for the next pair, if the pose is accepted.
+
+    def accepted(self) -> GroundMemory:
+        """Return the memory after the pose of the pair was accepted."""
+        return self.memory if self.reference is None else replace(self.memory, reference=self.reference)
 
     def plus(self, *findings: Finding) -> Ground:
         """Return the ground with further findings."""
@@ -250,11 +256,9 @@ class GroundSelector:
         change = change_of(reference.image, image)
         pair = _Pair(frame, prediction, references, change, reference.pose, far_px)
         judged = self._judge(pair, first)
-        if (
-            first.is_trusted and judged.share > MIN_UNEXPLAINED
-        ):  # a pose from few landmarks may show where the others are
+        if first.is_trusted and judged.share > MIN_UNEXPLAINED:  # retry all landmarks from this pose
             again = self._tracker.refine(frame, first.landmarks, first.pose, prediction.offset)
-            if again.inlier_count > CLEAR_RATIO * first.inlier_count:
+            if again.inlier_count > RETRY_RATIO * first.inlier_count:
                 first = again
                 judged = self._judge(pair, again)
         ground = self._decide(pair, first, judged, memory)
@@ -263,15 +267,15 @@ class GroundSelector:
     def _remember(
         self, ground: Ground, judged: Judged, image: FloatImage, reference: Reference, change: Change
     ) -> Ground:
-        """Update the memory after the decision: excluded cells, settling pairs and reference image."""
+        """Update the memory after the decision: excluded cells, settling pairs, and the reference image for later."""
         memory = ground.memory
         excluded = memory.excluded
-        if excluded.mask is not None or len(ground.dynamic):
+        if excluded.mask is not None or len(ground.not_ground):
             excluded = excluded.after_pair(change.stays, self._shape)
-        is_accepted = Finding.CONTRADICTED not in ground.findings
+        is_contradicted = Finding.CONTRADICTED in ground.findings
         is_complete = Finding.PARTIAL_TRANSFER not in ground.findings
         settling = memory.settling
-        if not is_accepted or ground.ambiguity is not None:
+        if is_contradicted or ground.ambiguity is not None:
             settling = max(settling, SETTLING_PAIRS)
         elif not is_complete:
             settling = max(settling, min(memory.transfers, SETTLING_PAIRS))
@@ -280,26 +284,27 @@ class GroundSelector:
             if settling > 0:
                 ground = ground.plus(Finding.UNSETTLED)
         is_replaced = judged.far > REFERENCE_PX or ground.is_second or reference.age > REFERENCE_PAIRS
-        if ground.tracks.is_trusted and is_accepted and is_complete and is_replaced:
-            reference = Reference(image, ground.tracks.pose)
-        return ground._replace(memory=replace(memory, excluded=excluded, settling=settling, reference=reference))
+        return ground._replace(
+            memory=replace(memory, excluded=excluded, settling=settling, reference=reference),
+            reference=Reference(image, ground.tracks.pose) if is_replaced and is_complete else reference,
+        )
 
     # ---- the table of cases
 
     def _decide(self, pair: _Pair, first: Tracks, judged: Judged, memory: GroundMemory) -> Ground:
         """Go through the cases."""
         is_known = memory.confidence.phase is Phase.KNOWN
-        is_wrong = judged.wrong > (MAX_WRONG_KNOWN if is_known else MAX_WRONG_LEARNING)
+        is_wrong = judged.wrong > (MAX_WRONG_KNOWN if is_known else MAX_WRONG_UNKNOWN)
         is_usual = _is_usual(judged.share, memory)
-        if (is_wrong or not first.is_trusted or not (is_known or is_usual)) and (
-            body := self._own_body(pair, first, judged, memory)
-        ):
-            return body
+        if is_wrong or not first.is_trusted or not (is_known or is_usual):
+            outside_body = self._outside_body(pair, first, judged, memory)
+            if outside_body is not None:
+                return outside_body
         if not first.is_trusted:
             return Ground(first, memory)
         if is_wrong:
             second = self._search(pair, first.landmarks.subset(judged.rest))
-            if second is None or self._judge(pair, second).wrong > MAX_WRONG_LEARNING:
+            if second is None or self._judge(pair, second).wrong > MAX_WRONG_UNKNOWN:
                 doubted = memory.doubted(self._unexplained_cells(judged))
                 return Ground(first, doubted).plus(Finding.CONTRADICTED)
             return self._choose(pair, first, second, judged, memory)
@@ -313,10 +318,10 @@ class GroundSelector:
                 return _partial_transfer(first, memory)
         return self._one_motion(first, judged, memory, is_usual=is_usual)
 
-    def _own_body(self, pair: _Pair, first: Tracks, judged: Judged, memory: GroundMemory) -> Ground | None:
-        """Return the motion of the landmarks beside the texture that stays, which is then the own body; None if none.
+    def _outside_body(self, pair: _Pair, first: Tracks, judged: Judged, memory: GroundMemory) -> Ground | None:
+        """Return the motion of the landmarks outside static texture, if they follow one; None otherwise.
 
-        Texture that stays although the rover moves is fixed to the camera rather than the ground.
+        That texture is then taken to be the rover's own body.
         """
         if np.count_nonzero(judged.stays) < MIN_FIXED:
             return None
@@ -326,48 +331,45 @@ class GroundSelector:
         if first.is_trusted and self._image_motion(pair, second, first.pose) < MIN_DIFFERENCE_PX:
             return None
         by_second = self._judge(pair, second)
-        if by_second.wrong >= MAX_WRONG_LEARNING:
+        if by_second.wrong >= MAX_WRONG_UNKNOWN:
             return None
         return self._second_wins(pair, first, second, judged.stays, by_second.cells, memory)
 
     def _one_motion(self, first: Tracks, judged: Judged, memory: GroundMemory, *, is_usual: bool) -> Ground:
-        """Return the only motion, without what is fixed to the camera, and learn what is typical of the ground."""
+        """Return the only motion, without what is fixed to the camera."""
         was_known = memory.confidence.phase is Phase.KNOWN
-        was_in_doubt = memory.confidence.phase is Phase.IN_DOUBT
-        memory = replace(memory, transfers=0)
-        if is_usual if was_known else not was_in_doubt:  # what is learnt in doubt would be typical of the doubt
-            typical = judged.share if memory.typical is None else memory.typical
-            more = judged.share - typical
-            gain = RISING_GAIN if more > 0.0 else FALLING_GAIN
-            memory = replace(memory, typical=typical + gain * more)
-        if not was_known and judged.far > MOVED_PX:
-            is_covered = not was_in_doubt or self._covers_doubt(first, judged, memory)
-            if memory.excluded.moving_fraction < MIN_UNEXPLAINED and is_covered:
-                memory = replace(memory, confidence=memory.confidence.agreed())
-            elif was_in_doubt and not is_usual:
-                memory = memory.doubted(self._unexplained_cells(judged))
-            else:
-                memory = replace(memory, confidence=memory.confidence.interrupted())
+        memory = _with_typical(replace(memory, transfers=0), judged.share, is_usual=is_usual)
+        memory = self._with_confidence(memory, first, judged, is_usual=is_usual)
         if judged.cells.any():
             memory = replace(memory, excluded=memory.excluded.with_cells(judged.cells, np.zeros_like(judged.cells)))
-        findings = set()
+        ground = Ground(first, memory, not_ground=first.landmarks.index[judged.fixed])
         if was_known and not is_usual:
-            findings.add(Finding.UNEXPLAINED)
-        ambiguity = None
+            ground = ground.plus(Finding.UNEXPLAINED)
         if judged.share >= MAX_UNEXPLAINED or memory.confidence.phase is Phase.IN_DOUBT:
-            ambiguity = Ambiguity(0.0, 0.0)
-            findings.add(Finding.AMBIGUOUS)
-        dynamic = first.landmarks.index[judged.fixed]
-        return Ground(first, memory, frozenset(findings), dynamic, ambiguity)
+            ground = ground._replace(ambiguity=AT_LEAST_UNOBSERVED).plus(Finding.AMBIGUOUS)
+        return ground
+
+    def _with_confidence(self, memory: GroundMemory, first: Tracks, judged: Judged, *, is_usual: bool) -> GroundMemory:
+        """Return the memory with the confidence after a pair of one motion; a stationary pair shows nothing."""
+        confidence = memory.confidence
+        if confidence.phase is Phase.KNOWN or judged.far <= MOVED_PX:
+            return memory
+        is_in_doubt = confidence.phase is Phase.IN_DOUBT
+        is_covered = not is_in_doubt or self._covers_doubt(first, judged, memory)
+        if memory.excluded.moving_fraction < MAX_MOVING and is_covered:
+            return replace(memory, confidence=confidence.agreed())
+        if is_in_doubt and not is_usual:
+            return memory.doubted(self._unexplained_cells(judged))
+        return replace(memory, confidence=confidence.interrupted())
 
     def _choose(self, pair: _Pair, first: Tracks, second: Tracks, judged: Judged, memory: GroundMemory) -> Ground:
         """Return the one of two motions that has more evidence; it is ambiguous if the evidence is not clear.
 
         The second motion explains the landmarks that the first one does not.
         """
-        standstill = pair.prediction.standstill
+        standstill = pair.prediction.guesses.standstill
         slower_px = min(self._image_motion(pair, tracks, standstill) for tracks in (first, second))
-        if memory.transfers < MAX_TRANSFERS and slower_px < MIN_DIFFERENCE_PX:  # a part is of the pair before
+        if memory.transfers < MAX_TRANSFERS and slower_px < MIN_DIFFERENCE_PX:  # a part of the image is stale
             return _partial_transfer(first, memory)
         ratio = self._evidence(pair, first, second) / self._evidence(pair, second, first)
         first_wins = ratio >= 1.0
@@ -386,27 +388,30 @@ class GroundSelector:
         follows_second = np.zeros(len(judged.rest), np.bool_)
         follows_second[np.flatnonzero(judged.rest)[second.inliers]] = True
         if not first_wins:
-            dynamic = first.inliers & ~follows_second
-            return self._second_wins(pair, first, second, dynamic, self._cells(judged.cell[dynamic]), memory)
+            follows_first = first.inliers & ~follows_second
+            cells = self._cells(judged.cell[follows_first])
+            return self._second_wins(pair, first, second, follows_first, cells, memory)
         moving = self._cells(self._judge(pair, second).cell[second.inliers])
         excluded = memory.excluded.with_cells(judged.cells, moving & ~judged.cells)
-        dynamic_rows = first.landmarks.index[follows_second | judged.fixed]
-        return Ground(first, replace(memory, excluded=excluded), dynamic=dynamic_rows)
+        not_ground = first.landmarks.index[follows_second | judged.fixed]
+        return Ground(first, replace(memory, excluded=excluded), not_ground=not_ground)
 
     def _second_wins(
-        self, pair: _Pair, first: Tracks, second: Tracks, dynamic: Mask, cells: Mask, memory: GroundMemory
+        self, pair: _Pair, first: Tracks, second: Tracks, excluded: Mask, cells: Mask, memory: GroundMemory
     ) -> Ground:
         """Return the second motion without the landmarks `(M,)` and cells `(R, C)` that do not follow it."""
         memory = replace(memory, excluded=memory.excluded.with_cells(cells, np.zeros_like(cells)))
-        tracks = self._tracker.refine(pair.frame, first.landmarks.subset(~dynamic), second.pose, pair.prediction.offset)
-        ground = Ground(tracks, memory, dynamic=first.landmarks.index[dynamic], is_second=True)
+        tracks = self._tracker.refine(
+            pair.frame, first.landmarks.subset(~excluded), second.pose, pair.prediction.offset
+        )
+        ground = Ground(tracks, memory, not_ground=first.landmarks.index[excluded], is_second=True)
         is_complete = self._judge(pair, tracks).share < MIN_UNEXPLAINED + TYPICAL_FACTOR * (memory.typical or 0.0)
         return ground if is_complete else ground.plus(Finding.PARTIAL_TRANSFER)
 
     # ---- what the cases ask
 
     def _judge(self, pair: _Pair, tracks: Tracks, since: Pose | None = None, pose: Pose | None = None) -> Judged:
-        """Return what a motion explains: from the reference image, or another pose, to the tracks, or another pose."""
+        """Return what a motion explains: by default from the pose of the reference image to the pose of the tracks."""
         return judge(
             pose or tracks.pose,
             since or pair.since,
@@ -430,7 +435,7 @@ class GroundSelector:
             return None
         frame = pair.frame
         offset = pair.prediction.offset
-        start = self._tracker.align(frame.left, landmarks.thinned(ALIGNED_LANDMARKS), pair.prediction.poses)
+        start = self._tracker.align(frame.left, landmarks.thinned(ALIGNED_LANDMARKS), pair.prediction.guesses.all)
         tracks = self._tracker.refine(frame, landmarks, start, offset)
         if tracks.inlier_count < CONVINCING * count:
             pose = self._relocaliser.pose_by_flow(frame, pair.references, landmarks)
@@ -443,7 +448,7 @@ class GroundSelector:
         """Return the number of landmarks that follow a motion, weighted by how likely it is the ground's."""
         old = float(np.count_nonzero(tracks.inliers & tracks.landmarks.are_old))
         evidence = tracks.inlier_count + (OLD_WEIGHT - 1.0) * old
-        expected = pair.prediction.expected
+        expected = pair.prediction.guesses.expected
         to_own = self._image_motion(pair, tracks, expected)
         to_other = self._image_motion(pair, tracks, expected, other.pose)
         return evidence * EXPECTED_WEIGHT if to_own < 0.5 * to_other else evidence
@@ -456,7 +461,7 @@ class GroundSelector:
         return self._image_motion(pair, second, first.pose) > least_px
 
     def _covers_doubt(self, first: Tracks, judged: Judged, memory: GroundMemory) -> bool:
-        """Return whether the motion is seen in half of the cells, or beside them, that have contradicted one."""
+        """Return whether inliers cover at least half of the contradicting cells, within one cell."""
         seen = self._cells(judged.cell[first.inliers]).astype(np.uint8)
         beside = cv2.dilate(seen, np.ones((3, 3), np.uint8)) > 0
         return bool((beside & memory.contradicting).sum() >= 0.5 * memory.contradicting.sum())
@@ -478,12 +483,25 @@ def _is_usual(unexplained: float, memory: GroundMemory) -> bool:
     return unexplained < min(margin + TYPICAL_FACTOR * (memory.typical or 0.0), MAX_UNEXPLAINED)
 
 
+def _with_typical(memory: GroundMemory, unexplained: float, *, is_usual: bool) -> GroundMemory:
+    """Return the memory with the typical fraction of unexplained landmarks after a pair of one motion.
+
+    An unusual pair of a known ground does not change the fraction, nor does any pair while the ground is in doubt.
+    """
+    phase = memory.confidence.phase
+    if phase is Phase.IN_DOUBT or (phase is Phase.KNOWN and not is_usual):
+        return memory
+    typical = unexplained if memory.typical is None else memory.typical
+    gain = RISING_GAIN if unexplained > typical else FALLING_GAIN
+    return replace(memory, typical=typical + gain * (unexplained - typical))
+
+
 def _partial_transfer(first: Tracks, memory: GroundMemory) -> Ground:
     """Return the first motion of a pair whose parts are of different moments."""
     return Ground(first, replace(memory, transfers=memory.transfers + 1)).plus(Finding.PARTIAL_TRANSFER)
 
 
-def pose_distance(one: Pose, other: Pose) -> Ambiguity:
+def pose_distance(one: Pose, other: Pose) -> DirectedError:
     """Return the distance and the angle between two poses."""
     angle = np.linalg.norm(rotvec_from_matrix(one.rotation.T @ other.rotation))
-    return Ambiguity(float(np.linalg.norm(one.position - other.position)), float(angle))
+    return DirectedError(float(np.linalg.norm(one.position - other.position)), float(angle))

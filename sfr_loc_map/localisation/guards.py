@@ -1,8 +1,23 @@
 """Guards: checks of the images and of the pose, and the table that decides what follows from their findings.
 
-A guard is a pure function. It returns its findings, and its memory for the next pair if it has one. `RULES` lists all
-findings in the order of precedence: the first one present decides what happens to the pair and which reason is
-published. A new guard adds a `Finding`, a row in `RULES`, and a call in `Localiser.process`.
+`RULES` lists all findings in the order of precedence, with what follows from each. There are two kinds:
+
+- A finding that refuses a pair ends its call at once (`Localiser._refuse`). These findings stand in the table in the
+  order in which they are checked.
+- Findings that degrade a pose are collected. The first one present gives the published reason (`decide`).
+
+| findings | found by |
+|---|---|
+| `REPEATED_PAIR`, `FROZEN_IMAGE`, `STALE_ROWS` | `check_images` |
+| `IDENTICAL_IMAGES`, `SWAPPED`, `ONE_SIDED` | `is_one_image`, `Tracker.fits_swapped`, `is_one_sided` |
+| `UNTEXTURED`, `FEW_LANDMARKS` | `of_few_landmarks`, if `Tracks.is_trusted` is false |
+| `SINGULAR`, `TOO_FAST` | `is_determined`, `motion_model.is_plausible` |
+| `CONTRADICTED`, `PARTIAL_TRANSFER`, `UNEXPLAINED`, `UNSETTLED`, `AMBIGUOUS` | `ground_motion` |
+| `CALIBRATION`, `SHEARED_ROWS` | `check_calibration`, `check_shear` |
+| `AFTER_GAP` | `State.settled_from` |
+
+A new guard adds a `Finding`, a row in `RULES`, and a call in `Localiser._locate` or `_judge`. If it needs a memory, the
+memory is a field of `State`.
 
 How stale images are detected:
 
@@ -38,11 +53,16 @@ from sfr_loc_map.localisation.frontend.tracking import MIN_TEXTURE, StereoFrame,
 class Action(Enum):
     """What happens to a pair."""
 
-    KEEP = auto()  #: The last pose is published again, with a larger covariance.
+    KEEP = auto()  #: The last pose is published again, with a larger covariance. A lost localiser stays lost.
     REJECT = auto()  #: The localiser is lost. No window may begin with the pair.
     RESTART = auto()  #: The localiser is lost. After some good images a new window begins at the last pose.
     DEGRADE = auto()  #: The pose is accepted and the state is degraded.
     ACCEPT = auto()  #: The pose is accepted.
+
+    @property
+    def refuses(self) -> bool:
+        """Whether the pose of the pair is not accepted."""
+        return self in (Action.KEEP, Action.REJECT, Action.RESTART)
 
 
 class Finding(Enum):
@@ -73,7 +93,10 @@ class Rule(NamedTuple):
 
     action: Action
     reason: StateReason
-    is_late: bool = False  #: Whether the covariance allows for a motion since the last pose that no image showed.
+    #: Whether the covariance allows for the motion since the last pose, because the images may partly be older. If the
+    #: stale parts are known, they are blanked, and the pose is that of the new parts.
+    adds_unobserved: bool = False
+    is_reference: bool = True  #: Whether the pair may become a keyframe or an image for relocalisation.
 
 
 RULES: Final = {
@@ -85,15 +108,15 @@ RULES: Final = {
     Finding.SINGULAR: Rule(Action.RESTART, StateReason.IMPLAUSIBLE_MOTION),
     Finding.SWAPPED: Rule(Action.REJECT, StateReason.NO_STEREO),
     Finding.TOO_FAST: Rule(Action.RESTART, StateReason.IMPLAUSIBLE_MOTION),
-    Finding.FROZEN_IMAGE: Rule(Action.DEGRADE, StateReason.REPEATED_IMAGES),
-    Finding.STALE_ROWS: Rule(Action.DEGRADE, StateReason.TORN_IMAGES),
+    Finding.FROZEN_IMAGE: Rule(Action.DEGRADE, StateReason.REPEATED_IMAGES, is_reference=False),
+    Finding.STALE_ROWS: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, is_reference=False),
     Finding.AFTER_GAP: Rule(Action.DEGRADE, StateReason.UNSEEN_MOTION),
     Finding.CALIBRATION: Rule(Action.DEGRADE, StateReason.CALIBRATION_DRIFT),
-    Finding.SHEARED_ROWS: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, is_late=True),
-    Finding.PARTIAL_TRANSFER: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, is_late=True),
-    Finding.UNEXPLAINED: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, is_late=True),
-    Finding.UNSETTLED: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, is_late=True),
-    Finding.ONE_SIDED: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, is_late=True),
+    Finding.SHEARED_ROWS: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, adds_unobserved=True),
+    Finding.PARTIAL_TRANSFER: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, adds_unobserved=True, is_reference=False),
+    Finding.UNEXPLAINED: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, adds_unobserved=True),
+    Finding.UNSETTLED: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, adds_unobserved=True),
+    Finding.ONE_SIDED: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, adds_unobserved=True),
     Finding.AMBIGUOUS: Rule(Action.DEGRADE, StateReason.MOVING_REGIONS),
 }
 """What follows from each finding, in the order of precedence."""
@@ -104,15 +127,19 @@ class Verdict(NamedTuple):
 
     action: Action
     reason: StateReason | None  #: Reason of the finding that decides; None without findings.
-    is_late: bool  #: Whether any finding asks for a larger covariance.
+    adds_unobserved: bool  #: Whether the covariance allows for the motion since the last pose.
+    is_reference: bool  #: Whether the pair may become a keyframe or an image for relocalisation.
 
 
 def decide(findings: Collection[Finding]) -> Verdict:
-    """Return what follows from the findings of a pair."""
+    """Return what follows from the findings of a pair whose pose is not refused."""
     rules = [rule for finding, rule in RULES.items() if finding in findings]
-    if not rules:
-        return Verdict(Action.ACCEPT, None, is_late=False)
-    return Verdict(rules[0].action, rules[0].reason, any(rule.is_late for rule in rules))
+    return Verdict(
+        action=rules[0].action if rules else Action.ACCEPT,
+        reason=rules[0].reason if rules else None,
+        adds_unobserved=any(rule.adds_unobserved for rule in rules),
+        is_reference=all(rule.is_reference for rule in rules),
+    )
 
 
 # ---- stale images
@@ -138,9 +165,9 @@ PROBE: Final = 64  #: Column and row step of a first comparison.
 class StaleRows(NamedTuple):
     """Rows of one image that repeat the image before."""
 
-    rows: Mask  #: `(H,)` textured rows that are equal.
-    is_frozen: bool  #: Whether all textured rows are equal, and there are some.
-    is_same: bool  #: Whether the image is the one before, textured or not, apart from new noise.
+    rows: Mask  #: `(H,)` textured rows that are equal; all rows if the image is repeated with new noise.
+    is_frozen: bool  #: Whether all textured rows are repeated, and there are some.
+    is_same: bool  #: Whether the whole image is repeated, textured or not, perhaps with new noise.
 
 
 class ImageMemory(NamedTuple):
@@ -163,8 +190,7 @@ class ImageCheck(NamedTuple):
 def check_images(pair: StereoPair, memory: ImageMemory | None) -> ImageCheck:
     """Compare a pair with the one before, and blank what was not exposed again.
 
-    A part that stays the same for several pairs is not stale but fixed to the camera, and is not blanked. After a
-    repeated pair the memory stays as it was.
+    A part that stays the same for several pairs is not stale but fixed to the camera, and is not blanked.
     """
     nothing = np.zeros(len(pair.left), np.bool_)
     if memory is None:
@@ -195,7 +221,7 @@ def stale_rows(before: GreyImage, now: GreyImage) -> StaleRows:
     # most images move and differ by more than noise: this test is cheap
     change = cv2.subtract(now[1 : -1 : ROW_STEPS[0]], before[1 : -1 : ROW_STEPS[0]], dtype=cv2.CV_32F)
     is_small = cv2.meanStdDev(change)[1].item() ** 2 <= NOISE_MARGIN * MAX_NOISE**2
-    if is_small and is_frozen(before, now):
+    if is_small and is_repeated_with_noise(before, now):
         return StaleRows(np.ones(len(now), np.bool_), is_frozen=True, is_same=True)
     same = (before[:, ::PROBE] == now[:, ::PROBE]).all(axis=1)
     if same.any():
@@ -223,7 +249,7 @@ def _blanked(image: GreyImage, rows: Mask) -> GreyImage:
     return blanked
 
 
-def is_frozen(before: GreyImage, now: GreyImage) -> bool:
+def is_repeated_with_noise(before: GreyImage, now: GreyImage) -> bool:
     """Return whether an image is an earlier one with new noise. Equal images have no new noise and give False."""
     for step in ROW_STEPS:
         change = np.asarray(cv2.subtract(now[1:-1:step], before[1:-1:step], dtype=cv2.CV_32F), np.float32)
@@ -292,10 +318,9 @@ def of_few_landmarks(frame: StereoFrame) -> Finding:
 
 def is_determined(tracks: Tracks) -> bool:
     """Return whether a pose is finite and its information matrix positive definite."""
-    sign, log_determinant = np.linalg.slogdet(tracks.information)
-    if not (sign > 0.0 and np.isfinite(log_determinant)):
+    if not (np.isfinite(tracks.information).all() and np.isfinite(np.column_stack(tracks.pose)).all()):
         return False
-    return bool(np.isfinite(np.column_stack(tracks.pose)).all())
+    return bool(np.linalg.eigvalsh(tracks.information)[0] > 0.0)
 
 
 def check_calibration(calibration: OnlineCalibration) -> frozenset[Finding]:
@@ -310,8 +335,8 @@ MAX_SHEAR: Final = 7.0
 at most 6.4 on clean drives, and 7 or more for a shear of one pixel."""
 MAX_MEAN_SHEAR: Final = 1.4
 """Mean of the same above which they are. It is at most 1.3 on clean drives, and 2 to 5 for a shear of 0.3 px."""
-FIRST_SHEAR_GAIN: Final = 0.2  #: Initial gain of the running mean, which falls with each pair
-MIN_SHEAR_GAIN: Final = 0.05  #: to this final gain.
+FIRST_SHEAR_GAIN: Final = 0.2  #: Gain g of the running mean before the first pair; each pair makes it g / (1 + g).
+MIN_SHEAR_GAIN: Final = 0.05  #: Minimum gain of the running mean.
 
 
 class ShearMean(NamedTuple):

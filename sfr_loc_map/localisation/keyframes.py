@@ -1,8 +1,9 @@
 """Keyframes: when a pair becomes one, and what is done with it.
 
 A keyframe adds its observations to the sliding window, receives new landmarks from stereo matches, and is adjusted
-together with the other keyframes of the window (bundle adjustment). All of this runs in a background thread on values:
-a `KeyframeJob` goes in, a `KeyframeResult` comes out.
+together with the other keyframes of the window (bundle adjustment). `KeyframeMaker.make` does this in a background
+thread: a `KeyframeJob` goes in, a `KeyframeResult` comes out. The first keyframe of a window (`begin`) is made within
+the call of its pair.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, median
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
@@ -24,7 +25,7 @@ from sfr_loc_map.localisation.frontend.feature_detection import find_corners, lo
 from sfr_loc_map.localisation.frontend.landmarks import BORDER
 from sfr_loc_map.localisation.frontend.pose_solver import StereoObservations
 from sfr_loc_map.localisation.frontend.sparse_stereo import match_corners
-from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks, median
+from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks
 
 KEYFRAME_FLOW = 0.05  #: Median optical flow since the last keyframe that triggers a new one, fraction of the width.
 KEYFRAME_INLIER_RATIO = 0.65  #: Ratio of inliers to the last keyframe's landmarks below which a keyframe is made.
@@ -99,8 +100,7 @@ class KeyframeMaker:
     ) -> KeyframeResult:
         """Begin a window with a pair at a pose.
 
-        The first pose of a window is fixed: a window that may move as a whole would do so with each adjustment, because
-        it is linearised again.
+        The first pose of a window is fixed (gauge). Otherwise each relinearisation would let the whole window drift.
         """
         start = time.perf_counter()
         empty = SlidingWindow.empty(self._camera, self._config.window_keyframes)

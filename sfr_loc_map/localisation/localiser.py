@@ -8,19 +8,24 @@ A sparse, keyframe-based stereo odometry with a sliding window, in the order of 
    patch, warped by its local plane, in both images (Lucas and Kanade 1981), and solve for the pose with robust weights.
 4. Relocalise if the pose is not trusted: optical flow, then SIFT descriptors (`relocalisation`).
 5. Select the ground's motion among the motions in the image (`ground_motion`).
-6. Follow a rotation of the right camera (`backend/online_calibration`).
-7. Judge: the findings of all guards and one table decide whether the pose is accepted, kept or lost (`guards`).
-8. Step: the new path, the covariance of the pose and of the motion since the last one (`path`, `uncertainty`).
+6. Correct the right camera: estimate its rotation, and correct a drift (`backend/online_calibration`).
+7. Judge: the findings of all guards and one table decide whether the pose is accepted (`guards.RULES`).
+8. Accept: the new path, the covariance of the pose and of the motion since the last one (`path`, `uncertainty`).
 9. Keyframe: if few landmarks are left or they moved far, the pair joins the window, which is adjusted in the background
    (bundle adjustment with marginalisation, OKVIS, Leutenegger et al. 2015; `keyframes`).
 
-The state is one immutable value. Each stage takes values and returns values; `_accept` is the only place that learns
-from a pose.
+The state between two pairs is one immutable value (`state.State`); each stage takes values and returns values.
+
+- `_accept` is the only place where path, map, calibration, shear mean and references learn from a tracked pair.
+- A refused pair (kept or lost) leaves behind what the guards remember (`State.images`, `State.ground`), the number of
+  attempts to relocalise, and in the path the time that no image has shown.
+- A window begins in `_begin`, at the last known pose. The result of a keyframe is taken over in `_finish_keyframe`
+  before the next pair.
 """
 
 from __future__ import annotations
 
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -30,7 +35,7 @@ from numpy.typing import NDArray
 from sfr_loc_map import __version__
 from sfr_loc_map.config import checked
 from sfr_loc_map.errors import LocalisationError
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, median
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
@@ -50,7 +55,7 @@ from sfr_loc_map.localisation.estimate import (
 from sfr_loc_map.localisation.frontend.patch import SIDE
 from sfr_loc_map.localisation.frontend.pose_solver import RightOffset, right_shift
 from sfr_loc_map.localisation.frontend.sparse_stereo import refine_slopes
-from sfr_loc_map.localisation.frontend.tracking import INLIER_CHI2_PER_DOF, StereoFrame, Tracker, Tracks, median
+from sfr_loc_map.localisation.frontend.tracking import INLIER_CHI2_PER_DOF, StereoFrame, Tracker, Tracks
 from sfr_loc_map.localisation.ground_motion import Ground, GroundMemory, GroundSelector, Prediction
 from sfr_loc_map.localisation.guards import Action, Finding, ImageCheck, ShearMean, Verdict
 from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW, KeyframeJob, KeyframeMaker, KeyframeResult
@@ -63,8 +68,8 @@ from sfr_loc_map.localisation.uncertainty import RoverModel, pose_covariance, sy
 BEST_LEFT_RATIO = 0.5  #: Ratio of inliers in the left image from which an image is kept for descriptors.
 
 
-class RightCamera(NamedTuple):
-    """A pair after the right camera was followed."""
+class CorrectedTracks(NamedTuple):
+    """Tracks and calibration after the correction of the right camera."""
 
     tracks: Tracks  #: Tracks with corrected right observations.
     calibration: OnlineCalibration  #: The calibration, updated by the pair.
@@ -73,13 +78,13 @@ class RightCamera(NamedTuple):
 
 
 class Candidate(NamedTuple):
-    """A pair whose pose is not accepted yet."""
+    """A pair whose pose is trusted but not accepted yet."""
 
     frame: StereoFrame
     tracks: Tracks  #: Tracks of the ground, with corrected right observations.
     landmark_map: LandmarkMap  #: The map without the landmarks that do not move with the ground.
     ground: Ground
-    camera: RightCamera
+    corrected: CorrectedTracks
 
 
 class Localiser:
@@ -118,7 +123,7 @@ class Localiser:
     def reset(self, start: StartPose | Transform) -> None:
         """Forget everything and start again at a pose."""
         if self._pending is not None:
-            self._pending.result()
+            wait([self._pending])
         self._pending = None
         self._state = State(
             path=path.started(StartPose.of(start), self._model),
@@ -163,8 +168,8 @@ class Localiser:
         self._check_size(pair)
         clock = StageClock()
         with clock.stage("wait"):
-            state = self._with_keyframe(self._state, clock)
-        state = replace(state, path=path.arrived(state.path, pair.stamp_ns))
+            self._finish_keyframe(clock)
+        state = replace(self._state, path=path.arrived(self._state.path, pair.stamp_ns))
         outcome = self._locate(state, pair, odometry, clock)
         self._state = self._with_pose_from_outside(outcome.state, pair.stamp_ns)
         estimate = self._estimate(pair.stamp_ns, self._state, outcome, clock)
@@ -182,7 +187,8 @@ class Localiser:
             return self._keep(state, pair.stamp_ns, Finding.REPEATED_PAIR, TrackingStatistics(repeated=1))
         state = replace(state, images=images.memory)
         if guards.is_one_image(pair):
-            return self._reject(state, Finding.IDENTICAL_IMAGES, TrackingStatistics())
+            return self._lost(state, Finding.IDENTICAL_IMAGES, TrackingStatistics())
+        # a new window is not compared with earlier images: it may begin with stale ones, which are not blanked
         with clock.stage("pyramid"):
             frame = StereoFrame.of(pair if landmark_map is None else images.pair)
         if landmark_map is None:
@@ -190,31 +196,33 @@ class Localiser:
         if Finding.STALE_ROWS in images.findings:
             state = replace(state, ground=state.ground.after_stale_rows(images.stale_rows))
         if len(landmark_map.landmarks.index) < self._config.min_tracked:
-            return self._lose(state, frame, guards.of_few_landmarks(frame))
+            return self._restart(state, frame, guards.of_few_landmarks(frame))
 
         guesses = state.path.motion.predict(pair.stamp_ns, odometry, self._model)
         prediction = Prediction(guesses, state.calibration.offset)
-        tracks = self._track(frame, landmark_map, state.references, prediction, clock)
+        tracks = self._track(frame, landmark_map, prediction, state.references, clock)
         ground = self._select_ground(frame, tracks, prediction, state, images)
         state = replace(state, ground=ground.memory)
         if Finding.CONTRADICTED in ground.findings:
             return self._keep(state, pair.stamp_ns, Finding.CONTRADICTED, TrackingStatistics())
-        camera = self._follow_right_camera(ground.tracks, state.calibration, state.shear)
-        candidate = Candidate(frame, camera.tracks, landmark_map.without(ground.dynamic), ground, camera)
-        return self._judge(state, candidate, images.findings, clock)
+        if not ground.tracks.is_trusted:
+            return self._restart(state, frame, guards.of_few_landmarks(frame), ground.tracks)
+        corrected = self._correct_right_camera(ground.tracks, state.calibration, state.shear)
+        candidate = Candidate(frame, corrected.tracks, landmark_map.without(ground.not_ground), ground, corrected)
+        return self._judge(state, candidate, images.findings | ground.findings, clock)
 
     def _track(
         self,
         frame: StereoFrame,
         landmark_map: LandmarkMap,
-        references: References,
         prediction: Prediction,
+        references: References,
         clock: StageClock,
     ) -> Tracks:
         """Track the landmarks of the map; relocalise if the pose is not trusted."""
         landmarks = landmark_map.followed
         with clock.stage("align"):
-            coarse = self._tracker.align(frame.left, landmark_map.aligned, prediction.poses)
+            coarse = self._tracker.align(frame.left, landmark_map.aligned, prediction.guesses.all)
         with clock.stage("refine"):
             tracks = self._tracker.refine(frame, landmarks, coarse, prediction.offset)
         if tracks.is_trusted:
@@ -226,83 +234,78 @@ class Localiser:
     def _select_ground(
         self, frame: StereoFrame, tracks: Tracks, prediction: Prediction, state: State, images: ImageCheck
     ) -> Ground:
-        """Select the ground's motion. Blanked rows leave too little of an image to compare it with the one before."""
+        """Select the ground's motion. Images with blanked rows cannot be compared with earlier ones."""
         if Finding.STALE_ROWS in images.findings:
             return Ground(tracks, state.ground)
         return self._ground.select(frame, tracks, prediction, state.ground, state.references)
 
-    def _follow_right_camera(self, tracks: Tracks, calibration: OnlineCalibration, shear: ShearMean) -> RightCamera:
-        """Estimate the shift of the right image, and correct the right observations for a drift."""
-        if not tracks.is_trusted:
-            return RightCamera(tracks, calibration, shear)
+    def _correct_right_camera(
+        self, tracks: Tracks, calibration: OnlineCalibration, shear: ShearMean
+    ) -> CorrectedTracks:
+        """Estimate the shift of the right image, and correct the right observations for a drift of the right camera."""
         lens_px = calibration.lens.likely_px
         shift = right_shift(tracks.pose, tracks.landmarks.estimates, tracks.seen, self._camera, lens_px)
+        if not np.isfinite(shift.variance):  # too few landmarks in both images
+            return CorrectedTracks(tracks, calibration, shear)
         calibration, drift_px = calibration.with_lens_residuals(shift).with_shift(shift)
         if drift_px != 0.0:
             observations = tracks.observations.copy()
             observations[:, 2:] -= RightOffset(u=drift_px).at(observations[:, 2:], self._camera)
             seen = tracks.seen._replace(uv=observations)
             tracks = self._tracker.solve(tracks.landmarks, seen, tracks.pose)
-        return RightCamera(tracks, calibration, shear.with_pair(shift.shear), shift.shear)
+        return CorrectedTracks(tracks, calibration, shear.with_pair(shift.shear), shift.shear)
 
-    def _judge(self, state: State, candidate: Candidate, of_images: frozenset[Finding], clock: StageClock) -> Outcome:
-        """Judge a pose by all guards; accept it if none forbids it."""
-        frame, tracks, _, ground, camera = candidate
+    def _judge(self, state: State, candidate: Candidate, findings: frozenset[Finding], clock: StageClock) -> Outcome:
+        """Judge a pose by all guards; accept it if none refuses it."""
+        frame, tracks, _, _, corrected = candidate
         if not tracks.is_trusted:
-            return self._lose(state, frame, guards.of_few_landmarks(frame), tracks)
+            return self._restart(state, frame, guards.of_few_landmarks(frame), tracks)
         if not guards.is_determined(tracks):
-            return self._lose(state, frame, Finding.SINGULAR, tracks)
-        findings = of_images | ground.findings
-        findings |= guards.check_shear(camera.shear, camera.shear_mean)
-        findings |= guards.check_calibration(camera.calibration)
-        if guards.is_one_sided(frame, tracks):
-            if self._tracker.fits_swapped(frame, tracks, camera.calibration.offset):
-                return self._reject(state, Finding.SWAPPED, TrackingStatistics(inliers=0), tracks)
+            return self._restart(state, frame, Finding.SINGULAR, tracks)
+        is_one_sided = guards.is_one_sided(frame, tracks)
+        if is_one_sided and self._tracker.fits_swapped(frame, tracks, corrected.calibration.offset):
+            return self._lost(state, Finding.SWAPPED, TrackingStatistics(inliers=0), tracks)
+        if not is_plausible(state.path.motion, frame.stamp_ns, tracks.pose, self._config.motion):
+            return self._restart(state, frame, Finding.TOO_FAST, tracks)
+        findings |= guards.check_shear(corrected.shear, corrected.shear_mean)
+        findings |= guards.check_calibration(corrected.calibration)
+        if is_one_sided:
             findings |= {Finding.ONE_SIDED}
         if state.keyframes < state.settled_from:
             findings |= {Finding.AFTER_GAP}
-        # neither the right image alone nor a part of an image gives what later pairs can start from
-        is_stale = bool(findings & {Finding.FROZEN_IMAGE, Finding.STALE_ROWS, Finding.PARTIAL_TRANSFER})
-        is_reference = not is_stale and tracks.left_inlier_count >= self._config.min_tracked
-        is_keyframe = is_reference and self._keyframes.is_needed(tracks, candidate.landmark_map)
+        return self._accept(state, candidate, guards.decide(findings), clock)
+
+    def _accept(self, state: State, candidate: Candidate, verdict: Verdict, clock: StageClock) -> Outcome:
+        """Accept a pose, and make the pair a keyframe if one is needed."""
+        frame, tracks, landmark_map, ground, corrected = candidate
+        calibration = corrected.calibration
+        # later pairs are only compared with complete left images
+        is_reference = verdict.is_reference and tracks.left_inlier_count >= self._config.min_tracked
+        is_keyframe = is_reference and self._keyframes.is_needed(tracks, landmark_map)
         if is_keyframe:
             with clock.stage("refine"):
-                candidate = candidate._replace(tracks=self._with_all_landmarks(candidate))
-        T_world_left = Transform(*candidate.tracks.pose)
-        if not is_plausible(state.path.motion, frame.stamp_ns, T_world_left, self._config.motion):
-            return self._lose(state, frame, Finding.TOO_FAST, tracks)
-        verdict = guards.decide(findings)
-        return self._accept(state, candidate, verdict, is_reference=is_reference, is_keyframe=is_keyframe)
-
-    def _accept(
-        self, state: State, candidate: Candidate, verdict: Verdict, *, is_reference: bool, is_keyframe: bool
-    ) -> Outcome:
-        """Accept a pose: the only place where the path, the map, the calibration and the references learn from one."""
-        frame, tracks, landmark_map, ground, camera = candidate
-        calibration = camera.calibration
+                tracks = self._with_all_landmarks(candidate)
         chi_median, residual_px = residual_statistics(tracks)
         pair = path.TrackedPair(
             stamp_ns=frame.stamp_ns,
             tracks=tracks,
             chi_median=chi_median,
-            has_predecessor=state.status is not TrackingState.LOST,
-            is_late=verdict.is_late,
-            shear=camera.shear,
+            was_known=state.status is not TrackingState.LOST,
+            adds_unobserved=verdict.adds_unobserved,
+            shear=corrected.shear,
             ambiguity=ground.ambiguity,
         )
         new_path, step = path.tracked(state.path, pair, landmark_map, calibration, self._model)
-        references = state.references.recognised()
-        if is_reference:
-            known = KnownImage(frame.image, tracks.observations[:, :2], tracks.landmarks)
-            is_best = tracks.left_inlier_count >= BEST_LEFT_RATIO * len(tracks.inliers)
-            references = references.with_image(known, is_best=is_best)
         state = replace(
             state,
             path=new_path,
             landmark_map=landmark_map,
             calibration=calibration,
-            shear=camera.shear_mean,
-            references=references,
+            shear=corrected.shear_mean,
+            ground=ground.accepted(),
+            references=_with_reference(state.references, frame, tracks)
+            if is_reference
+            else state.references.recognised(),
             keyframes=state.keyframes + int(is_keyframe),
             status=TrackingState.TRACKING if verdict.action is Action.ACCEPT else TrackingState.DEGRADED,
             reason=verdict.reason,
@@ -325,46 +328,43 @@ class Localiser:
 
     def _with_all_landmarks(self, candidate: Candidate) -> Tracks:
         """Track the remaining landmarks, too, because all of them are observed in a keyframe."""
-        frame, tracks, landmark_map, _, camera = candidate
+        frame, tracks, landmark_map, _, corrected = candidate
         landmarks = landmark_map.landmarks
         if len(tracks.inliers) >= len(landmarks.index):
             return tracks
         if np.array_equal(tracks.landmarks.index, landmark_map.followed.index):
-            rest = landmark_map.rest
+            rest = landmark_map.rest  # its patches are already copied
         else:
             rest = landmarks.subset(~landmarks.among(tracks.landmarks))
-        complete = self._tracker.complete(frame, tracks, landmarks, rest, camera.calibration.offset)
-        return complete if complete.is_trusted else tracks
+        complete = self._tracker.complete(frame, tracks, landmarks, rest, corrected.calibration.offset)
+        return complete if complete.is_trusted and guards.is_determined(complete) else tracks
 
     # ---- pairs without an accepted pose
 
     def _keep(self, state: State, stamp_ns: int, finding: Finding, statistics: TrackingStatistics) -> Outcome:
         """Keep the last pose; the rover may stand still or have moved. A lost localiser stays lost."""
         if state.status is TrackingState.LOST:
-            return self._lost(state, state.reason, statistics)
+            state = replace(state, path=path.lost(state.path))
+            return Outcome(state, statistics)
         kept, step = path.kept(state.path, stamp_ns, self._model)
         state = replace(state, path=kept, status=TrackingState.DEGRADED, reason=guards.RULES[finding].reason)
         return Outcome(state, statistics, step=step)
 
-    def _reject(
-        self, state: State, finding: Finding, statistics: TrackingStatistics, tracks: Tracks | None = None
-    ) -> Outcome:
-        """Report that the pose is unknown; no window begins with such a pair."""
-        return self._lost(state, guards.RULES[finding].reason, statistics, tracks)
-
-    def _lose(self, state: State, frame: StereoFrame, finding: Finding, tracks: Tracks | None = None) -> Outcome:
+    def _restart(self, state: State, frame: StereoFrame, finding: Finding, tracks: Tracks | None = None) -> Outcome:
         """Report that the pose is unknown; begin a new window after some good images without a known landmark."""
         count = 0 if state.landmark_map is None else len(state.landmark_map.landmarks.index)
-        if self._relocaliser.is_good_image(frame, count):
-            references = state.references
-            state = replace(state, references=references._replace(attempts=references.attempts + 1))
-        if state.references.attempts > MAX_ATTEMPTS:
-            return self._begin(state, frame, tracks)
-        return self._lost(state, guards.RULES[finding].reason, TrackingStatistics(inliers=0), tracks)
+        is_good = self._relocaliser.is_good_image(frame, count)
+        if is_good:
+            state = replace(state, references=state.references.after_attempt())
+            if state.references.attempts > MAX_ATTEMPTS:
+                return self._begin(state, frame, tracks)
+        return self._lost(state, finding, TrackingStatistics(inliers=0), tracks)
 
     def _lost(
-        self, state: State, reason: StateReason | None, statistics: TrackingStatistics, tracks: Tracks | None = None
+        self, state: State, finding: Finding, statistics: TrackingStatistics, tracks: Tracks | None = None
     ) -> Outcome:
+        """Report that the pose is unknown."""
+        reason = guards.RULES[finding].reason
         state = replace(state, path=path.lost(state.path), status=TrackingState.LOST, reason=reason)
         return Outcome(state, statistics, tracks)
 
@@ -372,11 +372,10 @@ class Localiser:
         """Begin a window at the last known pose; stay lost without enough landmarks."""
         pose = Pose.of(state.path.motion.T_world_left)
         result = self._keyframes.begin(frame, pose, state.calibration, state.ground.excluded.mask)
-        state = replace(state, calibration=result.calibration)
         found = len(result.landmark_map.landmarks.index)
         statistics = TrackingStatistics(features=found)
         if found < self._config.min_tracked:
-            return self._reject(state, guards.of_few_landmarks(frame), statistics, tracks)
+            return self._lost(state, guards.of_few_landmarks(frame), statistics, tracks)
         keyframes = state.keyframes + 1
         status = TrackingState.INITIALISING if keyframes == 1 else TrackingState.TRACKING
         reason: StateReason | None = None
@@ -390,6 +389,7 @@ class Localiser:
             state,
             path=restarted,
             landmark_map=result.landmark_map,
+            calibration=result.calibration,
             references=References.of_first_keyframe(frame.image, result.landmark_map.landmarks),
             ground=state.ground.in_new_window(frame, pose),
             keyframes=keyframes,
@@ -409,19 +409,22 @@ class Localiser:
                 f"{self._rig.height}: give images of the rig"
             )
 
-    def _with_keyframe(self, state: State, clock: StageClock) -> State:
+    def _finish_keyframe(self, clock: StageClock) -> None:
         """Wait for the keyframe of the call before, and continue from its adjusted map, pose and calibration."""
         if self._pending is None:
-            return state
-        result = self._pending.result()
+            return
+        pending = self._pending
         self._pending = None
+        result = pending.result()
         clock.seconds["keyframe"] = result.seconds
         window = result.landmark_map.window
+        state = self._state
         adjusted = path.adjusted(state.path, window.newest_pose, window.covariance, has_yaw_step=result.has_yaw_step)
-        if adjusted is None:  # an implausible adjustment: a new window begins with the next pair
+        if adjusted is None:  # the adjustment diverged: a new window begins with the next pair
             calibration = OnlineCalibration(self._camera, self._config.window_keyframes)
-            return replace(state, landmark_map=None, calibration=calibration, keyframes=0)
-        return replace(
+            self._state = replace(state, landmark_map=None, calibration=calibration)
+            return
+        self._state = replace(
             state,
             path=adjusted,
             landmark_map=result.landmark_map,
@@ -458,6 +461,13 @@ class Localiser:
             step=outcome.step,
             tracks=None if outcome.tracks is None else displayed(outcome.tracks),
         )
+
+
+def _with_reference(references: References, frame: StereoFrame, tracks: Tracks) -> References:
+    """Return the images for relocalisation with a pair whose pose was accepted."""
+    known = KnownImage(frame.image, tracks.observations[:, :2], tracks.landmarks)
+    is_best = tracks.left_inlier_count >= BEST_LEFT_RATIO * len(tracks.inliers)
+    return references.recognised().with_image(known, is_best=is_best)
 
 
 def residual_statistics(tracks: Tracks) -> tuple[float, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,11 +12,24 @@ from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.localisation.config import MotionBounds
-from sfr_loc_map.localisation.uncertainty import RoverModel
+from sfr_loc_map.localisation.uncertainty import RoverModel, Speed
 
 MAX_MISSED_PAIRS = 4  #: Number of missing pairs over which a constant velocity is still extrapolated.
 SLACK_M = 1.0  #: Motion, m, that is plausible whatever the stamps are.
 SLACK_RAD = 1.0  #: Rotation, rad, that is plausible whatever the stamps are.
+
+
+class Guesses(NamedTuple):
+    """Initial guesses of the next pose of the left camera in the world."""
+
+    expected: Pose  #: The pose at constant velocity.
+    standstill: Pose  #: The last pose.
+    others: tuple[Pose, ...]  #: The pose after missing pairs at constant velocity, and the pose by wheel odometry.
+
+    @property
+    def all(self) -> list[Pose]:
+        """All guesses."""
+        return [self.expected, self.standstill, *self.others]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,41 +41,45 @@ class Motion:
     known_ns: int | None  #: Stamp of the last known pose; None before the first pair.
     tracked_ns: int = 0  #: Stamp of the pair tracked last.
     period_ns: int = 0  #: Time between the two pairs tracked last; 0 if unknown.
-    speed: tuple[float, float] = (0.0, 0.0)  #: Last speed, m/s and rad/s.
+    speed: Speed = Speed(0.0, 0.0)  #: Last speed.
 
     def unobserved_s(self, stamp_ns: int) -> float:
-        """Return the time between the last known pose and a stamp, s."""
+        """Return the time between the last known pose and a stamp, s; 0 before the first pair."""
         return 0.0 if self.known_ns is None else abs(stamp_ns - self.known_ns) / NS_PER_S
 
-    def predict(self, stamp_ns: int, odometry: Transform | None, model: RoverModel) -> list[Pose]:
-        """Return the initial guesses of the next pose: constant velocity, standstill, missed pairs, wheel odometry.
+    def predict(self, stamp_ns: int, odometry: Transform | None, model: RoverModel) -> Guesses:
+        """Return the initial guesses of the next pose.
 
         The odometry is a motion of RB since the last pair, `T_before_now`, from another source.
         """
         last = self.T_world_left
-        guesses = [last @ self.T_before_last, last]
+        expected = last @ self.T_before_last
+        others = []
         missed = round((stamp_ns - self.tracked_ns) / self.period_ns) - 1 if self.period_ns > 0 else 0
         if 0 < missed <= MAX_MISSED_PAIRS:
-            further = guesses[0]
+            further = expected
             for _ in range(missed):
                 further = further @ self.T_before_last
-            guesses.append(further)
+            others.append(further)
         if odometry is not None:
-            guesses.append(last @ model.T_left_rb @ odometry @ model.T_rb_left)
-        return [Pose.of(guess) for guess in guesses]
+            others.append(last @ model.T_left_rb @ odometry @ model.T_rb_left)
+        return Guesses(Pose.of(expected), Pose.of(last), tuple(map(Pose.of, others)))
 
-    def tracked(self, stamp_ns: int, T_world_left: Transform, *, has_predecessor: bool) -> Motion:
-        """Return the motion after a tracked pair. The speed is updated only if the pair before was tracked, too."""
+    def tracked(self, stamp_ns: int, T_world_left: Transform, *, was_known: bool) -> Motion:
+        """Return the motion after a tracked pair. The speed is updated only if the pose before was not lost."""
         motion = self.T_world_left.inverse() @ T_world_left
         speed = self.speed
-        if has_predecessor:
-            seconds = abs(stamp_ns - (self.known_ns or 0)) / NS_PER_S
+        if was_known:
+            seconds = self.unobserved_s(stamp_ns)
             metres, radians = size_of(motion)
-            speed = (metres / seconds, radians / seconds) if seconds > 0.0 else (0.0, 0.0)
+            speed = Speed(metres / seconds, radians / seconds) if seconds > 0.0 else Speed(0.0, 0.0)
         return Motion(T_world_left, motion, stamp_ns, stamp_ns, stamp_ns - self.tracked_ns, speed)
 
-    def at_rest(self) -> Motion:
-        """Return the motion after tracking was lost: the rover is assumed to stand still."""
+    def without_prediction(self) -> Motion:
+        """Return the motion after tracking was lost: the next pose is expected where the last known one is.
+
+        The last speed stays: the rover may have continued at it while no image showed its motion.
+        """
         return replace(self, T_before_last=Transform.identity())
 
     def restarted(self, stamp_ns: int) -> Motion:
@@ -74,10 +92,12 @@ def size_of(motion: Transform) -> tuple[float, float]:
     return float(np.linalg.norm(motion.translation)), float(np.linalg.norm(rotvec_from_matrix(motion.rotation)))
 
 
-def is_plausible(motion: Motion, stamp_ns: int, T_world_left: Transform, bounds: MotionBounds) -> bool:
-    """Return whether a rover can have moved to a pose since the last known one. NaN is not plausible."""
-    seconds = abs(stamp_ns - (motion.known_ns or 0)) / NS_PER_S
-    metres, radians = size_of(motion.T_world_left.inverse() @ T_world_left)
+def is_plausible(motion: Motion, stamp_ns: int, pose: Pose, bounds: MotionBounds) -> bool:
+    """Return whether a rover can have moved to a pose of the left camera since the last known one; NaN is not."""
+    seconds = motion.unobserved_s(stamp_ns)
+    last = motion.T_world_left
+    metres = np.linalg.norm(pose.position - last.translation)
+    radians = np.linalg.norm(rotvec_from_matrix(last.rotation.T @ pose.rotation))
     max_m = SLACK_M + bounds.max_speed_m_s * seconds
     max_rad = SLACK_RAD + bounds.max_turn_rad_s * seconds
-    return metres <= max_m and radians <= max_rad
+    return bool(metres <= max_m and radians <= max_rad)

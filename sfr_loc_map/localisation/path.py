@@ -7,7 +7,7 @@ step to it, too.
 |---|---|
 | is the first one | `arrived` |
 | was tracked | `tracked` |
-| shows no new image, or an ambiguous one: the last pose is kept | `kept` |
+| repeats the pair before, or contradicts its pose: the last pose is kept | `kept` |
 | begins a new window at the last pose | `restarted` |
 | became a keyframe, which was adjusted in the background | `adjusted` |
 | is lost | `lost` |
@@ -35,11 +35,12 @@ from sfr_loc_map.localisation.motion_model import SLACK_M, SLACK_RAD, Motion, si
 from sfr_loc_map.localisation.uncertainty import (
     MIN_VARIANCE,
     ZERO,
-    Ambiguity,
+    DirectedError,
     DisparityBias,
     LocatedCovariance,
     PathErrors,
     RoverModel,
+    Speed,
     StepMemory,
     StepMotion,
     drift_covariance,
@@ -50,7 +51,6 @@ from sfr_loc_map.localisation.uncertainty import (
     systematic_step,
     unobserved_motion,
     updated_variance_factor,
-    with_ambiguity,
 )
 
 
@@ -72,10 +72,10 @@ class TrackedPair(NamedTuple):
     stamp_ns: int
     tracks: Tracks
     chi_median: float  #: Median squared Mahalanobis residual per degree of freedom; NaN without any.
-    has_predecessor: bool  #: Whether the pair before was tracked, too.
-    is_late: bool  #: Whether the pair may not show all of the motion, because its images may be partly old.
+    was_known: bool  #: Whether the pose of the pair before was not lost; it may have been kept.
+    adds_unobserved: bool  #: Whether the covariance allows for the motion since the last pose.
     shear: float  #: Squared shear of the image rows over its variance.
-    ambiguity: Ambiguity | None  #: How far the pose may be another one; None if it is unambiguous.
+    ambiguity: DirectedError | None  #: How far the pose may be another one; None if it is unambiguous.
 
 
 def started(start: StartPose, model: RoverModel) -> Path:
@@ -116,17 +116,19 @@ def tracked(
     unobserved = unobserved_motion(path.motion.speed, path.motion.unobserved_s(stamp_ns), model)
     ambiguity = pair.ambiguity
     if ambiguity is not None:  # at least the motion since the last pose, and what no image would show
-        sigmas = np.sqrt(unobserved.diagonal())
-        ambiguity = Ambiguity(max(ambiguity.metres, metres, sigmas[0]), max(ambiguity.radians, radians, sigmas[5]))
+        sigma_x, _, _, _, _, sigma_heading = np.sqrt(unobserved.diagonal())
+        ambiguity = DirectedError(
+            max(ambiguity.metres, metres, sigma_x), max(ambiguity.radians, radians, sigma_heading)
+        )
     pose_only = np.asarray(np.linalg.inv(pair.tracks.information))
     errors = _tracked_errors(path, pair, ambiguity, pose_only, landmark_map, calibration, model)
-    to_here = unobserved if pair.is_late else ZERO
+    to_here = unobserved if pair.adds_unobserved else ZERO
     if ambiguity is not None:
         to_here = to_here + ambiguity.covariance
     factor = updated_variance_factor(path.step.variance_factor, pair.chi_median, model.sources)
     noise = pose_noise(pose_only, now.rotation, factor, pair.shear, model)
     memory = StepMemory(stamp_ns, now, to_here, noise, factor)
-    motion = path.motion.tracked(stamp_ns, now, has_predecessor=pair.has_predecessor)
+    motion = path.motion.tracked(stamp_ns, now, was_known=pair.was_known)
 
     depth_m = pair.tracks.landmarks.median_depth
     before_ns, before = _published(path, stamp_ns, now)
@@ -140,17 +142,17 @@ def tracked(
         systematic=systematic_step(step, depth_m, calibration, model),
         noise=noise,
         noise_before=path.step.noise,
-        unsteady=ZERO if pair.has_predecessor else unobserved_motion(motion.speed, seconds, model),
+        unsteady=ZERO if pair.was_known else unobserved_motion(motion.speed, seconds, model),
     )
     history = path.history.with_pose(
         PastPose(
             stamp_ns=stamp_ns,
             T_world_left=now,
-            has_predecessor=pair.has_predecessor,
+            was_known=pair.was_known,
             window=path.window,
             in_window=LocatedCovariance(now.translation, errors.in_window),
             bias=errors.bias,
-            ambiguity=errors.ambiguity,
+            directed=errors.directed,
         )
     )
     return Path(motion, path.datum, errors, memory, history, path.window), estimate
@@ -159,7 +161,7 @@ def tracked(
 def _tracked_errors(
     path: Path,
     pair: TrackedPair,
-    ambiguity: Ambiguity | None,
+    ambiguity: DirectedError | None,
     pose_only: FloatArray,
     landmark_map: LandmarkMap,
     calibration: OnlineCalibration,
@@ -170,20 +172,17 @@ def _tracked_errors(
     last = path.motion.T_world_left
     position = pair.tracks.pose.position
     metres, _ = size_of(last.inverse() @ Transform(*pair.tracks.pose))
-    turn = Ambiguity(0.0, lens_turn_per_m(calibration, model) * metres)  # bends the path in the same direction always
-    total, located = with_ambiguity(errors, turn, position)
+    errors = errors.with_directed(DirectedError(0.0, lens_turn_per_m(calibration, model) * metres), position)
     if ambiguity is not None:
-        total, located = with_ambiguity(replace(errors, ambiguity=total, ambiguous=located), ambiguity, position)
+        errors = errors.with_directed(ambiguity, position)
     depth_m = landmark_map.landmarks.median_depth
     per_px = (position - last.translation) * depth_m / model.focal_baseline
     bias = DisparityBias(errors.bias.total + per_px, errors.bias.corrected + per_px * calibration.corrected_px)
     return replace(
         errors,
         in_window=pose_only + landmark_map.window.covariance,
-        unobserved=_unobserved_of_left(path, pair.stamp_ns, model) if pair.is_late else ZERO,
+        unobserved=_unobserved_of_left(path, pair.stamp_ns, model) if pair.adds_unobserved else ZERO,
         bias=bias,
-        ambiguity=total,
-        ambiguous=located,
     )
 
 
@@ -200,7 +199,7 @@ def restarted(path: Path, stamp_ns: int, landmark_map: LandmarkMap, model: Rover
     depth_m = landmark_map.landmarks.median_depth
     known = drift_covariance(path.errors, position, model) + _unobserved_of_left(path, stamp_ns, model)
     image_rad = model.sources.image_px / model.fx
-    of_first_image = Ambiguity(image_rad * depth_m, image_rad).covariance
+    of_first_image = DirectedError(image_rad * depth_m, image_rad).covariance
     in_window = landmark_map.window.covariance
     errors = replace(
         path.errors,
@@ -214,25 +213,25 @@ def restarted(path: Path, stamp_ns: int, landmark_map: LandmarkMap, model: Rover
     past = PastPose(
         stamp_ns=stamp_ns,
         T_world_left=path.motion.T_world_left,
-        has_predecessor=False,
+        was_known=False,
         window=window,
         in_window=LocatedCovariance(position, in_window),
         bias=errors.bias,
-        ambiguity=errors.ambiguity,
+        directed=errors.directed,
     )
     motion = path.motion.restarted(stamp_ns)
     return Path(motion, path.datum, errors, memory, path.history.with_pose(past), window), step
 
 
 def lost(path: Path) -> Path:
-    """Return the path after a lost pair: the rover is assumed to be at rest."""
-    return replace(path, motion=path.motion.at_rest())
+    """Return the path after a lost pair."""
+    return replace(path, motion=path.motion.without_prediction())
 
 
 def adjusted(path: Path, pose: Pose, covariance: FloatArray, *, has_yaw_step: bool) -> Path | None:
-    """Return the path that continues from the adjusted pose of the last pair; None if that pose is implausible.
+    """Return the path that continues from the adjusted pose of the last pair; None if the adjustment diverged.
 
-    A change of the yaw correction moves the pose. The next step is then as uncertain as this motion is large.
+    A change of the yaw correction moves the pose. The standard deviation of the next step grows by this motion.
     """
     if not (np.isfinite(np.column_stack(pose)).all() and np.isfinite(covariance).all()):
         return None
@@ -242,7 +241,7 @@ def adjusted(path: Path, pose: Pose, covariance: FloatArray, *, has_yaw_step: bo
         return None
     step = path.step
     if has_yaw_step:
-        step = replace(step, unobserved=step.unobserved + Ambiguity(metres, radians).covariance)
+        step = replace(step, unobserved=step.unobserved + DirectedError(metres, radians).covariance)
     return replace(
         path,
         motion=replace(path.motion, T_world_left=T_world_left),
@@ -314,13 +313,13 @@ def _placed(path: Path, pose: StartPose, stamp_ns: int | None, model: RoverModel
     bias = path.errors.bias
     return replace(
         path,
-        motion=replace(path.motion, known_ns=stamp_ns, speed=(0.0, 0.0)),
+        motion=replace(path.motion, known_ns=stamp_ns, speed=Speed(0.0, 0.0)),
         datum=replace(path.datum, T_ds_world=T_ds_world, placed=pose),
         errors=PathErrors(
             start=LocatedCovariance(last.translation, covariance),
             bias=bias,
             bias_at_start=bias,
-            ambiguous=LocatedCovariance(last.translation, ZERO),
+            located=LocatedCovariance(last.translation, ZERO),
         ),
         history=History(),
     )
@@ -336,7 +335,7 @@ def _rebased(path: Path, pose: StartPose, at_ns: int, model: RoverModel) -> Path
         pose.covariance + unobserved, T_ds_world.rotation.T, past.T_world_left.rotation
     )
     position = past.in_window.position
-    since = path.errors.ambiguity - past.ambiguity
+    since = path.errors.directed.since(past.directed)
     if past.window == path.window:
         start = LocatedCovariance(position, covariance)
         reference = past.in_window
@@ -350,7 +349,7 @@ def _rebased(path: Path, pose: StartPose, at_ns: int, model: RoverModel) -> Path
         start=start,
         reference=reference,
         bias_at_start=past.bias,
-        ambiguity=since,
-        ambiguous=LocatedCovariance(position, since.covariance),
+        directed=since,
+        located=LocatedCovariance(position, since.covariance),
     )
     return replace(path, datum=replace(path.datum, T_ds_world=T_ds_world), errors=errors)

@@ -69,6 +69,10 @@ class References(NamedTuple):
         """Return the references after landmarks were recognised."""
         return self._replace(attempts=0)
 
+    def after_attempt(self) -> References:
+        """Return the references after a good image without a recognised landmark."""
+        return self._replace(attempts=self.attempts + 1)
+
     def with_image(self, known: KnownImage, *, is_best: bool) -> References:
         """Return the references with a tracked image."""
         return References(known, known if is_best else self.best, self.attempts, is_last_best=is_best)

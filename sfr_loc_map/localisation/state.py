@@ -21,7 +21,7 @@ from sfr_loc_map.localisation.relocalisation import References
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
-    """Everything that is known between two pairs. It is replaced as a whole, once per pair."""
+    """Everything that is known between two pairs, except for the keyframe that is being made in the background."""
 
     path: Path  #: Motion, datum, history and accumulated errors.
     calibration: OnlineCalibration  #: Rotation error of the right camera.
@@ -32,7 +32,7 @@ class State:
     shear: ShearMean = ShearMean()  #: Memory of the check for sheared rows.
     keyframes: int = 0  #: Number of keyframes since the start.
     settled_from: int = 0  #: Number of keyframes from which a window that began after a gap is no longer degraded.
-    status: TrackingState = TrackingState.INITIALISING  #: State published last.
+    status: TrackingState = TrackingState.INITIALISING  #: State published last; a lost pose is not continued.
     reason: StateReason | None = None  #: Reason published last.
 
 

@@ -4,22 +4,24 @@
 
     P = F_s S F_s' + 2 D + F_a A F_a' + image + (disparity^2 + yaw^2 + (0.5 remaining)^2) b b' + u u' + attitude + M
 
-S start pose, D drift within the window, A ambiguous motions and the bending of the path by the lens, b path integral of
-position over disparity error, u its part that was travelled before the yaw was corrected, M motion that no image
-showed. F propagates a covariance from where it arose to the present position.
+S start pose; D drift within the window; A directed errors (ambiguous motions, bending of the path by the lens); b path
+integral of position over disparity error, m/px; u position error of the path travelled with the yaw uncorrected, m; M
+motion that no image showed. F propagates a covariance from where it arose to the present position.
 
 Two poses share most of P, and P shrinks when the yaw of the right camera is learnt. P therefore does not give the
 uncertainty of the motion between two poses, which is composed of steps.
 
 **Step** (`step_covariance`), of RB in RB at the pose before, independent from step to step:
 
-    Q = v r (2 K + keyframe) + M,    r = max(size of the step / size of a keyframe interval, 0.02)
+    Q = 1.5 max(v, 0.2) r (2 K + keyframe) + M,    r = max(size of the step / size of a keyframe interval, 0.02)
 
 K covariance of the newest keyframe given the one before, v variance factor (ratio of the residuals found to those
-stated; Foerstner and Wrobel, Photogrammetric Computer Vision, chapter 4).
+stated; Foerstner and Wrobel, Photogrammetric Computer Vision, chapter 4; the factor is 1 before the first residuals).
+M is added by `path.tracked`, for the motion to the pose before and to this pose.
 
-**Noise** (`pose_noise`): white noise of a pose itself, which the next step takes back. **Systematic**
-(`systematic_step`): errors that are alike in all steps and add up with their sign.
+**Noise** (`pose_noise`): white noise of a pose itself, which cancels between consecutive steps. **Systematic**
+(`systematic_step`): errors common to all steps, which add up with their sign. A yaw that is still to be corrected
+counts in full in a step and by half in the pose, which holds the uncorrected path u as well.
 
 **Twist**: the motion of a step over its duration; its covariance is Q, the noise of both poses, the systematic part,
 and a speed that may have changed while no image showed it (`StepEstimate.motion_covariance`).
@@ -30,7 +32,7 @@ camera in the world unless stated otherwise.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -122,7 +124,10 @@ class RoverModel:
         )
 
     def covariance_of_left(self, covariance: FloatArray, rotation: FloatArray, R_world_left: FloatArray) -> FloatArray:
-        """Return the covariance of the left camera in the world from that of RB; `rotation` takes its axes there."""
+        """Return the covariance of the left camera in the world from that of RB in some frame.
+
+        `rotation` is R_world_frame.
+        """
         lever = R_world_left @ self.T_rb_left.rotation.T @ self.T_rb_left.translation
         return symmetric(propagated_covariance(covariance, lever, rotation))
 
@@ -145,8 +150,18 @@ class DisparityBias(NamedTuple):
     corrected: FloatArray  #: Times the yaw, px, that was corrected at each step.
 
 
-class Ambiguity(NamedTuple):
-    """How far a motion may be another one, always in the same direction."""
+class Speed(NamedTuple):
+    """Speed of the left camera."""
+
+    m_s: float
+    rad_s: float
+
+
+class DirectedError(NamedTuple):
+    """Standard deviations of a position and a rotation, each on every axis.
+
+    Errors of several steps have the same direction: their standard deviations add up.
+    """
 
     metres: float
     radians: float
@@ -156,9 +171,13 @@ class Ambiguity(NamedTuple):
         """Covariance `(6, 6)` of errors of this size on each axis."""
         return np.diag(np.repeat(np.square((self.metres, self.radians)), 3))
 
-    def __sub__(self, other: Ambiguity) -> Ambiguity:
-        """Return what was added since another sum."""
-        return Ambiguity(self.metres - other.metres, self.radians - other.radians)
+    def plus(self, other: DirectedError) -> DirectedError:
+        """Return the sum with a further error."""
+        return DirectedError(self.metres + other.metres, self.radians + other.radians)
+
+    def since(self, earlier: DirectedError) -> DirectedError:
+        """Return what was added since an earlier sum."""
+        return DirectedError(self.metres - earlier.metres, self.radians - earlier.radians)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -173,8 +192,15 @@ class PathErrors:
     )  #: Covariance of the motion up to the present pose that no image showed.
     bias: DisparityBias = DisparityBias(np.zeros(3), np.zeros(3))
     bias_at_start: DisparityBias = DisparityBias(np.zeros(3), np.zeros(3))
-    ambiguity: Ambiguity = Ambiguity(0.0, 0.0)  #: Sum of all ambiguous motions.
-    ambiguous: LocatedCovariance = LocatedCovariance(np.zeros(3), ZERO)  #: Covariance of that sum.
+    directed: DirectedError = DirectedError(0.0, 0.0)  #: Sum of ambiguous motions and of the bending by the lens.
+    located: LocatedCovariance = LocatedCovariance(np.zeros(3), ZERO)  #: Covariance of that sum, and where it arose.
+
+    def with_directed(self, error: DirectedError, position: FloatArray) -> PathErrors:
+        """Return the errors with a further directed one, which arose at a position."""
+        total = self.directed.plus(error)
+        growth = total.covariance - self.directed.covariance
+        located = LocatedCovariance(position, self.located.at(position) + growth)
+        return replace(self, directed=total, located=located)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -203,7 +229,7 @@ def pose_covariance(
 ) -> FloatArray:
     """Return the covariance of the left camera at a position, with landmarks at a median depth."""
     sources = model.sources
-    covariance = drift_covariance(errors, position, model) + errors.ambiguous.at(position)
+    covariance = drift_covariance(errors, position, model) + errors.located.at(position)
     image_rad = sources.image_px / model.fx
     covariance = covariance + np.diag(np.repeat(np.square([image_rad * depth_m, image_rad]), 3))
     # errors that all disparities share: a constant one, the yaw as far as it is unknown, and the path travelled
@@ -230,17 +256,6 @@ def drift_covariance(errors: PathErrors, position: FloatArray, model: RoverModel
     return np.asarray(drift * model.sources.adjustment_inflation + errors.start.at(position))
 
 
-def with_ambiguity(errors: PathErrors, more: Ambiguity, position: FloatArray) -> tuple[Ambiguity, LocatedCovariance]:
-    """Return the sum of ambiguous motions and its covariance after a further one, at a position.
-
-    They err in the same direction, so that standard deviations add up.
-    """
-    before = errors.ambiguity
-    total = Ambiguity(before.metres + more.metres, before.radians + more.radians)
-    growth = total.covariance - before.covariance
-    return total, LocatedCovariance(position, errors.ambiguous.at(position) + growth)
-
-
 def lens_turn_per_m(calibration: OnlineCalibration, model: RoverModel) -> float:
     """Return the rotation per metre, rad/m, by which residual disparities of the lens bend the path.
 
@@ -253,14 +268,13 @@ def lens_turn_per_m(calibration: OnlineCalibration, model: RoverModel) -> float:
 # ---- motion that no image showed
 
 
-def unobserved_motion(speed: tuple[float, float], seconds: float, model: RoverModel) -> FloatArray:
+def unobserved_motion(speed: Speed, seconds: float, model: RoverModel) -> FloatArray:
     """Return the covariance `(6, 6)` of a motion that no image showed, in RB where it began.
 
-    The last speed, m/s and rad/s, may have gone on.
+    The rover may have continued at its last speed.
     """
-    metres_s, radians_s = speed
-    metres = max(model.bounds.unseen_speed_m_s, metres_s) * seconds
-    heading = max(model.bounds.unseen_turn_rad_s, radians_s) * seconds
+    metres = max(model.bounds.unseen_speed_m_s, speed.m_s) * seconds
+    heading = max(model.bounds.unseen_turn_rad_s, speed.rad_s) * seconds
     tilt = min(model.sources.tilt_ratio * heading, MAX_ANGLE_RAD)
     climb = model.sources.climb_ratio * metres
     return np.diag(np.square([metres, metres, climb, tilt, tilt, min(heading, MAX_ANGLE_RAD)]))
@@ -361,7 +375,7 @@ def pose_noise(
 
 
 def systematic_step(step: StepMotion, depth_m: float, calibration: OnlineCalibration, model: RoverModel) -> FloatArray:
-    """Return one standard deviation `(6,)` of what errors that are alike in all steps add to a step, in RB.
+    """Return the standard deviations `(6,)` of errors common to all steps, as they affect one step, in RB.
 
     The depth is the median depth of the landmarks, m.
     """

@@ -16,16 +16,19 @@ from sfr_loc_map.localisation.guards import RULES, Action, Finding, decide
 DRIVE = drive(16)
 
 
-def test_each_finding_has_a_rule_and_what_keeps_or_loses_a_pair_wins_over_what_degrades_it() -> None:
+def test_each_finding_has_a_rule_and_the_first_rule_gives_the_reason() -> None:
     assert set(RULES) == set(Finding)
+    order = list(RULES)
     for finding, rule in RULES.items():
-        assert decide({finding}) == (rule.action, rule.reason, rule.is_late)
-        for other, second in RULES.items():
-            verdict = decide({finding, other})
-            assert verdict.is_late == (rule.is_late or second.is_late)
-            if second.action is Action.DEGRADE and rule.action is not Action.DEGRADE:
-                assert verdict[:2] == rule[:2]
-    assert decide(set()) == (Action.ACCEPT, None, False)
+        assert decide({finding})[:2] == (rule.action, rule.reason)
+        for other in order[order.index(finding) :]:
+            verdict = decide({other, finding})
+            assert verdict.reason == rule.reason
+            assert verdict.adds_unobserved == (rule.adds_unobserved or RULES[other].adds_unobserved)
+            assert verdict.is_reference == (rule.is_reference and RULES[other].is_reference)
+    refusing = [rule.action.refuses for rule in RULES.values()]
+    assert refusing == sorted(refusing, reverse=True)  # what refuses a pair comes first
+    assert decide(set()) == (Action.ACCEPT, None, False, True)
 
 
 def torn(new: StereoPair, old: StereoPair, row: int) -> StereoPair:

@@ -75,8 +75,8 @@ def move(
         number * PERIOD_NS,
         tracks,  # type: ignore[arg-type]
         chi_median=1.0,
-        has_predecessor=True,
-        is_late=False,
+        was_known=True,
+        adds_unobserved=False,
         shear=0.0,
         ambiguity=None,
     )
@@ -90,7 +90,7 @@ def of_path(path: Path, known: OnlineCalibration | None = None) -> np.ndarray:
     calibration = known or OnlineCalibration(RIG.camera, 7)
     covariance = pose_covariance(path.errors, position, DEPTH_M, calibration, model_of(IN_CAMERA))
     images = IMAGE + propagated_covariance(IMAGE, position)
-    return np.asarray((covariance - path.errors.ambiguous.covariance - images)[:3, :3])
+    return np.asarray((covariance - path.errors.located.covariance - images)[:3, :3])
 
 
 # ---- guesses
@@ -101,7 +101,7 @@ def guesses(stamp_ns: int, odometry: Transform | None = None) -> list[np.ndarray
     path = begun(RIG)
     for number, pose in enumerate(true_path(3)[1:], 1):
         path = move(path, number, pose, rig=RIG)
-    return [Transform(*guess).matrix for guess in path.motion.predict(stamp_ns, odometry, model_of(RIG))]
+    return [Transform(*guess).matrix for guess in path.motion.predict(stamp_ns, odometry, model_of(RIG)).all]
 
 
 @pytest.mark.parametrize("missed", [0, 1, MAX_MISSED_PAIRS, MAX_MISSED_PAIRS + 1])

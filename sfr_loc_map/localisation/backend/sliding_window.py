@@ -107,6 +107,7 @@ class SlidingWindow:
         inverse_depth = problem.uv_inverse_depth[rows, 2]
         return Landmarks(
             rows,
+            host,
             LocalPlanes(hosts, self.uv[rows], inverse_depth, self.slopes[rows]),
             LandmarkEstimates(hosts, rays, inverse_depth, self.landmark_covariance[rows]),
             Patches(self.patches, rows),

@@ -77,7 +77,9 @@ class Patches(dict[int, Templates]):
             return self[level]
         images, margin = [host.coarse[level - 1].image for host, _ in parts], COARSE_HALF + 2
         small = (np.concatenate([host.uv[rows] for host, rows in parts]) + 0.5) / 2.0**level - 0.5
-        last = np.max([image.shape[::-1] for image in images], axis=0) - 1 - margin  # a host of none has a small image
+        last = (
+            np.max([image.shape[::-1] for image in images], axis=0) - 1 - margin
+        )  # hosts without landmarks have a 1 x 1 placeholder
         inside = np.all((small >= margin) & (small <= last), axis=1)
         places = np.split(np.clip(small, margin, last), np.cumsum([len(rows) for _, rows in parts])[:-1])
         patches = np.concatenate(
@@ -93,6 +95,7 @@ class Landmarks:
     """M active landmarks as arrays; each is a host pixel with an inverse depth in its host keyframe."""
 
     index: NDArray[np.intp]  #: `(M,)` rows in the sliding window, increasing.
+    host: NDArray[np.int64]  #: `(M,)` numbers of the host keyframes in the window.
     planes: LocalPlanes  #: Planes around the patches: host cameras, host pixels, inverse depths and slopes.
     estimates: LandmarkEstimates  #: Rays of the estimated host pixels, and the covariance given the poses.
     patches: Patches  #: Patches.
@@ -106,6 +109,7 @@ class Landmarks:
         inverse_depth = inverse_depth[kept]
         return Landmarks(
             self.index[kept],
+            self.host[kept],
             LocalPlanes(hosts, uv[kept], inverse_depth, slopes[kept]),
             LandmarkEstimates(hosts, rays[kept], inverse_depth, covariance[kept]),
             Patches(self.patches.hosted, self.patches.rows[kept]),
@@ -133,9 +137,8 @@ class Landmarks:
 
     @property
     def are_old(self) -> Mask:
-        """Mask `(M,)` of the landmarks that are not hosted by the newest host keyframe."""
-        positions = self.planes.hosts.positions
-        return np.asarray((positions != positions[-1:]).any(axis=1))
+        """Mask `(M,)` of the landmarks that the newest host keyframe does not host."""
+        return np.asarray(self.host != self.host[-1:])
 
     @property
     def points(self) -> FloatArray:

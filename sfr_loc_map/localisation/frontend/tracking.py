@@ -1,7 +1,7 @@
 """Tracking of landmarks in a stereo pair, and the pose of the pair that follows from them.
 
 1. `align`: one pose for many patches at once, from coarse to fine pyramid levels (direct image alignment, as in
-   Forster et al., SVO, 2017). The result is right to some tenths of a pixel.
+   Forster et al., SVO, 2017). The result is right to some hundredths of a pixel.
 2. `observe`: each landmark by itself, in both images, with its patch warped by its local plane (Lucas and Kanade 1981).
 3. `solve`: the pose from all observations, with robust weights (Geman-McClure) and the uncertainty of each landmark.
 """
@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray, GreyImage, Mask
+from sfr_loc_map.geometry.arrays import FloatArray, GreyImage, Mask, median
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
@@ -28,7 +28,8 @@ from sfr_loc_map.localisation.parallel import both
 LIMITS = TrackingLimits(max_shift=2.5, iterations=6, min_correlation=0.6)
 """Limits of a landmark against its projection: px, Gauss-Newton iterations, normalised cross-correlation."""
 SEARCHED_OFFSET_PX = 0.5
-"""Offset of the right image, px, above which landmarks are searched at the offset position. Tracking reaches less."""
+"""Offset of the right image, px, above which landmarks are searched at the offset position. A smaller offset is within
+the capture range of the tracker."""
 ALIGNED_LEVELS = range(LEVELS - 1, 0, -1)  #: Level 0 is not aligned: patches are tracked from some tenths of a pixel.
 FIRST_ITERATIONS = 6  #: Gauss-Newton iterations of the alignment on its first level.
 NEXT_ITERATIONS = 4  #: Gauss-Newton iterations of the alignment on each further level.
@@ -107,7 +108,7 @@ class Tracker:
     def align(
         self, left: Pyramid, landmarks: Landmarks, guesses: Sequence[Pose], levels: Sequence[int] = ALIGNED_LEVELS
     ) -> Pose:
-        """Return the pose to some tenths of a pixel, from the initial guess that fits the first level best."""
+        """Return the pose to some hundredths of a pixel, from the initial guess that fits the first level best."""
         iterations = FIRST_ITERATIONS
         planes = landmarks.planes
         for level in levels:
@@ -221,9 +222,3 @@ class Tracker:
         variance[:, 0] += floor
         variance[:, 2] += floor
         return np.asarray(variance)
-
-
-def median(values: FloatArray) -> float:
-    """Return the median of at least one finite value; `np.median` takes five times as long for few values."""
-    ordered = np.sort(values)
-    return float(0.5 * (ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]))
