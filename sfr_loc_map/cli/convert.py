@@ -9,7 +9,15 @@ from typing import Annotated, Literal
 from typer import Argument, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.options import ConfigOption, OverwriteOption, RemapOption, SourceArgument, open_as
+from sfr_loc_map.cli.options import (
+    ColumnsOption,
+    ConfigOption,
+    OverwriteOption,
+    RemapOption,
+    SourceArgument,
+    columns_of,
+    open_as,
+)
 from sfr_loc_map.cli.output import check_outputs, check_suffix, output_folder, progress_bar, say, warn
 from sfr_loc_map.errors import ConfigError, InputError, naming
 
@@ -41,6 +49,7 @@ def convert(
         Literal["kitti", "euroc"] | None, Option(help="Write the drive in the layout of KITTI odometry or EuRoC (ASL).")
     ] = None,
     remap: RemapOption = None,
+    columns: ColumnsOption = None,
     config: ConfigOption = None,
     jpeg_quality: Annotated[int | None, Option(min=1, max=100, metavar="Q", help="JPEG images (bags only).")] = None,
     compression: Annotated[Literal["none", "zstd"], Option(help="Of a bag's chunks (mcap only).")] = "none",
@@ -77,7 +86,10 @@ def convert(
     if is_poses or (layout is None and format_of_name(destination) is not None):
         if layout is not None:
             raise ConfigError(f"'--to {layout}' writes images: '{source}' is a trajectory alone")
-        return _convert_trajectory(source, destination, remap, config, is_poses=is_poses, overwrite=overwrite)
+        of_poses = columns_of(columns)[0]
+        return _convert_trajectory(
+            source, destination, remap, config, is_poses=is_poses, overwrite=overwrite, columns=of_poses
+        )
     room: AbstractContextManager[Path] = output_folder(destination, overwrite=overwrite, inputs=(source,))
     if is_pairs := destination.suffix == PAIRS and layout is None:
         if options != ConvertOptions():
@@ -107,19 +119,26 @@ def convert(
 
 
 def _convert_trajectory(
-    source: Path, destination: Path, remap: list[str] | None, config: Path | None, *, is_poses: bool, overwrite: bool
+    source: Path,
+    destination: Path,
+    remap: list[str] | None,
+    config: Path | None,
+    *,
+    is_poses: bool,
+    overwrite: bool,
+    columns: str,
 ) -> None:
     """Write a trajectory, or the true one of a source, as a file of poses or as a folder or bag."""
-    from sfr_loc_map.io.trajectory_file import ANNOUNCED, files_written, format_of_name, read_trajectory_file
+    from sfr_loc_map.io.trajectory_file import files_written, format_of_name, read_trajectory_file
     from sfr_loc_map.pipeline.convert import convert_trajectory
 
     to_file = format_of_name(destination) is not None
     if to_file:
         check_outputs(*files_written(destination), overwrite=overwrite)
     if is_poses:
-        read = read_trajectory_file(source)
+        read = read_trajectory_file(source, columns)
         poses = read.trajectory
-        if read.format in ANNOUNCED:
+        if read.is_announced:
             say(read.text, err=True)
     else:
         opened, _ = open_as(source, remap, config)

@@ -272,3 +272,26 @@ class IntakeOptions:
             else:
                 found[section] = value
         return found
+
+
+ColumnsOption = Annotated[
+    list[str] | None,
+    Option(
+        "--columns",
+        metavar="[estimate:|truth:]NAME=COLUMN,...",
+        help="Columns of a text table that does not name them: t=Time[s],x=East[mm],... by the header, or "
+        "t[ns],x,y,z,qw,qx,qy,qz in their order; without a prefix of the estimate; repeatable.",
+    ),
+]
+
+
+def columns_of(texts: list[str] | None) -> tuple[str, str]:
+    """Return the columns of the estimate and those of the truth, empty where they are not given."""
+    found = {"estimate": "", "truth": ""}
+    for text in texts or ():
+        side, separator, columns = text.partition(":")
+        if separator and side in found:
+            found[side] = columns
+        else:
+            found["estimate"] = text
+    return found["estimate"], found["truth"]

@@ -13,6 +13,7 @@ from typer import Argument, Option
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import (
     Align,
+    ColumnsOption,
     ConfigOption,
     ConventionOptions,
     JudgeOptions,
@@ -20,6 +21,7 @@ from sfr_loc_map.cli.options import (
     PartialOption,
     RebaseOption,
     SpacingOption,
+    columns_of,
     parse_settings,
 )
 from sfr_loc_map.cli.output import STANDARD_OUTPUT, beside, check_suffix, say, show, warn
@@ -98,6 +100,7 @@ def score(
     rpe_delta: Annotated[
         str | None, Option(metavar="frames=N|distance=M", help="Length of a relative error.", show_default="frames=1")
     ] = None,
+    columns: ColumnsOption = None,
     config_file: ConfigOption = None,
     settings: Annotated[
         list[str] | None,
@@ -129,9 +132,12 @@ def score(
     if (target is None) != (target_timing is None):
         raise ConfigError("'--target' and '--target-timing' belong together: give the name and the file")
     inputs = ScoreInputs.of(estimate, truth, stats or ())
-    if config_file is not None or settings:
+    of_estimate, columns_of_truth = columns_of(columns)
+    inputs = replace(inputs, columns=of_estimate)
+    if config_file is not None or settings or columns_of_truth:
         how = source_config(truth, config_file)
         given = {key.removeprefix("truth."): value for key, value in parse_settings(settings).items()}
+        given |= {"columns": columns_of_truth} if columns_of_truth else {}
         named = flatten(how.truth) | ({} if has_pairs else {"source": ""})  # TRUTH itself is the file
         of_truth = build(TruthConfig, {**named, **given}, origin="--set truth.KEY=VALUE")
         inputs = replace(inputs, config=replace(how, truth=of_truth))

@@ -43,7 +43,7 @@ from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig, SyncConfig
 from sfr_loc_map.io.stamp_pairing import match_stamps
 from sfr_loc_map.io.text_table import check_order
-from sfr_loc_map.io.truth import TruthConfig, truth_of_file
+from sfr_loc_map.io.truth import TruthConfig, possible_truth, truth_of_file
 
 LOOK_AHEAD = 32
 """Most stamps whose messages are waited for at a time: bounds the memory whatever the order in the bag."""
@@ -202,7 +202,8 @@ class BagLocSequence(_BagPairs):
         if config == TruthConfig() and not self._bag.matches(GROUND_TRUTH):
             return None
         if config == TruthConfig() and self._bag.topics[self._bag.matches(GROUND_TRUTH)[0]] == ODOMETRY:
-            return read_trajectory(self._bag, GROUND_TRUTH)
+            poses = read_trajectory(self._bag, GROUND_TRUTH)
+            return None if poses is None else possible_truth(poses, f"of '{self._bag.path}'")[1]
         return truth_of_file(self._bag.path, config, self._config.remap)
 
     def pairs(self) -> Iterator[StereoPair]:

@@ -14,8 +14,8 @@ from sfr_loc_map.io.euroc import is_euroc, open_euroc
 from sfr_loc_map.io.folder import PLACES, open_folder
 from sfr_loc_map.io.kitti import is_kitti, open_kitti
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.source_config import AS_IT_IS, SourceConfig, source_config
-from sfr_loc_map.io.truth import TruthConfig, truth_of_file
+from sfr_loc_map.io.source_config import SourceConfig, source_config
+from sfr_loc_map.io.truth import TruthConfig, possible_truth, truth_of_file
 
 Opener = Callable[[Path, SourceConfig], Source]
 
@@ -44,7 +44,7 @@ def open_source(path: Path, config: SourceConfig | None = None) -> Source:
     name = format_of(path)
     config = source_config(path) if config is None else config
     source = READERS[name][1](path, config)
-    source = source if name == "bag" or config == AS_IT_IS else _configured(source, config)
+    source = source if name == "bag" else _configured(source, config)
     return replace(source, configuration=config.path)
 
 
@@ -71,8 +71,13 @@ def _configured(source: Source, config: SourceConfig) -> Source:
         loc = replace(loc, rig=replace(loc.rig, T_rb_sb=T_rb_sb))
     if loc is not None and truth.source:
         loc = replace(loc, ground_truth=truth_of_file(source.path, truth))
-    elif loc is not None and truth != TruthConfig() and loc.ground_truth is not None:
-        loc = replace(loc, ground_truth=truth.applied(loc.ground_truth, read_from=str(source.path)))
+    elif loc is not None and loc.ground_truth is not None:
+        poses = loc.ground_truth
+        if truth == TruthConfig():
+            poses = possible_truth(poses, f"of '{source.path}'")[1]
+        else:
+            poses = truth.applied(poses, read_from=str(source.path))
+        loc = replace(loc, ground_truth=poses)
     return replace(source, loc=loc)
 
 

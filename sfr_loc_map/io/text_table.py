@@ -7,28 +7,31 @@ number. A table is read in blocks; what is wrong in one is looked for, line by l
 
 from __future__ import annotations
 
+import csv
 import math
 import re
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
 from decimal import ROUND_HALF_EVEN, Decimal, InvalidOperation
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sfr_loc_map.errors import GeometryError, InputError
-from sfr_loc_map.geometry.arrays import FloatArray, IntArray
-from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, plausible_positions, plausible_quats
-from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S, read_table_text, refusing
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
+from sfr_loc_map.inputs import NS_PER_S, read_table_text
 
 MAX_NUMBER_LENGTH = 400
 STAMP_LENGTH = 64
+UNIT_WORDS = {1: "nanoseconds", 1_000: "microseconds", 1_000_000: "milliseconds", NS_PER_S: "seconds"}
 STAMP_LIMIT = 2**62  #: 146 years from 1970: differences of stamps have 64 bits, too.
 BOM = b"\xef\xbb\xbf"
-COMMENT = ord("#")
+COMMENTS = b"#%"  #: A line that begins with one of these is a comment.
+NO_VALUE = ("", "nan", "null", "none", "-")  #: Cells of a target that was not observed, in small letters.
+MAX_BROKEN = 0.1  #: Largest fraction of the lines of a table that are left out because they cannot be read.
 _WHOLE = re.compile(r"[+-]?[0-9]{1,19}")
 _COUNT = re.compile(r"[0-9]{1,12}")
 _DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,4})?")
@@ -56,6 +59,32 @@ def parse_seconds(text: str) -> int:
                 return stamp
     hint = " (are these nanoseconds?)" if word.isdigit() else ""
     raise ValueError(f"stamp '{word[:40]}' is not a number of seconds{hint}")
+
+
+def parse_decimal(text: str, unit_ns: int) -> int:
+    """Return the nanoseconds of a decimal number of some unit, exactly; `unit_ns` is the unit in nanoseconds."""
+    word = text.strip(" \t").replace(",", ".")
+    if _is_decimal(word):
+        with suppress(InvalidOperation):
+            stamp = int((Decimal(word) * unit_ns).quantize(Decimal(1), ROUND_HALF_EVEN))
+            if -STAMP_LIMIT <= stamp < STAMP_LIMIT:
+                return stamp
+    raise ValueError(f"stamp '{word[:40]}' is not a number of {UNIT_WORDS[unit_ns]} up to 146 years from 1970")
+
+
+def parse_nanoseconds(text: str) -> int:
+    """Return nanoseconds of a text that may have decimals or an exponent: `1700000000000000000.000`."""
+    try:
+        return parse_stamp_ns(text)
+    except ValueError:
+        return parse_decimal(text, 1)
+
+
+def parse_utc(text: str) -> int:
+    """Return the nanoseconds of a time written as `2026-05-04 10:22:01.25`, UTC unless the text has a zone."""
+    moment = datetime.fromisoformat(text.strip())
+    since = (moment if moment.tzinfo else moment.replace(tzinfo=UTC)) - datetime.fromtimestamp(0, UTC)
+    return since // timedelta(microseconds=1) * 1000
 
 
 def seconds_text(stamp_ns: int) -> str:
@@ -106,20 +135,31 @@ class Table:
     lines: IntArray  #: `(N,)` number of the line of each row, from 1.
     stamps_ns: IntArray  #: `(N,)` nanoseconds; empty without a column of stamps.
     values: FloatArray  #: `(N, K)` finite numbers.
+    missing: int = 0  #: Rows without a value or with NaN in a column that is read: the target was not observed.
+    broken: tuple[str, ...] = ()  #: What is wrong with each row that cannot be read, with the number of its line.
 
-    def trajectory(self, signs: FloatArray) -> Trajectory:
-        """Return the poses of the rows: x, y, z, quaternion by `signs`; the error names the first line with none."""
-        positions, quats_xyzw = self.values[:, :3].copy(), self.values[:, 3:] * signs
-        try:
-            return Trajectory(self.stamps_ns, positions, quats_xyzw)
-        except GeometryError as error:
-            near, unit = plausible_positions(positions), plausible_quats(quats_xyzw)
-            row = int(np.argmin(near & unit))
-            problem = f"the quaternion {quats_xyzw[row].tolist()} is not a rotation: a unit quaternion is needed"
-            if not near[row]:
-                problem = f"the position is absurd: numbers up to {MAX_POSITION_M:g} are possible, in metres"
-            text = f"{self.name} line {self.lines[row]}: {problem}; correct or leave out the line"
-            raise InputError(text) from error
+    def without(self, good: Mask, problems: Sequence[str]) -> Table:
+        """Return the good rows; `problems` says what is wrong with each other one."""
+        stamps_ns = self.stamps_ns[good] if len(self.stamps_ns) else self.stamps_ns
+        kept = replace(self, lines=self.lines[good], stamps_ns=stamps_ns, values=self.values[good])
+        return replace(kept, broken=(*self.broken, *problems))
+
+    def checked(self) -> Table:
+        """Return the table; InputError if too large a fraction of its rows is broken (`MAX_BROKEN`)."""
+        count = len(self.broken)
+        rows = len(self.lines) + count
+        if count > MAX_BROKEN * rows:
+            several = f" ({count} of {rows} lines are broken)" if count > 1 else ""
+            raise InputError(f"{self.name} {self.broken[0]}; correct or leave out the line{several}")
+        return self
+
+    @property
+    def left_out(self) -> str:
+        """Which rows are left out, in words; empty without any."""
+        parts = [f"{self.missing} lines without values left out"] if self.missing else []
+        if self.broken:
+            parts.append(f"{len(self.broken)} broken lines left out, the first: {self.broken[0]}")
+        return "; ".join(parts)
 
 
 def parse_table(
@@ -132,54 +172,98 @@ def parse_table(
     separator: str | None = None,
     more: bool = False,
     skip: int = 0,
+    tolerant: bool = False,
 ) -> Table:
     """Return the stamps and numbers of a text without empty lines, comments and `skip` lines of a header.
 
-    It comes in blocks of whole lines. `places` are the columns read, from 0, the first of them for `stamp` if given,
-    which makes nanoseconds of a text; `more`: lines may have more columns than the last of them. Spaces separate
-    without a `separator`. `name` and `form` (what stands in a line) are for messages.
+    The text comes in blocks of whole lines. `places` are the columns that are read, from 0, the first of them for
+    `stamp` if given, which makes nanoseconds of a text; `more`: lines may have more columns than the last of them.
+    Spaces separate without a `separator`. `name` and `form` (what a line holds) are for messages. `tolerant`: rows
+    that cannot be read are left out and counted, up to `MAX_BROKEN` of them (`Table.checked`).
     """
-    columns, width = list(places[1:] if stamp else places), max(places) + 1
-
-    def check(row: bytes) -> None:
-        cells = row.decode("utf-8", "replace").split(separator)
-        if len(cells) < width or (len(cells) > width and not more):
-            raise ValueError(f"{len(cells)} columns found where {width} ({form}) are needed")
-        if stamp:
-            stamp(cells[places[0]])
-        for column in columns:
-            parse_number(cells[column])
-
-    number, table = 0, Table(name, np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, len(columns))))
+    reader = _RowReader(form, tuple(places), stamp, separator, more, tolerant)
+    columns = len(places) - (stamp is not None)
+    number, missing, broken = 0, 0, list[str]()
+    table = Table(name, np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, columns)))
     for block in blocks:
         texts = [text.strip() for text in (block if number else block.removeprefix(BOM)).splitlines()]
-        chosen = [k for k, text in enumerate(texts) if text and text[0] != COMMENT and number + k >= skip]
-        rows = [texts[k] for k in chosen]
-        stamps_ns, values = np.zeros(0, np.int64), np.zeros((0, len(columns)))
+        chosen = [k for k, text in enumerate(texts) if text and text[0] not in COMMENTS and number + k >= skip]
         try:
-            used = list(places) if more else None  # without them numpy refuses rows of unequal length
-            if stamp and rows:
-                kinds = [("stamp", f"S{STAMP_LENGTH}"), ("values", np.float64, (len(columns),))]
-                found = np.loadtxt(rows, kinds, None, separator, usecols=used, ndmin=1, encoding="ascii")
-                stamps_ns, values = _stamps_of(found["stamp"], stamp), found["values"]
-            elif rows:
-                values = np.loadtxt(rows, np.float64, None, separator, usecols=used, ndmin=2, encoding="ascii")
-                if values.shape[1] != len(columns):
-                    raise ValueError("columns that nobody needs")
-            if not np.isfinite(values).all():
-                raise ValueError("a number that is none")
+            stamps_ns, values = reader.all_at_once([texts[k] for k in chosen])
         except (ValueError, IndexError) as error:
-            for k in chosen:
-                with refusing(f"{name} line {number + k + 1}", "correct or leave out the line"):
-                    check(texts[k])
-            raise InputError(f"{name} cannot be read as a table of {form}") from error
+            found = [reader.one(texts[k], number + k + 1) for k in chosen]
+            problems = [row for row in found if isinstance(row, str)]
+            if problems and not tolerant:
+                raise InputError(f"{name} {problems[0]}; correct or leave out the line") from error
+            broken += problems
+            missing += found.count(None)
+            good = [(k, row) for k, row in zip(chosen, found, strict=True) if isinstance(row, tuple)]
+            chosen = [k for k, _ in good]
+            stamps_ns = np.array([row[0] for _, row in good] if stamp else [], np.int64)
+            values = np.array([row[1] for _, row in good], np.float64).reshape(-1, columns)
         lines = np.array(chosen, np.int64) + number + 1
         for column, part in ((table.lines, lines), (table.stamps_ns, stamps_ns), (table.values, values)):
             end = len(column)  # it grows where it is: parts that are joined at last take twice the memory
             column.resize((end + len(part), *column.shape[1:]), refcheck=False)
             column[end:] = part
         number += len(texts)
-    return table
+    return replace(table, missing=missing, broken=tuple(broken)).checked()
+
+
+@dataclass(frozen=True, slots=True)
+class _RowReader:
+    """Reads the cells of rows; of many rows at once by numpy, which refuses all if it refuses one."""
+
+    form: str
+    places: tuple[int, ...]
+    stamp: Callable[[str], int] | None
+    separator: str | None
+    more: bool
+    tolerant: bool
+
+    def all_at_once(self, rows: list[bytes]) -> tuple[IntArray, FloatArray]:
+        """Return stamps and numbers of rows; ValueError or IndexError if one is not of numbers alone."""
+        columns = len(self.places) - (self.stamp is not None)
+        if not rows:
+            return np.zeros(0, np.int64), np.zeros((0, columns))
+        used = list(self.places) if self.more else None  # without them numpy refuses rows of unequal length
+        stamps_ns = np.zeros(0, np.int64)
+        if self.stamp:
+            kinds = [("stamp", f"S{STAMP_LENGTH}"), ("values", np.float64, (columns,))]
+            found = np.loadtxt(rows, kinds, None, self.separator, usecols=used, ndmin=1, encoding="ascii")
+            stamps_ns, values = _stamps_of(found["stamp"], self.stamp), found["values"]
+        else:
+            values = np.loadtxt(rows, np.float64, None, self.separator, usecols=used, ndmin=2, encoding="ascii")
+        if values.shape[1] != columns:
+            raise ValueError("columns that nobody needs")
+        if not np.isfinite(values).all():
+            raise ValueError("a number that is not finite")
+        return stamps_ns, values
+
+    def one(self, row: bytes, line: int) -> tuple[int, list[float]] | str | None:
+        """Return the stamp and numbers of a row, what is wrong with the row, or None if a value is missing."""
+        cells = split_cells(row.decode("utf-8", "replace"), self.separator)
+        width = max(self.places) + 1
+        if len(cells) < width or (len(cells) > width and not self.more):
+            return f"line {line}: {len(cells)} columns found where {width} ({self.form}) are needed"
+        words = [cells[place].lower().lstrip("+-").partition("(")[0] for place in self.places]
+        if self.tolerant and any(word in NO_VALUE for word in words):
+            return None
+        texts = [cells[place] for place in self.places]
+        try:
+            if self.separator not in (None, ","):  # decimal commas, where something else separates
+                texts = [text.replace(",", ".") for text in texts]
+            stamp_ns = self.stamp(texts.pop(0)) if self.stamp else 0
+            return stamp_ns, [parse_number(text) for text in texts]
+        except (ValueError, ArithmeticError) as error:
+            return f"line {line}: {error}"
+
+
+def split_cells(text: str, separator: str | None) -> list[str]:
+    """Return the cells of a line without spaces and quotes around them; None: spaces separate."""
+    if separator is None:
+        return text.split()
+    return [cell.strip() for cell in next(csv.reader([text], delimiter=separator, skipinitialspace=True), [])]
 
 
 def _stamps_of(texts: NDArray[np.bytes_], stamp: Callable[[str], int]) -> IntArray:
@@ -195,6 +279,7 @@ def _stamps_of(texts: NDArray[np.bytes_], stamp: Callable[[str], int]) -> IntArr
         digits = np.delete(np.where(ended, np.uint8(0), digits), places, axis=1)
         ended = ended[:, places + 1 :]
     powers = 10.0 ** np.arange(9, -1, -1)  # sums of ten digits are exact
+    alike = alike and stamp in (parse_seconds, parse_stamp_ns, parse_nanoseconds)
     whole = digits[:, :places] @ powers[-places:] if alike else np.zeros(1)
     if not alike or digits.max() > 9 or (ended[:, :-1] > ended[:, 1:]).any() or whole.max() >= STAMP_LIMIT // NS_PER_S:
         return np.array([stamp(text.decode("ascii")) for text in texts.tolist()], np.int64)

@@ -15,12 +15,8 @@ has poses of the left camera in its first frame: x right, y down, z forward; her
 
 from __future__ import annotations
 
-import csv
-import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta
-from decimal import Decimal
 from enum import StrEnum
 from itertools import chain
 from pathlib import Path
@@ -29,14 +25,15 @@ from typing import Any
 import numpy as np
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.arrays import IntArray
-from sfr_loc_map.geometry.plausibility import plausible_positions, plausible_rotations
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, plausible_positions, plausible_quats, plausible_rotations
 from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_from_matrix
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S, read_table, refusing
+from sfr_loc_map.inputs import NS_PER_S, read_table
 from sfr_loc_map.io.atomic import write_text
-from sfr_loc_map.io.text_table import BOM, parse_number, parse_seconds, parse_stamp_ns, parse_table, seconds_text
+from sfr_loc_map.io.pose_columns import COVARIANCES, FRAME, NANOSECONDS, QUATERNION, STAMP, PoseColumns, pose_columns
+from sfr_loc_map.io.text_table import BOM, Table, parse_seconds, parse_stamp_ns, parse_table, seconds_text
 
 CSV_HEADER = "stamp_ns,rbOriginPos_m_Ds_x,rbOriginPos_m_Ds_y,rbOriginPos_m_Ds_z," + ",".join(
     f"att_q_DsToRb_{i}" for i in (1, 2, 3, 4)
@@ -49,7 +46,6 @@ CONJUGATED = np.array([-1.0, -1.0, -1.0, 1.0])
 TUM_SUFFIXES = (".txt", ".tum")
 KITTI_SUFFIX, EUROC_SUFFIX = ".kitti", ".euroc.csv"
 FILE_SUFFIXES = (".csv", *TUM_SUFFIXES, KITTI_SUFFIX)  #: Endings of names of trajectory files.
-HEAD_BYTES = 10_000  #: The format and the header are looked for in these.
 
 
 class TrajectoryFormat(StrEnum):
@@ -60,29 +56,20 @@ class TrajectoryFormat(StrEnum):
     KITTI = "kitti"
     EUROC = "euroc"
     COLUMNS = "columns"
+    MATRIX = "matrix"
 
 
-ANNOUNCED = (TrajectoryFormat.KITTI, TrajectoryFormat.EUROC, TrajectoryFormat.COLUMNS)
+ANNOUNCED = (TrajectoryFormat.KITTI, TrajectoryFormat.EUROC, TrajectoryFormat.COLUMNS, TrajectoryFormat.MATRIX)
 """Formats of which a command says that it has found them."""
+MOST_NAMED = 8  #: Columns that a message names.
 WORDS = {
     TrajectoryFormat.CSV: "csv of the suite",
     TrajectoryFormat.TUM: "TUM",
     TrajectoryFormat.KITTI: "KITTI poses of the left camera, turned to x forward, y left, z up",
     TrajectoryFormat.EUROC: "EuRoC csv",
-    TrajectoryFormat.COLUMNS: "csv with named columns",
+    TrajectoryFormat.COLUMNS: "columns by their names",
+    TrajectoryFormat.MATRIX: "3 x 4 matrices with stamps or numbers of frames",
 }
-COLUMN_NAMES = {
-    "t": ("t", "time", "timestamp", "stamp"),
-    "x": ("x", "px", "tx", "posx", "positionx", "east", "easting", "e"),
-}
-COLUMN_NAMES |= {"y": ("y", "py", "ty", "posy", "positiony", "north", "northing", "n")}
-COLUMN_NAMES |= {"z": ("z", "pz", "tz", "posz", "positionz", "up", "height", "h", "elevation")}
-COLUMN_NAMES |= {f"q{axis}": (f"q{axis}", f"quat{axis}", f"orientation{axis}") for axis in "xyzw"}
-"""Columns of a csv with a header, and how their names may be written, without case, `_`, `.` and spaces."""
-METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-TIMES = {"s": NS_PER_S, "sec": NS_PER_S, "seconds": NS_PER_S, "ms": 1_000_000, "us": 1_000, "ns": 1}
-UTC_UNIT = "utc"  #: Unit of times written as `2026-05-04 10:22:01.25`.
-_UNIT = re.compile(r"^#?\s*(.*?)\s*(?:\[(\w+)\]|\((\w+)\)|_(m|cm|mm|s|sec|ms|us|ns|utc))?$", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,12 +81,32 @@ class LoadedTrajectory:
     format: TrajectoryFormat = TrajectoryFormat.CSV  #: How it was written.
     stamps: str = ""  #: Where its stamps come from, in words, where the file does not have them.
     by_index: bool = False  #: Whether the stamps are only the numbers of the lines.
+    columns: PoseColumns | None = None  #: Which columns were read; None for the csv of the suite.
+    left_out: str = ""  #: Which rows are left out, in words.
+    covariance: FloatArray | None = None  #: `(N, 6, 6)` in ROS order, where the file has it (m^2, rad^2).
 
     @property
     def text(self) -> str:
         """What was detected, in one line."""
-        stamps = f", stamps: {self.stamps}" if self.stamps else ""
-        return f"{self.path}: {WORDS[self.format]}, {len(self.trajectory)} poses{stamps}"
+        kind = "poses" if self.trajectory.has_attitude else "positions"
+        parts = [WORDS[self.format], f"{len(self.trajectory)} {kind}"]
+        parts += [f"stamps: {self.stamps}"] if self.stamps else []
+        if self.columns is not None:
+            unit = self.columns.inferred
+            parts += [f"stamps are {unit} by their magnitude"] if unit else []
+            parts += ["covariances read"] if self.covariance is not None else []
+            ignored = [name for name in self.columns.ignored if name]
+            more = f" and {len(ignored) - MOST_NAMED} more" if len(ignored) > MOST_NAMED else ""
+            parts += [f"columns not read: {', '.join(ignored[:MOST_NAMED])}{more}"] if ignored else []
+        parts += [self.left_out] if self.left_out else []
+        return f"{self.path}: {', '.join(parts)}"
+
+    @property
+    def is_announced(self) -> bool:
+        """Whether a command says what was detected: all but the usual forms of the csv of the suite and of TUM."""
+        columns = self.columns
+        unusual = columns is not None and bool(columns.inferred or columns.ignored)
+        return self.format in ANNOUNCED or bool(self.left_out) or unusual
 
     def with_stamps_of(self, other: LoadedTrajectory) -> LoadedTrajectory:
         """Return poses that have no stamps of their own with those of another trajectory, one by one."""
@@ -115,130 +122,142 @@ class LoadedTrajectory:
         return replace(self, trajectory=stamped, stamps=f"those of {other.path}, pose by pose", by_index=False)
 
 
-def read_trajectory_file(path: Path, columns: str = "") -> LoadedTrajectory:
-    """Read a trajectory; its first bytes, else its name, tell the format. Stamps come as they are, in any order.
+def read_trajectory_file(path: Path, columns: str = "", side: str = "") -> LoadedTrajectory:
+    """Read a trajectory; its header, else the layout that all rows fit, tells the format (`pose_columns`).
 
-    `columns` names those of a csv with a header: `t=Time[s],x=E[m],y=N[m],z=H[m]`, and `qx` to `qw` where there.
+    Stamps come as they are, in any order. `columns` names the columns where the file does not; `side`: "estimate" or
+    "truth", for messages that say how `columns` is given.
     """
     path = Path(path)
     name = f"'{path}'"
     rest = read_table(path, "give a csv, TUM, KITTI or EuRoC file")
     first = next(rest, b"")
-    blocks, signs = chain((first,), rest), np.ones(4)
-    lines = [line.strip() for line in first[:HEAD_BYTES].removeprefix(BOM).splitlines() if line.strip()]
-    header = lines[0].decode("utf-8", "replace").replace(" ", "") if lines else ""
-    row = next((line for line in lines if not line.startswith(b"#")), b"")
-    cells = row.split(b",")
-    has_stamp = cells[0].strip().removeprefix(b"-").isdigit()
-    if columns:
-        return _parse_columns(path, b"".join(blocks), name, columns)
-    kind = TrajectoryFormat.CSV if header == CSV_HEADER else TrajectoryFormat.TUM
-    if kind is TrajectoryFormat.CSV:
-        table = parse_table(blocks, name, CSV_HEADER, range(8), stamp=parse_stamp_ns, separator=",", skip=1)
-        signs = CONJUGATED
-    elif len(cells) == 8 and has_stamp and not header.startswith("#timestamp"):
-        raise InputError(
-            f"{name} has eight columns and no header: csv of the suite (scalar last, DsToRb) or EuRoC (scalar first)? "
-            f"give the first line '{CSV_HEADER}' or '{EUROC_HEADER}'"
+    blocks = chain((first,), rest)
+    lines = first.removeprefix(BOM).decode("utf-8", "replace").splitlines()
+    header = next((line.strip().replace(" ", "") for line in lines if line.strip()), "")
+    if header == CSV_HEADER and not columns:
+        table = parse_table(
+            *(blocks, name, CSV_HEADER, range(8)), stamp=parse_stamp_ns, separator=",", skip=1, tolerant=True
         )
-    elif len(cells) >= 8 and has_stamp:
-        form, kind = "timestamp [ns], p_x, p_y, p_z, q_w, q_x, q_y, q_z", TrajectoryFormat.EUROC
-        places = (0, 1, 2, 3, 5, 6, 7, 4)
-        table = parse_table(blocks, name, form, places, stamp=parse_stamp_ns, separator=",", more=True)
-    elif len(row.split()) == KITTI_COLUMNS:
-        return _parse_kitti(path, blocks, name)
-    elif path.suffix == ".csv" or (header[:1] != "#" and re.search("[,;\t]", header)):
-        return _parse_columns(path, b"".join(blocks), name, "")
+        return _loaded(path, table, TrajectoryFormat.CSV, signs=CONJUGATED)
+    option = f"--columns '{side}:COLUMNS'" if side else "--columns 'COLUMNS'"
+    found = pose_columns(lines, name, columns, option)
+    return _read_columns(path, blocks, name, found)
+
+
+def _read_columns(path: Path, blocks: Iterable[bytes], name: str, found: PoseColumns) -> LoadedTrajectory:
+    """Return the poses, or positions, of a table whose columns are known."""
+    keys = found.value_keys
+    stamp_keys = () if found.stamp_key is None else (found.stamp_key,)
+    places = [found.places[key] for key in (*stamp_keys, *keys)]
+    table = parse_table(
+        *(blocks, name, found.name, places),
+        stamp=found.stamp() if stamp_keys else None,
+        separator=found.separator,
+        more=found.by_header or places != list(range(found.width)),
+        skip=found.skip,
+        tolerant=True,
+    )
+    values = dict(zip(keys, table.values.T, strict=True))
+    if found.is_matrix:
+        positions, quats = _of_matrices(table.values[:, :KITTI_COLUMNS], is_optical=found.is_kitti)
     else:
-        table = parse_table(blocks, name, TUM_HEADER[2:], range(8), stamp=parse_seconds)
-    if not len(table.lines):
-        raise InputError(f"{name} has no pose: at least one line with one is needed")
-    return LoadedTrajectory(path, table.trajectory(signs), kind)
+        positions = np.stack([values[key] for key in found.position_keys], axis=1) * np.array(found.scales)
+        quats = np.stack([values.get(key, np.zeros(len(positions))) for key in QUATERNION], axis=1)
+    stamps_ns, said, by_index = table.stamps_ns, "", False
+    if NANOSECONDS in found:
+        stamps_ns = stamps_ns + np.rint(values[NANOSECONDS]).astype(np.int64)
+    if not stamp_keys or found.stamp_key == FRAME:
+        numbers = stamps_ns // NS_PER_S if stamp_keys else np.arange(len(positions))
+        stamps_ns, said, by_index = _stamps_of_frames(path, numbers, len(positions) + len(table.broken))
+    poses = replace(table, stamps_ns=stamps_ns, values=np.concatenate((positions, quats), axis=1))
+    covariance = _covariance(values) if found.has_covariance else None
+    return _loaded(path, poses, _kind(found), columns=found, stamps=said, by_index=by_index, covariance=covariance)
 
 
-def _parse_kitti(path: Path, blocks: Iterable[bytes], name: str) -> LoadedTrajectory:
-    """Return KITTI poses with stamps from a file of seconds; without one the numbers of the lines, 1 s apart."""
-    table = parse_table(blocks, name, "the first three rows of a pose matrix (KITTI)", range(KITTI_COLUMNS))
-    matrices = table.values.reshape(-1, 3, 4)
-    good = plausible_rotations(matrices[:, :, :3]) & plausible_positions(matrices[:, :, 3])
-    if not good.all():
-        line = table.lines[int(np.argmin(good))]
-        raise InputError(f"{name} line {line}: this is no rotation and position; correct or leave out the line")
-    quats = quat_from_matrix(OPTICAL_IN_BODY @ matrices[:, :, :3] @ OPTICAL_IN_BODY.T)
-    positions = matrices[:, :, 3] @ OPTICAL_IN_BODY.T
+def _of_matrices(rows: FloatArray, *, is_optical: bool) -> tuple[FloatArray, FloatArray]:
+    """Return positions and quaternions of 3 x 4 matrices `(N, 12)`, NaN for what is not a rotation.
+
+    Optical axes (x right, y down, z forward) become those of the suite, of both frames.
+    """
+    matrices = rows.reshape(-1, 3, 4)
+    rotations, positions = matrices[:, :, :3], matrices[:, :, 3]
+    good = plausible_rotations(rotations)
+    rotations = np.where(good[:, None, None], rotations, np.eye(3))
+    if is_optical:
+        rotations = OPTICAL_IN_BODY @ rotations @ OPTICAL_IN_BODY.T
+        positions = positions @ OPTICAL_IN_BODY.T
+    quats = quat_from_matrix(rotations)
+    return positions, np.where(good[:, None], quats, np.nan)
+
+
+def _stamps_of_frames(path: Path, numbers: IntArray, count: int) -> tuple[IntArray, str, bool]:
+    """Return the stamps of numbered poses by a file of seconds; without one the numbers themselves, 1 s apart.
+
+    `count` is the number of lines of poses, which the file of seconds must have if the poses are not numbered.
+    """
     benchmark = path.parent.parent / "sequences" / path.stem / "times.txt"
     files = (times_beside(path), path.with_name("times.txt"), benchmark)
     times = next((file for file in files if file.is_file() and file != path), None)
     if times is None:
-        stamps_ns = np.arange(len(positions), dtype=np.int64) * NS_PER_S
-        said = "numbers of the lines, 1 s apart"
-    else:
-        stamps_ns, said = read_times(times, len(positions)), str(times)
-    return LoadedTrajectory(path, Trajectory(stamps_ns, positions, quats), TrajectoryFormat.KITTI, said, times is None)
+        return numbers.astype(np.int64) * NS_PER_S, "numbers of the lines, 1 s apart", True
+    is_numbered = len(numbers) > 0 and int(numbers[-1]) + 1 != len(numbers)
+    stamps_ns = read_times(times, None if is_numbered else count)
+    if is_numbered and int(numbers.max()) >= len(stamps_ns):
+        raise InputError(f"'{times}' has {len(stamps_ns)} times, none for the frame {int(numbers.max())} of a pose")
+    return stamps_ns[numbers], str(times), False
 
 
-def _parse_columns(path: Path, data: bytes, name: str, columns: str) -> LoadedTrajectory:
-    """Return poses, or positions, of a csv whose header names its columns, or as `columns` says; no unit is guessed."""
-    lines = data.removeprefix(BOM).decode("utf-8", "replace").splitlines()
-    first = next((k for k, line in enumerate(lines) if line.strip()), 0)
-    header = lines[first] if lines else ""
-    separator = max(",;\t", key=header.count)
-    cells = [cell.strip() for cell in next(csv.reader([header], delimiter=separator), [])]
-    given: dict[str, str] = {}
-    for item in filter(None, columns.split(",")):
-        key, _, text = (part.strip() for part in item.partition("="))
-        title, mark, unit = text.rpartition("[")
-        whole = text in cells  # its own unit, if any, is that of the column
-        given[text if whole or not mark else title.strip()] = f"{key}[{unit}" if mark else key
-        if key not in COLUMN_NAMES or not given.keys() <= set(cells):
-            raise InputError(f"{name}: no column for '{item}': NAME is of {', '.join(COLUMN_NAMES)}, found {header!r}")
-    found: dict[str, tuple[int, str]] = {}
-    for k, cell in enumerate(given.get(cell, "") for cell in cells) if given else enumerate(cells):
-        title, *units = match.groups("") if (match := _UNIT.match(cell)) else (cell,)
-        word = re.sub(r"[_.\s]", "", title.lower())
-        for key in (key for key, titles in COLUMN_NAMES.items() if word in titles):
-            found.setdefault(key, (k, "".join(units).lower()))
-    kinds = {"t": (*TIMES, UTC_UNIT), **dict.fromkeys("xyz", tuple(METRES))}
-    wrong = [key for key, units in kinds.items() if key not in found or found[key][1] not in units]
-    if wrong:
-        raise InputError(
-            f"{name} line {first + 1} is '{header[:80]}': the header '{CSV_HEADER}' is needed, or one with columns and "
-            f"units of t, x, y, z ({', '.join(wrong)} not found, or without a unit), or their names: "
-            "sfr score --set 'truth.columns=t=HEADER[s],x=HEADER[m],y=HEADER[m],z=HEADER[m]'"
-        )
-    quats = [f"q{axis}" for axis in "xyzw"]
-    keys = ["x", "y", "z", *(quats if all(key in found for key in quats) else ())]
-    scales = [METRES.get(found[key][1], 1.0) for key in keys]
-    stamps, rows, left_out = [], [], 0
-    for number, row in enumerate(csv.reader(lines[first + 1 :], delimiter=separator), first + 2):
-        if not any(row) or row[0].startswith("#"):
-            continue
-        with refusing(f"{name} line {number}", "correct or leave out the line"):
-            texts = [row[found[key][0]].strip() for key in ("t", *keys)]
-            if not all(texts):  # the tracker did not see its target
-                left_out += 1
-                continue
-            stamps.append(_stamp(texts[0], found["t"][1]))
-            texts = [text.replace(",", ".") for text in texts[1:]]  # decimal commas, where something else separates
-            rows.append([scale * parse_number(text) for scale, text in zip(scales, texts, strict=True)])
-    if not rows:
-        raise InputError(f"{name} has no pose: at least one line with one is needed")
-    with refusing(name, "correct the file"):
-        values = np.array(rows, np.float64)
-        turns = values[:, 3:].copy() if len(keys) > 3 else np.zeros((len(values), 4))
-        trajectory = Trajectory(np.array(stamps, np.int64), values[:, :3].copy(), turns)
-    said = f"column '{cells[found['t'][0]]}'" + (f"; {left_out} lines without values left out" if left_out else "")
-    return LoadedTrajectory(path, trajectory, TrajectoryFormat.COLUMNS, said)
+def _covariance(values: Mapping[str, FloatArray]) -> FloatArray:
+    """Return covariances `(N, 6, 6)` in ROS order (position, attitude) of columns of upper triangles."""
+    covariance = np.zeros((len(next(iter(values.values()))), 6, 6))
+    for prefix, (part, indices) in COVARIANCES.items():
+        start = 0 if part == "position" else 3
+        for index in indices:
+            row, column = (start + int(digit) - 1 for digit in index)
+            covariance[:, row, column] = covariance[:, column, row] = values[f"{prefix}{index}"]
+    return covariance
 
 
-def _stamp(text: str, unit: str) -> int:
-    if unit == UTC_UNIT:
-        moment = datetime.fromisoformat(text)
-        since = (moment if moment.tzinfo else moment.replace(tzinfo=UTC)) - datetime.fromtimestamp(0, UTC)
-        return since // timedelta(microseconds=1) * 1000
-    number = text.replace(",", ".")
-    parse_number(number)
-    return round(Decimal(number) * TIMES[unit])
+def _kind(found: PoseColumns) -> TrajectoryFormat:
+    if found.is_matrix:
+        return TrajectoryFormat.KITTI if found.is_kitti else TrajectoryFormat.MATRIX
+    euroc = {STAMP: 0, "x": 1, "y": 2, "z": 3, "qw": 4, "qx": 5, "qy": 6, "qz": 7}
+    if found.separator == "," and all(found.places.get(key) == place for key, place in euroc.items()):
+        return TrajectoryFormat.EUROC
+    return TrajectoryFormat.TUM if found.is_tum else TrajectoryFormat.COLUMNS
+
+
+def _loaded(
+    path: Path,
+    table: Table,
+    kind: TrajectoryFormat,
+    *,
+    signs: FloatArray | None = None,
+    columns: PoseColumns | None = None,
+    stamps: str = "",
+    by_index: bool = False,
+    covariance: FloatArray | None = None,
+) -> LoadedTrajectory:
+    """Return the poses of rows x, y, z, quaternion; rows without a pose are left out and counted."""
+    positions, quats = table.values[:, :3].copy(), table.values[:, 3:] * (1.0 if signs is None else signs)
+    near = plausible_positions(positions)
+    turned = plausible_quats(quats) | (not np.nan_to_num(quats).any() and not np.isnan(quats).any())
+    good = near & turned
+    problems = []
+    for row in np.flatnonzero(~good).tolist():
+        problem = f"the quaternion {quats[row].tolist()} is not a rotation: a unit quaternion is needed"
+        if np.isnan(quats[row]).any():
+            problem = "this is no rotation and position"
+        if not near[row]:
+            problem = f"the position is absurd: numbers up to {MAX_POSITION_M:g} are possible, in metres"
+        problems.append(f"line {table.lines[row]}: {problem}")
+    kept = table.without(good, problems).checked()
+    if not len(kept.lines):
+        raise InputError(f"{table.name} has no pose: at least one line with one is needed")
+    trajectory = Trajectory(kept.stamps_ns, positions[good], quats[good])
+    covariance = None if covariance is None else covariance[good]
+    return LoadedTrajectory(path, trajectory, kind, stamps, by_index, columns, kept.left_out, covariance)
 
 
 def times_beside(path: Path) -> Path:

@@ -7,8 +7,10 @@ takes the estimate there.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +18,8 @@ import numpy as np
 
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import ConfigError, InputError
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, Mask
+from sfr_loc_map.geometry.pose_checks import has_constant_attitude, possible_poses, rows_of
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_multiply, quat_rotate
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, refusing, stamp_of
@@ -29,6 +32,7 @@ from sfr_loc_map.io.trajectory_file import read_trajectory_file
 if TYPE_CHECKING:
     from sfr_loc_map.io.bag import Bag, Topic
 
+_log = logging.getLogger(__name__)
 NO_LEVER = (0.0, 0.0, 0.0)
 NO_TURN = (0.0, 0.0, 0.0, 1.0)
 PATH, FIX = "nav_msgs/msg/Path", "sensor_msgs/msg/NavSatFix"
@@ -76,6 +80,8 @@ class TrackedBody:
             return replace(poses, sigma_m=self.sigma_m or poses.sigma_m, sigma_deg=self.sigma_deg or poses.sigma_deg)
         if variances is None:
             variances = np.full((len(poses), 6), np.nan)
+        kept, poses = possible_truth(poses, read_from, attitude=self.attitude)
+        variances = variances[kept]
         known = (variances[:, 3:] < LOST_VARIANCE).any(axis=1) & (variances[:, 3:] >= 0.0).all(axis=1)
         told = poses.has_attitude and bool(known.any() or np.isnan(variances[:, 3:]).any())
         has_attitude = {"yes": True, "no": False}.get(self.attitude, told)
@@ -98,6 +104,29 @@ class TrackedBody:
         )
 
 
+def possible_truth(poses: Trajectory, read_from: str, attitude: str = "auto") -> tuple[Mask, Trajectory]:
+    """Return which poses of a truth can be true, and these poses; what is wrong with the others is said once.
+
+    An attitude that never changes along a path that turns is none: positions alone are kept, unless `attitude` is yes.
+    """
+    if not len(poses):
+        return np.zeros(0, np.bool_), poses
+    kept, findings = possible_poses(poses)
+    poses = poses if kept.all() else rows_of(poses, kept)
+    if attitude == "auto" and has_constant_attitude(poses):
+        poses = replace(poses, quats_xyzw=np.zeros_like(poses.quats_xyzw))
+        same = "all poses have the same attitude although the path turns: positions alone are used"
+        findings = (*findings, f"{same} (truth.attitude=yes keeps the attitudes)")
+    for text in findings:
+        _warn_once(f"truth {read_from}: {text}")
+    return kept, poses
+
+
+@cache
+def _warn_once(text: str) -> None:
+    _log.warning(text)
+
+
 RB_ITSELF = TrackedBody()  #: The truth is of RB, as exact as its messages say.
 
 
@@ -110,7 +139,9 @@ class TruthConfig(TrackedBody):
         "", doc="Frame whose poses on /tf are the truth, as CHILD (in the root of its tree) or PARENT:CHILD."
     )
     columns: str = param(
-        "", doc="Columns of a csv as NAME=HEADER[UNIT] with commas between, of t, x, y, z, qx, qy, qz, qw."
+        "",
+        doc="Columns of a text table where its header does not say: NAME=HEADER[UNIT] with commas between, of t, x, y, "
+        "z, qx, qy, qz, qw (sec and nsec in place of t), or NAME[UNIT] in the order of the columns, _ for others.",
     )
 
 
@@ -136,7 +167,7 @@ def truth_of_file(place: Path, config: TruthConfig = TruthConfig(), remap: Mappi
         if not file.exists():
             raise InputError(f"truth '{file}' is neither a file nor a topic of '{place}': give one of both")
         return truth_of_file(file, replace(config, source=""))
-    loaded = read_trajectory_file(place, config.columns)
+    loaded = read_trajectory_file(place, config.columns, "truth")
     return config.applied(loaded.trajectory, read_from=loaded.text)
 
 

@@ -29,10 +29,10 @@ from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.cloud_file import SUFFIXES as CLOUD_SUFFIXES
 from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud
 from sfr_loc_map.io.source_config import AS_IT_IS, SourceConfig, source_config
-from sfr_loc_map.io.trajectory_file import ANNOUNCED, LoadedTrajectory, read_trajectory_file
-from sfr_loc_map.io.truth import truth_of_file
+from sfr_loc_map.io.trajectory_file import LoadedTrajectory, read_trajectory_file
+from sfr_loc_map.io.truth import possible_truth, truth_of_file
 from sfr_loc_map.metrics.aligned_error import aligned_errors
-from sfr_loc_map.metrics.association import Estimates
+from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.calls import ScoredCalls, joined, score_calls, score_target, with_external
 from sfr_loc_map.metrics.cloud_error import PairTruth, point_errors, score_map, score_nearest, truths_of
 from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationMode, CallKind, Condition, ScoreConfig, label_of
@@ -90,6 +90,7 @@ class ScoreInputs:
     config: SourceConfig | None = None
     limits: Path | None = None  #: File of the limits, for provenance.
     configuration: Path | None = None  #: File of `config`, for provenance.
+    columns: str = ""  #: Columns of the estimate, where its file does not say (`io.pose_columns`).
     command: str | None = None  #: Command that scores them, for provenance.
 
     @classmethod
@@ -532,7 +533,7 @@ def load_run(
             with suppress(SfrError):  # true poses alone: whoever needs the images reports what is wrong with them
                 loc = io.open_source(place, how).loc
     elif place.is_file():
-        true = read_trajectory_file(place, given.columns)
+        true = read_trajectory_file(place, given.columns, "truth")
     else:
         loc = io.open_source(place, how).loc
         if loc is None or loc.ground_truth is None:
@@ -544,7 +545,7 @@ def load_run(
         found = LoadedTrajectory(inputs.estimate, estimates.trajectory)
     else:
         if inputs.estimate is not None:
-            found = read_trajectory_file(inputs.estimate)
+            found = read_trajectory_file(inputs.estimate, inputs.columns, "estimate")
         elif estimate is not None:
             found = LoadedTrajectory(in_memory, estimate)
         else:
@@ -553,11 +554,15 @@ def load_run(
             found = found.with_stamps_of(true)
         known = [*stats, *([] if target is None or not target.has_stamps else [target])]
         estimates = estimates_of(found.trajectory, known)
+        if found.covariance is not None and estimates.covariance is None:
+            estimates = replace(estimates, covariance=found.covariance[:, *UPPER])
     if true.by_index:
         true = true.with_stamps_of(found)
     if given != AS_IT_IS.truth:
         true = replace(true, trajectory=given.applied(true.trajectory, read_from=true.text))
-    notes = tuple(item.text for item in (found, true) if item.format in ANNOUNCED)
+    elif place is not None and place.is_file() and not is_bag(place):
+        true = replace(true, trajectory=possible_truth(true.trajectory, f"of '{place}'")[1])
+    notes = tuple(item.text for item in (found, true) if item.is_announced)
     rig, images = None, None
     if loc is not None:
         rig = loc.rig

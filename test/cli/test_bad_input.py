@@ -95,7 +95,7 @@ TUM = "1.0 0 0 0 0 0 0 1\n2.0 1 0 0 0 0 0 1\n"
         ("e.txt", TUM + "3.0 two 0 0 0 0 0 1\n", "line 3: 'two' is not a finite number; correct"),
         ("e.tum", TUM + "3.0 0 0 0 0 0 0 0\n", "line 3: the quaternion .* is not a rotation.*; correct"),
         ("e.txt", "", "has no pose: at least one line"),
-        ("e.csv", TUM, "line 1 is .*: the header .* is needed"),
+        ("e.csv", "Frame,X\n1.5,2\n2.5,3\n", "line 1 is .Frame,X.: .*t, y, z not found.*--columns"),
         ("e.ply", "ply\nformat", "cannot be read.*; write it again"),
         ("e.npz", "PK", "cannot be read"),
     ],
