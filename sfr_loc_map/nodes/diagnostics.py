@@ -49,6 +49,7 @@ DROPS = {
     "dropped_unpaired": "of one side had none of the other within the tolerance of stamps",
     "dropped_rejected": "could not be used",
     "dropped_stale": "were not newer than the ones before",
+    "dropped_stray": "had no stamp, or a stamp of another time than those around them",
     "dropped_without_camera_info": "came without a usable camera_info",
     "dropped_without_pose": "had no nav/pose of their stamp",
 }

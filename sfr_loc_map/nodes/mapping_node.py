@@ -35,6 +35,7 @@ from sfr_loc_map.nodes.runner import run
 from sfr_loc_map.nodes.waiting import Input
 from sfr_loc_map.pipeline.call_stats import CallRecord, call_of_fusion, call_of_stages
 from sfr_loc_map.pipeline.mapping_session import PoseMatching
+from sfr_loc_map.pipeline.reception import AGREEING
 
 POSE_DEPTH, OUTPUT_DEPTH = 100, 10  #: Queues of nav/pose and of the disparity; clouds and grids are latched.
 OVERDUE_S = 0.2  #: Period at which pairs are dropped whose pose did not come.
@@ -111,6 +112,10 @@ class MappingNode(PairNode[MappingNodeConfig]):
     def expects_input(self) -> bool:
         """Tell whether a map is begun: between maps silence is no sign."""
         return bool(self._pairs)
+
+    def agreeing_stamps(self) -> int:
+        """Return how many pairs of another time are a new run: no more than a map has."""
+        return min(AGREEING, self.config.pairs_per_map)
 
     def inputs(self) -> list[Input]:
         """Return what the node receives pairs from, poses too."""

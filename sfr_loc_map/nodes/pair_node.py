@@ -34,7 +34,15 @@ from sfr_loc_map.nodes.lifecycle.worker import Overload
 from sfr_loc_map.nodes.messages import check_image
 from sfr_loc_map.nodes.waiting import Input, missing_input
 from sfr_loc_map.pipeline.call_stats import CallRecord, encode_call
-from sfr_loc_map.pipeline.reception import MUCH_LOST, TransportGaps, jumped_back, latencies, loss_fix
+from sfr_loc_map.pipeline.reception import (
+    AGREEING,
+    MUCH_LOST,
+    RunOrder,
+    TransportGaps,
+    jumped_back,
+    latencies,
+    loss_fix,
+)
 
 LOSS_WINDOW = 40  #: Images of which the share lost is taken, at the least.
 CALL_DEPTH = 1000  #: Calls that are kept for a slow subscriber.
@@ -118,26 +126,30 @@ class StereoInput:
         on_pair: Callable[[ReceivedPair], None],
         on_rig: Callable[[StereoRig], None],
         on_restart: Callable[[str], None],
+        agreeing: int = AGREEING,
     ) -> None:
         """Subscribe to nothing yet.
 
         `on_pair` is called with each pair, `on_rig` with the rig of the pairs that follow, `on_restart` with the reason
-        why the pairs that follow are of a new run.
+        why the pairs that follow are of a new run; so many pairs of another time in a row are one.
         """
         self.rig: StereoRig | None = None
-        self.last_ns: int | None = None  # stamp of the last pair
+        self._order: RunOrder[tuple[ReceivedImage, ReceivedImage]] = RunOrder(agreeing)
         self._name, self._config, self._status = name, config, status
         self._on_pair, self._on_rig, self._on_restart = on_pair, on_rig, on_restart
         stem, transport = "image_raw" if config.rectify else "image_rect", config.image_transport
         kinds = (("compressed", stem, Image), ("raw", f"{stem}/compressed", CompressedImage))
         self._images: dict[str, type[Any]] = {name: kind for other, name, kind in kinds if transport != other}
-        self._dropped = {"rejected": 0, "stale": 0, "without_camera_info": 0}
+        self._dropped = {"rejected": 0, "unstamped": 0, "without_camera_info": 0}
         self._infos: dict[Side, CameraInfo] = {}
         self._fresh_sides: set[Side] = set()
+        self._latched: set[Side] = set()  # sides whose latched camera_info is subscribed to
         self._rectifier: StereoRectifier | None = None
         self._pairing: StampPairing[ReceivedImage] = StampPairing(config.stamp_tolerance_ns, config.queue_depth)
         self._without_rig: deque[tuple[ReceivedImage, ReceivedImage]] = deque()
-        self._gaps: list[TransportGaps] = []
+        self._gaps: dict[str, TransportGaps] = {}  # by topic
+        self._remove_compressed: dict[Side, Callable[[], object]] = {}
+        self._endpoints: Endpoints | None = None
         self._judged = 0, 0  # images lost and sent when their share was taken last
         self.forget_received()
 
@@ -145,26 +157,49 @@ class StereoInput:
         """Subscribe to images and camera_info of both cameras; forget those of before."""
         self.restart()
         self.rig = None
+        self._endpoints = endpoints
         self._infos.clear()
         self._fresh_sides.clear()
+        self._latched.clear()
         qos = profile(self._config.reliability, self._config.queue_depth)
         for side in SIDES:
             stem = f"{self._name}/{side}"
             endpoints.add_subscription(CameraInfo, f"{stem}/camera_info", partial(self.add_camera_info, side), qos)
             for name, kind in self._images.items():
-                self._gaps.append(TransportGaps())
-                received = partial(self._receive_image, side, self._gaps[-1])
-                endpoints.add_subscription(kind, f"{stem}/{name}", received, qos)
+                gaps = self._gaps.setdefault(f"{stem}/{name}", TransportGaps())
+                remove = endpoints.add_subscription(
+                    kind, f"{stem}/{name}", partial(self._receive_image, side, gaps), qos
+                )
+                if kind is CompressedImage:
+                    self._remove_compressed[side] = remove
 
     def counts(self) -> dict[str, int]:
         """Return what was dropped since the start, by name."""
         return {
-            "dropped_in_transport": sum(gaps.lost for gaps in self._gaps),
+            "dropped_in_transport": sum(gaps.lost for gaps in self._gaps.values()),
             "dropped_unpaired": self._pairing.unpaired + self._pairing.overflowed,
             "dropped_rejected": self._dropped["rejected"],
-            "dropped_stale": self._dropped["stale"],
+            "dropped_stale": self._order.late,
+            "dropped_stray": self._order.strays + self._dropped["unstamped"],
             "dropped_without_camera_info": self._dropped["without_camera_info"],
         }
+
+    @property
+    def last_ns(self) -> int | None:
+        """Stamp of the last pair of the run, None before the first."""
+        return self._order.last_ns
+
+    def doubled_text(self) -> str:
+        """Return which topics of images have several publishers; empty if none has."""
+        if self._endpoints is None:
+            return ""
+        doubled = []
+        for topic, gaps in self._gaps.items():
+            publishers = self._endpoints.publishers_of(topic)
+            gaps.set_several(len(publishers) > 1)
+            if len(publishers) > 1:
+                doubled.append(f"{topic} has {len(publishers)} publishers ({', '.join(sorted(publishers))})")
+        return f"{'; '.join(doubled)}: stop all but one" if doubled else ""
 
     def count_rejected(self) -> None:
         """Count a pair that could not be processed."""
@@ -200,7 +235,7 @@ class StereoInput:
         """Forget what waits and which stamp was last."""
         self._pairing.clear()
         self._without_rig.clear()
-        self.last_ns = None
+        self._order.restart()
 
     def add_camera_info(self, side: Side, message: CameraInfo) -> None:
         """Take a camera_info; a rig is made of one new one of each side, since on a change one side comes first."""
@@ -226,6 +261,11 @@ class StereoInput:
 
     def add_image(self, side: Side, image: ReceivedImage) -> None:
         """Take an image, and hand over the pair that it completes."""
+        if stamp_of(image[0]) <= 0:
+            self._dropped["unstamped"] += 1
+            text = f"images of '{self._name}/{side}' have the stamp 0: publish them with the time of the exposure"
+            self._status.warn(text, "unstamped")
+            return
         self._recent_ns[side].append(stamp_of(image[0]))
         add = self._pairing.add_left if side == "left" else self._pairing.add_right
         images = add(stamp_of(image[0]), image)
@@ -236,13 +276,25 @@ class StereoInput:
             self._hand_over(self.rig, images)
             return
         self._without_rig.append(images)
+        self._subscribe_latched()
         if len(self._without_rig) > self._config.queue_depth:
             self._without_rig.popleft()
             self._dropped["without_camera_info"] += 1
             self._status.error(f"images of '{self._name}' come without a usable camera_info of both cameras: dropped")
 
+    def _subscribe_latched(self) -> None:
+        """Subscribe to a camera_info that was published once, before this node: a volatile reader does not get it."""
+        for side in SIDES:
+            topic = f"{self._name}/{side}/camera_info"
+            missing = side not in self._infos and side not in self._latched
+            if self._endpoints is not None and missing and self._endpoints.is_latched(topic):
+                self._latched.add(side)
+                self._endpoints.add_latched(CameraInfo, topic, partial(self.add_camera_info, side))
+
     def _receive_image(self, side: Side, gaps: TransportGaps, message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401
-        if gaps.add(info) and (share := self._lost_share()) > MUCH_LOST:
+        if isinstance(message, Image) and side in self._remove_compressed:
+            self._remove_compressed.pop(side)()  # raw images are there
+        if gaps.add(info) and (share := self._lost_share()) > MUCH_LOST and not self.doubled_text():
             text = f"{share:.0%} of the images of '{self._name}' are lost in transport: {loss_fix(EXPORT_LINE)}"
             self._status.warn(text, "transport")
         self._status.note_arrival()
@@ -250,8 +302,8 @@ class StereoInput:
 
     def _lost_share(self) -> float:
         """Return the share of the images lost in transport, since there were enough to tell the last time."""
-        lost = sum(gaps.lost for gaps in self._gaps)
-        sent = lost + sum(gaps.count for gaps in self._gaps)
+        lost = sum(gaps.lost for gaps in self._gaps.values())
+        sent = lost + sum(gaps.count for gaps in self._gaps.values())
         lost_before, sent_before = self._judged
         if sent - sent_before < LOSS_WINDOW:
             return 0.0
@@ -267,15 +319,12 @@ class StereoInput:
             self._dropped["rejected"] += 1
             self._status.error(str(error))
             return
-        if self.last_ns is not None and stamp_ns <= self.last_ns:
-            if not jumped_back(self.last_ns, stamp_ns):
-                self._dropped["stale"] += 1
-                return
-            self.restart()
-            self._on_restart("stamps have gone back")
-        self.last_ns = stamp_ns
+        ordered, begins_run = self._order.add(stamp_ns, images)
+        if begins_run:
+            self._on_restart("stamps have gone to another time")
         frame_id = str(self._infos["left"].header.frame_id)
-        self._on_pair(ReceivedPair(stamp_ns, rig, frame_id, images, self._rectifier))
+        for pair in ordered:
+            self._on_pair(ReceivedPair(stamp_of(pair[0][0]), rig, frame_id, pair, self._rectifier))
 
 
 @dataclass(frozen=True, slots=True)
@@ -342,6 +391,10 @@ class PairNode(ManagedNode[P]):
     def _on_restart(self, reason: str) -> None:
         """Start a new run after the pairs that came before."""
 
+    def agreeing_stamps(self) -> int:
+        """Return how many pairs of another time in a row are a new run."""
+        return AGREEING
+
     def setup(self) -> None:
         """Create the publisher of the calls; the last one is latched, so that the doctor sees whether one was made."""
         self._calls = self.endpoints.add_publisher(String, "~/call", CALL_DEPTH, latched=True)
@@ -356,6 +409,7 @@ class PairNode(ManagedNode[P]):
             on_pair=self._on_pair,
             on_rig=self._take_rig,
             on_restart=self._on_restart,
+            agreeing=self.agreeing_stamps(),
         )
 
     def subscribe(self) -> None:
@@ -374,6 +428,8 @@ class PairNode(ManagedNode[P]):
     def look_around(self) -> None:
         """Log what was dropped, and what the node waits for if no result came meanwhile."""
         super().look_around()
+        if doubled := self._stereo.doubled_text():
+            self.status.warn(doubled, "publishers")
         calls, before = self.status.calls, self._calls_before
         self._calls_before = calls
         is_silent = not any(item.received for item in self.inputs() if CameraInfo not in item.topics.values())

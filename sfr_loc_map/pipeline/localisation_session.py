@@ -7,6 +7,7 @@ pose is the identity. Another rig, another configuration or a fault let a locali
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,7 +18,9 @@ import msgspec
 import numpy as np
 
 from sfr_loc_map.errors import InputError, LocalisationError, OutputError, SfrError
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.plausibility import is_plausible_covariance
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import read_bytes
@@ -71,8 +74,12 @@ class LocalisationSession:
         self._config = config
         self.continue_at_last_pose()
 
-    def set_pose(self, pose: StartPose) -> None:
-        """Go on, or start, at a given pose, which holds at its stamp; later runs start there too."""
+    def set_pose(self, given: StartPose) -> None:
+        """Go on, or start, at a given pose, which holds at its stamp; later runs start there too.
+
+        What the given pose leaves unknown stays as in the last known pose.
+        """
+        pose = completed_pose(given, self._last or self._start)
         self._first = replace(pose, stamp_ns=None)
         self._start, self._last = pose, None
         self.may_resume = False
@@ -143,6 +150,32 @@ class LocalisationSession:
                 self._pose_file.save(self._last, self._localiser_rig)
             except OutputError as error:
                 self._warn(str(error))
+
+
+def completed_pose(given: StartPose, known: StartPose) -> StartPose:
+    """Return a given pose with the components of a known one where its covariance has rows of zeros beside others.
+
+    Tools that set a pose on a plane, as RViz does, send x, y and yaw with their variances and zeros for z, roll and
+    pitch. A covariance of zeros alone states an exact pose.
+    """
+    is_given = given.covariance.any(axis=1)
+    if is_given.all() or not is_given.any():
+        return given
+    x, y, z, roll, pitch, yaw = np.where(is_given, _components(given.T_ds_rb), _components(known.T_ds_rb))
+    turns = [matrix_from_rotvec(rotvec) for rotvec in ([0.0, 0.0, yaw], [0.0, pitch, 0.0], [roll, 0.0, 0.0])]
+    covariance = np.where(np.outer(~is_given, ~is_given), known.covariance, 0.0)
+    covariance += np.where(np.outer(is_given, is_given), given.covariance, 0.0)
+    pose = Transform(turns[0] @ turns[1] @ turns[2], np.array([x, y, z]))
+    return StartPose(pose, covariance, given.stamp_ns)
+
+
+def _components(pose: Transform) -> FloatArray:
+    """Return position and roll, pitch, yaw about the fixed axes, the order of a covariance in ROS."""
+    rotation = pose.rotation
+    roll = math.atan2(rotation[2, 1], rotation[2, 2])
+    pitch = -math.asin(min(max(rotation[2, 0], -1.0), 1.0))
+    yaw = math.atan2(rotation[1, 0], rotation[0, 0])
+    return np.array([*pose.translation, roll, pitch, yaw])
 
 
 class _Content(msgspec.Struct):

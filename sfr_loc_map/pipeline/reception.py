@@ -18,6 +18,8 @@ COMPARABLE_NS = 60 * 1_000_000_000
 """Clocks that are further apart, or in the wrong order, cannot be compared (a recording that is played back, a host
 whose clock is not set)."""
 CLOCK_NOISE_NS = 1_000_000  # tolerance for the wrong order: clocks are read and rounded differently
+LEAP_NS = 3600 * 1_000_000_000  #: A stamp that far ahead of the last one is of another clock.
+AGREEING = 3  #: Stamps of another time in a row that are a new run.
 MUCH_LOST = 0.1  #: Share lost above which the transport is not set up for the messages
 MAX_POSES = 2000
 FIRST_SPACING_M = 0.02
@@ -28,6 +30,52 @@ TURN_PER_METRE = math.radians(100.0)
 def jumped_back(latest_ns: int, stamp_ns: int) -> bool:
     """Tell whether a stamp lies so far behind the latest one that a new run must have begun."""
     return latest_ns - stamp_ns >= JUMP_BACK_NS
+
+
+class RunOrder(Generic[T]):
+    """Assigns stamped items to runs; `late` and `strays` count those that are dropped.
+
+    An item that is not newer than the last one is late. An item of another time, a second or more before the last one
+    or an hour after it, is held. If as many such items as `agreeing` follow each other in the order of their stamps,
+    they are accepted: before the last one a new run begins with them, after it the run goes on. If an item of the
+    present time is added first, the held items are strays. A stamp of zero is no stamp.
+    """
+
+    def __init__(self, agreeing: int = AGREEING) -> None:
+        self.last_ns: int | None = None
+        self.late = self.strays = 0
+        self._agreeing = agreeing
+        self._held: list[tuple[int, T]] = []
+
+    def restart(self) -> None:
+        """Forget the last stamp and what is held: the next item begins a run."""
+        self.last_ns = None
+        self._held.clear()
+
+    def add(self, stamp_ns: int, item: T) -> tuple[list[T], bool]:
+        """Take an item; return the items that may be processed, in order, and whether a new run begins with them."""
+        last_ns = self.last_ns
+        if stamp_ns <= 0:
+            self.strays += 1
+            return [], False
+        if last_ns is None or (last_ns < stamp_ns < last_ns + LEAP_NS):
+            self.strays += len(self._held)
+            self._held.clear()
+            self.last_ns = stamp_ns
+            return [item], False
+        if (stamp_ns < last_ns and not jumped_back(last_ns, stamp_ns)) or stamp_ns == last_ns:
+            self.late += 1
+            return [], False
+        if self._held and stamp_ns <= self._held[-1][0]:
+            self.strays += len(self._held)
+            self._held.clear()
+        self._held.append((stamp_ns, item))
+        if len(self._held) < self._agreeing:
+            return [], False
+        self.last_ns = stamp_ns
+        items = [held for _, held in self._held]
+        self._held.clear()
+        return items, stamp_ns < last_ns
 
 
 def pose_at(poses: Sequence[tuple[int, Transform]], stamp_ns: int, max_gap_ns: int) -> Transform | None:
@@ -84,15 +132,22 @@ class TransportGaps:
 
     def __init__(self) -> None:
         self.count = self.lost = self._last = 0
+        self._several = False
 
     def add(self, info: dict[str, Any]) -> int:
         """Count the gap before a message, and return it."""
         number, last = int(info.get("publication_sequence_number") or 0), self._last
         self._last = number
         self.count += 1
-        gap = number - last - 1 if last and number > last else 0
+        gap = number - last - 1 if last and number > last and not self._several else 0
         self.lost += gap
         return gap
+
+    def set_several(self, several: bool) -> None:
+        """Count no gaps while several publishers number their messages: nothing tells whose a number is."""
+        if several and not self._several:
+            self.lost = 0
+        self._several = several
 
 
 def loss_fix(export_line: str) -> str:

@@ -19,7 +19,7 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, TrackingState
-from sfr_loc_map.pipeline.localisation_session import LocalisationSession, PoseFile
+from sfr_loc_map.pipeline.localisation_session import LocalisationSession, PoseFile, completed_pose
 
 RIG = StereoRig(160, 120, 150.0, 150.0, 79.5, 59.5, 0.12)
 OTHER_RIG = replace(RIG, fx=151.0, fy=151.0)
@@ -218,3 +218,20 @@ def test_damaged_poses_are_replaced_and_other_files_never(tmp_path: Path) -> Non
     for name, words in (("folder", "it is a folder"), ("pipe", "a named pipe"), ("none/x", "there is no folder")):
         with pytest.raises(OutputError, match=words):
             PoseFile(tmp_path / name, 10.0).check()
+
+
+def test_a_pose_on_a_plane_leaves_height_and_tilt_as_they_are() -> None:
+    """RViz sends x, y and yaw with variances, zeros for the rest; a covariance of zeros alone is an exact pose."""
+    tilt = matrix_from_rotvec([0.05, 0.12, 0.0])
+    known = StartPose(Transform(matrix_from_rotvec([0.0, 0.0, 0.4]) @ tilt, np.array([1.0, 2.0, 3.0])), COVARIANCE, 5)
+    flat = Transform(matrix_from_rotvec([0.0, 0.0, -1.1]), np.array([7.0, 8.0, 0.0]))
+    variances = np.diag([0.25, 0.25, 0.0, 0.0, 0.0, 0.07])
+    found = completed_pose(StartPose(flat, variances, 9), known)
+    np.testing.assert_allclose(found.T_ds_rb.translation, [7.0, 8.0, 3.0], atol=1e-12)
+    up = found.T_ds_rb.rotation.T[:, 2]  # the vertical in RB: its tilt
+    np.testing.assert_allclose(up, known.T_ds_rb.rotation.T[:, 2], atol=1e-12)
+    assert np.arctan2(found.T_ds_rb.rotation[1, 0], found.T_ds_rb.rotation[0, 0]) == pytest.approx(-1.1, abs=1e-12)
+    assert np.diag(found.covariance).tolist() == [0.25, 0.25, 0.3, 0.01, 0.02, 0.07]
+    for covariance in (np.zeros((6, 6)), COVARIANCE):
+        given = StartPose(flat, covariance, 9)
+        assert completed_pose(given, known) is given

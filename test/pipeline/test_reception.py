@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.stamp_pairing import StampPairing, match_stamps
-from sfr_loc_map.pipeline.reception import ThinnedPath, TransportGaps
+from sfr_loc_map.pipeline.reception import LEAP_NS, RunOrder, ThinnedPath, TransportGaps
 
 S, MS = 1_000_000_000, 1_000_000
 NOW = 1_800_000_000 * S
@@ -97,3 +97,60 @@ def test_a_long_drive_stays_bounded_and_even() -> None:
     gaps = np.diff(path.poses[:-1])
     assert len(path.poses) >= 40
     assert gaps.max() <= 2.5 * gaps.min()
+
+
+RUN = tuple(10**9 * k for k in range(100, 120))
+
+
+def processed(stamps_ns: list[int], agreeing: int = 3) -> tuple[list[int], list[int], RunOrder[int]]:
+    """Return the stamps that are processed, those that begin a run, and the order after them."""
+    order, done, begun = RunOrder[int](agreeing), list[int](), list[int]()
+    for stamp_ns in stamps_ns:
+        items, begins = order.add(stamp_ns, stamp_ns)
+        begun += items[:1] if begins else []
+        done += items
+    return done, begun, order
+
+
+@pytest.mark.parametrize(
+    "strays",
+    [
+        [RUN[5] - 3 * 10**9],  # an old image among newer ones
+        [0],  # no stamp
+        [
+            RUN[5] - 3 * 10**9,
+            RUN[5] - 4 * 10**9,
+            RUN[5] - 5 * 10**9,
+            RUN[5] - 6 * 10**9,
+        ],  # that do not follow each other
+        [RUN[5] - 5 * 10**9, RUN[5] - 4 * 10**9],  # too few
+        [RUN[5] + 10 * LEAP_NS],  # another clock
+        [0] * 20,
+    ],
+)
+def test_strays_are_dropped_and_counted_and_the_run_goes_on(strays: list[int]) -> None:
+    done, begun, order = processed([*RUN[:6], *strays, *RUN[6:]])
+    assert (done, begun, order.strays) == ([*RUN], [], len(strays))
+
+
+def test_a_run_that_begins_again_loses_nothing() -> None:
+    done, begun, order = processed([*RUN, *RUN])
+    assert (done, begun, order.strays, order.late) == ([*RUN, *RUN], [RUN[0]], 0, 0)
+
+
+def test_a_clock_that_is_set_forward_goes_on_and_late_items_are_counted() -> None:
+    ahead = [stamp + 2 * LEAP_NS for stamp in RUN]
+    assert processed([*RUN, *ahead])[:2] == ([*RUN, *ahead], [])
+    done, begun, order = processed([RUN[0], RUN[1], RUN[1], RUN[1] - 10**8, RUN[2]])
+    assert (done, begun, order.late) == ([*RUN[:3]], [], 2)
+
+
+def test_a_map_of_one_pair_has_one_stamp_of_its_run() -> None:
+    done, begun, _ = processed([RUN[3], RUN[0]], agreeing=1)
+    assert (done, begun) == ([RUN[3], RUN[0]], [RUN[0]])
+
+
+def test_of_several_publishers_no_gap_is_counted() -> None:
+    gaps = TransportGaps()
+    gaps.set_several(True)
+    assert sum(gaps.add({"publication_sequence_number": number}) for number in (1, 9, 2, 10, 3, 11)) == 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack
 from copy import copy
+from functools import partial
 from typing import Any
 
 from rclpy.clock import Clock
@@ -16,6 +17,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from sfr_loc_map.errors import ConfigError
 
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 RELIABILITIES = ("reliable", "best_effort")
 
 
@@ -53,8 +55,13 @@ class Endpoints:
         self.configured.callback(self._node.destroy_lifecycle_publisher, publisher)
         return publisher
 
-    def add_subscription(self, kind: type[Any], topic: str, callback: Callable[..., None], qos: QoSProfile) -> None:
-        """Subscribe until the node is deactivated; parameters `qos_overrides.TOPIC.subscription.POLICY` override."""
+    def add_subscription(
+        self, kind: type[Any], topic: str, callback: Callable[..., None], qos: QoSProfile
+    ) -> Callable[[], object]:
+        """Subscribe until the node is deactivated or what is returned is called.
+
+        Parameters `qos_overrides.TOPIC.subscription.POLICY` override the quality of service.
+        """
         full_name = self._node.resolve_topic_name(topic)
         prefix = f"qos_overrides.{full_name}.subscription."
         incompatible = self._warning(
@@ -77,6 +84,24 @@ class Endpoints:
                 raise
             raise ConfigError(f"parameters {prefix}*: {error!r}") from error
         self.active.callback(self._node.destroy_subscription, subscription)
+        return partial(self._node.destroy_subscription, subscription)
+
+    def add_latched(self, kind: type[Any], topic: str, callback: Callable[..., None]) -> None:
+        """Subscribe to what a publisher has latched."""
+        subscription = self._node.create_subscription(
+            kind, topic, callback, LATCHED, event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False)
+        )
+        self.active.callback(self._node.destroy_subscription, subscription)
+
+    def is_latched(self, topic: str) -> bool:
+        """Tell whether a publisher of a topic keeps its last message for subscribers that come later."""
+        found = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))
+        return any(info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for info in found)
+
+    def publishers_of(self, topic: str) -> list[str]:
+        """Return the names of the nodes that publish a topic, one for each publisher."""
+        found = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))
+        return [f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in found]
 
     def add_timer(self, period_s: float, callback: Callable[[], None]) -> None:
         """Call back periodically, by a clock that does not jump, until the node is deactivated."""
