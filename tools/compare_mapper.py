@@ -245,8 +245,9 @@ def compare(before: Path, after: Path) -> int:
         for call, figures in one["accuracy"].items():
             later = other["accuracy"].get(call, {})
             if changed:
-                both = [f"{name} {value:.4g} -> {later.get(name, np.nan):.4g}" for name, value in figures.items()]
-                print(f"  {call}: {', '.join(both)}")
+                differing = {name: value for name, value in figures.items() if later.get(name) != value}
+                both = [f"{name} {value:.4g} -> {later.get(name, np.nan):.4g}" for name, value in differing.items()]
+                print(f"  {call}: {', '.join(both) or 'the same accuracy'}")
     return int(count > 0)
 
 

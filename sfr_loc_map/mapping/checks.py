@@ -37,7 +37,7 @@ def check_images(pair: StereoPair, rig: StereoRig) -> None:
         if deviation < MIN_CONTRAST:
             raise MappingError(
                 f"{name} image of stamp {pair.stamp_ns} is textureless (mean {image.mean():.0f}, spread "
-                f"{deviation:.1f} grey levels): a spread of {MIN_CONTRAST} is needed; check the camera, its cap and "
+                f"{deviation:.1f} grey levels): a spread of {MIN_CONTRAST} is required; check the camera, its cap and "
                 "its exposure"
             )
     if np.array_equal(pair.left, pair.right):
@@ -52,7 +52,7 @@ def check_matches(pair: StereoPair, disparity: DisparityMap, disparity_count: in
     if matched < MIN_MATCHED_FRACTION:
         raise MappingError(
             f"images of stamp {pair.stamp_ns} do not match: {100 * matched:.0f} % of the textured pixels are matched, "
-            f"{100 * MIN_MATCHED_FRACTION:.0f} % are needed; {_likely_cause(pair, disparity_count)}"
+            f"{100 * MIN_MATCHED_FRACTION:.0f} % are required; {_likely_cause(pair, disparity_count)}"
         )
 
 
@@ -66,5 +66,5 @@ def _likely_cause(pair: StereoPair, disparity_count: int) -> str:
     matched_as_given = float(np.isfinite(semi_global_matching(left, right, coarse_count)).mean())
     matched_swapped = float(np.isfinite(semi_global_matching(right, left, coarse_count)).mean())
     if matched_swapped > max(SWAPPED_FACTOR * matched_as_given, MIN_SWAPPED_FRACTION):
-        return "left and right seem swapped: exchange them"
-    return "check that they are rectified, of the same moment and of this rig"
+        return "left and right are probably swapped: exchange them"
+    return "check that they are rectified, taken at the same time and by this rig"

@@ -62,7 +62,7 @@ def _warnings_of_images(disparity: DisparityMap, stated: CalibrationUncertainty)
     saturated = disparity.saturation.fraction
     warnings = []
     if math.isnan(matched):
-        warnings.append("too few pixels have texture above the noise: whether the images match is not known")
+        warnings.append("too few pixels have texture above the noise: whether the images match is unknown")
     if matched < LOW_MATCHED_FRACTION:
         warnings.append(f"only {100 * matched:.0f} % of the textured pixels are matched")
     if correction.max_vertical_px > max(MIN_VERTICAL_WARNING_PX, VERTICAL_WARNING_FACTOR * stated.distortion_px):
@@ -74,8 +74,8 @@ def _warnings_of_images(disparity: DisparityMap, stated: CalibrationUncertainty)
         warnings.append(f"the right image has {correction.gain:.2f} times the contrast of the left (compensated)")
     if saturated > MAX_SATURATED_FRACTION:
         warnings.append(
-            f"{100 * saturated:.0f} % of the pixels are saturated: flat ones are left out, sigma of those beside "
-            "them is widened; change the exposure"
+            f"{100 * saturated:.0f} % of the pixels are saturated: saturated regions have no points, sigma is larger "
+            "beside them; change the exposure"
         )
     return tuple(warnings)
 
@@ -87,6 +87,6 @@ def _warnings_of_rotation(rotation: CameraRotation, rig: StereoRig, stated: Cali
     yaw_deg = math.degrees(rotation.yaw_rad)
     side = "right" if yaw_deg > 0 else "left"
     return (
-        f"the right camera seems to look {abs(yaw_deg):.3f} deg to the {side} of its calibration (vertical "
-        "disparity has the saddle of a yaw): all depths err alike, sigma is widened; calibrate the cameras",
+        f"the right camera is probably rotated by {abs(yaw_deg):.3f} deg to the {side} (vertical disparity has the "
+        "shape that a yaw causes): all depths have a common error, sigma is increased; calibrate the cameras",
     )

@@ -51,7 +51,7 @@ def without_fixed_content(views: Sequence[PairView], rig: StereoRig) -> GroundVi
             continue
         warnings.append(
             f"{100 * fraction:.0f} % of the image is the same in pairs {i} and {j} although the camera has moved: the "
-            "rover's own body, or images of another pair; its points are left out"
+            "rover's own body, or images of another pair; its points are removed"
         )
         for number in (i, j):
             regions[number] = region | regions.get(number, np.zeros_like(region))

@@ -171,9 +171,9 @@ def pose_agreement(numbers: tuple[int, int], views: tuple[PairView, PairView], s
     if common <= MIN_OVERLAP or not (range_ratio > MAX_RANGE_RATIO or grey_ratio > MAX_GREY_RATIO):
         return Findings(statistics)
     warning = (
-        f"pairs {i} and {j} disagree where they overlap: ranges differ by {range_ratio:.1f} times what is "
-        f"expected, grey levels by {grey_ratio:.2f} of what they differ {SHIFT_PX} pixels away: check the "
-        "baseline and their poses, or have the poses fitted (refine_poses)"
+        f"pairs {i} and {j} disagree where they overlap: range differences are {range_ratio:.1f} times the expected "
+        f"ones, grey level differences {grey_ratio:.2f} times those {SHIFT_PX} pixels away; check the baseline and "
+        "their poses, or register the poses (refine_poses)"
     )
     return Findings(statistics, (warning,))
 

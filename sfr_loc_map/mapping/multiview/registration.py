@@ -56,7 +56,7 @@ def register_views(views: Sequence[PairView], rig: StereoRig) -> RegisteredViews
         is_plausible = rotation_deg <= MAX_ROTATION_DEG and translation_m <= MAX_TRANSLATION_M
         registered.append(view.with_pose(view.T_lm_left @ motion) if is_plausible else view)
         warning = (
-            f"pair {number} would fit if moved by {rotation_deg:.1f} deg and {translation_m:.2f} m: that is beyond "
+            f"pair {number} would fit if moved by {rotation_deg:.1f} deg and {translation_m:.2f} m: more than "
             f"{MAX_ROTATION_DEG} deg or {MAX_TRANSLATION_M} m, its pose is left as given"
         )
         statistics = {f"pose_turned_deg_{number}": rotation_deg, f"pose_moved_m_{number}": translation_m}

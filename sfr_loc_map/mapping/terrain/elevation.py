@@ -131,12 +131,7 @@ def elevation_of_cells(
     height = xyz[:, 2].astype(np.float64)
     total = np.square(cloud.sigma[inside], dtype=np.float64)
     random = total if random_sigma is None else np.square(random_sigma[inside], dtype=np.float64)
-    height_fraction = np.ones(len(inside))  # variance of the height over the variance along the ray
-    if T_lm_left is not None:
-        centres = np.stack([pose.translation for pose in T_lm_left])
-        x_squared, y_squared, z_squared = np.square(xyz - centres.take(cloud.pair[inside], axis=0)).T
-        height_fraction = z_squared / (x_squared + y_squared + z_squared)
-    height_fraction = height_fraction + TYPICAL_SLOPE**2
+    height_fraction = _height_fraction(xyz, cloud.pair[inside], T_lm_left)
     cell_count = grid.rows * grid.columns
 
     def sums(values: FloatArray) -> FloatArray:
@@ -159,6 +154,17 @@ def elevation_of_cells(
         grid.origin_m,
         grid.cell_m,
     )
+
+
+def _height_fraction(
+    xyz: NDArray[np.float32], pair: NDArray[np.uint8], T_lm_left: Sequence[Transform] | None
+) -> FloatArray:
+    """Return the variance of the height of each point `(N,)` over its variance along the ray; 1 without poses."""
+    if T_lm_left is None:
+        return np.full(len(xyz), 1.0 + TYPICAL_SLOPE**2)
+    centres = np.stack([pose.translation for pose in T_lm_left])
+    x_squared, y_squared, z_squared = np.square(xyz - centres.take(pair, axis=0)).T
+    return np.asarray(z_squared / (x_squared + y_squared + z_squared) + TYPICAL_SLOPE**2)
 
 
 def point_covariances(cloud: PointCloud, T_lm_left: Sequence[Transform], focal_px: float) -> NDArray[np.float32]:
