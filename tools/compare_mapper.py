@@ -47,7 +47,7 @@ from sfr_loc_map.mapping.config import MAX_PAIRS
 RIGHT_ROTATION_DEG = (0.06, 0.4, 0.08)  #: Pitch, yaw and roll of the right camera of the disturbed pairs.
 GAIN, OFFSET = 0.85, 18.0  #: Exposure of the right image of the disturbed pairs; the offset in grey levels.
 SATURATED_FRACTION = 0.1  #: Fraction of the rows of the disturbed pairs that are white.
-ROUNDS = 5  #: Processes of each tree that `time` starts.
+ROUNDS = 9  #: Processes of each tree that `time` starts.
 
 Images = NDArray[np.float32]
 

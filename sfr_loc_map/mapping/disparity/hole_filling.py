@@ -64,6 +64,13 @@ class HoleScene(NamedTuple):
     distance: FloatImage  #: Rows or columns to the nearest valid pixel.
 
 
+class FilledPixels(NamedTuple):
+    """Result of a pass, `(H, W)` each."""
+
+    px: FloatImage  #: Disparities, pixels.
+    added: Mask  #: Pixels that were filled.
+
+
 class RightClaims(NamedTuple):
     """Disparities `(H, W)` of the left pixels that correspond to each pixel of the right image, pixels."""
 
@@ -83,33 +90,37 @@ def fill_holes(disparity: DisparityMap) -> DisparityMap:
 
     The standard deviation of a filled disparity is at least `MIN_FILLED_SIGMA_PX`.
     """
-    scene = _scene(disparity, disparity.px, disparity.valid, ~disparity.valid)
+    unsaturated = ~disparity.saturation.flat
+    scene = _scene(disparity, disparity.px, disparity.valid, unsaturated)
     max_cost = _max_cost(scene)
     if not max_cost > 0.0:
         return disparity
     min_margin = F(MARGIN_SIGMAS * disparity.noise_grey)
-    unsaturated = ~disparity.saturation.flat
-    candidates = unsaturated
-    px = disparity.px
-    valid = disparity.valid
-    for _ in range(PASSES):
-        scene = _scene(disparity, px, valid, candidates & ~valid)
-        found = fill_pass(scene, right_claims(px, valid), max_cost, min_margin)
-        added = np.isfinite(found)
-        with_added = np.where(added, found, px)
-        claims = right_claims(with_added, valid | added)
-        added = confirmed(with_added, valid | added, added, claims)
-        px = np.where(added, found, px)
+    px, added = _filled(scene, max_cost, min_margin)
+    valid = disparity.valid | added
+    for _ in range(PASSES - 1):
+        scene = _scene(disparity, px, valid, unsaturated & within(added, REACH))
+        px, added = _filled(scene, max_cost, min_margin)
         valid = valid | added
-        candidates = unsaturated & within(added, REACH)
     near_enough = depth_ratio(np.where(valid, px, F(0.0)), NEARBY_PX) < MAX_DEPTH_RATIO
     filled = valid & ~disparity.valid & near_enough
     sigma_px = np.where(filled, np.maximum(disparity.sigma_px, MIN_FILLED_SIGMA_PX), disparity.sigma_px)
     return replace(disparity, px=px, sigma_px=sigma_px, valid=disparity.valid | filled)
 
 
-def _scene(disparity: DisparityMap, px: FloatImage, valid: Mask, fillable: Mask) -> HoleScene:
-    """Return the input of a pass with the disparities that are valid so far."""
+def _filled(scene: HoleScene, max_cost: np.float32, min_margin: np.float32) -> FilledPixels:
+    """Return the disparities after one pass; added pixels have to be confirmed by all others."""
+    found = fill_pass(scene, right_claims(scene.disparity, scene.valid), max_cost, min_margin)
+    candidates = np.isfinite(found)
+    px = np.where(candidates, found, scene.disparity)
+    valid = scene.valid | candidates
+    added = confirmed(px, valid, candidates, right_claims(px, valid))
+    return FilledPixels(np.where(added, found, scene.disparity), added)
+
+
+def _scene(disparity: DisparityMap, px: FloatImage, valid: Mask, candidates: Mask) -> HoleScene:
+    """Return the input of a pass over the invalid candidates, with the disparities that are valid so far."""
+    fillable = candidates & ~valid
     distance = np.asarray(cv2.distanceTransform((~valid).astype(np.uint8), cv2.DIST_C, 3), F)
     return HoleScene(disparity.left, disparity.right, px, valid, fillable, disparity.matched_px, distance)
 

@@ -74,7 +74,7 @@ def photometric_residual(left: FloatImage, right: FloatImage, disparity: FloatIm
         for x in range(cols):
             u = F(x) - shift[x]
             fraction[x] = u if u >= F(0.0) and u <= F(cols - 1) else F(np.nan)
-            whole[x] = np.int32(fraction[x] if fraction[x] == fraction[x] else F(0.0))
+            whole[x] = np.int32(F(0.0) if np.isnan(fraction[x]) else fraction[x])
             fraction[x] -= F(whole[x])
         for x in range(cols):
             k = np.uint32(whole[x])
@@ -116,7 +116,7 @@ def cell_means(residual: FloatImage, limit: np.float32) -> FloatImage:
             count = F(0.0)
             for k in range(4):
                 value = residual[2 * i + k // 2, 2 * j + k % 2]
-                if value == value:
+                if not np.isnan(value):
                     total += min(max(value, -limit), limit)
                     count += F(1.0)
             out[i, j] = total / max(count, F(1.0))
@@ -163,11 +163,11 @@ def slopes(template: FloatImage) -> FloatImage:
 
 @jit_rows
 def normal_equations(
-    slope: FloatImage, residual: FloatImage, offset: FloatImage, inverse_variance: FloatImage, tail: np.float32
+    slope: FloatImage, residual: FloatImage, offset: FloatImage, inverse_variance: FloatImage, robust: np.float32
 ) -> NormalEquations:
     """Return each cell's normal equations of a change in disparity (Lucas and Kanade 1981), robustly weighted.
 
-    `r(d + s) = r(d) - g s` with g the slope along the row. The weight is `1 / (1 + tail r^2 / variance)`. Columns
+    `r(d + s) = r(d) - g s` with g the slope along the row. The weight is `1 / (1 + robust r^2 / variance)`. Columns
     without a slope are excluded.
 
     Slope and residual are `(H, W)`, the residual's brightness offset and inverse variance `(H/2, W/2)`.
@@ -189,11 +189,11 @@ def normal_equations(
                 y = 2 * i + k // 2
                 x = 2 * j + k % 2
                 value = residual[y, x] - mean
-                if value != value or x < SLOPE_BORDER or x >= width - SLOPE_BORDER:
+                if np.isnan(value) or x < SLOPE_BORDER or x >= width - SLOPE_BORDER:
                     continue
                 g = slope[y, x]
                 normalised = value * value * inverse
-                weight = F(1.0) / (F(1.0) + tail * normalised)
+                weight = F(1.0) / (F(1.0) + robust * normalised)
                 hessian += weight * g * g
                 gradient += weight * g * value
                 square += weight * normalised

@@ -57,7 +57,7 @@ SOLVER_ITERATIONS = (8, 12, 12)  #: Conjugate gradient steps on each grid, fines
 MEAN_RADIUS_CELLS = 3  #: Half side of the window in which the initial field is averaged, cells.
 MEAN_TOLERANCES_PX = (F(1.5), F(0.7))  #: Cells that differ by less are averaged; the initial field is averaged twice.
 WINDOW_CELLS = 9  #: Side of the square over which brightness offset and noise level are averaged, cells.
-TAIL = F(1.0 / 25.0)  #: Residuals of five standard deviations have half their weight.
+ROBUST_FACTOR = F(1.0 / 25.0)  #: Factor of the Cauchy weight: residuals of five standard deviations have half of it.
 CLIPPING_SIGMAS = 3.0  #: Residuals are clipped to this many standard deviations in the brightness offset.
 TEMPLATE_SIGMAS = 4.0  #: The template is the left image where the residual exceeds this many standard deviations.
 MIN_WEIGHT = F(0.1)  #: Smallest mean robust weight by which the squared residuals are normalised.
@@ -184,7 +184,7 @@ def linearise(left: LeftImage, right: FloatImage, cells: FloatImage) -> Linearis
     offset = box_mean(means, WINDOW_CELLS)
     variance = noise_variance(left.cell_grey, left.grey_order, residual, offset, left.min_noise)
     template = mean_template(left.image, residual, offset, F(TEMPLATE_SIGMAS * noise))
-    equations = normal_equations(slopes(template), residual, offset, F(1.0) / variance, TAIL)
+    equations = normal_equations(slopes(template), residual, offset, F(1.0) / variance, ROBUST_FACTOR)
     mean_chi2 = box_mean(equations.chi2, WINDOW_CELLS)
     mean_weight = np.maximum(box_mean(equations.weight, WINDOW_CELLS), MIN_WEIGHT)
     excess = np.maximum(mean_chi2 / mean_weight, noise_correlation(means, offset, variance))
@@ -282,17 +282,17 @@ def fill_occlusions(cells: FloatImage) -> FloatImage:
         last = F(np.nan)
         j = 0
         while j < cols:
-            if cells[i, j] == cells[i, j]:
+            if not np.isnan(cells[i, j]):
                 last = cells[i, j]
                 j += 1
                 continue
             end = j
-            while end < cols and cells[i, end] != cells[i, end]:
+            while end < cols and np.isnan(cells[i, end]):
                 end += 1
             value = last
             if end < cols and not value <= cells[i, end]:
                 value = cells[i, end]
-            if value != value:
+            if np.isnan(value):
                 value = F(0.0)
             for k in range(j, end):
                 out[i, k] = value
