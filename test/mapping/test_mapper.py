@@ -125,6 +125,31 @@ def test_same_input_gives_same_bits_on_any_number_of_threads() -> None:
     assert one.cloud.to_structured().tobytes() == several.cloud.to_structured().tobytes()
 
 
+def arrays_of(pair_map: PairMap) -> list[bytes]:
+    view, cloud = pair_map.view, pair_map.cloud
+    saturation = pair_map.saturation
+    arrays = (cloud.to_structured(), view.cloud.to_structured(), pair_map.random_sigma, view.disparity_px)
+    return [array.tobytes() for array in (*arrays, saturation.flat, saturation.neighbourhood)]
+
+
+def test_calls_change_neither_their_input_nor_the_mapper() -> None:
+    """Maps of pairs are fused again, alone and together, whatever was mapped between: the results are bit-identical."""
+    one, other = (make_world(hills, noise=3.0, noise_seed=seed) for seed in (1, 2))
+    clipped = one.pair.right.copy()
+    clipped[100:130, 60:140] = 255
+    pairs = [StereoPair(1, one.pair.left, clipped), other.pair]
+    images = [image.tobytes() for pair in pairs for image in (pair.left, pair.right)]
+    mapper = Mapper(one.rig, MappingConfig(refine_poses=True))
+    maps = [mapper.process(pair, T_LM_NAVSB, index) for index, pair in enumerate(pairs)]
+    before = [arrays_of(item) for item in maps]
+    fused = [mapper.fuse(maps), mapper.fuse(maps[::-1]), mapper.fuse(maps)]
+    assert fused[0].cloud.to_structured().tobytes() == fused[2].cloud.to_structured().tobytes()
+    assert [arrays_of(item) for item in maps] == before
+    assert [image.tobytes() for pair in pairs for image in (pair.left, pair.right)] == images
+    again = mapper.process(pairs[0], T_LM_NAVSB, 0)
+    assert arrays_of(again) == before[0]
+
+
 def test_step_is_not_smeared() -> None:
     """A block that stands 6 pixels of disparity before its background: what is kept is one or the other."""
     block, ground = (make_world(lambda u, v, d=d: np.full_like(u, d), width=400, height=280) for d in (16.0, 10.0))
