@@ -69,7 +69,7 @@ def convert(
 
     layout = None if to is None else Layout(to)
     options = ConvertOptions(jpeg_quality, compression == "zstd", truth_grid, layout)
-    if source.suffix in CLOUDS and not source.is_dir():
+    if source.suffix.lower() in CLOUDS and not source.is_dir():
         if options != ConvertOptions() or remap:
             raise ConfigError(f"'{source}' is a cloud: of the options '--overwrite' alone is for clouds")
         from sfr_loc_map.io.cloud_file import load_cloud, save_cloud

@@ -100,7 +100,7 @@ class ScoreInputs:
             poses, cloud = (path if (path := estimate / name).is_file() else None for name in TARGET_RESULTS)
             calls, truths = estimate / "stats.csv", (truth if poses else None, truth if cloud else None)
             return cls(poses, truths[0], cloud, truths[1], tuple(stats), target=calls, target_about=about)
-        if estimate.suffix in CLOUD_SUFFIXES:
+        if estimate.suffix.lower() in CLOUD_SUFFIXES:
             return cls(cloud=estimate, map_truth=truth, stats=tuple(stats))
         return cls(estimate=estimate, truth=truth, stats=tuple(stats))
 
@@ -515,7 +515,10 @@ def load_run(
     if inputs.cloud is not None and inputs.map_truth is not None:
         loaded = said_fused(load_cloud(inputs.cloud), fused, f"cloud '{inputs.cloud}'")
         stamps_ns = None if loaded.cloud is None else loaded.cloud.pair_stamps_ns
-        run = replace(run, cloud=ScoredCloud(loaded, load_map_truth(inputs.map_truth, stamps_ns, inputs.config)))
+        truths = load_map_truth(inputs.map_truth, stamps_ns, inputs.config)
+        if truths:
+            loaded = loaded.of_images(truths[0].rig.width, truths[0].rig.height, f"cloud '{inputs.cloud}'")
+        run = replace(run, cloud=ScoredCloud(loaded, truths))
 
     in_memory, place, loc, how = Path(IN_MEMORY), inputs.truth, None, inputs.config or AS_IT_IS
     read = place or inputs.map_truth
