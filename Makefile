@@ -164,11 +164,11 @@ $(DEV_STAMP): $(STAMP)
 
 # The kernels need no ROS: they are compiled on two cores while its wheels are fetched.
 $(VENV)/.kernels-localisation: $(CORE)
-	$(BIN)/python -P -m sfr_loc_map.pipeline.kernels localisation metrics
+	$(BIN)/python -P -m sfr_loc_map.kernels localisation
 	@touch $@
 
 $(VENV)/.kernels-mapping: $(CORE)
-	$(BIN)/python -P -m sfr_loc_map.pipeline.kernels mapping terrain
+	$(BIN)/python -P -m sfr_loc_map.kernels mapping terrain
 	@touch $@
 
 $(DOCS_STAMP): $(STAMP)
@@ -178,8 +178,8 @@ $(DOCS_STAMP): $(STAMP)
 # All kernels compiled side by side; otherwise each test process compiles all of them.
 $(COMPILED): $(DEV_STAMP)
 	$(BIN)/python -m compileall -q sfr_loc_map
-	PYTHONPATH=. $(BIN)/python -P -m sfr_loc_map.pipeline.kernels localisation > /dev/null & \
-	PYTHONPATH=. $(BIN)/python -P -m sfr_loc_map.pipeline.kernels mapping terrain metrics > /dev/null & \
+	PYTHONPATH=. $(BIN)/python -P -m sfr_loc_map.kernels localisation > /dev/null & \
+	PYTHONPATH=. $(BIN)/python -P -m sfr_loc_map.kernels mapping terrain > /dev/null & \
 	scratch=$$(mktemp -d) && $(BIN)/python -c "from sfr_loc_map.cli.main import main; raise SystemExit(main())" simulate $$scratch/tiny --workers 1 $(TINY) && rm -r $$scratch && wait
 	@touch $@
 

@@ -41,9 +41,15 @@ from sfr_loc_map.metrics.config import AlignedErrorConfig, aligned_error_config,
 from sfr_loc_map.metrics.limits import Limits, load_limits, parse_limits
 from sfr_loc_map.metrics.score import MethodRecord
 from sfr_loc_map.metrics.score_json import to_json
-from sfr_loc_map.pipeline import offline
-from sfr_loc_map.pipeline.call_stats import CallRecord, CallStats, save_stats, stats_of
-from sfr_loc_map.pipeline.scoring import (
+from sfr_loc_map.report.page import load_score, write_page
+from sfr_loc_map.report.path_figure import curves_of, path_plot
+from sfr_loc_map.report.plots import to_figure
+from sfr_loc_map.report.score_figures import score_figures
+from sfr_loc_map.report.score_tables import row_title, score_markdown, summary_tables
+from sfr_loc_map.report.tables import UNKNOWN, to_html
+from sfr_loc_map.runs import offline
+from sfr_loc_map.runs.calls import CallRecord, CallStats, save_stats, stats_of
+from sfr_loc_map.scoring.score_run import (
     Correction,
     Run,
     ScoredCloud,
@@ -54,12 +60,6 @@ from sfr_loc_map.pipeline.scoring import (
     said_fused,
     score_run,
 )
-from sfr_loc_map.report.page import load_score, write_page
-from sfr_loc_map.report.path_figure import curves_of, path_plot
-from sfr_loc_map.report.plots import to_figure
-from sfr_loc_map.report.score_figures import score_figures
-from sfr_loc_map.report.score_tables import row_title, score_markdown, summary_tables
-from sfr_loc_map.report.tables import UNKNOWN, to_html
 
 if TYPE_CHECKING:
     import pandas

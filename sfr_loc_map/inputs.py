@@ -107,6 +107,11 @@ def serialised_stamp(raw: bytes) -> int:
     return int(seconds) * NS_PER_S + int(nanoseconds)
 
 
+def jumped_back(latest_ns: int, stamp_ns: int) -> bool:
+    """Tell whether a stamp is so far before the latest one that the clock was set back or a new run has begun."""
+    return latest_ns - stamp_ns >= JUMP_BACK_NS
+
+
 def special_kind(mode: int) -> str:
     """Return what a file of this `st_mode` is if neither a regular file nor a folder, in words; else an empty text."""
     return "" if stat.S_ISDIR(mode) else _SPECIAL_FILES.get(stat.S_IFMT(mode), "")

@@ -8,11 +8,13 @@ import sfr_loc_map
 PACKAGE = Path(sfr_loc_map.__file__).parent
 NAME = PACKAGE.name
 FLOORS = (
-    {"__init__", "errors", "inputs", "config", "jit", "child_process", "signals"},
+    {"__init__", "errors", "inputs", "config", "jit", "kernels", "child_process", "signals"},
     {"geometry"},
-    {"io", "localisation", "mapping", "metrics", "simulation"},
-    {"methods", "report"},
-    {"pipeline"},
+    {"io", "localisation", "mapping", "metrics"},
+    {"methods", "report", "simulation"},
+    {"runs"},
+    {"scoring"},
+    {"replay", "doctor"},
     {"live", "suite"},
     {"nodes"},
     {"cli", "api"},

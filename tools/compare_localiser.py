@@ -28,9 +28,9 @@ from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose
 from sfr_loc_map.localisation.localiser import Localiser
-from sfr_loc_map.pipeline.convert import FaultyLoc
-from sfr_loc_map.pipeline.offline import start_pose
+from sfr_loc_map.runs.offline import start_pose
 from sfr_loc_map.simulation.faults import parse_fault
+from sfr_loc_map.simulation.faulty_source import FaultyLoc
 
 PAIRS = 70  #: Pairs of a run with a fault.
 FAULTS = (

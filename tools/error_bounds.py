@@ -35,7 +35,7 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity.semi_global_matching import search_range, semi_global_matching
 from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity, refine
 from sfr_loc_map.mapping.robust_statistics import MAD_TO_SIGMA
-from sfr_loc_map.pipeline.offline import start_pose
+from sfr_loc_map.runs.offline import start_pose
 
 EVERY = 10
 """Sub-trajectories start at every so many pairs."""

@@ -20,7 +20,7 @@ def main(parts: list[str]) -> None:
     from numba.core import event
 
     from sfr_loc_map.jit import KERNELS
-    from sfr_loc_map.pipeline.kernels import COMPILE, PARTS
+    from sfr_loc_map.kernels import COMPILE, PARTS
 
     seconds: dict[tuple[str, str], float] = defaultdict(float)
     count: dict[tuple[str, str], int] = defaultdict(int)

@@ -28,8 +28,8 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics.association import associate
 from sfr_loc_map.metrics.config import AssociationConfig
 from sfr_loc_map.metrics.consistency import relative_covariance, relative_error, sums_of_steps
-from sfr_loc_map.pipeline.call_stats import stats_of
-from sfr_loc_map.pipeline.offline import localise, start_pose, trajectory_of
+from sfr_loc_map.runs.calls import stats_of
+from sfr_loc_map.runs.offline import localise, start_pose, trajectory_of
 
 SCENARIOS = ("rocky", "rolling", "crater_rim", "flat", "low_sun", "sample")
 PAIRS, SPEED_M_S = 80, 0.35  #: Of each drive: 14 m at most.

@@ -189,7 +189,19 @@ def topics() -> str:
     return "\n".join(parts)
 
 
-PACKAGES = ("", "geometry", "io", "localisation", "mapping", "metrics", "pipeline", "report", "methods", "simulation")
+PACKAGES = (
+    "",
+    "geometry",
+    "io",
+    "localisation",
+    "mapping",
+    "metrics",
+    "runs",
+    "scoring",
+    "report",
+    "methods",
+    "simulation",
+)
 """Packages whose public names are described; those of the nodes need ROS and are explained in nodes.md."""
 
 

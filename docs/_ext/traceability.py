@@ -183,7 +183,7 @@ CLAUSES = (
         "4.2.1",
         "Timing performance, localisation",
         "Wall-clock seconds on the target from the call of the API to its return, by the mechanism of its kit.",
-        ("metrics/calls.py", "pipeline/call_stats.py", "metrics/score.py"),
+        ("metrics/calls.py", "runs/calls.py", "metrics/score.py"),
         "table of times per call, under the clock's name; calls on a target in a table of their own",
         "A host time is never one of the target: times measured there are read in (a harness's folder, "
         "`--target-timing`), belong to the estimates of their stamps, and keep the name of their clock.",
@@ -237,7 +237,7 @@ CLAUSES = (
         "4.3.1",
         "Timing performance, mapping",
         "As 4.2.1.",
-        ("metrics/calls.py", "pipeline/call_stats.py"),
+        ("metrics/calls.py", "runs/calls.py"),
         "table of times per call: mapping_call; mapping and fusion are its stages",
         "The call takes up to three pairs and returns one cloud (1.3): its time is that of the set.",
         "one call per set of pairs",

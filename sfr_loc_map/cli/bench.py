@@ -73,7 +73,7 @@ def localise(
     """Our localiser against a plain OpenCV one, ORB-SLAM3 (pyorbslam3) where installed, and any other method."""
     from sfr_loc_map.io.sequence import drive_of
     from sfr_loc_map.methods.comparison import compare_localisers, methods_to_compare
-    from sfr_loc_map.pipeline.offline import start_pose
+    from sfr_loc_map.runs.offline import start_pose
 
     scoring = TrajectoryScoreConfig(conditions=tuple(condition or ["distance=5"]), spacing=spacing)
     check_outputs(json_path, overwrite=overwrite)

@@ -62,10 +62,10 @@ def convert(
 
     Sources are data set folders, ROS 1 and ROS 2 bags, sequences of KITTI and EuRoC.
     """
+    from sfr_loc_map.io.convert import ConvertOptions, Layout
+    from sfr_loc_map.io.convert import convert as run
     from sfr_loc_map.io.pairs_file import write_pairs
     from sfr_loc_map.io.trajectory_file import FILE_SUFFIXES, format_of_name
-    from sfr_loc_map.pipeline.convert import ConvertOptions, Layout
-    from sfr_loc_map.pipeline.convert import convert as run
 
     layout = None if to is None else Layout(to)
     options = ConvertOptions(jpeg_quality, compression == "zstd", truth_grid, layout)
@@ -103,7 +103,7 @@ def convert(
     with room as place, naming(source), progress_bar("pairs") as bar:
         task = bar.add_task("converting", total=sum(len(part) for part in parts if part is not None))
         if is_pairs:
-            from sfr_loc_map.pipeline.offline import start_pose
+            from sfr_loc_map.runs.offline import start_pose
 
             has_truth = opened.loc is not None and opened.loc.ground_truth is not None
             start = start_pose(opened.loc, "truth").T_ds_rb if opened.loc is not None and has_truth else None
@@ -129,8 +129,8 @@ def _convert_trajectory(
     columns: str,
 ) -> None:
     """Write a trajectory, or the true one of a source, as a file of poses or as a folder or bag."""
+    from sfr_loc_map.io.convert import convert_trajectory
     from sfr_loc_map.io.trajectory_file import files_written, format_of_name, read_trajectory_file
-    from sfr_loc_map.pipeline.convert import convert_trajectory
 
     to_file = format_of_name(destination) is not None
     if to_file:

@@ -28,9 +28,9 @@ from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.metrics.config import ScoreConfig
 
 if TYPE_CHECKING:
+    from sfr_loc_map.doctor.examination import Finding
+    from sfr_loc_map.doctor.observation import Observation
     from sfr_loc_map.io.source_config import SourceConfig
-    from sfr_loc_map.pipeline.doctor import Finding
-    from sfr_loc_map.pipeline.doctor_observation import Observation
 
 SHOWN_HYPOTHESES = 5
 
@@ -77,7 +77,7 @@ def doctor(
     if subject is not None and truth is not None:
         _diagnose(subject, truth, json_path, lenient=lenient)
         return
-    from sfr_loc_map.pipeline.doctor import examine
+    from sfr_loc_map.doctor.examination import examine
 
     path, sections, given = intake.read(subject, config)
     if subject is None:
@@ -92,8 +92,8 @@ def doctor(
     if not subject.exists():
         raise InputError(f"there is no '{subject}': give a data set folder, a bag, KITTI or EuRoC, or --graph")
     if fix:
+        from sfr_loc_map.doctor.source_proposal import propose_config
         from sfr_loc_map.io.source_config import NAME
-        from sfr_loc_map.pipeline.source_proposal import propose_config
 
         # into the configuration that was read, else a new one
         place = path or (subject if subject.is_dir() else subject.parent) / NAME
@@ -114,7 +114,7 @@ def doctor(
 
 
 def _observe(source: Path, config: SourceConfig) -> Observation:
-    from sfr_loc_map.pipeline.doctor_observation import observe_bag, observe_source
+    from sfr_loc_map.doctor.observation import observe_bag, observe_source
 
     if is_bag(source) and replace(config, path=None, remap={}, extrinsics=type(config.extrinsics)()) == type(config)():
         return observe_bag(source, config)
@@ -127,8 +127,8 @@ def _with_fix(
     source: Path, sections: dict[str, Any], path: Path | None, findings: list[Finding], words: list[str]
 ) -> list[Finding]:
     """Return findings with the command that ends each which a proposed configuration does end: it is tried."""
-    from sfr_loc_map.pipeline.doctor import examine
-    from sfr_loc_map.pipeline.source_proposal import propose_config
+    from sfr_loc_map.doctor.examination import examine
+    from sfr_loc_map.doctor.source_proposal import propose_config
 
     try:
         found = propose_config(source, sections, path)
@@ -172,8 +172,8 @@ def _show(seen: Observation, findings: list[Finding], json_path: str | None, aft
 def _diagnose(estimate: Path, truth: Path, json_path: str | None, *, lenient: bool) -> None:
     """Show what explains the disagreement of estimate and truth; raise FailedVerdictError if something does."""
     from sfr_loc_map.metrics.convention import MIN_POSES
-    from sfr_loc_map.pipeline.scoring import diagnose_files
     from sfr_loc_map.report.tables import Cell, Column, Table
+    from sfr_loc_map.scoring.score_run import diagnose_files
 
     diagnosis = diagnose_files(estimate, truth, ScoreConfig())
     rows = [(Cell.head("as it is"), Cell.number(diagnosis.disagreement, undefined="no stamp in common"), Cell(""))]

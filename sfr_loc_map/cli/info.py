@@ -27,9 +27,9 @@ def info(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Show what a source holds: pairs, rate, size, topics, calibration, extrinsics, truth, duration, gaps."""
+    from sfr_loc_map.doctor.source_proposal import seen_topics
     from sfr_loc_map.io.bag import Bag
     from sfr_loc_map.io.registry import open_source
-    from sfr_loc_map.pipeline.source_proposal import seen_topics
     from sfr_loc_map.report.tables import Cell, Column, Table
 
     check_outputs(json_path, overwrite=overwrite)

@@ -21,7 +21,7 @@ from sfr_loc_map.signals import hold
 
 if TYPE_CHECKING:
     from sfr_loc_map.localisation.estimate import PoseEstimate
-    from sfr_loc_map.pipeline.call_stats import CallRecord
+    from sfr_loc_map.runs.calls import CallRecord
 
 R = TypeVar("R")
 
@@ -50,8 +50,8 @@ def localise(
     from sfr_loc_map.io.sequence import drive_of
     from sfr_loc_map.io.trajectory_file import FILE_SUFFIXES, files_written, save_trajectory
     from sfr_loc_map.methods.registry import record_of_ours
-    from sfr_loc_map.pipeline import offline
-    from sfr_loc_map.pipeline.call_stats import save_stats
+    from sfr_loc_map.runs import offline
+    from sfr_loc_map.runs.calls import save_stats
 
     check_suffix(output, FILE_SUFFIXES)
     check_outputs(*files_written(output), stats, video, overwrite=overwrite)

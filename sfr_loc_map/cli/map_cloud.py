@@ -54,9 +54,9 @@ def map_cloud(
     from sfr_loc_map.io.cloud_file import SUFFIXES
     from sfr_loc_map.io.sequence import panorama_of
     from sfr_loc_map.methods.registry import record_of_ours
-    from sfr_loc_map.pipeline.call_stats import save_stats
-    from sfr_loc_map.pipeline.map_files import MapOutputs, check_dems, save_map
-    from sfr_loc_map.pipeline.offline import map_pairs, map_pairs_with
+    from sfr_loc_map.runs.calls import save_stats
+    from sfr_loc_map.runs.map_files import MapOutputs, check_dems, save_map
+    from sfr_loc_map.runs.offline import map_pairs, map_pairs_with
 
     check_suffix(output, SUFFIXES)
     opened, config = open_as(source, remap, under_test.config if under_test.is_ours else None)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.io.source_config import SourceConfig
     from sfr_loc_map.methods.registry import Method, MethodLimits
     from sfr_loc_map.metrics.limits import Limits
-    from sfr_loc_map.pipeline.scoring import Correction
+    from sfr_loc_map.scoring.score_run import Correction
 
 OURS = "sfr"  #: Name of the suite's own localiser and mapper, which run in the process of the command.
 _NAMESPACE = re.compile(r"/?([A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*)?/?")
@@ -168,7 +168,7 @@ class ConventionOptions:
     def read(self, *, has_poses: bool = True) -> Correction:
         """Return how an estimate is converted; raise ConfigError if a setting is none, or there are no poses."""
         from sfr_loc_map.geometry.pose_convention import PoseConvention
-        from sfr_loc_map.pipeline.scoring import Correction
+        from sfr_loc_map.scoring.score_run import Correction
 
         correction = Correction(PoseConvention.parse(self.convention or ()), self.apply_diagnosis)
         if not has_poses and correction != Correction():

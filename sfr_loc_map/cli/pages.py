@@ -146,8 +146,8 @@ def plot(
     """Draw trajectories from above, in height and, with --truth, their distance to it, for a quick look."""
     from sfr_loc_map.io.bag import Bag
     from sfr_loc_map.io.registry import read_truth
-    from sfr_loc_map.pipeline.scoring import load_drive, load_estimates
     from sfr_loc_map.report.path_figure import curves_of, save_path_html
+    from sfr_loc_map.scoring.score_run import load_drive, load_estimates
 
     check_suffix(output, HTML_SUFFIXES)
     check_outputs(output, overwrite=overwrite)

@@ -42,8 +42,8 @@ from sfr_loc_map.metrics.config import score_config
 if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source
     from sfr_loc_map.nodes.replay.options import ExternalOptions, ReplayOptions
-    from sfr_loc_map.pipeline.replay import ReplayFiles, ReplayResult
-    from sfr_loc_map.pipeline.scoring import Correction
+    from sfr_loc_map.replay.result import ReplayFiles, ReplayResult
+    from sfr_loc_map.scoring.score_run import Correction
 
 HELP = """Play a source to the three nodes over topics, collect what they answer, score it.
 
@@ -157,9 +157,9 @@ def replay(
 ) -> None:
     """Play a source to the nodes over topics, record what they answer, score it."""
     with live_beside(live, live_port, isolated=True) as page:  # first: its imports are the quicker ones
-        from sfr_loc_map.pipeline.message_stream import begin_of
-        from sfr_loc_map.pipeline.offline import start_pose
-        from sfr_loc_map.pipeline.replay import ReplayFiles, save_replay, score_replay
+        from sfr_loc_map.io.message_stream import begin_of
+        from sfr_loc_map.replay.result import ReplayFiles, save_replay, score_replay
+        from sfr_loc_map.runs.offline import start_pose
 
         opened, config = open_as(source, remap, config)
         judge = judge.by(config)
@@ -240,7 +240,7 @@ def _room_for(files: ReplayFiles | None, *, overwrite: bool) -> Iterator[None]:
 
 def _play(source: Source, options: ReplayOptions) -> tuple[ReplayResult, str]:
     """Replay with progress bars; return what came out, and what was finished if the user ended it."""
-    from sfr_loc_map.nodes.replay.replay import replay as run
+    from sfr_loc_map.nodes.replay.session import replay as run
 
     totals = {name: len(part) for name, part in (("loc", source.loc), ("nav", source.nav)) if part is not None}
     labels = {"loc": "localisation", "nav": "mapping"}
@@ -268,7 +268,7 @@ def _play(source: Source, options: ReplayOptions) -> tuple[ReplayResult, str]:
 
 
 def _say_where(source: Path, result: ReplayResult, files: ReplayFiles | None) -> None:
-    from sfr_loc_map.pipeline.offline import states_text, tracking_warning
+    from sfr_loc_map.runs.offline import states_text, tracking_warning
 
     say(f"{len(result.estimate)} poses, {states_text(result.records)}", err=True)
     localised = [record for record in result.records if record.covariance is not None]

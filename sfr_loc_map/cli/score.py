@@ -110,8 +110,8 @@ def score(
     """Score an estimate against the truth: exit 1 if a limit is missed, 3 if something could not be judged."""
     from sfr_loc_map.io.source_config import config_beside, source_config
     from sfr_loc_map.io.truth import TruthConfig
-    from sfr_loc_map.pipeline.scoring import ScoreInputs, converted_run, load_run, save_point_errors, score_run
     from sfr_loc_map.report.test_report import junit as junit_of
+    from sfr_loc_map.scoring.score_run import ScoreInputs, converted_run, load_run, save_point_errors, score_run
 
     has_pairs = truth.is_dir() or is_bag(truth)
     config_file = config_file or (config_beside(truth) if has_pairs else None)

@@ -44,8 +44,8 @@ def simulate(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Render a drive or a panorama with exact truth; a stopped run continues when called again."""
-    from sfr_loc_map.pipeline.simulate import can_continue
-    from sfr_loc_map.pipeline.simulate import simulate as run
+    from sfr_loc_map.simulation.simulate import can_continue
+    from sfr_loc_map.simulation.simulate import simulate as run
 
     if len(paths) > 2:
         raise ConfigError(f"{len(paths)} paths given: a configuration (optional) and an output are needed")
@@ -85,8 +85,9 @@ def perturb(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Copy a source and inject faults: of single pairs, of the cameras, of the view, of clock and calibration."""
-    from sfr_loc_map.pipeline.convert import EXACT, convert, faulty
+    from sfr_loc_map.io.convert import EXACT, convert
     from sfr_loc_map.simulation.faults import FaultKind, parse_fault
+    from sfr_loc_map.simulation.faulty_source import faulty
 
     if not fault:
         raise ConfigError(f"no --fault given: name at least one of {', '.join(FaultKind)}")

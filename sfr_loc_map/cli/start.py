@@ -84,8 +84,8 @@ def init(
 
 
 def _init_from(source: Path, folder: Path, intake: IntakeOptions, *, overwrite: bool) -> None:
+    from sfr_loc_map.doctor.source_proposal import propose_config
     from sfr_loc_map.io.source_config import NAME
-    from sfr_loc_map.pipeline.source_proposal import propose_config
 
     path, limits = folder / NAME, folder / "limits.yaml"
     if folder.is_dir():

@@ -12,7 +12,7 @@ from sfr_loc_map.metrics.config import Condition, VerdictState
 if TYPE_CHECKING:
     from sfr_loc_map.geometry.trajectory import Trajectory
     from sfr_loc_map.metrics.score import MethodRecord, Score
-    from sfr_loc_map.pipeline.call_stats import CallRecord
+    from sfr_loc_map.runs.calls import CallRecord
 
 
 def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> None:
@@ -58,7 +58,7 @@ def not_judged(reasons: Sequence[str], *, lenient: bool) -> None:
 
 def conclude_findings(method: MethodRecord, records: Sequence[CallRecord]) -> None:
     """Say what a method did wrong; raise FailedVerdictError if anything, as all outputs are written."""
-    from sfr_loc_map.pipeline.call_stats import findings_of
+    from sfr_loc_map.runs.calls import findings_of
 
     found = findings_of([record.finding for record in records], [record.stamp_ns for record in records])
     for finding in found:

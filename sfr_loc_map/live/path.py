@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.stamped_poses import pose_at
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
-from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.inputs import NS_PER_S, jumped_back
 from sfr_loc_map.live.updates import PoseSample, Track
 from sfr_loc_map.metrics.config import Condition, ConditionKind
-from sfr_loc_map.pipeline.reception import jumped_back, pose_at
 
 MAX_ROWS = 4000
 """Poses that are kept; beyond them every other one is left out, and from then on every other one of those to come."""

@@ -45,11 +45,11 @@ from sfr_loc_map.metrics.config import MappingState, ScoreConfig
 from sfr_loc_map.metrics.limits import Limits, limits_of, load_limits
 from sfr_loc_map.metrics.score import InputFile, Score
 from sfr_loc_map.metrics.score_json import from_json, to_json
-from sfr_loc_map.pipeline.bag_estimates import statuses_of
-from sfr_loc_map.pipeline.call_stats import STATISTIC, STEP_NAMES, call_of, load_call_stats, values_of
-from sfr_loc_map.pipeline.monitor_score import MonitorScore
-from sfr_loc_map.pipeline.replay import ReplayFiles
-from sfr_loc_map.pipeline.scoring import load_estimates
+from sfr_loc_map.replay.result import ReplayFiles
+from sfr_loc_map.runs.calls import STATISTIC, STEP_NAMES, call_of, load_call_stats, values_of
+from sfr_loc_map.scoring.bag_estimates import statuses_of
+from sfr_loc_map.scoring.monitor_score import MonitorScore
+from sfr_loc_map.scoring.score_run import load_estimates
 
 LOCALISATION_NODE, MAPPING_NODE = "localisation_node", "mapping_node"
 LEVELS = {TrackingState.DEGRADED.value: 1, TrackingState.LOST.value: 2}

@@ -18,9 +18,9 @@ from rich.table import Table as Grid
 from rich.text import Text
 
 from sfr_loc_map.inputs import one_line, printable
+from sfr_loc_map.live.keyboard import SEEK_STEP_S, Keyboard
 from sfr_loc_map.live.state import LiveState, ReportView
 from sfr_loc_map.live.updates import Action, Command
-from sfr_loc_map.pipeline.controls import SEEK_STEP_S, Keyboard
 from sfr_loc_map.report.tables import ABSENT, METRE, MIB, MILLISECOND, OPEN, VERDICTS, Table, fitting, number, to_rich
 
 PERIOD_S, LINE_PERIOD_S, KEY_PERIOD_S = 0.5, 1.0, 0.05

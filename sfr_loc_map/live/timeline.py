@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.inputs import NS_PER_S, jumped_back
 from sfr_loc_map.live import updates
 from sfr_loc_map.metrics.score import Verdict
-from sfr_loc_map.pipeline.reception import jumped_back
 
 MAX_EVENTS, MAX_TEXT = 400, 200
 STALE_S, STALE_PERIODS = 1.6, 3.0

@@ -1,6 +1,6 @@
 """What a node reports on /diagnostics for people and rqt: its health, each call, and input that it cannot use.
 
-Programs read the calls on `<node>/call` (`pipeline.call_stats`).
+Programs read the calls on `<node>/call` (`runs.calls`).
 
 Levels. OK: it does what it is there for. WARN: it works, but something is lost, late or not as it should be. ERROR: it
 cannot do its work (lost, unusable input, a failed transition). STALE: it is active but nothing has come for a while, so
@@ -30,7 +30,7 @@ from sfr_loc_map.config import param
 from sfr_loc_map.inputs import NS_PER_S, one_line
 from sfr_loc_map.metrics.calls import CallMeter, CallUsage
 from sfr_loc_map.nodes.messages import header_msg
-from sfr_loc_map.pipeline.call_stats import CallRecord
+from sfr_loc_map.runs.calls import CallRecord
 
 Value = str | bool | int | float
 TOPIC = "/diagnostics"

@@ -17,17 +17,7 @@ from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
-from sfr_loc_map.errors import NodeError
-from sfr_loc_map.geometry.extrinsics import LOCSB_FRAME, RB_FRAME
-from sfr_loc_map.geometry.transform import FrameTree
-from sfr_loc_map.inputs import NS_PER_S, stamp_of
-from sfr_loc_map.io.bag_sequence import RAW, RECTIFIED
-from sfr_loc_map.nodes import environment
-from sfr_loc_map.nodes.extrinsics import TF_STATIC, add_static_transforms
-from sfr_loc_map.nodes.messages import message_type, tf_message_type
-from sfr_loc_map.nodes.peer import POLL_S, Peer
-from sfr_loc_map.nodes.replay import graph_node
-from sfr_loc_map.pipeline.doctor_observation import (
+from sfr_loc_map.doctor.observation import (
     EXPECTED,
     MESSAGES_KEPT,
     TASK_OF_NODE,
@@ -37,7 +27,17 @@ from sfr_loc_map.pipeline.doctor_observation import (
     ObservedTopic,
     Reliability,
 )
-from sfr_loc_map.pipeline.reception import TransportGaps
+from sfr_loc_map.errors import NodeError
+from sfr_loc_map.geometry.extrinsics import LOCSB_FRAME, RB_FRAME
+from sfr_loc_map.geometry.transform import FrameTree
+from sfr_loc_map.inputs import NS_PER_S, stamp_of
+from sfr_loc_map.io.bag_sequence import RAW, RECTIFIED
+from sfr_loc_map.nodes import environment
+from sfr_loc_map.nodes.extrinsics import TF_STATIC, add_static_transforms
+from sfr_loc_map.nodes.messages import message_type, tf_message_type
+from sfr_loc_map.nodes.peer import POLL_S, Peer
+from sfr_loc_map.nodes.reception import TransportGaps
+from sfr_loc_map.nodes.replay import graph_node
 
 QUIET_S = 1.5  #: Discovery counts as complete when there are images and the graph has not changed for so long,
 DISCOVERY_S = 8.0  #: or after so long.

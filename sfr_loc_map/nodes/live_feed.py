@@ -41,8 +41,8 @@ from sfr_loc_map.nodes.diagnostics import TOPIC, level_of
 from sfr_loc_map.nodes.lifecycle.worker import Overload, Worker
 from sfr_loc_map.nodes.peer import Peer
 from sfr_loc_map.nodes.processes import page_node_name
-from sfr_loc_map.pipeline.call_stats import decode_call, values_of
-from sfr_loc_map.pipeline.reception import TransportGaps
+from sfr_loc_map.nodes.reception import TransportGaps
+from sfr_loc_map.runs.calls import decode_call, values_of
 
 SUITE_NODES = ("localisation_node", "mapping_node", "monitor_node")
 DEPTH = 200

@@ -21,6 +21,7 @@ from std_msgs.msg import Header
 
 from sfr_loc_map.config import param
 from sfr_loc_map.geometry.extrinsics import RB_FRAME
+from sfr_loc_map.geometry.stamped_poses import ThinnedPath
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S, stamp_of
@@ -34,12 +35,11 @@ from sfr_loc_map.nodes import messages
 from sfr_loc_map.nodes.diagnostics import Level
 from sfr_loc_map.nodes.extrinsics import Extrinsics
 from sfr_loc_map.nodes.lifecycle.endpoints import profile
+from sfr_loc_map.nodes.localisation_session import LocalisationSession, PoseFile
 from sfr_loc_map.nodes.motion_prior import MotionPriorConfig, OdometryBuffer
 from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig, ReceivedPair
 from sfr_loc_map.nodes.runner import run
-from sfr_loc_map.pipeline.call_stats import call_of_estimate
-from sfr_loc_map.pipeline.localisation_session import LocalisationSession, PoseFile
-from sfr_loc_map.pipeline.reception import ThinnedPath
+from sfr_loc_map.runs.calls import call_of_estimate
 
 MAX_POSE_AGE_NS = 600 * NS_PER_S  #: Of an initialpose; an older one says nothing of where the rover is now.
 OUTPUT_DEPTH = 1000  #: Odometry messages that are kept for a slow subscriber.

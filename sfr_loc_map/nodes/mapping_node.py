@@ -31,11 +31,11 @@ from sfr_loc_map.nodes import messages
 from sfr_loc_map.nodes.diagnostics import Level
 from sfr_loc_map.nodes.lifecycle.endpoints import profile
 from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig, ReceivedPair
+from sfr_loc_map.nodes.pose_matching import PoseMatching
+from sfr_loc_map.nodes.reception import AGREEING
 from sfr_loc_map.nodes.runner import run
 from sfr_loc_map.nodes.waiting import Input
-from sfr_loc_map.pipeline.call_stats import CallRecord, call_of_fusion, call_of_stages
-from sfr_loc_map.pipeline.mapping_session import PoseMatching
-from sfr_loc_map.pipeline.reception import AGREEING
+from sfr_loc_map.runs.calls import CallRecord, call_of_fusion, call_of_stages
 
 POSE_DEPTH, OUTPUT_DEPTH = 100, 10  #: Queues of nav/pose and of the disparity; clouds and grids are latched.
 OVERDUE_S = 0.2  #: Period at which pairs are dropped whose pose did not come.

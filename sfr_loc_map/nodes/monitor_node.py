@@ -40,10 +40,10 @@ from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.worker import Overload
 from sfr_loc_map.nodes.messages import cloud_from_msg, covariance_of, header_msg, odometry_row, transform_from_pose
+from sfr_loc_map.nodes.reception import TransportGaps
 from sfr_loc_map.nodes.runner import run
-from sfr_loc_map.pipeline.call_stats import decode_call
-from sfr_loc_map.pipeline.monitor_score import MonitorScore, ReportFile
-from sfr_loc_map.pipeline.reception import TransportGaps
+from sfr_loc_map.runs.calls import decode_call
+from sfr_loc_map.scoring.monitor_score import MonitorScore, ReportFile
 
 RESTS = 9.0  #: Time without scoring after each score, as a multiple of the processor time that it took.
 FIGURES = {"position": "position", "attitude": "attitude", "heading": "heading", "point": "point_error"}

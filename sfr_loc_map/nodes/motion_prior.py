@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from threading import Condition
 
 from sfr_loc_map.config import param
+from sfr_loc_map.geometry.stamped_poses import pose_at
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.pipeline.reception import pose_at
 
 CAPACITY = 5000  #: Messages kept: 100 s at 50 Hz.
 MAX_GAP_NS = 500_000_000

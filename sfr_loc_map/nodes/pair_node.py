@@ -16,10 +16,11 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import String
 
 from sfr_loc_map.config import param
+from sfr_loc_map.doctor.transport import MUCH_LOST, loss_fix
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
-from sfr_loc_map.inputs import NS_PER_S, SIDES, Side, stamp_of
+from sfr_loc_map.inputs import NS_PER_S, SIDES, Side, jumped_back, stamp_of
 from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import image_from_message
 from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig
@@ -32,17 +33,9 @@ from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.worker import Overload
 from sfr_loc_map.nodes.messages import check_image
+from sfr_loc_map.nodes.reception import AGREEING, RunOrder, TransportGaps, latencies
 from sfr_loc_map.nodes.waiting import Input, missing_input
-from sfr_loc_map.pipeline.call_stats import CallRecord, encode_call
-from sfr_loc_map.pipeline.reception import (
-    AGREEING,
-    MUCH_LOST,
-    RunOrder,
-    TransportGaps,
-    jumped_back,
-    latencies,
-    loss_fix,
-)
+from sfr_loc_map.runs.calls import CallRecord, encode_call
 
 LOSS_WINDOW = 40  #: Images of which the share lost is taken, at the least.
 CALL_DEPTH = 1000  #: Calls that are kept for a slow subscriber.

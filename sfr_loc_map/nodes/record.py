@@ -19,7 +19,7 @@ from sfr_loc_map.io.bag import TYPESTORE
 from sfr_loc_map.io.bag_writer import BagRecorder
 from sfr_loc_map.nodes.messages import message_type
 from sfr_loc_map.nodes.peer import Peer
-from sfr_loc_map.pipeline.reception import TransportGaps
+from sfr_loc_map.nodes.reception import TransportGaps
 from sfr_loc_map.signals import hold, stopping
 
 CAMERAS = tuple(f"{task}/{side}" for task in ("loc", "nav") for side in SIDES)

@@ -24,10 +24,10 @@ from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
-from sfr_loc_map.pipeline.convert import FaultyLoc
-from sfr_loc_map.pipeline.offline import localise, start_pose, trajectory_of
+from sfr_loc_map.runs.offline import localise, start_pose, trajectory_of
 from sfr_loc_map.signals import hold
 from sfr_loc_map.simulation.faults import parse_fault
+from sfr_loc_map.simulation.faulty_source import FaultyLoc
 
 FAULTS = (
     "dropped:share=0.2", "repeated:share=0.2", "swapped", "black", "black:burst=5", "black:camera=left",

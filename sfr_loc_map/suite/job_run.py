@@ -19,6 +19,7 @@ from sfr_loc_map.config import build
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.cloud_file import load_cloud, save_cloud
+from sfr_loc_map.io.convert import convert
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.trajectory_file import save_trajectory
@@ -30,11 +31,11 @@ from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.limits import Limits, judged, parse_limits
 from sfr_loc_map.metrics.score import Provenance, Score
 from sfr_loc_map.metrics.score_json import from_json, to_plain
-from sfr_loc_map.pipeline.call_stats import load_call_stats, save_stats
-from sfr_loc_map.pipeline.convert import convert, faulty
-from sfr_loc_map.pipeline.offline import localise, localise_with, map_pairs, map_pairs_with, start_pose, trajectory_of
-from sfr_loc_map.pipeline.scoring import Run, ScoredCloud, ScoreInputs, load_run, score_files, score_run
+from sfr_loc_map.runs.calls import load_call_stats, save_stats
+from sfr_loc_map.runs.offline import localise, localise_with, map_pairs, map_pairs_with, start_pose, trajectory_of
+from sfr_loc_map.scoring.score_run import Run, ScoredCloud, ScoreInputs, load_run, score_files, score_run
 from sfr_loc_map.simulation.faults import Fault, parse_fault
+from sfr_loc_map.simulation.faulty_source import faulty
 from sfr_loc_map.suite.job import Job, JobKind
 from sfr_loc_map.suite.sources import local_path
 from sfr_loc_map.suite.specification import METHOD_KEYS, chosen_method

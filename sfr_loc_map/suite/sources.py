@@ -23,7 +23,7 @@ def local_path(source: JobSource, cache: Path) -> Path:
     """Return the place of a source here; a simulation is rendered once for all jobs."""
     if source.kind is not SourceKind.SIMULATED:
         return Path(source.path)
-    from sfr_loc_map.pipeline.simulate import simulate
+    from sfr_loc_map.simulation.simulate import simulate
 
     config = build(SimulationConfig, source.settings)
     return _made_once(cache / f"simulated-{source.sha256}", lambda out: simulate(config, out, workers=1))

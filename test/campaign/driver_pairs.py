@@ -33,7 +33,7 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.nodes.environment import start_ros
 from sfr_loc_map.nodes.messages import tf_message_type
 from sfr_loc_map.nodes.processes import Supervisor
-from sfr_loc_map.pipeline.call_stats import values_of
+from sfr_loc_map.runs.calls import values_of
 
 SECONDS = 8.0
 JITTER_S = 0.008

@@ -39,7 +39,7 @@ from sfr_loc_map.nodes.environment import start_ros
 from sfr_loc_map.nodes.messages import pose_msg
 from sfr_loc_map.nodes.processes import ChildProcess, end_processes, node_process
 from sfr_loc_map.nodes.replay.options import RELIABLE_INPUT
-from sfr_loc_map.pipeline.call_stats import values_of
+from sfr_loc_map.runs.calls import values_of
 
 LOCALISATION, MAPPING, MONITOR = NODES = ("localisation_node", "mapping_node", "monitor_node")
 START_S = 300.0

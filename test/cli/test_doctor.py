@@ -20,10 +20,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
 
 from processes import Process, wait_until
 
+from sfr_loc_map.doctor.examination import examine
+from sfr_loc_map.doctor.observation import Observation, ObservedTopic, Reliability
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.bag import CAMERA_INFO, IMAGE
-from sfr_loc_map.pipeline.doctor import examine
-from sfr_loc_map.pipeline.doctor_observation import Observation, ObservedTopic, Reliability
 
 Edit = broken.Edit
 RIGHT_INFO = "/loc/right/camera_info"

@@ -18,10 +18,10 @@ from sfr_loc_map.io import bag_messages as messages
 from sfr_loc_map.io.bag import ODOMETRY, TYPESTORE, Bag, read_odometry
 from sfr_loc_map.io.bag_sequence import open_bag
 from sfr_loc_map.io.bag_writer import CheckedWriter
+from sfr_loc_map.io.message_stream import messages_of
 from sfr_loc_map.io.rectification import rectified_rig
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig
-from sfr_loc_map.pipeline.message_stream import messages_of
 
 Entry = tuple[str, int, Any]
 

@@ -27,8 +27,8 @@ from sfr_loc_map.live.updates import Action, CloudSample, Command, ElevationSamp
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.limits import parse_limits
 from sfr_loc_map.metrics.score_json import to_dict, to_json
-from sfr_loc_map.pipeline.call_stats import CallRecord, save_stats
-from sfr_loc_map.pipeline.scoring import ScoreInputs, score_files
+from sfr_loc_map.runs.calls import CallRecord, save_stats
+from sfr_loc_map.scoring.score_run import ScoreInputs, score_files
 
 COUNT, NAV_COUNT, LOST_AT = 40, 2, 25
 NAV_STAMPS = tuple(START_NS + n * PERIOD_NS for n in range(NAV_COUNT))

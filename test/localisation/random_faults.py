@@ -21,9 +21,9 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.pipeline.convert import FaultyLoc
-from sfr_loc_map.pipeline.offline import localise, start_pose
+from sfr_loc_map.runs.offline import localise, start_pose
 from sfr_loc_map.simulation.faults import IMAGE_KINDS, ROTATION_AXES, SHARES_OF_IMAGE, FaultKind, parse_fault
+from sfr_loc_map.simulation.faulty_source import FaultyLoc
 from sfr_loc_map.suite.fault_benchmark import Honesty, StatedErrors, stated_errors
 
 MAX_PAIRS = 100

@@ -13,8 +13,8 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import drive_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.localiser import Localiser
-from sfr_loc_map.pipeline.convert import FaultyLoc
 from sfr_loc_map.simulation.faults import parse_fault
+from sfr_loc_map.simulation.faulty_source import FaultyLoc
 
 SAMPLE, PAIRS = Path(__file__).parents[2] / "sample" / "sample.mcap", 110
 GYRO_RAD_S, BIAS_RAD_S = 2e-4, 1e-3  #: Noise of a gyro in each interval, and its constant error.

@@ -23,7 +23,7 @@ from sfr_loc_map.methods.isolated_method import IsolatedMethod
 from sfr_loc_map.methods.method_process import MethodCall
 from sfr_loc_map.methods.registry import MethodLimits, find_method
 from sfr_loc_map.metrics.score import MethodKind, MethodRecord
-from sfr_loc_map.pipeline.offline import localise, map_pairs, map_pairs_with
+from sfr_loc_map.runs.offline import localise, map_pairs, map_pairs_with
 
 ROOT = Path(__file__).resolve().parents[2]
 TAKEN = {"cpu_s", "cpu_between_s", "threads", "processes"}  #: Seen from outside the process.

@@ -21,7 +21,7 @@ from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.methods.isolated_method import IsolatedMethod
 from sfr_loc_map.methods.method_process import MethodCall
 from sfr_loc_map.methods.registry import MethodLimits, find_method
-from sfr_loc_map.pipeline.offline import map_pairs_with
+from sfr_loc_map.runs.offline import map_pairs_with
 
 Build = Callable[..., Path]
 LIMITS = MethodLimits(call_timeout_s=3.0, memory_mb=400)

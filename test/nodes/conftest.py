@@ -9,7 +9,10 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-WITHOUT_ROS = ("test_environment.py", "test_launch_parts.py", "test_motion_prior.py", "test_worker.py")
+WITHOUT_ROS = (
+    *("test_environment.py", "test_launch_parts.py", "test_localisation_session.py", "test_motion_prior.py"),
+    *("test_pose_matching.py", "test_reception.py", "test_worker.py"),
+)
 
 
 class Skipped(pytest.Module):

@@ -23,7 +23,7 @@ from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.nodes.diagnostics import Level, level_of
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.messages import odometry_row
-from sfr_loc_map.pipeline.call_stats import values_of
+from sfr_loc_map.runs.calls import values_of
 
 Capture = pytest.CaptureFixture[str]
 Position = tuple[float, ...]

@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from scenes import sent
 
 from sfr_loc_map.nodes.diagnostics import HealthConfig, Level, NodeActivity, StatusReporter, level_of
-from sfr_loc_map.pipeline.call_stats import CallRecord, values_of
+from sfr_loc_map.runs.calls import CallRecord, values_of
 
 
 def test_a_call_is_reported_in_readable_values(ros: None) -> None:

@@ -20,7 +20,7 @@ from sfr_loc_map.mapping.terrain.grid import elevation_grid
 from sfr_loc_map.nodes.diagnostics import Level, level_of
 from sfr_loc_map.nodes.mapping_node import MappingNode
 from sfr_loc_map.nodes.messages import cloud_from_msg, elevation_msg, hazard_msg
-from sfr_loc_map.pipeline.call_stats import values_of
+from sfr_loc_map.runs.calls import values_of
 
 
 def test_mapping_makes_disparities_and_clouds_of_sets_of_pairs(ros: None, capfd: Capture) -> None:

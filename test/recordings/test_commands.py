@@ -15,13 +15,13 @@ from drive import Drive, load_drive
 from rows import ROWS, write_rig
 from score_rows import number
 
+from sfr_loc_map.doctor.examination import examine
+from sfr_loc_map.doctor.observation import EXPECTED, TASK_OF_NODE, Observation, ObservedNode, ObservedTopic
 from sfr_loc_map.io.bag import IMAGE
 from sfr_loc_map.io.source_config import NAME
 from sfr_loc_map.io.topic_guess import is_own
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.limits import load_limits
-from sfr_loc_map.pipeline.doctor import examine
-from sfr_loc_map.pipeline.doctor_observation import EXPECTED, TASK_OF_NODE, Observation, ObservedNode, ObservedTopic
 
 EXTRINSICS = {"translation_m": [0.3, 0.0, 0.6], "quat_xyzw": [0.0, 0.3826834323650898, 0.0, 0.9238795325112867]}
 

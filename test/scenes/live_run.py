@@ -28,8 +28,8 @@ from sfr_loc_map.live.updates import (
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.limits import parse_limits
 from sfr_loc_map.metrics.score_json import to_json
-from sfr_loc_map.pipeline.call_stats import CallRecord
-from sfr_loc_map.pipeline.monitor_score import MonitorScore
+from sfr_loc_map.runs.calls import CallRecord
+from sfr_loc_map.scoring.monitor_score import MonitorScore
 
 TIMES = {"latency_transport_s": 0.004}
 NODES = ("localisation_node", "mapping_node", "monitor_node")

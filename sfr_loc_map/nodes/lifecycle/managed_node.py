@@ -32,11 +32,11 @@ from std_srvs.srv import Trigger
 from sfr_loc_map.config import build, flatten, parameters
 from sfr_loc_map.errors import ConfigError, NodeError, SfrError
 from sfr_loc_map.inputs import JUMP_BACK_NS
+from sfr_loc_map.kernels import load_kernels
 from sfr_loc_map.nodes.diagnostics import ACTIVE, DROPS, LOG_PERIOD_S, UNCONFIGURED, Level, NodeActivity, StatusReporter
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
 from sfr_loc_map.nodes.lifecycle.parameters import BUILT_IN, FIXED, NodeConfig, as_list, descriptor, is_near_miss
 from sfr_loc_map.nodes.lifecycle.worker import Worker
-from sfr_loc_map.pipeline.kernels import load_kernels
 
 C = TypeVar("C", bound=NodeConfig)
 WAITING_REQUESTS = 1000

@@ -20,7 +20,7 @@ from sfr_loc_map.nodes.peer import POLL_S
 from sfr_loc_map.nodes.replay.external import ExternalNode
 from sfr_loc_map.nodes.replay.graph_node import ANSWER_TIMEOUT_S, ReplayNode
 from sfr_loc_map.nodes.replay.results import Received
-from sfr_loc_map.pipeline.call_stats import decode_call
+from sfr_loc_map.runs.calls import decode_call
 
 QUEUE_DEPTH = 1000
 NODE_OF_RIG = {task.rig: f"{task}_node" for task in Task}

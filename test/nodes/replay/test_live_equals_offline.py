@@ -20,9 +20,9 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.config import score_config
 from sfr_loc_map.metrics.score_json import to_dict
 from sfr_loc_map.nodes.replay.options import ReplayOptions
-from sfr_loc_map.nodes.replay.replay import ReplaySession, running
-from sfr_loc_map.pipeline.offline import start_pose
-from sfr_loc_map.pipeline.replay import score_replay
+from sfr_loc_map.nodes.replay.session import ReplaySession, running
+from sfr_loc_map.replay.result import score_replay
+from sfr_loc_map.runs.offline import start_pose
 
 POSES, PAIRS = 12, 3
 EXACT = 1e-12

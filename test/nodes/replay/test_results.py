@@ -5,7 +5,7 @@ import numpy as np
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.nodes.replay.results import Received
-from sfr_loc_map.pipeline.call_stats import CallRecord
+from sfr_loc_map.runs.calls import CallRecord
 
 
 def cloud(count: int) -> PointCloud:

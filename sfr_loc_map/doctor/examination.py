@@ -1,0 +1,357 @@
+"""The blocking issues of what was observed: pure functions of an observation, each finding with its fix."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+
+import cv2
+import numpy as np
+
+from sfr_loc_map.doctor.observation import EXPECTED, Observation, ObservedTopic, Reliability, allowed_types
+from sfr_loc_map.doctor.transport import MUCH_LOST, loss_fix
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.arrays import GreyImage, IntArray
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.inputs import NS_PER_S, SIDES, stamp_of
+from sfr_loc_map.io.bag import COMPRESSED, IMAGE
+from sfr_loc_map.io.bag_sequence import RAW, RECTIFIED
+from sfr_loc_map.io.camera_info import rig_from_camera_info
+from sfr_loc_map.io.image_codec import image_from_message
+from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig
+from sfr_loc_map.metrics.association import nearest_stamps
+
+FEW_LOST = 0.01  # share of images lost in transport above which there is a warning
+CLOCKS_APART_NS = 60 * NS_PER_S
+"""Stamps further from the time of the host are of another clock; the nodes omit their latencies, too."""
+PAIRED = 0.5  # share of stamps with a partner below which no useful result is possible
+COMPLETE = 0.9  # and below which there is a warning
+EDGE = 0.1  # share of the observed time at either end in which a partner may lie outside
+CORNERS = 80
+PATCH_PX = 6  # half the side of a patch that is searched for
+MIN_NCC = 0.85  # normalised cross-correlation of a patch that is matched
+MIN_MATCHES = 10  # matches on the wrong side that a decision needs
+SWAPPED_RATIO = 4.0  # swapped: more than so many matches on the wrong side for each on the right one
+
+
+class Cause(StrEnum):
+    """Kinds of findings, for programs; docs/operating.md explains each."""
+
+    BROKEN = "broken"
+    UNFINISHED = "unfinished"
+    MISSING_IMAGES = "missing_images"
+    AMBIGUOUS = "ambiguous"
+    NO_TOPIC = "no_topic"
+    NO_PUBLISHER = "no_publisher"
+    WRONG_TYPE = "wrong_type"
+    QOS = "qos"
+    SILENT = "silent"
+    TRANSPORT = "transport"
+    CAMERA_INFO = "camera_info"
+    ENCODING = "encoding"
+    IMAGE_SIZE = "picture_size"
+    SWAPPED = "exchanged"
+    STAMP_ORDER = "stamp_order"
+    UNSYNCHRONISED = "unsynchronised"
+    UNPAIRED = "unpaired"
+    POSE_STAMPS = "pose_stamps"
+    TRUTH = "truth"
+    TRUTH_CLOCK = "truth_clock"
+    CLOCKS_APART = "clocks_apart"
+    FRAMES = "frames"
+    CLOCK = "clock"
+    INACTIVE = "inactive"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One issue: its cause, topic or node or file, what was found and what to do; it blocks, or is a warning."""
+
+    cause: Cause
+    where: str
+    text: str
+    fix: str
+    is_blocking: bool = True
+
+    def as_dict(self) -> dict[str, str | bool]:
+        """Return it for JSON, under the public keys."""
+        public = {"cause": self.cause.value, "stops": self.is_blocking, "where": self.where}
+        return public | {"text": self.text, "cure": self.fix}
+
+
+Findings = Iterator[Finding]
+
+
+def examine(seen: Observation) -> list[Finding]:
+    """Return the findings of all checks, blocking ones first."""
+    found = [*_source(seen)]
+    if not seen.broken or seen.topics:
+        found += _names(seen)
+        for node in seen.waiting:
+            fix = "start them, or name their topics (sfr run --config); else leave the node out"
+            text = "none of its cameras is on the graph: it waits"
+            found.append(Finding(Cause.NO_PUBLISHER, node.name, text, fix, False))
+        for task in seen.tasks:
+            found += _camera_topics(seen, task)
+            if seen.has_images(task):
+                found += [*_transport(seen, task), *_pairs(seen, task), *_stereo(seen, task)]
+        for check in (_extrinsics, _order, _poses, _truth, _nodes, _host_clock):
+            found += check(seen)
+    return sorted(found, key=lambda finding: not finding.is_blocking)
+
+
+# ---- the source and its topics
+
+
+def _source(seen: Observation) -> Findings:
+    if seen.broken:
+        yield Finding(Cause.BROKEN, seen.subject, seen.broken, "correct, record or copy it again")
+    if seen.left_out:
+        text = f"{seen.left_out} pairs are listed whose images are not there: they are left out"
+        fix = "restore the files, or take the pairs out of the list"
+        yield Finding(Cause.MISSING_IMAGES, seen.subject, text, fix, False)
+    if seen.unfinished:
+        text = "its recording was not finished: it has no end record"
+        yield Finding(Cause.UNFINISHED, seen.subject, text, "for other readers rewrite it: sfr convert", False)
+
+
+def _names(seen: Observation) -> Findings:
+    for name, found in seen.ambiguous.items():
+        fix = "choose a rover by --namespace, or one topic by --remap FOUND:=EXPECTED"
+        yield Finding(Cause.AMBIGUOUS, name, f"several topics could be it: {', '.join(found)}", fix)
+    if not seen.tasks and not seen.ambiguous:
+        images = [name for name, types in sorted(seen.others.items()) if {IMAGE, COMPRESSED} & set(types)]
+        there = f"topics with images are {', '.join(images)}" if images else "no topic has images"
+        text = f"neither loc/left/image_rect nor nav/left/image_rect is there (nor image_raw); {there}"
+        fix = "name them by --remap FOUND:=EXPECTED, or start the cameras" if seen.live else "--remap FOUND:=EXPECTED"
+        yield Finding(Cause.NO_TOPIC, seen.subject, text, fix)
+
+
+def _topic(seen: Observation, name: str, topic: ObservedTopic | None) -> Findings:
+    if name in seen.ambiguous:
+        return
+    if topic is None or not topic.offers:
+        where = topic.found if topic is not None else f"{seen.prefix}{name}"
+        hint = "or name it by --remap FOUND:=EXPECTED"
+        if where.endswith(RECTIFIED) and where.removesuffix(RECTIFIED) + RAW in seen.others:
+            hint = f"or set input.rectify of the node: {RAW} is there"
+        cause, text = (Cause.NO_PUBLISHER, "has no publisher") if seen.live else (Cause.NO_TOPIC, "is not in the bag")
+        yield Finding(cause, where, f"it {text}", f"publish or record it, {hint}")
+        return
+    if wrong := [kind for kind in topic.types if kind not in allowed_types(name)]:
+        text = f"its type is {', '.join(wrong)}: {' or '.join(allowed_types(name))} is needed"
+        fix = "publish the right type, or name another topic by --remap FOUND:=EXPECTED"
+        yield Finding(Cause.WRONG_TYPE, topic.found, text, fix)
+        return
+    strict = [node for node, requested in topic.requests.items() if requested is Reliability.RELIABLE]
+    if strict and Reliability.BEST_EFFORT in topic.offers:
+        text = f"its publisher offers best_effort, {', '.join(strict)} requests reliable: nothing is received"
+        fix = "set input.reliability of the node to best_effort, or the publisher's reliability to reliable"
+        yield Finding(Cause.QOS, topic.found, text, fix)
+    if not topic.messages and not seen.is_idle(name.partition("/")[0]):
+        yield Finding(Cause.SILENT, topic.found, "it has no message", "check its publisher, or record it again")
+
+
+def _camera_topics(seen: Observation, task: str) -> Findings:
+    for side in SIDES:
+        yield from _topic(seen, f"{task}/{side}/{seen.image_name(task)}", seen.images(task, side))
+        name = f"{task}/{side}/camera_info"
+        yield from _topic(seen, name, seen.topics.get(name))
+    node = seen.node(task)
+    if seen.is_idle(task) and not (node is not None and node.has_worked):
+        fix = "watch longer (--seconds), or record it again, if there should be pairs"
+        yield Finding(Cause.SILENT, seen.both_images(task), "no pair came meanwhile", fix, False)
+
+
+# ---- images of both sides
+
+
+def _transport(seen: Observation, task: str) -> Findings:
+    share = seen.lost_share(task)
+    if share > FEW_LOST:
+        text = f"{share:.0%} of the images are lost between their publisher and this process"
+        fix = loss_fix(seen.export_line)
+        yield Finding(Cause.TRANSPORT, seen.both_images(task), text, fix, share > MUCH_LOST)
+
+
+def _pairs(seen: Observation, task: str) -> Findings:
+    node = seen.node(task)
+    tolerance_ns = node.stamp_tolerance_ns if node is not None else 0
+    left, right = (seen.image_stamps(task, side) for side in SIDES)
+    if not len(left) or not len(right):  # they came, and could not be used
+        return
+    share, typical_ns = _paired(left, right, tolerance_ns)
+    share = min(share / (1.0 - seen.lost_share(task)), 1.0)  # of those whose partner was not lost in transport
+    text = f"{share:.0%} of the left images have a right one of their stamp"
+    if PAIRED <= share < COMPLETE:
+        fix = "check for lost images: transport, quality of service, load"
+        yield Finding(Cause.UNPAIRED, seen.both_images(task), text, fix, False)
+    elif share < PAIRED:
+        off_s = f"{typical_ns / NS_PER_S:.3g}"
+        fix = "let one trigger stamp both"
+        if typical_ns <= NS_PER_S // 2:
+            fix += f"; or set input.stamp_tolerance_s above {off_s}, if so much motion may be neglected"
+        yield Finding(Cause.UNSYNCHRONISED, seen.both_images(task), f"{text}, typically {off_s} s off", fix)
+
+
+def _stereo(seen: Observation, task: str) -> Findings:
+    rig: StereoRig | None = None
+    rectifier: StereoRectifier | None = None
+    infos = [topic for side in SIDES if (topic := seen.topics.get(f"{task}/{side}/camera_info")) and topic.messages]
+    if len(infos) == len(SIDES):
+        messages = [topic.messages[0] for topic in infos]
+        try:
+            if seen.image_name(task) == RAW:
+                rig, rectifier = rectified_rig(messages, task)
+            else:
+                rig = rig_from_camera_info(messages[0], messages[1], task)
+        except InputError as error:
+            text, _, fix = str(error).partition(": ")
+            yield Finding(Cause.CAMERA_INFO, f"{task}/left/camera_info, {task}/right/camera_info", text, fix)
+    images: list[list[tuple[int, GreyImage]]] = []
+    for side in SIDES:
+        if (topic := seen.images(task, side)) is None:
+            return
+        try:
+            read = [image_from_message(item) for item in topic.messages]
+        except InputError as error:
+            fix = "publish mono8, mono16, rgb8, bgr8, a Bayer mosaic or yuv422"
+            yield Finding(Cause.ENCODING, topic.found, str(error), fix)
+            return
+        height, width = read[0].shape
+        if rig is not None and (width, height) != (rig.width, rig.height):
+            text = f"its images are {width} x {height}, camera_info says {rig.width} x {rig.height}"
+            yield Finding(Cause.IMAGE_SIZE, topic.found, text, "publish the camera_info of these images")
+            return
+        images.append([(stamp_of(message), image) for message, image in zip(topic.messages, read, strict=True)])
+    if rectifier is not None:
+        pairs = [  # of more images on one side the last are left out
+            [*zip((left_ns, right_ns), rectifier.rectify(left, right), strict=True)]
+            for (left_ns, left), (right_ns, right) in zip(*images, strict=False)
+        ]
+        images = [[pair[0] for pair in pairs], [pair[1] for pair in pairs]]
+    if _left_right_swapped(*images):
+        text = "objects lie further right in the right images: left and right are swapped"
+        where = f"{task}/left/{seen.image_name(task)}"
+        yield Finding(Cause.SWAPPED, where, text, "swap the topics (cables, remaps)")
+
+
+def _left_right_swapped(lefts: list[tuple[int, GreyImage]], rights: list[tuple[int, GreyImage]]) -> bool:
+    """Tell by patches of the left images whether they lie further right in the right ones of the nearest stamp.
+
+    A point in front of parallel cameras lies at u_left - u_right = f baseline / Z > 0.
+    """
+    if lefts[0][1].shape != rights[0][1].shape:
+        return False
+    wrong = correct = 0
+    for stamp_ns, left in lefts:
+        _, right = min(rights, key=lambda item: abs(item[0] - stamp_ns))
+        corners = cv2.goodFeaturesToTrack(left, CORNERS, 0.02, 2.0 * PATCH_PX)
+        for u, v in np.rint(np.empty((0, 2)) if corners is None else corners[:, 0]).astype(int):
+            top, first = max(v - PATCH_PX, 0), max(u - PATCH_PX, 0)
+            patch = left[top : v + PATCH_PX + 1, first : u + PATCH_PX + 1]
+            scores = cv2.matchTemplate(right[top : v + PATCH_PX + 1], patch, cv2.TM_CCOEFF_NORMED)[0]
+            best = int(np.argmax(scores))
+            if scores[best] > MIN_NCC:
+                wrong += best > first
+                correct += best < first
+    return wrong >= MIN_MATCHES and wrong > SWAPPED_RATIO * correct
+
+
+# ---- stamps, truth, extrinsics, nodes
+
+
+def _extrinsics(seen: Observation) -> Findings:
+    node = seen.node("loc")
+    given = seen.extrinsics_given or seen.extrinsics_in_tf or (node is not None and node.extrinsics_given)
+    unknown = seen.broken or (node is not None and not node.state)  # who does not answer may have it
+    if "loc" not in seen.tasks or given or unknown:
+        return
+    place = "rig.json" if seen.files else "/tf_static, rb to locsb"
+    text = f"neither a parameter nor {place} has it"
+    if seen.extrinsics_in_tf is None:
+        text = "no parameter has it, and /tf_static cannot be read without tf2_msgs"
+    fix = f"set T_rb_locsb.translation_m and quat_xyzw of localisation_node (--config), or add it to {place}"
+    yield Finding(Cause.FRAMES, "extrinsics of the localisation rig (T_rb_locsb)", text, fix)
+
+
+def _order(seen: Observation) -> Findings:
+    # on a graph stamps that go back are a new run
+    topics = [(topic, 1) for task in seen.tasks for side in SIDES if (topic := seen.images(task, side)) is not None]
+    if (truth := seen.topics.get("ground_truth/odometry")) is not None:
+        topics.append((truth, 0))
+    for topic, least_ns in [] if seen.live else topics:
+        if back := int(np.sum(np.diff(topic.stamps_ns) < least_ns)):
+            text = f"its stamps go back or stand still at {back} messages, as where a player began again meanwhile"
+            fix = "record one run alone: start the player after sfr record, without a loop"
+            yield Finding(Cause.STAMP_ORDER, topic.found, text, fix)
+
+
+def _poses(seen: Observation) -> Findings:
+    if "nav" not in seen.tasks:
+        return
+    topic, images = seen.topics.get("nav/pose"), seen.image_stamps("nav")
+    yield from _topic(seen, "nav/pose", topic)
+    if topic is None or not len(topic.stamps_ns) or not len(images):
+        return
+    share, typical_ns = _paired(images, topic.stamps_ns, 0)
+    if share < COMPLETE:
+        text = f"{share:.0%} of the images have a pose of their stamp, typically {typical_ns / NS_PER_S:.3g} s off"
+        fix = "publish nav/pose with the stamp of each pair"
+        yield Finding(Cause.POSE_STAMPS, topic.found, text, fix, share < PAIRED)
+
+
+def _truth(seen: Observation) -> Findings:
+    for task, name in (("loc", "ground_truth/odometry"), ("nav", "ground_truth/points")):
+        if task not in seen.tasks:
+            continue
+        topic, images = seen.topics.get(name), seen.image_stamps(task)
+        if topic is not None and set(topic.types) - set(EXPECTED[name]):
+            yield from _topic(seen, name, topic)
+        elif topic is None or not topic.offers or not len(topic.stamps_ns):
+            comes_with_pairs = task == "nav" and topic is not None and topic.offers
+            if not (comes_with_pairs and (seen.live or seen.is_idle(task))):
+                fix = "add it" if seen.files else "record or publish it"
+                yield Finding(Cause.TRUTH, name, "there is no truth: nothing can be scored", fix, False)
+        elif len(images) and (topic.stamps_ns.min() > images.max() or images.min() > topic.stamps_ns.max()):
+            off_s = (int(np.median(topic.stamps_ns)) - int(np.median(images))) / NS_PER_S
+            text = f"its stamps lie {off_s:.6g} s from those of the images: nothing can be scored"
+            yield Finding(Cause.TRUTH_CLOCK, topic.found, text, "stamp truth and images by one clock", False)
+
+
+def _nodes(seen: Observation) -> Findings:
+    for node in seen.nodes:
+        if node.use_sim_time and not seen.has_clock:
+            text = "use_sim_time is on but /clock has no publisher: its time stops"
+            fix = "set use_sim_time to false, or publish /clock (ros2 bag play --clock)"
+            yield Finding(Cause.CLOCK, node.name, text, fix)
+        if not node.state:
+            text = "the node does not answer: its parameters are not known"
+            yield Finding(Cause.SILENT, node.name, text, "look again when the host is less busy", False)
+        elif node.state != "active":
+            transition = "activate" if node.state == "inactive" else "configure"
+            fix = f"ros2 lifecycle set {node.name} {transition}"
+            yield Finding(Cause.INACTIVE, node.name, f"the node is {node.state}", fix)
+
+
+def _host_clock(seen: Observation) -> Findings:
+    if seen.now_ns is None or seen.has_clock:
+        return
+    for task in seen.tasks:
+        stamps = seen.image_stamps(task)
+        off_ns = int(stamps[-1]) - seen.now_ns if len(stamps) else 0
+        if abs(off_ns) > CLOCKS_APART_NS:
+            off_s = f"{off_ns / NS_PER_S:.6g}"
+            text = f"stamps lie {off_s} s from the time of this host: latencies are unknown, tf may refuse them"
+            fix = "set the clocks by one source (chrony, PTP); of a bag, play it with --clock and set use_sim_time"
+            yield Finding(Cause.CLOCKS_APART, f"{task}/left/{seen.image_name(task)}", text, fix, False)
+
+
+def _paired(first: IntArray, second: IntArray, tolerance_ns: int) -> tuple[float, int]:
+    _, apart = nearest_stamps(first, np.sort(second))
+    edge = EDGE * float(first.max() - first.min())
+    inner = (first >= first.min() + edge) & (first <= first.max() - edge)
+    if len(first) > 2 and inner.any():
+        apart = apart[inner]
+    return float(np.mean(apart <= tolerance_ns)), int(np.median(apart))

@@ -1,0 +1,244 @@
+"""What was observed of a bag, a source of files or a running graph, as plain values; judged by `doctor`."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.arrays import IntArray
+from sfr_loc_map.inputs import SIDES
+from sfr_loc_map.io.bag import (
+    CAMERA_INFO,
+    COMPRESSED,
+    IMAGE,
+    ODOMETRY,
+    POINTS,
+    POSE,
+    TYPESTORE,
+    Bag,
+    Topic,
+    read_extrinsics,
+)
+from sfr_loc_map.io.bag_sequence import RAW, RECTIFIED
+from sfr_loc_map.io.message_stream import messages_of
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.source_config import SourceConfig
+
+TASKS = ("loc", "nav")
+TASK_OF_NODE = {"localisation_node": "loc", "mapping_node": "nav"}
+CAMERAS = tuple(f"{task}/{side}" for task in TASKS for side in SIDES)
+EXPECTED: Mapping[str, tuple[str, ...]] = {
+    **{f"{camera}/{image}": (IMAGE,) for camera in CAMERAS for image in (RECTIFIED, RAW)},
+    **{f"{camera}/{image}/compressed": (COMPRESSED,) for camera in CAMERAS for image in (RECTIFIED, RAW)},
+    **{f"{camera}/camera_info": (CAMERA_INFO,) for camera in CAMERAS},
+    "nav/pose": (POSE,),
+    "ground_truth/odometry": (ODOMETRY,),
+    "ground_truth/points": (POINTS,),
+}
+"""Types of the topics that are observed, by their names in the suite."""
+MESSAGES_KEPT = 4  #: Messages of each topic that are kept.
+
+
+def allowed_types(name: str) -> tuple[str, ...]:
+    """Return the types that a topic may have; compressed images may also come under the plain name."""
+    return (*EXPECTED[name], COMPRESSED) if name.endswith((RECTIFIED, RAW)) else EXPECTED[name]
+
+
+class Reliability(StrEnum):
+    """Reliability of a publisher or subscriber."""
+
+    RELIABLE = "reliable"
+    BEST_EFFORT = "best_effort"
+
+
+@dataclass(frozen=True, slots=True)
+class ObservedTopic:
+    """One topic: its name and types in the bag or graph, and its messages."""
+
+    found: str
+    types: tuple[str, ...]
+    offers: tuple[Reliability, ...] = (Reliability.RELIABLE,)  # of each publisher; of a bag, one
+    stamps_ns: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))  # `(N,)`, in the order of reception
+    messages: tuple[Any, ...] = ()  # the first of them; for readers by attributes
+    requests: Mapping[str, Reliability] = field(default_factory=dict)  # of the publishers, by nodes of the suite
+    lost: int = 0  # messages that were published between the received ones and not received
+
+
+@dataclass(frozen=True, slots=True)
+class ObservedNode:
+    """One node of the suite that runs; its name is with its namespace."""
+
+    name: str
+    task: str  # `loc`, `nav`, or empty for the monitor
+    state: str = "active"  # of the managed node; empty where it did not answer
+    use_sim_time: bool = False
+    extrinsics_given: bool = False  # by its parameters
+    stamp_tolerance_ns: int = 0
+    has_worked: bool = False  # since it became active
+    rectifies: bool = False  # takes raw images and rectifies them itself
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """A bag, a source of files, or a graph over some time (`live`)."""
+
+    subject: str  # for messages
+    live: bool = False
+    prefix: str = ""  # what comes before the suite's names in the graph
+    topics: Mapping[str, ObservedTopic] = field(default_factory=dict)  # those that are there, by the suite's names
+    ambiguous: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # names found that each could have
+    others: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # types of all topics by name
+    extrinsics_given: bool = False  # by a parameter file
+    extrinsics_in_tf: bool | None = False  # in /tf_static (rig.json of files); None where that cannot be read
+    nodes: tuple[ObservedNode, ...] = ()
+    has_clock: bool = False  # /clock is published
+    now_ns: int | None = None  # time of the host at the end; None where stamps are of a recording
+    export_line: str = ""  # line of a shell that gives a publisher the shared memory it needs
+    broken: str = ""  # why reading ended early
+    truth_has_attitude: bool = False
+    unfinished: bool = False  # the bag was not closed, its last second may be missing
+    left_out: int | None = None  # of a source of files the pairs that are listed but not there; None of a bag or graph
+
+    @property
+    def files(self) -> bool:
+        """Whether it is a source of files."""
+        return self.left_out is not None
+
+    @property
+    def tasks(self) -> list[str]:
+        """The tasks that are meant: of nodes that run, those that wait apart, else those with a topic."""
+        running = [task for task in TASKS if self.node(task) is not None and self.node(task) not in self.waiting]
+        return running or [task for task in TASKS if any(name.startswith(f"{task}/") for name in self.topics)]
+
+    @property
+    def waiting(self) -> list[ObservedNode]:
+        """The nodes without a camera on the graph, where another one has some."""
+        fed = {name.partition("/")[0] for name, topic in self.topics.items() if topic.offers}
+        return [node for node in self.nodes if {node.task} - fed - {""} and any(n.task in fed for n in self.nodes)]
+
+    def node(self, task: str) -> ObservedNode | None:
+        """Return the node of a task, None where it does not run."""
+        return next((node for node in self.nodes if node.task == task), None)
+
+    def image_name(self, task: str) -> str:
+        """Return the last part of the names of a task's images: what its node takes, else rectified before raw ones."""
+        node = self.node(task)
+        if node is not None:
+            return RAW if node.rectifies else RECTIFIED
+        names = [name for name in self.topics if name.startswith(f"{task}/")]
+        return next((kind for kind in (RECTIFIED, RAW) if any(f"/{kind}" in name for name in names)), RECTIFIED)
+
+    def both_images(self, task: str) -> str:
+        """Return the names of a task's images, for messages."""
+        return ", ".join(f"{task}/{side}/{self.image_name(task)}" for side in SIDES)
+
+    def images(self, task: str, side: str) -> ObservedTopic | None:
+        """Return the topic of the images of a side, raw or compressed: the one that has a publisher."""
+        plain = f"{task}/{side}/{self.image_name(task)}"
+        found = [self.topics[name] for name in (plain, f"{plain}/compressed") if name in self.topics]
+        return max(found, key=lambda topic: bool(topic.offers), default=None)
+
+    def image_stamps(self, task: str, side: str = "left") -> IntArray:
+        """Return the stamps of the images of a side, `(N,)`."""
+        topic = self.images(task, side)
+        return topic.stamps_ns if topic is not None else np.zeros(0, np.int64)
+
+    def lost_share(self, task: str) -> float:
+        """Return the share of the images of a task that were lost on the way from their publishers."""
+        topics = [topic for side in SIDES if (topic := self.images(task, side)) is not None]
+        lost = sum(topic.lost for topic in topics)
+        return lost / max(lost + sum(len(topic.stamps_ns) for topic in topics), 1)
+
+    def is_idle(self, task: str) -> bool:
+        """Tell whether a task has no pair for now, which is no fault."""
+        # maps are made now and then, so that silence is usual on a graph; a bag may have been recorded meanwhile
+        usual = task == "nav" if self.live else any(self.has_images(other) for other in TASKS if other != task)
+        topics = [self.images(task, side) for side in SIDES]
+        return usual and all(topic is not None and topic.offers and not topic.messages for topic in topics)
+
+    def has_images(self, task: str) -> bool:
+        """Tell whether there are images of both sides."""
+        return all((topic := self.images(task, side)) is not None and topic.messages for side in SIDES)
+
+
+def _collected(stream: Iterable[tuple[str, int, Callable[[], Any]]]) -> tuple[dict[str, ObservedTopic], str]:
+    """Return the topics of a stream of names, stamps and messages, and why it ended early; what came before stays."""
+    stamps, kept, broken = defaultdict[str, list[int]](list), defaultdict[str, list[Any]](list), ""
+    try:
+        for name, stamp_ns, make in stream:
+            stamps[name].append(stamp_ns)
+            if len(kept[name]) < MESSAGES_KEPT:
+                kept[name].append(make())
+    except InputError as error:
+        broken = str(error)
+    return {
+        name: ObservedTopic(name, EXPECTED[name], stamps_ns=np.array(found, np.int64), messages=tuple(kept[name]))
+        for name, found in stamps.items()
+    }, broken
+
+
+def observe_bag(path: Path, config: SourceConfig) -> Observation:
+    """Observe a bag: all stamps, a few messages."""
+    subject = f"bag '{path}'"
+    try:
+        bag = Bag(path, config.remap)
+    except InputError as error:
+        return Observation(subject, broken=str(error))
+    names = {name: tuple(bag.matches(name)) for name in EXPECTED}
+    topics = {n: ObservedTopic(f[0], (bag.topics[f[0]],)) for n, f in names.items() if len(f) == 1}
+    readable = [Topic(n, t.found, t.types[0]) for n, t in topics.items() if t.types[0] in allowed_types(n)]
+    stream = ((topic.name, stamp, partial(bag.deserialise, topic, raw)) for topic, stamp, raw in bag.stream(readable))
+    (read, broken), in_tf = _collected(stream), False
+    for name, topic in read.items():
+        topics[name] = replace(topic, found=topics[name].found, types=topics[name].types)
+    try:
+        if not broken:
+            infos = read.get("loc/left/camera_info")
+            frame = "" if infos is None else str(infos.messages[0].header.frame_id)
+            in_tf = read_extrinsics(bag, frame, 0.0, config.frames.base) is not None
+    except InputError as error:
+        broken = str(error)
+    return Observation(
+        subject,
+        topics=topics,
+        ambiguous={name: found for name, found in names.items() if len(found) > 1},
+        others={name: (kind,) for name, kind in bag.topics.items()},
+        extrinsics_given=config.extrinsics.transform() is not None,
+        extrinsics_in_tf=in_tf,
+        truth_has_attitude=bool(read.get("ground_truth/odometry")),
+        broken=broken,
+        unfinished=bag.unfinished,
+    )
+
+
+def observe_source(path: Path, config: SourceConfig, progress: Callable[[], None] = lambda: None) -> Observation:
+    """Observe a source as the messages that it would be played as, not as it is: every image is read."""
+    try:
+        source = open_source(path, config)
+    except InputError as error:
+        return Observation(f"'{path}'", broken=str(error), left_out=0)
+
+    def stream() -> Iterator[tuple[str, int, Callable[[], Any]]]:
+        for message in messages_of(source):
+            yield message.topic, message.stamp_ns, partial(TYPESTORE.deserialize_cdr, message.raw, message.msgtype)
+            if message.topic.endswith("left/image_rect"):
+                progress()
+
+    topics, broken = _collected(stream())
+    truth = None if source.loc is None else source.loc.ground_truth
+    return Observation(
+        f"'{path}' ({source.format})",
+        topics=topics,
+        extrinsics_in_tf=source.loc is not None and source.loc.rig.T_rb_sb is not None,
+        truth_has_attitude=truth is not None and getattr(truth, "has_attitude", True),
+        broken=broken,
+        left_out=source.left_out,
+    )

@@ -1,0 +1,71 @@
+"""Poses with stamps: between two of them, and thinned to a bounded number."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from collections.abc import Sequence
+from operator import itemgetter
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from sfr_loc_map.geometry.transform import Transform, interpolated
+
+T = TypeVar("T")
+MAX_POSES = 2000
+FIRST_SPACING_M = 0.02
+TURN_PER_METRE = math.radians(100.0)
+"""A turn of so much counts as a metre: a rover that turns on the spot leaves poses as well."""
+
+
+def pose_at(poses: Sequence[tuple[int, Transform]], stamp_ns: int, max_gap_ns: int) -> Transform | None:
+    """Return the pose of a stamp, of stamped ones in their order; between two that are not too far apart if need be."""
+    at = bisect_left(poses, stamp_ns, key=itemgetter(0))
+    after_ns, after = poses[at] if at < len(poses) else (0, None)
+    if after_ns == stamp_ns:
+        return after
+    before_ns, before = poses[at - 1] if at else (after_ns, None)
+    if after is None or before is None or after_ns - before_ns > max_gap_ns:
+        return None
+    return interpolated(before, after, (stamp_ns - before_ns) / (after_ns - before_ns))
+
+
+class ThinnedPath(Generic[T]):
+    """Keeps poses at a spacing that doubles when there would be too many; the first and the last one always stay."""
+
+    def __init__(self, max_poses: int = MAX_POSES) -> None:
+        """Start empty; `max_poses` is at least 3."""
+        self._max_poses = max_poses
+        self.clear()
+
+    def clear(self) -> None:
+        """Start a new path."""
+        self._kept: list[tuple[Transform, T]] = []
+        self._last: tuple[Transform, T] | None = None
+        self._last_ns: int | None = None
+        self._spacing_m = FIRST_SPACING_M
+
+    @property
+    def poses(self) -> Sequence[T]:
+        """What was given with the poses that are left, in order."""
+        kept = [item for _, item in self._kept]
+        if self._last is not None and (not self._kept or self._last is not self._kept[-1]):
+            kept.append(self._last[1])
+        return kept
+
+    def add(self, stamp_ns: int, pose: Transform, item: T) -> None:
+        """Add a pose and what stands for it; a stamp that is not later than the last one starts a new path."""
+        if self._last_ns is not None and stamp_ns <= self._last_ns:
+            self.clear()
+        self._last, self._last_ns = (pose, item), stamp_ns
+        if not self._kept or _distance(self._kept[-1][0], pose) >= self._spacing_m:
+            self._kept.append(self._last)
+        if len(self._kept) >= self._max_poses:
+            self._kept = self._kept[::2]
+            self._spacing_m *= 2.0
+
+
+def _distance(before: Transform, now: Transform) -> float:
+    cosine = 0.5 * (float(np.vdot(before.rotation, now.rotation)) - 1.0)
+    return math.dist(before.translation, now.translation) + math.acos(max(-1.0, min(1.0, cosine))) / TURN_PER_METRE

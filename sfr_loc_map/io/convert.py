@@ -1,0 +1,123 @@
+"""Any source as a stream to a ROS 2 bag or a data set folder, of ours or of another layout."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+from sfr_loc_map.errors import OutputError
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.atomic import atomic_path
+from sfr_loc_map.io.bag_writer import STORAGE_BY_SUFFIX, BagWriter
+from sfr_loc_map.io.euroc import EurocWriter
+from sfr_loc_map.io.folder import FolderWriter
+from sfr_loc_map.io.kitti import KittiWriter
+from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.trajectory_file import format_of_name, save_trajectory
+
+SourceWriter = BagWriter | FolderWriter | KittiWriter | EurocWriter
+Event = tuple[int, bool, Callable[..., None], tuple[Any, ...]]
+"""Stamp, whether it is a pair, what writes it, and of what."""
+
+
+class Layout(StrEnum):
+    """Layouts of other data sets that a drive can be written in."""
+
+    KITTI = "kitti"
+    EUROC = "euroc"
+
+
+@dataclass(frozen=True, slots=True)
+class ConvertOptions:
+    """How a bag is written; folders are always exact."""
+
+    jpeg_quality: int | None = None  # images as JPEG, 1 to 100; None: raw, exact
+    zstd: bool = False  # chunks are compressed (mcap only)
+    truth_grid_m: float | None = None  # rounding of true points, a power of two; None: exact
+    layout: Layout | None = None  # of another data set; None: a bag, or a data set folder of the suite
+
+
+EXACT = ConvertOptions()
+
+
+def convert(
+    source: Source, destination: Path, options: ConvertOptions = EXACT, progress: Callable[[int], None] = lambda _: None
+) -> int:
+    """Write a source as a ROS 2 bag (*.mcap, *.db3, *.bag) or as a data set folder, and return the number of pairs.
+
+    The output, absent or an empty folder before, takes its name only when it is whole. A layout of another data set
+    takes the drive alone. `progress` is called with the number of pairs written so far.
+    """
+    destination = Path(destination)
+    if destination.exists() and not destination.is_dir():
+        raise OutputError(f"cannot write '{destination}': a file is there; remove it or choose another name")
+    if options.layout is not None:
+        if source.loc is None:
+            raise OutputError(f"'{source.path}' has no drive: the layout of {options.layout} holds nothing else")
+        source = replace(source, nav=None)
+    count = 0
+    with atomic_path(destination) as temporary, _writer(temporary, source, options) as writer:
+        for _, is_pair, write, values in heapq.merge(*_streams(source, writer), key=lambda event: event[0]):
+            write(*values)
+            count += is_pair
+            progress(count)
+    return count
+
+
+def convert_trajectory(trajectory: Trajectory, destination: Path) -> int:
+    """Write a trajectory, and return the number of poses: csv, TUM, KITTI or EuRoC by the ending, or a bag or a folder.
+
+    The topic of a bag is `ground_truth/odometry`.
+    """
+    destination = Path(destination)
+    if format_of_name(destination) is not None:
+        save_trajectory(destination, trajectory)
+    elif destination.suffix in STORAGE_BY_SUFFIX:
+        storage = STORAGE_BY_SUFFIX[destination.suffix]
+        with atomic_path(destination) as temporary, BagWriter(temporary, storage) as writer:
+            for _, _, write, values in _truth_events(trajectory, writer):
+                write(*values)
+    else:
+        with atomic_path(destination) as temporary:
+            temporary.mkdir()
+            save_trajectory(temporary / "groundtruth.csv", trajectory)
+    return len(trajectory)
+
+
+def _writer(path: Path, source: Source, options: ConvertOptions) -> AbstractContextManager[SourceWriter]:
+    storage, layout = STORAGE_BY_SUFFIX.get(path.suffix), options.layout
+    if storage is not None and layout is None:
+        quality, grid_m = options.jpeg_quality, options.truth_grid_m
+        return BagWriter(path, storage, jpeg_quality=quality, zstd=options.zstd, truth_grid_m=grid_m)
+    if storage is not None:
+        raise OutputError(f"'{path.name}' is the name of a bag: '--to {layout}' writes a folder")
+    if replace(options, layout=None) != EXACT:
+        raise OutputError(f"'{path.name}' will be a data set folder, which is exact: JPEG, zstd and grid are for bags")
+    if layout is Layout.KITTI:
+        return KittiWriter(path)
+    if layout is Layout.EUROC:
+        return EurocWriter(path)
+    return FolderWriter(path, loc=source.loc is not None, nav=source.nav is not None)
+
+
+def _streams(source: Source, writer: SourceWriter) -> list[Iterator[Event]]:
+    streams: list[Iterator[Event]] = []
+    if (loc := source.loc) is not None:
+        writer.write_loc_rig(loc.rig)
+        if loc.ground_truth is not None:
+            streams.append(_truth_events(loc.ground_truth, writer))
+        streams.append((pair.stamp_ns, True, writer.write_loc_pair, (pair,)) for pair in loc.pairs())
+    if (nav := source.nav) is not None:
+        writer.write_nav_rig(nav.rig)
+        streams.append((item.pair.stamp_ns, True, writer.write_nav_pair, (item,)) for item in nav.pairs())
+    return streams
+
+
+def _truth_events(truth: Trajectory, writer: SourceWriter) -> Iterator[Event]:
+    for pose in zip(truth.stamps_ns.tolist(), truth.positions, truth.quats_xyzw, strict=True):
+        yield pose[0], False, writer.write_truth, pose

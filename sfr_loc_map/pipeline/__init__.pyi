@@ -1,9 +1,0 @@
-from .convert import ConvertOptions as ConvertOptions
-from .offline import MapRun as MapRun
-from .offline import localise as localise
-from .offline import map_pairs as map_pairs
-from .offline import start_pose as start_pose
-from .replay import save_replay as save_replay
-from .replay import score_replay as score_replay
-from .scoring import diagnose_files as diagnose_files
-from .scoring import score_files as score_files

@@ -1,0 +1,201 @@
+"""Score and files of a replay, from what the nodes published."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+from msgspec.structs import replace as struct_replace
+
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import Task, hash_arrays
+from sfr_loc_map.io.atomic import write_text
+from sfr_loc_map.io.cloud_file import LoadedCloud, save_cloud, save_points
+from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.trajectory_file import save_trajectory
+from sfr_loc_map.localisation.estimate import TrackingState
+from sfr_loc_map.methods.registry import record_of_ours
+from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, lost_by_covariance
+from sfr_loc_map.metrics.cloud_error import truths_of
+from sfr_loc_map.metrics.config import CallKind, ScoreConfig
+from sfr_loc_map.metrics.convention import converted_estimates
+from sfr_loc_map.metrics.limits import Limits
+from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, FindingRecord, MethodRecord, Score
+from sfr_loc_map.runs.calls import CallRecord, save_stats, stats_of
+from sfr_loc_map.scoring import score_run as scoring
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExternalRun:
+    """What is known of an external node after a replay."""
+
+    method: MethodRecord
+    score: ExternalScore  # how it behaved
+    findings: tuple[FindingRecord, ...]  # what was wrong with its answers
+    log: str = ""  # what its process wrote; empty where it was not started here
+    convention: ConventionRecord | None = None  # how its results have been converted
+    as_published: Trajectory | None = None  # its poses as it published them
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReplayResult:
+    """What came out of a replay."""
+
+    estimate: Trajectory  # without poses if there was no drive
+    cloud: PointCloud | None  # the last one
+    records: Sequence[CallRecord]  # all calls of localiser and mapper
+    mapped_ns: tuple[int, ...]  # of the pairs of the cloud, in the order of the points' `pair`: their truth judges it
+    external: ExternalRun | None = None  # `finished` converts its poses
+    points: FloatArray | None = None  # `(N, 3)` in LM of an external mapper that tells no pixels
+
+    def finished(self, source: Source, config: ScoreConfig, correction: scoring.Correction) -> ReplayResult:
+        """Return it with the poses of an external localiser as poses of RB in DS, and a record for each.
+
+        Without one it stays as it is.
+        """
+        run, loc, published = self.external, source.loc, self.estimate
+        if run is None or run.score.task != CallKind.LOCALISATION or loc is None or not len(published):
+            return self
+        rig, truth = loc.rig, loc.ground_truth
+        told = {item.stamp_ns: item for item in self.records if item.state in set(TrackingState)}
+        covariance = np.full((len(published), COVARIANCE_SIZE), np.nan)
+        for row, stamp_ns in enumerate(published.stamps_ns.tolist()):
+            known = told.get(stamp_ns)
+            if known is not None and known.covariance is not None:
+                covariance[row] = known.covariance[UPPER]
+        lost = lost_by_covariance(covariance)
+        found = Estimates.of(published, lost, covariance=None if np.isnan(covariance).all() else covariance)
+        convention = None
+        if truth is not None and len(truth):
+            drive, convention = scoring.corrected(scoring.ScoredDrive(found, truth, rig), correction, config)
+            found = drive.estimates
+        elif (declared := correction.declared).settings:
+            found = converted_estimates(found, declared, declared.T_rb_child(rig), None)
+            convention = ConventionRecord(declared=declared.settings)
+        records = []
+        stamps = zip(published.stamps_ns.tolist(), found.trajectory.stamps_ns.tolist(), strict=True)
+        for row, (before, stamp_ns) in enumerate(stamps):  # the time is NaN where the node told none
+            record = told.get(before) or CallRecord(stamp_ns, float("nan"), TrackingState.TRACKING)
+            full = None
+            if found.covariance is not None and np.isfinite(found.covariance[row]).all():
+                full = np.zeros((6, 6))
+                full[UPPER] = full[UPPER[1], UPPER[0]] = found.covariance[row]
+            state = TrackingState.LOST.value if lost[row] else record.state
+            records.append(replace(record, stamp_ns=stamp_ns, state=state, covariance=full, step=None))
+        records += [item for item in self.records if item.state not in set(TrackingState)]
+        external = replace(run, as_published=published, convention=convention)
+        return replace(self, estimate=found.trajectory, records=records, external=external)
+
+
+class ReplayFiles:
+    """Places of the outputs of a replay."""
+
+    def __init__(self, folder: Path) -> None:
+        """Name the places; nothing is touched."""
+        self.folder = folder
+        self.estimate = folder / "estimate.csv"
+        self.stats = folder / "stats.csv"  # one row for each call
+        self.cloud = folder / "cloud.ply"
+        self.report = folder / "report.json"
+        self.page = folder / "report.html"
+        self.points = folder / "cloud.npz"  # the cloud of an external mapper without pixels
+        self.as_published = folder / "estimate_as_published.csv"  # of an external node, before it was converted
+        self.external_log = folder / "external.log"
+
+    @property
+    def all(self) -> tuple[Path, ...]:
+        """All of them."""
+        return tuple(path for name, path in vars(self).items() if name != "folder")
+
+    def remove(self) -> None:
+        """Remove what an earlier replay has written; other files stay."""
+        for path in self.all:
+            path.unlink(missing_ok=True)
+
+
+def save_replay(result: ReplayResult, files: ReplayFiles) -> None:
+    """Write what there is of a replay but its score."""
+    if len(result.estimate):
+        save_trajectory(files.estimate, result.estimate)
+    if result.records:
+        save_stats(files.stats, result.records)
+    if result.cloud is not None:
+        save_cloud(files.cloud, result.cloud)
+    if result.points is not None:
+        save_points(files.points, result.points)
+    if result.external is not None and result.external.as_published is not None:
+        save_trajectory(files.as_published, result.external.as_published)
+    if result.external is not None and result.external.log:
+        write_text(result.external.log, files.external_log)
+
+
+def score_replay(
+    source: Source,
+    result: ReplayResult,
+    config: ScoreConfig,
+    limits: Limits | None,
+    *,
+    files: ReplayFiles | None = None,
+    settings: Mapping[str, object] = MappingProxyType({}),
+    limits_file: Path | None = None,
+    command: str | None = None,
+) -> Score:
+    """Return the score of a replay, by the functions that score files.
+
+    Settings are those of localiser and mapper that differ from the defaults; they join those of the score. The files
+    that `save_replay` has written, None without, the file of the limits and the command are for provenance.
+    """
+    stats = [stats_of(result.records)] if result.records else []
+    inputs = scoring.ScoreInputs(limits=limits_file, command=command)
+    in_memory: dict[str, str] = {}
+    if files is not None and stats:
+        inputs = replace(inputs, stats=(files.stats,))
+    drive = None
+    truth, images = (None, None) if source.loc is None else (source.loc.ground_truth, source.loc.stamps_ns)
+    if source.loc is not None and truth is not None and len(result.estimate):
+        estimate = result.estimate
+        estimates = scoring.estimates_of(estimate, stats)
+        drive = scoring.ScoredDrive(estimates, truth, source.loc.rig, np.asarray(images, np.int64))
+        inputs = replace(inputs, truth=source.path, configuration=source.configuration)
+        if files is not None:
+            inputs = replace(inputs, estimate=files.estimate)
+        else:
+            in_memory["estimate"] = hash_arrays((estimate.stamps_ns, estimate.positions, estimate.quats_xyzw))
+    missing = ""
+    if images is not None and not len(result.estimate):
+        missing = f"no pose for any of {len(images)} images"
+    elif source.nav is not None and len(result.mapped_ns) < len(source.nav):
+        missing = f"the map holds {len(result.mapped_ns)} of {len(source.nav)} pairs"
+    if (cloud := _scored_cloud(source, result)) is not None:
+        inputs = replace(inputs, map_truth=source.path, configuration=source.configuration)
+        if files is not None:
+            inputs = replace(inputs, cloud=files.cloud if result.points is None else files.points)
+        else:
+            in_memory["cloud"] = hash_arrays([cloud.loaded.xyz])
+    task = Task.MAPPING if drive is None else Task.LOCALISATION
+    run = scoring.Run(inputs, stats, drive=drive, cloud=cloud, method=record_of_ours(task), missing=missing)
+    run = replace(run, in_memory=in_memory)
+    if (node := result.external) is not None:
+        run = replace(run, method=node.method, external=node.score, findings=node.findings, convention=node.convention)
+    score = scoring.score_run(run, config, limits)
+    if (made := score.provenance) is None:
+        return score
+    made = struct_replace(made, configuration={**made.configuration, **settings})
+    return struct_replace(score, provenance=made)
+
+
+def _scored_cloud(source: Source, result: ReplayResult) -> scoring.ScoredCloud | None:
+    xyz = result.points if result.cloud is None else result.cloud.xyz
+    if source.nav is None or xyz is None:
+        return None
+    by_stamp = {pair.pair.stamp_ns: pair for pair in source.nav.pairs() if pair.pair.stamp_ns in result.mapped_ns}
+    pairs = [by_stamp[stamp_ns] for stamp_ns in result.mapped_ns if stamp_ns in by_stamp]
+    if not pairs or len(pairs) < len(result.mapped_ns) or any(pair.truth is None for pair in pairs):
+        return None
+    loaded = LoadedCloud(np.asarray(xyz, np.float64), result.cloud)
+    return scoring.ScoredCloud(loaded, truths_of(pairs, source.nav.rig))

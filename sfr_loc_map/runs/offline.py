@@ -1,0 +1,267 @@
+"""Runs of localiser and mapper, or of a method under test, over a whole source, without ROS.
+
+The calls of `process` are those that the nodes make.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from sfr_loc_map.errors import InputError, MappingError, OutputError
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform, interpolated
+from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.io.atomic import atomic_path
+from sfr_loc_map.io.sequence import LocSequence, NavSequence
+from sfr_loc_map.kernels import load_kernels
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, TrackingState
+from sfr_loc_map.localisation.localiser import Localiser
+from sfr_loc_map.localisation.visualisation import STRIP, draw_tracks
+from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
+from sfr_loc_map.mapping.disparity.semi_global_matching import search_range
+from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
+from sfr_loc_map.methods.isolated_method import IsolatedMethod
+from sfr_loc_map.methods.registry import Method, MethodLimits
+from sfr_loc_map.metrics.calls import CallMeter
+from sfr_loc_map.metrics.config import MappingState
+from sfr_loc_map.metrics.score import MethodRecord
+from sfr_loc_map.runs.calls import CallRecord, call_of_estimate, call_of_fusion, call_of_stages
+from sfr_loc_map.signals import stopping
+
+MAX_START_GAP_NS = NS_PER_S  #: Longest gap of the truth in which a drive can start.
+DEFAULT_STEP_S = 0.1
+CODECS = {".avi": "MJPG", ".mp4": "mp4v"}
+"""Coding of a film by the ending of the file's name; both are part of OpenCV's wheels."""
+FRAMES_PER_SECOND = 10.0
+MANY = 0.05  #: Share of pairs without a good pose from which there is a warning.
+Progress = Callable[[int], None]
+FrameObserver = Callable[[StereoPair, PoseEstimate], None]
+"""Receives a pair and its estimate, with the tracks, after the call; its time is not part of the call."""
+
+
+# ---- drives
+
+
+def start_pose(sequence: LocSequence, start: str, from_ns: int = 0) -> StartPose:
+    """Return the pose at which a drive starts, with its stamp.
+
+    `identity`: RB is DS at the first pair. `truth`: the true pose at the first pair, if need be between two poses of
+    the truth; without one, and where pairs before a stamp are left out, the next pose of the truth, or its last.
+    """
+    if start == "identity":
+        return StartPose(Transform.identity())
+    truth = sequence.ground_truth
+    if truth is None or not len(truth):
+        raise InputError(
+            "'--start truth' needs ground truth, the source has none: leave it out to start at the identity"
+        )
+    stamps = truth.stamps_ns
+    first = next(sequence.pairs(), None)
+    first_ns = int(stamps[0] if first is None else first.stamp_ns)
+    wanted = max(first_ns, from_ns)
+    after = min(int(np.searchsorted(stamps, wanted)), len(stamps) - 1)
+    gap = int(stamps[after] - stamps[after - 1]) if after else 0
+    if wanted > first_ns or not stamps[after - 1] < wanted < stamps[after] or gap > MAX_START_GAP_NS:
+        return StartPose(truth.pose(after), stamp_ns=int(stamps[after]))
+    share = (wanted - int(stamps[after - 1])) / gap
+    return StartPose(interpolated(truth.pose(after - 1), truth.pose(after), share), stamp_ns=wanted)
+
+
+def localise(
+    sequence: LocSequence, config: LocalisationConfig, start: StartPose, watch: FrameObserver | None = None
+) -> Iterator[tuple[PoseEstimate, CallRecord]]:
+    """Yield the estimate and the cost of each pair of a drive; `watch` is called after each."""
+    localiser = Localiser(sequence.rig, config, start)
+    load_kernels("localisation")
+    meter = CallMeter()
+    for pair in sequence.pairs():
+        with stopping() as stopped, meter.measure() as call:  # an exception out of a kernel ends the process
+            estimate = localiser.process(pair)
+        if stopped():
+            raise KeyboardInterrupt
+        if watch is not None:
+            watch(pair, estimate)
+        yield replace(estimate, tracks=None), call_of_estimate(estimate, call)
+
+
+def localise_with(
+    method: Method, sequence: LocSequence, T_ds_rb: Transform, limits: MethodLimits, hidden: Sequence[Path] = ()
+) -> Iterator[tuple[PoseEstimate, CallRecord, MethodRecord]]:
+    """Yield the estimate and the cost of each pair of a drive by a method under test, and whose they are.
+
+    It cannot read what is hidden from it: the source.
+    """
+    first_ns, *later_ns = (pair.stamp_ns for pair in islice(sequence.pairs(), 2))
+    step_s = next(((stamp_ns - first_ns) / NS_PER_S for stamp_ns in later_ns if stamp_ns > first_ns), DEFAULT_STEP_S)
+    with IsolatedMethod(method, sequence.rig, T_ds_rb, limits, {"rate_hz": 1.0 / step_s}, hidden) as localiser:
+        for pair in sequence.pairs():
+            estimate, call = localiser.localise(pair, {"since_start_s": (pair.stamp_ns - first_ns) / NS_PER_S})
+            cost = call.usage.cost(estimate.state)
+            figures, covariance = call.statistics, call.covariance
+            record = CallRecord(pair.stamp_ns, *cost, figures, covariance, call.reason, call.step, call.finding)
+            yield estimate, record, localiser.record
+
+
+def trajectory_of(estimates: Iterable[PoseEstimate]) -> Trajectory:
+    """Return the trajectory of estimates."""
+    return Trajectory.from_poses((estimate.stamp_ns, estimate.T_ds_rb) for estimate in estimates)
+
+
+@contextmanager
+def track_video(path: Path, rig: StereoRig) -> Iterator[FrameObserver]:
+    """Give an observer that appends an image of the tracks of each pair to a film, which is there if all ends well."""
+    if path.suffix not in CODECS:
+        raise OutputError(f"'{path}' is not the name of a video: give one that ends in {' or '.join(CODECS)}")
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # quiet, both: what is wrong is told in one line
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    with atomic_path(path) as temporary:
+        code = cv2.VideoWriter.fourcc(*CODECS[path.suffix])
+        writer = cv2.VideoWriter(str(temporary), code, FRAMES_PER_SECOND, (rig.width, rig.height + STRIP))
+        if not writer.isOpened():
+            raise OutputError(f"cannot write '{path}': this OpenCV has no coder {CODECS[path.suffix]}")
+        count = 0
+
+        def add(pair: StereoPair, estimate: PoseEstimate) -> None:
+            nonlocal count
+            writer.write(draw_tracks(pair.left, estimate))
+            count += 1
+
+        try:
+            yield add
+        finally:
+            writer.release()
+        film = cv2.VideoCapture(str(temporary))  # the writer does not tell when the disk is full
+        if (found := round(film.get(cv2.CAP_PROP_FRAME_COUNT))) < count:
+            raise OutputError(f"cannot write '{path}': {max(found, 0)} of {count} frames were kept; is the disk full?")
+
+
+def states_text(records: Sequence[CallRecord]) -> str:
+    """Return how many calls of the localiser are lost, and degraded if any is."""
+    counts = Counter(record.state for record in records)
+    degraded = counts[TrackingState.DEGRADED]
+    return f"{counts[TrackingState.LOST]} lost" + (f", {degraded} degraded" if degraded else "")
+
+
+def tracking_warning(records: Sequence[CallRecord], source: object) -> str | None:
+    """Return a warning with the most frequent reason if many pairs are lost or degraded, None otherwise."""
+    bad = [record for record in records if record.state in (TrackingState.LOST, TrackingState.DEGRADED)]
+    if not bad or len(bad) < MANY * len(records):
+        return None
+    reason, count = Counter(record.reason for record in bad).most_common(1)[0]
+    return (
+        f"{states_text(records)} of {len(records)} pairs, {count} of them for '{reason or 'no reason'}': look with "
+        f"sfr doctor {source}, or sfr localise {source} -o again.csv --video tracks.avi"
+    )
+
+
+# ---- maps
+
+
+@dataclass(frozen=True, slots=True)
+class MapRun:
+    """The map of a source."""
+
+    maps: list[PairMap]
+    fused: FusedMap
+    records: list[CallRecord]  # one a pair, one for the fusion, one for the set; of a method that maps sets the last
+
+    @property
+    def unfused(self) -> PointCloud:
+        """The points of every pair."""
+        stamps_ns = tuple(item.stamp_ns for item in self.maps)
+        return replace(PointCloud.concatenate([item.cloud for item in self.maps]), pair_stamps_ns=stamps_ns)
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is suspicious about each pair and about their fusion, one line each."""
+        pairs = [f"pair {number}: {line}" for number, item in enumerate(self.maps) for line in item.warnings]
+        return [*pairs, *self.fused.warnings]
+
+
+def map_pairs(
+    sequence: NavSequence,
+    config: MappingConfig,
+    progress: Progress = lambda done: None,
+    ended: Callable[[], bool] = lambda: False,
+) -> MapRun:
+    """Map the pairs of a source and fuse them; those that are done when it `ended`."""
+    check_count(sequence)
+    mapper = Mapper(sequence.rig, config)
+    load_kernels("mapping")
+    meter = CallMeter()
+    maps: list[PairMap] = []
+    records: list[CallRecord] = []
+    pairs = [replace(item, truth=None) for item in sequence.pairs()]  # reading is no part of the call, truth no memory
+    with meter.measure() as whole:
+        for index, item in enumerate(pairs):
+            with meter.measure() as usage:
+                done = mapper.process(item.pair, item.T_lm_navsb, index)
+            maps.append(done)
+            records.append(CallRecord(item.pair.stamp_ns, *usage.cost(MappingState.MAPPED), done.statistics))
+            progress(index + 1)
+            if ended():
+                break
+        with meter.measure() as usage:
+            fused = mapper.fuse(maps)
+        records.append(call_of_fusion(fused, [item.stamp_ns for item in maps], usage, MappingState.FUSED))
+    usage = call_of_stages(records, whole.processing_time_s)
+    records.append(CallRecord(maps[-1].stamp_ns, *usage.cost(MappingState.MAPPED_SET)))
+    return MapRun(maps, fused, records)
+
+
+def map_pairs_with(
+    method: Method,
+    sequence: NavSequence,
+    limits: MethodLimits,
+    progress: Progress = lambda done: None,
+    ended: Callable[[], bool] = lambda: False,
+    hidden: Sequence[Path] = (),
+) -> tuple[MapRun, MethodRecord]:
+    """Map the pairs of a source by a method under test, which cannot read what is hidden; return map and method.
+
+    `ended` is as of `map_pairs`.
+    """
+    check_count(sequence)
+    maps: list[PairMap] = []
+    records: list[CallRecord] = []
+    searched = search_range(sequence.rig, MappingConfig()).count
+    with IsolatedMethod(method, sequence.rig, limits=limits, setup={"disparities": searched}, hidden=hidden) as mapper:
+        if mapper.maps_sets:
+            maps, fused, call = mapper.map_set(list(sequence.pairs()))
+            progress(len(maps))
+            cost = call.usage.cost(MappingState.MAPPED_SET)
+            records.append(CallRecord(maps[-1].stamp_ns, *cost, fused.statistics, finding=call.finding))
+            return MapRun(maps, fused, records), mapper.record
+        for index, item in enumerate(sequence.pairs()):
+            done, call = mapper.map_pair(item.pair, item.T_lm_navsb, index)
+            stamp_ns = item.pair.stamp_ns
+            maps.append(done)
+            cost = call.usage.cost(MappingState.MAPPED)
+            records.append(CallRecord(stamp_ns, *cost, done.statistics, finding=call.finding))
+            progress(index + 1)
+            if ended():
+                break
+        fused, fusion = mapper.fuse(maps, item.pair)
+        if fusion is not None:
+            cost = fusion.usage.cost(MappingState.FUSED)
+            records.append(CallRecord(stamp_ns, *cost, fused.statistics, finding=fusion.finding))
+        records.append(CallRecord(stamp_ns, *call_of_stages(records).cost(MappingState.MAPPED_SET)))
+        return MapRun(maps, fused, records), mapper.record
+
+
+def check_count(sequence: NavSequence) -> None:
+    """Raise MappingError where a map cannot be made of so many pairs."""
+    if not 1 <= len(sequence) <= MAX_PAIRS:
+        raise MappingError(f"a map is made of 1 to {MAX_PAIRS} stereo pairs, the source has {len(sequence)}: split it")

@@ -1,0 +1,57 @@
+"""Estimated poses of a bag, with the calls that the recorded localisation node published on `<node>/call`.
+
+A module of its own: the library of the bags is loaded for a bag only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sfr_loc_map.errors import InputError, naming
+from sfr_loc_map.inputs import Task
+from sfr_loc_map.io.bag import ODOMETRY, STRING, Bag, Topic, read_odometry
+from sfr_loc_map.io.bag_frames import TF
+from sfr_loc_map.metrics.association import UPPER, Estimates, lost_by_covariance
+from sfr_loc_map.runs.calls import CallRecord, decode_call, stats_of
+
+CALLS = "localisation_node/call"
+DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
+
+
+def bag_estimates(path: Path) -> Estimates:
+    """Read estimated poses of a bag, with lost flags, covariances and steps."""
+    bag = Bag(path)
+    topic = bag.find("localisation/odometry", ODOMETRY)
+    if topic is None and set(bag.topics.values()) <= {ODOMETRY, TF}:  # a trajectory that was converted, no drive
+        topic = bag.find("ground_truth/odometry", ODOMETRY)
+    if topic is None:
+        raise InputError(
+            f"bag '{path}' has no topic localisation/odometry: it has {', '.join(list(bag.topics)[:8])}; give a bag "
+            "with estimates, or a TUM or csv file"
+        )
+    trajectory, covariances = read_odometry(bag, topic)
+    covariance = covariances[:, *UPPER]
+    known = np.where(covariance.any(axis=1, keepdims=True), covariance, np.nan) if covariance.any() else None
+    calls = _calls_of(bag, topic)
+    said = stats_of(calls).estimates(trajectory) if calls else Estimates.of(trajectory)
+    return replace(said, lost=lost_by_covariance(covariance), covariance=known)
+
+
+def _calls_of(bag: Bag, odometry: Topic) -> list[CallRecord]:
+    topic = Topic(CALLS, odometry.bag_name.removesuffix(odometry.name) + CALLS, STRING)
+    if bag.topics.get(topic.bag_name) != STRING:
+        return []
+    with naming(topic.bag_name):
+        return [decode_call(message.data, Task.LOCALISATION) for _, _, message in bag.messages([topic])]
+
+
+def statuses_of(bag: Bag) -> Iterator[tuple[Topic, Any]]:
+    """Yield the statuses on the diagnostics of a bag, each with its topic."""
+    topic = bag.find("diagnostics", DIAGNOSTICS)
+    for found, _, message in () if topic is None else bag.messages([topic]):
+        yield from ((found, status) for status in message.status)

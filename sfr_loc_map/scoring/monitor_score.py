@@ -1,0 +1,317 @@
+"""The score of a run from what comes over topics, without ROS.
+
+The rows that came are kept and scored by the very functions that score files, so that a live score has the bits of the
+score of a recording. A true pose takes 112 bytes, an estimate with its covariance 240, what the localiser says of its
+step 400, a call 230 (docs/metrics.md, "While a run goes on").
+"""
+
+from __future__ import annotations
+
+import os
+from collections import OrderedDict
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from sfr_loc_map.errors import InputError, OutputError
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray, PointImage
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import JUMP_BACK_NS, LOST_VARIANCE, MAX_JSON_BYTES, jumped_back, parse_json, read_text
+from sfr_loc_map.io.atomic import check_output, output_target, write_text
+from sfr_loc_map.io.truth import RB_ITSELF, TrackedBody
+from sfr_loc_map.localisation.estimate import TrackingState
+from sfr_loc_map.mapping.config import MAX_PAIRS
+from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, unique_rows
+from sfr_loc_map.metrics.calls import Calls, ScoredCalls, score_calls, stage_of
+from sfr_loc_map.metrics.cloud_error import PairTruth, ScoredMap, score_map
+from sfr_loc_map.metrics.config import MappingState, ScoreConfig
+from sfr_loc_map.metrics.consistency import STEP_SIZE
+from sfr_loc_map.metrics.limits import Limits, judged
+from sfr_loc_map.metrics.score import SCHEMA, Details, Provenance, Score
+from sfr_loc_map.metrics.trajectory_score import ScoredTrajectory, score_trajectory
+from sfr_loc_map.runs.calls import CallRecord
+
+T = TypeVar("T")
+MAX_STAGES = 16  #: Stages whose times are kept: their names come from the network.
+MAX_KEPT = 2 * MAX_PAIRS  #: True points, poses, sets of pairs and clouds that are kept until the others come.
+POSE = [("stamp_ns", np.int64), ("position", np.float64, 3), ("quat", np.float64, 4)]
+TRUE_POSE = [*POSE, ("variances", np.float64, 6)]
+ESTIMATE = [*POSE, ("covariance", np.float64, COVARIANCE_SIZE), ("lost", np.bool_)]
+STEP = [("stamp_ns", np.int64), ("step", np.float64, STEP_SIZE), ("degraded", np.bool_), ("known", np.bool_)]
+CALL: list[Any] = [("stamp_ns", np.int64), ("seconds", np.float64), ("state", "U16"), ("peak", np.float64)]
+CALL += [("above_idle", np.float64), ("stages", np.float64, MAX_STAGES)]
+UNKNOWN_COVARIANCE, UNKNOWN_STEP = np.full(COVARIANCE_SIZE, np.nan), np.full(STEP_SIZE, np.nan)
+
+
+class _Rows:
+    """Rows that are added one by one; memory that no row has been written to is not resident."""
+
+    def __init__(self, kind: DTypeLike) -> None:
+        self._array: NDArray[Any] = np.empty(1024, np.dtype(kind, align=True))
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def add(self, *row: object) -> None:
+        if self._count == len(self._array):
+            longer = np.empty(2 * self._count, self._array.dtype)
+            longer[: self._count] = self._array
+            self._array = longer
+        self._array[self._count] = row
+        self._count += 1
+
+    def all(self) -> NDArray[Any]:
+        """Return a view that holds until the next row."""
+        return self._array[: self._count]
+
+
+class _CallRows(_Rows):
+    """The calls of a run."""
+
+    def __init__(self) -> None:
+        super().__init__(CALL)
+        self._stages = dict[str, int]()
+
+    def add_call(self, record: CallRecord) -> None:
+        stages = np.full(MAX_STAGES, np.nan)
+        for figure, seconds in record.statistics.items():
+            if (name := stage_of(figure)) and (name in self._stages or len(self._stages) < MAX_STAGES):
+                stages[self._stages.setdefault(name, len(self._stages))] = seconds
+        sizes = record.peak_rss_bytes, record.above_idle_bytes
+        peaks = (np.nan if value is None else value for value in sizes)
+        self.add(record.stamp_ns, record.processing_time_s, record.state, *peaks, stages)
+
+    def calls(self) -> Calls:
+        rows = self.all()
+        stages = {name: rows["stages"][:, column] for name, column in self._stages.items()}
+        figures = (rows["stamp_ns"], rows["seconds"], rows["state"].tolist(), rows["peak"], rows["above_idle"])
+        return Calls(*figures, stages)
+
+
+class _Latest(OrderedDict[int, T]):
+    """The last values by stamp."""
+
+    def __setitem__(self, stamp_ns: int, value: T) -> None:
+        super().__setitem__(stamp_ns, value)
+        while len(self) > MAX_KEPT:
+            self.popitem(last=False)
+
+
+class MapInputs:
+    """Clouds, and the truth of the pairs that they are made of, by stamp, until a score can be made of them."""
+
+    def __init__(self) -> None:
+        self.rig: StereoRig | None = None  # of the navigation cameras
+        self.true_points = _Latest[PointImage]()  # `(H, W, 3)` of each pair, metres, LM
+        self.poses = _Latest[Transform]()  # `T_lm_navsb` of each pair
+        self.clouds = _Latest[PointCloud]()  # as published; the stamp is that of the last pair
+        self._fusions = _Latest[CallRecord]()  # by the stamp of their cloud
+
+    def add_call(self, record: CallRecord) -> None:
+        """Add a call; that of a fusion names the pairs of its cloud."""
+        if record.state == MappingState.FUSED and record.pair_stamps_ns:
+            self._fusions[record.stamp_ns] = record
+
+    def take_complete(self) -> Iterator[tuple[PointCloud, list[PairTruth]]]:
+        """Yield, and forget, the clouds whose pairs and truth are known, with the truth of each pair."""
+        for stamp_ns in list(self.clouds):
+            fusion = self._fusions.get(stamp_ns)
+            if fusion is None or self.rig is None:
+                continue
+            wanted = fusion.pair_stamps_ns
+            if not all(stamp in self.true_points and stamp in self.poses for stamp in wanted):
+                continue
+            truths = [PairTruth(self.true_points[s], self.poses[s] @ self.rig.T_sb_left, self.rig) for s in wanted]
+            yield replace(self.clouds.pop(stamp_ns), fused=fusion.is_fused), truths
+
+
+class MonitorScore:
+    """Collects poses, truth, clouds and calls, and scores them; `map_score` is of the last map that could be scored."""
+
+    def __init__(self, config: ScoreConfig, limits: Limits | None, body: TrackedBody = RB_ITSELF) -> None:
+        """Start a run, judged by limits if there are any; `body` is what the true poses are of."""
+        self.map_inputs = MapInputs()
+        self._config, self._limits, self._body = config, limits, body
+        self._latest_ns: dict[str, int] = {}
+        self.restart()
+
+    def restart(self, kind: str = "", stamp_ns: int = 0) -> None:
+        """Forget everything but the inputs of maps to come; `kind` is what has begun another run, at a stamp."""
+        end_ns = max(self._latest_ns.values(), default=0)
+        self._ended_ns = {name: (ns, end_ns) for name, ns in self._latest_ns.items() if kind and name != kind}
+        self._latest_ns = {kind: stamp_ns} if kind else {}
+        self._estimates, self._truth, self._steps = _Rows(ESTIMATE), _Rows(TRUE_POSE), _Rows(STEP)
+        self._calls = _CallRows()
+        self.map_score: ScoredMap | None = None
+
+    def is_late(self, kind: str, stamp_ns: int) -> bool:
+        """Tell whether a stamp is of the run before, which another kind has left; of results, which come later."""
+        own_ns, end_ns = self._ended_ns.get(kind, (0, -1))  # what this kind had come to, and the run
+        new_ns = max(self._latest_ns.values(), default=stamp_ns)
+        late = kind in self._ended_ns and own_ns - JUMP_BACK_NS <= stamp_ns <= end_ns + JUMP_BACK_NS
+        late = late and stamp_ns - new_ns > JUMP_BACK_NS
+        if not late:
+            self._ended_ns.pop(kind, None)
+        return late
+
+    def jumped_back(self, kind: str, stamp_ns: int) -> bool:
+        """Tell whether a stamp lies so far behind the latest one of its kind that a new run must have begun."""
+        latest_ns = self._latest_ns.get(kind, stamp_ns)
+        self._latest_ns[kind] = max(latest_ns, stamp_ns)
+        return jumped_back(latest_ns, stamp_ns)
+
+    def add_estimate(
+        self, stamp_ns: int, position: Sequence[float], quat_xyzw: Sequence[float], covariance: FloatArray | None
+    ) -> None:
+        """Add an estimated pose of RB in DS, orientation and covariance `(6, 6)` in ROS order."""
+        _check(stamp_ns, position, quat_xyzw)
+        if not any(quat_xyzw):
+            raise InputError(f"the estimate of stamp {stamp_ns} has no attitude: its quaternion is zero")
+        lost = covariance is not None and bool((np.diagonal(covariance) >= LOST_VARIANCE).all())
+        triangle = UNKNOWN_COVARIANCE if covariance is None else covariance[UPPER]
+        self._estimates.add(stamp_ns, position, quat_xyzw, triangle, lost)
+
+    def add_truth(
+        self, stamp_ns: int, position: Sequence[float], quat_xyzw: Sequence[float], variances: FloatArray | None = None
+    ) -> None:
+        """Add a true pose of the tracked body in DS; a quaternion of zeros: its position alone. Variances `(6,)`."""
+        _check(stamp_ns, position, quat_xyzw)
+        if len(self._truth) and any(quat_xyzw) != self._truth.all()["quat"][0].any():
+            raise InputError(f"true pose of stamp {stamp_ns}: all poses of a truth have an attitude, or none has one")
+        self._truth.add(stamp_ns, position, quat_xyzw, np.nan if variances is None else variances)
+
+    def add_call(self, record: CallRecord) -> None:
+        """Add a call, before or after its pose; that of a fusion names the pairs of its cloud."""
+        self._calls.add_call(record)
+        degraded, known = record.state == TrackingState.DEGRADED, record.step is not None
+        if degraded or known:
+            self._steps.add(record.stamp_ns, record.step if known else UNKNOWN_STEP, degraded, known)
+        self.map_inputs.add_call(record)
+
+    def score_maps(self) -> bool:
+        """Score the clouds whose inputs are complete; the last one counts. Return whether there was one."""
+        scored = False
+        for cloud, truths in self.map_inputs.take_complete():
+            self.map_score = score_map(cloud, truths, self._config.map)
+            scored = True
+        return scored
+
+    def result(
+        self,
+        provenance: Provenance | None = None,
+        *,
+        details: bool = True,
+        ended: bool = False,
+        image_stamps_ns: IntArray | None = None,
+    ) -> Score:
+        """Return the score so far; with details, what figures are drawn from. Only what has ended is incomplete."""
+        drive = self._scored_trajectory(image_stamps_ns, details=details)
+        calls = score_calls(self._calls.calls(), details=details) if len(self._calls) else ScoredCalls()
+        figures = [
+            *(() if drive is None else drive.figures),
+            *(() if self.map_score is None else self.map_score.figures),
+            *calls.figures,
+        ]
+        shown = Details(
+            trajectory=None if drive is None else drive.details,
+            map=None if self.map_score is None else self.map_score.details,
+            calls=dict(calls.plots),
+        )
+        allowed = self._config.trajectory.partial or (self._limits is not None and self._limits.allow_missing)
+        score = Score(
+            figures=tuple(figures),
+            association=None if drive is None else drive.association,
+            truth=None if drive is None else drive.truth,
+            provenance=provenance,
+            cloud=None if self.map_score is None else self.map_score.cloud,
+            calls=calls.records if len(self._calls) else None,
+            incomplete=drive.association.incomplete if drive is not None and ended and not allowed else None,
+            details=shown if details and shown != Details() else None,
+        )
+        return judged(score, self._limits)
+
+    def _scored_trajectory(self, image_stamps_ns: IntArray | None, *, details: bool) -> ScoredTrajectory | None:
+        """Return the score of the poses that have come, by the function that scores files."""
+        if not len(self._estimates) or not len(self._truth):
+            return None
+        rows = self._truth.all()
+        poses = Trajectory(rows["stamp_ns"], rows["position"], rows["quat"])
+        truth = self._body.applied(poses, rows["variances"])
+        return score_trajectory(
+            self._given_estimates(),
+            truth,
+            self._config.trajectory,
+            image_stamps_ns=image_stamps_ns,
+            details=details,
+            under_way=True,
+        )
+
+    def _given_estimates(self) -> Estimates:
+        rows, said = self._estimates.all(), self._steps.all()
+        trajectory = Trajectory(rows["stamp_ns"], rows["position"], rows["quat"])
+        covariance = None if np.isnan(rows["covariance"]).all() else rows["covariance"]
+        if not len(said):
+            return Estimates.of(trajectory, rows["lost"], covariance=covariance)
+        last = unique_rows(said["stamp_ns"])
+        stamps = said["stamp_ns"][last]
+        at = np.minimum(np.searchsorted(stamps, rows["stamp_ns"]), len(stamps) - 1)
+        found = np.flatnonzero(stamps[at] == rows["stamp_ns"])
+        of_found = last[at[found]]
+        degraded, steps = np.zeros(len(rows), np.bool_), None
+        degraded[found] = said["degraded"][of_found]
+        if said["known"][of_found].any():
+            steps = np.full((len(rows), STEP_SIZE), np.nan)
+            steps[found] = said["step"][of_found]
+        return Estimates.of(trajectory, rows["lost"], degraded, covariance, steps)
+
+
+def _check(stamp_ns: int, position: Sequence[float], quat_xyzw: Sequence[float]) -> None:
+    Trajectory(np.array([stamp_ns]), np.array([position], np.float64), np.array([quat_xyzw], np.float64))
+
+
+class ReportFile:
+    """The file of a report that is saved again and again, and that of a run before; only reports are replaced."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def check(self) -> None:
+        """Check that reports can be saved: there is a report or nothing, and its folder can be written to."""
+        check_output(self._path)
+        path = output_target(self._path)
+        for file in (path, _before(path)):
+            try:
+                content = parse_json(read_text(file, MAX_JSON_BYTES))
+            except FileNotFoundError:
+                continue
+            except (OSError, ValueError):
+                content = None
+            if not isinstance(content, dict) or content.get("schema") != SCHEMA:
+                raise OutputError(f"save_file '{self._path}': '{file}' is not a report: choose another name")
+
+    def keep_previous(self) -> None:
+        """Rename the report of a run before to `*.before.json`: it may be all that is left of it."""
+        self.check()
+        path = output_target(self._path)
+        try:
+            if path.is_file():
+                os.replace(path, _before(path))
+        except OSError as error:
+            raise OutputError(f"cannot keep '{path}' of the run before: {error.strerror}") from error
+
+    def save(self, text: str) -> Path:
+        """Replace the report as a whole; return its path."""
+        write_text(text, self._path)
+        return self._path
+
+
+def _before(path: Path) -> Path:
+    return path.with_name(f"{path.stem}.before{path.suffix}")

@@ -1,0 +1,125 @@
+"""Conversion of any source to bags, folders and layouts of others, and back."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_result import Sfr
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "io"))
+
+from made_worlds import World, assert_is_world, assert_same_pairs, assert_same_trajectory, make_world, write_folder
+
+from sfr_loc_map.errors import InputError, OutputError
+from sfr_loc_map.inputs import hash_path
+from sfr_loc_map.io.bag import GROUND_TRUTH, Bag, read_trajectory
+from sfr_loc_map.io.convert import ConvertOptions, Layout, convert, convert_trajectory
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.sequence import LocSequence
+from sfr_loc_map.io.trajectory_file import read_trajectory_file
+
+
+@pytest.fixture
+def world() -> World:
+    return make_world()
+
+
+@pytest.mark.parametrize("name", ["x.mcap", "x.db3", "x.bag"])
+def test_folder_to_bag_to_folder_gives_the_same_files(tmp_path: Path, world: World, name: str) -> None:
+    folder = write_folder(tmp_path / "a", world)
+    done: list[int] = []
+    assert convert(open_source(folder), tmp_path / name, progress=done.append) == 6
+    assert (done[-1], done) == (6, sorted(done))
+    assert convert(open_source(tmp_path / name), tmp_path / "b") == 6
+    assert_is_world(open_source(tmp_path / "b"), world)
+    assert hash_path(tmp_path / "a") == hash_path(tmp_path / "b")
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(["a", "b", name])
+
+
+def test_nothing_is_left_when_the_source_breaks(tmp_path: Path, world: World) -> None:
+    folder = write_folder(tmp_path / "a", world, nav=False)
+    (folder / "left" / "000002.png").write_bytes(b"broken")
+    for name in ("x.mcap", "x.db3", "copy"):
+        with pytest.raises(InputError, match=r"000002\.png"):
+            convert(open_source(folder), tmp_path / name)
+    assert [p.name for p in tmp_path.iterdir()] == ["a"]
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "words"),
+    [
+        ("x.db3", ConvertOptions(zstd=True), "mcap"),
+        ("x.mcap", ConvertOptions(jpeg_quality=0), "1 to 100"),
+        ("x.mcap", ConvertOptions(truth_grid_m=0.1), "power of two"),
+        ("folder", ConvertOptions(jpeg_quality=90), "are for bags"),
+        ("k", ConvertOptions(layout=Layout.KITTI, jpeg_quality=90), "are for bags"),
+        ("k.mcap", ConvertOptions(layout=Layout.EUROC), "the name of a bag"),
+        ("nav", ConvertOptions(layout=Layout.KITTI), "has no drive"),
+    ],
+)
+def test_options_that_do_not_fit(tmp_path: Path, world: World, name: str, options: ConvertOptions, words: str) -> None:
+    source = open_source(write_folder(tmp_path / "a", world, loc=name != "nav"))
+    with pytest.raises(OutputError, match=words):
+        convert(source, tmp_path / name, options)
+    assert [p.name for p in tmp_path.iterdir()] == ["a"]
+
+
+def test_options_of_the_command_and_trajectories(tmp_path: Path, world: World, sfr: Sfr) -> None:
+    folder, bag, tum = write_folder(tmp_path / "a", world), tmp_path / "x.mcap", tmp_path / "t.tum"
+    options = ("--compression", "zstd", "--jpeg-quality", "90", "--truth-grid", "0.0009765625")
+    assert sfr("convert", folder, bag, *options).code == 0
+    assert "/loc/left/image_rect/compressed" in Bag(bag).topics
+    nav = open_source(bag).nav
+    truth = next(nav.pairs()).truth
+    assert not np.mod(truth[1:], 2.0**-10).any()
+    wrong = sfr("convert", bag, tmp_path / "y", "--remap", "a:=b")
+    assert (wrong.code, "no topic 'a'" in wrong.err) == (2, True)
+
+    assert sfr("convert", folder, tum).code == sfr("convert", tum, tmp_path / "t").code == 0
+    assert_same_trajectory(read_trajectory_file(tum).trajectory, world.truth)
+    assert_same_trajectory(read_trajectory_file(tmp_path / "t" / "groundtruth.csv").trajectory, world.truth)
+    assert convert_trajectory(world.truth, tmp_path / "t.mcap") == 4
+    assert_same_trajectory(read_trajectory(Bag(tmp_path / "t.mcap"), GROUND_TRUTH), world.truth)
+    no_truth = sfr("convert", write_folder(tmp_path / "n", world, loc=False), tmp_path / "n.txt")
+    assert (no_truth.code, "no true trajectory" in no_truth.err) == (2, True)
+
+
+def exported(world: World, folder: Path, layout: Layout) -> LocSequence:
+    convert(open_source(write_folder(folder / "a", world)), folder / "b", ConvertOptions(layout=layout))
+    source = open_source(folder / "b")
+    assert (source.format, source.nav) == (layout.value, None)
+    assert_same_pairs(source.loc.pairs(), world.pairs)
+    assert source.loc.rig.same_cameras(world.loc_rig)
+    return source.loc
+
+
+@pytest.mark.parametrize("layout", list(Layout))
+@pytest.mark.parametrize("seed", range(3))
+def test_other_layouts_keep_images_stamps_rig_and_the_motion_of_the_rig(
+    tmp_path: Path, seed: int, layout: Layout
+) -> None:
+    world = make_world(seed=seed)
+    loc, T_rb_sb = exported(world, tmp_path, layout), world.loc_rig.T_rb_sb
+    truth = loc.ground_truth
+    if layout is Layout.EUROC:
+        np.testing.assert_allclose(loc.rig.T_rb_sb.matrix, T_rb_sb.matrix, atol=1e-14)
+        assert_same_trajectory(truth, world.truth)
+        return
+    assert truth.stamps_ns.tolist() == world.truth.stamps_ns.tolist()
+    rigs = [world.truth.pose(i) @ T_rb_sb for i in range(len(truth))]
+    for i, rig in enumerate(rigs):  # DS of KITTI is the rig at its first pose
+        np.testing.assert_allclose(truth.pose(i).matrix, (rigs[0].inverse() @ rig).matrix, atol=1e-12)
+
+
+@pytest.mark.parametrize("layout", list(Layout))
+def test_without_extrinsics_the_truth_is_left_out(
+    tmp_path: Path, world: World, caplog: pytest.LogCaptureFixture, layout: Layout
+) -> None:
+    world = replace(world, loc_rig=replace(world.loc_rig, T_rb_sb=None))
+    assert exported(world, tmp_path, layout).ground_truth is None
+    (record,) = caplog.records
+    assert "T_rb_locsb" in record.getMessage()

@@ -1,0 +1,143 @@
+"""The score of a replay: poses of an external node converted; live, replay and `sfr score` give one map score."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from made_scene import write_folder
+from score_rows import number
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.cloud_file import save_cloud
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.mapping.mapper import Mapper
+from sfr_loc_map.metrics.config import ScoreConfig, score_config
+from sfr_loc_map.metrics.limits import parse_limits
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score_json import to_dict
+from sfr_loc_map.replay.result import ReplayFiles, ReplayResult, save_replay, score_replay
+from sfr_loc_map.report.page import overall_of
+from sfr_loc_map.runs.offline import MapRun, map_pairs
+from sfr_loc_map.scoring.monitor_score import MonitorScore
+from sfr_loc_map.scoring.score_run import ScoreInputs, score_files
+
+SAMPLE = Path(__file__).parents[2] / "sample" / "sample.mcap"
+
+
+def mapped(path: Path) -> tuple[Source, MapRun]:
+    source = open_source(path)
+    return source, map_pairs(source.nav, MappingConfig())
+
+
+def of_map(score: Score) -> dict[str, Any]:
+    """What a score says of a cloud, as JSON values."""
+    plain = to_dict(score)
+    about = [item for item in plain["figures"] if item["subject"] not in ("timing", "memory")]
+    return {"figures": about, "cloud": plain["cloud"]}
+
+
+def file_score(cloud: Path, source: Path) -> dict[str, Any]:
+    return of_map(score_files(ScoreInputs.of(cloud, source), ScoreConfig()))
+
+
+def live_score(source: Source, run: MapRun, cloud: PointCloud) -> dict[str, Any]:
+    """Return the map's score as the monitor makes it of what is published."""
+    monitor = MonitorScore(ScoreConfig(), None)
+    monitor.map_inputs.rig = source.nav.rig
+    for item in source.nav.pairs():
+        monitor.map_inputs.poses[item.pair.stamp_ns] = item.T_lm_navsb
+        monitor.map_inputs.true_points[item.pair.stamp_ns] = item.truth
+    for record in run.records:
+        monitor.add_call(replace(record, fused=cloud.fused if record.state == "fused" else None))
+    message = replace(cloud, fused=None, pair_stamps_ns=None)  # it does not say
+    monitor.map_inputs.clouds[run.maps[-1].stamp_ns] = message
+    assert monitor.score_maps()
+    return of_map(monitor.result())
+
+
+@pytest.mark.parametrize(
+    "case", ["folder, fused", "folder, not fused", pytest.param("sample, fused", marks=pytest.mark.slow)]
+)
+def test_live_replay_and_score_of_every_file_format_are_equal_to_the_last_digit(tmp_path: Path, case: str) -> None:
+    source, run = mapped(SAMPLE if case == "sample, fused" else write_folder(tmp_path / "source", 0, 3))
+    cloud = run.unfused if case == "folder, not fused" else run.fused.cloud
+    stamps = tuple(item.stamp_ns for item in run.maps)
+    result, files = ReplayResult(Trajectory.empty(), cloud, run.records, stamps), ReplayFiles(tmp_path)
+    save_replay(result, files)
+    replayed = of_map(score_replay(source, result, ScoreConfig(), None))
+    assert replayed["cloud"]["kind"] == ("single pairs" if case == "folder, not fused" else "fused")
+    assert replayed == file_score(files.cloud, source.path) == live_score(source, run, cloud)
+    for name in ("cloud.pcd", "cloud.npz"):
+        save_cloud(tmp_path / name, cloud)
+        assert file_score(tmp_path / name, source.path) == replayed
+
+
+def test_a_cloud_is_judged_by_the_truth_of_its_own_pairs(tmp_path: Path) -> None:
+    """Of four pairs the first two were refused: the cloud's pairs 0 and 1 are the source's 2 and 3."""
+    source = open_source(write_folder(tmp_path / "source", 0, 4))
+    mapper = Mapper(source.nav.rig, MappingConfig())
+    last = list(source.nav.pairs())[2:]
+    cloud = mapper.fuse([mapper.process(item.pair, item.T_lm_navsb, k) for k, item in enumerate(last)]).cloud
+    save_cloud(tmp_path / "c.ply", cloud)
+    score = file_score(tmp_path / "c.ply", source.path)
+    assert (number(score, "pairs"), number(score, "coverage") > 0.8) == (2, True)
+    assert number(score, "point_error", "p50") < 0.02
+    save_cloud(tmp_path / "d.ply", replace(cloud, pair_stamps_ns=(1, 2)))
+    with pytest.raises(InputError, match="give the source that it was made from"):
+        file_score(tmp_path / "d.ply", source.path)
+
+
+def test_a_replay_is_judged_by_the_images_of_its_source(tmp_path: Path) -> None:
+    source = open_source(write_folder(tmp_path / "source", 12, 0))
+    truth = source.loc.ground_truth
+    parts = {
+        rows: Trajectory(truth.stamps_ns[:rows], truth.positions[:rows], truth.quats_xyzw[:rows]) for rows in (12, 6, 0)
+    }
+    limits = parse_limits({"trajectory": [{"condition": "frames=2", "position_mean_m": 1.0}]}, "limits")
+    wanted = {12: None, 6: "the estimate covers 50 % of the images", 0: "no pose for any of 12 images"}
+    for (rows, estimate), partial in product(parts.items(), (False, True)):
+        files = ReplayFiles(tmp_path / f"{rows}-{partial}")
+        files.folder.mkdir()
+        result = ReplayResult(estimate, None, [], ())
+        save_replay(result, files)
+        config = score_config(["frames=2"], {"trajectory.partial": partial, "trajectory.spacing": 1})
+        score = score_replay(source, result, config, limits, files=files)
+        why = wanted[rows]
+        assert (score.incomplete or "").startswith("" if partial else why or "")
+        assert (score.incomplete is None) == (partial or why is None)
+        assert bool([text for text in score.warnings if "a part of the drive is judged" in text]) == (
+            partial and why is not None
+        )
+        expected = ["pass"] if rows else ["not enough data"]
+        assert [item.state for item in score.verdicts] == (
+            ["incomplete", *expected] if rows == 6 and not partial else expected
+        )
+        assert overall_of(score).state == ("incomplete" if score.incomplete else expected[0])
+        if rows:
+            offline = score_files(ScoreInputs.of(files.estimate, source.path), config)
+            about = ((each.association, each.rows(subject="trajectory")) for each in (offline, score))
+            assert next(about) == next(about)
+            assert (offline.incomplete, offline.warnings) == (score.incomplete, score.warnings)
+
+
+def test_a_replay_says_that_pairs_have_no_cloud_and_that_truth_is_sparse(tmp_path: Path) -> None:
+    path = write_folder(tmp_path / "source", 12, 3)
+    place = path / "loc" / "groundtruth.csv"
+    head, *rows = place.read_text().splitlines(keepends=True)
+    place.write_text(head + "".join(rows[::5]))
+    source = open_source(path)
+    stamps = np.asarray(source.loc.stamps_ns)
+    estimate = Trajectory(stamps, np.zeros((12, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (12, 1)))
+    result = ReplayResult(estimate, None, [], ())
+    score = score_replay(source, result, score_config(["frames=2"], {}), None)
+    assert score.incomplete == "the map holds 0 of 3 pairs"
+    assert any("the truth has 3 poses for 12 images" in text for text in score.warnings)

@@ -1,0 +1,87 @@
+"""Where a drive starts, the film of its tracks, and what a user is told of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from made_scene import HEIGHT, LOC_RIG, WIDTH, loc_pair, write_folder
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.visualisation import STRIP
+from sfr_loc_map.runs.offline import localise, start_pose, track_video
+
+FIRST_NS = 1_000_000_000_000
+IMAGE = np.zeros((2, 2), np.uint8)
+
+
+@dataclass(frozen=True)
+class OnePair:
+    """A drive of a pair, whose truth goes 1 m in each second: its x is the time since the pair, seconds."""
+
+    seconds: tuple[float, ...]
+    rig: StereoRig = LOC_RIG
+
+    @property
+    def ground_truth(self) -> Trajectory | None:
+        poses = (Transform(np.eye(3), np.array([s, 0.0, 0.0])) for s in self.seconds)
+        stamps = (FIRST_NS + round(s * NS_PER_S) for s in self.seconds)
+        return Trajectory.from_poses(zip(stamps, poses, strict=True))
+
+    def __len__(self) -> int:
+        return 1
+
+    def pairs(self) -> Iterator[StereoPair]:
+        yield StereoPair(FIRST_NS, IMAGE, IMAGE)
+
+
+@pytest.mark.parametrize(
+    ("truth_s", "offset_s", "expected_s"),
+    [
+        ((0.0, 0.5, 1.0), 0.0, 0.0),  # a pose of the truth at the pair
+        ((-2.0, 0.0, 1.0), 0.0, 0.0),  # the truth begins before it
+        ((-0.3, 0.1, 1.0), 0.0, 0.0),  # between two poses of the truth
+        ((-3.0, 3.0), 0.0, 3.0),  # too far apart: the next one
+        ((2.0, 3.0), 0.0, 2.0),  # the truth begins after it
+        ((-3.0, -2.0), 0.0, -2.0),  # it ends before it
+        ((0.0, 0.5, 1.0), 0.4, 0.5),  # the first one after a part that is left out
+        ((-3.0, -1.0, 0.0, 1.0), -1.5, 0.0),  # what is left out is before the pair
+    ],
+)
+def test_the_true_start_pose_is_that_of_its_stamp(
+    truth_s: tuple[float, ...], offset_s: float, expected_s: float
+) -> None:
+    start = start_pose(OnePair(truth_s), "truth", FIRST_NS + round(offset_s * NS_PER_S))
+    assert start.stamp_ns == FIRST_NS + round(expected_s * NS_PER_S)
+    np.testing.assert_allclose(start.T_ds_rb.translation, [expected_s, 0.0, 0.0], atol=1e-12)
+    assert not start.covariance.any()
+    assert start_pose(OnePair(truth_s), "identity").stamp_ns is None  # it holds at the first pair
+    with pytest.raises(InputError, match="needs ground truth"):
+        start_pose(OnePair(()), "truth")
+
+
+@pytest.mark.parametrize("ending", [".avi", ".mp4"])
+def test_a_film_has_one_image_for_each_pair_and_estimates_stay_the_same(tmp_path: Path, ending: str) -> None:
+    sequence = open_source(write_folder(tmp_path / "drive", 4, 0)).loc
+    path, config, start = tmp_path / f"tracks{ending}", LocalisationConfig(), Transform.identity()
+    with track_video(path, sequence.rig) as watch:
+        watched = [estimate for estimate, _ in localise(sequence, config, start, watch)]
+    for a, (b, _) in zip(watched, localise(sequence, config, start), strict=True):
+        np.testing.assert_array_equal(a.T_ds_rb.matrix, b.T_ds_rb.matrix)
+    film = cv2.VideoCapture(str(path))
+    images = []
+    while (read := film.read())[0]:
+        images.append(read[1])
+    assert [image.shape for image in images] == 4 * [(HEIGHT + STRIP, WIDTH, 3)]
+    grey = images[0][4 : HEIGHT - 4, 4 : WIDTH - 4].mean(axis=2)
+    assert np.median(np.abs(grey - 0.75 * loc_pair(0).left[4:-4, 4:-4])) < 12

@@ -1,0 +1,212 @@
+"""The live score is that of the file, whatever the order of the messages; what the monitor keeps and saves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from msgspec.structs import replace as struct_replace
+
+from sfr_loc_map.errors import InputError, MetricsError
+from sfr_loc_map.geometry.arrays import IntArray
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import LOST_VARIANCE
+from sfr_loc_map.io.truth import TrackedBody
+from sfr_loc_map.metrics.association import UPPER, Estimates
+from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
+from sfr_loc_map.metrics.limits import parse_limits
+from sfr_loc_map.metrics.score import Details, Score
+from sfr_loc_map.metrics.trajectory_score import ScoredTrajectory, score_trajectory
+from sfr_loc_map.runs.calls import CallRecord
+from sfr_loc_map.scoring.monitor_score import MonitorScore, ReportFile
+
+CONFIG = TrajectoryScoreConfig(conditions=("distance=0.5",), spacing=3)
+COUNT = 14
+Drive = tuple[Estimates, Trajectory]
+
+
+def small_drive(seed: int) -> Drive:
+    """A drive with covariances, steps, lost and degraded poses; some have no truth, or one at stamps of its own."""
+    rng = np.random.default_rng(seed)
+    stamps = np.cumsum(rng.integers(50_000_000, 150_000_000, COUNT)) + 1_700_000_000_000_000_000
+    positions = np.cumsum(rng.normal([0.1, 0, 0], 0.02, (COUNT, 3)), axis=0)
+    half = 0.02 * np.cumsum(rng.normal(size=COUNT))
+    quats = np.column_stack((0 * half, 0 * half, np.sin(half), np.cos(half)))
+    roots = rng.normal(0, 0.01, (COUNT, 6, 6))
+    covariance = np.cumsum(roots @ roots.transpose(0, 2, 1), axis=0)
+    upper = (roots @ roots.transpose(0, 2, 1))[:, *UPPER]
+    steps = np.column_stack((upper, rng.normal(0, 0.01, (COUNT, 6)), upper[::-1]))
+    steps[rng.random(COUNT) < 0.1] = np.nan
+    lost, degraded = rng.random(COUNT) < 0.05, rng.random(COUNT) < 0.1
+    covariance[lost], steps[lost] = LOST_VARIANCE * np.eye(6), np.nan
+    estimate = Trajectory(stamps, positions + np.cumsum(rng.normal(0, 0.01, (COUNT, 3)), axis=0), quats)
+    shift = rng.choice([0, 400, 37_000_000])  # equal, within the tolerance, at stamps of its own
+    some = np.flatnonzero(rng.random(COUNT) < 0.9)
+    truth = Trajectory(stamps[some] + shift, positions[some], quats[some])
+    return Estimates.of(estimate, lost, degraded, covariance[:, *UPPER], steps), truth
+
+
+def messages_of(drive: Drive) -> list[tuple[str, tuple[Any, ...]]]:
+    """The calls of the monitor's collector, in the order of the stamps."""
+    (estimates, truth), full = drive, np.empty((COUNT, 6, 6))
+    assert estimates.covariance is not None
+    assert estimates.steps is not None
+    full[:, *UPPER] = full[:, *UPPER[::-1]] = estimates.covariance
+    poses, messages = estimates.trajectory, []
+    for k, stamp in enumerate(poses.stamps_ns.tolist()):
+        messages.append(("add_estimate", (stamp, poses.positions[k], poses.quats_xyzw[k], full[k])))
+        state = "degraded" if estimates.degraded[k] else "lost" if estimates.lost[k] else "tracking"
+        step = estimates.steps[k] if np.isfinite(estimates.steps[k]).all() else None
+        messages.append(("add_call", (CallRecord(stamp, 0.1, state, None, None, step=step),)))
+    for k, stamp in enumerate(truth.stamps_ns.tolist()):
+        messages.append(("add_truth", (stamp, truth.positions[k], truth.quats_xyzw[k])))
+    return messages
+
+
+def in_order(score: Score) -> Score:
+    """The score without the counts of what came out of order, and without the calls, which are in theirs."""
+    assert score.association is not None
+    association = struct_replace(score.association, estimate_unordered=0, truth_unordered=0)
+    details = None if score.details is None else Details(trajectory=score.details.trajectory)
+    figures = tuple(row for row in score.figures if row.subject not in ("timing", "memory"))
+    return Score(figures=figures, association=association, truth=score.truth, details=details)
+
+
+def of_file(scored: ScoredTrajectory) -> Score:
+    details = None if scored.details is None else Details(trajectory=scored.details)
+    return Score(figures=scored.figures, association=scored.association, truth=scored.truth, details=details)
+
+
+def test_results_of_a_run_that_has_ended_do_not_begin_another_one() -> None:
+    monitor, second = MonitorScore(ScoreConfig(CONFIG), None), 10**9
+    assert not monitor.is_late("estimate", 20 * second)
+    for kind in ("truth", "estimate"):
+        assert not monitor.jumped_back(kind, 20 * second)
+    assert monitor.jumped_back("truth", 0)
+    monitor.restart("truth", 0)
+    for stamp_ns in (20 * second, 20 * second + 100):  # of the run before
+        assert monitor.is_late("estimate", stamp_ns)
+    assert not monitor.is_late("estimate", 22 * second)  # another clock: the truth alone has begun again
+    monitor.jumped_back("estimate", 5 * second)
+    monitor.jumped_back("truth", 9 * second)
+    monitor.restart("truth", 0)
+    for stamp_ns in (6 * second, 9 * second):  # results that come 4 s late
+        assert monitor.is_late("estimate", stamp_ns)
+    assert not monitor.is_late("truth", 100)
+    for stamp_ns in (100, 20 * second):  # of the new one, to its end
+        assert not monitor.is_late("estimate", stamp_ns)
+        assert not monitor.jumped_back("estimate", stamp_ns)
+
+
+def test_a_thousand_orders_of_messages_give_the_score_of_the_file() -> None:
+    """Equal, not nearly so."""
+    rng, flags = np.random.default_rng(7), 0
+    for seed in range(20):
+        drive = small_drive(seed)
+        scored, messages = score_trajectory(*drive, CONFIG), messages_of(drive)
+        offline = of_file(scored)
+        assert scored.association.matched > 6
+        flags += scored.association.lost + scored.association.degraded
+        monitor = MonitorScore(ScoreConfig(CONFIG), None)
+        for number in range(50):
+            monitor.restart()
+            asked = rng.integers(len(messages)) if number % 10 == 0 else -1
+            for position, row in enumerate(rng.permutation(len(messages))):
+                name, arguments = messages[row]
+                getattr(monitor, name)(*arguments)
+                if position == asked:
+                    monitor.result(details=False)  # changes nothing
+            if number % 10 == 0:
+                assert in_order(monitor.result()) == offline, (seed, number)
+            else:
+                assert in_order(monitor.result(details=False)) == struct_replace(offline, details=None), (seed, number)
+    assert flags > 12
+
+
+def test_of_poses_with_one_stamp_the_last_that_came_counts_as_in_a_file() -> None:
+    estimates, truth = small_drive(3)
+    rng, poses = np.random.default_rng(1), estimates.trajectory
+    for _ in range(20):
+        rows = rng.permutation([*range(COUNT), rng.integers(COUNT)])
+        live, given = scored_live(poses, rows, truth, rng)
+        assert in_order(live()) == in_order(of_file(score_trajectory(Estimates.of(given), truth, CONFIG)))
+        assert live().association.estimate_duplicates == 1
+    live, given = scored_live(poses, rng.integers(0, COUNT, 3 * COUNT), truth, rng)
+    for score in (live, lambda: score_trajectory(Estimates.of(given), truth, CONFIG)):
+        with pytest.raises(MetricsError, match="two runs"):
+            score()
+
+
+def scored_live(
+    poses: Trajectory, rows: IntArray, truth: Trajectory, rng: np.random.Generator
+) -> tuple[Callable[[], Score], Trajectory]:
+    """The score of a monitor that received rows of poses, each moved, and these."""
+    moved = poses.positions[rows] + rng.normal(0, 0.01, (len(rows), 3))
+    given = Trajectory(poses.stamps_ns[rows], moved, poses.quats_xyzw[rows])
+    monitor = MonitorScore(ScoreConfig(CONFIG), None)
+    for stamp, position, quat in zip(given.stamps_ns.tolist(), moved, given.quats_xyzw, strict=True):
+        monitor.add_estimate(stamp, position, quat, None)
+    for stamp, position, quat in zip(truth.stamps_ns.tolist(), truth.positions, truth.quats_xyzw, strict=True):
+        monitor.add_truth(stamp, position, quat)
+    return monitor.result, given
+
+
+def test_only_a_run_that_has_ended_is_incomplete() -> None:
+    """And then by the images, where they are known."""
+    estimates, truth = small_drive(3)
+    monitor, partial = (
+        MonitorScore(ScoreConfig(replace(CONFIG, partial=each)), parse_limits({"timing": {"mapping_max_s": 1}}, ""))
+        for each in (False, True)
+    )
+    poses, stamps = estimates.trajectory, estimates.trajectory.stamps_ns
+    for each in (monitor, partial):
+        for stamp, position, quat in zip(truth.stamps_ns.tolist(), truth.positions, truth.quats_xyzw, strict=True):
+            each.add_truth(stamp, position, quat)
+        for row in range(COUNT // 2):
+            each.add_estimate(int(stamps[row]), poses.positions[row], poses.quats_xyzw[row], None)
+    assert monitor.result().incomplete is None
+    assert {item.state for item in monitor.result().verdicts} == {"not enough data"}
+    assert "of the true path" in monitor.result(ended=True).incomplete
+    ended = monitor.result(ended=True, image_stamps_ns=stamps)
+    assert ended.incomplete.startswith("the estimate covers 50 % of the images")
+    assert [item.state for item in ended.verdicts] == ["incomplete", "not enough data"]
+    assert partial.result(ended=True).incomplete is None
+
+
+def report(name: str) -> str:
+    return f'{{"schema": "sfr-score/2", "warnings": ["{name}"]}}'
+
+
+def test_the_report_of_a_run_before_is_kept_once(tmp_path: Path) -> None:
+    path = tmp_path / "score.json"
+    file = ReportFile(path)
+    file.keep_previous()
+    assert file.save(report("first")) == path
+    file.keep_previous()
+    assert not path.exists()
+    file.save(report("second"))
+    assert (path.read_text(), (tmp_path / "score.before.json").read_text()) == (report("second"), report("first"))
+    ReportFile(path).keep_previous()
+    assert (tmp_path / "score.before.json").read_text() == report("second")
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_a_live_score_by_positions_alone_is_that_of_the_file() -> None:
+    """A quaternion of zeros carries that there is no attitude; an estimate that has none is refused."""
+    estimates, truth = small_drive(3)
+    body = TrackedBody((0.2, 0.1, 1.5), clock_offset_s=0.25, sigma_m=0.01)
+    shifted = Trajectory(truth.stamps_ns - 250_000_000, truth.positions, np.zeros((len(truth), 4)))
+    offline = score_trajectory(estimates, body.applied(shifted), CONFIG)
+    monitor = MonitorScore(ScoreConfig(CONFIG), None, body)
+    for name, arguments in messages_of((estimates, shifted)):
+        getattr(monitor, name)(*arguments)
+    found = in_order(monitor.result())
+    assert found == of_file(offline)
+    assert found.number("chord", "mean") is not None
+    assert found.number("attitude", "mean") is None
+    with pytest.raises(InputError, match="no attitude"):
+        monitor.add_estimate(1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0), None)

@@ -1,0 +1,171 @@
+"""The command `sfr score` and what lies behind it, on small files with known answers."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import score_rows
+from cli_result import Sfr
+from made_scene import NAV_RIG, nav_pair, write_folder
+from rosbags.rosbag2 import StoragePlugin, Writer
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.bag import STRING, TYPESTORE
+from sfr_loc_map.io.bag_messages import odometry
+from sfr_loc_map.io.cloud_file import save_cloud
+from sfr_loc_map.io.trajectory_file import save_trajectory
+from sfr_loc_map.runs.calls import CallRecord, encode_call, load_call_stats, save_stats
+from sfr_loc_map.scoring.score_run import estimates_of, load_estimates
+
+PERIOD_NS = 100_000_000
+Scored = Callable[..., dict[str, Any]]
+
+
+def straight(count: int = 300, scale: float = 1.0) -> Trajectory:
+    positions = np.column_stack((0.1 * scale * np.arange(count), np.zeros((count, 2))))
+    return Trajectory(np.arange(count) * PERIOD_NS, positions, np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)))
+
+
+@pytest.fixture
+def scored(sfr: Sfr) -> Scored:
+    def score(*arguments: object) -> dict[str, Any]:
+        done = sfr("score", *arguments, "--json", "-")
+        assert done.code == 0, done.err
+        return dict(json.loads(done.out))
+
+    return score
+
+
+def test_score_of_trajectories_in_files_and_bags_with_their_calls(tmp_path: Path, scored: Scored, sfr: Sfr) -> None:
+    """The estimate is 1 % short."""
+    files, stats = (tmp_path / "estimate.txt", tmp_path / "truth.csv"), tmp_path / "stats.csv"
+    for file, scale in zip(files, (0.99, 1.0), strict=True):
+        save_trajectory(file, straight(scale=scale))
+    states = ["lost,few_landmarks"] * 10 + ["degraded,unseen_motion"] * 3 + ["tracking,"] * 287
+    lines = [f"{k * PERIOD_NS},0.0{k % 3 + 1},{state},1000" for k, state in enumerate(states)]
+    stats.write_text("\n".join(["stamp_ns,processing_time_s,state,reason,peak_rss_bytes", *lines]) + "\n")
+    score = scored(*files)
+    figures, poses = score["figures"], score["association"]
+    assert (score["schema"], set(score["provenance"]["inputs"])) == ("sfr-score/2", {"estimate", "truth"})
+    assert (poses["matched"], poses["estimate_poses"]) == (300, 300)
+    position = score_rows.row(score, "position", condition="distance=5", part="pose")
+    assert position["n"] == 25
+    assert position["mean"] == pytest.approx(0.05)
+    assert position["sigma"] == pytest.approx(0.0, abs=1e-12)
+    assert "position error over 5 m" in sfr("score", *files).out
+    score = scored(*files, "--condition", "time=3", "--condition", "frames=7", "--stats", stats)
+    conditions = [item["condition"] for item in score["figures"] if item["figure"] == "chord"]
+    assert conditions == ["time=3", "frames=7"]
+    assert (score["association"]["lost"], score["association"]["degraded"]) == (10, 3)
+    assert score_rows.number(score, "lost") == pytest.approx(10 / 300)
+    assert score_rows.number(score, "localisation", "max") == 0.03
+    assert [score_rows.number(score, name, part="localisation") for name in ("peak", "above_idle")] == [1000, None]
+    bags = [tmp_path / "estimate.mcap", tmp_path / "truth.db3"]
+    assert [sfr("convert", *pair).code for pair in zip(files, bags, strict=True)] == [0, 0]
+    assert scored(*bags)["figures"] == figures
+
+
+def test_calls_that_cannot_be_are_refused_and_those_of_another_drive_told(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "stats.csv"
+    for row, words in (
+        ("0,-1.0,tracking,1000", "line 2: processing_time_s is -1: 0 to"),
+        ("0,inf,tracking,1000", "line 2: processing_time_s is inf: 0 to"),
+        ("0,0.1,LOST,1000", "line 2: state is 'LOST', must be one of initialising, tracking"),
+    ):
+        path.write_text(f"stamp_ns,processing_time_s,state,peak_rss_bytes\n{row}\n")
+        with pytest.raises(InputError, match=words):
+            load_call_stats(path)
+    path.write_text("stamp_ns,state\n5,lost\n")
+    assert not estimates_of(straight(3), [load_call_stats(path)]).lost.any()
+    assert "no call of the statistics has the stamp of an estimate" in caplog.text
+
+
+def test_a_cloud_file_without_its_kind_needs_the_option_and_one_with_it_is_not_contradicted(
+    tmp_path: Path, scored: Scored, sfr: Sfr
+) -> None:
+    """The cloud is the true points of one pair, 0.1 m further away."""
+    folder, silent, path = write_folder(tmp_path / "nav", 0, 1), tmp_path / "silent.ply", tmp_path / "cloud.ply"
+    xyz = nav_pair(0).truth.reshape(-1, 3) + np.float32([0.1, 0.0, 0.0])
+    v, u = np.indices((NAV_RIG.height, NAV_RIG.width), np.uint16).reshape(2, -1)
+    ones = np.ones(len(xyz), np.float32)
+    cloud = PointCloud(xyz, 0.1 * ones, ones, u, v, np.zeros(len(xyz), np.uint8), fused=False)
+    save_cloud(silent, replace(cloud, fused=None))
+    save_cloud(path, cloud)
+    score = scored(path, folder)
+    assert [score_rows.number(score, name) for name in ("pairs", "points", "coverage")] == [1, len(xyz), 1.0]
+    assert score_rows.number(score, "point_error", "mean") == pytest.approx(0.1, abs=1e-6)
+    assert "does not say whether it is fused: give --fused" in sfr("score", silent, folder).err
+    kinds = [scored(silent, folder, option)["cloud"]["kind"] for option in ("--fused", "--not-fused")]
+    assert kinds == ["fused", "single pairs"]
+    assert scored(path, folder, "--not-fused")["cloud"]["kind"] == "single pairs"
+    done = sfr("score", path, folder, "--fused")
+    assert (done.code, "says that it is not fused" in done.err) == (2, True)
+
+
+def recorded(path: Path, calls: Mapping[str, Sequence[str]]) -> Path:
+    """Write a bag with three estimates of a rover, and calls as JSON by their topic."""
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        name = "/rover/localisation/odometry"
+        poses = writer.add_connection(name, "nav_msgs/msg/Odometry", typestore=TYPESTORE)
+        for stamp_ns in (1, 2, 3):
+            message = odometry(stamp_ns, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
+            writer.write(poses, stamp_ns, TYPESTORE.serialize_cdr(message, "nav_msgs/msg/Odometry"))
+        for topic, texts in calls.items():
+            connection = writer.add_connection(topic, STRING, typestore=TYPESTORE)
+            for text in texts:
+                writer.write(connection, 3, TYPESTORE.serialize_cdr(TYPESTORE.types[STRING](text), STRING))
+    return path
+
+
+def test_a_bag_has_the_states_and_steps_of_its_node(tmp_path: Path) -> None:
+    step = np.random.default_rng(0).normal(size=48) / 3.0
+    degraded = CallRecord(3, 0.1, "degraded", step=step)
+    calls = {
+        "/rover/localisation_node/call": [encode_call(CallRecord(1, 0.1, "tracking")), encode_call(degraded)],
+        "/other/localisation_node/call": [encode_call(replace(degraded, stamp_ns=2))],
+        "/rover/mapping_node/call": [encode_call(replace(degraded, stamp_ns=2))],
+    }
+    found = load_estimates(recorded(tmp_path / "bag", calls))
+    assert found.degraded.tolist() == [False, False, True]
+    np.testing.assert_array_equal(found.steps, [np.full(48, np.nan)] * 2 + [step])
+    silent = load_estimates(recorded(tmp_path / "silent", {}))
+    assert (silent.degraded.any(), silent.steps) == (False, None)
+    with pytest.raises(InputError, match="'/rover/localisation_node/call'"):
+        load_estimates(recorded(tmp_path / "broken", {"/rover/localisation_node/call": ['{"stamp_ns": "later"}']}))
+
+
+def test_a_method_does_not_tell_its_own_cost(tmp_path: Path) -> None:
+    told = {
+        "processing_time_s": 0.001,
+        "peak_rss_bytes": 1.0,
+        "state": 2.0,
+        "finding": np.nan,
+        "cov_00": 1.0,
+        "own": 7.0,
+    }
+    save_stats(tmp_path / "s.csv", [CallRecord(5, 0.4, "tracking", 2 * 10**8, None, told)])
+    calls = load_call_stats(tmp_path / "s.csv").calls
+    assert (calls.seconds.tolist(), calls.peak_bytes.tolist(), list(calls.states)) == ([0.4], [2e8], ["tracking"])
+    header = (tmp_path / "s.csv").read_text().splitlines()[0].split(",")
+    assert len({*header}) == len(header)
+    assert "own" in header
+
+
+def test_steps_from_poses_that_are_left_out_are_not_known(tmp_path: Path) -> None:
+    records = [CallRecord(stamp, 0.1, "tracking", None, None, step=np.ones(48)) for stamp in range(10, 16)]
+    save_stats(tmp_path / "s.csv", [replace(record, covariance=np.eye(6)) for record in records])
+    rows = [0, 1, 3, 4]
+    poses = Trajectory(np.arange(10, 16)[rows], np.zeros((4, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (4, 1)))
+    steps = load_call_stats(tmp_path / "s.csv").estimates(poses).steps
+    assert steps is not None
+    assert np.isfinite(steps).all(axis=1).tolist() == [True, True, False, True]

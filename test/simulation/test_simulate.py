@@ -1,0 +1,132 @@
+"""A simulated data set: read back, the same for any number of workers, continued after a kill, refused when unlike."""
+
+import hashlib
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+
+from sfr_loc_map.config import build, load_yaml
+from sfr_loc_map.errors import OutputError
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.sequence import drive_of, panorama_of
+from sfr_loc_map.simulation.config import SimulationConfig
+from sfr_loc_map.simulation.drive import Plan
+from sfr_loc_map.simulation.simulate import SETTINGS, settings_text, simulate
+
+pytestmark = pytest.mark.slow
+
+pytest.importorskip("embreex")
+
+TINY = {
+    "terrain.coarseness": 8.0,
+    "rocks.cover": 0.01,
+    "rocks.smallest_m": 0.2,
+    "drive.segments": ["straight 1"],
+    "drive.pairs": 3,
+    "panorama.enabled": True,
+    "panorama.pan_deg": [5.0],
+    "panorama.tilt_deg": [25.0],
+    **{f"{rig}.{name}": value for rig in ("loc", "nav") for name, value in (("width", 48), ("height", 40))},
+    "loc.focal_px": 40.0,
+    "nav.focal_px": 40.0,
+    "sensor.samples": 1,
+}
+CONFIG = build(SimulationConfig, TINY)
+
+
+def digest(folder: Path) -> dict[str, str]:
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("made") / "both"
+    assert simulate(CONFIG, out, workers=1) == 4
+    return out
+
+
+def test_folder_reads_back_with_the_plans_truth_and_two_workers_make_the_same_bytes(made: Path, tmp_path: Path) -> None:
+    source, plan = open_source(made), Plan.make(CONFIG)
+    drive = drive_of(source)
+    assert np.array_equal(drive.ground_truth.positions, plan.trajectory().positions)
+    assert [pair.left.std() > 3 for pair in drive.pairs()] == [True] * 3
+    (nav,) = panorama_of(source).pairs()
+    assert np.allclose(nav.T_lm_navsb.matrix, plan.lm_pose(0).matrix, atol=1e-12)
+    simulate(CONFIG, tmp_path / "two", workers=2)
+    assert digest(tmp_path / "two") == digest(made)
+
+
+def workers_at_work(pid: int, end: float) -> list[psutil.Process]:
+    """Wait until both workers of a run have worked for half a second."""
+    found: list[psutil.Process] = []
+    while time.monotonic() < end and (len(found) < 2 or any(sum(item.cpu_times()[:2]) < 0.5 for item in found)):
+        found = [item for item in psutil.Process(pid).children() if "spawn_main" in " ".join(item.cmdline())]
+        time.sleep(0.05)
+    return found
+
+
+def start(config: Path, out: Path, stderr: int = subprocess.DEVNULL) -> subprocess.Popen[bytes]:
+    code = "from sfr_loc_map.cli.main import main; raise SystemExit(main())"
+    command = [sys.executable, "-c", code, "simulate", str(config), str(out), "--workers", "2"]
+    return subprocess.Popen(command, stderr=stderr)
+
+
+def test_run_killed_twice_continues_to_the_same_bytes(tmp_path: Path) -> None:
+    """Each time it is killed amid rendering, with images done and others not; what is done is not made again."""
+    slow = build(SimulationConfig, {**TINY, "drive.pairs": 4, "sensor.samples": 36})
+    whole, out, config = tmp_path / "whole", tmp_path / "killed", tmp_path / "config.yaml"
+    config.write_text(settings_text(slow))
+    simulate(slow, whole, workers=1)
+    kept: dict[Path, int] = {}
+    for _ in range(2):
+        process = start(config, out)
+        end = time.monotonic() + 100
+        while time.monotonic() < end and process.poll() is None:
+            if len(list(out.glob("loc/*/*.png"))) > len(kept):
+                break
+            time.sleep(0.005)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        assert not (out / "loc" / "pairs.csv").exists()
+        done = {path: path.stat().st_mtime_ns for path in out.glob("loc/*/*.png")}
+        assert len(kept) < len(done) < 8
+        assert kept.items() <= done.items()
+        kept = done
+    assert start(config, out).wait() == 0
+    assert all(path.stat().st_mtime_ns == made_ns for path, made_ns in kept.items())
+    assert digest(out) == digest(whole)
+
+
+def test_ctrl_c_ends_a_run_at_once_and_says_how_to_continue(tmp_path: Path) -> None:
+    """An image of this run takes far longer than that."""
+    slow = build(SimulationConfig, {**TINY, "loc.width": 2048, "loc.height": 2048, "sensor.samples": 64})
+    out, config = tmp_path / "out", tmp_path / "config.yaml"
+    config.write_text(settings_text(slow))
+    with start(config, out, subprocess.PIPE) as process:
+        end = time.monotonic() + 100
+        while time.monotonic() < end and not list(out.glob("loc/left")):
+            time.sleep(0.05)
+        workers = workers_at_work(process.pid, end)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(30) == 130  # 0.2 s where nothing else runs
+        assert "the same command continues" in process.stderr.read().decode().splitlines()[-1]
+    assert not any(worker.is_running() for worker in workers)
+
+
+def test_finished_or_unlike_folder(made: Path, tmp_path: Path) -> None:
+    before = digest(made)
+    assert simulate(CONFIG, made, workers=1) == 4
+    assert digest(made) == before
+    with pytest.raises(OutputError, match="other settings"):
+        simulate(build(SimulationConfig, {**TINY, "seed": 9}), made)
+    (tmp_path / "a.txt").write_text("a")
+    with pytest.raises(OutputError, match="is not a simulation"):
+        simulate(CONFIG, tmp_path)
+    assert build(SimulationConfig, load_yaml(made / SETTINGS)) == CONFIG
