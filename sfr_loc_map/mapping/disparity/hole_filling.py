@@ -35,7 +35,7 @@ SLOPE_PX = 2  #: Distance over which the slope of a surface is measured, pixels.
 VALID_WEIGHT = F(0.3)  #: Weight of valid pixels in a window: they repeat the disparity that they already have.
 COST_PERCENTILE = 93.0  #: A filled pixel matches no worse than this percentage of the valid pixels beside holes.
 BESIDE_HOLE_PX = 3  #: Distance within which a valid pixel is beside a hole.
-SAMPLING_STRIDE = 5  #: Every fifth valid pixel beside holes is used for the percentile.
+COST_STRIDE = 5  #: Every fifth valid pixel beside holes is used for the percentile.
 MIN_SAMPLES = 50  #: Samples that the percentile requires.
 MARGIN_SIGMAS = 1.5  #: Cost margin over other hypotheses, in standard deviations of the noise of one pixel.
 ASIDE_PX = F(2.0)  #: A surface that nothing else confirms must match better than disparities this far to either side.
@@ -128,7 +128,7 @@ def _scene(disparity: DisparityMap, px: FloatImage, valid: Mask, candidates: Mas
 def _max_cost(scene: HoleScene) -> np.float32:
     """Return the largest matching cost of a filled pixel, grey levels; 0 if too few pixels are beside holes."""
     beside_holes = np.flatnonzero(within(~scene.valid, BESIDE_HOLE_PX) & scene.valid)
-    costs = own_costs(scene, beside_holes[::SAMPLING_STRIDE])
+    costs = own_costs(scene, beside_holes[::COST_STRIDE])
     if len(costs) < MIN_SAMPLES:
         return F(0.0)
     return F(np.percentile(costs, COST_PERCENTILE))

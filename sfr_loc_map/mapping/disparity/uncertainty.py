@@ -9,7 +9,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatImage, median
 from sfr_loc_map.mapping.disparity.filters import box_mean, second_differences, upsample_bilinear
-from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity
+from sfr_loc_map.mapping.disparity.variational_refinement import EDGE_FACTOR, WINDOW_CELLS, RefinedDisparity
 
 F = np.float32
 
@@ -18,7 +18,6 @@ NOISE_INFORMATION = F(0.2026)
 because the mean of two images has a quarter of the residual's variance."""
 MIN_INFORMATION = F(1e-3)  #: Smallest information of a cell, 1 / px^2.
 MAX_SIGMA_PX = F(2.0)  #: Larger standard deviations are not stated.
-WINDOW_CELLS = 9  #: Side of the square over which information, weight and curvature are averaged, cells.
 SMOOTHING_BIAS = F(0.34)
 """Error per pixel of second difference and square cell of smoothing radius. Chosen on rendered ground of several kinds,
 lights and cameras together: docs/decisions/0003."""
@@ -27,7 +26,6 @@ CREASE_BIAS = F(1.2)
 and creases the field is wrong by as much as it bends."""
 MAX_CREASE_PX = F(1.0)
 """Larger second differences are edges between surfaces; the error beside an edge does not grow with its height."""
-MAX_GROUND_CURVATURE = 10.0  #: Second differences above this multiple of the median are edges, not the ground's shape.
 
 
 def disparity_sigma(refined: RefinedDisparity) -> FloatImage:
@@ -48,7 +46,7 @@ def disparity_sigma(refined: RefinedDisparity) -> FloatImage:
     along_x, along_y = second_differences(refined.cells_px)
     curvature = np.abs(along_x) + np.abs(along_y)
     median_curvature = median(curvature)
-    ground_curvature = np.minimum(curvature, F(MAX_GROUND_CURVATURE * median_curvature))
+    ground_curvature = np.minimum(curvature, F(EDGE_FACTOR * median_curvature))
     noise = F(0.125) / np.sqrt(information * weight)
     bias = np.square(SMOOTHING_BIAS * box_mean(ground_curvature, WINDOW_CELLS)) * (weight / information)
     crease_px = np.clip(box_mean(curvature, 3) - F(median_curvature), F(0.0), MAX_CREASE_PX)

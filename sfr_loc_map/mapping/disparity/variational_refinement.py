@@ -56,7 +56,7 @@ NOISY_PX = 1.2  #: Noise is large if the median standard deviation of a cell by 
 SOLVER_ITERATIONS = (8, 12, 12)  #: Conjugate gradient steps on each grid, finest first.
 MEAN_RADIUS_CELLS = 3  #: Half side of the window in which the initial field is averaged, cells.
 MEAN_TOLERANCES_PX = (F(1.5), F(0.7))  #: Cells that differ by less are averaged; the initial field is averaged twice.
-WINDOW_CELLS = 9  #: Side of the square over which brightness offset and noise level are averaged, cells.
+WINDOW_CELLS = 9  #: Side of the square over which figures of cells are averaged, cells.
 ROBUST_FACTOR = F(1.0 / 25.0)  #: Factor of the Cauchy weight: residuals of five standard deviations have half of it.
 CLIPPING_SIGMAS = 3.0  #: Residuals are clipped to this many standard deviations in the brightness offset.
 TEMPLATE_SIGMAS = 4.0  #: The template is the left image where the residual exceeds this many standard deviations.
@@ -65,7 +65,7 @@ ROUGHNESS_CELLS = 4  #: Spacing of the second differences that measure roughness
 ROUGHNESS_FACTOR = (
     10.0 / ROUGHNESS_CELLS**2
 )  #: Typical second difference at a spacing of one cell over the measured one.
-EDGE_ROUGHNESS = 10.0  #: Second differences are clipped to this multiple of the median, so that edges count little.
+EDGE_FACTOR = 10.0  #: Second differences above this multiple of the median are edges, not the shape of the ground.
 MIN_ROUGHNESS = 0.1  #: Smallest local roughness, as a multiple of the median.
 MIN_TYPICAL_PX = 1e-3  #: Smallest median of the second differences, pixels.
 ROUGHNESS_WINDOW = 5  #: Side of the square over which the local roughness is averaged, in units of its spacing.
@@ -219,7 +219,7 @@ def _local_size(differences: FloatImage) -> FloatImage:
     """Return the typical size of differences around each cell; single large ones, as at edges, count little."""
     size = np.abs(differences)
     typical = max(median(size), MIN_TYPICAL_PX)
-    clipped = np.minimum(size, F(EDGE_ROUGHNESS * typical))
+    clipped = np.minimum(size, F(EDGE_FACTOR * typical))
     local = np.square(box_mean(np.sqrt(clipped), WINDOW_CELLS))
     return box_mean(np.maximum(local, F(MIN_ROUGHNESS * typical)), ROUGHNESS_WINDOW)
 

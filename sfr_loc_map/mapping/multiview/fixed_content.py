@@ -17,7 +17,7 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.findings import Findings
-from sfr_loc_map.mapping.multiview.pair_view import PairView
+from sfr_loc_map.mapping.multiview.pair_view import MIN_TEXTURE, PairView
 
 F = np.float32
 
@@ -28,7 +28,6 @@ MIN_KNOWN_FRACTION = F(0.6)  #: Fraction of the window in which both pairs must 
 MIN_COVERAGE = F(1e-3)  #: Smallest fraction by which a window's sums are normalised.
 SAME_DISPARITY_PX = 1.0  #: Largest difference of the disparities of fixed content.
 MIN_MOTION_PX = 8.0  #: Smallest motion of ground in the image: with less motion ground resembles itself.
-MIN_TEXTURE = F(2.0)  #: Standard deviation of the grey levels of a window over the noise that a comparison requires.
 REGION_SAMPLES = 5  #: Side of the smallest region, samples.
 MIN_REGION_FRACTION = 0.003  #: Smaller fractions of the image are not removed.
 
@@ -103,7 +102,7 @@ def _similarity(a: FloatImage, b: FloatImage, noise: np.float32) -> FloatImage:
     difference = _window_mean(np.square(a - b)) / coverage
     variance_a = _window_mean(a * a) / coverage - np.square(_window_mean(a) / coverage)
     variance_b = _window_mean(b * b) / coverage - np.square(_window_mean(b) / coverage)
-    is_textured = np.minimum(variance_a, variance_b) > np.square(MIN_TEXTURE * noise)
+    is_textured = np.minimum(variance_a, variance_b) > np.square(F(MIN_TEXTURE) * noise)
     with np.errstate(divide="ignore", invalid="ignore"):
         similarity = F(1.0) - difference / (variance_a + variance_b)
     return np.asarray(np.where(is_textured & (known_fraction > MIN_KNOWN_FRACTION), similarity, F(0.0)), F)

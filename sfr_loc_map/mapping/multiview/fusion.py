@@ -22,7 +22,13 @@ from sfr_loc_map.geometry.arrays import FloatImage, Mask, median
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.findings import Findings
-from sfr_loc_map.mapping.multiview.pair_view import SHIFT_PX, PairView, ReprojectedPoints, reproject_into_view
+from sfr_loc_map.mapping.multiview.pair_view import (
+    MIN_TEXTURE,
+    SHIFT_PX,
+    PairView,
+    ReprojectedPoints,
+    reproject_into_view,
+)
 from sfr_loc_map.mapping.robust_statistics import mad_sigma
 
 F = np.float32
@@ -38,7 +44,6 @@ MEDIAN_ABSOLUTE = 0.6745  #: Median of the absolute value of a standard normal v
 MAX_RANGE_RATIO = 1.8  #: Measured over expected range differences above which poses disagree.
 MAX_GREY_RATIO = 0.45
 """Grey level differences over those at `SHIFT_PX` above which poses disagree; correct poses have 0.1 to 0.3."""
-MIN_TEXTURE = 2.0  #: Grey level differences at `SHIFT_PX` over the noise that a comparison of grey levels requires.
 
 
 class FusedViews(NamedTuple):

@@ -23,6 +23,7 @@ F = np.float32
 
 FEATHER_PX = 48.0  #: Distance from the image's border from which on points have their full weight, pixels.
 SHIFT_PX = 8  #: Grey levels are also compared at this offset along both axes: what a wrong pose would show.
+MIN_TEXTURE = 2.0  #: Spread of grey levels over the noise that a comparison of grey levels requires.
 MIN_DEPTH_M = 1e-3  #: Smallest depth of a point that is projected into a camera.
 MIN_COVERAGE = F(1e-3)  #: Smallest fraction of a blurred image's window that has points.
 
