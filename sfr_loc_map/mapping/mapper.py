@@ -41,7 +41,7 @@ from sfr_loc_map.mapping.disparity.photometric_residual import shift_rows
 from sfr_loc_map.mapping.disparity.right_camera import measure_right_camera, without_roll
 from sfr_loc_map.mapping.disparity.saturation import Saturation
 from sfr_loc_map.mapping.disparity.semi_global_matching import search_range
-from sfr_loc_map.mapping.findings import Findings, findings_of_pair
+from sfr_loc_map.mapping.findings import findings_of_pair
 from sfr_loc_map.mapping.multiview.fixed_content import without_fixed_content
 from sfr_loc_map.mapping.multiview.fusion import fuse_views
 from sfr_loc_map.mapping.multiview.pair_view import PairView
@@ -143,7 +143,7 @@ class Mapper:
         if not 1 <= len(maps) <= MAX_PAIRS:
             raise MappingError(f"a map is fused from 1 to {MAX_PAIRS} pairs: got {len(maps)}")
         ground = without_fixed_content([item.view.numbered(number) for number, item in enumerate(maps)], self._rig)
-        registered = RegisteredViews(ground.views, Findings())
+        registered = RegisteredViews(ground.views)
         if self._config.refine_poses:
             registered = register_views(ground.views, self._rig)
         fused = fuse_views(registered.views, self._rig)

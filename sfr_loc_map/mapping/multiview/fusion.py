@@ -53,7 +53,7 @@ class FusedViews(NamedTuple):
     findings: Findings
 
 
-class FusedView(NamedTuple):
+class KeptPoints(NamedTuple):
     """Points of one view after the fusion."""
 
     cloud: PointCloud  #: Points that are kept.
@@ -68,13 +68,13 @@ class Comparison(NamedTuple):
     total_weight: FloatImage  #: `(N,)`, weight of the point and of the views that agree, 1 / m^2.
     weighted_difference: FloatImage  #: `(N,)`, sum of weight times range difference of these views, 1 / m.
     merged: Mask  #: `(N,)`, another view agrees.
-    duplicate: Mask  #: `(N,)`, another view of larger weight has the same sample.
-    conflict: Mask  #: `(N,)`, another view of larger weight observes a farther surface.
+    duplicate: Mask  #: `(N,)`, a view with precedence has the same sample.
+    conflict: Mask  #: `(N,)`, a view with precedence observes a farther surface.
     findings: Findings  #: Agreement of the poses.
 
 
 def fuse_views(views: Sequence[PairView], rig: StereoRig) -> FusedViews:
-    """Return one cloud in LM; of two views with equal weights the first one has precedence."""
+    """Return one cloud in LM."""
     fused = [_fuse_view(number, views, rig) for number in range(len(views))]
     cloud = replace(PointCloud.concatenate([item.cloud for item in fused]), fused=len(views) > 1)
     statistics = {
@@ -88,15 +88,18 @@ def fuse_views(views: Sequence[PairView], rig: StereoRig) -> FusedViews:
     return FusedViews(cloud, sum((item.findings for item in fused), Findings(statistics)))
 
 
-def _fuse_view(number: int, views: Sequence[PairView], rig: StereoRig) -> FusedView:
+def _fuse_view(number: int, views: Sequence[PairView], rig: StereoRig) -> KeptPoints:
     """Return the points of a view, given by its number, after their fusion with the other views."""
     found = _compare(number, views, rig)
     cloud = _fused_points(views[number], found)
-    return FusedView(cloud, int(found.merged.sum()), int(found.conflict.sum()), found.findings)
+    return KeptPoints(cloud, int(found.merged.sum()), int(found.conflict.sum()), found.findings)
 
 
 def _compare(number: int, views: Sequence[PairView], rig: StereoRig) -> Comparison:
-    """Return what the other views say about the points of a view, given by its number."""
+    """Return what the other views say about the points of a view, given by its number.
+
+    The view with the larger weight has precedence; of two views with equal weights it is the first one.
+    """
     view = views[number]
     own_weight = view.images.weight[view.cloud.v, view.cloud.u]
     total_weight = own_weight.copy()
@@ -128,7 +131,12 @@ def _compare(number: int, views: Sequence[PairView], rig: StereoRig) -> Comparis
 
 
 def _fused_points(view: PairView, found: Comparison) -> PointCloud:
-    """Return the points of a view that are kept, moved along their rays to the weighted mean with the other views."""
+    """Return the points of a view that are kept, moved along their rays to the weighted mean with the other views.
+
+    With the ranges r_i and the weights w_i of the point and of the views that agree, the new range is
+    `sum w_i r_i / sum w_i` and its variance `c sigma^2 + (1 - c) / sum w_i`, c the fraction that all pairs have in
+    common.
+    """
     kept = np.flatnonzero(~(found.duplicate | found.conflict))
     cloud = view.cloud.select(kept)
     moved = np.flatnonzero(found.merged[kept])

@@ -39,7 +39,7 @@ class RegisteredViews(NamedTuple):
     """Result of the registration."""
 
     views: Sequence[PairView]  #: Views at their registered poses.
-    findings: Findings  #: Motions, and poses that could not be changed.
+    findings: Findings = Findings()  #: Motions, and poses that could not be changed.
 
 
 def register_views(views: Sequence[PairView], rig: StereoRig) -> RegisteredViews:
