@@ -40,7 +40,6 @@ reduce."""
 SAME_SAMPLE_PX = F(0.02)  #: Points closer than this in an image are one sample: the images have the same pose.
 AGREEMENT_STRIDE = 4  #: The agreement of poses is measured by every fourth point.
 MIN_OVERLAP = 1000  #: Points in common that a statement about poses requires.
-MEDIAN_ABSOLUTE = 0.6745  #: Median of the absolute value of a standard normal variable.
 MAX_RANGE_RATIO = 1.8  #: Measured over expected range differences above which poses disagree.
 MAX_GREY_RATIO = 0.45
 """Grey level differences over those at `SHIFT_PX` above which poses disagree; correct poses have 0.1 to 0.3."""
@@ -168,12 +167,12 @@ def pose_agreement(numbers: tuple[int, int], views: tuple[PairView, PairView], s
     sampled = np.s_[::AGREEMENT_STRIDE]
     difference = seen.difference[sampled]
     own_sigma = view.cloud.sigma[seen.index[sampled]]
-    normalised = np.abs(difference) / np.sqrt(np.square(own_sigma) + np.square(seen.sigma[sampled]))
+    sigma = np.sqrt(np.square(own_sigma) + np.square(seen.sigma[sampled]))
     middle = median(difference)
     grey = _spread(seen.grey_difference[sampled])
     grey_shifted = _spread(seen.grey_difference_shifted[sampled])
     is_textured = grey_shifted > MIN_TEXTURE * max(view.noise_grey, other.noise_grey)
-    range_ratio = float(F(median(normalised)) / MEDIAN_ABSOLUTE)
+    range_ratio = mad_sigma(difference / sigma)
     grey_ratio = grey / grey_shifted if is_textured else math.nan
     statistics = overlap | {
         f"difference_median_m_{i}_{j}": middle,
