@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
-from sfr_loc_map.jit import jit_fast, jit_fast_inline
+from sfr_loc_map.jit import jit_fast, jit_fast_inline, jit_fast_ir_inline
 from sfr_loc_map.localisation.frontend.patch import (
     MIN_POWER,
     LocalWarp,
@@ -65,7 +65,7 @@ class _Box(NamedTuple):
     bottom: float
 
 
-@jit_fast_inline
+@jit_fast_ir_inline
 def _bounding_box(warped: LocalWarp, pixels: PatchPixels, half: int) -> _Box:
     """Return the bounding box of a warped patch from its corners."""
     x = pixels.x
