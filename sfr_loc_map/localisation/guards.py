@@ -84,7 +84,7 @@ class Finding(Enum):
     PARTIAL_TRANSFER = auto()  #: Parts of the images are of different moments.
     UNEXPLAINED = auto()  #: An unusual fraction of the landmarks does not follow the pose.
     UNSETTLED = auto()  #: A pose was contradicted some pairs ago.
-    ONE_SIDED = auto()  #: Few landmarks are seen in both images: one of them may be old.
+    ONE_SIDED = auto()  #: Few inliers are seen in both images although both have texture: one of them may be old.
     AMBIGUOUS = auto()  #: It is unknown which of two motions is the ground's.
 
 
@@ -289,7 +289,7 @@ def _second_difference(image: FloatImage) -> FloatImage:
 
 # ---- wiring of the cameras
 
-MIN_RIGHT_FRACTION: Final = 0.3  #: Fraction of left landmarks seen in the right image below which a pair is one-sided.
+MIN_STEREO_FRACTION: Final = 0.3  #: Fraction of inliers seen in both images up to which a pair is one-sided.
 
 
 def is_one_image(pair: StereoPair) -> bool:
@@ -301,11 +301,12 @@ def is_one_image(pair: StereoPair) -> bool:
 
 
 def is_one_sided(frame: StereoFrame, tracks: Tracks) -> bool:
-    """Return whether few landmarks of the left image are seen in the right one although that has texture.
+    """Return whether few inliers of one image are seen in the other one, although that has texture.
 
     The images are then swapped, or one of them is old.
     """
-    return tracks.right_fraction <= MIN_RIGHT_FRACTION and is_textured(frame.right)
+    other = frame.right if tracks.is_left_fuller else frame.left
+    return tracks.stereo_fraction <= MIN_STEREO_FRACTION and is_textured(other)
 
 
 # ---- the pose

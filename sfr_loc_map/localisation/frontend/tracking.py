@@ -37,7 +37,7 @@ POSE_ITERATIONS = 10  #: Maximum number of Gauss-Newton iterations of the pose.
 INLIER_CHI2_PER_DOF = 9.0  #: Gate of an inlier: squared Mahalanobis residual per degree of freedom (3 sigma).
 MIN_INLIER_RATIO = 0.5  #: Minimum ratio of inliers to landmarks found in a trusted pose.
 MIN_FOUND_RATIO = 0.2  #: Minimum ratio of landmarks found to landmarks searched for in a trusted pose.
-SWAPPED_RIGHT_FRACTION = 0.6  #: Minimum fraction of landmarks seen in both images if left and right are swapped.
+SWAPPED_STEREO_FRACTION = 0.6  #: Minimum fraction of inliers seen in both images if left and right are swapped.
 PIXEL_FLOOR = 0.05  #: Minimum standard deviation of an observation, px.
 RESIDUAL_GAIN = 1.2  #: Variance of the image noise over the squared residual of a patch. Chosen on rendered drives.
 EDGE_FOCAL_PX = 600.0
@@ -84,12 +84,23 @@ class Tracks:
     inliers: Mask  #: `(M,)` landmarks whose residual passes the gate.
     inlier_count: int  #: Number of inliers.
     is_trusted: bool  #: Whether enough landmarks were found, and enough of these agree on the pose.
-    right_fraction: float  #: Fraction of the landmarks observed in the left image that the right image shows, too.
 
     @property
     def seen(self) -> StereoObservations:
         """The observations with their variances."""
         return StereoObservations(self.observations, self.variance)
+
+    @property
+    def is_left_fuller(self) -> bool:
+        """Whether at least as many inliers were observed in the left image as in the right one."""
+        return self.left_inlier_count >= int(np.count_nonzero(self.inliers & np.isfinite(self.observations[:, 2])))
+
+    @property
+    def stereo_fraction(self) -> float:
+        """Fraction of the inliers of the image that shows more of them that the other image shows, too."""
+        in_left = self.inliers & np.isfinite(self.observations[:, 0])
+        in_right = self.inliers & np.isfinite(self.observations[:, 2])
+        return float((in_left & in_right).sum() / max(int(in_left.sum()), int(in_right.sum()), 1))
 
     @property
     def left_inlier_count(self) -> int:
@@ -159,9 +170,6 @@ class Tracker:
             and count > MIN_INLIER_RATIO * found
             and found > MIN_FOUND_RATIO * len(chi2_per_dof)
         )
-        in_left = np.isfinite(seen.uv[:, 0])
-        in_both = in_left & np.isfinite(seen.uv[:, 2])
-        right_fraction = float(in_both.sum() / max(int(in_left.sum()), 1))
         return Tracks(
             pose=solution.pose,
             information=solution.information,
@@ -172,7 +180,6 @@ class Tracker:
             inliers=inliers,
             inlier_count=count,
             is_trusted=is_trusted,
-            right_fraction=right_fraction,
         )
 
     def refine(self, frame: StereoFrame, landmarks: Landmarks, start: Pose, offset: RightOffset) -> Tracks:
@@ -199,11 +206,15 @@ class Tracker:
         return self.solve(landmarks, StereoObservations(uv, variance), tracks.pose)
 
     def fits_swapped(self, frame: StereoFrame, tracks: Tracks, offset: RightOffset) -> bool:
-        """Return whether the landmarks fit well if left and right image are swapped."""
+        """Return whether the landmarks fit well if left and right image are swapped.
+
+        The image that shows more inliers was then taken by the other camera, a baseline beside.
+        """
         rotation, position = tracks.pose
-        start = Pose(rotation, position - rotation[:, 0] * self._camera.baseline_m)
+        baseline = rotation[:, 0] * self._camera.baseline_m
+        start = Pose(rotation, position - baseline if tracks.is_left_fuller else position + baseline)
         swapped = self.refine(frame._replace(left=frame.right, right=frame.left), tracks.landmarks, start, offset)
-        return swapped.is_trusted and swapped.right_fraction > SWAPPED_RIGHT_FRACTION
+        return swapped.is_trusted and swapped.stereo_fraction > SWAPPED_STEREO_FRACTION
 
     def position_variance(self, covariance: FloatArray, residual: FloatArray) -> FloatArray:
         """Return the variances `(N, 3)` uu, uv, vv of tracked positions, px^2.
