@@ -40,7 +40,7 @@ from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.worker import Overload
 from sfr_loc_map.nodes.messages import cloud_from_msg, covariance_of, header_msg, odometry_row, transform_from_pose
-from sfr_loc_map.nodes.reception import TransportGaps
+from sfr_loc_map.nodes.reception import RunOrder, TransportGaps
 from sfr_loc_map.nodes.runner import run
 from sfr_loc_map.runs.calls import decode_call
 from sfr_loc_map.scoring.monitor_score import MonitorScore, ReportFile
@@ -146,6 +146,9 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._score = MonitorScore(self.config.score, None)
         self._gaps: list[TransportGaps] = []
         self._camera_infos: dict[Side, CameraInfo] = {}
+        self._orders: dict[str, RunOrder[tuple[int, Callable[[], None]]]] = {
+            kind: RunOrder(keeps_late=True) for kind in ("estimate", "truth")
+        }
         self._early_points: deque[PointCloud2] = deque(maxlen=MAX_PAIRS)
         self._configurations: dict[str, Any] = {}
         self._changed = self._unsaved = False
@@ -154,7 +157,11 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
 
     def counts(self) -> dict[str, int]:
         """Return what was dropped since the start, by name."""
-        return {"dropped_in_transport": sum(gaps.lost for gaps in self._gaps)} | super().counts()
+        dropped = {
+            "dropped_in_transport": sum(gaps.lost for gaps in self._gaps),
+            "dropped_stray": sum(order.strays for order in self._orders.values()),
+        }
+        return dropped | super().counts()
 
     def _receive(self, kind: type[Any], topic: str, callback: Callable[[Any], None], qos: QoSProfile) -> None:
         """Subscribe with a callback that is called in the worker's thread."""
@@ -172,26 +179,29 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
 
     def _on_estimate(self, message: Odometry) -> None:
         stamp_ns, position, quat = odometry_row(message)
-        if not self._is_of_run("estimate", stamp_ns):
-            return
-        self._score.add_estimate(stamp_ns, position, quat, covariance_of(message))
-        self._note(stamp_ns)
+        covariance = covariance_of(message)
+        self._add_in_order("estimate", stamp_ns, lambda: self._score.add_estimate(stamp_ns, position, quat, covariance))
 
     def _on_truth(self, message: Odometry) -> None:
         stamp_ns, position, quat = odometry_row(message, positions_alone=True)
-        if not self._is_of_run("truth", stamp_ns):
-            return
-        self._score.add_truth(stamp_ns, position, quat, np.diagonal(covariance_of(message)))
-        self._note(stamp_ns)
+        variances = np.diagonal(covariance_of(message))
+        self._add_in_order("truth", stamp_ns, lambda: self._score.add_truth(stamp_ns, position, quat, variances))
 
-    def _is_of_run(self, kind: str, stamp_ns: int) -> bool:
-        """Tell whether a pose is none of the run before; the first one of another run restarts the score."""
+    def _add_in_order(self, kind: str, stamp_ns: int, add: Callable[[], None]) -> None:
+        """Add a pose once its run is known; strays and results of the run before are dropped."""
         if self._score.is_late(kind, stamp_ns):
-            return False
-        if self._score.jumped_back(kind, stamp_ns):
-            self.get_logger().warning(f"stamps of the {kind} have gone back: the score restarts")
-            self._score.restart(kind, stamp_ns)
-        return True
+            return
+        ready, begins_run = self._orders[kind].add(stamp_ns, (stamp_ns, add))
+        added = [(kind, *item) for item in ready]
+        if begins_run:
+            self.get_logger().warning(f"stamps of the {kind} have gone to another time: the score restarts")
+            self._score.restart(kind, ready[0][0])
+            for other, order in self._orders.items():
+                added += [(other, *item) for item in (order.release() if other != kind else ())]
+        for each, at_ns, add_pose in added:
+            self._score.note_stamp(each, at_ns)
+            add_pose()
+            self._note(at_ns)
 
     def _on_call(self, task: Task, message: String) -> None:
         call = decode_call(message.data, task)
@@ -297,6 +307,8 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
 
     def _reset(self) -> str:
         self._score.restart()
+        for order in self._orders.values():
+            order.restart()
         self._changed = True
         return "the score restarts"
 

@@ -25,16 +25,23 @@ class RunOrder(Generic[T]):
     present time is added first, the held items are strays. A stamp of zero is no stamp.
     """
 
-    def __init__(self, agreeing: int = AGREEING) -> None:
+    def __init__(self, agreeing: int = AGREEING, *, keeps_late: bool = False) -> None:
+        """Start before the first item; `keeps_late`: late items are accepted, as their order does not matter."""
         self.last_ns: int | None = None
         self.late = self.strays = 0
-        self._agreeing = agreeing
+        self._agreeing, self._keeps_late = agreeing, keeps_late
         self._held: list[tuple[int, T]] = []
 
     def restart(self) -> None:
         """Forget the last stamp and what is held: the next item begins a run."""
         self.last_ns = None
         self._held.clear()
+
+    def release(self) -> list[T]:
+        """Restart, and return the held items: they are of the run that another source has begun."""
+        held = [item for _, item in self._held]
+        self.restart()
+        return held
 
     def add(self, stamp_ns: int, item: T) -> tuple[list[T], bool]:
         """Take an item; return the items that may be processed, in order, and whether a new run begins with them."""
@@ -49,7 +56,7 @@ class RunOrder(Generic[T]):
             return [item], False
         if (stamp_ns < last_ns and not jumped_back(last_ns, stamp_ns)) or stamp_ns == last_ns:
             self.late += 1
-            return [], False
+            return [item] if self._keeps_late else [], False
         if self._held and stamp_ns <= self._held[-1][0]:
             self.strays += len(self._held)
             self._held.clear()

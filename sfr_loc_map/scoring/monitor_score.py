@@ -23,7 +23,7 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import JUMP_BACK_NS, LOST_VARIANCE, MAX_JSON_BYTES, jumped_back, parse_json, read_text
+from sfr_loc_map.inputs import JUMP_BACK_NS, LOST_VARIANCE, MAX_JSON_BYTES, parse_json, read_text
 from sfr_loc_map.io.atomic import check_output, output_target, write_text
 from sfr_loc_map.io.truth import RB_ITSELF, TrackedBody
 from sfr_loc_map.localisation.estimate import TrackingState
@@ -162,11 +162,9 @@ class MonitorScore:
             self._ended_ns.pop(kind, None)
         return late
 
-    def jumped_back(self, kind: str, stamp_ns: int) -> bool:
-        """Tell whether a stamp lies so far behind the latest one of its kind that a new run must have begun."""
-        latest_ns = self._latest_ns.get(kind, stamp_ns)
-        self._latest_ns[kind] = max(latest_ns, stamp_ns)
-        return jumped_back(latest_ns, stamp_ns)
+    def note_stamp(self, kind: str, stamp_ns: int) -> None:
+        """Note a stamp of a kind in the present run."""
+        self._latest_ns[kind] = max(self._latest_ns.get(kind, stamp_ns), stamp_ns)
 
     def add_estimate(
         self, stamp_ns: int, position: Sequence[float], quat_xyzw: Sequence[float], covariance: FloatArray | None

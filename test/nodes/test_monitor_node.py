@@ -70,3 +70,34 @@ def test_the_monitor_scores_what_it_receives(ros: None, capfd: Capture, tmp_path
         assert list(saved["provenance"]["configuration"]) == ["monitor"]
         assert peer.call("monitor_node/reset").success
         peer.until(lambda: not association_of(report), "the reset")
+
+
+@pytest.mark.parametrize("topic", ["ground_truth/odometry", "localisation/odometry"])
+@pytest.mark.parametrize("stray_ns", [0, START_NS - 5 * 10**9, START_NS + 4 * 3600 * 10**9])
+def test_a_stray_pose_is_dropped_and_counted_and_a_run_that_begins_again_restarts_the_score(
+    ros: None, capfd: Capture, topic: str, stray_ns: int
+) -> None:
+    arguments = params("publish_period_s:=0.1", "score.trajectory.conditions:=['frames=3']", "health.period_s:=0.1")
+    arguments += params("score.trajectory.spacing:=2")
+    with Manager("monitor_node") as peer, LocalNode(peer, capfd, MonitorNode, *arguments) as node:
+        report = peer.listen(String, "metrics/report", latched=True)
+
+        def send(where: str, stamp_ns: int, x: float) -> None:
+            peer.publish(Odometry, where, raw(bag_messages.odometry(stamp_ns, np.array([x, 0.0, 0.0]), NO_TURN)))
+
+        def drive(count: int) -> None:
+            for index in range(count):
+                for where in ("ground_truth/odometry", "localisation/odometry"):
+                    send(where, START_NS + 2 * index * 10**9, 0.1 * index)
+
+        drive(8)
+        send(topic, stray_ns, 50.0)
+        for where in ("ground_truth/odometry", "localisation/odometry"):
+            send(where, START_NS + 16 * 10**9, 0.8)
+        peer.until(lambda: association_of(report).get("matched") == 9, "the report of the whole drive")
+        assert node.node.counts()["dropped_stray"] == 1
+        assert "the score restarts" not in node.text
+        drive(5)
+        node.wait_for("the score restarts")
+        peer.until(lambda: association_of(report).get("matched") == 5, "the report of the new run")
+        assert node.node.counts()["dropped_stray"] == 1
