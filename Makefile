@@ -7,6 +7,7 @@ SEED ?= 1
 HOURS ?= 8
 SEEDS ?= 8101
 CORE := $(VENV)/.installed-core
+TEST_STAMP := $(VENV)/.installed-test
 STAMP := $(VENV)/.installed
 DEV_STAMP := $(VENV)/.installed-dev
 DOCS_STAMP := $(VENV)/.installed-docs
@@ -26,10 +27,10 @@ export PYTHONDONTWRITEBYTECODE :=
 TINY := --set terrain.coarseness=16 --set rocks.cover=0.01 --set rocks.smallest_m=0.2 --set drive.pairs=2 --set 'drive.segments=[straight 1]' \
 	--set loc.width=48 --set loc.height=40 --set loc.focal_px=40 --set nav.width=48 --set nav.height=40 --set nav.focal_px=40
 PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
-CAMPAIGN := PYTHONPATH=test/scenes:test/nodes $(BIN)/python test/campaign
+CAMPAIGN := PYTHONPATH=.:test $(BIN)/python -P -m campaigns
 SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
 
-.PHONY: help demo sample test test-fast faults misbehaviour signals drivers soak example-candidate fuzz recordings random-faults history-power kernels nees suite-overhead lint types config format check docs docs-check figures screens traceability docs-test dist dist-test clean
+.PHONY: help demo sample test test-fast test-quick faults misbehaviour signals drivers soak example-candidate fuzz recordings random-faults history-power kernels nees suite-overhead lint types config format check docs docs-check figures screens traceability docs-test dist dist-test clean
 
 help:  ## Show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -52,11 +53,14 @@ test: $(COMPILED)  ## Run all tests
 test-fast: $(COMPILED)  ## Run the tests that need neither running nodes nor seconds each, for daily work
 	$(BIN)/python -m pytest $(PARALLEL) -m "not ros and not slow"
 
+test-quick: $(TEST_STAMP)  ## Run the tests of metrics, geometry and localisation: no ROS, no simulator, no replay of the sample
+	$(BIN)/python -m pytest -n 2 -m "not ros and not slow and not sample" test/metrics test/geometry test/localisation
+
 faults: $(STAMP)  ## Inject one fault after the other into the nodes (FAULTS=); what was observed goes to out/faults.json
 	$(CAMPAIGN) faults $(FAULTS)
 
 misbehaviour: $(STAMP)  ## Run 37 methods that misbehave, and print the table of docs/candidates.md (CASES="crash hang")
-	PYTHONPATH=test/scenes:test/nodes $(BIN)/python test/methods/misbehaviour.py $(CASES)
+	$(CAMPAIGN) misbehaviour $(CASES)
 
 signals: $(DEV_STAMP)  ## Send signals to every long command at random times (COUNT=100): is anything lost or left
 	$(CAMPAIGN) signals $(or $(COUNT),100)
@@ -74,22 +78,22 @@ example-candidate: $(STAMP)  ## Compile the example candidate in C and run it on
 	$(BIN)/sfr score out/candidate/estimate.csv sample/sample.mcap --stats out/candidate/stats.csv
 
 fuzz: $(COMPILED)  ## Feed 2000 mutated files to all readers (SEED=N); what fails is kept in out/fuzz
-	PYTHONPATH=. $(BIN)/python test/fuzz --seed $(SEED)
+	$(CAMPAIGN) fuzz --seed $(SEED) $(ARGUMENTS)
 
 recordings: $(COMPILED)  ## From 48 kinds of recordings to a verdict: commands, seconds, error, what is said without (ROWS=)
-	PYTHONPATH=.:test/recordings $(BIN)/python test/recordings $(ROWS)
+	$(CAMPAIGN) recordings $(ROWS)
 
 random-faults: $(COMPILED)  ## Localise 100 drives with random faults: is one wrong without saying so (SEED=N)
-	PYTHONPATH=. $(BIN)/python test/localisation/random_faults.py 100 $(SEED) sample/sample.mcap
+	$(CAMPAIGN) random-faults 100 $(SEED) sample/sample.mcap
 
 history-power: $(COMPILED)  ## Simulate 2000 histories of suites: false alarms, what is found, nights needed (SEED=N)
-	$(BIN)/python test/campaign/history_power.py --seed $(SEED)
+	$(CAMPAIGN) history-power --seed $(SEED)
 
 kernels: $(CORE)  ## Compile all kernels as after an installation: seconds of each
 	PYTHONPATH=. $(BIN)/python tools/kernel_times.py $(PARTS)
 
 suite-overhead: $(COMPILED)  ## Measure what a suite adds to tasks of known length, and how long workers wait
-	$(BIN)/python test/campaign/suite_overhead.py
+	$(CAMPAIGN) suite-overhead
 
 lint: $(DEV_STAMP)  ## Check style
 	$(BIN)/ruff check .
@@ -119,7 +123,7 @@ nees: $(DOCS_STAMP)  ## NEES of the motion by interval, twelve rendered drives f
 	PYTHONPATH=. $(BIN)/python tools/nees.py --seeds $(SEEDS) --figure docs/images/concepts/nees_by_interval.svg $(if $(KITTI),--kitti $(KITTI))
 
 screens: $(DEV_STAMP)  ## Film and photograph the pages of the suite for the site: needs chromium
-	PYTHONPATH=.:test/live $(BIN)/python docs/_figures/screens.py
+	PYTHONPATH=.:test $(BIN)/python docs/_figures/screens.py
 
 traceability: $(BIN)/python  ## Write docs/traceability.md from the clauses and the markers of the tests
 	$(BIN)/python docs/_ext/traceability.py
@@ -152,6 +156,10 @@ $(BIN)/python:
 $(CORE): $(BIN)/python $(SOURCES)
 	rm -rf build
 	$(call install,.)
+	@touch $@
+
+$(TEST_STAMP): $(CORE)
+	$(call install,"sfr_loc_map[test]")
 	@touch $@
 
 $(STAMP): $(CORE)

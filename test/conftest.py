@@ -8,8 +8,8 @@ from pathlib import Path
 
 import hypothesis
 import pytest
-from cli_result import Result, Sfr
 
+from helpers.cli_result import Result, Sfr
 from sfr_loc_map.signals import END_SIGNALS
 
 os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")  # before any message class is imported
@@ -38,8 +38,7 @@ def shared_data() -> Path:
 @pytest.fixture
 def own_domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A ROS domain of the test's own, whose nodes write their logs below its folder."""
-    from ros_domain import free_domain
-
+    from helpers.ros_domain import free_domain
     from sfr_loc_map.nodes import environment
 
     monkeypatch.setenv("ROS_DOMAIN_ID", str(free_domain()))

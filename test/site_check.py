@@ -7,15 +7,12 @@ but what scrolls within (tables, figures). The search finds what users look for.
 from __future__ import annotations
 
 import asyncio
-import sys
 import threading
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parent / "live"))
-
-from browser import Browser
+from helpers.browser import Browser
 
 SITE = Path(__file__).resolve().parents[1] / "out" / "docs"
 WIDE, PHONE = 1280, 390

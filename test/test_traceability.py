@@ -1,12 +1,10 @@
 """The page of traceability is that of the clauses and the markers, and no clause of the software is without a test."""
 
-import sys
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.append(str(ROOT / "docs" / "_ext"))
+import traceability
 
-import traceability  # noqa: E402
+ROOT = Path(__file__).resolve().parents[1]
 
 
 def test_the_page_is_up_to_date() -> None:

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cli_result import Sfr
-from made_scene import write_bag
+
+from helpers.cli_result import Sfr
+from helpers.made_scene import write_bag
 from tutorial_runner import PAGES, ROOT, blocks
 
 SMALLER = {

@@ -5,7 +5,7 @@ of such frames, so that `true_position[ends]` is the true position at N+x of eve
 are of the RB origin in DS, metres. Quaternions `(F, 4)` are scalar last [3.1.1], of unit length, and take components
 in RB to components in DS (the conjugate of `att_q_DsToRb` [3.1.2]).
 
-test/metrics/reference.py says the same with loops and SciPy's rotations, and shares nothing with this module.
+test/helpers/metrics_reference.py says the same with loops and SciPy's rotations, and shares nothing with this module.
 """
 
 from __future__ import annotations

@@ -6,9 +6,9 @@ import warnings
 from pathlib import Path
 
 import pytest
-from made_scene import write_folder
 
 import sfr_loc_map as suite
+from helpers.made_scene import write_folder
 
 
 @pytest.fixture(scope="package")

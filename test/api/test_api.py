@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cli_result import Sfr
-from score_rows import number, rows_about
 
 import sfr_loc_map as suite
+from helpers.cli_result import Sfr
+from helpers.score_rows import number, rows_about
 from sfr_loc_map.errors import ConfigError, InputError
 
 LIMITS = {"trajectory": [{"condition": "frames=2", "position_mean_plus_3sigma_m": 0.5}]}

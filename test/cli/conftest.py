@@ -1,14 +1,11 @@
-"""Makes the helpers beside the tests importable."""
+"""Sources that are made once."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
 
 
 @pytest.fixture(scope="session")

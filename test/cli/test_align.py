@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_result import Sfr
-from score_rows import row
 
 import sfr_loc_map
+from helpers.cli_result import Sfr
+from helpers.score_rows import row
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.trajectory_file import save_trajectory
 

@@ -6,9 +6,10 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
-import broken_sources as broken
 import pytest
-from cli_result import Result, Sfr
+
+from helpers import broken_sources as broken
+from helpers.cli_result import Result, Sfr
 
 Made = Callable[[Path], Path]
 MadeOnce = Callable[[Made], Path]

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from broken_sources import good_folder
-from cli_result import Sfr
-from score_rows import number
 
+from helpers.broken_sources import good_folder
+from helpers.cli_result import Sfr
+from helpers.score_rows import number
 from sfr_loc_map.cli.main import PANELS
 from sfr_loc_map.errors import ExitCode
 from sfr_loc_map.geometry.stereo import StereoPair

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_result import Sfr
-from made_scene import write_folder
 from scipy.spatial.transform import Rotation
-from score_rows import number
 
+from helpers.cli_result import Sfr
+from helpers.made_scene import write_folder
+from helpers.score_rows import number
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.registry import open_source

@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import broken_sources as broken
 import numpy as np
 import pytest
-from cli_result import Sfr
-from made_scene import LOC_RIG, write_bag
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
-
-from processes import Process, wait_until
-
+from helpers import broken_sources as broken
+from helpers.cli_result import Sfr
+from helpers.made_scene import LOC_RIG, write_bag
+from helpers.processes import Process, wait_until
 from sfr_loc_map.doctor.examination import examine
 from sfr_loc_map.doctor.observation import Observation, ObservedTopic, Reliability
 from sfr_loc_map.io import bag_messages
@@ -187,8 +183,7 @@ GRAPHS = {
 def verdicts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
     """Return report, exit code and text of the doctor for rovers in a ROS domain each."""
     pytest.importorskip("rclpy")
-    from ros_domain import free_domain
-
+    from helpers.ros_domain import free_domain
     from sfr_loc_map.nodes import environment
 
     folder = tmp_path_factory.mktemp("rovers")
@@ -208,7 +203,7 @@ def verdicts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any
             return stack.enter_context(Process(folder / f"{name}.log", *command, environment=variables[what]))
 
         rovers = [f"{what}@{variables[what]['ROS_DOMAIN_ID']}" for what in GRAPHS]
-        start("rovers", "good", str(Path(__file__).with_name("rover_process.py")), *rovers).wait_for("ready")
+        start("rovers", "good", "-m", "helpers.rover_process", *rovers).wait_for("ready")
         doctors = {}
         for what in GRAPHS:
             options = ["--graph", "--seconds", "2", "--json", str(folder / f"{what}.json"), "--config", str(mount)]

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_result import Sfr
 
+from helpers.cli_result import Sfr
 from sfr_loc_map.errors import ExitCode
 from sfr_loc_map.geometry.rotation import quat_conjugate
 from sfr_loc_map.geometry.trajectory import Trajectory

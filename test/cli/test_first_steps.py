@@ -6,8 +6,8 @@ import re
 from pathlib import Path
 
 import pytest
-from cli_result import Sfr
 
+from helpers.cli_result import Sfr
 from sfr_loc_map.config import parameters, read_config
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 import typer
-from cli_result import Sfr
 
+from helpers.cli_result import Sfr
 from sfr_loc_map.cli.main import app
 
 ROOT: Any = typer.main.get_command(app)

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from broken_sources import good_folder
-from cli_result import Sfr
 
+from helpers.broken_sources import good_folder
+from helpers.cli_result import Sfr
 from sfr_loc_map.io.cloud_file import load_cloud
 
 rasterio = pytest.importorskip("rasterio", reason="extra dem")

@@ -6,7 +6,8 @@ import re
 from pathlib import Path
 
 import pytest
-from cli_result import Result, Sfr
+
+from helpers.cli_result import Result, Sfr
 
 CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")
 ESCAPE = "\x1b]0;taken over\x07\x1b[31m"

@@ -7,9 +7,10 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-import broken_sources as broken
 import pytest
-from cli_result import Sfr
+
+from helpers import broken_sources as broken
+from helpers.cli_result import Sfr
 
 MadeOnce = Callable[[Callable[[Path], Path]], Path]
 TUM = "".join(f"{t}.0 {0.5 * t} 0 0 0 0 0 1\n" for t in range(30))

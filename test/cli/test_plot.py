@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_result import Sfr
 
+from helpers.cli_result import Sfr
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.config import AlignedErrorConfig

@@ -14,11 +14,10 @@ import pytest
 
 pytest.importorskip("rclpy")
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(120), pytest.mark.usefixtures("own_domain")]
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
 
-from processes import Process, wait_until
 from rosbags.highlevel import AnyReader
 
+from helpers.processes import Process, wait_until
 from sfr_loc_map.io.bag import Bag
 from sfr_loc_map.io.registry import open_source
 
@@ -28,8 +27,7 @@ IMAGES = ["loc/left/image_rect", "loc/right/image_rect"]
 
 @pytest.fixture
 def rover(own_domain: None, tmp_path: Path) -> Iterator[Process]:
-    script = str(Path(__file__).with_name("rover_process.py"))
-    with Process(tmp_path / "rover.log", script, "good") as process:
+    with Process(tmp_path / "rover.log", "-m", "helpers.rover_process", "good") as process:
         process.wait_for("ready")
         yield process
         process.popen.terminate()

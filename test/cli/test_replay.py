@@ -13,13 +13,11 @@ import pytest
 
 pytest.importorskip("rclpy")
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(300)]
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
 
-from cli_result import Sfr
-from made_scene import fill, loc_pair, write_folder
-from processes import Process, has_started_ros, nodes_of, segments_of, wait_until
-from score_rows import number, rows_about
-
+from helpers.cli_result import Sfr
+from helpers.made_scene import fill, loc_pair, write_folder
+from helpers.processes import Process, has_started_ros, nodes_of, segments_of, wait_until
+from helpers.score_rows import number, rows_about
 from sfr_loc_map.io.bag_writer import BagWriter
 
 COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")

@@ -6,7 +6,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,14 +13,13 @@ import pytest
 
 pytest.importorskip("rclpy")
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(180)]
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
 
 import rclpy
-from cli_result import Sfr
-from made_scene import PERIOD_NS, START_NS, write_folder
 from nav_msgs.msg import Odometry
-from processes import Peer, Process
 
+from helpers.cli_result import Sfr
+from helpers.made_scene import PERIOD_NS, START_NS, write_folder
+from helpers.processes import Peer, Process
 from sfr_loc_map.inputs import stamp_of
 
 COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")

@@ -11,15 +11,14 @@ import pytest
 
 pytest.importorskip("rclpy")
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(180)]
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
 
-from cli_result import Sfr
-from made_scene import write_folder
-from processes import Process
-from score_rows import number, rows_about
+from helpers.cli_result import Sfr
+from helpers.made_scene import write_folder
+from helpers.processes import Process
+from helpers.score_rows import number, rows_about
 
 COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
-NODE = Path(__file__).parent / "faulty_external_node.py"
+NODE = Path(__file__).parents[1] / "helpers" / "faulty_external_node.py"
 PAIRS = 16
 CONVENTION = ["--convention", "frame=left_optical", "--convention", "world=first_pose"]
 SCORED = ["--condition", "frames=2"]

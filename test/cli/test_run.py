@@ -15,14 +15,13 @@ import yaml
 
 pytest.importorskip("rclpy")
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(120), pytest.mark.usefixtures("own_domain")]
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
 
-from made_scene import LOC_RIG, T_RB_LOCSB, loc_pair
 from nav_msgs.msg import Odometry
-from processes import Peer, Process, has_started_ros, nodes_of, segments_of, wait_until
-from scenes import MOUNT, raw, send_infos, send_pair
 from sensor_msgs.msg import Image
 
+from helpers.made_scene import LOC_RIG, T_RB_LOCSB, loc_pair
+from helpers.node_scenes import MOUNT, raw, send_infos, send_pair
+from helpers.processes import Peer, Process, has_started_ros, nodes_of, segments_of, wait_until
 from sfr_loc_map.cli.main import main
 from sfr_loc_map.io import bag_messages
 

@@ -1,6 +1,5 @@
 """Signals end a command in good order: what was finished is written, what was there stays, nothing is left."""
 
-# ruff: noqa: E402 - the paths of helpers come first
 from __future__ import annotations
 
 import os
@@ -11,13 +10,11 @@ import sys
 from pathlib import Path
 
 import pytest
-from cli_result import Sfr
-from made_scene import write_folder
 
-sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("campaign", "nodes")]
-from processes import Process, wait_until
-from signal_runs import SFR, end_at_random
-
+from campaigns.signal_runs import SFR, end_at_random
+from helpers.cli_result import Sfr
+from helpers.made_scene import write_folder
+from helpers.processes import Process, wait_until
 from sfr_loc_map.io.registry import open_source
 
 END = [signal.SIGTERM, signal.SIGHUP, signal.SIGINT]

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-import score_rows
-from cli_result import Result, Sfr
-from made_scene import LOC_RIG, NAV_RIG, loc_pair, nav_pair
 from scipy.spatial.transform import Rotation
 
+from helpers import score_rows
+from helpers.cli_result import Result, Sfr
+from helpers.made_scene import LOC_RIG, NAV_RIG, loc_pair, nav_pair
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.cloud_file import load_cloud, save_cloud

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from broken_sources import good_folder
-from cli_result import Sfr
 
+from helpers.broken_sources import good_folder
+from helpers.cli_result import Sfr
 from sfr_loc_map.io.registry import open_source
 
 TINY = """

@@ -16,11 +16,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from cli_result import Sfr
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "suite"))
-from made_suites import SFR, made_suite, results
-from score_rows import row
+from helpers.cli_result import Sfr
+from helpers.made_suites import SFR, made_suite, results
+from helpers.score_rows import row
 
 DRIVES = 3
 LIMITS = {"trajectory": [{"condition": "distance=1", "position_mean_plus_3sigma_m": 1.0}]}

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from scipy.spatial.transform import Rotation
-from strategies import matrices, rotvecs, vectors
 
+from helpers.strategies import matrices, rotvecs, vectors
 from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.rotation import (
     matrix_from_quat,

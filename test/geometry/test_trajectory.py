@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strategies import transforms
 
+from helpers.strategies import transforms
 from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.rotation import matrix_from_quat
 from sfr_loc_map.geometry.trajectory import Trajectory

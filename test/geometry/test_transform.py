@@ -5,8 +5,8 @@ from math import cos, radians, sin
 import numpy as np
 import pytest
 from hypothesis import given
-from strategies import matrices, transforms, vectors
 
+from helpers.strategies import matrices, transforms, vectors
 from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec, quat_conjugate, quat_from_matrix
 from sfr_loc_map.geometry.transform import Transform

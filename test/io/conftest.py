@@ -1,13 +1,8 @@
-"""Makes the helpers beside the tests importable, and gives a small data set."""
-
-import sys
-from pathlib import Path
+"""A small data set."""
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))
-
-from made_worlds import World, make_world
+from helpers.made_worlds import World, make_world
 
 
 @pytest.fixture

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_worlds import START_NS, World, assert_is_world, assert_same_pairs, write_bag
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
+from helpers.made_worlds import START_NS, World, assert_is_world, assert_same_pairs, write_bag
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io import bag_messages as messages

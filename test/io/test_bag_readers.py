@@ -8,9 +8,9 @@ from pathlib import Path
 
 import lz4.frame
 import pytest
-from made_ros1 import write_ros1
-from made_worlds import World, assert_is_world, assert_same_pairs, write_bag
 
+from helpers.made_ros1 import write_ros1
+from helpers.made_worlds import World, assert_is_world, assert_same_pairs, write_bag
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import FREE_BYTES
 from sfr_loc_map.io.bag import Bag

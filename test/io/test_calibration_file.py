@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -17,13 +16,10 @@ import pytest
 import yaml
 from hypothesis import example, given
 from hypothesis import strategies as st
-from made_worlds import blob, centre_of, seen_at
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "recordings"))
-
-from drive import Drive
-from rows import ROWS
-
+from campaigns.recordings.drive import Drive
+from campaigns.recordings.rows import ROWS
+from helpers.made_worlds import blob, centre_of, seen_at
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec, quat_from_matrix
 from sfr_loc_map.geometry.stereo import StereoRig

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_worlds import START_NS
 
+from helpers.made_worlds import START_NS
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.inputs import SIDES

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_result import Sfr
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "io"))
-
-from made_worlds import World, assert_is_world, assert_same_pairs, assert_same_trajectory, make_world, write_folder
-
+from helpers.cli_result import Sfr
+from helpers.made_worlds import (
+    World,
+    assert_is_world,
+    assert_same_pairs,
+    assert_same_trajectory,
+    make_world,
+    write_folder,
+)
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.inputs import hash_path
 from sfr_loc_map.io.bag import GROUND_TRUTH, Bag, read_trajectory

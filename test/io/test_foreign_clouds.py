@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_result import Sfr
-from made_worlds import World
 
+from helpers.cli_result import Sfr
+from helpers.made_worlds import World
 from sfr_loc_map.io.cloud_file import load_cloud
 from sfr_loc_map.io.folder import FolderWriter
 

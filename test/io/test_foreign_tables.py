@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_result import Sfr
 
+from helpers.cli_result import Sfr
 from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_normalised
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S

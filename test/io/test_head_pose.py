@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from math import pi
 from pathlib import Path
@@ -10,13 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "recordings"))
-
-from bags import Recording, T, header, transform
-from drive import BEGIN_NS, Drive
-from made_worlds import random_pair
-from rows import add_mapping
-
+from campaigns.recordings.bags import Recording, T, header, transform
+from campaigns.recordings.drive import BEGIN_NS, Drive
+from campaigns.recordings.rows import add_mapping
+from helpers.made_worlds import random_pair
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.extrinsics import FramesConfig
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec

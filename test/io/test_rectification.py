@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_worlds import blob, centre_of, seen_at
 
+from helpers.made_worlds import blob, centre_of, seen_at
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-import made_layouts as made
 import pytest
-from made_worlds import make_world, write_folder
 
+from helpers import made_layouts as made
+from helpers.made_worlds import make_world, write_folder
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.registry import open_source
 

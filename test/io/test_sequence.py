@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import cv2
-import made_layouts as made
 import numpy as np
 import pytest
-from made_worlds import blob, centre_of
 
+from helpers import made_layouts as made
+from helpers.made_worlds import blob, centre_of
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.io.registry import open_source

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_worlds import assert_same_trajectory
 
+from helpers.made_worlds import assert_same_trajectory
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec, quat_from_matrix, quat_normalised
 from sfr_loc_map.geometry.trajectory import Trajectory

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cli_result import Sfr
 from rosbags.rosbag2 import StoragePlugin, Writer
-from score_rows import number
 
+from helpers.cli_result import Sfr
+from helpers.score_rows import number
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_multiply, quat_normalised, quat_rotate
 from sfr_loc_map.geometry.trajectory import Trajectory

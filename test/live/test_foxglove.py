@@ -15,11 +15,11 @@ pytest.importorskip("foxglove", reason="needs the extra [foxglove]")
 pytest.importorskip("aiohttp", reason="needs the extra [live]")
 
 import aiohttp
-from foxglove_client import first_messages
-from live_run import updates
-from page_server import served
-from score_rows import number
 
+from helpers.foxglove_client import first_messages
+from helpers.live_run import updates
+from helpers.page_server import served
+from helpers.score_rows import number
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.live.foxglove import IMAGES, TOPICS, FoxgloveView
 from sfr_loc_map.live.media import cloud_samples, image_sample

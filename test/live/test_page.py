@@ -7,14 +7,14 @@ import time
 from dataclasses import replace
 
 import pytest
-from browser import CHROMIUM, Browser
-from live_run import NODES, STEP_NS, fill, frame, health, image
-from made_scores import HOSTILE, whole_score
+
+from helpers.browser import CHROMIUM, Browser
+from helpers.live_run import NODES, STEP_NS, fill, frame, health, image
+from helpers.made_scores import HOSTILE, whole_score
 
 pytest.importorskip("aiohttp", reason="aiohttp is not installed: pip install '.[live]'")
 
-from page_server import Recorder, served
-
+from helpers.page_server import Recorder, served
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.live.server import LiveServer
 from sfr_loc_map.live.state import LiveState

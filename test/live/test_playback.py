@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_scene import PERIOD_NS, START_NS, nav_pair, true_pose, write_folder
 from rosbags.rosbag2 import StoragePlugin, Writer
-from score_rows import row, rows_about
 
+from helpers.made_scene import PERIOD_NS, START_NS, nav_pair, true_pose, write_folder
+from helpers.score_rows import row, rows_about
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import PointCloud

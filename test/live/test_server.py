@@ -12,16 +12,15 @@ from collections.abc import Awaitable, Callable
 from typing import Any
 
 import pytest
-from live_run import fill, frame
 
+from helpers.live_run import fill, frame
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import Action, Command, ImageSample, View
 
 aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed: pip install '.[live]'")
 
-from page_server import Recorder, served  # noqa: E402 - needs aiohttp
-
+from helpers.page_server import Recorder, served  # noqa: E402 - needs aiohttp
 from sfr_loc_map.live import server  # noqa: E402 - as above
 from sfr_loc_map.live.server import LiveConfig, LiveServer  # noqa: E402 - as above
 

@@ -6,10 +6,10 @@ import json
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from live_run import NODES, call, fill, health
-from made_scores import HOSTILE, dig, json_of, whole_score
 from msgspec.structs import replace
 
+from helpers.live_run import NODES, call, fill, health
+from helpers.made_scores import HOSTILE, dig, json_of, whole_score
 from sfr_loc_map.live.state import MAX_CALLS, MAX_NODES, LiveState
 from sfr_loc_map.live.updates import GraphView, PoseSample, Report, Sampled, Status, StatusKind, Track, Update
 from sfr_loc_map.metrics.score_json import to_json

@@ -15,9 +15,9 @@ from contextlib import suppress
 from typing import Any
 
 import pytest
-from live_run import NODES, health, pose_pair, report, updates
 from rich.console import Console
 
+from helpers.live_run import NODES, health, pose_pair, report, updates
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.terminal import Terminal, one_line_of
 from sfr_loc_map.live.updates import Report, TimeLine

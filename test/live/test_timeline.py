@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from live_run import STEP_NS, call, health, pose_pair
-from made_scores import whole_score
-
+from helpers.live_run import STEP_NS, call, health, pose_pair
+from helpers.made_scores import whole_score
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.timeline import MAX_EVENTS, EventKind, Timeline
 from sfr_loc_map.live.updates import PoseSample, Report

@@ -11,10 +11,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from loc_drive import drive, noisy, run
-from made_scene import LOC_RIG, true_pose
 from numpy.typing import NDArray
 
+from helpers.loc_drive import drive, noisy, run
+from helpers.made_scene import LOC_RIG, true_pose
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import drive_of
@@ -74,6 +74,7 @@ SEVERE = ("texture", "reflection", "body:amount=0.6", "ghost:share=0.3", "interl
 LATER = ("reflection:share=1,start=5", "ghost:amount=0.66,share=0.5,burst=4,start=5")
 
 
+@pytest.mark.sample
 @pytest.mark.parametrize("fault", [*SEVERE, "yaw:amount=0.3", "shift:amount=2", "ghost:share=1", *LATER])
 def test_what_no_pose_explains_is_said(fault: str) -> None:
     """Most of the image does not move with the ground, or is of another moment; the right camera looks elsewhere."""

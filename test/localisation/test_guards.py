@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from loc_drive import drive, errors, localiser, noisy, run
-from made_scene import HEIGHT, true_pose
 
+from helpers.loc_drive import drive, errors, localiser, noisy, run
+from helpers.made_scene import HEIGHT, true_pose
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.localisation.estimate import StateReason, TrackingState
 from sfr_loc_map.localisation.guards import RULES, Action, Finding, decide

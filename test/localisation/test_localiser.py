@@ -12,12 +12,12 @@ from itertools import pairwise
 from pathlib import Path
 
 import cv2
-import made_scene
 import numpy as np
 import pytest
-from loc_drive import BLACK, LOST, black, drive, errors, localiser, run
-from made_scene import HEIGHT, LOC_RIG, PERIOD_NS, START_NS, T_RB_LOCSB, WIDTH, stereo_pair, true_pose
 
+from helpers import made_scene
+from helpers.loc_drive import BLACK, LOST, black, drive, errors, localiser, run
+from helpers.made_scene import HEIGHT, LOC_RIG, PERIOD_NS, START_NS, T_RB_LOCSB, WIDTH, stereo_pair, true_pose
 from sfr_loc_map.errors import ConfigError, GeometryError, LocalisationError
 from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.stereo import StereoPair
@@ -330,7 +330,7 @@ import cv2
 import numpy as np
 from numba.core.registry import CPUDispatcher
 import sfr_loc_map.localisation as package
-from made_scene import LOC_RIG, loc_pair, true_pose
+from helpers.made_scene import LOC_RIG, loc_pair, true_pose
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.localiser import Localiser
@@ -372,7 +372,7 @@ assert after == before, {name: after[name] for name in after if after[name] != b
 @pytest.mark.slow
 def test_warm_up_leaves_nothing_to_compile() -> None:
     """In a process of its own: the other tests have compiled everything already."""
-    paths = [str(Path(made_scene.__file__).parent), os.environ.get("PYTHONPATH", "")]
+    paths = [str(Path(made_scene.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
     done = subprocess.run([sys.executable, "-c", FRESH_PROCESS], env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

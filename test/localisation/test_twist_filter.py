@@ -67,6 +67,7 @@ def filtered(estimates: list, positions: np.ndarray, rotations: np.ndarray, *, w
     return Filtered(error, float(np.mean(squares)) if squares else float("nan"))
 
 
+@pytest.mark.sample
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "fault",

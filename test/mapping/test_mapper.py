@@ -9,9 +9,9 @@ import cv2
 import numba
 import numpy as np
 import pytest
-from disparity_world import hills, make_world, slope
-from hazard_truth import hazard_accuracy
 
+from helpers.disparity_world import hills, make_world, slope
+from helpers.hazard_truth import hazard_accuracy
 from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoPair

@@ -2,16 +2,14 @@
 
 import shutil
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from made_scene import write_folder
 
-ROOT = Path(__file__).resolve().parents[2]
-HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE))
+from helpers import HELPERS, ROOT
+from helpers.made_scene import write_folder
+
 Build = Callable[..., Path]
 
 
@@ -36,7 +34,7 @@ def build(tmp_path_factory: pytest.TempPathFactory) -> Build:
 @pytest.fixture(scope="session")
 def faulty(build: Build) -> Path:
     """The library that does at one pair what its configuration says."""
-    return build(HERE / "faulty_candidate.c", name="libfaulty.so")
+    return build(HELPERS / "faulty_candidate.c", name="libfaulty.so")
 
 
 @pytest.fixture(scope="session")

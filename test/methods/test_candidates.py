@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_result import Sfr
-from made_scene import LOC_RIG, NAV_RIG, loc_pair, nav_pair, true_pose
-from score_rows import number
 
+from helpers.cli_result import Sfr
+from helpers.made_scene import LOC_RIG, NAV_RIG, loc_pair, nav_pair, true_pose
+from helpers.score_rows import number
 from sfr_loc_map import __version__
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.transform import Transform

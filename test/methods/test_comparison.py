@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cli_result import Sfr
-from made_scene import LOC_RIG, loc_pair
-from score_rows import number
 
+from helpers.cli_result import Sfr
+from helpers.made_scene import LOC_RIG, loc_pair
+from helpers.score_rows import number
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform

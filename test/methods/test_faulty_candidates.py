@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import score_rows
-from cli_result import Sfr
-from made_scene import LOC_RIG, NAV_RIG, loc_pair, nav_pair, true_pose
 
+from helpers import HELPERS, score_rows
+from helpers.cli_result import Sfr
+from helpers.made_scene import LOC_RIG, NAV_RIG, loc_pair, nav_pair, true_pose
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform
@@ -105,7 +105,7 @@ def test_a_lost_candidate_is_no_finding_and_its_covariance_is_that_of_ds(faulty:
 
 def test_what_cannot_be_started_is_named(faulty: Path, build: Build, tmp_path: Path) -> None:
     options = ("-fPIC", "-shared", "-DSTATED_ABI=3")
-    other = build(Path(__file__).parent / "faulty_candidate.c", name="libother.so", options=options)
+    other = build(HELPERS / "faulty_candidate.c", name="libother.so", options=options)
     (tmp_path / "text.so").write_text("no library")
     for library, words in (
         (faulty, "sfr_candidate_create: this rig is not to my taste"),
@@ -142,7 +142,7 @@ def test_points_are_checked(build: Build, options: tuple[str, ...], config: str,
 
 
 def mapper_library(build: Build, *options: str) -> Path:
-    source, name = Path(__file__).parent / "faulty_candidate.c", f"lib{''.join(options)}.so"
+    source, name = HELPERS / "faulty_candidate.c", f"lib{''.join(options)}.so"
     return build(source, name=name, options=("-fPIC", "-shared", *options))
 
 

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import score_rows
-from cli_result import Sfr
+
+from helpers import HELPERS, score_rows
+from helpers.cli_result import Sfr
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = [ROOT / "examples/c_candidate" / name for name in ("harness.c", "candidate.c")]
@@ -79,7 +80,7 @@ def test_every_call_is_measured_and_memory_is_known(on_host: Path, drive: Path) 
 
 @pytest.mark.clause("4.2.2")
 def test_a_known_allocation_is_counted(pairs: Path, tmp_path: Path) -> None:
-    sources = [SOURCES[0], Path(__file__).parent / "faulty_candidate.c"]
+    sources = [SOURCES[0], HELPERS / "faulty_candidate.c"]
     options = (WRAP, "-D_POSIX_C_SOURCE=200112L", '-DKIND="allocate"')
     harness = compiled("cc", tmp_path / "harness", *options, sources=sources)
     subprocess.run([harness, pairs, tmp_path / "results"], check=True)

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from trajectory_pairs import PAIRS, TENTHS
 
+from helpers.trajectory_pairs import PAIRS, TENTHS
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.trajectory import Trajectory

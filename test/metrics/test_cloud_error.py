@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from map_scenes import RIG, cloud_of, points_of, wall
 
+from helpers.map_scenes import RIG, cloud_of, points_of, wall
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.metrics.cloud_error import POINTS, PairTruth, score_map, score_nearest

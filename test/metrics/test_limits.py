@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from random_drives import drive, score_of
 
+from helpers.random_drives import drive, score_of
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.calls import Calls, score_target
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_drives import as_score
 from scipy.spatial.transform import Rotation
 
+from helpers.random_drives import as_score
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig

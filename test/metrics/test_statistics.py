@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from interval_coverage import coverage
 from scipy import stats
 
+from campaigns.interval_coverage import coverage
 from sfr_loc_map.metrics.score import column
 from sfr_loc_map.metrics.statistics import (
     MAX_BLOCKS,

@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-import reference
 from hypothesis import given
 from hypothesis import strategies as st
-from random_drives import Poses, as_score, corrupted, drive, rows, trajectory
 
+from helpers import metrics_reference as reference
+from helpers.random_drives import Poses, as_score, corrupted, drive, rows, trajectory
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.config import Condition, ConditionKind, TrajectoryScoreConfig

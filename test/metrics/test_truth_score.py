@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_drives import as_score
 from scipy.spatial.transform import Rotation
 
+from helpers.random_drives import as_score
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.metrics.aligned_error import aligned_errors

@@ -1,13 +1,10 @@
-"""Makes the helpers beside the tests importable, and marks the tests that need ROS."""
+"""Marks the tests that need ROS."""
 
 import importlib.util
-import sys
 from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
 
 WITHOUT_ROS = (
     *("test_environment.py", "test_launch_parts.py", "test_localisation_session.py", "test_motion_prior.py"),

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from geometry_msgs.msg import PointStamped
-from made_scene import LOC_RIG
-from peers import Capture, LocalNode, Manager
-from scenes import MOUNT, params, send_infos
 
+from helpers.made_scene import LOC_RIG
+from helpers.node_scenes import MOUNT, params, send_infos
+from helpers.peers import Capture, LocalNode, Manager
 from sfr_loc_map.config import param
 from sfr_loc_map.nodes.localisation_node import LocalisationNodeConfig
 

@@ -10,11 +10,11 @@ import pytest
 
 pytest.importorskip("cyclonedds", reason="the DDS client is not installed (extra dev)")
 
-from made_scene import LOC_RIG, loc_pair
 from nav_msgs.msg import Odometry
-from processes import Peer, Process, node_process, wait_until
-from scenes import MOUNT, send_infos, send_pair
 
+from helpers.made_scene import LOC_RIG, loc_pair
+from helpers.node_scenes import MOUNT, send_infos, send_pair
+from helpers.processes import Peer, Process, node_process, wait_until
 from sfr_loc_map.nodes.messages import odometry_row
 
 LOOPBACK = (
@@ -42,11 +42,11 @@ def row_of(message: dict[str, Any]) -> tuple[int, tuple[float, ...], tuple[float
 
 @pytest.mark.slow
 def test_odometry_has_the_same_numbers_there(ros: None, tmp_path: Path) -> None:
-    script = str(Path(__file__).with_name("dds_client.py"))
     variables = {"CYCLONEDDS_URI": LOOPBACK}
+    command = ("-m", "helpers.dds_client", os.environ["ROS_DOMAIN_ID"], "200")
     with (
         node_process(tmp_path, "localisation_node", "--ros-args", *MOUNT) as localisation,
-        Process(tmp_path / "client.log", script, os.environ["ROS_DOMAIN_ID"], "200", environment=variables) as client,
+        Process(tmp_path / "client.log", *command, environment=variables) as client,
         Peer() as peer,
     ):
         odometry = peer.listen(Odometry, "localisation/odometry")

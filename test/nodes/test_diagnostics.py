@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from scenes import sent
 
+from helpers.node_scenes import sent
 from sfr_loc_map.nodes.diagnostics import HealthConfig, Level, NodeActivity, StatusReporter, level_of
 from sfr_loc_map.runs.calls import CallRecord, values_of
 

@@ -18,10 +18,9 @@ import pytest
 aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed: pip install '.[live]'")
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
-from made_scene import LOC_RIG, write_folder
-from processes import Process, node_process, wait_until
-from score_rows import rows_about
-
+from helpers.made_scene import LOC_RIG, write_folder
+from helpers.processes import Process, node_process, wait_until
+from helpers.score_rows import rows_about
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag import Bag
 from sfr_loc_map.io.image_codec import encode_png

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from made_scene import LOC_RIG, PERIOD_NS, START_NS, forged, loc_pair, true_pose
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMsg
-from peers import Capture, LocalNode, Manager, localised
-from processes import Peer
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
-from scenes import MOUNT, calls, params, raw, send_infos, send_pair
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 
+from helpers.made_scene import LOC_RIG, PERIOD_NS, START_NS, forged, loc_pair, true_pose
+from helpers.node_scenes import MOUNT, calls, params, raw, send_infos, send_pair
+from helpers.peers import Capture, LocalNode, Manager, localised
+from helpers.processes import Peer
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
-from made_scene import NAV_RIG, nav_pair
 from nav_msgs.msg import OccupancyGrid
-from peers import Capture, LocalNode, Manager
-from scenes import calls, disparity_of, params, raw, send_infos, send_pair, sent
 from sensor_msgs.msg import PointCloud2
 from stereo_msgs.msg import DisparityImage
 
+from helpers.made_scene import NAV_RIG, nav_pair
+from helpers.node_scenes import calls, disparity_of, params, raw, send_infos, send_pair, sent
+from helpers.peers import Capture, LocalNode, Manager
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.inputs import stamp_of
 from sfr_loc_map.io import bag_messages

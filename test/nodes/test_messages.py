@@ -9,11 +9,11 @@ import pytest
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from hypothesis import given
 from hypothesis import strategies as st
-from made_scene import LOC_RIG, loc_pair, true_pose
 from nav_msgs.msg import Odometry
-from scenes import sent
 from sensor_msgs.msg import CompressedImage, Image, PointCloud2, PointField
 
+from helpers.made_scene import LOC_RIG, loc_pair, true_pose
+from helpers.node_scenes import sent
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec

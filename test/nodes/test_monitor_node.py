@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from made_scene import PERIOD_NS, START_NS
 from nav_msgs.msg import Odometry
-from peers import Capture, LocalNode, Manager
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from scenes import params, raw
-from score_rows import row
 from std_msgs.msg import Float64, String
 
+from helpers.made_scene import PERIOD_NS, START_NS
+from helpers.node_scenes import params, raw
+from helpers.peers import Capture, LocalNode, Manager
+from helpers.score_rows import row
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.nodes.monitor_node import MonitorNode
 

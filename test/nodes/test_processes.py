@@ -5,8 +5,8 @@ from pathlib import Path
 
 import psutil
 import pytest
-from processes import wait_until
 
+from helpers.processes import wait_until
 from sfr_loc_map.errors import ConfigError, NodeError
 from sfr_loc_map.nodes import processes
 from sfr_loc_map.nodes.processes import Supervisor, node_process, user_command

@@ -5,7 +5,8 @@ from pathlib import Path
 from signal import SIGINT, SIGTERM
 
 import pytest
-from processes import Process, handles_signals, wait_until
+
+from helpers.processes import Process, handles_signals, wait_until
 
 NODE = """
 import sys, time

@@ -16,16 +16,16 @@ import pytest
 import yaml
 from geometry_msgs.msg import PoseStamped, TransformStamped
 from lifecycle_msgs.msg import Transition
-from made_scene import LOC_RIG, NAV_RIG, PERIOD_NS, T_RB_LOCSB, loc_pair, nav_pair
 from nav_msgs.msg import Odometry
-from peers import Capture, LocalNode, Manager, localised
 from rcl_interfaces.msg import Parameter as ParameterMsg
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
-from scenes import DRIVERS, MOUNT, OPTICAL, params, raw, send_infos, send_pair
-from score_rows import number
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 
+from helpers.made_scene import LOC_RIG, NAV_RIG, PERIOD_NS, T_RB_LOCSB, loc_pair, nav_pair
+from helpers.node_scenes import DRIVERS, MOUNT, OPTICAL, params, raw, send_infos, send_pair
+from helpers.peers import Capture, LocalNode, Manager, localised
+from helpers.score_rows import number
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Side, stamp_of

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_scene import write_folder
-from score_rows import number
 
+from helpers.made_scene import write_folder
+from helpers.score_rows import number
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from made_scores import whole_score
 from typer.testing import CliRunner
 
+from helpers.made_scores import whole_score
 from sfr_loc_map.cli.main import app
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.metrics.score_json import to_json

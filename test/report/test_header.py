@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from made_scores import whole_score
 from msgspec.structs import replace
 
+from helpers.made_scores import whole_score
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.score import InputFile, MethodKind, MethodRecord, Provenance, Score, Verdict
 from sfr_loc_map.report.page import look_first

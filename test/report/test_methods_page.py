@@ -6,10 +6,10 @@ import json
 from pathlib import Path
 
 import pytest
-from made_scores import HOSTILE, whole_score, without
 from msgspec.structs import replace
 from typer.testing import CliRunner
 
+from helpers.made_scores import HOSTILE, whole_score, without
 from sfr_loc_map.cli.main import app
 from sfr_loc_map.metrics.score import AnswerCounts, ExternalScore, MethodKind, MethodRecord, Score, StageTime
 from sfr_loc_map.metrics.score_json import to_json

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from made_scores import HOSTILE, dig, json_of, place_of, whole_score, without
 from msgspec.structs import replace
 
+from helpers.made_scores import HOSTILE, dig, json_of, place_of, whole_score, without
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_dict
 from sfr_loc_map.report.page import render_page

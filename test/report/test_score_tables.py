@@ -1,9 +1,9 @@
 """The tables of a score: each cell leads back to its figure, and every row of the score is in a table."""
 
 import pytest
-from made_scores import calls, dig, json_of, place_of, whole_score, without
 from msgspec.structs import replace
 
+from helpers.made_scores import calls, dig, json_of, place_of, whole_score, without
 from sfr_loc_map.metrics.calls import score_target
 from sfr_loc_map.metrics.catalogue import Subject
 from sfr_loc_map.metrics.config import VerdictState

@@ -7,10 +7,10 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
-from cli_result import Sfr
-from made_scores import HOSTILE, calls, dig, json_of, whole_score, without
 from msgspec.structs import replace
 
+from helpers.cli_result import Sfr
+from helpers.made_scores import HOSTILE, calls, dig, json_of, whole_score, without
 from sfr_loc_map.metrics.calls import score_target
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.limits import judged, parse_limits, with_verdict

@@ -9,8 +9,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from made_scene import HEIGHT, LOC_RIG, WIDTH, loc_pair, write_folder
 
+from helpers.made_scene import HEIGHT, LOC_RIG, WIDTH, loc_pair, write_folder
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hazard_truth import hazard_accuracy
 
+from helpers.hazard_truth import hazard_accuracy
 from sfr_loc_map.config import build, load_yaml
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.registry import open_source

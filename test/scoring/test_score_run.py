@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-import score_rows
-from cli_result import Sfr
-from made_scene import NAV_RIG, nav_pair, write_folder
 from rosbags.rosbag2 import StoragePlugin, Writer
 
+from helpers import score_rows
+from helpers.cli_result import Sfr
+from helpers.made_scene import NAV_RIG, nav_pair, write_folder
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory

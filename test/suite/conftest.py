@@ -1,13 +1,8 @@
-"""Makes the helpers beside the tests importable; a score of a small drive."""
-
-import sys
-from pathlib import Path
+"""A score of a small drive."""
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))
-from made_suites import straight
-
+from helpers.made_suites import straight
 from sfr_loc_map.io.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.score import Score

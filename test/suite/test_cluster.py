@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("distributed", reason="needs the extra [suite]")
-from made_suites import JOB
-
+from helpers.made_suites import JOB
 from sfr_loc_map.suite.cluster import Crew, FailureCause, connected, run_jobs
 from sfr_loc_map.suite.specification import SuiteSettings
 
@@ -28,7 +27,7 @@ EXPECTED = {
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_each_fails_for_its_cause_and_no_other_with_it(tmp_path: Path) -> None:
-    from misbehaving import Misbehaving
+    from helpers.misbehaving_jobs import Misbehaving
 
     jobs = [replace(JOB, source=replace(JOB.source, name=name, sha256=name)) for name in EXPECTED]
     with connected(SuiteSettings(memory_mb=600), workers=2, scheduler=None) as client:

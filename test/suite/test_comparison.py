@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_suites import JOB
 from msgspec.structs import replace as struct_replace
 
+from helpers.made_suites import JOB
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.metrics.comparison import Outcome
 from sfr_loc_map.metrics.score import Score

@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from made_suites import JOB
 
+from helpers.made_suites import JOB
 from sfr_loc_map.errors import OutputError
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.limits import judged, parse_limits

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_result import Sfr
 
+from helpers.cli_result import Sfr
 from sfr_loc_map.errors import InputError, MetricsError
 from sfr_loc_map.metrics.comparison import Outcome
 from sfr_loc_map.suite.figures import FigureKind, FigureName

@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from made_suites import JOB
 
+from helpers.made_suites import JOB
 from sfr_loc_map.inputs import Task, hash_path
 from sfr_loc_map.suite import proof
 from sfr_loc_map.suite.job import Job

@@ -14,9 +14,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from made_suites import SFR, made_suite, results, save_trajectory, straight
 
 import sfr_loc_map
+from helpers.made_suites import SFR, made_suite, results, save_trajectory, straight
 
 DRIVES = 24
 HERE = str(Path(sfr_loc_map.__file__).parents[1])  # the package under test, not one that is installed

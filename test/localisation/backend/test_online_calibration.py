@@ -3,9 +3,9 @@
 import cv2
 import numpy as np
 import pytest
-from loc_drive import drive, run
-from made_scene import LOC_RIG, PERIOD_NS, START_NS, true_pose
 
+from helpers.loc_drive import drive, run
+from helpers.made_scene import LOC_RIG, PERIOD_NS, START_NS, true_pose
 from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration

@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-from disparity_world import two_planes
 
+from helpers.disparity_world import two_planes
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.disparity.hole_filling import MAX_DEPTH_RATIO, MIN_FILLED_SIGMA_PX, fill_holes
 from sfr_loc_map.mapping.disparity.rectification_correction import RectificationCorrection

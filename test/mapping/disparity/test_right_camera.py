@@ -5,8 +5,8 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from disparity_world import World, hills, make_world
 
+from helpers.disparity_world import World, hills, make_world
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform

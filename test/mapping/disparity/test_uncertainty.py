@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from disparity_world import make_world, slope
 
+from helpers.disparity_world import make_world, slope
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.config import MappingConfig

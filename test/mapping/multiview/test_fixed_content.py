@@ -5,8 +5,8 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from made_scene import NAV_RIG, nav_pair
 
+from helpers.made_scene import NAV_RIG, nav_pair
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.mapper import FusedMap, Mapper

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 import rclpy
 from lifecycle_msgs.msg import Transition
-from made_scene import LOC_RIG, loc_pair, true_pose
-from peers import Capture, LocalNode, Manager, localised
 from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
-from scenes import MOUNT, RELIABLE, calls, params, send_infos, send_pair
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
+from helpers.made_scene import LOC_RIG, loc_pair, true_pose
+from helpers.node_scenes import MOUNT, RELIABLE, calls, params, send_infos, send_pair
+from helpers.peers import Capture, LocalNode, Manager, localised
 from sfr_loc_map.nodes.diagnostics import Level
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
 from sfr_loc_map.nodes.messages import covariance_of

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from made_scene import write_folder
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from score_rows import number
 from std_msgs.msg import String
 
+from helpers.made_scene import write_folder
+from helpers.score_rows import number
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig

@@ -1,0 +1,38 @@
+"""Runs a campaign: `python -m campaigns NAME [ARGUMENT ...]`. Exit code 1 if something is not as expected.
+
+The targets of the Makefile set the path; CONTRIBUTING.md lists the campaigns.
+"""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+
+CAMPAIGNS = {
+    "drivers": "driver_pairs",
+    "faults": "node_faults",
+    "fuzz": "fuzz.command",
+    "history-power": "history_power",
+    "interval-coverage": "interval_coverage",
+    "misbehaviour": "misbehaviour",
+    "random-faults": "random_faults",
+    "recordings": "recordings.command",
+    "signals": "signal_runs",
+    "soak": "long_runs",
+    "suite-overhead": "suite_overhead",
+}
+"""Names and their modules, each with a function `main(arguments)` that returns the exit code."""
+
+
+def main(words: list[str]) -> int:
+    """Run the campaign that is named first with the other words as its arguments."""
+    if not words or words[0] not in CAMPAIGNS:
+        print(f"usage: python -m campaigns NAME [ARGUMENT ...]; campaigns: {', '.join(CAMPAIGNS)}", file=sys.stderr)
+        return 2
+    name, *arguments = words
+    sys.argv[0] = f"campaigns {name}"
+    return int(import_module(f"campaigns.{CAMPAIGNS[name]}").main(arguments))
+
+
+if __name__ == "__main__":  # also imported by processes that a campaign spawns
+    raise SystemExit(main(sys.argv[1:]))

@@ -1,0 +1,200 @@
+"""Methods under test that misbehave, and what the suite makes of each: `make misbehaviour` prints the table.
+
+Each is run by `sfr localise` and scored against limits that standing still meets, but for the cheaters: theirs only the
+truth itself meets.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from helpers import HELPERS, ROOT
+from helpers.cli_result import Result, Sfr
+from helpers.made_scene import true_pose, write_folder
+
+SFR = (sys.executable, "-P", "-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
+LIMITS = "trajectory: [{{condition: frames=3, position_mean_plus_3sigma_m: {limit}}}]\n"
+CALL_TIMEOUT_S, MEMORY_MB = 3, 400
+
+
+@dataclass(frozen=True)
+class Case:
+    """A misbehaving method."""
+
+    what: str
+    kind: str  # class, library, node
+    config: str
+    findings: tuple[str, ...]  # kinds
+    verdict: str
+    codes: tuple[int, ...]  # of sfr localise and of sfr score; of sfr replay
+    pairs: int = 12
+    says: str = ""  # what is told beside the findings
+    daily: bool = False  # in each run of the tests
+
+
+def python(what: str, config: str, finding: str, **more: Any) -> Case:
+    """Return a class of Python with a finding, which fails."""
+    return Case(what, "class", config, (finding,), "fail", (1, 1), **more)
+
+
+def library(what: str, config: str, finding: str, **more: Any) -> Case:
+    """Return a library in C with a finding, which fails."""
+    return Case(what, "library", config, (finding,), "fail", (1, 1), **more)
+
+
+EACH = " ".join(["ok"] * 7)
+CONVENTION, OUTSIDE = "not judged", "works outside its calls"
+CASES = (
+    python("raises an error", "raises", "raised"),
+    python("returns NaN", "nan", "not finite"),
+    python("returns a matrix of 3 x 3", "shape", "invalid result"),
+    python("answers for another pair", "stamp", "wrong stamp"),
+    Case("returns the pose of the pair before", "class", "poses before", (), CONVENTION, (0, 3), 40, "the pair before"),
+    Case("returns the inverse pose", "class", "poses inverse", (), CONVENTION, (0, 3), 40, "inverted"),
+    python("writes lines of its own to the pipe", "garbage", "invalid result", daily=True),
+    python("writes 30 MB to the pipe", "floods", "invalid result"),
+    python("ends its process with code 0", "exits", "crashed"),
+    python("aborts", "aborts", "crashed"),
+    python("does not return", "hangs", "hanging"),
+    python("kills its parent", "kills", "raised", daily=True),
+    python("takes 480 MB of 400", "takes", "out of memory"),
+    python("keeps 500 MB in a child process", "child", "out of memory", daily=True),
+    python("leaks 3 MB a call behind a saw-tooth of 90 MB", "sawtooth", "leaking", pairs=52, daily=True),
+    Case("works on in 8 threads after its return", "class", "later", (), "pass", (0, 0), says=OUTSIDE),
+    Case("works when its result is read", "class", "lazy", (), "pass", (0, 0), says=OUTSIDE, daily=True),
+    Case("prints 60 MB a call", "class", "prints", (), "pass", (0, 0), daily=True),
+    python("leaves a process in a session of its own", "session", "stray process", daily=True),
+    python("leaves an orphan", "orphan", "stray process"),
+    Case("reads /proc/PPID/cmdline and the truth", "class", "parent", (), "fail", (0, 1), says="opened 0", daily=True),
+    Case("guesses, searches, links to the truth", "class", "guesses", (), "fail", (0, 1), says="opened 0", daily=True),
+    Case("reads its parents' memory", "class", "memory", (), "fail", (0, 1), says="opened 0", daily=True),
+    library("aborts", f"{EACH} crash", "crashed"),
+    library("does not return", f"{EACH} hang", "hanging"),
+    library("leaks 30 MB a call", "leak", "leaking", daily=True),
+    library("writes beyond its arrays", f"{EACH} beyond", "invalid result"),
+    library("returns no rotation", f"{EACH} quaternion", "invalid result"),
+    library("states a negative variance", f"{EACH} covariance", "invalid result"),
+    library("answers for another pair", f"{EACH} stamp", "wrong stamp"),
+    library("returns an error", f"{EACH} fail", "invalid result"),
+    Case("dies at pair 25 of 30", "node", "dies", ("crashed", "missing answer"), "fail", (1,), 30),
+    Case("stamps that are 7 ns off", "node", "other stamps", ("wrong stamp", "missing answer"), "fail", (1,), 30),
+    Case("never answers", "node", "hangs", ("hanging",), "fail", (1,), 12),
+    Case("leaves out every third pair", "node", "leaves out", ("missing answer",), "incomplete", (3,), 12),
+    Case("answers NaN", "node", "not finite", ("not finite", "hanging"), "fail", (1,), 12),
+    Case("answers twice", "node", "doubled", ("doubled answer",), "pass", (0,), 12),
+)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What the suite made of a case."""
+
+    findings: tuple[str, ...]
+    verdict: str
+    codes: tuple[int, ...]
+    said: str  # all that was printed
+    seconds: float
+    score: dict[str, Any]
+
+
+def run_case(case: Case, folder: Path, sfr: Sfr, library: Path | None = None) -> Outcome:
+    """Run a case in an empty folder; the truth lies beside it, in `source`."""
+    began = time.monotonic()
+    source = write_folder(folder / "source", case.pairs, 0)
+    poses = {"before": lambda k: true_pose(max(k - 1, 0)), "inverse": lambda k: true_pose(k).inverse()}
+    config, limits, report = folder / "config.txt", folder / "limits.yaml", folder / "report.json"
+    word, _, which = case.config.partition(" ")
+    cheats = word in ("parent", "guesses", "memory")
+    limits.write_text(LIMITS.format(limit=1e-3 if cheats else 1e3))
+    text = {"parent": str(os.getpid()), "memory": str(os.getpid()), "guesses": f"{source}/groundtruth.csv"}.get(word)
+    if case.kind == "class" and which:  # in RB at the first pair, which the true pose of it takes to DS
+        first = true_pose(0).inverse()
+        text = json.dumps([(first @ poses[which](k)).matrix.ravel().tolist() for k in range(case.pairs)])
+    config.write_text(case.config if case.kind == "library" else f"{word}\n{text or ''}")
+    (folder / "candidate.py").write_text((HELPERS / "misbehaving_class.py").read_text())
+    method = f"lib:{library}" if case.kind == "library" else f"{folder / 'candidate.py'}:Misbehaving"
+    estimate, stats, scoring = (
+        folder / "t.csv",
+        folder / "s.csv",
+        ("--limits", limits, "--condition", "frames=3", "--spacing", 1),
+    )
+    start = ("--start", "truth")
+    options = ("--call-timeout", CALL_TIMEOUT_S, "--memory-limit", MEMORY_MB, "--stats", stats, *start)
+    if case.kind == "node":
+        node = f"{sys.executable} {HELPERS / 'misbehaving_node.py'} '{case.config}'"
+        under_test = ("--external", "localisation", "--command", node, "--answer-timeout", "1", "--out", folder / "out")
+        ran, report = [sfr("replay", source, *under_test, *scoring, *start)], folder / "out" / "report.json"
+    else:
+        ran = [sfr("localise", source, "-o", estimate, "--method", method, "--config", config, *options)]
+        ran += [sfr("score", estimate, source, "--stats", stats, *scoring, "--json", report)]
+    score: dict[str, Any] = json.loads(report.read_text()) if report.exists() else {}
+    said = "\n".join(item.out + item.err for item in ran)
+    found = [line.rpartition("verdict: ")[2].partition(".")[0] for line in said.splitlines() if "verdict: " in line]
+    verdict = CONVENTION if score.get("contradiction") else (found or ["none"])[-1]
+    if cheats and stats.exists():
+        rows = [line.split(",") for line in stats.read_text().splitlines()]
+        said += f"\nopened {sum(float(row[rows[0].index('opened')]) for row in rows[1:]):.0f}"
+    kinds = tuple(item["kind"] for item in score.get("findings", []))
+    return Outcome(kinds, verdict, tuple(item.code for item in ran), said, time.monotonic() - began, score)
+
+
+def differences(case: Case, outcome: Outcome) -> list[str]:
+    """Return in what an outcome is not as expected."""
+    found = [f"finding {kind} is absent" for kind in case.findings if kind not in outcome.findings]
+    found += [f"finding {outcome.findings}"] if outcome.findings and not case.findings else []
+    found += [f"verdict {outcome.verdict}"] if outcome.verdict != case.verdict else []
+    found += [f"exit codes {outcome.codes}"] if outcome.codes != case.codes else []
+    found += [f"'{case.says}' is not said"] if case.says not in outcome.said else []
+    return found
+
+
+def _sfr(*words: object) -> Result:
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "SFR_HINTS": "0"}
+    ran = subprocess.run([*SFR, *map(str, words)], capture_output=True, text=True, check=False, env=environment)
+    return Result(ran.returncode, ran.stdout, ran.stderr)
+
+
+def table(outcomes: Sequence[tuple[Case, Outcome]]) -> str:
+    """Return the table of docs/candidates.md."""
+    lines = ["| method | | finding | verdict | exit |", "|---|---|---|---|---|"]
+    for case, outcome in outcomes:
+        found, codes = ", ".join(outcome.findings) or "none", ", ".join(map(str, outcome.codes))
+        told = f"; told: {case.says}" if case.says else ""
+        lines.append(f"| {case.what} | {case.kind} | {found}{told} | {outcome.verdict} | {codes} |")
+    return "\n".join(lines)
+
+
+def main(names: list[str]) -> int:
+    """Run all cases, or those whose configuration is named, and print the table; exit code 1 if one differs."""
+    from sfr_loc_map.nodes import environment
+
+    environment.prepare()
+    environment.isolate()
+    wrong, outcomes = [], []
+    with tempfile.TemporaryDirectory(prefix="sfr-misbehaviour-") as scratch:
+        built = Path(scratch) / "libfaulty.so"
+        flags = ("-std=c99", "-D_POSIX_C_SOURCE=200112L", "-O2", "-fPIC", "-shared", f"-I{ROOT / 'include'}")
+        subprocess.run(["cc", *flags, str(HELPERS / "faulty_candidate.c"), "-o", str(built), "-lm"], check=True)
+        for number, case in enumerate(item for item in CASES if not names or item.config in names):
+            folder = Path(scratch) / str(number)
+            folder.mkdir()
+            outcomes.append((case, run_case(case, folder, _sfr, built)))
+            differ = differences(case, outcomes[-1][1])
+            print(
+                f"{outcomes[-1][1].seconds:5.1f} s  {case.kind}: {case.what}: {', '.join(differ) or 'ok'}", flush=True
+            )
+            wrong += [f"{case.kind} {case.what}"] if differ else []
+            if differ:
+                print(outcomes[-1][1].said[-1500:])
+    print(table(outcomes))
+    print(f"not as expected: {'; '.join(wrong)}" if wrong else "all as expected")
+    return int(bool(wrong))

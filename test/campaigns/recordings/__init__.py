@@ -1,0 +1,1 @@
+"""From recordings of all kinds to a verdict."""

@@ -1,0 +1,237 @@
+"""One configuration for every command: what the doctor accepts, all accept; without it none gives a verdict."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import yaml
+
+from campaigns.recordings.drive import Drive, load_drive
+from campaigns.recordings.rows import ROWS, write_rig
+from helpers.cli_result import Sfr
+from helpers.score_rows import number
+from sfr_loc_map.doctor.examination import examine
+from sfr_loc_map.doctor.observation import EXPECTED, TASK_OF_NODE, Observation, ObservedNode, ObservedTopic
+from sfr_loc_map.io.bag import IMAGE
+from sfr_loc_map.io.source_config import NAME
+from sfr_loc_map.io.topic_guess import is_own
+from sfr_loc_map.metrics.config import Condition
+from sfr_loc_map.metrics.limits import load_limits
+
+EXTRINSICS = {"translation_m": [0.3, 0.0, 0.6], "quat_xyzw": [0.0, 0.3826834323650898, 0.0, 0.9238795325112867]}
+
+
+@pytest.fixture(scope="module")
+def drive() -> Drive:
+    whole = load_drive(12)
+    return Drive(whole.rig, whole.images, whole.positions, whole.quats_xyzw, whole.nav_rig, whole.nav)
+
+
+def commands(source: Path, out: Path) -> list[tuple[object, ...]]:
+    """Return the commands that read the pairs of a source."""
+    out.mkdir(exist_ok=True)
+    return [
+        ("localise", source, "-o", out / "e.csv", "--overwrite"),
+        ("convert", source, out / "data", "--overwrite"),
+        ("convert", source, out / "pairs.sfrp", "--overwrite"),
+        ("perturb", source, out / "faulty", "--fault", "black:share=0.1", "--overwrite"),
+        ("bench", "localise", source, "--repeat", 1, "--condition", "frames=5", "--lenient"),
+    ]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["realsense_without_p3", "side_by_side", "constant_offset"])
+def test_what_the_doctor_fixes_every_command_accepts(sfr: Sfr, tmp_path: Path, drive: Drive, name: str) -> None:
+    made = ROWS[name].make(tmp_path, drive)
+    given = ("--calibration", made.calibration) if made.calibration is not None else ()
+    for words in commands(made.source, tmp_path / "without"):
+        result = sfr(*words)
+        assert result.code == 2, words
+        assert "sfr doctor" in result.err
+    first = sfr("doctor", made.source, *given, "--json", "-")
+    assert first.code == 1
+    assert any("--fix" in finding["cure"] for finding in json.loads(first.out)["findings"] if finding["stops"])
+    fixed = sfr("doctor", made.source, "--fix", *given)
+    assert fixed.code == 0, fixed.err
+    assert sfr("doctor", made.source).code == 0
+    assert json.loads(sfr("info", made.source, "--json", "-").out)["rate_hz"] == pytest.approx(10.0)
+    for words in commands(made.source, tmp_path / "with"):
+        result = sfr(*words)
+        assert result.code == 0, (words, result.err)
+    score = ("score", tmp_path / "with" / "e.csv", made.source, "--condition", "frames=5", "--json", "-")
+    assert number(json.loads(sfr(*score).out), "position", "mean") < 0.01
+
+
+FORMS = {
+    "section": {"extrinsics": EXTRINSICS},
+    "name of the parameter": {"T_rb_locsb": EXTRINSICS},
+    "for all nodes": {"/**": {"ros__parameters": {"T_rb_locsb": EXTRINSICS}}},
+    "for a node": {"/rover1/localisation_node": {"ros__parameters": {"T_rb_locsb": EXTRINSICS}}},
+    "dotted": {"localisation_node": {"ros__parameters": {f"T_rb_locsb.{n}": v for n, v in EXTRINSICS.items()}}},
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_extrinsics_in_each_form_are_taken_by_doctor_and_commands(
+    sfr: Sfr, tmp_path: Path, drive: Drive, form: str
+) -> None:
+    rig = json.loads(write_rig(tmp_path, drive).read_text())
+    assert "T_rb_locsb" in rig
+    made = ROWS["plain"].make(tmp_path, drive)
+    folder = tmp_path / "data"
+    assert sfr("convert", made.source, folder).code == 0
+    place = folder / "loc" / "rig.json"
+    place.write_text(
+        json.dumps({name: value for name, value in json.loads(place.read_text()).items() if name != "T_rb_locsb"})
+    )
+    assert sfr("doctor", folder).code == 1
+    assert sfr("localise", folder, "-o", tmp_path / "a.csv").code == 2
+    file = tmp_path / "mine.yaml"
+    file.write_text(yaml.safe_dump(FORMS[form]))
+    assert sfr("doctor", folder, "--config", file).code == 0
+    assert sfr("localise", folder, "-o", tmp_path / "b.csv", "--config", file).code == 0
+    (folder / NAME).write_text(file.read_text())
+    assert sfr("localise", folder, "-o", tmp_path / "c.csv").code == 0
+    assert (tmp_path / "b.csv").read_bytes() == (tmp_path / "c.csv").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            "extrinsic: {translation_m: [0, 0, 0]}\ntopics: {a: /b}",
+            "unknown section 'extrinsic' \\(did you mean 'extrinsics'",
+        ),
+        ("sync: {stamp_tolerance: 0.1}", "sync: unknown key 'stamp_tolerance'.*stamp_tolerance_s"),
+        ("topics: {loc/left/image_rect: 3}", "must be the name of a topic"),
+        ("calibration: {file: gone.yaml}", "gone.yaml"),
+        ("truth: {source: gone.csv}", "neither a file nor a topic"),
+        ("sync: [1]", "sync"),
+        ("conditions: 5\n", "conditions"),
+    ],
+)
+def test_a_wrong_configuration_is_one_line(sfr: Sfr, tmp_path: Path, drive: Drive, text: str, words: str) -> None:
+    made = ROWS["plain"].make(tmp_path, drive)
+    file = tmp_path / "sfr.yaml"
+    file.write_text(text)
+    command = ("replay", made.source) if "conditions" in text else ("localise", made.source, "-o", tmp_path / "e.csv")
+    result = sfr(*command, "--config", file)
+    assert result.code == 2
+    assert len(result.err.strip().splitlines()) == 1
+    assert re.search(words, result.err), result.err
+
+
+def test_a_fix_is_written_where_the_configuration_was_read(sfr: Sfr, tmp_path: Path, drive: Drive) -> None:
+    made = ROWS["realsense_without_p3"].make(tmp_path, drive)
+    beside = tmp_path / NAME
+    beside.write_text("truth: {sigma_m: 0.02}\nlimits: limits.yaml\n")
+    result = sfr("doctor", made.source, "--fix", "--set", "truth.sigma_deg=0.5")
+    assert result.code == 0, result.err
+    assert f"{beside}, written again" in result.err
+    assert not (made.source / NAME).exists()
+    lines = beside.read_text().splitlines()
+    for line in ("  sigma_m: 0.02  # as before", "  sigma_deg: 0.5  # given", "limits: limits.yaml  # as before"):
+        assert line in lines
+    written = yaml.safe_load(beside.read_text())
+    assert written["extrinsics"]["translation_m"] == pytest.approx(drive.rig.T_rb_sb.translation.tolist())  # type: ignore[union-attr]
+
+
+def test_limits_that_were_edited_are_kept(sfr: Sfr, tmp_path: Path, drive: Drive) -> None:
+    made = ROWS["zed"].make(tmp_path, drive)
+    limits, init = tmp_path / "mine" / "limits.yaml", ("init", tmp_path / "mine", "--from", made.source)
+    assert sfr(*init).code == 0
+    assert load_limits(limits).conditions == [Condition.parse("frames=1")]  # of 12 pairs; starts are 10 apart
+    assert sfr(*init, "--overwrite", "--set", "conditions=[time=1]").code == 0
+    assert load_limits(limits).conditions == [Condition.parse("time=1")]  # nobody had edited it
+    edited = limits.read_text().replace(": 0.1", ": 0.2")
+    limits.write_text(edited)
+    result = sfr(*init, "--overwrite")
+    assert limits.read_text() == edited
+    assert "kept" in result.out
+    assert "placeholders" not in (tmp_path / "mine" / NAME).read_text()
+
+
+@pytest.mark.parametrize("name", ["truth_pose", "truth_nav_sat_fix"])
+def test_a_tracked_body_is_named_and_its_verdict_can_be_judged(sfr: Sfr, tmp_path: Path, name: str) -> None:
+    drive = load_drive(22)
+    made = ROWS[name].make(tmp_path, drive)
+    result = sfr("init", tmp_path, "--from", made.source)
+    assert result.code == 0, result.err
+    for text in (result.err, (tmp_path / NAME).read_text()):
+        assert "is taken as RB itself: lever arm 0; give --set 'truth.lever_arm_m=" in text
+    keys = {limit.key for limit in load_limits(tmp_path / "limits.yaml").limits}
+    assert ("chord_mean_plus_3sigma_m" in keys) == ("attitude_mean_plus_3sigma_deg" not in keys) == ("fix" in name)
+    assert sfr("localise", made.source, "-o", tmp_path / "e.csv").code == 0
+    scored = sfr("score", tmp_path / "e.csv", made.source, "--json", "-")
+    assert json.loads(scored.out)["verdicts"]
+    assert scored.code in (0, 1), scored.err  # 3 if one could not be judged
+    again = sfr("init", tmp_path, "--from", made.source, "--overwrite", "--set", "truth.lever_arm_m=[0, 0, 1]")
+    assert "lever arm 0" not in again.err
+
+
+def test_init_writes_nothing_of_what_is_no_source(sfr: Sfr, tmp_path: Path) -> None:
+    (tmp_path / "photos").mkdir()
+    for source in ("photos", "gone"):
+        result = sfr("init", tmp_path / "new", "--from", tmp_path / source)
+        assert result.code == 2
+        assert re.search(r"of no format that is read|there is no", result.err)
+    assert [item.name for item in tmp_path.iterdir()] == ["photos"]
+
+
+def test_a_calibration_beside_is_named_by_where_it_lies(sfr: Sfr, tmp_path: Path, drive: Drive) -> None:
+    made = ROWS["rig_json"].make(tmp_path, drive)
+    assert sfr("info", made.source).code == 0  # it shows what is there
+    unfixed = sfr("doctor", made.source, "--calibration", made.calibration)
+    assert f"--fix --calibration {made.calibration}" in unfixed.out
+    assert sfr("init", tmp_path, "--from", made.source, "--calibration", made.calibration).code == 0
+    assert yaml.safe_load((tmp_path / NAME).read_text())["calibration"]["file"] == made.calibration.name  # type: ignore[union-attr]
+    assert sfr("info", made.source).code == 0
+
+
+def test_two_frames_that_could_be_the_rovers_are_named(sfr: Sfr, tmp_path: Path, drive: Drive) -> None:
+    made = ROWS["two_base_frames"].make(tmp_path, drive)
+    result = sfr("init", tmp_path / "mine", "--from", made.source)
+    assert "could also be base_footprint: --set frames.base=NAME" in result.err
+    assert (
+        "could also be"
+        not in sfr("init", tmp_path / "m", "--from", made.source, "--set", "frames.base=base_footprint").err
+    )
+
+
+def test_wheel_odometry_is_not_named_as_a_truth() -> None:
+    assert [*map(is_own, ("/odom", "/wheel/odometry", "/zed/zed_node/pose", "/odometry/filtered"))] == [True] * 4
+    assert [*map(is_own, ("/ground_truth/odom", "/rtk/odometry", "/vrpn/rover/pose", "/robot/state"))] == [False] * 4
+
+
+def test_a_node_without_its_cameras_waits() -> None:
+    """A plain `sfr run` on a rover without mapping cameras is no fault."""
+    nodes = tuple(ObservedNode(name, task, extrinsics_given=True) for name, task in TASK_OF_NODE.items())
+    topics = {
+        f"loc/{side}/{what}": ObservedTopic(f"/loc/{side}/{what}", EXPECTED[f"loc/{side}/{what}"])
+        for side in ("left", "right")
+        for what in ("image_rect", "camera_info")
+    }
+    unheard = {"nav/left/image_rect": ObservedTopic("/nav/left/image_rect", (IMAGE,), offers=())}  # of the subscriber
+    findings = examine(Observation("", live=True, topics=topics | unheard, nodes=nodes))
+    assert [(item.where, item.is_blocking) for item in findings if "wait" in item.text] == [("mapping_node", False)]
+    assert not [item for item in findings if "nav/" in item.where]
+    alone = examine(Observation("", live=True, topics=unheard, nodes=nodes))
+    assert {item.where for item in alone if item.is_blocking} >= {"/nav/left/image_rect", "loc/left/image_rect"}
+
+
+def test_images_of_which_none_has_a_stamp_are_no_fault() -> None:
+    sides = [f"loc/{side}/image_rect" for side in ("left", "right")]
+    header = SimpleNamespace(stamp=SimpleNamespace(sec=0, nanosec=1), frame_id="")
+    broken = SimpleNamespace(header=header, data=b"", format="jpeg")
+    for stamps in (((), ()), ((1, 2), ()), ((), (1, 2))):
+        topics = {
+            name: ObservedTopic(name, (IMAGE,), stamps_ns=np.array(found, np.int64), messages=(broken,))
+            for name, found in zip(sides, stamps, strict=True)
+        }
+        for live in (False, True):
+            assert "pair" not in {finding.cause.value for finding in examine(Observation("", live=live, topics=topics))}

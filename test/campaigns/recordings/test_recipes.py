@@ -1,0 +1,56 @@
+"""The commands of the recipes work on a recording as their camera makes it, and give the configuration shown."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+import yaml
+
+from campaigns.recordings.drive import Drive, load_drive
+from campaigns.recordings.rows import ROWS
+from helpers.cli_result import Sfr
+
+HOWTO = Path(__file__).parents[3] / "docs" / "howto"
+PAGES = {
+    HOWTO / "zed.md": ("zed",),
+    HOWTO / "realsense.md": ("realsense_without_p3",),
+    HOWTO / "oak_d.md": ("oak_d",),
+    HOWTO / "nav2_rover.md": ("nav2_rover",),
+    HOWTO / "motion_capture.md": ("motion_capture_lab",),
+    HOWTO.parent / "formats.md": ("kalibr_yaml", "side_by_side", "pan_tilt_joints"),
+}
+"""The recordings of each page, in the order of its commands."""
+INIT = re.compile(r"^sfr (init .*--from (\S+).*)$", re.MULTILINE)
+SHOWN = re.compile(r"```yaml\n(.*?)```", re.DOTALL)
+OF_THE_DRIVE = ("conditions", "limits")  # that of the page is longer
+
+
+@pytest.fixture(scope="module")
+def drive() -> Drive:
+    return load_drive(4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_the_commands_of_a_recipe_give_what_it_shows(
+    page: Path, drive: Drive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sfr: Sfr
+) -> None:
+    text = page.read_text(encoding="utf-8").replace("\\\n", "")
+    found = INIT.findall(text)
+    assert len(found) == len(PAGES[page])
+    for name, (command, source) in zip(PAGES[page], found, strict=True):
+        place = tmp_path / name
+        place.mkdir()
+        monkeypatch.chdir(place)
+        ROWS[name].make(place, drive).source.rename(source)
+        result = sfr(*shlex.split(command))
+        assert result.code == 0, result.err
+        written = yaml.safe_load(Path("sfr.yaml").read_text(encoding="utf-8"))
+        for shown in map(yaml.safe_load, SHOWN.findall(text)):
+            for section, values in shown.items():
+                if section == "extrinsics":
+                    assert all(written[section][n] == pytest.approx(v, abs=1e-5) for n, v in values.items())
+                elif section not in OF_THE_DRIVE:
+                    assert written[section] == values
+        assert sfr("doctor", source).code == 0

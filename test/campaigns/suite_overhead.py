@@ -1,0 +1,104 @@
+"""What a suite adds to a task: processes, proofs with data of a size, results; and how long workers wait between tasks.
+
+python -m campaigns suite-overhead [--tasks 1000] [--seconds 0.5] [--long 40] [--megabytes 20]
+
+Tasks sleep for a known time and write when they began and ended. What lies between is not theirs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tempfile
+import time
+from collections import defaultdict
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from distributed import WorkerPlugin
+
+from helpers.made_suites import JOB
+from sfr_loc_map.inputs import hash_path
+from sfr_loc_map.suite import job_run
+from sfr_loc_map.suite.cluster import Crew, connected, run_jobs
+from sfr_loc_map.suite.job import Job
+from sfr_loc_map.suite.proof import code_fingerprint
+from sfr_loc_map.suite.specification import SuiteSettings
+
+WORKERS = 2
+
+
+class Sleeping(WorkerPlugin):
+    """Has jobs sleep as long as their configuration is called, and write it down."""
+
+    name = "sleeping"
+
+    def setup(self, worker: Any) -> None:
+        def sleep(job: Job, scratch: Path, cache: Path) -> dict[str, object]:
+            begun = time.monotonic()
+            time.sleep(float(job.configuration))
+            with (cache / f"{os.getpid()}.times").open("a") as stream:
+                stream.write(f"{begun} {time.monotonic()}\n")
+            return {}
+
+        job_run.run_job = sleep  # type: ignore[assignment]
+
+
+def measured(name: str, tasks: int, seconds: float, sources: list[Path], folder: Path) -> float:
+    """Run tasks on two workers, print and return the share of their time in which workers had none."""
+    folder.mkdir()
+    code = code_fingerprint()
+    known = {path: hash_path(path) for path in sources}
+    jobs = [
+        replace(
+            JOB,
+            source=replace(JOB.source, path=str(path), sha256=known[path]),
+            configuration=str(seconds),
+            repeat=number,
+            code=code,
+        )
+        for number in range(tasks)
+        for path in [sources[number % len(sources)]]
+    ]
+    with connected(SuiteSettings(), workers=WORKERS, scheduler=None) as client:
+        client.register_plugin(Sleeping())
+        crew = Crew(client, print, 60.0)
+        begun = time.monotonic()
+        done = sum(outcome.cause is None for _, outcome in run_jobs(client, jobs, 60.0, folder, crew))
+        wall = time.monotonic() - begun
+    gaps = defaultdict[str, list[float]](list)
+    slept, span = 0.0, 0.0
+    for path in folder.glob("*.times"):
+        rows = np.loadtxt(path, ndmin=2)
+        gaps[path.name] = list(rows[1:, 0] - rows[:-1, 1])
+        slept, span = slept + float((rows[:, 1] - rows[:, 0]).sum()), span + float(rows[-1, 1] - rows[0, 0])
+    every = np.array([gap for row in gaps.values() for gap in row])
+    share = float(every.sum() / span)
+    print(
+        f"{name}: {done} of {tasks} tasks of {seconds:g} s, wall {wall:.1f} s for {tasks * seconds / WORKERS:.1f} s; "
+        f"between two tasks of a worker: median {1e3 * np.median(every):.1f} ms, p99 "
+        f"{1e3 * np.quantile(every, 0.99):.1f} ms, "
+        f"{100 * share:.2f} % of the time; load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores",
+        flush=True,
+    )
+    return share
+
+
+def main(arguments: list[str]) -> int:
+    """Measure both; exit code 1 beyond 1 % of tasks of 5 s, or 2 % of many short ones."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--tasks", type=int, default=1000)
+    parser.add_argument("--seconds", type=float, default=0.5)
+    parser.add_argument("--long", type=int, default=40, help="tasks of 5 s, each with data of its own")
+    parser.add_argument("--megabytes", type=int, default=20, help="size of the data of each of them")
+    options = parser.parse_args(arguments)
+    with tempfile.TemporaryDirectory(prefix="sfr_overhead.") as name:
+        folder = Path(name)
+        for number in range(options.long):
+            (folder / f"drive{number}").write_bytes(os.urandom(options.megabytes * 10**6))
+        sources = sorted(folder.glob("drive*"))
+        long = measured("new data each", options.long, 5.0, sources, folder / "long")
+        short = measured("many", options.tasks, options.seconds, sources[:1], folder / "short")
+    return int(long > 0.01 or short > 0.02)

@@ -1,0 +1,61 @@
+"""Methods under test that misbehave have no pass, and cheaters no truth; all of them: `make misbehaviour`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+
+from campaigns.misbehaviour import CASES, Case, differences, run_case
+from helpers.cli_result import Sfr
+from helpers.made_scene import write_folder
+
+ABORTING = """
+import os
+class Aborting:
+    calls = 0
+    def __init__(self, rig, config):
+        pass
+    def process(self, pair):
+        self.calls += 1
+        if self.calls == 8:
+            os.abort()
+"""
+DAILY = [case for case in CASES if case.daily]
+
+
+@pytest.mark.parametrize("case", DAILY, ids=[case.config.replace(" ", "-") for case in DAILY])
+def test_what_misbehaves_is_named_and_does_not_pass(case: Case, tmp_path: Path, sfr: Sfr, faulty: Path) -> None:
+    outcome = run_case(case, tmp_path, sfr, faulty)
+    assert not differences(case, outcome), outcome.said
+    if case.kind == "class":
+        assert outcome.score["method"]["isolation"] == "files, processes, shared memory"
+
+
+def test_a_crashing_class_fails_a_suite_and_a_benchmark(tmp_path: Path, sfr: Sfr) -> None:
+    """Its limits are met; ours beside it passes."""
+    source = write_folder(tmp_path / "source", 20, 0)
+    (tmp_path / "candidate.py").write_text(ABORTING)
+    method = f"{tmp_path / 'candidate.py'}:Aborting"
+    suite = {
+        "sources": [str(source)],
+        "configurations": {"ours": {}, "crashing": {"localisation": {"method": method}}},
+        "conditions": ["frames=3"],
+        "spacing": 1,
+        "limits": {
+            "trajectory": [{"condition": "frames=3", "position_mean_plus_3sigma_m": 1e3, "lost_max_share": 1.0}]
+        },
+    }
+    (tmp_path / "suite.yaml").write_text(yaml.safe_dump(suite))
+    ran = sfr("suite", "run", tmp_path / "suite.yaml", "--out", tmp_path / "out", "--workers", 1, "--json", "-")
+    summary = json.loads(ran.out)
+    found = {
+        group["configuration"]: [item["metric"] for item in group["verdicts"] if item["verdict"] == "fail"]
+        for group in summary["groups"]
+    }
+    assert (ran.code, summary["verdict"], found) == (1, "fail", {"ours": [], "crashing": ["crashed_calls"]})
+    ran = sfr("bench", "localise", source, "--repeat", 1, "--condition", "frames=3", "--method", method, "--json", "-")
+    assert ran.code == 1
+    assert list(json.loads(ran.out)["failed"]) == [method]

@@ -1,0 +1,167 @@
+"""A made run as a feed tells it: poses with truth, calls, health, the monitor's report, images and maps."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+
+import numpy as np
+
+from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S
+from sfr_loc_map.live.media import cloud_samples, image_sample, with_layer
+from sfr_loc_map.live.state import LiveState
+from sfr_loc_map.live.updates import (
+    CloudSample,
+    ElevationSample,
+    GraphView,
+    ImageSample,
+    PoseSample,
+    Report,
+    Sampled,
+    Status,
+    StatusKind,
+    Track,
+    TrackSample,
+    Update,
+)
+from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.limits import parse_limits
+from sfr_loc_map.metrics.score_json import to_json
+from sfr_loc_map.runs.calls import CallRecord
+from sfr_loc_map.scoring.monitor_score import MonitorScore
+
+TIMES = {"latency_transport_s": 0.004}
+NODES = ("localisation_node", "mapping_node", "monitor_node")
+STEP_NS = NS_PER_S // 10
+LIMITS = {
+    "minimum_count": 5,
+    "trajectory": [
+        {"condition": "distance=5", "position_mean_plus_3sigma_m": 0.1, "heading_mean_plus_3sigma_deg": 0.01}
+    ],
+    "map": {"coverage_min": 0.8},
+    "timing": {"localisation_p95_s": 1.0},
+}
+
+
+def pose_pair(number: int, received_s: float, *, lost: bool = False) -> tuple[PoseSample, PoseSample]:
+    """Truth and estimate of a frame, 0.1 m apart on an arc; the estimate scaled by 0.4 % and turned a little."""
+    angle, stamp_ns = 0.005 * number, (number + 1) * STEP_NS
+    truth = (20.0 * math.sin(angle), 20.0 * (1 - math.cos(angle)), 0.0)
+    wobble = 0.002 * math.sin(0.7 * number)
+    estimate = (truth[0] * 1.004 + wobble, truth[1] * 1.004 - wobble, wobble)
+    covariance = np.eye(6) * (LOST_VARIANCE if lost else 1e-4)
+    (true_quat, quat) = ((0.0, 0.0, math.sin(a / 2), math.cos(a / 2)) for a in (angle, angle + 0.001 * wobble))
+    return (
+        PoseSample(Track.TRUTH, stamp_ns, truth, true_quat, received_s, None),
+        PoseSample(Track.ESTIMATE, stamp_ns, estimate, quat, received_s, covariance),
+    )
+
+
+def poses(count: int, begin_s: float) -> Iterator[PoseSample]:
+    """Truth and estimates at 10 Hz."""
+    for number in range(count):
+        yield from pose_pair(number, begin_s + 0.1 * number)
+
+
+def frame(number: int, now_s: float, *, lost: bool = False) -> list[Update]:
+    """Poses of a frame, and when its image was published."""
+    return [Sampled("loc/left", (number + 1) * STEP_NS, now_s), *pose_pair(number, now_s, lost=lost)]
+
+
+def report(count: int, received_s: float) -> Report:
+    """What the monitor says of the first poses."""
+    score = MonitorScore(ScoreConfig(), parse_limits(LIMITS, "made"))
+    for pose in poses(count, 0.0):
+        if pose.covariance is None:
+            score.add_truth(pose.stamp_ns, pose.position, pose.quat_xyzw)
+        else:
+            score.add_estimate(pose.stamp_ns, pose.position, pose.quat_xyzw, pose.covariance)
+            score.add_call(CallRecord(pose.stamp_ns, 0.035, "tracking", 412_000_000, 90_000_000, TIMES))
+    return Report(to_json(score.result(details=False)), received_s)
+
+
+def call(number: int, received_s: float, state: str = "tracking") -> Status:
+    values = {
+        "task": "localisation",
+        "stamp_ns": str((number + 1) * STEP_NS),
+        "state": state,
+        "reason": "",
+        "processing_time_s": "0.0351",
+        "peak_rss_bytes": "412000000",
+        "latency_transport_s": "0.004",
+        "latency_receive_to_publish_s": "0.041",
+    }
+    return Status("localisation_node", StatusKind.CALL, 0, state, values, received_s)
+
+
+def health(node: str, received_s: float, level: int = 0, message: str = "tracking") -> Status:
+    values = {
+        "lifecycle": "active",
+        "received_messages_hz": "20.0",
+        "processed_hz": "10.0",
+        "waiting": "0",
+        "resident_memory_bytes": "400000000",
+        "latency_transport_p95_s": "0.0042",
+        "dropped_in_transport": "3" if level else "0",
+        "dropped_unpaired": "0",
+    }
+    return Status(node, StatusKind.HEALTH, level, message, values, received_s)
+
+
+def image(topic: str, stamp_ns: int, now_s: float) -> ImageSample:
+    v, u = np.mgrid[:240, :320]
+    pixels = (127 + 60 * np.sin(u / 9.0) + 60 * np.cos(v / 7.0)).astype(np.uint8)
+    return image_sample(topic, stamp_ns, pixels, now_s)
+
+
+def tracks(stamp_ns: int, now_s: float) -> TrackSample:
+    """Twenty tracks, one of them an outlier and one not found, and a mask."""
+    rows = np.random.default_rng(6).uniform(20.0, 220.0, (20, 5)).astype(np.float32)
+    rows[:, 4] = np.linspace(0.0, 1.0, 20)
+    rows[3] = [np.nan, np.nan, 50.0, 60.0, np.nan]
+    masks = {"left": (np.array([[0, 200], [319, 200], [319, 239], [0, 239]], np.float32),)}
+    return TrackSample("localisation/tracks", stamp_ns, rows, masks, now_s)
+
+
+def cloud(stamp_ns: int, now_s: float, count: int = 60_000) -> tuple[CloudSample, ElevationSample]:
+    """A cloud and its grid, which has a hazard."""
+    rng = np.random.default_rng(5)
+    xy = rng.uniform((-1.0, -6.0), (12.0, 6.0), (count, 2))
+    points = np.column_stack([xy, 0.2 * np.sin(xy[:, 0]) + 0.1 * np.cos(2 * xy[:, 1])])
+    sigma = 1e-3 * np.hypot(*xy.T) ** 2
+    error = np.abs(rng.normal(0.0, sigma + 1e-6))
+    sample, grid = cloud_samples(stamp_ns, points, sigma, now_s, error)
+    assert grid is not None
+    return sample, with_layer(grid, "hazard", np.full(grid.layers.shape[:2], 40.0))
+
+
+def fill(state: LiveState, frames: int = 60) -> None:
+    """Put a whole run of this moment into a state, with the report of all tables."""
+    from helpers.made_scores import whole_score
+
+    now_s = time.time()
+    for node in NODES:
+        state.put(health(node, now_s))
+    for number in range(frames):
+        for update in frame(number, now_s):
+            state.put(update)
+        state.put(call(number, now_s))
+    state.put(Report(to_json(whole_score(100, 48, 2)), now_s))
+    state.put(GraphView(frozenset(NODES), now_s, {"localisation/odometry": 0}))
+    for topic in ("loc/left", "loc/right"):
+        state.put(image(topic, STEP_NS, now_s))
+    for media in (tracks(STEP_NS, now_s), *cloud(STEP_NS, now_s)):
+        state.put(media)
+
+
+def updates(count: int, begin_s: float) -> Iterator[Update]:
+    """A whole run that ends at `begin_s + 0.1 * count`."""
+    end_s = begin_s + 0.1 * count
+    yield from poses(count, begin_s)
+    yield call(count - 1, end_s)
+    yield health("localisation_node", end_s)
+    yield health("mapping_node", end_s, 1, "stereo pairs without a pose")
+    yield health("monitor_node", end_s, 0, "scoring")
+    yield GraphView(frozenset(NODES), end_s, {"loc/left/image_rect": 2})
+    yield report(count, end_s)
