@@ -34,11 +34,10 @@ from sfr_loc_map.io.bag import (
     read_trajectory,
 )
 from sfr_loc_map.io.calibration_file import Calibration, read_calibration
-from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.head_pose import head_poses
 from sfr_loc_map.io.image_codec import image_from_message, points_image
 from sfr_loc_map.io.image_files import check_size
-from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig
+from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig, rig_of_rectified
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig, SyncConfig
 from sfr_loc_map.io.stamp_pairing import match_stamps
@@ -79,7 +78,7 @@ class _BagPairs:
         self._rectifier: StereoRectifier | None = None
         try:
             if found.is_rectified:
-                self.rig = rig_from_camera_info(left, right, rig)
+                self.rig, self._rectifier = rig_of_rectified((left, right), rig)
             else:
                 self.rig, self._rectifier = rectified_rig((left, right), rig)
         except InputError as error:

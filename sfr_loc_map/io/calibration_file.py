@@ -1,6 +1,8 @@
 """The calibration of a stereo pair from files of other programs, told apart by what they hold.
 
-    Kalibr       camchain.yaml with cam0 and cam1 (pinhole; radtan, equidistant) and T_cn_cnm1
+    Kalibr       camchain.yaml with cam0 and cam1 (pinhole; radtan, equidistant) and T_cn_cnm1, T_cam_imu or T_imu_cam
+    EuRoC        cam0/sensor.yaml and cam1/sensor.yaml
+    ORB-SLAM     settings with LEFT.K, RIGHT.K, ..., with Camera1, Camera2 and Stereo.T_c1_c2, or with Camera.bf
     OpenCV       FileStorage (YAML, XML, JSON) with M1 D1 M2 D2 R T or R1 R2 P1 P2, in one file or two
     ROS          left.yaml and right.yaml of camera_calibration
     COLMAP       cameras.txt and rig_config.json
@@ -16,7 +18,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
@@ -66,6 +68,10 @@ def read_calibration(path: Path, size: tuple[int, int] | None = None) -> Calibra
             T_rb_sb, text = rig.T_rb_sb, f"rig '{file.name}'"
         elif "cam0" in keys:
             (left, right), text = _kalibr(file, content)
+        elif {"tbs", "intrinsics"} <= keys:
+            (left, right), text = _euroc(file, other)
+        elif keys & {"left.k", "camera.fx", "camera1.fx"}:
+            (left, right), text = _orbslam(file, content)
         elif "projectionmatrix" in keys:
             (left, right), text = _ros(file, other)
         elif keys & {"m1", "k1", "cameramatrix1", "r1", "t"}:
@@ -76,8 +82,9 @@ def read_calibration(path: Path, size: tuple[int, int] | None = None) -> Calibra
         else:
             found = ", ".join(sorted(keys)[:8]) or "none of their names"
             raise InputError(
-                f"{where}: a file of Kalibr (cam0, cam1), OpenCV (M1, D1, M2, D2, R, T), ROS (camera_matrix, "
-                f"projection_matrix), COLMAP (cameras.txt and rig_config.json) or a rig.json is needed, it has {found}"
+                f"{where}: a file of Kalibr (cam0, cam1), EuRoC, ORB-SLAM, OpenCV (M1, D1, M2, D2, R, T), ROS "
+                f"(camera_matrix, projection_matrix), COLMAP (cameras.txt and rig_config.json) or a rig.json is "
+                f"needed, it has {found}"
             )
     if len(sizes := {left.size, right.size, size or left.size}) > 1:
         found = " and ".join(f"{width} x {height}" for width, height in sorted(sizes))
@@ -117,9 +124,15 @@ def _content(file: Path) -> Any:  # noqa: ANN401 - any YAML or JSON
         root = ET.fromstring(text)
         content = {item.tag: {part.tag: part.text for part in item} if len(item) else item.text for item in root}
     else:  # JSON is YAML, but for tabs
-        content = parse_yaml(re.sub(r"^%.*$|!!opencv-\S+|\t", " ", text, flags=re.MULTILINE))
+        content = parse_opencv_yaml(text)
     plain = {str(key).lower().replace("_", ""): item for key, item in content.items()} if type(content) is dict else {}
     return plain or content
+
+
+def parse_opencv_yaml(text: str) -> Any:  # noqa: ANN401 - any YAML
+    """Return the value of a YAML text as cv::FileStorage reads it: `%YAML:1.0`, `data:[`, tags and tabs."""
+    text = re.sub(r"^%.*$|!!opencv-\S+|\t", " ", text, flags=re.MULTILINE)
+    return parse_yaml(re.sub(r"^(\s*[A-Za-z][\w.]*):(?=[\[\d.+-])", r"\1: ", text, flags=re.MULTILINE))
 
 
 def _numbers(content: Mapping[str, Any], *names: str) -> tuple[float, ...]:
@@ -151,18 +164,109 @@ class _KalibrCamera(msgspec.Struct):
     distortion_coeffs: tuple[float, ...]
     resolution: tuple[int, int]
     T_cn_cnm1: list[list[float]] | None = None
+    T_cam_imu: list[list[float]] | None = None
+    T_imu_cam: list[list[float]] | None = None
+
+    def pose_in_imu(self) -> Transform | None:
+        """Return the pose of the camera in the IMU, None where the file does not give it."""
+        if self.T_imu_cam is not None:
+            return _matrix(self.T_imu_cam)
+        return None if self.T_cam_imu is None else _matrix(self.T_cam_imu).inverse()
+
+
+def _matrix(rows: list[list[float]]) -> Transform:
+    return Transform.from_matrix(np.array(rows, np.float64).reshape(4, 4))
+
+
+def _pose_of_right(one: _KalibrCamera, other: _KalibrCamera) -> Transform:
+    """Return the pose of cam1 in cam0: by T_cn_cnm1 of cam1, else by the poses of both in the IMU."""
+    if other.T_cn_cnm1 is not None:
+        return _matrix(other.T_cn_cnm1).inverse()
+    in_imu, other_in_imu = one.pose_in_imu(), other.pose_in_imu()
+    if in_imu is None or other_in_imu is None:
+        raise ValueError("cam1 has no T_cn_cnm1, and cam0 and cam1 do not both have T_cam_imu or T_imu_cam")
+    return in_imu.inverse() @ other_in_imu
 
 
 def _kalibr(file: Path, content: dict[str, Any]) -> tuple[Cameras, str]:
     one, other = (msgspec.convert(content.get(name), _KalibrCamera, strict=False) for name in ("cam0", "cam1"))
-    if other.T_cn_cnm1 is None:
-        raise ValueError("cam1 has no T_cn_cnm1")
-    T_cam0_cam1, cameras = Transform.from_matrix(np.array(other.T_cn_cnm1, np.float64).reshape(4, 4)).inverse(), []
+    T_cam0_cam1 = _pose_of_right(one, other)
+    cameras = []
     for camera, pose in ((one, Transform.identity()), (other, T_cam0_cam1)):
         d = camera.distortion_coeffs or (0.0,) * 4
         lens = _lens(d, camera.distortion_model.startswith("equi"))
         cameras.append(CalibratedCamera(camera.resolution, camera.intrinsics, d, pose, lens))
     return _side_by_side(f"Kalibr '{file.name}'", cameras, ["cam0", "cam1"])
+
+
+class _SensorPose(msgspec.Struct):
+    data: Annotated[list[float], msgspec.Meta(min_length=16, max_length=16)]
+
+
+class _SensorYaml(msgspec.Struct):
+    T_BS: _SensorPose
+    resolution: tuple[int, int]
+    camera_model: Literal["pinhole"]
+    intrinsics: tuple[float, float, float, float]
+    distortion_model: Literal["radial-tangential", "radtan", "plumb_bob", "equidistant", "equi", "none"]
+    distortion_coefficients: Annotated[tuple[float, ...], msgspec.Meta(max_length=8)] = (0.0,) * 4
+
+
+def read_sensor_yaml(path: Path) -> CalibratedCamera:
+    """Read the sensor.yaml of an EuRoC camera."""
+    with refusing(f"'{path}' is not a sensor.yaml of an EuRoC camera"):
+        content = parse_opencv_yaml(read_text(path))
+        camera = msgspec.convert(content, _SensorYaml, strict=False)  # YAML takes 1e-5 for a text
+        pose = Transform.from_matrix(np.array(camera.T_BS.data).reshape(4, 4))
+        d = camera.distortion_coefficients or (0.0,) * 4
+        lens = _lens(d, camera.distortion_model.startswith("equi"))
+        return CalibratedCamera(camera.resolution, camera.intrinsics, d, pose, lens)
+
+
+def _euroc(file: Path, other: Path | None) -> tuple[Cameras, str]:
+    if other is None:
+        raise InputError(f"calibration '{file}' is of one camera: put that of the other beside it, as cam0 and cam1")
+    files = sorted((file.absolute(), other))
+    cameras = [read_sensor_yaml(path) for path in files]
+    return _side_by_side("EuRoC", cameras, [f"'{path.parent.name}/{path.name}'" for path in files])
+
+
+def _orbslam(file: Path, content: Mapping[str, Any]) -> tuple[Cameras, str]:
+    """Read the settings of ORB-SLAM: LEFT.K, RIGHT.K, ... of raw images, or Camera.fx, Camera.bf of rectified ones."""
+    text = f"ORB-SLAM '{file.name}'"
+    if "left.k" in content:
+        raws = []
+        for side in SIDES:
+            k, d, r, p = (_numbers(content, f"{side}.{name}") for name in "kdrp")
+            size = (int(content[f"{side}.width"]), int(content[f"{side}.height"]))
+            raws.append(RawCamera.of(text, RawCamera(size, _lens(d, False), d, k, r, p).info))
+        return (raws[0], raws[1]), f"{text}, LEFT and RIGHT"
+    size = (int(_one(content, "camera.width")), int(_one(content, "camera.height")))
+    if "stereo.tc1c2" in content:
+        fisheye = "kannala" in str(content.get("camera.type", "")).lower()
+        cameras = []
+        T_left_right = Transform.from_matrix(np.array(_numbers(content, "stereo.tc1c2")).reshape(4, 4))
+        for name, pose in (("camera1", Transform.identity()), ("camera2", T_left_right)):
+            names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2")
+            d = tuple(float(content.get(f"{name}.{item}", 0.0)) for item in names)
+            fx, fy, cx, cy = (_one(content, f"{name}.{item}") for item in ("fx", "fy", "cx", "cy"))
+            cameras.append(CalibratedCamera(size, (fx, fy, cx, cy), d, pose, _lens(d, fisheye)))
+        return rectified_cameras(text, *cameras), f"{text}, Camera1 and Camera2"
+    name = "camera" if "camera.fx" in content else "camera1"
+    fx, fy, cx, cy = (_one(content, f"{name}.{item}") for item in ("fx", "fy", "cx", "cy"))
+    baseline = content.get("stereo.b")
+    shift = fx * float(baseline) if baseline is not None else _one(content, "camera.bf")
+    k = (fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0)
+    r = tuple(np.eye(3).reshape(-1).tolist())
+    ps = [(fx, 0.0, cx, -move, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0) for move in (0.0, shift)]
+    left, right = (RawCamera(size, "plumb_bob", (0.0,) * 5, k, r, p) for p in ps)
+    return (left, right), f"{text}, rectified"
+
+
+def _one(content: Mapping[str, Any], name: str) -> float:
+    if name not in content:
+        raise ValueError(f"it has no {name}")
+    return float(content[name])
 
 
 def _side_by_side(name: str, cameras: list[CalibratedCamera], names: list[str]) -> tuple[Cameras, str]:

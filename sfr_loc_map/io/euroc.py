@@ -12,24 +12,27 @@ from __future__ import annotations
 
 import logging
 from pathlib import Path
-from typing import Annotated, Literal
 
-import msgspec
 import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import parse_yaml, refusing
+from sfr_loc_map.inputs import NS_PER_S, read_text, refusing
+from sfr_loc_map.io.calibration_file import parse_opencv_yaml, read_sensor_yaml
 from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.io.image_files import ImageFileSequence, ImagePair, TableWriter, whole_pairs
-from sfr_loc_map.io.rectification import CalibratedCamera, rectified_pair
+from sfr_loc_map.io.rectification import rectified_pair
 from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.stamp_pairing import STAMP_TOLERANCE_S, match_stamps
 from sfr_loc_map.io.text_table import check_order, parse_stamp_ns, read_lines
 from sfr_loc_map.io.trajectory_file import TrajectoryFormat, read_trajectory_file, save_trajectory
+from sfr_loc_map.io.truth import RB_ITSELF, TrackedBody
 
 CAMERAS = ("cam0", "cam1")
 TRUTH = "state_groundtruth_estimate0"
+TRUTHS = (TRUTH, "mocap0", "vicon0", "gt0", "leica0")  #: The best first: TUM-VI has mocap0, EuRoC vicon0 or leica0.
 LIST_HEADER = "#timestamp [ns],filename"
 _log = logging.getLogger(__name__)
 
@@ -42,38 +45,40 @@ def is_euroc(path: Path) -> bool:
 def open_euroc(path: Path) -> Source:
     """Open an EuRoC sequence."""
     folder = path / "mav0" if (path / "mav0").is_dir() else path
-    rig, rectify = rectified_pair(f"'{folder}'", *(_load_camera(folder / name / "sensor.yaml") for name in CAMERAS))
+    rig, rectify = rectified_pair(f"'{folder}'", *(read_sensor_yaml(folder / name / "sensor.yaml") for name in CAMERAS))
     left, right = (_load_list(folder / name / "data.csv") for name in CAMERAS)
-    pairs = [ImagePair(stamp, left[stamp], right[stamp]) for stamp in sorted(left.keys() & right.keys())]
+    stamps = {stamp: stamp for stamp in sorted(left.keys() & right.keys())}
+    if not stamps:
+        stamps = match_stamps(list(left), list(right), round(STAMP_TOLERANCE_S * NS_PER_S))
+        _log.warning(f"'{folder}': {len(stamps)} pairs have stamps that differ, matched within {STAMP_TOLERANCE_S} s")
+    pairs = [ImagePair(stamp, left[stamp], right[other]) for stamp, other in stamps.items()]
     if not pairs:
-        raise InputError(f"'{folder}': none of {len(left)} left and {len(right)} right images have equal stamps")
+        raise InputError(
+            f"'{folder}': none of {len(left)} left and {len(right)} right images have stamps within "
+            f"{STAMP_TOLERANCE_S} s: give data.csv of both cameras by one clock"
+        )
     entries, left_out = whole_pairs(pairs, f"'{folder}'")
-    truth, file = None, folder / TRUTH / "data.csv"
-    if file.exists():
-        truth = read_trajectory_file(file).trajectory
-        check_order(truth.stamps_ns, f"'{file}'", strict=False)
+    truth = _load_truth(folder)
     return Source(path, "euroc", ImageFileSequence(rig, entries, truth, rectify), None, left_out)
 
 
-class _Pose(msgspec.Struct):
-    data: Annotated[list[float], msgspec.Meta(min_length=16, max_length=16)]
-
-
-class _SensorYaml(msgspec.Struct):
-    T_BS: _Pose
-    resolution: tuple[int, int]
-    camera_model: Literal["pinhole"]
-    intrinsics: tuple[float, float, float, float]
-    distortion_model: Literal["radial-tangential", "radtan"]
-    distortion_coefficients: tuple[float, float, float, float]
-
-
-def _load_camera(path: Path) -> CalibratedCamera:
-    with refusing(f"'{path}' is not a sensor.yaml of an EuRoC camera"):
-        content = parse_yaml("\n".join(line for line in read_lines(path) if line[:1] != "%"))
-        camera = msgspec.convert(content, _SensorYaml, strict=False)  # YAML takes 1e-5 for a text
-        pose = Transform.from_matrix(np.array(camera.T_BS.data).reshape(4, 4))
-        return CalibratedCamera(camera.resolution, camera.intrinsics, camera.distortion_coefficients, pose)
+def _load_truth(folder: Path) -> Trajectory | None:
+    """Return the truth of the first of `TRUTHS` that is there; T_BS places the marker of a tracker in the body."""
+    file = next((file for name in TRUTHS if (file := folder / name / "data.csv").is_file()), None)
+    if file is None:
+        return None
+    loaded = read_trajectory_file(file, side="truth")
+    check_order(loaded.trajectory.stamps_ns, f"'{file}'", strict=False)
+    if file.parent.name == TRUTH:
+        return loaded.trajectory
+    place = file.with_name("sensor.yaml")
+    marker = RB_ITSELF
+    if place.is_file():
+        with refusing(f"'{place}' is not a sensor.yaml"):
+            numbers = np.array(parse_opencv_yaml(read_text(place))["T_BS"]["data"], np.float64)
+            T_rb_marker = Transform.from_matrix(numbers.reshape(4, 4))
+            marker = TrackedBody(tuple(T_rb_marker.translation.tolist()), tuple(T_rb_marker.quat_xyzw.tolist()))
+    return marker.applied(loaded.trajectory, read_from=loaded.text)
 
 
 def _load_list(path: Path) -> dict[int, Path]:

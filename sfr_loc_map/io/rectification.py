@@ -22,6 +22,10 @@ Rectify = Callable[[GreyImage, GreyImage], tuple[GreyImage, GreyImage]]
 COEFFICIENTS = {"plumb_bob": (4, 5), "rational_polynomial": (8, 12, 14), "equidistant": (4,), "fisheye": (4,)}
 """Models of distortion that are known, and how many coefficients they may have."""
 FISHEYE = ("equidistant", "fisheye")
+FOCAL_RATIO = (0.5, 2.0)
+"""Rectified focal length over that of the camera. OpenCV shrinks the image of a wide fisheye lens to a few pixels."""
+MIN_VALID = 0.25  #: Smallest fraction of a rectified image that raw pixels are mapped to.
+SAME_PX = 0.02  #: Shift of a pixel below which two descriptions of a camera are equal.
 RECTIFIED_TOLERANCE = 1e-9
 """Calibrated cameras that differ from a rectified pair by no more, in radians and metres, are one."""
 
@@ -92,9 +96,18 @@ class RawCamera:
 class StereoRectifier:
     """Rectifies the pairs of two cameras, left and right."""
 
-    def __init__(self, cameras: tuple[RawCamera, RawCamera]) -> None:
+    def __init__(self, cameras: tuple[RawCamera, RawCamera], name: str = "the camera") -> None:
+        """Make the maps; InputError if they show hardly anything of the raw images."""
         self.cameras = cameras
         self._maps = tuple(camera.maps() for camera in cameras)
+        for side, camera, maps in zip(SIDES, cameras, self._maps, strict=True):
+            fraction = valid_fraction(maps[0], camera.size)
+            if fraction < MIN_VALID:
+                raise InputError(
+                    f"{name}/{side}: its R and P show raw pixels in {100.0 * fraction:.3g} % of the rectified image "
+                    f"(focal length {camera.p[0]:g} px, principal point ({camera.p[2]:g}, {camera.p[6]:g}) of "
+                    f"{camera.size[0]} x {camera.size[1]}): calibrate the pair, or give a calibration with other R, P"
+                )
 
     def rectify(self, left: GreyImage, right: GreyImage) -> tuple[GreyImage, GreyImage]:
         """Return the rectified images; what no raw pixel shows is 0."""
@@ -110,7 +123,60 @@ def rectified_rig(
     rig = rig_from_camera_info(one, other, name)
     if before is not None and before.cameras == (left, right):
         return rig, before
-    return rig, StereoRectifier((left, right))
+    return rig, StereoRectifier((left, right), name)
+
+
+def rig_of_rectified(infos: Sequence[Any], name: str) -> tuple[StereoRig, StereoRectifier | None]:
+    """Return the rig of rectified images by P of two CameraInfo; the rectifier makes equal what differs in P.
+
+    P of left and right may differ in focal length and principal point (OpenCV without CALIB_ZERO_DISPARITY, crops). A
+    difference that moves no pixel by more than `SAME_PX` is ignored; for a larger one the right images are remapped.
+    """
+    left, right = infos
+    p_left, p_right = (np.asarray(info.p, np.float64).reshape(-1) for info in infos)
+    sizes_equal = (left.width, left.height) == (right.width, right.height)
+    complete = p_left.shape == p_right.shape == (12,) and np.isfinite([p_left, p_right]).all()
+    if not complete or not sizes_equal or p_left[0] <= 0.0 or p_right[0] <= 0.0 or p_right[5] <= 0.0:
+        return rig_from_camera_info(left, right, name), None
+    difference = np.abs(np.delete(p_left - p_right, [3, 7, 11]))
+    if difference.max() <= TOLERANCE:
+        return rig_from_camera_info(left, right, name), None
+    baseline = (p_left[3] / p_left[0]) - (p_right[3] / p_right[0])
+    common = p_left.copy()
+    common[3] = p_left[3] - p_left[0] * baseline
+    other = SimpleNamespace(**{**_fields_of(right), "p": common})
+    rig = rig_from_camera_info(left, other, name)
+    size = (int(left.width), int(left.height))
+    if _largest_shift_px(p_left, p_right, size) <= SAME_PX:
+        return rig, None
+    cameras = []
+    for p, target in ((p_left, p_left), (p_right, common)):
+        k = np.reshape(p, (3, 4))[:, :3].reshape(-1)
+        parts = (tuple(values.tolist()) for values in (k, np.eye(3).reshape(-1), target))
+        cameras.append(RawCamera(size, "plumb_bob", (0.0,) * 5, *parts))
+    return rig, StereoRectifier((cameras[0], cameras[1]), name)
+
+
+def _fields_of(info: Any) -> dict[str, Any]:  # noqa: ANN401 - a CameraInfo of any library
+    """Return the fields of a CameraInfo that a rig is made of."""
+    return {name: getattr(info, name) for name in ("width", "height", "d", "k", "r", "p")}
+
+
+def _largest_shift_px(p_left: FloatArray, p_right: FloatArray, size: tuple[int, int]) -> float:
+    """Return by how much a corner of the right image moves if it is taken to be of the P of the left one."""
+    shifts = []
+    for axis, (focal, centre) in enumerate(((0, 2), (5, 6))):
+        for corner in (0.0, float(size[axis] - 1)):
+            ray = (corner - p_right[centre]) / p_right[focal]
+            shifts.append(abs(ray * p_left[focal] + p_left[centre] - corner))
+    return float(max(shifts))
+
+
+def valid_fraction(places: Any, size: tuple[int, int]) -> float:  # noqa: ANN401 - of OpenCV
+    """Return the fraction of a rectified image that raw pixels are mapped to; `places` `(H, W, 2)` in the raw image."""
+    width, height = size
+    u, v = places[:, :, 0], places[:, :, 1]
+    return float(((u >= 0) & (u < width) & (v >= 0) & (v < height)).mean())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,6 +203,11 @@ class CalibratedCamera:
         """Camera matrix `(3, 3)`."""
         fx, fy, cx, cy = self.intrinsics
         return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+    def as_raw(self, rotation: FloatArray, projection: FloatArray) -> RawCamera:
+        """Return the camera with the R `(3, 3)` and P `(3, 4)` that rectify its images."""
+        numbers = (tuple(np.ravel(matrix).tolist()) for matrix in (self.k, rotation, projection))
+        return RawCamera(self.size, self.model, self.distortion, *numbers)
 
 
 def rectified_cameras(name: str, left: CalibratedCamera, right: CalibratedCamera) -> tuple[RawCamera, RawCamera]:
@@ -167,15 +238,48 @@ def rectified_cameras(name: str, left: CalibratedCamera, right: CalibratedCamera
             except cv2.error as error:
                 raise ValueError(str(error)) from error
         projections = (one, other)
+        if _is_absurd((left, right), rotations, projections):
+            projections = _kept_projections((left, right), rotations, float(other[0, 3] / other[0, 0]))
+            if problem := _is_absurd((left, right), rotations, projections):
+                raise InputError(f"{name}: the cameras cannot be rectified: {problem}; correct the calibration")
+            other = projections[1]
         if not other[0, 3] < 0 or other[1, 3] != 0:
             raise InputError(f"{name}: the right camera is not right of the left: swapped, or one above the other?")
-    one, other = (
-        RawCamera(
-            camera.size, camera.model, camera.distortion, *(tuple(np.ravel(m).tolist()) for m in (camera.k, r, p))
-        )
-        for camera, r, p in zip((left, right), rotations, projections, strict=True)
-    )
+    one, other = map(CalibratedCamera.as_raw, (left, right), rotations, projections)
     return one, other
+
+
+def _kept_projections(
+    cameras: Sequence[CalibratedCamera], rotations: Sequence[FloatArray], shift: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return projections with the focal length of the cameras that keep the centres of both in the image."""
+    focal = float(np.mean([camera.intrinsics[:2] for camera in cameras]))
+    axes = np.array([rotation[:, 2] for rotation in rotations])  # optical axes in the rectified frame
+    centres = np.array([camera.intrinsics[2:] for camera in cameras])
+    centre = (centres - focal * axes[:, :2] / axes[:, 2:]).mean(axis=0)
+    one = np.array([[focal, 0.0, centre[0], 0.0], [0.0, focal, centre[1], 0.0], [0.0, 0.0, 1.0, 0.0]])
+    other = one.copy()
+    other[0, 3] = focal * shift
+    return one, other
+
+
+def _is_absurd(
+    cameras: Sequence[CalibratedCamera], rotations: Sequence[FloatArray], projections: Sequence[FloatArray]
+) -> str:
+    """Return why a rectification does not show what the cameras see, empty if it does."""
+    for camera, rotation, projection in zip(cameras, rotations, projections, strict=True):
+        raw = camera.as_raw(rotation, projection)
+        width, height = camera.size
+        focal, centre = float(projection[0, 0]), projection[:2, 2]
+        ratio = focal / float(np.mean(camera.intrinsics[:2]))
+        if not FOCAL_RATIO[0] <= ratio <= FOCAL_RATIO[1]:
+            return f"the rectified focal length is {focal:.4g} px, {ratio:.3g} times that of the camera"
+        if not (0.0 <= centre[0] < width and 0.0 <= centre[1] < height):
+            return f"the rectified principal point ({centre[0]:.4g}, {centre[1]:.4g}) is outside of the image"
+        fraction = valid_fraction(raw.maps()[0], camera.size)
+        if fraction < MIN_VALID:
+            return f"raw pixels are mapped to {100.0 * fraction:.3g} % of the rectified image"
+    return ""
 
 
 def rectified_pair(name: str, left: CalibratedCamera, right: CalibratedCamera) -> tuple[StereoRig, Rectify | None]:

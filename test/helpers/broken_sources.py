@@ -106,8 +106,7 @@ def unequal_sizes(path: Path) -> Path:
 
 
 def not_rectified(path: Path) -> Path:
-    distorted = np.array([-0.3, 0.1, 0.0, 0.0, 0.0])
-    return rewritten_bag(path, lambda t, n, m: replace(m, d=distorted) if t.endswith("left/camera_info") else m)
+    return rewritten_bag(path, lambda t, n, m: replace(m, p=np.zeros(12)) if t.endswith("left/camera_info") else m)
 
 
 def nan_in_poses(path: Path) -> Path:

@@ -238,7 +238,7 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
     "one above the other": (lambda folder: kalibr(folder, moved(0, -0.12, 0)), "one above the other"),
     "images of another size": (edited(kalibr, ("200", "640"), ("160", "480")), "are of 200 x 160 and 640 x 480"),
     "one camera of ROS": (without("left/ost.yaml", ros), "of one camera: put that of the other beside it"),
-    "no size of ROS": (without("cameras.txt", colmap), "(cam0, cam1), OpenCV (M1, D1, M2, D2, R, T)"),
+    "no size of ROS": (without("cameras.txt", colmap), "(cam0, cam1), EuRoC, ORB-SLAM, OpenCV (M1"),
     "an unknown lens of COLMAP": (edited(colmap, ("OPENCV", "FOV")), "lens FOV is none of SIMPLE_PINHOLE"),
     "a foreign file": (text_file("a: 1\nb: 2\n"), "or a rig.json is needed, it has a, b"),
     "no file": (lambda folder: folder / "left.yaml", "No such file or directory"),

@@ -237,7 +237,7 @@ def test_namespace_remapping_and_a_parameter_file_reach_the_node_and_its_results
 def test_localisation_survives_what_the_network_may_send(ros: None, capfd: Capture) -> None:
     with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT) as node:
         bad = bag_messages.camera_info(START_NS, LOC_RIG, "loc", "left")
-        bad.d[0] = 0.1
+        bad.p[0] = 0.0
         peer.publish(CameraInfo, "loc/left/camera_info", raw(bad))
         right_info = raw(bag_messages.camera_info(START_NS, LOC_RIG, "loc", "right"))
         peer.publish(CameraInfo, "loc/right/camera_info", right_info)
