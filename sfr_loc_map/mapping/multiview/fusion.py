@@ -67,8 +67,8 @@ class Comparison(NamedTuple):
     total_weight: FloatImage  #: `(N,)`, weight of the point and of the views that agree, 1 / m^2.
     weighted_difference: FloatImage  #: `(N,)`, sum of weight times range difference of these views, 1 / m.
     merged: Mask  #: `(N,)`, another view agrees.
-    duplicate: Mask  #: `(N,)`, a view with precedence has the same sample.
-    conflict: Mask  #: `(N,)`, a view with precedence observes a farther surface.
+    duplicate: Mask  #: `(N,)`, a preferred view has the same sample.
+    conflict: Mask  #: `(N,)`, a preferred view observes a farther surface.
     findings: Findings  #: Agreement of the poses.
 
 
@@ -97,7 +97,7 @@ def _fuse_view(number: int, views: Sequence[PairView], rig: StereoRig) -> KeptPo
 def _compare(number: int, views: Sequence[PairView], rig: StereoRig) -> Comparison:
     """Return what the other views say about the points of a view, given by its number.
 
-    The view with the larger weight has precedence; of two views with equal weights it is the first one.
+    The preferred view is the one with the larger weight, or the first one of two with equal weights.
     """
     view = views[number]
     own_weight = view.images.weight[view.cloud.v, view.cloud.u]
@@ -113,15 +113,15 @@ def _compare(number: int, views: Sequence[PairView], rig: StereoRig) -> Comparis
         seen = reproject_into_view(view.cloud, other.T_lm_left, other.images, rig)
         index = seen.index
         own = own_weight[index]
-        has_precedence = seen.weight >= own if other_number < number else seen.weight > own
+        is_preferred = seen.weight >= own if other_number < number else seen.weight > own
         sigma = np.sqrt(np.square(view.cloud.sigma[index]) + np.square(seen.sigma))
         agree = np.abs(seen.difference) / sigma <= AGREE_SIGMAS
         weight = np.where(agree, seen.weight, F(0.0))
         total_weight[index] += weight
         weighted_difference[index] += weight * seen.difference
         merged[index] |= agree
-        duplicate[index] |= agree & has_precedence & (seen.offset_px < SAME_SAMPLE_PX)
-        conflict[index] |= has_precedence & (seen.difference > AGREE_SIGMAS * sigma)
+        duplicate[index] |= agree & is_preferred & (seen.offset_px < SAME_SAMPLE_PX)
+        conflict[index] |= is_preferred & (seen.difference > AGREE_SIGMAS * sigma)
         agreement = pose_agreement((number, other_number), (view, other), seen)
         if number > other_number:  # one warning per two views
             agreement = Findings(agreement.statistics)
