@@ -9,7 +9,7 @@ from numba import prange
 
 from sfr_loc_map.geometry.arrays import FloatImage, IntArray, median
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
-from sfr_loc_map.mapping.robust_statistics import MAD_TO_SIGMA, mad_sigma
+from sfr_loc_map.mapping.robust_statistics import mad_sigma
 
 F = np.float32
 
@@ -237,7 +237,7 @@ def noise_variance(
     if len(level) < NOISE_BINS * MIN_PER_BIN:
         return np.full(offset.shape, DEFAULT_VARIANCE, F)
     levels = np.array([part.mean() for part in np.array_split(level, NOISE_BINS)], np.float64)
-    variances = np.array([(MAD_TO_SIGMA * median(part)) ** 2 for part in np.array_split(deviation, NOISE_BINS)])
+    variances = np.array([mad_sigma(part) ** 2 for part in np.array_split(deviation, NOISE_BINS)])
     variances = np.maximum(variances, min_noise**2)
     weights = 1.0 / np.square(variances)
     mean_level = np.average(levels, weights=weights)

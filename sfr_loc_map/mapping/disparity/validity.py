@@ -21,7 +21,7 @@ from sfr_loc_map.jit import jit, jit_inline, jit_rows
 from sfr_loc_map.mapping.disparity.edge_evidence import SMALL_JUMP_PX, SURFACE_RADIUS, EdgeScene, wrong_surface_log_odds
 from sfr_loc_map.mapping.disparity.filters import SURFACE_JUMP_PX, box_mean, depth_ratio, within
 from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity
-from sfr_loc_map.mapping.robust_statistics import MAD_TO_SIGMA
+from sfr_loc_map.mapping.robust_statistics import mad_sigma
 
 F = np.float32
 
@@ -81,7 +81,7 @@ def locally_valid(refined: RefinedDisparity, matched_px: FloatImage, variance: F
     """Return which pixels `(H, W)` pass the tests of change, occlusion and residual."""
     change_px = np.abs(refined.disparity_px - matched_px)
     sample = change_px[::CHANGE_STRIDE, ::CHANGE_STRIDE]
-    change_sigma_px = MAD_TO_SIGMA * median(sample[~np.isnan(sample)])
+    change_sigma_px = mad_sigma(sample[~np.isnan(sample)])
     valid: Mask = change_px <= max(MAX_CHANGE_PX, MAX_CHANGE_SIGMAS * change_sigma_px)
     if not valid.any():
         return valid
