@@ -30,7 +30,7 @@ PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
 CAMPAIGN := PYTHONPATH=.:test $(BIN)/python -P -m campaigns
 SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
 
-.PHONY: help demo sample test test-fast test-quick faults misbehaviour signals drivers soak example-candidate fuzz recordings random-faults history-power kernels nees suite-overhead lint types config format check docs docs-check figures screens traceability docs-test dist dist-test clean
+.PHONY: help demo sample test test-fast test-quick faults misbehaviour signals drivers soak example-candidate fuzz recordings random-faults history-power mutants kernels nees suite-overhead lint types config format check docs docs-check figures screens traceability docs-test dist dist-test clean
 
 help:  ## Show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -88,6 +88,9 @@ random-faults: $(COMPILED)  ## Localise 100 drives with random faults: is one wr
 
 history-power: $(COMPILED)  ## Simulate 2000 histories of suites: false alarms, what is found, nights needed (SEED=N)
 	$(CAMPAIGN) history-power --seed $(SEED)
+
+mutants: $(DEV_STAMP)  ## Change one place of metrics or geometry at a time: is there a test that fails (WORDS=)
+	$(BIN)/python tools/mutants.py $(WORDS)
 
 kernels: $(CORE)  ## Compile all kernels as after an installation: seconds of each
 	PYTHONPATH=. $(BIN)/python tools/kernel_times.py $(PARTS)

@@ -15,6 +15,7 @@ from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
+import msgspec
 from sphinx.application import Sphinx
 
 POLICY = Path(__file__).resolve().parents[2] / "config" / "sros2_policy.xml"
@@ -116,16 +117,11 @@ def score() -> str:
 
 def _record(record: type) -> str:
     docs = _field_docs(record)
+    hints = get_type_hints(record)
     lines = [f"## {record.__name__}\n", _prose(inspect.cleandoc(record.__doc__ or "")) + "\n"]
-    for item in dataclasses.fields(record):
-        hint = get_type_hints(record, include_extras=True)[item.name]
-        key, inline = item.name, False
-        if get_origin(hint) is Annotated:
-            hint, *notes = get_args(hint)
-            key = next((note.name for note in notes if type(note).__name__ == "Key"), key)
-            inline = any(type(note).__name__ == "Inline" for note in notes)
-        place = "its keys stand in this object" if inline else _type_name(hint)
-        lines.append(f"`{key}`\n: {_prose(docs.get(item.name, ''))} ({place})\n")
+    for item in msgspec.structs.fields(record):
+        prose = _prose(docs.get(item.name, ""))
+        lines.append(f"`{item.encode_name}`\n: {prose} ({_type_name(hints[item.name])})\n")
     return "\n".join(lines)
 
 
@@ -145,7 +141,7 @@ def _field_docs(record: type) -> dict[str, str]:
 
 
 def _records_in(hint: Any) -> list[type]:  # noqa: ANN401 - any annotation
-    if dataclasses.is_dataclass(hint) and isinstance(hint, type) and not hasattr(hint, "to_plain"):
+    if isinstance(hint, type) and issubclass(hint, msgspec.Struct):
         return [hint]
     return [kind for part in get_args(hint) for kind in _records_in(part)]
 
@@ -164,8 +160,8 @@ def _type_name(hint: Any) -> str:  # noqa: ANN401 - any annotation
         return "array of " + _type_name(parts[0])
     if isinstance(hint, type) and issubclass(hint, Enum):
         return "one of " + ", ".join(f"`{member.value}`" for member in hint)
-    if dataclasses.is_dataclass(hint):
-        return f"[{hint.__name__}](#{hint.__name__.lower()})" if _records_in(hint) else "object"
+    if _records_in(hint):
+        return f"[{hint.__name__}](#{hint.__name__.lower()})"
     names = {str: "text", float: "number", int: "whole number", bool: "true or false", object: "any JSON"}
     return names.get(hint, getattr(hint, "__name__", str(hint)))
 

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.metrics.score import Score
 
 
-POINTS_SUFFIXES = (".parquet", ".csv")
+TABLE_SUFFIXES = (".parquet", ".csv")
 
 
 @app.command(
@@ -78,7 +78,11 @@ def score(
     ] = None,
     junit: Annotated[Path | None, Option(metavar="F.xml", help="Write the verdicts as JUnit XML.")] = None,
     points: Annotated[
-        Path | None, Option(metavar="F.parquet|F.csv", help="Write the error of every map point.")
+        Path | None, Option(metavar="F.parquet|F.csv", help="Write every map point, its ground truth and its error.")
+    ] = None,
+    pieces: Annotated[
+        Path | None,
+        Option(metavar="F.parquet|F.csv", help="Write every sub-trajectory: frames, displacements, errors."),
     ] = None,
     associate: Annotated[
         Literal["auto", "match", "interpolate"], Option(help="How an estimate finds its truth.")
@@ -110,8 +114,10 @@ def score(
     """Score an estimate against the truth: exit 1 if a limit is missed, 3 if something could not be judged."""
     from sfr_loc_map.io.source_config import config_beside, source_config
     from sfr_loc_map.io.truth import TruthConfig
+    from sfr_loc_map.metrics.cloud_error import points_table
+    from sfr_loc_map.metrics.trajectory_score import pieces_table
     from sfr_loc_map.report.test_report import junit as junit_of
-    from sfr_loc_map.scoring.score_run import ScoreInputs, converted_run, load_run, save_point_errors, score_run
+    from sfr_loc_map.scoring.score_run import ScoreInputs, converted_run, load_run, save_table, score_run
 
     has_pairs = truth.is_dir() or is_bag(truth)
     config_file = config_file or (config_beside(truth) if has_pairs else None)
@@ -153,8 +159,9 @@ def score(
     if align is not None and not has_poses:
         raise ConfigError("'--align' is for trajectories: leave it out for a cloud")
     aligned = aligned_error_config(align, {"max_difference_s": max_difference, "rpe_delta": rpe_delta})
-    check_suffix(points, POINTS_SUFFIXES)
-    output.check(junit, points)
+    for table in (points, pieces):
+        check_suffix(table, TABLE_SUFFIXES)
+    output.check(junit, points, pieces)
     correction = conversion.read(has_poses=has_poses)
     loaded = load_run(inputs, fused)
     for note in () if loaded.drive is None else loaded.drive.notes:
@@ -163,6 +170,8 @@ def score(
     cloud = None if run.cloud is None else run.cloud.loaded.cloud
     if points is not None and cloud is None:
         raise ConfigError("'--points' writes errors of map points: give a cloud that says pixel and pair of each")
+    if pieces is not None and run.drive is None:
+        raise ConfigError("'--pieces' writes sub-trajectories: give a trajectory and its ground truth")
     result = score_run(run, config, limits, aligned)
     present(result, output.json_path, output.html)
     if junit is not None:
@@ -170,7 +179,10 @@ def score(
             write_text(junit_of({"score 1": result}), junit)
     if points is not None and cloud is not None and run.cloud is not None:
         with beside():
-            save_point_errors(points, cloud, run.cloud.truths)
+            save_table(points, points_table(cloud, run.cloud.truths))
+    if pieces is not None and run.drive is not None:
+        with beside():
+            save_table(pieces, pieces_table(run.drive.estimates, run.drive.truth, config.trajectory))
     if output.json_path == STANDARD_OUTPUT:
         pass  # a program reads it
     elif result.incomplete is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -154,6 +154,24 @@ def point_errors(cloud: PointCloud, truths: Sequence[PairTruth]) -> PointErrors:
     index, *rest = (np.concatenate(column) for column in zip(*parts, strict=True))
     order = np.argsort(index, kind="stable")
     return PointErrors(index[order], *(column[order] for column in rest))
+
+
+def points_table(cloud: PointCloud, truths: Sequence[PairTruth]) -> dict[str, NDArray[Any]]:
+    """Return every point that has a truth: its pixel, its position, that of the truth, and its error, as columns."""
+    errors = point_errors(cloud, truths)
+    rows = errors.index
+    pair, u, v = cloud.pair[rows], cloud.u[rows], cloud.v[rows]
+    true = np.empty((len(rows), 3))
+    for number, truth in enumerate(truths):
+        mine = pair == number
+        true[mine] = truth.points[v[mine], u[mine]]
+    table: dict[str, NDArray[Any]] = {"pair": pair, "u": u, "v": v, "range_m": errors.range_m}
+    table |= {"error_m": errors.error_m, "sigma_m": cloud.sigma[rows].astype(np.float64)}
+    for axis, values in zip("xyz", true.T, strict=True):
+        table[f"true_{axis}_m"] = values
+    for axis, values in zip("xyz", cloud.xyz[rows].astype(np.float64).T, strict=True):
+        table[f"estimated_{axis}_m"] = values
+    return table
 
 
 # ---- the score

@@ -5,7 +5,7 @@ Every key names figure and unit; limits are upper bounds, except `coverage_min`.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -19,7 +19,7 @@ from sfr_loc_map.errors import ConfigError, MetricsError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics.calls import TARGET
-from sfr_loc_map.metrics.catalogue import CATALOGUE, Subject
+from sfr_loc_map.metrics.catalogue import CATALOGUE, KINDS, FigureKind, Subject
 from sfr_loc_map.metrics.config import CallKind, Condition, ConditionKind, Rebase, VerdictState, label_of
 from sfr_loc_map.metrics.score import ANY, STATISTICS, Figure, Score, Verdict
 from sfr_loc_map.metrics.statistics import Interval
@@ -53,12 +53,13 @@ COVERAGE_MIN = "coverage_min"  #: The one limit that is a lower bound.
 CALL_STATISTICS = ("mean", "mean_plus_3sigma", "p50", "p95", "p99", "max")
 
 
-def _names(subject: Subject, statistics: Sequence[str], part: str | None) -> dict[str, Limited]:
-    """Return the names of limits on the figures of a subject, which end in the unit: `position_mean_plus_3sigma_m`."""
+def names_of(
+    kinds: Iterable[FigureKind], statistics: Sequence[str] = STATISTICS, part: str | None = ANY
+) -> dict[str, Limited]:
+    """Return the names of limits on some figures, which end in the unit: `position_mean_plus_3sigma_m`."""
     return {
-        f"{kind.name}_{statistic}_{kind.unit}": Limited(subject, kind.name, statistic, part)
-        for kind in CATALOGUE
-        if kind.subject is subject
+        f"{kind.name}_{statistic}_{kind.unit}": Limited(kind.subject, kind.name, statistic, part)
+        for kind in kinds
         for statistic in statistics
     }
 
@@ -69,22 +70,16 @@ PLACES: dict[LimitPart, dict[str, Limited]] = {
         for kind in CATALOGUE
         if kind.subject is Subject.COMPLETENESS and kind.name not in ("judged", "longest_gap")
     },
-    LimitPart.TRAJECTORY: {
-        name: limited
-        for name, limited in _names(Subject.TRAJECTORY, STATISTICS, ANY).items()
-        if limited.figure not in ("ape", "rpe")
-    },
+    LimitPart.TRAJECTORY: names_of(
+        kind for kind in CATALOGUE if kind.subject is Subject.TRAJECTORY and kind.name not in ("ape", "rpe")
+    ),
     LimitPart.MAP: {
-        **{
-            name: limited
-            for name, limited in _names(Subject.MAP, STATISTICS, None).items()
-            if limited.figure == "point_error"
-        },
+        **names_of([KINDS["point_error"]], part=None),
         COVERAGE_MIN: Limited(Subject.MAP, "coverage", "value", None),
     },
     LimitPart.TIMING: {
         "mapping_call_s": Limited(Subject.TIMING, CallKind.MAPPING_CALL.value, "max", None),
-        **_names(Subject.TIMING, CALL_STATISTICS, None),
+        **names_of([kind for kind in CATALOGUE if kind.subject is Subject.TIMING], CALL_STATISTICS, None),
     },
     LimitPart.MEMORY: {
         f"{call}_{kind.name}_bytes": Limited(Subject.MEMORY, kind.name, "value", call.value)

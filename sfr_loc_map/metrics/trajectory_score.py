@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
@@ -368,6 +369,48 @@ def truth_record(truth: Trajectory, frames: Frames, placement: Placement | None)
         tilt_deg=None if placement is None else placement.tilt_deg,
         translation_m=() if placement is None else placement.translation_m,
     )
+
+
+# ---- raw values, from which each figure can be computed again
+
+
+def pieces_table(estimates: Estimates, truth: Trajectory, config: TrajectoryScoreConfig) -> dict[str, NDArray[Any]]:
+    """Return every sub-trajectory of each condition by each reading, as columns of one length.
+
+    N and N+x are numbers of frames. The error vector is the estimated less the true displacement, where the estimated
+    one is as the reading compares it. MetricsError as for the score.
+    """
+    conditions = parsed_conditions(config)
+    placed = placed_frames(estimates, truth, conditions, config)
+    frames, judged = placed.frames, placed.association.rebase
+    poses = Poses(frames.gt_pos, frames.gt_quat, frames.est_pos, frames.est_quat)
+    length_m = formulas.path_length_m(frames.gt_pos)
+    readings = {judged: placed.reading} | (READINGS if truth.has_attitude else {})
+    parts: list[dict[str, NDArray[Any]]] = []
+    for condition in conditions:
+        starts, ends = select(condition, config.spacing, frames, length_m)
+        true_move = formulas.displacement(frames.gt_pos, starts, ends)
+        for name, reading in readings.items():
+            errors = reading(poses, starts, ends)
+            part: dict[str, NDArray[Any]] = {
+                "condition": np.full(len(starts), condition.setting, object),
+                "reading": np.full(len(starts), str(name), object),
+                "start_frame": starts,
+                "end_frame": ends,
+                "start_stamp_ns": frames.stamps_ns[starts],
+                "end_stamp_ns": frames.stamps_ns[ends],
+                "travelled_m": np.asarray(length_m[ends] - length_m[starts], np.float64),
+            }
+            for axis, values in zip("xyz", true_move.T, strict=True):
+                part[f"true_displacement_{axis}_m"] = values
+            for axis, values in zip("xyz", (true_move + errors.position_m).T, strict=True):
+                part[f"estimated_displacement_{axis}_m"] = values
+            for axis, values in zip("xyz", errors.position_m.T, strict=True):
+                part[f"error_{axis}_m"] = values
+            part["attitude_error_deg"] = errors.attitude_deg
+            part["heading_error_deg"] = errors.heading_deg
+            parts.append(part)
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 # ---- what plots are drawn from

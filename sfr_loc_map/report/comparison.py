@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from sfr_loc_map.metrics.catalogue import CATALOGUE, Subject, title_of
+from sfr_loc_map.metrics.catalogue import KINDS, Subject, title_of
 from sfr_loc_map.metrics.comparison import SIGNIFICANT, Comparison
 from sfr_loc_map.metrics.config import CallKind, label_of
 from sfr_loc_map.metrics.score import Figure, Score
@@ -21,7 +21,7 @@ from sfr_loc_map.report.tables import ABSENT, MARKS, NONE, Cell, Column, Row, Ta
 
 NEUTRAL = ("frames",)  #: Columns whose figures are neither good nor bad.
 SYMBOLS = ("circle", "square", "diamond")
-KINDS = (CallKind.LOCALISATION, CallKind.MAPPING)
+CALLS = (CallKind.LOCALISATION, CallKind.MAPPING)
 Named = Sequence[tuple[str, Score]]
 
 
@@ -141,7 +141,7 @@ def compared_rows(score: Score) -> list[Figure]:
     """Return the errors by which methods are compared: by the reading that is judged, over the first condition."""
     first = next(iter(score.conditions), None)
     rows = []
-    for kind in CATALOGUE:
+    for kind in KINDS.values():
         if kind.is_compared or kind.name == "nearest_distance":
             condition = first if kind.subject is Subject.TRAJECTORY else None
             row = score.figure(kind.name, subject=kind.subject, condition=condition)
@@ -174,7 +174,7 @@ def _frames(score: Score, name: str) -> int | None:
 
 
 def _times(score: Score, statistic: str) -> Cell:
-    rows = [score.figure(kind, part=None) for kind in KINDS]
+    rows = [score.figure(kind, part=None) for kind in CALLS]
     latency = None if score.external is None else score.external.latency_s
     if latency is not None and not any(rows):
         seconds = latency.p50 if statistic == "p50" else latency.p95
@@ -183,7 +183,7 @@ def _times(score: Score, statistic: str) -> Cell:
 
 
 def _peaks(score: Score) -> Cell:
-    return _joined([score.number("peak", part=kind) for kind in KINDS], Unit("MiB"))
+    return _joined([score.number("peak", part=kind) for kind in CALLS], Unit("MiB"))
 
 
 def _joined(numbers: Sequence[float | None], unit: Unit) -> Cell:

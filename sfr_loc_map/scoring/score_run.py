@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import logging
 import platform
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,12 +15,12 @@ from typing import Any
 import msgspec
 import numpy as np
 from msgspec.structs import replace as struct_replace
+from numpy.typing import NDArray
 
 from sfr_loc_map import __version__, io  # whose `open_source` is loaded late: files of trajectories need no images
 from sfr_loc_map.config import flatten
 from sfr_loc_map.errors import ConfigError, InputError, MetricsError, MissingExtraError, SfrError
 from sfr_loc_map.geometry.arrays import IntArray
-from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.pose_convention import PoseConvention
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
@@ -34,7 +35,7 @@ from sfr_loc_map.io.truth import possible_truth, truth_of_file
 from sfr_loc_map.metrics.aligned_error import aligned_errors
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.calls import ScoredCalls, joined, score_calls, score_target, with_external
-from sfr_loc_map.metrics.cloud_error import PairTruth, point_errors, score_map, score_nearest, truths_of
+from sfr_loc_map.metrics.cloud_error import PairTruth, score_map, score_nearest, truths_of
 from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationMode, CallKind, Condition, ScoreConfig, label_of
 from sfr_loc_map.metrics.convention import Diagnosis, converted_estimates, diagnose
 from sfr_loc_map.metrics.limits import Limits, judged
@@ -656,21 +657,14 @@ def diagnose_files(estimate: Path, truth: Path, config: ScoreConfig) -> Diagnosi
     return diagnose(drive.estimates.trajectory, drive.truth, config.trajectory.association, drive.rig)
 
 
-def save_point_errors(path: Path, cloud: PointCloud, truths: Sequence[PairTruth]) -> None:
-    """Write one row for each point that has a truth: pair, u, v, range_m, error_m, sigma_m; parquet or csv."""
-    errors = point_errors(cloud, truths)
-    rows = errors.index
-    columns = {
-        **{name: getattr(cloud, name)[rows] for name in ("pair", "u", "v")},
-        "range_m": errors.range_m,
-        "error_m": errors.error_m,
-        "sigma_m": cloud.sigma[rows].astype(np.float64),
-    }
+def save_table(path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
+    """Write columns of one length as a table, parquet or csv; numbers of a csv read back to the same bits."""
     with atomic_path(path) as temporary:
         if path.suffix == ".csv":
-            table = np.column_stack(list(columns.values()))
-            shapes = ["%d", "%d", "%d", "%.9g", "%.9g", "%.9g"]
-            np.savetxt(temporary, table, shapes, ",", header=",".join(columns), comments="")
+            with temporary.open("w", encoding="utf-8", newline="") as stream:
+                writer = csv.writer(stream, lineterminator="\n")
+                writer.writerow(columns)
+                writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
             return
         try:
             import pyarrow
@@ -679,4 +673,4 @@ def save_point_errors(path: Path, cloud: PointCloud, truths: Sequence[PairTruth]
             raise MissingExtraError(
                 f"'{path}' needs pyarrow: pip install 'sfr_loc_map[suite]', or name a .csv"
             ) from error
-        pyarrow.parquet.write_table(pyarrow.table(columns), temporary)
+        pyarrow.parquet.write_table(pyarrow.table(dict(columns)), temporary)

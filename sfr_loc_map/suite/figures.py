@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from sfr_loc_map.metrics.catalogue import CATALOGUE, Subject
+from sfr_loc_map.metrics.catalogue import KINDS, Subject
 from sfr_loc_map.metrics.config import CallKind, label_of
 from sfr_loc_map.metrics.score import Score
 
@@ -36,7 +36,7 @@ class FigureName:
 def figures_of(score: Score) -> dict[FigureName, float]:
     """Return the figures of a score that are defined; those but counts are positive."""
     found: dict[FigureName, float | None] = {}
-    errors = [kind for kind in CATALOGUE if kind.is_compared and kind.subject is Subject.TRAJECTORY]
+    errors = [kind for kind in KINDS.values() if kind.is_compared and kind.subject is Subject.TRAJECTORY]
     for condition in score.conditions:
         over = label_of(condition)
         for kind in errors:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map import __version__
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.metrics.catalogue import CATALOGUE, Subject
+from sfr_loc_map.metrics.catalogue import KINDS, Subject
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.limits import (
     COVERAGE_MIN,
@@ -259,7 +259,7 @@ def pool(results: Sequence[tuple[str, Score]], condition: str) -> Iterator[Figur
 
     Means and sigmas of a vector are pooled axis by axis.
     """
-    for kind in CATALOGUE:
+    for kind in KINDS.values():
         if kind.subject is not Subject.TRAJECTORY:
             continue
         axes: tuple[str | None, ...] = ("x", "y", "z") if kind.name == "position" else (None,)

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from sfr_loc_map.metrics.catalogue import CATALOGUE, Subject
+from sfr_loc_map.metrics.catalogue import KINDS, Subject
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_plain
@@ -203,7 +203,7 @@ def result_table(
     name: str, title: str, drives: Sequence[ScoredJob], pages: set[str], subject: Subject, note: str = ""
 ) -> Table:
     """Return a row a result: the errors that the catalogue compares, over the first condition, and what they cost."""
-    errors = [kind for kind in CATALOGUE if kind.is_compared and kind.subject is subject]
+    errors = [kind for kind in KINDS.values() if kind.is_compared and kind.subject is subject]
     columns = [Column("drive", words=True), Column("runs", words=True)]
     columns += [Column(f"{kind.name.replace('_', ' ')}, mean + 3 sigma", shown_unit(kind.unit)) for kind in errors]
     if subject is Subject.MAP:

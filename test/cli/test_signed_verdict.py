@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
+import math
+import statistics
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -324,7 +326,9 @@ def test_the_error_of_every_point_can_be_had(sfr: Sfr, tmp_path: Path, source: P
     else:
         parquet = pytest.importorskip("pyarrow.parquet").read_table(points)
         table = {name: parquet[name].to_numpy() for name in parquet.column_names}
-    assert list(table) == ["pair", "u", "v", "range_m", "error_m", "sigma_m"]
+    assert list(table)[:6] == ["pair", "u", "v", "range_m", "error_m", "sigma_m"]
+    offsets = np.column_stack([table[f"estimated_{axis}_m"] - table[f"true_{axis}_m"] for axis in "xyz"])
+    np.testing.assert_allclose(np.linalg.norm(offsets, axis=1), table["error_m"], atol=1e-12)
     errors = score_rows.row(json.loads(result.out), "point_error")
     assert len(table["u"]) == errors["n"]
     assert table["error_m"].mean() == pytest.approx(errors["mean"], abs=1e-8)
@@ -332,6 +336,34 @@ def test_the_error_of_every_point_can_be_had(sfr: Sfr, tmp_path: Path, source: P
     assert set(table["pair"]) == {0, 1}
     path = source / "loc" / "groundtruth.csv"
     assert sfr("score", path, path, "--points", tmp_path / f"none.{suffix}").code == 2  # no cloud
+
+
+@pytest.mark.clause("4.1.1", "4.1.3", "4.2.3.1", "4.2.3.2", "4.2.3.3")
+def test_each_figure_can_be_computed_again_from_the_table_of_pieces(judge: Judge, tmp_path: Path) -> None:
+    """As a board does in a spreadsheet, by the standard library."""
+    pieces = tmp_path / "pieces.csv"
+    result, score = judge("--pieces", pieces, "--condition", "distance=5", "--condition", "time=3", "--spacing", 4)
+    assert result.code == 0, result.err
+    with pieces.open(newline="") as stream:
+        table = list(csv.DictReader(stream))
+    for condition in ("distance=5", "time=3"):
+        for reading in ("pose", "displacement", "position"):
+            rows = [each for each in table if (each["condition"], each["reading"]) == (condition, reading)]
+            axes = [[float(each[f"error_{axis}_m"]) for each in rows] for axis in "xyz"]
+            for axis, errors in zip("xyz", axes, strict=True):
+                for each, error in zip(rows, errors, strict=True):
+                    estimated, true = (float(each[f"{of}_displacement_{axis}_m"]) for of in ("estimated", "true"))
+                    assert estimated - true == pytest.approx(error, abs=1e-12)
+            where = {"condition": condition, "part": reading}
+            position = score_rows.row(score, "position", **where)
+            assert position["n"] == len(rows)
+            assert position["mean"] == pytest.approx(math.hypot(*map(statistics.fmean, axes)), rel=1e-9)
+            assert position["sigma"] == pytest.approx(math.hypot(*map(statistics.stdev, axes)), rel=1e-9)
+            for figure in ("attitude", "heading"):
+                errors = [float(each[f"{figure}_error_deg"]) for each in rows]
+                total = abs(statistics.fmean(errors)) + 3 * statistics.stdev(errors)
+                found = score_rows.number(score, figure, "mean_plus_3sigma", **where)
+                assert found == pytest.approx(total, rel=1e-6, abs=1e-12)
 
 
 @pytest.mark.clause("3.1.1")

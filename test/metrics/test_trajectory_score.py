@@ -126,5 +126,7 @@ def test_error_by_direction_of_travel() -> None:
     means = {part: got.number("position", "mean", part=part) for part in wanted}
     assert means == pytest.approx(wanted, abs=1e-12)
     by_distance = {row.part: row.mean for row in got.rows("position", condition=None)}
+    counts = {row.part: row.n for row in got.rows("position", condition=None)}
+    assert counts == {"1 m": 10, "2 m": 9, "5 m": 6, "10 m": 1}, "starts are ten frames apart"
     length = math.sqrt(0.01**2 + 0.02**2 + 0.03**2)
     assert by_distance == pytest.approx({f"{d} m": d * length for d in (1, 2, 5, 10)}, abs=1e-12)

@@ -1,0 +1,289 @@
+"""Change one place of the metrics or the geometry at a time and see that a test fails: `make mutants`.
+
+Each mutation is a change of meaning that a reviewer would call a defect: a sign, n for n - 1, an axis, an order,
+degrees for radians, a boundary of a condition, a range's bound, the pixel of a truth. The tests are `pytest
+test/metrics test/geometry` in a copy of the sources. A mutation that no test fails for survives: exit code 1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from queue import Queue
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parents[1]
+COPIED = (
+    "sfr_loc_map",
+    "test",
+    "pyproject.toml",
+    "setup.py",
+    "setup.cfg",
+    "package.xml",
+    "README.md",
+    "docs",
+    "sample",
+)
+TESTS = ("test/metrics/test_formulas.py", "test/metrics", "test/geometry")  #: The first kills most of them soon.
+
+
+class Mutation(NamedTuple):
+    """One change: file below `sfr_loc_map`, the text there (which occurs once), and what replaces it."""
+
+    path: str
+    text: str
+    instead: str
+
+
+FORMULAS, SCORE = "metrics/formulas.py", "metrics/trajectory_score.py"
+MUTATIONS = (
+    # 4.1.1 sub-trajectories
+    Mutation(FORMULAS, "np.arange(0, frames, spacing)", "np.arange(1, frames, spacing)"),
+    Mutation(FORMULAS, "np.arange(0, frames, spacing)", "np.arange(0, frames, spacing + 1)"),
+    Mutation(FORMULAS, "np.cumsum(steps, out=length[1:]", "np.cumsum(steps**2, out=length[1:]"),
+    Mutation(FORMULAS, "(distance_m - DISTANCE_TOLERANCE_M)", "(distance_m + DISTANCE_TOLERANCE_M)"),
+    Mutation(
+        FORMULAS, 'np.searchsorted(length_m, needed, side="left")', 'np.searchsorted(length_m, needed, side="left") + 1'
+    ),
+    Mutation(FORMULAS, 'since_first[starts] + time_ns, side="left")', 'since_first[starts] + time_ns, side="right")'),
+    Mutation(FORMULAS, "return starts + frames", "return starts + frames - 1"),
+    Mutation(FORMULAS, "np.cos(0.5 * np.radians(turn_deg))", "np.cos(np.radians(turn_deg))"),
+    Mutation(
+        FORMULAS,
+        "(distance_m >= metres - DISTANCE_TOLERANCE_M) & (",
+        "(distance_m >= metres - DISTANCE_TOLERANCE_M) | (",
+    ),
+    Mutation(SCORE, "ends = np.maximum(ends, formulas.ends_by_time", "ends = np.minimum(ends, formulas.ends_by_time"),
+    Mutation(SCORE, "is_met = ends < count", "is_met = ends < count - 1"),
+    Mutation(SCORE, "formulas.start_frames(count, spacing)", "formulas.start_frames(count, 10)"),
+    Mutation(SCORE, "max(metres / DISTANCES_BASE_M, 1.0)", "max(metres / DISTANCES_BASE_M, 5.0)"),
+    # 4.1.2 error before N does not count
+    Mutation(
+        FORMULAS,
+        "quat_multiply(true_attitude[starts], quat_conjugate(attitude[starts]))",
+        "quat_multiply(attitude[starts], quat_conjugate(true_attitude[starts]))",
+    ),
+    Mutation(
+        FORMULAS,
+        "moved = quat_rotate(correction, displacement(position, starts, ends))",
+        "moved = displacement(position, starts, ends)",
+    ),
+    Mutation(
+        FORMULAS,
+        "turned = quat_multiply(correction, attitude[ends])",
+        "turned = quat_multiply(attitude[ends], correction)",
+    ),
+    Mutation(
+        FORMULAS,
+        "change = quat_multiply(quat_conjugate(attitude[starts]), attitude[ends])",
+        "change = quat_multiply(attitude[ends], quat_conjugate(attitude[starts]))",
+    ),
+    Mutation(
+        FORMULAS,
+        "change_of_heading = heading(attitude[ends]) - heading(attitude[starts])",
+        "change_of_heading = heading(attitude[ends])",
+    ),
+    # 4.1.3 standard deviation
+    Mutation(FORMULAS, "np.sum(squares, axis=0) / (len(errors) - 1)", "np.sum(squares, axis=0) / len(errors)"),
+    Mutation(FORMULAS, "np.square(errors - np.mean(errors, axis=0))", "np.square(errors)"),
+    # 4.2.3.1 position
+    Mutation(
+        FORMULAS, "np.asarray(position[ends] - position[starts])", "np.asarray(position[starts] - position[ends])"
+    ),
+    Mutation(FORMULAS, "np.asarray(estimated - actual)", "np.asarray(actual - estimated)"),
+    Mutation(
+        FORMULAS, "float(np.linalg.norm(np.mean(errors, axis=0)))", "float(np.mean(np.linalg.norm(errors, axis=1)))"
+    ),
+    Mutation(
+        FORMULAS,
+        "float(np.linalg.norm(standard_deviation(errors)))",
+        "float(standard_deviation(np.linalg.norm(errors, axis=1)))",
+    ),
+    Mutation(FORMULAS, "return abs(mean) + 3.0 * sigma", "return mean + 3.0 * sigma"),
+    Mutation(FORMULAS, "return abs(mean) + 3.0 * sigma", "return abs(mean) + 2.0 * sigma"),
+    # 4.2.3.2 attitude, 4.2.3.3 heading
+    Mutation(FORMULAS, "np.degrees(quat_angle(", "np.asarray(quat_angle("),
+    Mutation(FORMULAS, "quat_multiply(quat_conjugate(actual), estimated)", "quat_multiply(actual, estimated)"),
+    Mutation(FORMULAS, "2.0 * (x * y + z * w), 1.0", "2.0 * (x * y - z * w), 1.0"),
+    Mutation(FORMULAS, "1.0 - 2.0 * (y * y + z * z)", "1.0 - 2.0 * (x * x + z * z)"),
+    Mutation(FORMULAS, "error = np.degrees(estimated - actual)", "error = np.degrees(actual - estimated)"),
+    Mutation(FORMULAS, "np.ceil((error - 180.0) / 360.0)", "np.floor((error + 180.0) / 360.0)"),
+    Mutation(FORMULAS, "error - 360.0 * np.ceil((error - 180.0) / 360.0)", "error"),
+    # directions, quantiles
+    Mutation(FORMULAS, "error[:, 1] * east - error[:, 0] * north", "error[:, 0] * north - error[:, 1] * east"),
+    Mutation(FORMULAS, '"p99": 99.0', '"p99": 95.0'),
+    Mutation(FORMULAS, "np.abs(given)", "given"),
+    Mutation(
+        FORMULAS, "return np.asarray(estimated - np.linalg.norm(", "return np.asarray(estimated + np.linalg.norm("
+    ),
+    # 4.2.1, 4.2.2 calls
+    Mutation("metrics/calls.py", "statistics(known[1:])", "statistics(known)"),
+    Mutation("metrics/calls.py", "int(known.max()) if len(known)", "int(known.min()) if len(known)"),
+    Mutation("metrics/calls.py", "MappingState.FUSED: CallKind.FUSION", "MappingState.FUSED: CallKind.MAPPING"),
+    Mutation(
+        "metrics/calls.py",
+        "calls.peak_bytes > 0.0, calls.peak_bytes, np.nan",
+        "calls.peak_bytes >= 0.0, calls.peak_bytes, np.nan",
+    ),
+    # 4.3.4 map
+    Mutation(
+        FORMULAS,
+        "np.asarray(np.linalg.norm(actual - estimated, axis=1))",
+        "np.asarray(np.abs(actual - estimated).max(axis=1))",
+    ),
+    Mutation(
+        "metrics/cloud_error.py",
+        "true = truth.points[cloud.v[index], cloud.u[index]]",
+        "true = truth.points[cloud.v[index], np.maximum(cloud.u[index], 1) - 1]",
+    ),
+    Mutation(
+        "metrics/cloud_error.py",
+        "error_rows(None, errors, np.full(len(errors.index), True))",
+        "error_rows(None, errors, errors.range_m < 40.0)",
+    ),
+    Mutation(
+        "metrics/cloud_error.py",
+        "(errors.range_m >= low) & (errors.range_m < high)",
+        "(errors.range_m > low) & (errors.range_m <= high)",
+    ),
+    Mutation(
+        "metrics/cloud_error.py",
+        "inside = [(distance >= low) & (distance < high)",
+        "inside = [(distance >= low) & (distance <= high)",
+    ),
+    Mutation("metrics/cloud_error.py", "FOOTPRINTS = 2.0", "FOOTPRINTS = 3.0"),
+    Mutation("metrics/cloud_error.py", "truth.depths_m(truth.points) / truth.rig.fx", "distance / truth.rig.fx"),
+    Mutation(
+        "metrics/cloud_error.py", "without_truth = len(cloud) - len(errors.index)", "without_truth = len(errors.index)"
+    ),
+    # association, completeness, consistency, limits
+    Mutation(
+        "metrics/association.py", 'np.argsort(difference[candidates], kind="stable")', "np.arange(len(candidates))"
+    ),
+    Mutation(
+        "metrics/association.py",
+        "- np.unique(stamps_ns[::-1], return_index=True)[1]",
+        "- np.unique(stamps_ns[::-1], return_index=True)[1][::-1]",
+    ),
+    Mutation(
+        "metrics/association.py", "truth.positions[before] + share[:, None] * move", "truth.positions[before] + move"
+    ),
+    Mutation("metrics/completeness.py", "GAP_PERIODS = 5", "GAP_PERIODS = 7"),
+    Mutation("metrics/completeness.py", "MISSING_SHARE = 0.01", "MISSING_SHARE = 0.013"),
+    Mutation("metrics/completeness.py", "IMAGE_PERIOD_SHARE = 0.4", "IMAGE_PERIOD_SHARE = 0.15"),
+    Mutation("metrics/consistency.py", "[2.0 * of_position] * 3", "[1.0 * of_position] * 3"),
+    Mutation("metrics/consistency.py", "free_from = end\n", "free_from = start\n"),
+    Mutation("metrics/consistency.py", "+ start.noise + end.noise", "+ end.noise"),
+    Mutation("metrics/limits.py", "abs(value) <= limit.limit", "abs(value) <= 1.001 * limit.limit"),
+    Mutation("metrics/limits.py", "abs(value) <= limit.limit", "value <= limit.limit"),
+    Mutation("metrics/limits.py", "abs(value) <= limit.limit", "abs(value) < limit.limit"),
+    Mutation("metrics/limits.py", "value >= limit.limit if", "value <= limit.limit if"),
+    Mutation("metrics/limits.py", "figure.n >= minimum_count", "figure.n > minimum_count"),
+    Mutation(
+        "metrics/statistics.py",
+        "1.0 - 1.0 / count) / (1.0 - 1.0 / independent",
+        "1.0 - 1.0 / independent) / (1.0 - 1.0 / count",
+    ),
+    Mutation("metrics/aligned_error.py", "np.array([1.0, 1.0, np.sign(", "np.array([1.0, 1.0, abs("),
+    # geometry
+    Mutation("geometry/rotation.py", "aw * bx + ax * bw + ay * bz - az * by", "aw * bx + ax * bw - ay * bz + az * by"),
+    Mutation("geometry/rotation.py", "np.abs(quat[..., 3])", "quat[..., 3]"),
+    Mutation(
+        "geometry/rotation.py",
+        "a_xyzw * b_xyzw, axis=1) < 0.0, -1.0, 1.0)",
+        "a_xyzw * b_xyzw, axis=1) < 0.0, 1.0, 1.0)",
+    ),
+    Mutation("geometry/rotation.py", "quat[..., :3] = -quat[..., :3]", "quat[..., 1:3] = -quat[..., 1:3]"),
+    Mutation("geometry/transform.py", "-self.rotation.T.dot(self.translation)", "-self.rotation.dot(self.translation)"),
+    Mutation(
+        "geometry/transform.py",
+        "[[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]",
+        "[[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]",
+    ),
+    Mutation("geometry/stereo.py", "0.5 * self.baseline_m, 0.0", "-0.5 * self.baseline_m, 0.0"),
+    Mutation("geometry/trajectory.py", "poses.positions + quat_rotate(", "poses.positions - quat_rotate("),
+    Mutation("geometry/pose_convention.py", '{"left": 0.5, "right": -0.5}', '{"left": -0.5, "right": 0.5}'),
+    Mutation("geometry/extrinsics.py", "Transform(pan @ tilt,", "Transform(tilt @ pan,"),
+)
+
+
+def copied(folder: Path) -> Path:
+    """Copy what the tests need to a folder."""
+    for name in COPIED:
+        source = ROOT / name
+        if source.is_dir():
+            shutil.copytree(source, folder / name, ignore=shutil.ignore_patterns("__pycache__", ".hypothesis"))
+        elif source.exists():
+            shutil.copy(source, folder / name)
+    return folder
+
+
+def fails(folder: Path, marks: str) -> bool:
+    """Tell whether a test fails in a copy of the sources."""
+    command = [sys.executable, "-m", "pytest", *TESTS, "-x", "-q", "-n", "0", "-p", "no:cacheprovider", "-m", marks]
+    environment = os.environ | {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    if done.returncode not in (0, 1):
+        raise SystemExit(f"the tests did not run: {done.stdout[-500:]}{done.stderr[-500:]}")
+    return done.returncode == 1
+
+
+def is_killed(mutation: Mutation, folder: Path, marks: str) -> bool:
+    """Tell whether a test fails with a mutation in a copy of the sources."""
+    path = folder / "sfr_loc_map" / mutation.path
+    text = path.read_text(encoding="utf-8")
+    if text.count(mutation.text) != 1:
+        raise SystemExit(f"{mutation.path}: found {text.count(mutation.text)} times, once is required: {mutation.text}")
+    path.write_text(text.replace(mutation.text, mutation.instead), encoding="utf-8")
+    try:
+        return fails(folder, marks)
+    finally:
+        path.write_text(text, encoding="utf-8")
+
+
+def main() -> int:
+    """Run the tests with each mutation; print those that survive."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("words", nargs="*", help="only mutations whose file or text has one of these words")
+    parser.add_argument("--workers", type=int, default=2, help="copies of the sources that are tested at once (2)")
+    parser.add_argument("--slow", action="store_true", help="run the slow tests, too")
+    options = parser.parse_args()
+    chosen = [
+        item
+        for item in MUTATIONS
+        if not options.words or any(word in f"{item.path} {item.text} {item.instead}" for word in options.words)
+    ]
+    with tempfile.TemporaryDirectory() as scratch:
+        folders: Queue[Path] = Queue()
+        for number in range(options.workers):
+            folders.put(copied(Path(scratch) / str(number)))
+        marks = "slow or not slow" if options.slow else "not slow"
+        if fails(folders.queue[0], marks):
+            raise SystemExit(f"a test fails without a mutation: run pytest {' '.join(TESTS)}")
+
+        def tried(mutation: Mutation) -> bool:
+            folder = folders.get()
+            begin = time.monotonic()
+            try:
+                killed = is_killed(mutation, folder, marks)
+            finally:
+                folders.put(folder)
+            word = "killed" if killed else "SURVIVED"
+            print(f"{word} {time.monotonic() - begin:5.1f} s  {mutation.path}: {mutation.instead}", flush=True)
+            return killed
+
+        with ThreadPoolExecutor(options.workers) as pool:
+            killed = list(pool.map(tried, chosen))
+    print(f"{sum(killed)} of {len(chosen)} mutations killed")
+    return 0 if all(killed) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
