@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.made_scores import drive, json_of
 from msgspec.structs import replace
 
+from helpers.made_scores import drive, json_of
 from sfr_loc_map.metrics import catalogue, limits, trajectory_score
 from sfr_loc_map.metrics.catalogue import FigureKind, Subject
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
