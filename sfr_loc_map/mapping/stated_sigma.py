@@ -23,7 +23,7 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit_rows
 from sfr_loc_map.mapping.config import CalibrationUncertainty
-from sfr_loc_map.mapping.disparity.right_camera import MIN_ROLL_PX, CameraRotation
+from sfr_loc_map.mapping.disparity.right_camera import MIN_ROTATION_PX, CameraRotation
 from sfr_loc_map.mapping.disparity.saturation import Saturation, widened_sigma
 
 SIGNIFICANT_SIGMAS = 3.0  #: A yaw is significant from this many of its standard deviations on.
@@ -67,15 +67,17 @@ def calibration_sigma(rotation: CameraRotation, rig: StereoRig, stated: Calibrat
     """Return the uncertainty of the calibration given what a pair shows of the right camera.
 
     A significant yaw is added to the stated uncertainty; it is not compensated. A vertical offset larger than the
-    stated distortion may be a pitch and is added as one. Roll is compensated (`without_roll`). All other vertical
-    disparity is residual distortion, which causes an error of equal size along rows. It is not added if the stated
-    distortion is 0.
+    stated distortion may be a pitch and is added as one. Roll is compensated (`without_roll`).
+
+    Residual distortion causes an error along rows of the size of the vertical disparity. An offset and a roll may have
+    other causes, so beyond the stated distortion only the rest of the vertical disparity is taken as distortion. If the
+    stated distortion is 0, none is added.
     """
     yaw = math.radians(stated.yaw_deg)
     pitch = math.radians(stated.pitch_deg)
     if is_yaw_significant(rotation, rig, stated):
         yaw = math.hypot(yaw, rotation.yaw_rad)
-    if abs(rotation.pitch_rad) * rig.fy > max(stated.distortion_px, MIN_ROLL_PX):
+    if abs(rotation.pitch_rad) * rig.fy > max(stated.distortion_px, MIN_ROTATION_PX):
         pitch = math.hypot(pitch, rotation.pitch_rad)
     distortion_px = 0.0
     if stated.distortion_px > 0.0:

@@ -34,7 +34,7 @@ from sfr_loc_map.mapping.robust_statistics import cauchy_weight, mad_sigma
 F = np.float32
 
 MIN_PIXELS = 5000  #: Valid samples that a measurement of the rotation requires.
-MIN_ROLL_PX = 0.05  #: Smallest vertical disparity by a roll at the image's edge that is compensated; less is noise.
+MIN_ROTATION_PX = 0.05  #: Smallest vertical disparity, at the image's edge, that counts as a rotation; less is noise.
 GRID_POINTS = 16  #: The vertical disparity is averaged over a grid of this many rows and columns.
 DAMPING = 1e-12  #: Added to the diagonal of the normal equations, as a fraction of their trace.
 SOBEL_DIFFERENCE = np.array([[-1.0, 0.0, 1.0]], F)
@@ -113,9 +113,9 @@ def _fit_vertical_disparity(disparity: DisparityMap, rig: StereoRig) -> Vertical
 def without_roll(disparity: DisparityMap, rotation: CameraRotation, rig: StereoRig) -> DisparityMap:
     """Return the disparities without the error `-roll fy y` that a roll of the right camera causes.
 
-    Rolls that shift the rows by less than `MIN_ROLL_PX` at the image's edge are not compensated.
+    Rolls that shift the rows by less than `MIN_ROTATION_PX` at the image's edge are not compensated.
     """
-    if abs(rotation.roll_rad) * 0.5 * rig.width < MIN_ROLL_PX:
+    if abs(rotation.roll_rad) * 0.5 * rig.width < MIN_ROTATION_PX:
         return disparity
     rows = np.arange(rig.height, dtype=np.float64) - rig.cy
     compensated = disparity.px + F(rotation.roll_rad) * rows.astype(F)[:, None]
