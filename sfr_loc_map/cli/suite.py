@@ -13,7 +13,7 @@ from typer import Argument, Option
 from sfr_loc_map.cli.app import App, examples, propose
 from sfr_loc_map.cli.app import app as root
 from sfr_loc_map.cli.options import JsonOption, LenientOption, OutputOptions, OverwriteOption
-from sfr_loc_map.cli.output import beside, check_outputs, progress_bar, say, show
+from sfr_loc_map.cli.output import check_outputs, progress_bar, say, show
 from sfr_loc_map.cli.verdict import not_judged
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError, InterruptedRunError
 from sfr_loc_map.inputs import one_line
@@ -167,18 +167,15 @@ def compare(
 
 
 @root.command(
-    epilog=examples("sfr history nights/* --html history.html", "sfr history nights/* --bisect ./try_commit.sh"),
+    epilog=examples("sfr history nights/* --html history.html"),
     hint="sfr suite compare A B    # two of these nights in full",
 )
 def history(
     folders: Annotated[list[Path], Argument(metavar="DIR", help="Folders of suites, in the order of time.")],
     output: OutputOptions,
-    bisect: Annotated[
-        str | None, Option(metavar="CMD", help="Run `git bisect` here with this command: docs/suites.md.")
-    ] = None,
 ) -> None:
     """Find the nights at which figures changed, and the drives; exit code 1 if one is worse and stayed so."""
-    from sfr_loc_map.suite.history import Night, find_changes, find_commit
+    from sfr_loc_map.suite.history import Night, find_changes
     from sfr_loc_map.suite.page import render_history
     from sfr_loc_map.suite.tables import history_tables
 
@@ -189,9 +186,6 @@ def history(
     show(result.to_dict(), output.json_path, history_tables(result))
     for change in result.worse:
         say(change.text, err=True)
-    for change in result.worse if bisect else ():
-        with beside():
-            say(f"{change.figure}: first bad commit {find_commit(change, str(bisect), Path())}")
     if result.worse:
         raise FailedVerdictError(f"{len(result.worse)} figures became worse and stayed so: each is named above")
 

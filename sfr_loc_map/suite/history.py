@@ -1,18 +1,15 @@
 """Where the figures of a suite changed, night by night (docs/decisions/0008-history.md).
 
-Of each figure the last 1, 2, 4, 8 and 16 nights are compared with up to 30 nights before them: the mean over all
-drives, which shows a small change of all, and each drive by itself, which shows a large change of a few. Each
-comparison gives an e-value, a number whose expectation is at most one while nothing changes: the Bayes factor of
-Student's t (Gönen, Johnson, Lu, Westfall 2005; an e-value by Pérez-Ortiz, Lardy, de Heide, Grünwald 2024). Their mean
-is one as well, whatever their dependence (Vovk, Wang 2021), so that it exceeds 365 in one of 365 nights at most
-(Markov), however long the history is.
+The last night, and the mean of the last four, is paired with up to 30 nights before. A figure of a drive is divided by
+the mean of its reference nights (paired ratio), and so is the mean over all drives, which shows a small change of all.
+Each ratio has the interval that Student's t predicts for nights like those before. A change is a ratio whose interval
+excludes 1. The level of the intervals is divided by the number of ratios of a night (Bonferroni), so that at most one
+night in 365 gives an alarm while nothing changes.
 """
 
 from __future__ import annotations
 
 import json
-import os
-import subprocess
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -20,23 +17,23 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from scipy.special import stdtrit
 
 from sfr_loc_map.errors import InputError, MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.inputs import one_line, refusing
+from sfr_loc_map.inputs import refusing
 from sfr_loc_map.metrics.comparison import Outcome
 from sfr_loc_map.metrics.score_json import MAX_NUMBER, to_plain
+from sfr_loc_map.metrics.statistics import Interval
 from sfr_loc_map.suite.figures import FigureKind, FigureName
 
-ALARM = 365.0  #: Least mean e-value of a change: nights between two false alarms, at least, on average.
-WINDOWS = (1, 2, 4, 8, 16)  #: Nights that are compared with those before.
-LOCATED_WITHIN = 32  #: Nights before an alarm among which the change is looked for.
-REFERENCE = 30  #: Nights before, at most.
-MIN_REFERENCE = 5  #: With fewer, how much nights differ is not known.
-MIN_DRIVES = 6  #: With so many drives, their scatter stands for that of nights where those are few.
-SPREAD = 100.0  #: Variance of a change that is looked for, in variances of a night.
-MAX_FREEDOM = 8.0  #: Degrees of freedom: nights have heavier tails than a normal distribution.
-FALSE_DRIVES = 0.1  #: Share of drives named that did not change, on average (e-BH; Wang, Ramdas 2022).
+WINDOWS = (1, 4)  #: Nights whose mean is compared with those before: a large change at once, a small one later.
+FALSE_ALARM_RATE = 1.0 / 365.0  #: Probability of an alarm in a night without a change, over all figures and drives.
+REFERENCE = 30  #: Nights before that a night is compared with, at most.
+MIN_REFERENCE = 5  #: With fewer nights before, their scatter is unknown.
+MIN_DRIVES = 6  #: With so many drives, the scatter over the drives replaces that of too few nights.
+MAX_FREEDOM = 5.0  #: Limit of the degrees of freedom: nights have heavier tails than a normal distribution.
+FALSE_NAMES = 0.1  #: Probability that an alarm names a drive that did not change, over all drives.
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,17 +109,17 @@ class Change:
 
     night: str  #: First night after it.
     before_night: str  #: Last night before it.
-    found: str  #: Night at which it was certain.
     commits: tuple[str | None, str | None]  #: Of the last night before and the first after.
     kind: FigureKind
     figure: str  #: Name with unit.
     outcome: Outcome
-    drives: tuple[str, ...]  #: Drives that changed; all if none shows it by itself, or more than half do.
+    drives: tuple[str, ...]  #: Drives that changed; all if none shows the change by itself, or more than half do.
     paths: tuple[str, ...]  #: Their sources.
     of: int  #: Drives that have the figure.
     before: float  #: Mean over these drives before; geometric but for counts and shares.
     after: float  #: The same after.
-    evidence: float  #: Mean e-value of the night at which it was found.
+    ratio: float | None  #: After over before; None where before is 0.
+    ci95: Interval | None  #: 95 % interval of the ratio.
 
     @property
     def range(self) -> str:
@@ -148,8 +145,8 @@ class History:
 
     nights: tuple[str, ...]  #: Their names.
     commits: tuple[str | None, ...]
-    alarm: float  #: Evidence from which on a change is certain.
-    changes: tuple[Change, ...]  #: In the order in which they were found.
+    false_alarm_rate: float  #: Probability of an alarm in a night without a change, at most.
+    changes: tuple[Change, ...]  #: In the order of the nights.
     figures: Mapping[str, tuple[float | None, ...]]  #: Mean over the drives by night, by figure.
 
     @property
@@ -161,7 +158,7 @@ class History:
     def to_dict(self) -> dict[str, object]:
         """Return it as JSON values."""
         changes = [to_plain(change) | {"command": change.command} for change in self.changes]
-        return {"schema": "sfr-history/2", **to_plain(replace(self, changes=())), "changes": changes}
+        return {"schema": "sfr-history/3", **to_plain(replace(self, changes=())), "changes": changes}
 
 
 def find_changes(nights: Sequence[Night]) -> History:
@@ -188,15 +185,15 @@ def find_changes(nights: Sequence[Night]) -> History:
         having = np.isfinite(table).any(axis=1)
         x, drives = scale.apply(table[having]), [key for key, has in zip(keys, having, strict=True) if has]
         series[name.name] = tuple(scale.undo(mean) if np.isfinite(mean) else None for mean in _mean(x).tolist())
-        for found in changes_of(x, scale, ALARM * len(tables)):
+        for found in changes_of(x, scale, FALSE_ALARM_RATE / len(tables)):
             changed = [drives[index] for index in found.drives]
             before, after = scale.undo(found.before), scale.undo(found.after)
             worse = abs(found.after) > abs(found.before) if name.kind is FigureKind.NEES else after > before
             pair = nights[found.night - 1], nights[found.night]
+            low, high = scale.undo(found.after - found.half_width), scale.undo(found.after + found.half_width)
             change = Change(
                 night=pair[1].name,
                 before_night=pair[0].name,
-                found=nights[found.found].name,
                 commits=(pair[0].commit, pair[1].commit),
                 kind=name.kind,
                 figure=name.name,
@@ -206,13 +203,14 @@ def find_changes(nights: Sequence[Night]) -> History:
                 of=found.of,
                 before=before,
                 after=after,
-                evidence=found.evidence / len(tables),
+                ratio=after / before if before > 0.0 else None,
+                ci95=(low / before, high / before) if before > 0.0 else None,
             )
-            changes.append((found.found, change))
+            changes.append((found.night, change))
     return History(
         nights=tuple(night.name for night in nights),
         commits=tuple(night.commit for night in nights),
-        alarm=ALARM,
+        false_alarm_rate=FALSE_ALARM_RATE,
         changes=tuple(change for _, change in sorted(changes, key=lambda item: item[0])),
         figures=series,
     )
@@ -223,125 +221,110 @@ class FoundChange:
     """A change in values `(drive, night)` as they are compared."""
 
     night: int  #: First night after it.
-    found: int  #: Night at which it was certain.
     drives: tuple[int, ...]  #: Drives that changed.
     of: int  #: Drives with values before and after.
     before: float  #: Mean over these drives before.
     after: float
-    evidence: float
+    half_width: float  #: Of the 95 % interval of `after`, as predicted by the nights before.
+    window: int  #: Nights whose mean showed the change.
+    seen: int = 0  #: Night at which it was seen.
+    is_return: bool = False  #: Whether the figure came back to what it was before the last change.
 
 
-def changes_of(x: FloatArray, scale: Scale, alarm: float) -> list[FoundChange]:
-    """Return the changes in values `(D, T)`, NaN where there is none; each begins the reference of the next."""
+def changes_of(x: FloatArray, scale: Scale, false_alarm_rate: float) -> list[FoundChange]:
+    """Return the changes in values `(D, T)`, NaN where there is none.
+
+    The nights after a change are still compared with those before it. If the figure comes back within
+    `MIN_REFERENCE` nights, that is a second change; otherwise the new level is the reference from there on.
+    """
     found: list[FoundChange] = []
-    start = searched = 0
-    while len(nights := x[:, start:].T) > 1:
-        total = np.mean([_of_window(x[:, start:], scale, window)[0] for window in WINDOWS], axis=0)
-        total[: searched - start] = 0.0
-        if not (alarms := np.flatnonzero(total >= alarm)).size:
-            break
-        at = int(alarms[0])
-        until = x[:, start : start + at + 1]
-        within = [_of_window(until, scale, window) for window in range(1, min(LOCATED_WITHIN, at) + 1)]
-        window = int(np.argmax([both[-1] for both, _ in within])) + 1
-        first = at + 1 - window
-        before = _mean(nights[max(0, first - REFERENCE) : first])
-        after = _mean(nights[first : at + 1])
-        there = np.flatnonzero(np.isfinite(after - before))
-        ranked = np.sort(each := within[window - 1][1][there, -1])[::-1]
-        enough = np.flatnonzero(ranked * np.arange(1, len(ranked) + 1) >= len(there) / FALSE_DRIVES)  # e-BH
-        alone = int(enough[-1]) + 1 if enough.size else 0
-        drives = there[each >= ranked[alone - 1]] if 0 < alone <= len(there) / 2 else there
-        means = float(before[drives].mean()), float(after[drives].mean())
-        found.append(
-            FoundChange(start + first, start + at, tuple(drives.tolist()), len(there), *means, float(total[at]))
-        )
-        start, searched = start + first, start + at + 1
+    start, changed_at = 0, None
+    for night in range(1, x.shape[1]):
+        if changed_at is not None and night - changed_at >= MIN_REFERENCE:
+            start, changed_at = changed_at, None
+        if changed_at is not None:
+            last = found[-1]
+            after = x[:, max(changed_at, night + 1 - last.window) : night + 1]
+            reference = x[:, max(start, changed_at - REFERENCE) : changed_at]
+            if compare_nights(reference, after, scale, false_alarm_rate / len(WINDOWS)) is None:
+                now = float(_mean(x[list(last.drives), night]))
+                found.append(replace(last, night=night, seen=night, before=last.after, after=now, is_return=True))
+                changed_at = None
+            continue
+        for window in WINDOWS:
+            first = night + 1 - window
+            if first <= start:
+                break
+            reference = x[:, max(start, first - REFERENCE) : first]
+            change = compare_nights(reference, x[:, first : night + 1], scale, false_alarm_rate / len(WINDOWS))
+            if change is not None:
+                size = _change_size(reference[list(change.drives)], x[list(change.drives), first : night + 1])
+                changed_at = first + int(np.argmax(size))
+                found.append(replace(change, night=changed_at, seen=night))
+                break
     return found
+
+
+def compare_nights(before: FloatArray, after: FloatArray, scale: Scale, false_alarm_rate: float) -> FoundChange | None:
+    """Return the change of the mean of nights `(D, W)` against the nights before `(D, N)`, None if there is none.
+
+    Half of the rate of false alarms is that of the mean over the drives, half that of the drives by themselves.
+    """
+    window = after.shape[1]
+    usual, present = _mean(before.T), _mean(after.T)
+    shift = present - usual
+    there = np.flatnonzero(np.isfinite(shift))
+    if not there.size:
+        return None
+    deviations = before[there] - usual[there, None]
+    count = np.isfinite(deviations).sum(axis=1)
+    variance = np.nansum(np.square(deviations), axis=1) / np.maximum(count - 1, 1)
+    if (long := count >= MIN_REFERENCE).any():  # a drive that never differed is taken as the median drive
+        variance = np.maximum(variance, np.median(variance[long]))
+    variance = np.maximum(variance, scale.floor**2)
+    each = np.sqrt(variance * (1.0 / window + 1.0 / count))
+    each_shift = np.where(long, np.abs(shift[there]) / each, 0.0)
+    one_changed = bool(np.any(each_shift > _quantile(false_alarm_rate / 2 / len(there), count - 1.0)))
+
+    mean_shift = float(shift[there].mean())
+    mean_of_nights = _mean(deviations)
+    mean_of_nights = mean_of_nights[np.isfinite(mean_of_nights)]
+    nights = len(mean_of_nights)
+    floor = scale.floor / np.sqrt(len(there))
+    if nights >= MIN_REFERENCE:
+        deviation, freedom = float(np.std(mean_of_nights, ddof=1)) * np.sqrt(1.0 / window + 1.0 / nights), nights - 1.0
+    elif len(there) >= MIN_DRIVES and not scale.of_host:
+        deviation, freedom = float(np.std(shift[there], ddof=1) / np.sqrt(len(there))), len(there) - 1.0
+    else:
+        deviation, freedom = np.inf, 1.0
+    deviation = max(deviation, floor)
+    mean_changed = abs(mean_shift) > deviation * float(_quantile(false_alarm_rate / 2, freedom))
+    if not mean_changed and not one_changed:
+        return None
+    chosen = each_shift > _quantile(FALSE_NAMES / len(there), count - 1.0)
+    if 0 < (named := int(chosen.sum())) <= len(there) / 2:
+        drives = there[chosen]
+        half = float(np.sqrt(np.mean(np.square(each[chosen])) / named) * _quantile(0.05, float(count.max() - 1)))
+    else:
+        drives = there
+        half = (deviation if np.isfinite(deviation) else floor) * float(_quantile(0.05, freedom))
+    means = float(usual[drives].mean()), float(present[drives].mean())
+    return FoundChange(0, tuple(drives.tolist()), len(there), *means, half, window)
+
+
+def _change_size(before: FloatArray, after: FloatArray) -> FloatArray:
+    """Return the shift from each of the last nights `(W)` on, in standard errors of equal nights."""
+    usual, nights = float(_mean(before.ravel())), _mean(after)
+    lengths = np.arange(after.shape[1], 0, -1)
+    shifts = np.array([nights[-length:].mean() - usual for length in lengths])
+    return np.asarray(np.abs(shifts) / np.sqrt(1.0 / lengths + 1.0 / before.shape[1]))
+
+
+def _quantile(two_sided: float, freedom: FloatArray | float) -> FloatArray:
+    """Return how many deviations Student's t exceeds on both sides with a probability."""
+    return np.asarray(-stdtrit(np.clip(freedom, 1.0, MAX_FREEDOM), 0.5 * two_sided))
 
 
 def _mean(nights: FloatArray) -> FloatArray:
     with warnings.catch_warnings(action="ignore", category=RuntimeWarning):
         return np.asarray(np.nanmean(nights, axis=0))
-
-
-def _of_window(x: FloatArray, scale: Scale, window: int) -> tuple[FloatArray, FloatArray]:
-    """Return e-values of a change of the last nights of each night: of all drives `(T)`, of each by itself `(D, T)`."""
-    drives, nights = x.shape
-    # each about its own mean, so that a drive that is missing moves no mean over the others
-    centred = x - _mean(x.T)[:, None]
-    n0, n1, difference, variance, freedom = _split(centred, window)
-    long = n0 >= MIN_REFERENCE
-    ranked = np.sort(np.where(long, variance, np.inf), axis=0)
-    usual = ranked[np.maximum(long.sum(axis=0) - 1, 0) // 2, np.arange(nights)]  # that of the drive in the middle
-    variance = np.maximum(variance, np.maximum(np.where(np.isfinite(usual), usual, 0.0), scale.floor**2))
-    each = np.where(long, e_value(difference, variance, n0, n1, freedom), 0.0)
-
-    m0, m1, shift, variance, freedom = (part[0] for part in _split(_mean(centred)[None], window))
-    both = np.where(n0 * n1 > 0, difference, np.nan)
-    count = np.isfinite(both).sum(axis=0)
-    enough = m0 >= MIN_REFERENCE
-    if drives >= MIN_DRIVES and not scale.of_host:  # how the drives of one night differ
-        scatter = _mean(np.square(both - _mean(both))) / np.maximum(count - 1, 1)
-        variance = np.where(enough, variance, scatter * m0 * m1 / np.maximum(m0 + m1, 1.0))
-        freedom = np.where(enough, freedom, count - 1.0)
-        enough |= count >= MIN_DRIVES
-    variance = np.maximum(variance, scale.floor**2 / np.maximum(count, 1))
-    pooled = np.where(enough, e_value(shift, variance, m0, m1, freedom), 0.0)
-    return 0.5 * pooled + 0.5 * each.mean(axis=0), each
-
-
-def _split(x: FloatArray, window: int) -> tuple[FloatArray, ...]:
-    """Return counts before and in the last nights, difference of means, variance, its freedom, each `(D, T)`."""
-    there = np.isfinite(x)
-    values, end = np.where(there, x, 0.0), np.arange(x.shape[1]) + 1
-    first = np.maximum(end - window, 0)
-    low = np.maximum(first - REFERENCE, 0)
-    sums = [np.pad(np.cumsum(part, axis=1), ((0, 0), (1, 0))) for part in (there * 1.0, values, np.square(values))]
-    (n0, s0, q0), (n1, s1, q1) = (
-        [part[:, b] - part[:, a] for part in sums] for a, b in ((low, first), (first, end))
-    )  # fmt: skip
-    mean0, mean1 = s0 / np.maximum(n0, 1.0), s1 / np.maximum(n1, 1.0)
-    squares, freedom = np.maximum(q0 - s0 * mean0 + q1 - s1 * mean1, 0.0), n0 + n1 - 2.0
-    return n0, n1, mean1 - mean0, squares / np.maximum(freedom, 1.0), freedom
-
-
-def e_value(
-    difference: FloatArray, variance: FloatArray, n0: FloatArray, n1: FloatArray, freedom: FloatArray
-) -> FloatArray:
-    """Return the Bayes factor of a difference of two means, 0 where either has no value: an e-value.
-
-    The difference under change has the variance `SPREAD` times that of a night.
-    """
-    size = n0 * n1 / np.maximum(n0 + n1, 1.0)
-    nu, wider = np.clip(freedom, 1.0, MAX_FREEDOM), 1.0 + SPREAD * size
-    t2 = np.square(difference) * size / variance
-    return np.where(size > 0, wider**-0.5 * ((1.0 + t2 / nu) / (1.0 + t2 / (nu * wider))) ** (0.5 * (nu + 1.0)), 0.0)
-
-
-def find_commit(change: Change, command: str, repository: Path) -> str:
-    """Return the first commit of a change for which a command of the shell fails (`git bisect run`).
-
-    It has `SFR_DRIVES` (paths, one a line), `SFR_FIGURE`, `SFR_BEFORE`, `SFR_AFTER`. InputError if git cannot search.
-    """
-    good, bad = ((commit or "").partition("-")[0] for commit in change.commits)
-    if not good or not bad or good == bad:
-        raise InputError(f"no commits to search between '{change.before_night}' and '{change.night}': {change.range}")
-    variables = {"DRIVES": "\n".join(change.paths), "FIGURE": change.figure}
-    variables |= {"BEFORE": repr(change.before), "AFTER": repr(change.after)}
-    environment = os.environ | {f"SFR_{name}": value for name, value in variables.items()}
-    run = partial(
-        subprocess.run, cwd=repository, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True
-    )
-    if (changed := run(["git", "status", "--porcelain", "--untracked-files=no"])).returncode or changed.stdout:
-        what = changed.stderr.strip() or "files have changes"
-        raise InputError(f"cannot search with git in '{repository.absolute()}': {what}; go to a clean checkout of it")
-    try:
-        for arguments in (("start", bad, good, "--"), ("run", "sh", "-c", command)):
-            done = run(["git", "bisect", *arguments])
-            if done.returncode:
-                said = one_line(done.stderr.strip() or done.stdout.strip()[-500:])
-                raise InputError(f"git bisect found no commit between {good} and {bad}: {said}")
-        return run(["git", "log", "-1", "--format=%H %s", "refs/bisect/bad"]).stdout.strip()
-    finally:
-        run(["git", "bisect", "reset"])

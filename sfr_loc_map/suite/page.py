@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import sqlite3
 from collections.abc import Sequence
-from contextlib import closing
 from operator import itemgetter
 
-from sfr_loc_map.io.atomic import atomic_path, write_text
+from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.score import Figure, find_rows
 from sfr_loc_map.metrics.score_json import json_line
@@ -20,25 +18,16 @@ from sfr_loc_map.suite.summary import Summary
 from sfr_loc_map.suite.tables import PAGES, history_tables, linked, suite_tables
 
 RUNS = "runs, by their number in the table"
-INDEX = """CREATE TABLE tasks (key TEXT PRIMARY KEY, position INTEGER, label TEXT, kind TEXT, source TEXT, path TEXT,
-    source_sha256 TEXT, faults TEXT, configuration TEXT, repeat INTEGER, pairing TEXT, state TEXT)"""
 
 
 def write_summary(summary: Summary, store: Store) -> None:
-    """Write `suite.json`, `report.html`, the pages of drives, `index.sqlite` and, with pyarrow, `results.parquet`."""
+    """Write `suite.json`, `report.html`, the pages of drives and, with pyarrow, `results.parquet`."""
     folder = store.folder
     (folder / PAGES).mkdir(exist_ok=True)
     texts = {"suite.json": json_line(summary.to_dict()), "report.html": render_summary(summary)}
     texts |= {f"{PAGES}/{drive.job.key}.html": render_page(drive.score, figures=False) for drive in linked(summary)}
     for name, text in texts.items():
         write_text(text, folder / name)
-    with atomic_path(folder / "index.sqlite") as temporary, closing(sqlite3.connect(temporary)) as index, index:
-        index.execute(INDEX)
-        for place, (job, state) in enumerate(store.entries()):
-            source = (job.source.name, job.source.path, job.source.sha256)
-            what = (job.faults, job.configuration, job.repeat, job.pairing)
-            row = (job.key, place, job.label, job.kind, *source, *what, state)
-            index.execute(f"INSERT INTO tasks VALUES ({', '.join('?' * len(row))})", row)
     write_parquet(summary, folder / "results.parquet")
 
 

@@ -111,7 +111,8 @@ HISTORY: Columns = (
     ("drives", WORDS, "which"),
     ("before", NONE, "before"),
     ("after", NONE, "after"),
-    ("found", WORDS, "found"),
+    ("ratio", NONE, "ratio"),
+    ("95 % interval", INTERVAL, "ci95"),
     ("see", WORDS, "command"),
 )
 WORST = ("fail", "incomplete", "not enough data")  #: Verdicts that stand first.
@@ -256,8 +257,8 @@ def comparison_tables(result: SuiteComparison) -> list[Table]:
 def history_tables(history: History) -> list[Table]:
     """Return the table of a history: every change of a figure."""
     note = (
-        f"Nights: {len(history.nights)}. Before and after: means over the drives named. A night without a change gives "
-        f"an alarm once in {history.alarm:g} nights at most."
+        f"Nights: {len(history.nights)}. Before and after: means over the drives named. While nothing "
+        f"changes, at most one night in {1.0 / history.false_alarm_rate:g} gives an alarm."
     )
     if len(history.nights) <= MIN_REFERENCE:
         note += f" Of fewer than {MIN_REFERENCE + 1} nights only a change of most drives is found."

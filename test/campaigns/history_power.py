@@ -1,4 +1,4 @@
-"""2000 simulated histories of suites: how often `sfr history` is wrong, what it finds, and after how many nights.
+"""Simulated histories of suites: how often `sfr history` is wrong, what it finds, and after how many nights.
 
 python -m campaigns history-power [--histories 2000] [--seed 1]
 
@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sfr_loc_map.suite.figures import FigureKind
-from sfr_loc_map.suite.history import ALARM, SCALES, changes_of
+from sfr_loc_map.suite.history import FALSE_ALARM_RATE, SCALES, changes_of
 
 DRIVES = 45
 LENGTHS = {20: 13, 200: 100, 400: 300}  #: Night of the change by nights of the history.
@@ -95,7 +95,7 @@ class Tally:
 def main(arguments: list[str]) -> int:
     """Print the tables; exit code 1 if there are more false alarms than one a year of nights."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--histories", type=int, default=2000)
+    parser.add_argument("--histories", type=int, default=300)
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args(arguments)
     cases = [(kind, length) for kind in CHANGES for length in LENGTHS] + [("none", length) for length in LENGTHS] * 4
@@ -114,8 +114,8 @@ def main(arguments: list[str]) -> int:
         nights["none" if apply is None else "changed"] += length
         for name, values in history.items():
             scale = SCALES[FigureKind.ACCURACY if name in ERRORS else FigureKind(name)]
-            for found in changes_of(scale.apply(values), scale, ALARM * len(history)):
-                if name in changed and found.found >= night and not any(item[0] < found.found for item in first):
+            for found in changes_of(scale.apply(values), scale, FALSE_ALARM_RATE / len(history)):
+                if name in changed and found.seen >= night and not any(item[0] < found.seen for item in first):
                     true = {"three drives 5 times worse": 3, "one drive 10 times worse": 1}.get(
                         kind, 15 if name == FigureKind.FAILED else DRIVES
                     )
@@ -123,8 +123,8 @@ def main(arguments: list[str]) -> int:
                     right = (
                         len(named & set(range(true))) >= 0.8 * true and len(named - set(range(true))) <= 1 + 0.1 * true
                     )
-                    first.append((found.found, found.night == night, right))
-                elif name not in changed or found.found < night:
+                    first.append((found.seen, found.night == night, right))
+                elif not found.is_return and (name not in changed or found.seen < night):
                     wrong["none" if apply is None else "changed"] += 1
                     by_figure[str(name)] += 1
         if first:
