@@ -5,8 +5,10 @@ from __future__ import annotations
 import difflib
 import heapq
 import logging
+import struct
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from copy import copy
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -21,7 +23,7 @@ from sfr_loc_map.geometry.extrinsics import RigInBody, rig_in_body
 from sfr_loc_map.geometry.plausibility import check_extrinsics, plausible_positions, plausible_quats
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import FrameTree, Transform
-from sfr_loc_map.inputs import SIDES, parse_json, refusing, serialised_stamp
+from sfr_loc_map.inputs import NS_PER_S, SIDES, parse_json, refusing, serialised_stamp
 from sfr_loc_map.io.bag_files import is_unfinished, reader_paths
 from sfr_loc_map.io.bag_frames import TF, pose_row, trajectory_of
 from sfr_loc_map.io.bag_readers import BagReader, reader_of
@@ -45,6 +47,11 @@ TOPICS_READ = (
 """Names of the topics that are read from a bag, within any one namespace."""
 STAMPED = {IMAGE, COMPRESSED, CAMERA_INFO, POSE, ODOMETRY, POINTS, "stereo_msgs/msg/DisparityImage"}
 """Types whose first field is a header."""
+HEADER_FIRST = STAMPED | {
+    *(f"geometry_msgs/msg/{name}Stamped" for name in ("Pose", "PoseWithCovariance", "Point", "Transform")),
+    *("sensor_msgs/msg/NavSatFix", "sensor_msgs/msg/JointState"),
+}
+"""Types whose header takes the time of recording, if the bag is read by it."""
 
 _log = logging.getLogger(__name__)
 
@@ -66,9 +73,13 @@ def _warn_unfinished(path: Path) -> None:
 class Bag:
     """A bag, and its `topics` by name; `unfinished` where its recording broke off: what was written whole is read."""
 
-    def __init__(self, path: Path, remap: Mapping[str, str] | None = None) -> None:
-        """Read the topics of a folder or file (.mcap, .db3, .bag of ROS 1); `remap`: new names by those in the bag."""
+    def __init__(self, path: Path, remap: Mapping[str, str] | None = None, stamps: str = "header") -> None:
+        """Read the topics of a folder or file (.mcap, .db3, .bag of ROS 1); `remap`: new names by those in the bag.
+
+        `stamps`: "header", or "record" for messages whose headers get the time at which they were recorded.
+        """
         self.path = path
+        self._by_record = stamps == "record"
         self._files = reader_paths(path)
         self.unfinished = any(is_unfinished(file) for file in self._files if file.is_file())
         if self.unfinished:
@@ -82,6 +93,12 @@ class Bag:
         if not any(self.counts.values()):
             raise InputError(f"bag '{path}' holds no message: record it again")
         self._names = self._renamed(remap or {})
+
+    def by_record(self) -> Bag:
+        """Return the bag with the times of recording as the stamps of its messages."""
+        other = copy(self)
+        other._by_record = True
+        return other
 
     def matches(self, name: str) -> list[str]:
         """Return the names in the bag of the topics that a relative name may stand for, within any one namespace."""
@@ -121,6 +138,8 @@ class Bag:
             for connection, recorded_ns, raw in heapq.merge(*streams, key=lambda message: message[1]):
                 topic = by_name[connection.topic]
                 count += 1
+                if self._by_record and topic.msgtype in HEADER_FIRST:
+                    raw = restamped(raw, recorded_ns)
                 yield topic, serialised_stamp(raw) if topic.msgtype in STAMPED else recorded_ns, raw
             if count < expected:
                 raise InputError(
@@ -180,6 +199,12 @@ class Bag:
             raise InputError(
                 f"bag '{self.path}' cannot be read: {_line(error)}; it is broken or cut off: record or copy it again"
             ) from error
+
+
+def restamped(raw: bytes, stamp_ns: int) -> bytes:
+    """Return a message that begins with a header with another stamp, in CDR (XTypes 1.3, 7.4)."""
+    order = "<" if raw[1] & 1 else ">"
+    return raw[:4] + struct.pack(f"{order}iI", *divmod(stamp_ns, NS_PER_S)) + raw[12:]
 
 
 def _near(name: str, known: Sequence[str]) -> str:

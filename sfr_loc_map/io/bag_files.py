@@ -44,7 +44,8 @@ def reader_paths(path: Path) -> list[Path]:
         raise InputError(f"there is no bag '{path}': give its folder or its .mcap, .db3 or .bag file")
     files = [path]
     if path.is_dir():
-        files = sorted(file for suffix in STORAGE_SUFFIXES for file in path.glob(f"*{suffix}"))
+        files = [file for suffix in STORAGE_SUFFIXES for file in path.glob(f"*{suffix}")]
+        files.sort(key=_by_number)
     for file in files:
         with refusing(f"bag '{file}' cannot be read", "give a .mcap, .db3 or .bag file"):
             check_regular(file)
@@ -54,6 +55,12 @@ def reader_paths(path: Path) -> list[Path]:
     if not files:
         raise InputError(f"folder '{path}' is not a bag: neither metadata.yaml nor a .mcap or .db3 file is in it")
     return files
+
+
+def _by_number(file: Path) -> list[tuple[int, str]]:
+    """Return by what files of a split bag are in their order: `bag_2` comes before `bag_10`."""
+    parts = re.split(r"([0-9]+)", file.name)
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
 
 
 def _is_mixed(metadata: Path) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from sfr_loc_map.inputs import NS_PER_S, stamp_of
 
 TF = "tf2_msgs/msg/TFMessage"
 LONGEST_GAP_S = 1.0  #: Between messages further apart what moves is not known.
+MAX_CHAINS = 1000  #: Most chains of frames that are followed at a time.
 PoseRow = tuple[int, tuple[float, ...]]  #: Stamp, ns, and x, y, z, qx, qy, qz, qw.
 
 
@@ -25,6 +26,7 @@ class Frame:
     parent: str
     is_static: bool
     rows: list[PoseRow] = field(default_factory=list)
+    other_parents: tuple[str, ...] = ()  #: Parents that the frame has besides, where nothing says which one counts.
 
     @property
     def poses(self) -> Trajectory:
@@ -32,24 +34,57 @@ class Frame:
         return trajectory_of(self.rows[-1 if self.is_static else 0 :])
 
 
-def read_frames(bag: Any) -> dict[str, Frame]:  # noqa: ANN401 - an opened `bag.Bag`
-    """Return the frames of a bag that have a parent, by their names without a slash at the ends."""
-    frames: dict[str, Frame] = {}
+def read_frames(bag: Any, child: str = "", parent: str = "") -> dict[str, Frame]:  # noqa: ANN401 - an opened `bag.Bag`
+    """Return the frames of a bag that have a parent, by their names without a slash at the ends.
+
+    Transforms of one frame in several parents are never mixed: those on the way from `child` up to `parent` are
+    taken, else the first parent, and `Frame.other_parents` has the others.
+    """
+    series: dict[str, dict[str, Frame]] = {}
     for name in ("tf_static", "tf"):
         topic = bag.find(name, TF)
         for _, _, message in () if topic is None else bag.messages([topic]):
             for item in message.transforms:
-                of_item = Frame(item.header.frame_id.strip("/"), name == "tf_static")
-                frame = frames.setdefault(item.child_frame_id.strip("/"), of_item)
+                above = item.header.frame_id.strip("/")
+                by_parent = series.setdefault(item.child_frame_id.strip("/"), {})
+                frame = by_parent.setdefault(above, Frame(above, name == "tf_static"))
                 frame.rows.append(pose_row(item, item.transform))
+    way = _way(series, child, parent) if parent else {}
+    frames = {}
+    for name, by_parent in series.items():
+        taken = way.get(name, next(iter(by_parent)))
+        others = () if name in way else tuple(above for above in by_parent if above != taken)
+        frames[name] = replace(by_parent[taken], other_parents=others)
     return frames
 
 
+def _way(series: Mapping[str, Mapping[str, Frame]], child: str, parent: str) -> dict[str, str]:
+    """Return the parent of each frame on the shortest chain from a frame up to one above it; empty without one."""
+    chains: list[dict[str, str]] = [{}]
+    tips = [child]
+    while tips:
+        following: list[tuple[dict[str, str], str]] = []
+        for chain, tip in zip(chains, tips, strict=True):
+            if tip == parent and chain:
+                return chain
+            following += [({**chain, tip: above}, above) for above in series.get(tip, ()) if tip not in chain]
+        chains, tips = [chain for chain, _ in following], [tip for _, tip in following]
+        if len(tips) > MAX_CHAINS:
+            return {}
+    return {}
+
+
 def chain_above(frames: Mapping[str, Frame], name: str, end: str = "") -> list[str]:
-    """Return a frame and those above it that have a parent, up to `end` or the root."""
+    """Return a frame and those above it that have a parent, up to `end` or the root.
+
+    ValueError if one of them has several parents, among which nothing chooses.
+    """
     chain: list[str] = []
     while name in frames and name != end and len(chain) <= len(frames):
         chain.append(name)
+        if others := frames[name].other_parents:
+            parents = " and ".join(sorted((frames[name].parent, *others)))
+            raise ValueError(f"frame '{name}' has the parents {parents}, which are never mixed")
         name = frames[name].parent
     return chain
 

@@ -23,7 +23,7 @@ from rosbags.rosbag1.reader import ReaderError as Ros1Error
 from rosbags.rosbag2 import Reader, metadata, reader, storage_mcap
 from rosbags.rosbag2.errors import ReaderError
 from rosbags.rosbag2.reader import DirectoryReader
-from rosbags.rosbag2.storage_mcap import DECOMPRESSORS, McapReader, decompress
+from rosbags.rosbag2.storage_mcap import DECOMPRESSORS, McapReader, Statistics, decompress
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from sfr_loc_map.inputs import check_regular, expansion_limit, parse_yaml, read_text
@@ -37,7 +37,9 @@ else:
 HEADER, CHUNK, DATA_END = 0x01, 0x06, 0x0F  #: Opcodes of mcap.
 RECORD_HEAD = 9  #: Opcode and length of a record of mcap.
 NEVER = 2**63 - 1
-CDR = "cdr"  #: How messages of ROS 2 are written; a file may have channels of other kinds, which are left out.
+CDR, ROS1 = "cdr", "ros1"  #: How messages of ROS 2 and ROS 1 are written; channels of other kinds are skipped.
+FOOTER = b"\x02\x14" + bytes(7)  #: Opcode and length of the footer of mcap.
+FOOTER_SIZE = len(FOOTER) + 20 + len(MCAP_MAGIC)
 METADATA = "rosbag2_bagfile_information"
 OLD_TYPES = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}  #: Older names of types of ROS 1 that are read.
 _ROS1, _ROS2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_JAZZY)
@@ -97,12 +99,30 @@ vars(reader).update(YAML=lambda **_: _YAML)
 vars(metadata).update(YAML=lambda **_: _YAML)
 
 
+def _encoding(connection: Connection) -> str:
+    return str(getattr(connection.ext, "serialization_format", ""))
+
+
+def _of_ros2(connection: Connection) -> Connection:
+    """Return a connection with its type named as in ROS 2: `sensor_msgs/Image` becomes `sensor_msgs/msg/Image`."""
+    package, _, name = connection.msgtype.rpartition("/")
+    if _encoding(connection) != ROS1 or not package:
+        return connection
+    msgtype = f"{package.removesuffix('/msg')}/msg/{name}"
+    return connection._replace(msgtype=OLD_TYPES.get(msgtype, msgtype))
+
+
 class _BoundedMcapReader(McapReader):
-    """Reads a file whose chunks fit the memory, also where their times overlap: these are unpacked at the same time."""
+    """Reads a file whose chunks fit the memory, also where their times overlap: these are unpacked at the same time.
+
+    Its channels say what its messages are, not its profile, which merged and converted files have of another kind.
+    Messages of ROS 1 are given as CDR.
+    """
 
     def _open(self) -> None:
-        super()._open()
-        self.connections = [each for each in self.connections if getattr(each.ext, "serialization_format", "") == CDR]
+        self._read_summary()
+        self.connections = [_of_ros2(each) for each in self.connections if _encoding(each) in (CDR, ROS1)]
+        self._count()
         edges = [(c.message_start_time, c.uncompressed_size) for c in self.chunks]
         edges += [(c.message_end_time, -c.uncompressed_size) for c in self.chunks]
         at_once, limit = 0, max([2 * expansion_limit(0), *(c.uncompressed_size for c in self.chunks)])
@@ -110,6 +130,53 @@ class _BoundedMcapReader(McapReader):
             at_once += size
             if at_once > limit:
                 raise ReaderError(f"chunks of more than {limit} bytes overlap in time")
+
+    def _read_summary(self) -> None:
+        """Read header, footer and summary, whatever the profile."""
+        assert self.bio
+        size = self.bio.seek(0, 2)
+        self.bio.seek(0)
+        head = self.bio.read(len(MCAP_MAGIC) + RECORD_HEAD)
+        footer_start = size - FOOTER_SIZE
+        self.data_start = len(head) + int.from_bytes(head[len(MCAP_MAGIC) + 1 :], "little")
+        if not head.startswith(MCAP_MAGIC) or head[len(MCAP_MAGIC)] != HEADER or footer_start < self.data_start:
+            raise ReaderError("File magic or header is invalid.")
+        self.bio.seek(footer_start)
+        footer = self.bio.read()
+        if not footer.endswith(MCAP_MAGIC) or not footer.startswith(FOOTER):
+            raise ReaderError("Invalid MCAP footer.")
+        summary_start = int.from_bytes(footer[len(FOOTER) : len(FOOTER) + 8], "little")
+        if summary_start and not self.data_start <= summary_start <= footer_start:
+            raise ReaderError("Invalid MCAP summary offset.")
+        self.data_end = summary_start or footer_start
+        if summary_start:
+            self.read_index()
+        if self.statistics is None and self.chunks:
+            counts: dict[int, int] = {}
+            for channel, count in (item for chunk in self.chunks for item in chunk.channel_count.items()):
+                counts[channel] = counts.get(channel, 0) + count
+            times = [chunk.message_start_time for chunk in self.chunks], [c.message_end_time for c in self.chunks]
+            sizes = (sum(counts.values()), len(self.schemas), len(self.channels), 0, 0, len(self.chunks))
+            self.statistics = Statistics(*sizes, min(times[0]), max(times[1]), counts)
+        elif self.statistics is None or not self.schemas:
+            self.meta_scan()
+
+    def _count(self) -> None:
+        """Take the numbers of messages and the times of the statistics."""
+        assert self.statistics
+        counts, count = self.statistics.channel_message_counts, self.statistics.message_count
+        start, end = (self.statistics.start_time, self.statistics.end_time + 1) if count else (NEVER, 0)
+        self.connections = [each._replace(msgcount=counts.get(each.id, 0)) for each in self.connections]
+        self.metadata = self.metadata._replace(
+            duration=end - start if count else 0, start_time=start, end_time=end, message_count=count
+        )
+
+    def messages(
+        self, connections: Collection[Connection], start: int | None = None, stop: int | None = None
+    ) -> Generator[tuple[Connection, int, bytes], None, None]:
+        for connection, time_ns, data in super().messages(connections, start, stop):
+            is_ros1 = _encoding(connection) == ROS1
+            yield connection, time_ns, bytes(_ROS2.ros1_to_cdr(data, connection.msgtype)) if is_ros1 else data
 
 
 class _RecoveringMcapReader(_BoundedMcapReader):
@@ -128,13 +195,8 @@ class _RecoveringMcapReader(_BoundedMcapReader):
         if not self.data_start:
             raise ReaderError("it ends within its first record")
         self.meta_scan()
-        assert self.statistics
-        counts, count = self.statistics.channel_message_counts, self.statistics.message_count
-        start, end = (self.statistics.start_time, self.statistics.end_time + 1) if count else (NEVER, 0)
-        self.connections = [each._replace(msgcount=counts.get(each.id, 0)) for each in self.connections]
-        self.metadata = self.metadata._replace(
-            duration=end - start if count else 0, start_time=start, end_time=end, message_count=count
-        )
+        self.connections = [_of_ros2(each) for each in self.connections if _encoding(each) in (CDR, ROS1)]
+        self._count()
 
     def _after(self, offset: int, size: int) -> int | None:
         """Return where the record at an offset ends, None where there is no whole one of the data."""

@@ -120,6 +120,11 @@ class _BagPairs:
         for topic, stamp_ns, _ in self._bag.stream(self._topics):
             stamps[topic.name].append(stamp_ns)
         for topic in self._topics:
+            if len(stamps[topic.name]) > 1 and not any(stamps[topic.name]):
+                raise InputError(
+                    f"bag '{self._bag.path}', '{topic.bag_name}': all stamps of the headers are 0: set sync.stamps to "
+                    "record in sfr.yaml, which takes the times of recording"
+                )
             check_order(stamps[topic.name], f"bag '{self._bag.path}', '{topic.bag_name}'", strict=True)
         left, right = (stamps[self._sides[at].name] for at in (0, -1))
         if self._layout:
@@ -247,7 +252,7 @@ class BagNavSequence(_BagPairs):
 def open_bag(path: Path, config: SourceConfig | None = None) -> Source:
     """Open a bag (a folder, or a .mcap, .db3 or .bag file) as a source."""
     config = config or SourceConfig()
-    bag = Bag(path, config.remap)
+    bag = Bag(path, config.remap, config.sync.stamps)
     kinds = {task: image_name(bag, task.rig) for task in Task}
     if not any(kinds.values()):
         raise InputError(

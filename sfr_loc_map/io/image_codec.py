@@ -29,6 +29,7 @@ BAYER = {
     "grbg": cv2.COLOR_BayerGB2GRAY,
 }
 """Mosaics by their first four pixels; OpenCV names them by the second pixels of the second and third row."""
+_MOSAIC = re.compile(r"\s*bayer_(rggb|bggr|gbrg|grbg)(?:8|16)\s*(?:;\s*\w*\s*(?:compressed)?\s*)?")
 LUMA = {"yuv422": 1, "uyvy": 1, "yuv422_yuy2": 0, "yuyv": 0}
 """Encodings of a luma and half a colour a pixel: which of the two samples is the luma."""
 ENCODINGS: dict[str, tuple[type[np.generic], int]] = {
@@ -142,18 +143,39 @@ def image_from_message(message: Any) -> GreyImage:  # noqa: ANN401 - a message o
     if encoding in LUMA:
         return np.ascontiguousarray(image[:, :, LUMA[encoding]])
     if encoding.startswith("bayer_"):
-        if min(height, width) < 4:
-            raise InputError(f"image of stamp {stamp} is {width} x {height}: too small for a Bayer mosaic")
-        return grey8(np.asarray(cv2.cvtColor(image, BAYER[encoding[6:10]])))
+        return _demosaiced(image, encoding[6:10], f"image of stamp {stamp}")
     return grey8(image, "rgb" if encoding.startswith("rgb") else "bgr")
 
 
 def image_from_compressed_message(message: Any) -> GreyImage:  # noqa: ANN401 - a sensor_msgs/CompressedImage
-    """Return a sensor_msgs/CompressedImage (JPEG or PNG) as 8-bit grey `(H, W)`."""
+    """Return a sensor_msgs/CompressedImage (JPEG or PNG) as 8-bit grey `(H, W)`.
+
+    `format` is `bayer_rggb8; png compressed` where the compressed image is the mosaic of the sensor; with a colour
+    behind it (`...; jpeg compressed bgr8`) the mosaic was made an image before.
+    """
+    mosaic = _MOSAIC.fullmatch(str(getattr(message, "format", "")).lower())
     try:
-        return decode_grey(bytes(message.data))
+        image = decode_grey(bytes(message.data))
+        if mosaic is None or _has_colour(bytes(message.data)):
+            return image
+        return _demosaiced(image, mosaic[1], "it")
     except InputError as error:
         raise InputError(f"image of stamp {stamp_of(message)}: {error}") from error
+
+
+def _demosaiced(image: NDArray[Any], order: str, name: str) -> GreyImage:
+    """Return the grey image of a Bayer mosaic; `order` names its first four pixels."""
+    height, width = image.shape
+    if min(height, width) < 4:
+        raise InputError(f"{name} is {width} x {height}: too small for a Bayer mosaic")
+    return grey8(np.asarray(cv2.cvtColor(image, BAYER[order])))
+
+
+def _has_colour(data: bytes) -> bool:
+    """Tell whether a PNG or JPEG has more than one channel."""
+    if data.startswith(PNG_MAGIC):
+        return len(data) > 25 and data[25] not in (0, 4)  # colour type (ISO/IEC 15948, 11.2.2)
+    return data.startswith(JPEG_MAGIC) and str(simplejpeg.decode_jpeg_header(data)[2]).lower() != "gray"
 
 
 def encode_png(image: GreyImage) -> bytes:

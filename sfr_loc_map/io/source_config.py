@@ -75,6 +75,11 @@ class SyncConfig:
         low=0.0,
         high=0.5,
     )
+    stamps: str = param(
+        "header",
+        doc="Stamps of the messages of a bag: of their headers, or the times of recording.",
+        choices=("header", "record"),
+    )
     right_offset_s: float = param(
         0.0, unit="s", doc="Added to the stamps of the right images, whose clock differs.", low=-1e4, high=1e4
     )

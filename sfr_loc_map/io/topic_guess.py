@@ -11,7 +11,8 @@ from typing import NamedTuple
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 INFO, JOINTS, POINTS, FIX = (f"sensor_msgs/msg/{k}" for k in ("CameraInfo", "JointState", "PointCloud2", "NavSatFix"))
 POSES = tuple(f"geometry_msgs/msg/{kind}Stamped" for kind in ("PoseWithCovariance", "Pose", "Transform"))
-TRUTHS = ("nav_msgs/msg/Odometry", *POSES, "nav_msgs/msg/Path", FIX)  #: The best one of a body first.
+POINT = "geometry_msgs/msg/PointStamped"
+TRUTHS = ("nav_msgs/msg/Odometry", *POSES, "nav_msgs/msg/Path", POINT, FIX)  #: The best one of a body first.
 FEWEST = 0.5  #: Least share of one side's images in those of the other.
 WIDE, TALL = 1.95, 0.95  #: Width by height of an image that holds two.
 
@@ -200,6 +201,7 @@ def _truths(seen: Sequence[SeenTopic]) -> list[SeenTopic]:
     able = [topic for topic in seen if topic.msgtype in TRUTHS and not NO_TRUTH.search(_text(topic.name))]
     ranks = ([t for t in able if words.search(f"{_text(t.name)} {t.msgtype}")] for words in TRUTH_WORDS)
     best = next(filter(None, ranks), [])
+    best = [topic for topic in best if topic.msgtype != POINT] or best  # poses say more than a point
     of_one_body = len({topic.name.rpartition("/")[0] for topic in best}) == 1
     kind = min((topic.msgtype for topic in best), key=TRUTHS.index, default="")
     return [topic for topic in best if topic.msgtype == kind or not of_one_body]

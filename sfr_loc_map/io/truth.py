@@ -24,7 +24,7 @@ from sfr_loc_map.geometry.rotation import quat_conjugate, quat_multiply, quat_ro
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, refusing, stamp_of
 from sfr_loc_map.io.bag_files import is_bag
-from sfr_loc_map.io.bag_frames import chain_above, pose_row, read_frames, sampled, trajectory_of
+from sfr_loc_map.io.bag_frames import PoseRow, chain_above, pose_row, read_frames, sampled, trajectory_of
 from sfr_loc_map.io.text_table import check_order
 from sfr_loc_map.io.topic_guess import is_own
 from sfr_loc_map.io.trajectory_file import read_trajectory_file
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 NO_LEVER = (0.0, 0.0, 0.0)
 NO_TURN = (0.0, 0.0, 0.0, 1.0)
+POINT = "geometry_msgs/msg/PointStamped"
 PATH, FIX = "nav_msgs/msg/Path", "sensor_msgs/msg/NavSatFix"
 NO_FIX = -1  #: `NavSatStatus.STATUS_NO_FIX`.
 WGS84_M, WGS84_FLATTENING = 6_378_137.0, 1.0 / 298.257223563
@@ -138,6 +139,11 @@ class TruthConfig(TrackedBody):
     frame: str = param(
         "", doc="Frame whose poses on /tf are the truth, as CHILD (in the root of its tree) or PARENT:CHILD."
     )
+    stamps: str = param(
+        "header",
+        doc="Stamps of the messages of a bag: of their headers, or the times of recording.",
+        choices=("header", "record"),
+    )
     columns: str = param(
         "",
         doc="Columns of a text table where its header does not say: NAME=HEADER[UNIT] with commas between, of t, x, y, "
@@ -177,6 +183,8 @@ def truth_of_bag(bag: Bag, config: TruthConfig = TruthConfig()) -> Truth:
 
     if config.frame:
         return config.applied(_tf_poses(bag, config.frame), None, f"{bag.path}, frame {config.frame} on /tf")
+    if config.stamps == "record":
+        bag = bag.by_record()
     topic = bag.find(config.source.strip("/") or GROUND_TRUTH, *TRUTH_TYPES)
     if topic is None:
         text = f"bag '{bag.path}' has no true poses on '{GROUND_TRUTH}'"
@@ -185,6 +193,11 @@ def truth_of_bag(bag: Bag, config: TruthConfig = TruthConfig()) -> Truth:
         poses, variances = TRUTH_TYPES[topic.msgtype](bag, topic)
     if not len(poses):
         raise InputError(f"'{topic.bag_name}' of bag '{bag.path}' has no true pose: record it again")
+    if len(poses) > 1 and not poses.stamps_ns.any():
+        raise InputError(
+            f"'{topic.bag_name}' of bag '{bag.path}': all stamps of its headers are 0: --set truth.stamps=record takes "
+            "the times of recording"
+        )
     check_order(poses.stamps_ns, f"'{topic.bag_name}' of bag '{bag.path}'", strict=False)
     kind = topic.msgtype.rpartition("/")[2]
     return config.applied(poses, variances, f"{bag.path}, {topic.bag_name} ({kind}), {len(poses)} poses")
@@ -226,17 +239,49 @@ def _last_path(bag: Bag, topic: Topic) -> Poses:
 
 
 def _fixes(bag: Bag, topic: Topic) -> Poses:
-    """Return positions east, north, up of the first fix; messages without a fix are left out."""
+    """Return positions east, north, up of the first fix; messages without a fix are left out.
+
+    A receiver that has no position yet may write 0, 0 or NaN with the status of a fix: these are left out and counted.
+    """
     stamps, places, variances = [], [], []
+    invalid = heightless = 0
     for _, _, message in bag.messages([topic]):
         if message.status.status > NO_FIX:
+            if not _is_place(message.latitude, message.longitude):
+                invalid += 1
+                continue
+            if not np.isfinite(message.altitude):
+                heightless += 1
+                continue
             stamps.append(stamp_of(message))
             places.append((message.latitude, message.longitude, message.altitude))
             known = np.nan if message.position_covariance_type == 0 else 1.0
             variances.append([*(known * message.position_covariance[[0, 4, 8]]), np.nan, np.nan, np.nan])
+    if heightless > len(places):
+        raise ValueError(
+            f"{heightless} of {heightless + len(places)} fixes have no altitude (NaN): the positions are horizontal "
+            "alone, but errors are measured in three dimensions; give a truth with heights"
+        )
+    if invalid or heightless:
+        text = f"{invalid} fixes at 0, 0 or without numbers and {heightless} without an altitude are left out"
+        _warn_once(f"truth '{topic.bag_name}' of bag '{bag.path}': {text}, {len(places)} are used")
     positions = enu_m(np.array(places, np.float64).reshape(-1, 3))
     poses = Trajectory(np.array(stamps, np.int64), positions, np.zeros((len(stamps), 4)))
     return poses, np.reshape(variances, (-1, 6))
+
+
+def _is_place(latitude: float, longitude: float) -> bool:
+    """Tell whether angles can be those of a fix; 0, 0 is the placeholder of a receiver."""
+    return abs(latitude) <= 90.0 and abs(longitude) <= 360.0 and (latitude, longitude) != (0.0, 0.0)
+
+
+def _points(bag: Bag, topic: Topic) -> Poses:
+    """Return positions of a prism or an antenna."""
+    rows: list[PoseRow] = []
+    for _, _, message in bag.messages([topic]):
+        point = message.point
+        rows.append((stamp_of(message), (point.x, point.y, point.z, 0.0, 0.0, 0.0, 0.0)))
+    return trajectory_of(rows), None
 
 
 def enu_m(places: FloatArray) -> FloatArray:
@@ -262,6 +307,7 @@ TRUTH_TYPES: dict[str, Callable[[Bag, Topic], Poses]] = {
     "geometry_msgs/msg/PoseWithCovarianceStamped": _with_covariances,
     "geometry_msgs/msg/PoseStamped": _plain_poses,
     "geometry_msgs/msg/TransformStamped": _plain_poses,
+    POINT: _points,
     PATH: _last_path,
     FIX: _fixes,
 }
@@ -273,9 +319,10 @@ TRUTH_TYPES: dict[str, Callable[[Bag, Topic], Poses]] = {
 
 def _tf_poses(bag: Bag, frame: str) -> Trajectory:
     """Return the poses of a frame in the root of its tree, or in a parent (`PARENT:CHILD`), of /tf and /tf_static."""
-    frames = read_frames(bag)
     parent, _, child = (name.strip("/") for name in frame.rpartition(":"))
-    chain = chain_above(frames, child, parent)
+    frames = read_frames(bag, child, parent)
+    with refusing(f"/tf of bag '{bag.path}'", "choose one by truth.frame=PARENT:CHILD"):
+        chain = chain_above(frames, child, parent)
     moving = [name for name in chain if not frames[name].is_static]
     if not moving or (parent and frames[chain[-1]].parent != parent):
         known = ", ".join(sorted(f"{item.parent}:{name}" for name, item in frames.items())) or "none"

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
-from made_worlds import START_NS, blob, centre_of
 
+from helpers.made_worlds import START_NS, blob, centre_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
