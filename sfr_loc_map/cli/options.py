@@ -190,11 +190,10 @@ def require_ros(command: str) -> None:
 def open_as(source: Path, remap: list[str] | None = None, config: Path | None = None) -> tuple[Source, Path | None]:
     """Open a source as a configuration, else the one beside it, and remaps say; return the configuration, too."""
     from sfr_loc_map.io.registry import open_source
-    from sfr_loc_map.io.source_config import config_beside, source_config
+    from sfr_loc_map.io.source_config import source_config
 
     remaps = parse_remaps(remap)
-    if config is None and (config := config_beside(source)) is not None:
-        say(f"configuration: {config}", err=True)
+    config = config or named_beside(source)
     return open_source(source, source_config(source, config, remaps)), config
 
 
@@ -295,3 +294,13 @@ def columns_of(texts: list[str] | None) -> tuple[str, str]:
         else:
             found["estimate"] = text
     return found["estimate"], found["truth"]
+
+
+def named_beside(source: Path) -> Path | None:
+    """Return the configuration in or beside a source, and say that it is used; None without one."""
+    from sfr_loc_map.io.source_config import config_beside
+
+    found = config_beside(source)
+    if found is not None:
+        say(f"configuration: {found}", err=True)
+    return found

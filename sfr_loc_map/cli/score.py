@@ -22,6 +22,7 @@ from sfr_loc_map.cli.options import (
     RebaseOption,
     SpacingOption,
     columns_of,
+    named_beside,
     parse_settings,
 )
 from sfr_loc_map.cli.output import STANDARD_OUTPUT, beside, check_suffix, say, show, warn
@@ -112,7 +113,7 @@ def score(
     ] = None,
 ) -> None:
     """Score an estimate against the truth: exit 1 if a limit is missed, 3 if something could not be judged."""
-    from sfr_loc_map.io.source_config import config_beside, source_config
+    from sfr_loc_map.io.source_config import source_config
     from sfr_loc_map.io.truth import TruthConfig
     from sfr_loc_map.metrics.cloud_error import points_table
     from sfr_loc_map.metrics.trajectory_score import pieces_table
@@ -120,7 +121,7 @@ def score(
     from sfr_loc_map.scoring.score_run import ScoreInputs, converted_run, load_run, save_table, score_run
 
     has_pairs = truth.is_dir() or is_bag(truth)
-    config_file = config_file or (config_beside(truth) if has_pairs else None)
+    config_file = config_file or (named_beside(truth) if has_pairs else None)
     judge = judge.by(config_file)
     limits, asked = judge.read()
     of_score: dict[str, object] = {

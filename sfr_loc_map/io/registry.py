@@ -12,6 +12,7 @@ from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.euroc import is_euroc, open_euroc
 from sfr_loc_map.io.folder import PLACES, open_folder
+from sfr_loc_map.io.image_folder import is_image_folder, open_image_folder
 from sfr_loc_map.io.kitti import is_kitti, open_kitti
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import SourceConfig, source_config
@@ -31,6 +32,7 @@ READERS: dict[str, tuple[Callable[[Path], bool], Opener]] = {
     "sfr": (lambda path: any((path / place).exists() for place in PLACES), lambda path, _: open_folder(path)),
     "kitti": (is_kitti, lambda path, _: open_kitti(path)),
     "euroc": (is_euroc, lambda path, _: open_euroc(path)),
+    "images": (is_image_folder, open_image_folder),
 }
 """Name of a format, its test and opener, in the order of trying; a folder with rig.json or pairs.csv is `sfr`.
 
@@ -58,7 +60,8 @@ def format_of(path: Path) -> str:
     found = ", ".join(sorted(item.name for item in path.iterdir())[:6]) or "nothing" if path.is_dir() else "a file"
     raise InputError(
         f"'{path}' is of no format that is read: sought pairs.csv, loc/, nav/ (data set folder), metadata.yaml, "
-        f"*.mcap, *.db3 (ROS 2 bag), *.bag (ROS 1 bag), image_0/ and calib.txt (KITTI), mav0/ (EuRoC); found {found}; "
+        f"*.mcap, *.db3 (ROS 2 bag), *.bag (ROS 1 bag), image_0/ and calib.txt (KITTI), mav0/ (EuRoC), "
+        f"left/ and right/ with images (and --calibration FILE); found {found}; "
         f"give the folder that holds them"
     )
 

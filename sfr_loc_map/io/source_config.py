@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from sfr_loc_map.config import SECTIONS, build, param, read_sections
-from sfr_loc_map.errors import ConfigError, GeometryError
+from sfr_loc_map.errors import ConfigError, GeometryError, SfrError
 from sfr_loc_map.geometry.extrinsics import FramesConfig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.stamp_pairing import STAMP_TOLERANCE_S
 from sfr_loc_map.io.truth import TruthConfig
 
@@ -129,7 +130,19 @@ AS_IT_IS = SourceConfig()  #: A source is read as its own topics and files say.
 def config_beside(source: Path) -> Path | None:
     """Return the `sfr.yaml` in the folder of a source, or in the one that it lies in; None without one."""
     places = (source, source.parent) if source.is_dir() else (source.parent,)
-    return next((place / NAME for place in places if (place / NAME).is_file()), None)
+    found = next((place / NAME for place in places if (place / NAME).is_file()), None)
+    if found is not None and found.parent != source and not is_bag(source) and _is_of_bag(found):
+        return None  # of a bag that lies beside the source
+    return found
+
+
+def _is_of_bag(path: Path) -> bool:
+    """Tell whether a configuration names topics, which files do not have."""
+    try:
+        config = SourceConfig.of(read_sections(path), path)
+    except SfrError:
+        return False  # whoever reads it says what is wrong
+    return bool(config.remap) or bool(TOPIC.fullmatch(config.truth.source))
 
 
 def source_config(source: Path, path: Path | None = None, remap: Mapping[str, str] | None = None) -> SourceConfig:

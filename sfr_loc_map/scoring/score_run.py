@@ -91,6 +91,8 @@ class ScoreInputs:
     config: SourceConfig | None = None
     limits: Path | None = None  #: File of the limits, for provenance.
     configuration: Path | None = None  #: File of `config`, for provenance.
+    truth_file: Path | None = None  #: File of the truth that the configuration names, for provenance.
+    calibration: Path | None = None  #: Calibration that the configuration names, for provenance.
     columns: str = ""  #: Columns of the estimate, where its file does not say (`io.pose_columns`).
     command: str | None = None  #: Command that scores them, for provenance.
 
@@ -460,6 +462,8 @@ def _provenance(run: Run, config: ScoreConfig, truth_sha256: str | None, map_tru
         "target_about": inputs.target_about,
         "limits": inputs.limits,
         "configuration": inputs.configuration,
+        "truth_file": inputs.truth_file,
+        "calibration": inputs.calibration,
     }
     paths |= {f"stats_{number}": path for number, path in enumerate(inputs.stats)}
     files: dict[str, InputFile] = {}
@@ -480,6 +484,11 @@ def _provenance(run: Run, config: ScoreConfig, truth_sha256: str | None, map_tru
         host={"machine": platform.machine(), "system": platform.system(), "python": platform.python_version()},
         time=datetime.now(UTC).isoformat(timespec="seconds"),
     )
+
+
+def _existing(name: str) -> Path | None:
+    """Return the file of a name in a configuration; None where it is empty or the name of a topic."""
+    return Path(name) if name and Path(name).exists() else None
 
 
 def _trajectory_in(path: Path) -> Path:
@@ -525,7 +534,9 @@ def load_run(
     read = place or inputs.map_truth
     if read is not None and inputs.config is None and (read.is_dir() or is_bag(read)):
         how = source_config(read)
-    run = replace(run, inputs=replace(inputs, configuration=how.path))
+    truth_file, calibration = _existing(how.truth.source), _existing(how.calibration.file)
+    named = replace(inputs, configuration=how.path, truth_file=truth_file, calibration=calibration)
+    run = replace(run, inputs=named)
     given = how.truth
     if place is None and truth is not None:
         true = LoadedTrajectory(in_memory, truth)
