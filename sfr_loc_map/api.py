@@ -144,7 +144,7 @@ class Trajectory(_Shown, trajectory_base.Trajectory):
         return frame
 
     def plot(self, truth: trajectory_base.Trajectory | None = None, align: str = "none") -> Figure:
-        """Return the path as a plotly figure, as `sfr plot` draws it; with the truth also the distance to it."""
+        """Return the path as a plotly figure, as `sfr report` draws it; with the truth also the distance to it."""
         config = build(AlignedErrorConfig, {"align": align}, origin="align")
         return to_figure(path_plot(curves_of({"estimate": self}, truth, config)))
 

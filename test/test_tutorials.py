@@ -64,7 +64,7 @@ def test_the_commands_of_the_page_work(
         Path(name).symlink_to(target / name)
     names: dict[str, Any] = {}
     for block in blocks(page):
-        if block.note or "sfr doctor --graph" in block.code:
+        if block.note or "sfr doctor" in block.code:
             continue  # starts nodes, or renders for minutes
         code = block.code
         for full, small in SMALLER.items():

@@ -23,7 +23,7 @@ from typer.core import TyperGroup
 from typer.models import OptionInfo
 
 from sfr_loc_map import __version__
-from sfr_loc_map.errors import ExitCode
+from sfr_loc_map.errors import ConfigError, ExitCode
 
 EXIT_CODES = (
     "Exit codes: 0 all well; 1 a limit was missed, or the doctor found something; 2 bad input or usage; "
@@ -32,12 +32,22 @@ EXIT_CODES = (
 PANELS = {
     "Look": ("info", "doctor", "init"),
     "Run": ("replay", "localise", "map", "live", "run", "record"),
-    "Judge": ("score", "report", "compare", "plot"),
-    "Many runs": ("suite", "history"),
-    "Methods of your own": ("methods", "bench"),
-    "Data": ("convert", "simulate", "perturb"),
+    "Judge": ("score", "report"),
+    "Many runs": ("suite",),
+    "Methods of your own": ("bench",),
+    "Data": ("convert", "simulate"),
 }
 """Subcommands in the order of the help, that of a user's day, below their titles."""
+MOVED = {
+    "sfr compare": "sfr report A.json B.json",
+    "sfr plot": "sfr report T.csv --truth TRUTH -o paths.html",
+    "sfr perturb": "sfr simulate DST --from SRC --fault KIND",
+    "sfr history": "sfr suite history DIR...",
+    "sfr methods": "sfr bench methods",
+    "sfr monitor": "sfr run monitor",
+    "sfr suite compare": "sfr report A B",
+}
+"""Former subcommands and what replaces each."""
 HINTS = "SFR_HINTS"
 _proposed: list[str] = []
 GIVEN: list[Path] = []  #: Files and folders on the command line of the command that runs: inputs and outputs.
@@ -63,8 +73,11 @@ def last_line(code: int) -> str:
 
 class _Group(TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401 - click's, or the copy within typer
-        """Return a subcommand and its arguments; `sfr monitor` is `sfr run monitor`."""
-        return super().resolve_command(ctx, ["run", *args] if ctx.parent is None and args[0] == "monitor" else args)
+        """Return a subcommand and its arguments; raise ConfigError for the name of a former one."""
+        former = " ".join(("sfr", *([] if ctx.parent is None else [ctx.info_name]), args[0]))
+        if former in MOVED:
+            raise ConfigError(f"'{former}' does not exist any more: use {MOVED[former]}")
+        return super().resolve_command(ctx, args)
 
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401 - as above
         """Return the subcommands of `sfr` in the order of PANELS; those of a group as they were added."""

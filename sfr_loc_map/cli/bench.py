@@ -124,14 +124,14 @@ def map_(
 
 @app.command(
     epilog=examples("sfr bench faults data/ --fault torn+noisy --json faults.json"),
-    hint="sfr perturb SRC DST --fault KIND:amount=A    # one fault alone, kept",
+    hint="sfr simulate DST --from SRC --fault KIND:amount=A    # one fault alone, kept",
 )
 def faults(
     source: SourceArgument,
     fault: Annotated[
         list[str] | None,
         Option(
-            metavar="KIND[:...]", help="As for sfr perturb, several joined by +; repeatable. By default common faults."
+            metavar="KIND[:...]", help="As for sfr simulate, several joined by +; repeatable. By default common faults."
         ),
     ] = None,
     condition: Annotated[
@@ -163,6 +163,29 @@ def faults(
     _present({"source": str(source)} | result, json_path)
     if silent := [name for name, item in result["entries"].items() if item["honesty"] == Honesty.SILENT]:
         raise FailedVerdictError(f"wrong and called tracking, beyond 5 times the stated 3 sigma: {', '.join(silent)}")
+
+
+@app.command(
+    epilog=examples("sfr bench methods", "sfr bench methods --include-dir"),
+    hint="sfr localise SRC -o T.csv --method NAME    # the same drive by another method",
+)
+def methods(
+    include_dir: Annotated[bool, Option(help="Print the folder of sfr_candidate.h, and nothing else.")] = False,
+    json_path: JsonOption = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """List the methods under test with their versions; a class or a C library needs no entry here."""
+    from sfr_loc_map.methods.registry import header_folder, listed_methods
+    from sfr_loc_map.report.tables import Cell, Column, Table
+
+    if include_dir:
+        say(str(header_folder()))
+        return
+    check_outputs(json_path, overwrite=overwrite)
+    found = listed_methods()
+    rows = tuple(tuple(Cell(text or "-") for text in item.values()) for item in found)
+    columns = tuple(Column(title, words=True) for title in ("task", "method", "version", "kind", ""))
+    show({"methods": found}, json_path, [Table("methods", "Methods", columns, rows)])
 
 
 def _present(result: dict[str, Any], json_path: str | None) -> None:

@@ -115,7 +115,7 @@ def convert(
         why = "on the target (docs/howto/target.md), then sfr score results SRC"
         propose("./harness", destination, "results", why=why)
     else:
-        propose("sfr", "doctor", destination, why="is it complete")
+        propose("sfr", "info", destination, why="is it complete")
 
 
 def _convert_trajectory(
@@ -151,5 +151,5 @@ def _convert_trajectory(
     else:
         with output_folder(destination, overwrite=overwrite, inputs=(source,)) as place:
             count = convert_trajectory(poses, place)
-        propose("sfr", "doctor", destination, why="is it complete")
+        propose("sfr", "info", destination, why="is it complete")
     say(f"{count} poses: {destination}", err=True)

@@ -1,101 +1,138 @@
-"""`sfr info`: what a source holds, on one screen."""
+"""`sfr info`: what a recording holds and what blocks its use, each with its fix."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
+
+from typer import Option
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import ConfigOption, IntakeOptions, JsonOption, OverwriteOption, SourceArgument
-from sfr_loc_map.cli.output import check_outputs, show
-from sfr_loc_map.errors import SfrError
-from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.io.bag_files import is_bag
+from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, progress_bar, say, show
+from sfr_loc_map.config import read_sections
+from sfr_loc_map.errors import FailedVerdictError, InputError
+from sfr_loc_map.io.atomic import write_text
 
 if TYPE_CHECKING:
-    from sfr_loc_map.geometry.stereo import StereoRig
-    from sfr_loc_map.io.sequence import Source
+    from pathlib import Path
 
-GAP = 1.5  #: Periods between two pairs beyond which something is missing.
+    from sfr_loc_map.doctor.examination import Finding
+    from sfr_loc_map.io.source_config import SourceConfig
+    from sfr_loc_map.report.tables import Table
 
 
-@app.command(epilog=examples("sfr info drive.mcap", "sfr info data/ --json -"))
+@app.command(
+    epilog=examples(
+        "sfr info drive.mcap",
+        "sfr info recording.mcap --remap /cam0/image:=loc/left/image_rect",
+        "sfr info recording.mcap --write",
+        "sfr info data/ --json -",
+    )
+)
 def info(
     intake: IntakeOptions,
     source: SourceArgument,
+    write: Annotated[
+        bool, Option(help="Write what the source seems to be into its sfr.yaml, then look again.")
+    ] = False,
     config: ConfigOption = None,
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Show what a source holds: pairs, rate, size, topics, calibration, extrinsics, truth, duration, gaps."""
-    from sfr_loc_map.doctor.source_proposal import seen_topics
-    from sfr_loc_map.io.bag import Bag
-    from sfr_loc_map.io.registry import open_source
-    from sfr_loc_map.report.tables import Cell, Column, Table
+    """Show what a source holds, and what blocks its use, each with its fix; exit 1 if something does."""
+    from sfr_loc_map.doctor.examination import examine
+    from sfr_loc_map.doctor.fixes import observe, with_fix
+    from sfr_loc_map.doctor.source_facts import facts_of
 
     check_outputs(json_path, overwrite=overwrite)
-    path, _, how = intake.read(source, config)
-    facts: dict[str, Any] = {"source": str(source), "configuration": None if path is None else str(path)}
-    try:
-        facts |= _facts(open_source(source, how))
-        propose("sfr", "doctor", source, why="what it lacks")
-    except SfrError as error:
-        if not is_bag(source):
-            raise
-        facts["cannot be read"] = str(error)
-        propose("sfr", "init", "DIR", "--from", source, why="a configuration for it, with what it was inferred from")
-    facts["topics"] = []
-    if is_bag(source):
-        names = {topic.strip("/"): name for topic, name in how.remap.items()} | {how.truth.source.strip("/"): "truth"}
-        facts["topics"] = [
-            {
-                "name": topic.name,
-                "type": topic.msgtype,
-                "messages": topic.count,
-                "frame": topic.frame,
-                "size": " x ".join(map(str, topic.size)) if all(topic.size) else "",
-                "read as": names.get(topic.name.strip("/"), ""),
-            }
-            for topic in sorted(seen_topics(Bag(source)), key=lambda topic: topic.name)
-        ]
+    path, sections, how = intake.read(source, config)
+    if not source.exists():
+        raise InputError(f"there is no '{source}': give a data set folder, a bag, KITTI or EuRoC")
+    if write:
+        path, how = _write(source, sections, path)
+    with progress_bar("pairs") as bar:
+        task = bar.add_task("reading", total=None)
+        seen = observe(source, how, lambda: bar.advance(task))
+    findings = examine(seen)
+    of_config = [] if config is None else ["--config", str(config)]
+    if not write and any(finding.is_blocking for finding in findings):
+        words = ["sfr", "info", str(source), "--write", *of_config, *intake.words()]
+        findings = with_fix(source, sections, path, findings, words)
+    report = FindingsReport(seen.subject, findings)
+    facts = {"configuration": None if path is None else str(path)} | facts_of(source, how)
+    if "cannot be read" in facts and not report.stops:
+        raise InputError(facts["cannot be read"])
+    start = ["--start", "truth"] if seen.truth_has_attitude else []
+    after = ["sfr", "replay", str(source), *of_config, *start, "--out", "out"]
+    report.propose(after, why="through the nodes, scored")
+    report.show(json_path, facts, _tables(facts))
+
+
+@dataclass(frozen=True, slots=True)
+class FindingsReport:
+    """Findings on a subject, as `sfr info` and `sfr doctor` show them."""
+
+    subject: str
+    findings: list[Finding]
+
+    @property
+    def stops(self) -> int:
+        """Number of the findings that block."""
+        return sum(finding.is_blocking for finding in self.findings)
+
+    def propose(self, after: list[str], why: str) -> None:
+        """Propose the first fix that is a command, else the same command again, else `after`."""
+        fix = next((item.fix.partition(";")[0] for item in self.findings if item.fix.startswith("sfr info")), "")
+        if fix:
+            propose(fix, why="writes the sfr.yaml of the source")
+        elif self.stops:
+            propose("...", why="again, after the fix")
+        else:
+            propose(*after, why=why)
+
+    def show(self, json_path: str | None, facts: dict[str, Any], tables: list[Table]) -> None:
+        """Print tables and findings, write the JSON; raise FailedVerdictError if a finding blocks."""
+        found = [finding.as_dict() for finding in self.findings]
+        show({"subject": self.subject, **facts, "stops": self.stops, "findings": found}, json_path, tables)
+        if json_path != STANDARD_OUTPUT:
+            for finding in self.findings:
+                say(f"{'BLOCKING' if finding.is_blocking else 'warning '}  {finding.where}: {finding.text}")
+                say(f"          fix: {finding.fix}")
+            if not self.findings:
+                say(f"{self.subject}: no blocking issue")
+        if self.stops:
+            raise FailedVerdictError(f"{self.stops} blocking issue{'s' * (self.stops > 1)} on {self.subject}")
+
+
+def _write(source: Path, sections: dict[str, Any], path: Path | None) -> tuple[Path, SourceConfig]:
+    """Write the proposed configuration into the one that was read, else a new one; return its file and content."""
+    from sfr_loc_map.doctor.source_proposal import propose_config
+    from sfr_loc_map.io.source_config import NAME
+
+    place = path or (source if source.is_dir() else source.parent) / NAME
+    found = propose_config(source, sections, place, {} if path is None else read_sections(path))
+    write_text(found.text(), place)
+    kept = "" if path is None else ", written again: its values are kept"
+    say(f"configuration: {place}{kept}", err=True)
+    for text in found.missing:
+        say(f"missing: {text}", err=True)
+    for text in found.remarks:
+        say(f"remark: {text}", err=True)
+    return place, found.config
+
+
+def _tables(facts: dict[str, Any]) -> list[Table]:
+    """Return the facts, and the topics of a bag, as tables."""
+    from sfr_loc_map.report.tables import Cell, Column, Table
+
+    topics: list[dict[str, Any]] = facts["topics"]
     shown = {name: f"{value:.6g}" if isinstance(value, float) else value for name, value in facts.items()}
     del shown["topics"]
     rows = [(Cell.head(name), Cell("none" if value is None else str(value))) for name, value in shown.items()]
     tables = [Table("source", "Source", (Column("", words=True), Column("", words=True)), tuple(rows))]
-    if facts["topics"]:
-        columns = tuple(Column(name, words=True) for name in facts["topics"][0])
-        cells = tuple(tuple(Cell(str(value)) for value in topic.values()) for topic in facts["topics"])
+    if topics:
+        columns = tuple(Column(name, words=True) for name in topics[0])
+        cells = tuple(tuple(Cell(str(value)) for value in topic.values()) for topic in topics)
         tables.append(Table("topics", "Topics", columns, cells))
-    show(facts, json_path, tables)
-
-
-def _facts(source: Source) -> dict[str, Any]:
-    """Return what is known of an opened source, by what it is called on the screen and in JSON."""
-    import numpy as np
-
-    facts: dict[str, Any] = {"format": source.format}
-    if source.loc is not None:
-        stamps = np.asarray(source.loc.stamps_ns, np.int64)
-        gaps_s = np.diff(stamps) / NS_PER_S
-        period_s = float(np.median(gaps_s)) if len(gaps_s) else None
-        facts["drive"] = f"{len(stamps)} pairs, {_camera(source.loc.rig)}"
-        facts["duration_s"] = float(gaps_s.sum())
-        facts["rate_hz"] = None if not period_s else 1.0 / period_s
-        facts["gaps"] = 0 if period_s is None else int((gaps_s > GAP * period_s).sum())
-        facts["longest_gap_s"] = float(gaps_s.max()) if len(gaps_s) else None
-        mounted = source.loc.rig.T_rb_sb
-        facts["extrinsics"] = "not known" if mounted is None else f"LOCSB at {mounted.translation.round(4).tolist()} m"
-        truth = source.loc.ground_truth
-        facts["truth"] = "none"
-        if truth is not None and len(truth):
-            length_m = np.linalg.norm(np.diff(truth.positions, axis=0), axis=1).sum()
-            kind = "poses" if getattr(truth, "has_attitude", True) else "positions"
-            facts["truth"] = f"{len(truth)} {kind}, {length_m:.3f} m long, {getattr(truth, 'read_from', '')}".rstrip(
-                ", "
-            )
-    if source.nav is not None:
-        facts["mapping"] = f"{len(source.nav)} pairs, {_camera(source.nav.rig)}"
-    return facts
-
-
-def _camera(rig: StereoRig) -> str:
-    return f"{rig.width} x {rig.height}, focal length {rig.fx:.6g} px, baseline {rig.baseline_m:.6g} m"
+    return tables

@@ -78,7 +78,7 @@ class MethodOptions:
         str,
         Option(
             metavar="NAME|package.module:Class|lib:FILE.so",
-            help="Method under test (sfr methods); --config is then the file with its configuration.",
+            help="Method under test (sfr bench methods); --config is then the file with its configuration.",
         ),
     ] = OURS
     call_timeout: Annotated[float, Option(metavar="S", help="Longest time of a call of a method under test.")] = 120.0

@@ -24,7 +24,7 @@ ROS_ARGS = "--ros-args"
         "sfr run localisation --params-file config/localisation.yaml --namespace rover1",
         "sfr run all -r loc/left/image_rect:=/eye/left --respawn",
     ),
-    hint="sfr doctor --graph    # while the nodes run: are their inputs there",
+    hint="sfr doctor    # while the nodes run: are their inputs there",
 )
 def run(
     names: Annotated[
@@ -107,7 +107,7 @@ def record(
             say(f"records into {place}, which takes the place of {out} at the end", err=True)
         counts = run_recorder(place, options, lambda text: say(text, err=True))
     count, lost = (sum(getattr(topic, name) for topic in counts.values()) for name in ("count", "lost"))
-    propose("sfr", "doctor", out, why="is it complete")
+    propose("sfr", "info", out, why="is it complete")
     say(f"{out}: {count} messages of {sum(topic.count > 0 for topic in counts.values())} topics, {lost} lost")
     for name, topic in counts.items():
         if topic.lost:

@@ -26,17 +26,18 @@ from sfr_loc_map.cli.options import (
     parse_settings,
 )
 from sfr_loc_map.cli.output import STANDARD_OUTPUT, beside, check_suffix, say, show, warn
-from sfr_loc_map.cli.verdict import conclude
+from sfr_loc_map.cli.verdict import conclude, not_judged
 from sfr_loc_map.config import build, flatten
-from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.errors import ConfigError, FailedVerdictError
 from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.io.bag_files import is_bag
-from sfr_loc_map.metrics.config import aligned_error_config, score_config
+from sfr_loc_map.metrics.config import ScoreConfig, aligned_error_config, score_config
 
 if TYPE_CHECKING:
     from sfr_loc_map.metrics.score import Score
 
 
+SHOWN_HYPOTHESES = 5
 TABLE_SUFFIXES = (".parquet", ".csv")
 
 
@@ -105,6 +106,9 @@ def score(
     rpe_delta: Annotated[
         str | None, Option(metavar="frames=N|distance=M", help="Length of a relative error.", show_default="frames=1")
     ] = None,
+    diagnose: Annotated[
+        bool, Option(help="Show which convention mismatch explains the disagreement; exit 1 if one does.")
+    ] = False,
     columns: ColumnsOption = None,
     config_file: ConfigOption = None,
     settings: Annotated[
@@ -120,6 +124,10 @@ def score(
     from sfr_loc_map.report.test_report import junit as junit_of
     from sfr_loc_map.scoring.score_run import ScoreInputs, converted_run, load_run, save_table, score_run
 
+    if diagnose:
+        output.check()
+        _diagnose(estimate, truth, output.json_path, lenient=judge.lenient)
+        return
     has_pairs = truth.is_dir() or is_bag(truth)
     config_file = config_file or (named_beside(truth) if has_pairs else None)
     judge = judge.by(config_file)
@@ -184,12 +192,18 @@ def score(
     if pieces is not None and run.drive is not None:
         with beside():
             save_table(pieces, pieces_table(run.drive.estimates, run.drive.truth, config.trajectory))
+    _propose_next(result, output)
+    conclude(result, asked, lenient=judge.lenient)
+
+
+def _propose_next(result: Score, output: OutputOptions) -> None:
+    """Propose what is useful after a score, unless a program reads the JSON."""
     if output.json_path == STANDARD_OUTPUT:
-        pass  # a program reads it
-    elif result.incomplete is not None:
+        return
+    if result.incomplete is not None:
         propose("... --partial", why="judges the part that is there")
     elif result.contradiction is not None:
-        propose("sfr", "doctor", estimate, truth, why="which convention mismatch it is, and what corrects it")
+        propose("... --diagnose", why="which convention mismatch it is, and what corrects it")
     elif output.html is not None:
         propose(f"open {output.html} in a browser")
     elif not result.verdicts:
@@ -198,7 +212,6 @@ def score(
         propose("sfr", "report", output.json_path, why="the same as a page with figures")
     else:
         propose("... --html report.html", why="the same command, with a page of figures")
-    conclude(result, asked, lenient=judge.lenient)
 
 
 def present(score: Score, json_path: str | None, html: Path | None) -> None:
@@ -230,3 +243,33 @@ def present(score: Score, json_path: str | None, html: Path | None) -> None:
     for warning in score.warnings:
         if warning != score.contradiction:  # that ends the command
             warn(warning)
+
+
+def _diagnose(estimate: Path, truth: Path, json_path: str | None, *, lenient: bool) -> None:
+    """Show what explains the disagreement of estimate and truth; raise FailedVerdictError if something does.
+
+    The disagreement is the mean error of position per distance travelled and of attitude in radians, re-based at many
+    starts.
+    """
+    from sfr_loc_map.metrics.convention import MIN_POSES
+    from sfr_loc_map.report.tables import Cell, Column, Table
+    from sfr_loc_map.scoring.score_run import diagnose_files
+
+    diagnosis = diagnose_files(estimate, truth, ScoreConfig())
+    rows = [(Cell.head("as it is"), Cell.number(diagnosis.disagreement, undefined="no stamp in common"), Cell(""))]
+    rows += [
+        (Cell.head(f"without: {item.mismatch}"), Cell.number(item.disagreement), Cell(item.setting))
+        for item in diagnosis.hypotheses[:SHOWN_HYPOTHESES]
+    ]
+    columns = (Column("convention", words=True), Column("disagreement"), Column("corrected by", words=True))
+    show(diagnosis, json_path, [Table("conventions", "Estimate against truth", columns, tuple(rows))])
+    if diagnosis.found is not None:
+        if json_path != STANDARD_OUTPUT:
+            say(diagnosis.found.sentence)
+            if diagnosis.found.setting:
+                say(f"sfr score ... --convention {diagnosis.found.setting} corrects it")
+        raise FailedVerdictError(f"estimate and truth contradict each other by convention: {diagnosis.found.mismatch}")
+    if diagnosis.disagreement is None:
+        not_judged([f"'{estimate}' and '{truth}' have fewer than {MIN_POSES} stamps in common"], lenient=lenient)
+    elif json_path != STANDARD_OUTPUT:
+        say("no single convention mismatch explains the disagreement, if there is any")

@@ -1,4 +1,4 @@
-"""`sfr simulate`: a rendered data set with exact truth; `sfr perturb`: any source with injected faults."""
+"""`sfr simulate`: a rendered data set with exact truth, or a copy of a source with injected faults."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Annotated
 from typer import Argument, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.options import ConfigOption, OverwriteOption, RemapOption, SourceArgument, open_as, parse_settings
+from sfr_loc_map.cli.options import ConfigOption, OverwriteOption, RemapOption, open_as, parse_settings
 from sfr_loc_map.cli.output import output_folder, progress_bar, say
 from sfr_loc_map.config import build, flatten, load_yaml
 from sfr_loc_map.errors import ConfigError, InterruptedRunError, naming
@@ -29,21 +29,42 @@ FAULT_HELP = (
         "sfr simulate data/",
         "sfr simulate config/simulation/sample.yaml data/ --seed 4 --workers 4",
         "sfr simulate data/ --set terrain.relief_m=0.2 --set loc.width=512",
+        "sfr simulate faulty/ --from data/ --fault dropped:share=0.2 --fault blurred:amount=3,camera=left",
+        "sfr simulate faulty.mcap --from drive.mcap --fault body:amount=0.3 --seed 4",
     )
 )
 def simulate(
     paths: Annotated[
         list[Path],
-        Argument(metavar="[CONFIG] OUT", help="YAML file of a scenario (optional), then the folder to make."),
+        Argument(metavar="[CONFIG] OUT", help="YAML file of a scenario (optional), then the folder or bag to make."),
     ],
+    source: Annotated[
+        Path | None, Option("--from", metavar="SRC", help="Copy this source with faults instead of rendering.")
+    ] = None,
+    fault: Annotated[list[str] | None, Option(metavar="KIND[:...]", help=FAULT_HELP)] = None,
     seed: Annotated[int | None, Option(min=0, metavar="N", help="Seed of everything random.")] = None,
+    config_file: ConfigOption = None,
+    remap: RemapOption = None,
     workers: Annotated[int, Option(min=1, metavar="N", help="Processes.")] = 2,
     settings: Annotated[
         list[str] | None, Option("--set", metavar="KEY=VALUE", help="One setting, as terrain.relief_m=0.2.")
     ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Render a drive or a panorama with exact truth; a stopped run continues when called again."""
+    """Render a drive or a panorama with exact truth; a stopped run continues when called again.
+
+    With --from SRC and --fault: copy a source and inject faults of single pairs, of the cameras, of the view, of clock
+    and calibration.
+    """
+    if source is not None or fault:
+        if source is None:
+            raise ConfigError("'--fault' is injected into a recording: give --from SRC")
+        if len(paths) != 1 or settings:
+            raise ConfigError("'--from' copies a recording: give OUT alone, without CONFIG and --set")
+        _inject(source, paths[0], fault, seed or 0, config_file, remap, overwrite=overwrite)
+        return
+    if config_file is not None or remap:
+        raise ConfigError("'--config' and '--remap' are of a recording: give --from SRC; a scenario is the argument")
     from sfr_loc_map.simulation.simulate import can_continue
     from sfr_loc_map.simulation.simulate import simulate as run
 
@@ -67,24 +88,17 @@ def simulate(
     propose("sfr", "replay", out, "--start", "truth", "--out", f"{out}_result", why="through the nodes, scored")
 
 
-@app.command(
-    epilog=examples(
-        "sfr perturb data/ faulty/ --fault dropped:share=0.2 --fault blurred:amount=3,camera=left",
-        "sfr perturb drive.mcap faulty.mcap --fault body:amount=0.3 --seed 4",
-    )
-)
-def perturb(
-    source: SourceArgument,
-    destination: Annotated[
-        Path, Argument(metavar="DST", help="*.mcap, *.db3 or *.bag: a ROS 2 bag; else a data set folder.")
-    ],
-    fault: Annotated[list[str] | None, Option(metavar="KIND[:...]", help=FAULT_HELP)] = None,
-    seed: Annotated[int, Option(min=0, metavar="N", help="Seed that selects the affected pairs.")] = 0,
-    config: ConfigOption = None,
-    remap: RemapOption = None,
-    overwrite: OverwriteOption = False,
+def _inject(
+    source: Path,
+    destination: Path,
+    fault: list[str] | None,
+    seed: int,
+    config: Path | None,
+    remap: list[str] | None,
+    *,
+    overwrite: bool,
 ) -> None:
-    """Copy a source and inject faults: of single pairs, of the cameras, of the view, of clock and calibration."""
+    """Write a copy of a source with faults."""
     from sfr_loc_map.io.convert import EXACT, convert
     from sfr_loc_map.simulation.faults import FaultKind, parse_fault
     from sfr_loc_map.simulation.faulty_source import faulty

@@ -1,4 +1,4 @@
-"""`sfr suite` and `sfr history`: many sources, configurations and faults in one go, and what follows from them all."""
+"""`sfr suite`: many sources, configurations and faults in one go, and what follows from them all."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Option
 
 from sfr_loc_map.cli.app import App, examples, propose
-from sfr_loc_map.cli.app import app as root
 from sfr_loc_map.cli.options import JsonOption, LenientOption, OutputOptions, OverwriteOption
 from sfr_loc_map.cli.output import check_outputs, progress_bar, say, show
 from sfr_loc_map.cli.verdict import not_judged
@@ -121,7 +120,7 @@ def _run_jobs(jobs: Sequence[Job], store: Store, settings: SuiteSettings, places
 
 @app.command(
     epilog=examples("sfr suite report runs/today --json summary.json"),
-    hint="sfr suite compare A B    # against an earlier one",
+    hint="sfr report A B    # against an earlier one",
 )
 def report(
     folder: FolderArgument,
@@ -143,32 +142,8 @@ def report(
 
 
 @app.command(
-    epilog=examples("sfr suite compare runs/before runs/after --html comparison.html"),
-    hint="sfr history DIR...    # when it became worse, and where",
-)
-def compare(
-    first: Annotated[Path, Argument(metavar="A", help="Folder of the suite that is the reference.")],
-    other: Annotated[Path, Argument(metavar="B", help="Folder of the suite that is compared with it.")],
-    output: OutputOptions,
-) -> None:
-    """Compare two suites over the drives that both have: better, worse, or no difference shown."""
-    from sfr_loc_map.report.page import render_tables
-    from sfr_loc_map.suite.comparison import compare_suites
-    from sfr_loc_map.suite.summary import summarise
-    from sfr_loc_map.suite.tables import comparison_tables
-
-    output.check()
-    reference, compared = (summarise(_open_store(folder)) for folder in (first, other))
-    result = compare_suites(reference, compared, (str(first), str(other)))
-    tables = comparison_tables(result)
-    if output.html is not None:
-        write_text(render_tables("Comparison of suites", tables), output.html)
-    show(result.to_dict(), output.json_path, tables)
-
-
-@root.command(
-    epilog=examples("sfr history nights/* --html history.html"),
-    hint="sfr suite compare A B    # two of these nights in full",
+    epilog=examples("sfr suite history nights/* --html history.html"),
+    hint="sfr report A B    # two of these nights in full",
 )
 def history(
     folders: Annotated[list[Path], Argument(metavar="DIR", help="Folders of suites, in the order of time.")],

@@ -257,7 +257,7 @@ def open_bag(path: Path, config: SourceConfig | None = None) -> Source:
     if not any(kinds.values()):
         raise InputError(
             f"bag '{path}' has neither loc/left/image_rect nor nav/left/image_rect: it has "
-            f"{', '.join(sorted(bag.topics))}; sfr doctor '{path}' --fix writes those that seem to be it"
+            f"{', '.join(sorted(bag.topics))}; sfr info '{path}' --write writes those that seem to be it"
         )
     loc = BagLocSequence(bag, config) if kinds[Task.LOCALISATION] else None
     nav = BagNavSequence(bag, config) if kinds[Task.MAPPING] else None

@@ -109,7 +109,7 @@ def find_method(spec: str, task: Task, config: str = "") -> Method:
     if ":" not in spec:
         names = ", ".join(BUILT_IN[task])
         raise MethodError(
-            f"no method '{spec}' for {task}: give one of {names}, package.module:Class or lib:PATH.so (sfr methods)"
+            f"no method '{spec}' for {task}: give one of {names}, package.module:Class, lib:PATH.so (sfr bench methods)"
         )
     place = Path(spec.rpartition(":")[0])
     sha256 = hash_path(place) if place.suffix == ".py" and place.is_file() else None

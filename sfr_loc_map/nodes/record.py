@@ -71,7 +71,7 @@ def record(path: Path, options: RecordOptions, say: Callable[[str], None]) -> di
     if not bag.count:
         shutil.rmtree(path)
         domain = os.environ.get("ROS_DOMAIN_ID") or "0"
-        raise NodeError(f"no message was received in ROS domain {domain}: check by sfr doctor --graph")
+        raise NodeError(f"no message was received in ROS domain {domain}: check by sfr doctor")
     return recorder.counts
 
 

@@ -1,4 +1,4 @@
-"""What a node waits for, in one line; `sfr doctor --graph` examines the running graph in full."""
+"""What a node waits for, in one line; `sfr doctor` examines the running graph in full."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 from rclpy.node import Node
 
-MORE = "sfr doctor --graph examines the graph"
+MORE = "sfr doctor examines the graph"
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from sfr_loc_map.metrics.catalogue import KINDS, Subject, title_of
 from sfr_loc_map.metrics.comparison import SIGNIFICANT, Comparison
@@ -301,3 +302,12 @@ def _over_range(named: Named) -> list[plots.Plot]:
         "yaxis": plots.log_axis("median point error, mm", *plots.span(values)),
     }
     return [plots.Plot("map-ranges", "Point error over range", "Median of each range.", data, layout, width="full")]
+
+
+def names_of(paths: Sequence[Path], scores: Sequence[Score]) -> list[str]:
+    """Return the names of the methods if they differ, otherwise the names or paths of the files."""
+    methods = [score.method.name.rpartition("/")[2] for score in scores if score.method is not None]
+    for names in (methods, [path.name for path in paths], [str(path) for path in paths]):
+        if len(set(names)) == len(paths):
+            return names
+    return [f"{number}: {path}" for number, path in enumerate(paths, 1)]

@@ -162,7 +162,7 @@ def tracking_warning(records: Sequence[CallRecord], source: object) -> str | Non
     reason, count = Counter(record.reason for record in bad).most_common(1)[0]
     return (
         f"{states_text(records)} of {len(records)} pairs, {count} of them for '{reason or 'no reason'}': look with "
-        f"sfr doctor {source}, or sfr localise {source} -o again.csv --video tracks.avi"
+        f"sfr info {source}, or sfr localise {source} -o again.csv --video tracks.avi"
     )
 
 

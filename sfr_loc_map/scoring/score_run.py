@@ -319,7 +319,7 @@ def _contradiction(drive: ScoredDrive, config: ScoreConfig) -> str | None:
     if found is None:
         return None
     remedy = f"--convention {found.setting} or --apply-diagnosis corrects it; " if found.setting else ""
-    return f"{found.sentence} ({remedy}sfr doctor EST TRUTH shows every hypothesis)"
+    return f"{found.sentence} ({remedy}sfr score EST TRUTH --diagnose shows every hypothesis)"
 
 
 def _frame_warnings(drive: ScoredDrive, association: Association) -> Iterator[str]:

@@ -136,7 +136,7 @@ class Change:
     @property
     def command(self) -> str:
         """The command that shows it."""
-        return f"sfr suite compare {self.before_night} {self.night}"
+        return f"sfr report {self.before_night} {self.night}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""Simulated histories of suites: how often `sfr history` is wrong, what it finds, and after how many nights.
+"""Simulated histories of suites: how often `sfr suite history` is wrong, what it finds, and after how many nights.
 
 python -m campaigns history-power [--histories 2000] [--seed 1]
 

@@ -67,7 +67,9 @@ COMMANDS = {
     "map": Long("map SRC -o c.ply --dem d.tif --overwrite", whole=cloud_is_whole, seconds=2.5),
     "convert": Long("convert SRC old --overwrite", keeps=source_is_whole("old"), seconds=2.5),
     "convert-bag": Long("convert SRC old.mcap --overwrite", keeps=source_is_whole("old.mcap"), seconds=2.5),
-    "perturb": Long("perturb SRC old --fault blurred --overwrite", keeps=source_is_whole("old"), seconds=4.0),
+    "simulate-faults": Long(
+        "simulate old --from SRC --fault blurred --overwrite", keeps=source_is_whole("old"), seconds=4.0
+    ),
     "simulate": Long("simulate old --overwrite --set " + " --set ".join(TINY), keeps=source_is_whole("old")),
     "bench": Long("bench localise SRC --repeat 2 --condition frames=5 --json b.json --overwrite", seconds=20.0),
     "bench-faults": Long("bench faults SRC --condition frames=5 --json b.json --overwrite", seconds=20.0),

@@ -77,7 +77,7 @@ def test_a_diagnosis_is_applied_only_where_asked_for_and_the_score_says_so(
     assert refused.code == 3
     assert "--convention metres_per_unit=0.001 or --apply-diagnosis corrects it" in refused.err
     assert "convention" not in json.loads((tmp_path / "refused.json").read_text())
-    found = sfr("doctor", tmp_path / "mm.csv", source)
+    found = sfr("score", tmp_path / "mm.csv", source, "--diagnose")
     assert "--convention metres_per_unit=0.001 corrects it" in found.out
     applied = sfr("score", tmp_path / "mm.csv", source, *options, tmp_path / "applied.json", "--apply-diagnosis")
     assert applied.code == 0, applied.err

@@ -1,4 +1,4 @@
-"""`sfr doctor` on bags and graphs with one thing wrong in each: the right cause, and no other."""
+"""`sfr info` on bags, `sfr doctor` on graphs with one thing wrong in each: the right cause, and no other."""
 
 from __future__ import annotations
 
@@ -82,14 +82,14 @@ def test_a_bag_with_one_thing_wrong(tmp_path: Path, sfr: Sfr, name: str) -> None
     if name == "other camera's info":
         edit, expected = _smaller_camera, [("picture_size", True)]
     bag = broken.rewritten_bag(tmp_path / "x.mcap", edit)
-    result = sfr("doctor", bag, "--json", "-")
+    result = sfr("info", bag, "--json", "-")
     findings = json.loads(result.out)["findings"]
     assert [(f["cause"], f["stops"]) for f in findings] == expected, findings
     assert result.code == int(any(stops for _, stops in expected))
     assert all(f["cure"] and f["where"] for f in findings)
     if name not in ("good", "exchanged"):
         return
-    plain = sfr("doctor", bag)
+    plain = sfr("info", bag)
     assert plain.out.count("fix: ") == len(expected)
     assert ("no blocking issue" in plain.out) == (not expected)
 
@@ -100,18 +100,18 @@ def _smaller_camera(topic: str, number: int, message: Any) -> Any:
 
 def test_bags_whose_topics_are_not_ours_or_that_were_not_finished(tmp_path: Path, sfr: Sfr) -> None:
     other = broken.renamed_bag(tmp_path / "other.mcap", "image_rect", "image")
-    result = sfr("doctor", other, "--json", "-")
+    result = sfr("info", other, "--json", "-")
     assert result.code == 1
     (finding,) = json.loads(result.out)["findings"][:1]
     assert finding["cause"] == "no_topic"
     bag = write_bag(tmp_path / "whole.mcap", 3, 0)
     names = ("loc/right/camera_info", "loc/right/image_rect")
-    result = sfr("doctor", bag, *(f"--remap={a}:={b}" for a, b in (names, names[::-1])))
+    result = sfr("info", bag, *(f"--remap={a}:={b}" for a, b in (names, names[::-1])))
     assert "its type is sensor_msgs/msg/CameraInfo" in result.out
     (storage,) = bag.glob("*.mcap")
     (bag / "metadata.yaml").unlink()
     storage.write_bytes(storage.read_bytes()[:-100])
-    result = sfr("doctor", bag, "--json", "-")
+    result = sfr("info", bag, "--json", "-")
     assert [(f["cause"], f["stops"]) for f in json.loads(result.out)["findings"]] == [("unfinished", False)]
     assert result.code == 0
 
@@ -121,7 +121,7 @@ def test_a_parameter_file_may_say_where_the_cameras_are(tmp_path: Path, sfr: Sfr
     config = tmp_path / "p.yaml"
     for quat, code in (("[0.0, 0.0, 0.0, 1.0]", 0), ("[0.0, 0.0, 0.0, 0.0]", 1)):
         config.write_text(f"/**/localisation_node:\n  ros__parameters:\n    T_rb_locsb:\n      quat_xyzw: {quat}\n")
-        assert sfr("doctor", bag, "--config", config).code == code
+        assert sfr("info", bag, "--config", config).code == code
 
 
 SOURCES: dict[str, tuple[Callable[[Path], object], list[tuple[str, bool]]]] = {
@@ -138,7 +138,7 @@ def test_a_source_of_files_is_examined_as_a_bag_is(tmp_path: Path, sfr: Sfr, nam
     change, expected = SOURCES[name]
     source = broken.good_folder(tmp_path / "source")
     change(source)
-    result = sfr("doctor", source, "--json", "-")
+    result = sfr("info", source, "--json", "-")
     found = [(finding["cause"], finding["stops"]) for finding in json.loads(result.out)["findings"]]
     assert found == expected
     assert result.code == int(any(stops for _, stops in expected))
@@ -206,7 +206,7 @@ def verdicts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any
         start("rovers", "good", "-m", "helpers.rover_process", *rovers).wait_for("ready")
         doctors = {}
         for what in GRAPHS:
-            options = ["--graph", "--seconds", "2", "--json", str(folder / f"{what}.json"), "--config", str(mount)]
+            options = ["--seconds", "2", "--json", str(folder / f"{what}.json"), "--config", str(mount)]
             doctors[what] = start(f"{what}_doctor", what, *COMMAND, "doctor", *options)
         for process in doctors.values():
             wait_until(lambda process=process: process.popen.poll() is not None, "the end of a doctor")

@@ -126,9 +126,9 @@ def test_a_convention_mismatch_judges_nothing_and_is_a_finding_of_the_doctor(
     assert score["contradiction"] in line
     assert score["warnings"] == [score["contradiction"]]
     page = tmp_path / "page.html"
-    assert sfr("report", report, "-o", page).code == 0
+    assert sfr("report", report, "-o", page).code == ExitCode.NOT_JUDGED
     assert "Not judged: the estimate looks wrong" in page.read_text()
-    found = sfr("doctor", estimate, truth)
+    found = sfr("score", estimate, truth, "--diagnose")
     assert found.code == ExitCode.FAILED
     assert "contradict each other by convention" in found.err
     assert "the estimate looks wrong" in found.out

@@ -19,15 +19,14 @@ TWICE = {
     "map": ("map", "{source}", "-o", "{out}/z.ply", "--stats", "{out}/z.ply"),
     "map beside": ("map", "{source}", "-o", "{out}/z.ply", "--covariance", "--stats", "{out}/z.covariance.npz"),
     "score": ("score", "{tum}", "{tum}", "--json", "{out}/z.html", "--html", "{out}/z.html"),
-    "compare": ("compare", "{tum}", "{tum}", "--json", "{out}/z.html", "--html", "{out}/z.html"),
     "input": ("score", "{tum}", "{tum}", "--json", "{tum}", "--overwrite"),
 }
 EXISTS = {
     "localise": ("localise", "{source}", "-o", "{file}.csv"),
     "map": ("map", "{source}", "-o", "{file}.ply"),
     "score": ("score", "{tum}", "{tum}", "--json", "{file}.json"),
-    "compare": ("compare", "{tum}", "{tum}", "--json", "{file}.json"),
-    "doctor": ("doctor", "{source}", "--json", "{file}.json"),
+    "report": ("report", "{tum}", "-o", "{file}.html"),
+    "info": ("info", "{source}", "--json", "{file}.json"),
     "trajectory": ("convert", "{source}", "{file}.csv"),
 }
 

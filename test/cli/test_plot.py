@@ -1,4 +1,4 @@
-"""`sfr plot` and the exchange of trajectories with other tools."""
+"""`sfr report` of trajectories and the exchange of trajectories with other tools."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ SAMPLE = Path(__file__).parents[2] / "sample" / "sample.mcap"
 
 
 def test_a_page_shows_paths_and_errors(files: tuple[Path, Path], tmp_path: Path, sfr: Sfr) -> None:
-    done = sfr("plot", files[0], "--truth", files[1], "-o", tmp_path / "p.html")
+    done = sfr("report", files[0], "--truth", files[1], "-o", tmp_path / "p.html")
     assert done.code == 0, done.err
     text = (tmp_path / "p.html").read_text()
     assert "position error, mm" in text
     assert "<title>Trajectories</title>" in text
     assert "Plotly" in text
-    assert sfr("plot", files[0], "-o", tmp_path / "p.html").code == 2, "is there already"
-    source = sfr("plot", SAMPLE, "-o", tmp_path / "sample.html")  # of a source the truth is drawn
+    assert sfr("report", files[0], "-o", tmp_path / "p.html").code == 2, "is there already"
+    source = sfr("report", SAMPLE, "-o", tmp_path / "sample.html")  # of a source the truth is drawn
     assert source.code == 0, source.err
 
 

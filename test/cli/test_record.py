@@ -53,7 +53,7 @@ def test_the_end_on_request_leaves_a_source_for_all_else(rover: Process, tmp_pat
         assert process.end(SIGINT, SIGTERM, pause_s=0.0) == 0, process.text
         *_, counted, advice = process.text.splitlines()
         assert "messages of 5 topics, 0 lost" in counted
-        assert advice.startswith("next: sfr doctor")
+        assert advice.startswith("next: sfr info")
     assert (out / "metadata.yaml").exists()
     source = open_source(out)
     assert source.loc is not None

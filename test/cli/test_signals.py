@@ -75,5 +75,5 @@ def test_a_film_on_a_full_disk_costs_the_film_alone(source: Path, tmp_path: Path
 @pytest.mark.slow
 def test_signals_at_random_times_lose_and_leave_nothing(source: Path, tmp_path: Path) -> None:
     rng = random.Random(int.from_bytes(os.urandom(2), "big"))
-    found = [end_at_random(name, source, tmp_path / name, rng) for name in ("map", "perturb", "simulate")]
+    found = [end_at_random(name, source, tmp_path / name, rng) for name in ("map", "simulate-faults", "simulate")]
     assert [ending for ending in found if ending.problem] == []

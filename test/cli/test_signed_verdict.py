@@ -440,7 +440,7 @@ def test_a_difference_that_may_be_chance_is_neither_better_nor_worse(sfr: Sfr, j
         estimate = judge.poses("e.csv", replace(judge.truth, positions=judge.truth.positions + noise))
         options = ("--condition", "distance=1", "--json", paths[-1])
         assert sfr("score", estimate, judge.poses("t.csv", judge.truth), *options).code == 0
-    result = sfr("compare", *paths, "--json", "-")
+    result = sfr("report", *paths, "--json", "-")
     assert result.code == 0, result.err
     pairs = [item for item in json.loads(result.out)["pairs"] if item["ci95"] is not None]
     clear = [item for item in pairs if not item["ci95"][0] <= 0.0 <= item["ci95"][1]]

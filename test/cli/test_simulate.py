@@ -1,4 +1,4 @@
-"""`sfr simulate` and `sfr perturb` as users call them: what they make, and one line for what they cannot do."""
+"""`sfr simulate` as users call it: what they make, and one line for what they cannot do."""
 
 from __future__ import annotations
 
@@ -53,9 +53,9 @@ def test_perturb_writes_what_it_says(sfr: Sfr, tmp_path: Path) -> None:
     source = good_folder(tmp_path / "source")
     bad, again = tmp_path / "bad", tmp_path / "again.mcap"
     fault = ("--fault", "noisy:amount=30,share=1,start=0", "--seed", "4")
-    done = sfr("perturb", source, bad, *fault)
+    done = sfr("simulate", bad, "--from", source, *fault)
     assert (done.code, done.out, done.err.strip()) == (0, "", f"5 of 5 pairs: {bad}")
-    assert sfr("perturb", source, again, *fault).code == 0
+    assert sfr("simulate", again, "--from", source, *fault).code == 0
     sources = [open_source(path).loc for path in (source, bad, again)]
     assert all(part is not None for part in sources)
     for clean, noisy, same in zip(*(part.pairs() for part in sources if part is not None), strict=True):

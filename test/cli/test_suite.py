@@ -1,4 +1,4 @@
-"""`sfr suite` and `sfr history` as users call them: resumed where they stopped, the same results however they ran."""
+"""`sfr suite` as users call it: resumed where they stopped, the same results however they ran."""
 
 from __future__ import annotations
 
@@ -99,12 +99,12 @@ def test_on_dask_the_results_are_the_same(sfr: Sfr, suite: Path, serial: Path, t
 
 @pytest.mark.slow
 def test_two_suites_and_their_history(sfr: Sfr, serial: Path, tmp_path: Path) -> None:
-    compared = sfr("suite", "compare", serial, serial, "--json", "-")
+    compared = sfr("report", serial, serial, "--json", "-")
     assert compared.code == 0
     figures = json.loads(compared.out)["figures"]
     assert {item["outcome"] for item in figures if item["kind"] == "accuracy"} == {"equal"}
     page = tmp_path / "history.html"
-    assert sfr("history", serial, serial, "--html", page).code == 0
+    assert sfr("suite", "history", serial, serial, "--html", page).code == 0
     assert "No figure is certainly worse" in page.read_text()
 
 
@@ -141,7 +141,7 @@ def test_usage_errors_are_one_line(sfr: Sfr, tmp_path: Path) -> None:
         (("run", suite, "--out", tmp_path / "other"), "is not a folder of a suite"),
         (("run", suite, "--out", tmp_path / "out", "--workers", "1", "--scheduler", "tcp://x:1"), "give one of them"),
         (("report", tmp_path / "none"), "sought plan.json"),
-        (("compare", tmp_path / "none", tmp_path / "none"), "sought plan.json"),
+        (("compare", tmp_path / "none", tmp_path / "none"), "use sfr report A B"),
     ):
         done = sfr("suite", *arguments)
         assert done.code == 2

@@ -196,11 +196,11 @@ def test_names_are_looked_up(tmp_path: Path, sfr: Sfr) -> None:
     ):
         with pytest.raises(MethodError, match=words):
             find_method(name, task)
-    listed = sfr("methods", "--json", "-")
+    listed = sfr("bench", "methods", "--json", "-")
     named = [item["name"] for item in json.loads(listed.out)["methods"]]
     assert named == ["sfr", "opencv", "orbslam3", "sfr", "sgbm", "pandora"]
     assert __version__ in listed.out
-    assert (Path(sfr("methods", "--include-dir").out.strip()) / "sfr_candidate.h").is_file()
+    assert (Path(sfr("bench", "methods", "--include-dir").out.strip()) / "sfr_candidate.h").is_file()
     for method in ("external", "none"):
         assert sfr("localise", tmp_path, "-o", tmp_path / "out.csv", "--method", method).code == 2
 

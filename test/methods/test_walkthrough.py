@@ -29,7 +29,7 @@ def test_the_commands_on_the_page_work(drive: Path, tmp_path: Path, monkeypatch:
     blocks = "".join(block for block in re.findall(r"```sh\n(.*?)```", PAGE, re.DOTALL) if "METHOD" not in block)
     lines = blocks.replace("\\\n", "").splitlines()
     for line in lines:
-        line = line.replace("sample/sample.mcap", str(drive)).replace("$(sfr methods --include-dir)", "include")
+        line = line.replace("sample/sample.mcap", str(drive)).replace("$(sfr bench methods --include-dir)", "include")
         if line.startswith("sfr "):  # within this process: starting one takes longer than the work
             condition = ("--condition", "frames=3") if " score " in line else ()
             result = sfr(*shlex.split(line)[1:], *condition)

@@ -73,7 +73,7 @@ def test_what_changed_at_night_13_of_20_is_named(worse: str) -> None:
     (change,) = history.worse
     assert (change.figure, change.night, change.commits) == (figure, "night 12", ("commit11", "commit12"))
     assert set(change.drives) == set(drives) or len(change.drives) > 0.9 * len(drives) == 0.9 * len(DRIVES)
-    assert change.command == "sfr suite compare night 11 night 12"
+    assert change.command == "sfr report night 11 night 12"
     if worse == "three drives":
         assert change.after / change.before == pytest.approx(5.0, rel=0.05)
     if worse == "nees":
@@ -158,7 +158,7 @@ def test_the_command_names_commits_and_its_json_the_interval(sfr: Sfr, tmp_path:
     tables = nights(20)
     tables[FigureKind.ACCURACY][3:5, 12:] *= 6.0
     folders = written(tmp_path, ["a" * 40] * 12 + ["b" * 40] * 8, tables)
-    done = sfr("history", *folders, "--json", "-")
+    done = sfr("suite", "history", *folders, "--json", "-")
     assert done.code == 1
     assert f"since {folders[12]} (aaaaaaaaa..bbbbbbbbb)" in done.err
     (change,) = json.loads(done.out)["changes"]

@@ -123,9 +123,9 @@ def _drive(source: str, *targets: str) -> tuple[Command, ...]:
 def _bag(name: str) -> tuple[Command, ...]:
     bag = f"{name}/bag{Path(name).suffix}"
     return (
-        *(*_drive(name, "t.csv"), *_drive(bag, "folder", "b.db3"), _map(bag), ("doctor", f"{{w}}/{name}")),
+        *(*_drive(name, "t.csv"), *_drive(bag, "folder", "b.db3"), _map(bag), ("info", f"{{w}}/{name}")),
         ("score", "{w}/estimate.csv", f"{{w}}/{name}"),
-        ("perturb", f"{{w}}/{bag}", "{o}/p", "--fault", "noisy"),
+        ("simulate", "{o}/p", "--from", f"{{w}}/{bag}", "--fault", "noisy"),
     )
 
 
@@ -136,7 +136,7 @@ def _cloud(name: str, *targets: str) -> tuple[Command, ...]:
 def _trajectory(name: str) -> tuple[Command, ...]:
     place = f"{{w}}/{name}"
     scores = (("score", place, "{w}/truth.csv", *SCORE[3:]), ("score", "{w}/truth.csv", place, *SCORE[3:]))
-    return (*scores, ("doctor", place, "{w}/truth.csv"), *_convert(name, "t.tum", "t.mcap"))
+    return (*scores, ("score", place, "{w}/truth.csv", "--diagnose"), *_convert(name, "t.tum", "t.mcap"))
 
 
 def plan_simulation(path: Path) -> None:
@@ -153,7 +153,7 @@ _PANORAMA = (_map("panorama"), *_convert("panorama", "b.mcap", "f"))
 _EUROC, _TRUTH = "euroc/mav0", "state_groundtruth_estimate0/data.csv"
 _SCORES = (
     *(("report", "{w}/score.json", "-o", f"{{o}}/x.{kind}") for kind in ("html", "md", "csv")),
-    *(("compare", "{w}/score.json", "{w}/score2.json", "--html", "{o}/x.html"),),
+    *(("report", "{w}/score.json", "{w}/score2.json", "-o", "{o}/x.html"),),
 )
 TARGETS = (
     Target("rig.json", "drive/rig.json", m.JSON, _drive("drive", "f", "b.mcap")),
@@ -179,7 +179,7 @@ TARGETS = (
     Target("PLY", "cloud.ply", m.HEADED, _cloud("cloud.ply")),
     Target("PCD", "cloud.pcd", m.HEADED, _cloud("cloud.pcd")),
     Target("mcap", "bag.mcap/bag.mcap", m.MCAP, _bag("bag.mcap")),
-    Target("ROS 1 bag", "ros1.bag", m.BYTES, (*_drive("ros1.bag", "f"), ("doctor", "{w}/ros1.bag"), _map("ros1.bag"))),
+    Target("ROS 1 bag", "ros1.bag", m.BYTES, (*_drive("ros1.bag", "f"), ("info", "{w}/ros1.bag"), _map("ros1.bag"))),
     Target("sqlite3", "bag.db3/bag.db3", m.SQLITE, _bag("bag.db3")),
     Target("metadata.yaml", "bag.mcap/metadata.yaml", m.YAML, _bag("bag.mcap")),
     Target("localisation config", "l.yaml", m.YAML, (_localise("drive", "--config", "{w}/l.yaml"),)),

@@ -108,7 +108,7 @@ def judge(row: Row, folder: Path, drive: Drive, plain: dict[str, float]) -> Outc
 
 def by_doctor(made: Made, folder: Path) -> str:
     """Let the doctor write what it proposes; what only the owner knows, it asks for."""
-    fixed = run("doctor", made.source, "--fix", *init_words(folder, made)[4:])
+    fixed = run("info", made.source, "--write", *init_words(folder, made)[4:])
     if fixed.code not in (0, 1):
         return f"doctor: exit {fixed.code}: {' '.join(fixed.said.split())[-200:]}"
     ran, _ = replay(made.source, folder, "by_doctor")

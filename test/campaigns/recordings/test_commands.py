@@ -39,7 +39,7 @@ def commands(source: Path, out: Path) -> list[tuple[object, ...]]:
         ("localise", source, "-o", out / "e.csv", "--overwrite"),
         ("convert", source, out / "data", "--overwrite"),
         ("convert", source, out / "pairs.sfrp", "--overwrite"),
-        ("perturb", source, out / "faulty", "--fault", "black:share=0.1", "--overwrite"),
+        ("simulate", out / "faulty", "--from", source, "--fault", "black:share=0.1", "--overwrite"),
         ("bench", "localise", source, "--repeat", 1, "--condition", "frames=5", "--lenient"),
     ]
 
@@ -52,13 +52,13 @@ def test_what_the_doctor_fixes_every_command_accepts(sfr: Sfr, tmp_path: Path, d
     for words in commands(made.source, tmp_path / "without"):
         result = sfr(*words)
         assert result.code == 2, words
-        assert "sfr doctor" in result.err
-    first = sfr("doctor", made.source, *given, "--json", "-")
+        assert "sfr info" in result.err
+    first = sfr("info", made.source, *given, "--json", "-")
     assert first.code == 1
-    assert any("--fix" in finding["cure"] for finding in json.loads(first.out)["findings"] if finding["stops"])
-    fixed = sfr("doctor", made.source, "--fix", *given)
+    assert any("--write" in finding["cure"] for finding in json.loads(first.out)["findings"] if finding["stops"])
+    fixed = sfr("info", made.source, "--write", *given)
     assert fixed.code == 0, fixed.err
-    assert sfr("doctor", made.source).code == 0
+    assert sfr("info", made.source).code == 0
     assert json.loads(sfr("info", made.source, "--json", "-").out)["rate_hz"] == pytest.approx(10.0)
     for words in commands(made.source, tmp_path / "with"):
         result = sfr(*words)
@@ -89,11 +89,11 @@ def test_extrinsics_in_each_form_are_taken_by_doctor_and_commands(
     place.write_text(
         json.dumps({name: value for name, value in json.loads(place.read_text()).items() if name != "T_rb_locsb"})
     )
-    assert sfr("doctor", folder).code == 1
+    assert sfr("info", folder).code == 1
     assert sfr("localise", folder, "-o", tmp_path / "a.csv").code == 2
     file = tmp_path / "mine.yaml"
     file.write_text(yaml.safe_dump(FORMS[form]))
-    assert sfr("doctor", folder, "--config", file).code == 0
+    assert sfr("info", folder, "--config", file).code == 0
     assert sfr("localise", folder, "-o", tmp_path / "b.csv", "--config", file).code == 0
     (folder / NAME).write_text(file.read_text())
     assert sfr("localise", folder, "-o", tmp_path / "c.csv").code == 0
@@ -130,7 +130,7 @@ def test_a_fix_is_written_where_the_configuration_was_read(sfr: Sfr, tmp_path: P
     made = ROWS["realsense_without_p3"].make(tmp_path, drive)
     beside = tmp_path / NAME
     beside.write_text("truth: {sigma_m: 0.02}\nlimits: limits.yaml\n")
-    result = sfr("doctor", made.source, "--fix", "--set", "truth.sigma_deg=0.5")
+    result = sfr("info", made.source, "--write", "--set", "truth.sigma_deg=0.5")
     assert result.code == 0, result.err
     assert f"{beside}, written again" in result.err
     assert not (made.source / NAME).exists()
@@ -186,7 +186,7 @@ def test_init_writes_nothing_of_what_is_no_source(sfr: Sfr, tmp_path: Path) -> N
 def test_a_calibration_beside_is_named_by_where_it_lies(sfr: Sfr, tmp_path: Path, drive: Drive) -> None:
     made = ROWS["rig_json"].make(tmp_path, drive)
     assert sfr("info", made.source).code == 0  # it shows what is there
-    unfixed = sfr("doctor", made.source, "--calibration", made.calibration)
+    unfixed = sfr("info", made.source, "--calibration", made.calibration)
     assert f"--fix --calibration {made.calibration}" in unfixed.out
     assert sfr("init", tmp_path, "--from", made.source, "--calibration", made.calibration).code == 0
     assert yaml.safe_load((tmp_path / NAME).read_text())["calibration"]["file"] == made.calibration.name  # type: ignore[union-attr]

@@ -53,4 +53,4 @@ def test_the_commands_of_a_recipe_give_what_it_shows(
                     assert all(written[section][n] == pytest.approx(v, abs=1e-5) for n, v in values.items())
                 elif section not in OF_THE_DRIVE:
                     assert written[section] == values
-        assert sfr("doctor", source).code == 0
+        assert sfr("info", source).code == 0

@@ -1,0 +1,48 @@
+"""Findings of a recording, each with the command that removes its cause."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from sfr_loc_map.doctor.examination import Finding, examine
+from sfr_loc_map.doctor.observation import Observation, observe_bag, observe_source
+from sfr_loc_map.doctor.source_proposal import propose_config
+from sfr_loc_map.errors import SfrError
+from sfr_loc_map.io.bag_files import is_bag
+from sfr_loc_map.io.source_config import SourceConfig
+
+
+def observe(source: Path, config: SourceConfig, advance: Callable[[], None] = lambda: None) -> Observation:
+    """Return what a source holds; `advance` is called once for each pair that is read."""
+    plain = replace(config, path=None, remap={}, extrinsics=type(config.extrinsics)())
+    if is_bag(source) and plain == type(config)():
+        return observe_bag(source, config)
+    return observe_source(source, config, advance)
+
+
+def with_fix(
+    source: Path, sections: dict[str, Any], path: Path | None, findings: list[Finding], words: list[str]
+) -> list[Finding]:
+    """Return findings in which those that a proposed configuration removes name the command that writes it.
+
+    The proposal is tried: the source is examined again with it.
+    """
+    try:
+        found = propose_config(source, sections, path)
+        left = {finding.cause for finding in examine(observe(source, found.config)) if finding.is_blocking}
+    except SfrError:
+        return findings
+    command = shlex.join(words)
+    added = {name: values for name, values in found.sections.items() if values != sections.get(name) and values}
+    if added.keys() - {"conditions"} == {"topics"}:  # these alone will do
+        remaps = [word for name, topic in added["topics"].items() for word in ("--remap", f"{topic}:={name}")]
+        command += f"; for a command alone: {shlex.join(remaps)}"
+    missing = "".join(f"; still missing: {text}" for text in found.missing)
+    return [
+        replace(finding, fix=command + missing) if finding.is_blocking and finding.cause not in left else finding
+        for finding in findings
+    ]

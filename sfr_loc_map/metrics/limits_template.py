@@ -1,0 +1,42 @@
+"""The commented limits file that `sfr init` writes."""
+
+from __future__ import annotations
+
+from sfr_loc_map.metrics.limits import NAMES, LimitPart
+
+LIMITS_HEAD = """\
+# Limits: PLACEHOLDERS, replace them by those of your own document. Upper bounds, except coverage_min; the name of a
+# figure ends in its unit. A line that begins with '#' is not in force. Taken by sfr score and sfr replay (--limits).
+# Exit code 1 if one is missed, 3 if one cannot be judged.
+
+# Fewer values than this are not enough data for a verdict. (2 or more)
+minimum_count: 2
+
+# Errors at the end of sub-trajectories: one entry for each condition.
+trajectory:
+  # distance=METRES, time=SECONDS, frames=NUMBER, displacement=METRES, turn=DEGREES, or several: distance=5,time=10
+  - condition: {condition}
+    # id: LOC-12
+    # text: 3D position error over 5 m
+    # certain: true    (a pass needs the whole 95 % interval within the limit)"""
+CONDITION = "distance=5"
+POSES = "position_mean_plus_3sigma_m", "attitude_mean_plus_3sigma_deg", "heading_mean_plus_3sigma_deg"
+POSITIONS = "position_mean_plus_3sigma_m", "chord_mean_plus_3sigma_m"  #: What can be judged by a truth of positions.
+LIMITS_MEANINGS = {
+    "completeness": "Shares: what the estimate or the cloud leaves out, or cannot be judged",
+    "map": "Of a map; a score without one then says: not enough data",
+    "timing": "Time of a call on this host, which says nothing of a flight computer",
+    "memory": "Resident memory of the process during a call, on this host",
+    "target": "Calls that were measured on the target (--target, --target-timing)",
+}
+
+
+def limits_text(condition: str = CONDITION, active: tuple[str, ...] = POSES) -> str:
+    """Return a limits file. The limits named in `active` are in force, all others are commented out."""
+    lines = [LIMITS_HEAD.replace("{condition}", condition)]
+    for name in NAMES[LimitPart.TRAJECTORY]:
+        lines.append(f"    {'' if name in active else '# '}{name}: {0.1 if name.endswith('_m') else 1.0}")
+    for part, meaning in LIMITS_MEANINGS.items():
+        lines += ["", f"# {meaning}.", f"# {part}:"]
+        lines += [f"#   {name}: {1.0e9 if name.endswith('_bytes') else 0.5}" for name in NAMES[LimitPart(part)]]
+    return "\n".join(lines) + "\n"
