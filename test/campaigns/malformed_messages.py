@@ -41,6 +41,11 @@ def images(task: str, pair: StereoPair, next_stamp: Callable[[], int]) -> Iterat
         fields = {"height": height, "width": width, "encoding": "mono8", "step": width, "data": data} | change
         message = Image(header=header_msg(next_stamp(), ""), **fields)
         yield from ((Image, f"{task}/{side}/image_rect", message) for side in SIDES)
+
+
+def compressed_images(task: str, pair: StereoPair, next_stamp: Callable[[], int]) -> Iterator[Malformed]:
+    """Yield malformed compressed images in pairs of one stamp, for a node that takes no raw ones."""
+    height, width = pair.left.shape
     claims = [b"".join(n.to_bytes(4, "big") for n in size) for size in ((65_535, 65_535), (width, height))]
     heads = [PNG_MAGIC + (13).to_bytes(4, "big") + b"IHDR" + claim + b"\x08\0\0\0\0" + bytes(64) for claim in claims]
     for content in (*heads, b"\xff\xd8\xff\xe0\x00\x10JFIF", b"", np.random.default_rng(1).bytes(5000)):

@@ -16,6 +16,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 
+from campaigns import malformed_messages
 from helpers.made_scene import LOC_RIG, PERIOD_NS, START_NS, forged, loc_pair, true_pose
 from helpers.node_scenes import MOUNT, calls, params, raw, send_infos, send_pair
 from helpers.peers import Capture, LocalNode, Manager, localised
@@ -351,6 +352,25 @@ def test_a_camera_info_that_differs_in_its_last_bits_is_the_same_camera(ros: Non
             peer.play(index)
         assert "camera_info has changed" not in node.text
         assert peer.positions()[-1] == pytest.approx(localised([0, 1, 2, 3])[-1], abs=1e-4)
+
+
+def test_compressed_images_that_cannot_be_decoded_are_reported_once_and_the_next_ones_are_taken(
+    ros: None, capfd: Capture
+) -> None:
+    arguments = params("input.image_transport:=compressed")
+    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT, *arguments) as node:
+        send_infos(peer, "loc", LOC_RIG)
+        stamps = iter(range(START_NS - 100 * PERIOD_NS, START_NS, PERIOD_NS))
+        for kind, topic, message in malformed_messages.compressed_images("loc", loc_pair(0), lambda: next(stamps)):
+            peer.publish(kind, topic, message)
+        peer.refused("its camera_info says")
+        node.node.look_around()
+        assert "Waiting for" not in node.text, "images are received: their own reason was reported"
+        pair = loc_pair(0)
+        for side, pixels in zip(SIDES, (pair.left, pair.right), strict=True):
+            message = CompressedImage(header=header_msg(pair.stamp_ns, ""), format="png", data=encode_png(pixels))
+            peer.publish(CompressedImage, f"loc/{side}/image_rect/compressed", message)
+        peer.until(lambda: peer.odometry, "the pose of valid images")
 
 
 def test_raw_images_are_taken_alone_where_both_transports_are_offered(ros: None, capfd: Capture) -> None:
