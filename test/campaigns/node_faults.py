@@ -82,7 +82,7 @@ def kill(names: Sequence[str], harness: Harness, row: Row) -> None:
         row.expect(variance >= unseen_m**2, f"the motion is not in the covariance: {variance:.2g} m^2 along x")
     elif MONITOR in names:
         saved = json.loads(harness.saved_report.with_name("report.before.json").read_text(encoding="utf-8"))
-        kept = saved.get("trajectory", {}).get("estimate_poses", 0)
+        kept = (saved.get("association") or {}).get("estimate_poses", 0)
         row.lost = f"of the score of {scored} poses the {scored - kept} not saved yet"
         row.expect(scored - kept <= 2 * RATE_HZ, f"the saved report has {kept} of {scored} poses")
     for name in names:

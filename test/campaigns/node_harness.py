@@ -230,7 +230,7 @@ class Harness:
 
     @property
     def scored_poses(self) -> int:
-        return int(self.report.get("trajectory", {}).get("estimate_poses", 0))
+        return int((self.report.get("association") or {}).get("estimate_poses", 0))
 
     def wait(self, condition: Callable[[], object], what: str, patience_s: float | None = None) -> float:
         """Wait until a condition holds; return how long that took, seconds."""
