@@ -59,7 +59,7 @@ test-quick: $(TEST_STAMP)  ## Run the tests of metrics, geometry and localisatio
 faults: $(STAMP)  ## Inject one fault after the other into the nodes (FAULTS=); what was observed goes to out/faults.json
 	$(CAMPAIGN) faults $(FAULTS)
 
-misbehaviour: $(STAMP)  ## Run 37 methods that misbehave, and print the table of docs/candidates.md (CASES="crash hang")
+misbehaviour: $(STAMP)  ## Run 38 methods that misbehave, and print the table of docs/candidates.md (CASES="crash hang")
 	$(CAMPAIGN) misbehaviour $(CASES)
 
 signals: $(DEV_STAMP)  ## Send signals to every long command at random times (COUNT=100): is anything lost or left

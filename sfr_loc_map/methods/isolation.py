@@ -48,7 +48,8 @@ def rules_of(method: Method, folder: Path, memory_bytes: int, hidden: Sequence[P
         read += parts
         names += [path] if parts != [path] and path.is_dir() else []
     devices = [path for name in DEVICES for path in glob(f"/dev/{name}")]
-    write = ["/proc/self", folder, *(part for path in devices for part in _without(Path(path), gone))]
+    read.append(Path("/proc/self"))  # not written: it could set back the mark of its memory
+    write = [folder, *(part for path in devices for part in _without(Path(path), gone))]
     more = {"shared_memory": memory_bytes, "folder": str(folder)}
     return more | {
         name: [str(path) for path in paths] for name, paths in (("names", names), ("read", read), ("write", write))
@@ -117,6 +118,28 @@ class ProcessTree:
                 rss_bytes += member.memory_info().rss
                 threads += member.num_threads()
         return TreeUsage(cpu_s, rss_bytes, threads, len(members))
+
+    def set_back_peak(self) -> int | None:
+        """Set the kernel's high-water mark of the method's resident memory back; return what is resident, bytes.
+
+        None where the system has no mark that can be set back.
+        """
+        try:
+            with open(f"/proc/{self.process.pid}/clear_refs", "wb", buffering=0) as marks:
+                marks.write(b"5")
+        except OSError:
+            return None
+        return self._status_bytes(b"VmRSS:")
+
+    def peak(self) -> int | None:
+        """Return the high-water mark of the method's resident memory, bytes; None where it is unknown."""
+        return self._status_bytes(b"VmHWM:")
+
+    def _status_bytes(self, key: bytes) -> int | None:
+        with suppress(OSError), open(f"/proc/{self.process.pid}/status", "rb", buffering=0) as status:
+            found = status.read(8192).partition(b"\n" + key)[2].split(None, 1)
+            return int(found[0]) * 1024 if found else None
+        return None
 
     def new_strays(self) -> list[str]:
         """Return the names of processes that have left its session or lost their parent, each once."""

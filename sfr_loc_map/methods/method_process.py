@@ -37,6 +37,10 @@ MB = 1_000_000
 LEAKS = {10: 80 * MB, 50: 40 * MB}
 """A method leaks whose memory grows so much over so many calls: the least of each fifth of them is more than that of
 the fifth before, so that a saw-tooth does not hide it; a window that fills up (24 MB in ours) is none."""
+MARK_TOLERANCE = 2 * MB  #: Decrease of a high-water mark that its counters on several cores cause by themselves, bytes.
+MISSTATED_S, MISSTATED_RATIO = 0.25, 0.5
+"""A method misstates its time if what it measured differs from the time from outside by more than this, s, and by more
+than this fraction of it. Between the two are copies of the images, the reading of the result and its transfer."""
 LOG_BYTES, LOG_KEPT = 4_000_000, 100_000  #: Size at which its log is cut, and what of it is kept.
 LONGEST_ANSWER = 16_000_000
 
@@ -51,6 +55,14 @@ def leak_in(resident: Sequence[int]) -> str:
                 text = f"keeps {grown / (0.8 * calls) / MB:.1f} MB more after each of {calls} calls"
                 return f"{FindingKind.LEAKING}: {text}"
     return ""
+
+
+def misstatement(measured_s: float, stated_s: float) -> str:
+    """Return the finding of a time that the process of a method states and that was not measured, empty without one."""
+    if abs(measured_s - stated_s) <= max(MISSTATED_S, MISSTATED_RATIO * measured_s):
+        return ""
+    text = f"states {stated_s:.3f} s for a call that took {measured_s:.3f} s from the request to the complete answer"
+    return f"{FindingKind.MISSTATED}: {text}"
 
 
 def cut_log(log: Path) -> None:
@@ -125,6 +137,8 @@ class MethodProcess:
                 start_new_session=True,
             )
         self._rest, self._tree, self._peak_bytes = b"", None, 0
+        self._mark_bytes: int | None = None  # last high-water mark of the present call
+        self._is_mark_set_back = False
         self._resident: deque[int] = deque(maxlen=max(LEAKS))
         self._ended = TreeUsage()  # when the last call ended
         T_rb_left = None if rig.T_rb_sb is None else rig.T_rb_left
@@ -141,7 +155,7 @@ class MethodProcess:
             if isinstance(error, MethodFailureError):
                 raise MethodFailureError(FindingKind.CRASHED, f"method {method.name} {error}", ended=True) from error
             raise
-        self.version, self.idle_bytes = str(hello["version"]), hello["idle_bytes"]
+        self.version, self.idle_bytes = str(hello["version"]), self._tree.set_back_peak()
         self.fuses, self.maps_sets = bool(hello["fuses"]), bool(hello["maps_sets"])
         self.isolation = ", ".join(shut_in["isolated"] + [f"not {reason}" for reason in shut_in["missing"]])
         self._ended = self._tree.usage()
@@ -156,19 +170,24 @@ class MethodProcess:
         assert self._tree is not None
         about = {"output": self.output, "stamp_ns": pairs[-1].stamp_ns}
         begun, self._peak_bytes = self._tree.usage(), 0
+        self._mark_bytes, self._is_mark_set_back = self._tree.set_back_peak(), False
+        begin_s = time.monotonic()
         answer = self._exchange(about | dict(order), self._limits.call_timeout_s)
+        seconds = time.monotonic() - begin_s
         now, last, self._ended = self._look(), self._ended, self._tree.usage()
         cut_log(self._log)
         try:
             if "fault" in answer:
                 raise MethodFailureError(FindingKind(answer["fault"]), answer["text"])
-            peak, result, seconds = answer["peak_bytes"], dict(answer["result"]), float(answer["seconds"])
+            result, stated_s = dict(answer["result"]), float(answer["seconds"])
         except (KeyError, TypeError, ValueError) as error:
             raise MethodFailureError(FindingKind.INVALID_RESULT, f"no answer of its adapter: {error!r}") from error
-        if now.processes > 1 and peak is not None:
+        peak = self._mark_bytes
+        if peak is not None and (now.processes > 1 or self._is_mark_set_back):
             peak = max(peak, self._peak_bytes)
         above = None if peak is None or self.idle_bytes is None else max(peak - self.idle_bytes, 0)
         taken = {
+            "stated_s": stated_s,
             "cpu_s": round(self._ended.cpu_s - begun.cpu_s, 2),
             "cpu_between_s": round(max(begun.cpu_s - last.cpu_s, 0.0), 2),
             "threads": now.threads,
@@ -179,6 +198,10 @@ class MethodProcess:
         finding = leak_in(self._resident)
         if finding:
             self._resident.clear()
+        elif self._is_mark_set_back:
+            finding = f"{FindingKind.MISSTATED}: the high-water mark of its memory was set back within the call"
+        elif text := misstatement(seconds, stated_s):
+            finding = text
         elif strays := self._tree.new_strays():
             finding = f"{FindingKind.STRAY}: {', '.join(strays)}: ended with the method"
         return MethodCall(CallUsage(seconds, peak, above), finding, statistics=statistics), result
@@ -221,6 +244,10 @@ class MethodProcess:
         """Return what its processes take; end them where that is more memory than they may have."""
         usage, limit = TreeUsage() if self._tree is None else self._tree.usage(), self._limits.memory_mb
         self._peak_bytes = max(self._peak_bytes, usage.rss_bytes)
+        if self._tree is not None and self._mark_bytes is not None:
+            mark = self._tree.peak() or 0
+            self._is_mark_set_back |= mark < self._mark_bytes - MARK_TOLERANCE
+            self._mark_bytes = max(self._mark_bytes, mark)
         if usage.rss_bytes > limit * MB:
             text = f"has {usage.rss_bytes // MB} MB resident, the limit is {limit} MB"
             self._end(FindingKind.OUT_OF_MEMORY, text)

@@ -28,8 +28,8 @@ TRUTH = "groundtruth.csv"
 
 
 def work() -> None:
-    """Compute for 0.1 s of processor time."""
-    end = time.thread_time() + 0.1
+    """Compute for 0.35 s of processor time."""
+    end = time.thread_time() + 0.35
     while time.thread_time() < end:
         pass
 
@@ -155,6 +155,24 @@ class Misbehaving:
     def lazy(self, pair: Any) -> Any:
         """Work when the result is read."""
         return Lazy(work)
+
+    def clock(self, pair: Any) -> Any:
+        """Slow all clocks of Python to a tenth, and take 0.4 s."""
+        if self.calls == 1:
+            real = time.perf_counter
+            time.perf_counter = lambda: 0.1 * real()
+        time.sleep(0.4)
+        return STAND
+
+    def marks(self, pair: Any) -> Any:
+        """Take 211 MB for a moment, and try to set the mark of its memory back."""
+        self.held = [np.ones(211 * MB // 8)]
+        self.held.clear()
+        opened = 0
+        with suppress(OSError), open("/proc/self/clear_refs", "w", encoding="ascii") as marks:
+            opened = marks.write("5")
+        self.statistics = {"opened": opened}
+        return STAND
 
     def prints(self, pair: Any) -> Any:
         sys.stdout.write("all is well, " * 4_600_000)

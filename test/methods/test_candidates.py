@@ -26,7 +26,7 @@ from sfr_loc_map.metrics.score import MethodKind, MethodRecord
 from sfr_loc_map.runs.offline import localise, map_pairs, map_pairs_with
 
 ROOT = Path(__file__).resolve().parents[2]
-TAKEN = {"cpu_s", "cpu_between_s", "threads", "processes"}  #: Seen from outside the process.
+TAKEN = {"stated_s", "cpu_s", "cpu_between_s", "threads", "processes"}  #: Seen from outside the process.
 CLASSES = """
 from dataclasses import replace
 import numpy as np

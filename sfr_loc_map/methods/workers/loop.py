@@ -5,12 +5,13 @@ of `(N, 2, H, W)` bytes, where the images of an order lie, of one pair or of a `
 may hold. `ADAPTER.py` has `open_method(setup)`, which warms the method up and returns an object with
 
 - `version`: text;
-- `prepare(left, right, order)`: returns the call, a function without arguments; its own time does not count; images
+- `prepare(left, right, order)`: returns the call, a function without arguments; images
   are `(H, W)`, of a set `(n, H, W)`;
 - `report(answer, order)`: returns the call's answer as plain values; arrays are saved to `order["output"]`.
 
-Only the call is timed. Its peak of resident memory is the kernel's high-water mark, reset before each call. An error
-that the method raises is an answer too; whatever ends the process is seen by who gave the order.
+Time and memory are measured by the process that gives the orders, from the order to the answer with all results
+written. The seconds in the answer are those of the call alone by the clock of this process, which the method could
+change. An error that the method raises is an answer too; whatever ends the process is seen by who gave the order.
 """
 
 from __future__ import annotations
@@ -27,7 +28,6 @@ from typing import Any
 import numpy as np
 
 PR_SET_PDEATHSIG = 1
-CAN_RESET = os.access("/proc/self/clear_refs", os.W_OK)  #: Whether the high-water mark can be set back.
 
 
 def main() -> None:
@@ -41,7 +41,7 @@ def main() -> None:
     method = importlib.import_module(name.removesuffix(".py")).open_method(setup)
     images = np.memmap(setup["images"], np.uint8, "r").reshape(-1, 2, setup["height"], setup["width"])
     able = {name: bool(getattr(method, name, False)) for name in ("fuses", "maps_sets")}
-    _answer(answers, {"version": str(method.version), **able, "idle_bytes": _memory()[1]})
+    _answer(answers, {"version": str(method.version), **able})
     for line in sys.stdin:
         order = json.loads(line)
         _answer(answers, _obey(method, np.array(images[: len(order.get("set", [order]))]), order))
@@ -50,38 +50,23 @@ def main() -> None:
 
 def _obey(method: Any, images: Any, order: dict[str, Any]) -> dict[str, Any]:  # noqa: ANN401
     call = method.prepare(*(images.swapaxes(0, 1) if "set" in order else images[0]), order)
-    if CAN_RESET:
-        with open("/proc/self/clear_refs", "w", encoding="ascii") as marks:
-            marks.write("5")
     begin = time.perf_counter()
     try:
         answer, raised = call(), None
     except Exception as error:
         answer, raised = None, f"{type(error).__name__}: {error}"
     seconds = time.perf_counter() - begin
-    peak, resident = _memory()
-    costs = {"seconds": seconds, "peak_bytes": peak, "resident_bytes": resident}
     if raised is not None:
-        return {**costs, "fault": "raised", "text": raised}
+        return {"fault": "raised", "text": raised}
     try:
-        return {**costs, "result": method.report(answer, order)}
+        return {"seconds": seconds, "result": method.report(answer, order)}
     except Exception as error:
-        return {**costs, "fault": "invalid result", "text": str(error) or type(error).__name__}
+        return {"fault": "invalid result", "text": str(error) or type(error).__name__}
 
 
 def _answer(stream: Any, value: dict[str, Any]) -> None:  # noqa: ANN401
     stream.write(json.dumps(value) + "\n")
     stream.flush()
-
-
-def _memory() -> tuple[int | None, int | None]:
-    """Return the high-water mark of resident memory and what is resident now, bytes; None where not known."""
-    if not CAN_RESET:
-        return None, None
-    with open("/proc/self/status", encoding="ascii", errors="replace") as status:
-        text = status.read()
-    peak, resident = (int(text[text.index(key) :].split(None, 2)[1]) * 1024 for key in ("VmHWM:", "VmRSS:"))
-    return peak, resident
 
 
 if __name__ == "__main__":

@@ -1,0 +1,58 @@
+"""Time and memory of a method are measured from outside its process: what the process does to its clocks is no way out.
+
+Each method meets its limits by its own words, and misses them by those of the process that asks it.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+
+from helpers import HELPERS
+from helpers.cli_result import Sfr
+from sfr_loc_map.methods.method_process import misstatement
+
+
+@pytest.mark.clause("4.2.1", "4.2.2")
+@pytest.mark.parametrize(
+    ("word", "limit", "name", "finding"),
+    [
+        ("clock", "timing: {localisation_p50_s: 0.2}", "processing_time_s", "misstated"),
+        ("lazy", "timing: {localisation_p50_s: 0.2}", "processing_time_s", "misstated"),
+        ("marks", "memory: {localisation_peak_bytes: 200000000}", "above_idle_bytes", None),
+    ],
+)
+def test_what_a_method_states_of_itself_is_not_believed(
+    word: str, limit: str, name: str, finding: str | None, drive: Path, tmp_path: Path, sfr: Sfr
+) -> None:
+    config, limits = tmp_path / "config.txt", tmp_path / "limits.yaml"
+    estimate, stats = tmp_path / "estimate.csv", tmp_path / "stats.csv"
+    (tmp_path / "candidate.py").write_text((HELPERS / "misbehaving_class.py").read_text())
+    config.write_text(word)
+    limits.write_text(limit + "\n")
+    method = ("--method", f"{tmp_path / 'candidate.py'}:Misbehaving", "--config", config)
+    ran = sfr("localise", drive, "-o", estimate, "--stats", stats, "--start", "truth", *method)
+    assert ran.code == (0 if finding is None else 1)
+    with stats.open() as stream:
+        rows = list(csv.DictReader(stream))
+    least = {"clock": 0.4, "lazy": 0.35, "marks": 211e6}[word]
+    assert all(float(row[name]) >= 0.99 * least for row in rows)
+    assert all(float(row["stated_s"]) < 0.4 * float(row["processing_time_s"]) for row in rows if word != "marks")
+    if word == "marks":
+        assert {float(row["opened"]) for row in rows} == {0.0}  # it cannot set the mark of its memory back
+    scored = sfr(
+        *("score", estimate, drive, "--stats", stats, "--condition", "frames=3", "--limits", limits, "--json", "-")
+    )
+    score = json.loads(scored.out)
+    assert (scored.code, score["verdict"]) == (1, "fail")
+    assert [item["kind"] for item in score.get("findings", [])] == ([] if finding is None else [finding])
+
+
+def test_a_transfer_of_the_result_is_no_misstatement() -> None:
+    assert not misstatement(measured_s=0.30, stated_s=0.10)  # 0.2 s of a busy host
+    assert not misstatement(measured_s=2.6, stated_s=1.6)  # less than half of the call
+    assert misstatement(measured_s=0.40, stated_s=0.04)
+    assert misstatement(measured_s=0.10, stated_s=3.00)
