@@ -25,10 +25,10 @@ from sfr_loc_map.simulation.terrain import Mesh, Terrain
 GROUND_HEIGHT_RB_M = -0.540  #: Height of the ground plane in RB when deployed on flat ground [3.2.1].
 WHEELS_RB_M = np.array([(x, y) for x in (0.62, 0.0, -0.62) for y in (0.52, -0.52)])
 """Positions of the six wheels in RB, metres (size of a fetch rover; the document gives none)."""
-WHEEL_RADIUS_M = 0.18
-HALF_WIDTH_M = 0.70
-_ROLLING = np.linspace(-0.75, 0.75, 7) * WHEEL_RADIUS_M
-_SPACING_M = 0.02
+WHEEL_RADIUS_M = 0.18  #: m; assumed, as the positions are.
+HALF_WIDTH_M = 0.70  #: Half of the width that is kept clear of large rocks; the wheels are at 0.52 m.
+_ROLLING = np.linspace(-0.75, 0.75, 7) * WHEEL_RADIUS_M  # points under a wheel, along its direction, that can touch
+_SPACING_M = 0.02  # spacing of the heights on which a wheel stands, m
 
 
 def settle_on_terrain(
@@ -79,9 +79,9 @@ def rover_mesh() -> Mesh:
 
 
 STEP_S = 0.05  #: Time between the states of the trajectory; poses between are interpolated.
-VIBRATION_HZ = 6.0
-ARGUMENTS = {"straight": 1, "arc": 2, "turn": 1, "stop": 1, "goto": 2}
-NEAR_M = 1e-6
+VIBRATION_HZ = 6.0  #: Rate of the independent values between which the vibration is interpolated.
+ARGUMENTS = {"straight": 1, "arc": 2, "turn": 1, "stop": 1, "goto": 2}  #: Numbers of each segment.
+NEAR_M = 1e-6  #: Length below which a segment has no motion.
 FARTHEST_M = 400.0  #: Largest extent of a path along x or y: the ground is 1024 m wide and centred on the path.
 
 
@@ -216,7 +216,7 @@ def _smooth(knots: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
     return before, np.asarray(t * t * (3 - 2 * t))
 
 
-PATH_STEP_M = 0.3
+PATH_STEP_M = 0.3  #: Distance between the points of the path about which ground and rocks are made.
 
 
 @dataclass(frozen=True, slots=True, eq=False)

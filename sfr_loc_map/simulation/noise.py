@@ -8,8 +8,10 @@ import numpy as np
 
 from sfr_loc_map.jit import jit, jit_inline
 
+# Multipliers of the hash lowbias32 (Wellons 2018).
 _M1 = np.uint32(0x7FEB352D)
 _M2 = np.uint32(0x846CA68B)
+# Primes that separate the coordinates, those of xxHash32 (Collet).
 _X = np.uint32(0x9E3779B1)
 _Y = np.uint32(0x85EBCA77)
 _Z = np.uint32(0xC2B2AE3D)

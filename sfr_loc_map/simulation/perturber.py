@@ -21,7 +21,7 @@ READ_NOISE = 1.0  #: Noise of a camera that is left when no light comes in, grey
 BODY_DEPTH, OBJECT_DEPTH, SHADOW_DEPTH = 6.0, 8.0, 12.0
 """Depth of the own body, of a crossing object and of the ground in the own shadow, baselines."""
 TEXTURE_CONTRAST = 30.0  #: Standard deviation of the texture of body and object, grey levels.
-SHADOW_BRIGHTNESS, DIRT_BRIGHTNESS = 0.35, 0.4
+SHADOW_BRIGHTNESS, DIRT_BRIGHTNESS = 0.35, 0.4  #: Factors on grey levels in the own shadow and under dirt.
 SCRATCH_LIGHT = 60.0  #: Grey levels by which the strongest scratches are brighter or darker.
 SPOT_RADIUS = 0.04  #: Typical radius of a spot of dirt, as a share of the image's width.
 SPEED = 0.006  #: Motion of a texture from pair to pair, as a share of the image's width.
@@ -29,9 +29,9 @@ ALL_PAIRS = (*RIG_KINDS, *ROTATION_AXES, FaultKind.SHIFT, FaultKind.CLOCK)  #: K
 REPEATING = (FaultKind.REPEATED, FaultKind.FROZEN)  #: Kinds that show the images of a pair before.
 EPISODES = (FaultKind.FADE, FaultKind.OBJECT, FaultKind.ARM)
 """Kinds whose bursts are whole: one begins only where it can end."""
-DRIFT_PAIRS = 100.0
-UNAFFECTED = -1
-LAST_STAMP_NS = 2**63 - 1
+DRIFT_PAIRS = 100.0  #: Pairs over which a drift reaches its amount.
+UNAFFECTED = -1  #: Start of the burst of a pair that is in none.
+LAST_STAMP_NS = 2**63 - 1  #: Largest stamp of 64 bits.
 
 
 class Moment(NamedTuple):

@@ -78,10 +78,10 @@ def camera_pose(T_ds_sb: Transform, rig: StereoRig, right: bool) -> Transform:
 
 BAND_RAYS = 1 << 17  #: Rays traced at once: few enough to stay in the processor's cache.
 LIFT_M = 2e-4  #: Shadow rays start this far above the surface, so that a triangle does not shade itself.
-LIFT_PER_RANGE = 1e-4
-NUDGE = 1e-5
+LIFT_PER_RANGE = 1e-4  #: Addition to it per metre of range, because float32 coordinates are coarser there.
+NUDGE = 1e-5  #: Change of direction with which a ray that passed the seam of two tiles is traced again.
 LEVEL_RAY = -0.05  #: A ray that goes down by more than this must meet the ground.
-SKY_RANGE_M = 1e9
+SKY_RANGE_M = 1e9  #: Range of a ray that meets no surface, m: beyond all haze.
 Float32s = NDArray[np.float32]
 
 

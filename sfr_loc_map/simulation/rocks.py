@@ -21,10 +21,10 @@ from sfr_loc_map.simulation.terrain import Mesh, Terrain, cell_size, coarseness,
 CLASS_RATIO = 1.35  #: Ratio of the diameters that bound one size class.
 RANGE_PER_DIAMETER = 180.0
 """Rocks are placed as far from the path as this many of their diameters; farther ones would be under a few pixels."""
-FARTHEST_M = 350.0
-SHAPES = 24
+FARTHEST_M = 350.0  #: Largest distance of a rock from the path, m; the ground reaches 512 m from its centre.
+SHAPES = 24  #: Different rock shapes of each level of detail; all rocks are scaled and rotated copies of them.
 LEVEL_PIXELS = (14.0, 48.0, 200.0)  #: Apparent sizes, in pixels of an 800 px lens, from which a finer shape is used.
-LENS_PX = 800.0
+LENS_PX = 800.0  #: Focal length of the lens for which apparent sizes are computed, about that of the mapping cameras.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,11 +179,11 @@ def _sphere(level: int) -> tuple[FloatArray, NDArray[np.int32]]:
     return vertices, triangles
 
 
-SIZES = 5
-LARGEST_CELL_M = 0.075
-RATIO = 0.56
+SIZES = 5  #: Grids of pebbles, one for each size.
+LARGEST_CELL_M = 0.075  #: Cell of the grid with the largest pebbles, m; a cell has at most one pebble.
+RATIO = 0.56  #: Cell of a grid over that of the next larger pebbles, so that the smallest cell is 7 mm.
 _PEBBLE = np.uint32(101)
-_COSINES, _SINES = (f(np.arange(256) * (2.0 * np.pi / 255.0)) for f in (np.cos, np.sin))
+_COSINES, _SINES = (f(np.arange(256) * (2.0 * np.pi / 255.0)) for f in (np.cos, np.sin))  # by eight bits of a hash
 PEBBLE = np.dtype([(name, np.float64) for name in (
     "x", "y", "reach", "inverse_b", "px", "py", "qx", "qy", "shadow_p", "shadow_q", "skew", "tone", "tilt_x", "tilt_y",
     "threshold",

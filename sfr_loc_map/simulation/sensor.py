@@ -9,7 +9,7 @@ from sfr_loc_map.geometry.arrays import FloatImage, GreyImage
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.simulation.config import SensorConfig
 
-_LENS, _EXPOSURE, _NOISE = 6, 8, 9
+_LENS, _EXPOSURE, _NOISE = 6, 8, 9  # numbers in the seeds, so that the three are independent
 TASK_SEEDS = {Task.LOCALISATION: 0, Task.MAPPING: 1}  #: Number of a task in the seeds of what is random.
 
 

@@ -23,9 +23,9 @@ from sfr_loc_map.simulation.terrain import Terrain, TerrainParameters, materials
 UNMESHED_M = 0.12
 UNMESHED_PER_RANGE = 0.03
 """Waves shorter than this, or than this share of the range, are too fine for the triangles of the ground."""
-GRAIN_M = 0.045
-OCTAVES = 9
-LONGEST_M = 3.1
+GRAIN_M = 0.045  #: Longest wave of the reflectance that counts as grain, m.
+OCTAVES = 9  #: Octaves of the fine relief and reflectance.
+LONGEST_M = 3.1  #: Longest wave of these octaves, m.
 _FINE, _PLATE = np.uint32(102), np.uint32(104)
 
 
