@@ -38,9 +38,12 @@ LEAKS = {10: 80 * MB, 50: 40 * MB}
 """A method leaks whose memory grows so much over so many calls: the least of each fifth of them is more than that of
 the fifth before, so that a saw-tooth does not hide it; a window that fills up (24 MB in ours) is none."""
 MARK_TOLERANCE = 2 * MB  #: Decrease of a high-water mark that its counters on several cores cause by themselves, bytes.
-MISSTATED_S, MISSTATED_RATIO = 0.25, 0.5
-"""A method misstates its time if what it measured differs from the time from outside by more than this, s, and by more
-than this fraction of it. Between the two are copies of the images, the reading of the result and its transfer."""
+MISSTATED_RATIO = 0.5
+"""Fraction of the time from outside by which the time that a method's process states may differ from it. Between the
+two are copies of the images, the reading of the result and its transfer."""
+MISSTATED_S, MISSTATED_CALLS = 0.25, 3
+"""A larger difference, s, in so many calls in a row is a misstatement: a busy host delays single calls alone."""
+MISSTATED_AT_ONCE_S = 1.0  #: A larger difference, s, is a misstatement in one call.
 LOG_BYTES, LOG_KEPT = 4_000_000, 100_000  #: Size at which its log is cut, and what of it is kept.
 LONGEST_ANSWER = 16_000_000
 
@@ -57,12 +60,9 @@ def leak_in(resident: Sequence[int]) -> str:
     return ""
 
 
-def misstatement(measured_s: float, stated_s: float) -> str:
-    """Return the finding of a time that the process of a method states and that was not measured, empty without one."""
-    if abs(measured_s - stated_s) <= max(MISSTATED_S, MISSTATED_RATIO * measured_s):
-        return ""
-    text = f"states {stated_s:.3f} s for a call that took {measured_s:.3f} s from the request to the complete answer"
-    return f"{FindingKind.MISSTATED}: {text}"
+def exceeds(measured_s: float, stated_s: float, least_s: float) -> bool:
+    """Return whether a stated time differs from the measured one by more than the bound, at least `least_s`."""
+    return abs(measured_s - stated_s) > max(least_s, MISSTATED_RATIO * measured_s)
 
 
 def cut_log(log: Path) -> None:
@@ -139,6 +139,7 @@ class MethodProcess:
         self._rest, self._tree, self._peak_bytes = b"", None, 0
         self._mark_bytes: int | None = None  # last high-water mark of the present call
         self._is_mark_set_back = False
+        self._misstated = 0  # calls in a row whose stated time differs from the measured one
         self._resident: deque[int] = deque(maxlen=max(LEAKS))
         self._ended = TreeUsage()  # when the last call ended
         T_rb_left = None if rig.T_rb_sb is None else rig.T_rb_left
@@ -200,11 +201,17 @@ class MethodProcess:
             self._resident.clear()
         elif self._is_mark_set_back:
             finding = f"{FindingKind.MISSTATED}: the high-water mark of its memory was set back within the call"
-        elif text := misstatement(seconds, stated_s):
-            finding = text
+        elif self._misstates(seconds, stated_s):
+            text = f"states {stated_s:.3f} s for a call that took {seconds:.3f} s from the request to the answer"
+            finding = f"{FindingKind.MISSTATED}: {text}"
         elif strays := self._tree.new_strays():
             finding = f"{FindingKind.STRAY}: {', '.join(strays)}: ended with the method"
         return MethodCall(CallUsage(seconds, peak, above), finding, statistics=statistics), result
+
+    def _misstates(self, measured_s: float, stated_s: float) -> bool:
+        """Return whether the process states another time than was measured: at once much, or in several calls."""
+        self._misstated = self._misstated + 1 if exceeds(measured_s, stated_s, MISSTATED_S) else 0
+        return self._misstated >= MISSTATED_CALLS or exceeds(measured_s, stated_s, MISSTATED_AT_ONCE_S)
 
     def _exchange(self, order: Mapping[str, object], timeout_s: float) -> dict[str, Any]:
         assert self._process.stdin is not None
