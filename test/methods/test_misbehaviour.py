@@ -52,7 +52,7 @@ def test_a_crashing_class_fails_a_suite_and_a_benchmark(tmp_path: Path, sfr: Sfr
     ran = sfr("suite", "run", tmp_path / "suite.yaml", "--out", tmp_path / "out", "--workers", 1, "--json", "-")
     summary = json.loads(ran.out)
     found = {
-        group["configuration"]: [item["metric"] for item in group["verdicts"] if item["verdict"] == "fail"]
+        group["configuration"]: [item["name"] for item in group["verdicts"] if item["verdict"] == "fail"]
         for group in summary["groups"]
     }
     assert (ran.code, summary["verdict"], found) == (1, "fail", {"ours": [], "crashing": ["crashed_calls"]})
