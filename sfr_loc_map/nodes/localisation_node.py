@@ -37,8 +37,9 @@ from sfr_loc_map.nodes.extrinsics import Extrinsics
 from sfr_loc_map.nodes.lifecycle.endpoints import profile
 from sfr_loc_map.nodes.localisation_session import LocalisationSession, PoseFile
 from sfr_loc_map.nodes.motion_prior import MotionPriorConfig, OdometryBuffer
-from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig, ReceivedPair
+from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig
 from sfr_loc_map.nodes.runner import run
+from sfr_loc_map.nodes.stereo_input import ReceivedPair
 from sfr_loc_map.runs.calls import call_of_estimate
 
 MAX_POSE_AGE_NS = 600 * NS_PER_S  #: Of an initialpose; an older one says nothing of where the rover is now.

@@ -21,7 +21,7 @@ from sfr_loc_map.nodes.diagnostics import Level
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
 from sfr_loc_map.nodes.messages import covariance_of
 from sfr_loc_map.nodes.monitor_node import MonitorNode
-from sfr_loc_map.nodes.pair_node import ReceivedPair
+from sfr_loc_map.nodes.stereo_input import ReceivedPair
 from sfr_loc_map.runs.calls import values_of
 
 CONFIGURE, CLEANUP = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP

@@ -1,0 +1,311 @@
+"""The topics of one stereo rig, synchronised to pairs that fit the rig."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+
+from sfr_loc_map.config import param
+from sfr_loc_map.doctor.transport import MUCH_LOST, loss_fix
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.arrays import GreyImage
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.inputs import NS_PER_S, SIDES, Side, stamp_of
+from sfr_loc_map.io.camera_info import rig_from_camera_info
+from sfr_loc_map.io.image_codec import image_from_message
+from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig
+from sfr_loc_map.io.stamp_pairing import STAMP_TOLERANCE_S, StampPairing
+from sfr_loc_map.localisation.parallel import both
+from sfr_loc_map.nodes.diagnostics import StatusReporter
+from sfr_loc_map.nodes.environment import EXPORT_LINE
+from sfr_loc_map.nodes.lifecycle.endpoints import RELIABILITIES, Endpoints, profile
+from sfr_loc_map.nodes.messages import check_image
+from sfr_loc_map.nodes.reception import AGREEING, RunOrder, TransportGaps
+from sfr_loc_map.nodes.waiting import Input
+
+LOSS_WINDOW = 40  #: Images of which the share lost is taken, at the least.
+RECENT = 200  #: Stamps that are kept of each topic, to say why no pair comes of them.
+ReceivedImage = tuple[Any, Mapping[str, Any]]
+"""sensor_msgs/Image or CompressedImage, and what the middleware tells of it."""
+
+
+@dataclass(frozen=True, slots=True)
+class StereoInputConfig:
+    """How stereo images are received."""
+
+    image_transport: str = param(
+        "auto",
+        doc="Topics of images: image_rect (raw), image_rect/compressed (compressed), or both (auto); of image_raw "
+        "likewise.",
+        choices=("raw", "compressed", "auto"),
+    )
+    rectify: bool = param(
+        False,
+        doc="Take image_raw instead of image_rect, and rectify it by the D, K, R and P of camera_info: models "
+        "plumb_bob, rational_polynomial, equidistant (fisheye).",
+    )
+    reliability: str = param(
+        "best_effort",
+        doc="Reliability requested from the publishers of images, camera_info and nav/pose; best_effort matches both "
+        "kinds.",
+        choices=RELIABILITIES,
+    )
+    queue_depth: int = param(
+        30, unit="images", doc="Most images that wait on each side; older ones are dropped.", low=1, high=1000
+    )
+    stamp_tolerance_s: float = param(
+        STAMP_TOLERANCE_S,
+        unit="s",
+        doc="Largest difference between the stamps of left and right, always below half a period; 0: equal.",
+        low=0.0,
+        high=0.5,
+    )
+
+    @property
+    def stamp_tolerance_ns(self) -> int:
+        """The tolerance in nanoseconds."""
+        return round(self.stamp_tolerance_s * NS_PER_S)
+
+
+@dataclass(frozen=True, slots=True)
+class ReceivedPair:
+    """Two image messages of one moment, not yet decoded."""
+
+    stamp_ns: int  #: Stamp of the left one.
+    rig: StereoRig  #: The rig that took them.
+    frame_id: str  #: Frame of the left camera by its camera_info.
+    images: tuple[ReceivedImage, ReceivedImage]  #: The left and the right one.
+    rectifier: StereoRectifier | None = None  #: What rectifies the images, None where they are rectified.
+
+    def decode(self) -> StereoPair:
+        """Return the images in grey, rectified."""
+        images = both(self._grey, (0,), (1,))
+        return StereoPair(self.stamp_ns, *(images if self.rectifier is None else self.rectifier.rectify(*images)))
+
+    def _grey(self, side: int) -> GreyImage:
+        message = self.images[side][0]
+        try:
+            return image_from_message(message)
+        except InputError:
+            raise
+        except Exception as error:  # data from the network: whatever a decoder raises, the node goes on
+            raise InputError(f"image of stamp {stamp_of(message)} cannot be read: {error}") from error
+
+
+class StereoInput:
+    """Receives the images of one rig and hands over its pairs, in the executor's thread."""
+
+    def __init__(
+        self,
+        name: str,
+        config: StereoInputConfig,
+        status: StatusReporter,
+        *,
+        on_pair: Callable[[ReceivedPair], None],
+        on_rig: Callable[[StereoRig], None],
+        on_restart: Callable[[str], None],
+        agreeing: int = AGREEING,
+    ) -> None:
+        """Subscribe to nothing yet.
+
+        `on_pair` is called with each pair, `on_rig` with the rig of the pairs that follow, `on_restart` with the reason
+        why the pairs that follow are of a new run; so many pairs of another time in a row are one.
+        """
+        self.rig: StereoRig | None = None
+        self._order: RunOrder[tuple[ReceivedImage, ReceivedImage]] = RunOrder(agreeing)
+        self._name, self._config, self._status = name, config, status
+        self._on_pair, self._on_rig, self._on_restart = on_pair, on_rig, on_restart
+        stem, transport = "image_raw" if config.rectify else "image_rect", config.image_transport
+        kinds = (("compressed", stem, Image), ("raw", f"{stem}/compressed", CompressedImage))
+        self._images: dict[str, type[Any]] = {name: kind for other, name, kind in kinds if transport != other}
+        self._dropped = {"rejected": 0, "unstamped": 0, "without_camera_info": 0}
+        self._infos: dict[Side, CameraInfo] = {}
+        self._fresh_sides: set[Side] = set()
+        self._latched: set[Side] = set()  # sides whose latched camera_info is subscribed to
+        self._rectifier: StereoRectifier | None = None
+        self._pairing: StampPairing[ReceivedImage] = StampPairing(config.stamp_tolerance_ns, config.queue_depth)
+        self._without_rig: deque[tuple[ReceivedImage, ReceivedImage]] = deque()
+        self._gaps: dict[str, TransportGaps] = {}  # by topic
+        self._remove_compressed: dict[Side, Callable[[], object]] = {}
+        self._endpoints: Endpoints | None = None
+        self._judged = 0, 0  # images lost and sent when their share was taken last
+        self.forget_received()
+
+    def subscribe(self, endpoints: Endpoints) -> None:
+        """Subscribe to images and camera_info of both cameras; forget those of before."""
+        self.restart()
+        self.rig = None
+        self._endpoints = endpoints
+        self._infos.clear()
+        self._fresh_sides.clear()
+        self._latched.clear()
+        qos = profile(self._config.reliability, self._config.queue_depth)
+        for side in SIDES:
+            stem = f"{self._name}/{side}"
+            endpoints.add_subscription(CameraInfo, f"{stem}/camera_info", partial(self.add_camera_info, side), qos)
+            for name, kind in self._images.items():
+                gaps = self._gaps.setdefault(f"{stem}/{name}", TransportGaps())
+                remove = endpoints.add_subscription(
+                    kind, f"{stem}/{name}", partial(self._receive_image, side, gaps), qos
+                )
+                if kind is CompressedImage:
+                    self._remove_compressed[side] = remove
+
+    def counts(self) -> dict[str, int]:
+        """Return what was dropped since the start, by name."""
+        return {
+            "dropped_in_transport": sum(gaps.lost for gaps in self._gaps.values()),
+            "dropped_unpaired": self._pairing.unpaired + self._pairing.overflowed,
+            "dropped_rejected": self._dropped["rejected"],
+            "dropped_stale": self._order.late,
+            "dropped_stray": self._order.strays + self._dropped["unstamped"],
+            "dropped_without_camera_info": self._dropped["without_camera_info"],
+        }
+
+    @property
+    def last_ns(self) -> int | None:
+        """Stamp of the last pair of the run, None before the first."""
+        return self._order.last_ns
+
+    def doubled_text(self) -> str:
+        """Return which topics of images have several publishers; empty if none has."""
+        if self._endpoints is None:
+            return ""
+        doubled = []
+        for topic, gaps in self._gaps.items():
+            publishers = self._endpoints.publishers_of(topic)
+            gaps.set_several(len(publishers) > 1)
+            if len(publishers) > 1:
+                doubled.append(f"{topic} has {len(publishers)} publishers ({', '.join(sorted(publishers))})")
+        return f"{'; '.join(doubled)}: stop all but one" if doubled else ""
+
+    def count_rejected(self) -> None:
+        """Count a pair that could not be processed."""
+        self._dropped["rejected"] += 1
+
+    def inputs(self) -> list[Input]:
+        """Return what is received, with the number of messages since `forget_received`."""
+        found = []
+        for side in SIDES:
+            images = {f"{self._name}/{side}/{name}": kind for name, kind in self._images.items()}
+            info = {f"{self._name}/{side}/camera_info": CameraInfo}
+            found += [Input(images, len(self._recent_ns[side])), Input(info, int(side in self._infos))]
+        return found
+
+    def apart_text(self) -> str:
+        """Return why the images received since `forget_received` made no pair; empty if some did."""
+        if self._pairs_received or not all(self._recent_ns.values()):
+            return ""
+        left, right = (np.array(self._recent_ns[side], np.int64) for side in SIDES)
+        apart_ms = float(np.median(np.abs(left[:, None] - right).min(axis=1))) * 1e-6
+        allowed_ms = self._config.stamp_tolerance_s * 1e3
+        return (
+            f"left and right images of '{self._name}' are {apart_ms:.3g} ms apart, input.stamp_tolerance_s allows "
+            f"{allowed_ms:.3g} ms: let one trigger stamp both"
+        )
+
+    def forget_received(self) -> None:
+        """Start to count what is received."""
+        self._recent_ns: dict[Side, deque[int]] = {side: deque(maxlen=RECENT) for side in SIDES}
+        self._pairs_received = 0
+
+    def restart(self) -> None:
+        """Forget what waits and which stamp was last."""
+        self._pairing.clear()
+        self._without_rig.clear()
+        self._order.restart()
+
+    def add_camera_info(self, side: Side, message: CameraInfo) -> None:
+        """Take a camera_info; a rig is made of one new one of each side, since on a change one side comes first."""
+        self._infos[side] = message
+        self._fresh_sides.add(side)
+        if len(self._fresh_sides) < 2:
+            return
+        self._fresh_sides.clear()
+        infos = self._infos["left"], self._infos["right"]
+        try:
+            if self._config.rectify:
+                rig, self._rectifier = rectified_rig(infos, self._name, self._rectifier)
+            else:
+                rig = rig_from_camera_info(*infos, self._name)
+        except InputError as error:
+            self._status.error(str(error))
+            return
+        if self.rig is None or not self.rig.same_cameras(rig):
+            self.rig = rig
+            self._on_rig(rig)
+        while self._without_rig:
+            self._hand_over(rig, self._without_rig.popleft())
+
+    def add_image(self, side: Side, image: ReceivedImage) -> None:
+        """Take an image, and hand over the pair that it completes."""
+        if stamp_of(image[0]) <= 0:
+            self._dropped["unstamped"] += 1
+            text = f"images of '{self._name}/{side}' have the stamp 0: publish them with the time of the exposure"
+            self._status.warn(text, "unstamped")
+            return
+        self._recent_ns[side].append(stamp_of(image[0]))
+        add = self._pairing.add_left if side == "left" else self._pairing.add_right
+        images = add(stamp_of(image[0]), image)
+        if images is None:
+            return
+        self._pairs_received += 1
+        if self.rig is not None:
+            self._hand_over(self.rig, images)
+            return
+        self._without_rig.append(images)
+        self._subscribe_latched()
+        if len(self._without_rig) > self._config.queue_depth:
+            self._without_rig.popleft()
+            self._dropped["without_camera_info"] += 1
+            self._status.error(f"images of '{self._name}' come without a usable camera_info of both cameras: dropped")
+
+    def _subscribe_latched(self) -> None:
+        """Subscribe to a camera_info that was published once, before this node: a volatile reader does not get it."""
+        for side in SIDES:
+            topic = f"{self._name}/{side}/camera_info"
+            missing = side not in self._infos and side not in self._latched
+            if self._endpoints is not None and missing and self._endpoints.is_latched(topic):
+                self._latched.add(side)
+                self._endpoints.add_latched(CameraInfo, topic, partial(self.add_camera_info, side))
+
+    def _receive_image(self, side: Side, gaps: TransportGaps, message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401
+        if isinstance(message, Image) and side in self._remove_compressed:
+            self._remove_compressed.pop(side)()  # raw images are there
+        if gaps.add(info) and (share := self._lost_share()) > MUCH_LOST and not self.doubled_text():
+            text = f"{share:.0%} of the images of '{self._name}' are lost in transport: {loss_fix(EXPORT_LINE)}"
+            self._status.warn(text, "transport")
+        self._status.note_arrival()
+        self.add_image(side, (message, info))
+
+    def _lost_share(self) -> float:
+        """Return the share of the images lost in transport, since there were enough to tell the last time."""
+        lost = sum(gaps.lost for gaps in self._gaps.values())
+        sent = lost + sum(gaps.count for gaps in self._gaps.values())
+        lost_before, sent_before = self._judged
+        if sent - sent_before < LOSS_WINDOW:
+            return 0.0
+        self._judged = lost, sent
+        return (lost - lost_before) / (sent - sent_before)
+
+    def _hand_over(self, rig: StereoRig, images: tuple[ReceivedImage, ReceivedImage]) -> None:
+        stamp_ns = stamp_of(images[0][0])
+        try:
+            for message, _ in images:
+                check_image(message, (rig.width, rig.height))
+        except InputError as error:
+            self._dropped["rejected"] += 1
+            self._status.error(str(error))
+            return
+        ordered, begins_run = self._order.add(stamp_ns, images)
+        if begins_run:
+            self._on_restart("stamps have gone to another time")
+        frame_id = str(self._infos["left"].header.frame_id)
+        for pair in ordered:
+            self._on_pair(ReceivedPair(stamp_of(pair[0][0]), rig, frame_id, pair, self._rectifier))
