@@ -10,14 +10,17 @@ from __future__ import annotations
 import argparse
 import os
 import shutil
-import subprocess
 import sys
 import tempfile
 import time
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from importlib import import_module
+from multiprocessing import get_context
 from pathlib import Path
-from queue import Queue
 from typing import NamedTuple
+
+import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 COPIED = (
@@ -31,7 +34,10 @@ COPIED = (
     "docs",
     "sample",
 )
-TESTS = ("test/metrics/test_formulas.py", "test/metrics", "test/geometry")  #: The first kills most of them soon.
+GROUPS = (("test/metrics/test_formulas.py",), ("test/metrics",), ("test/geometry",))
+"""The tests, in the order in which they run."""
+LIBRARIES = ("hypothesis", "msgspec", "numba", "numpy", "scipy.spatial.transform", "scipy.stats", "yaml")
+"""What is loaded once for all mutations."""
 
 
 class Mutation(NamedTuple):
@@ -225,27 +231,47 @@ def copied(folder: Path) -> Path:
     return folder
 
 
-def fails(folder: Path, marks: str) -> bool:
-    """Tell whether a test fails in a copy of the sources."""
-    command = [sys.executable, "-m", "pytest", *TESTS, "-x", "-q", "-n", "0", "-p", "no:cacheprovider", "-m", marks]
-    environment = os.environ | {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
-    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
-    if done.returncode not in (0, 1):
-        raise SystemExit(f"the tests did not run: {done.stdout[-500:]}{done.stderr[-500:]}")
-    return done.returncode == 1
+def fails(folder: Path, tests: Sequence[str], marks: str) -> bool:
+    """Tell whether a test fails in a copy of the sources; the tests run in a fork, which has the libraries already."""
+    child = os.fork()
+    if child == 0:
+        os.chdir(folder)
+        sys.path[:0] = [str(folder), str(folder / "test")]
+        nothing = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nothing, 1)
+        os.dup2(nothing, 2)
+        os._exit(int(pytest.main([*tests, "-x", "-q", "-n", "0", "-p", "no:cacheprovider", "-m", marks])))
+    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    if code not in (0, 1):
+        raise SystemExit(f"the tests ended with exit code {code}: run pytest {' '.join(tests)}")
+    return code == 1
 
 
 def is_killed(mutation: Mutation, folder: Path, marks: str) -> bool:
-    """Tell whether a test fails with a mutation in a copy of the sources."""
+    """Tell whether a test fails with a mutation in a copy of the sources; the tests nearest to it come first."""
     path = folder / "sfr_loc_map" / mutation.path
     text = path.read_text(encoding="utf-8")
     if text.count(mutation.text) != 1:
         raise SystemExit(f"{mutation.path}: found {text.count(mutation.text)} times, once is required: {mutation.text}")
     path.write_text(text.replace(mutation.text, mutation.instead), encoding="utf-8")
+    groups = GROUPS if mutation.path.startswith("metrics") else GROUPS[::-1]
     try:
-        return fails(folder, marks)
+        return any(fails(folder, tests, marks) for tests in groups)
     finally:
         path.write_text(text, encoding="utf-8")
+
+
+def try_all(mutations: Sequence[Mutation], marks: str) -> list[bool]:
+    """Tell of each mutation whether it is killed, in a copy of the sources of its own."""
+    killed = []
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = copied(Path(scratch))
+        for mutation in mutations:
+            begin = time.monotonic()
+            killed.append(is_killed(mutation, folder, marks))
+            word = "killed" if killed[-1] else "SURVIVED"
+            print(f"{word} {time.monotonic() - begin:5.1f} s  {mutation.path}: {mutation.instead}", flush=True)
+    return killed
 
 
 def main() -> int:
@@ -260,27 +286,18 @@ def main() -> int:
         for item in MUTATIONS
         if not options.words or any(word in f"{item.path} {item.text} {item.instead}" for word in options.words)
     ]
+    os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
+    sys.dont_write_bytecode = True
+    for name in LIBRARIES:
+        import_module(name)
+    marks = "slow or not slow" if options.slow else "not slow"
     with tempfile.TemporaryDirectory() as scratch:
-        folders: Queue[Path] = Queue()
-        for number in range(options.workers):
-            folders.put(copied(Path(scratch) / str(number)))
-        marks = "slow or not slow" if options.slow else "not slow"
-        if fails(folders.queue[0], marks):
-            raise SystemExit(f"a test fails without a mutation: run pytest {' '.join(TESTS)}")
-
-        def tried(mutation: Mutation) -> bool:
-            folder = folders.get()
-            begin = time.monotonic()
-            try:
-                killed = is_killed(mutation, folder, marks)
-            finally:
-                folders.put(folder)
-            word = "killed" if killed else "SURVIVED"
-            print(f"{word} {time.monotonic() - begin:5.1f} s  {mutation.path}: {mutation.instead}", flush=True)
-            return killed
-
-        with ThreadPoolExecutor(options.workers) as pool:
-            killed = list(pool.map(tried, chosen))
+        folder = copied(Path(scratch))
+        if any(fails(folder, tests, marks) for tests in GROUPS):
+            raise SystemExit("a test fails without a mutation: run pytest test/metrics test/geometry")
+    parts = [chosen[number :: options.workers] for number in range(options.workers)]
+    with ProcessPoolExecutor(options.workers, get_context("fork")) as pool:
+        killed = [each for part in pool.map(try_all, parts, [marks] * len(parts)) for each in part]
     print(f"{sum(killed)} of {len(chosen)} mutations killed")
     return 0 if all(killed) else 1
 

@@ -22,7 +22,7 @@ from sfr_loc_map.metrics.limits import finding_verdicts, overall_verdict
 from sfr_loc_map.metrics.score import Score, Verdict
 from sfr_loc_map.metrics.score_json import from_json, to_plain
 from sfr_loc_map.report.limit_bars import share_of
-from sfr_loc_map.report.plots import Plot
+from sfr_loc_map.report.plots import PALETTES, TEMPLATE, Plot
 from sfr_loc_map.report.score_figures import error_sizes, parts_of, path_of, score_figures
 from sfr_loc_map.report.score_tables import EXACT, glossary, name_of, score_tables, truth_text, unit_of
 from sfr_loc_map.report.tables import METRE, OPEN, UNKNOWN, VERDICTS, Table, fitting, number, to_html
@@ -103,7 +103,8 @@ def _rendered(tables: Sequence[Table], sections: Sections, **values: Any) -> str
     for table in tables:
         html[table.name in FIRST_TABLES] += to_html(table)
     shown = {"first": html[True], "tables": html[False], "sections": sections}
-    return from_template("page.html.j2", plotly=plotly, specs=plots, **shown, **values)
+    template = {**TEMPLATE, "palettes": PALETTES}
+    return from_template("page.html.j2", plotly=plotly, specs=plots, template=template, **shown, **values)
 
 
 def from_template(name: str, **values: Any) -> str:  # noqa: ANN401 - of the template

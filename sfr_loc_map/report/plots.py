@@ -1,6 +1,6 @@
 """What all figures share: plotly figures as plain values, with colours by name so that light and dark share a figure.
 
-A colour is written `@name`; the page's script puts in the colour of its theme, `to_figure` that of the light one. No
+A colour is written `@name`. The page's script inserts the colour of its theme, `to_figure` that of the light theme. No
 text of a user goes into a figure, since plotly reads some tags in texts.
 """
 
@@ -18,25 +18,46 @@ Trace = dict[str, Any]
 Column = Sequence[float | None]
 TRAVELLED = "distance travelled (truth), m"
 COLORS = ("@one", "@two", "@three", "@four", "@five")
-PALETTE = {
-    "truth": "#1a1f24",
-    "one": "#0067a8",
-    "two": "#c14a00",
-    "three": "#007a5a",
-    "four": "#8a6d00",
-    "five": "#a3437b",
-    "bad": "#b3001b",
-    "faint": "rgba(87,96,106,0.35)",
-    "chosen": "#e69f00",
-    "ink": "#1a1f24",
-    "soft": "#57606a",
-    "paper": "#ffffff",
-    "grid": "#e3e7eb",
-    "zero": "#8c959f",
-    "sequential": "Viridis",
+PALETTES = {
+    "light": {
+        **{"truth": "#1a1f24", "one": "#0067a8", "two": "#c14a00", "three": "#007a5a", "four": "#8a6d00"},
+        **{"five": "#a3437b", "bad": "#b3001b", "faint": "rgba(87,96,106,0.35)", "chosen": "#e69f00"},
+        **{"ink": "#1a1f24", "soft": "#57606a", "paper": "#ffffff", "grid": "#e3e7eb", "zero": "#8c959f"},
+        **{"one-soft": "rgba(0,103,168,0.16)", "two-soft": "rgba(193,74,0,0.16)", "three-soft": "rgba(0,122,90,0.16)"},
+        **{"four-soft": "rgba(138,109,0,0.16)", "five-soft": "rgba(163,67,123,0.16)", "sequential": "Viridis"},
+    },
+    "dark": {
+        **{"truth": "#f0f3f6", "one": "#56b4e9", "two": "#ff9a52", "three": "#3ecf9f", "four": "#f0e442"},
+        **{"five": "#e49ac4", "bad": "#ff7b7b", "faint": "rgba(169,180,191,0.35)", "chosen": "#ffd166"},
+        **{"ink": "#e8ecf0", "soft": "#a9b4bf", "paper": "#171c22", "grid": "#2b333c", "zero": "#6b7682"},
+        **{
+            "one-soft": "rgba(86,180,233,0.2)",
+            "two-soft": "rgba(255,154,82,0.2)",
+            "three-soft": "rgba(62,207,159,0.2)",
+        },
+        **{"four-soft": "rgba(240,228,66,0.2)", "five-soft": "rgba(228,154,196,0.2)", "sequential": "Viridis"},
+    },
 }
-PALETTE |= {f"{name[1:]}-soft": f"rgba{(*bytes.fromhex(PALETTE[name[1:]][1:]), 0.16)}" for name in COLORS}
-"""Colours by name: those of the light theme of `templates/page.js` (Okabe and Ito)."""
+"""Colours by name, of Okabe and Ito (distinct with every kind of colour vision), darker on light, lighter on dark."""
+TEMPLATE: dict[str, Any] = {
+    "layout": {
+        "margin": {"l": 60, "r": 20, "t": 12, "b": 50},
+        "font": {"color": "@ink", "size": 12, "family": "system-ui, Segoe UI, Roboto, DejaVu Sans, Arial, sans-serif"},
+        "paper_bgcolor": "@paper",
+        "plot_bgcolor": "@paper",
+        "legend": {"orientation": "h", "traceorder": "normal", "y": 1.02, "yanchor": "bottom", "x": 0},
+        "hovermode": "closest",
+        "hoverlabel": {"align": "left"},
+    },
+    "axis": {"zeroline": False, "gridcolor": "@grid", "zerolinecolor": "@zero", "linecolor": "@zero"},
+    "axis_in_space": {
+        "backgroundcolor": "@paper",
+        "gridcolor": "@grid",
+        "zerolinecolor": "@zero",
+        "linecolor": "@zero",
+    },
+}
+"""What all figures share: of the layout, of each axis, and of each axis of a view in space."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,27 +154,22 @@ def to_figure(plot: Plot) -> Figure:
     from plotly.graph_objects import Figure
 
     layout = {
+        **TEMPLATE["layout"],
+        "margin": {**TEMPLATE["layout"]["margin"], "t": 80},
         "title": {"text": plot.title, "font": {"size": 16}, "y": 0.98, "yanchor": "top"},
-        "margin": {"l": 60, "r": 20, "t": 80, "b": 50},
-        "paper_bgcolor": PALETTE["paper"],
-        "plot_bgcolor": PALETTE["paper"],
-        "font": {"color": PALETTE["ink"], "size": 12},
-        "legend": {"orientation": "h", "traceorder": "normal", "y": 1.02, "yanchor": "bottom", "x": 0},
-        "hovermode": "closest",
         "height": plot.height + 60,
-        **_coloured(plot.layout),
+        **plot.layout,
     }
-    lines = {"gridcolor": PALETTE["grid"], "zerolinecolor": PALETTE["zero"], "linecolor": PALETTE["zero"]}
     for name in list(layout):
         if name.startswith(("xaxis", "yaxis")):
-            layout[name] = {"zeroline": False, **lines, **layout[name]}
-    return Figure(data=_coloured(plot.data), layout=layout)
+            layout[name] = {**TEMPLATE["axis"], **layout[name]}
+    return Figure(data=_coloured(plot.data), layout=_coloured(layout))
 
 
 def _coloured(value: Any) -> Any:  # noqa: ANN401 - any value of plotly
     """Return traces or a layout with the colours that `@name` stands for."""
     if isinstance(value, str):
-        return PALETTE[value[1:]] if value.startswith("@") else value
+        return PALETTES["light"][value[1:]] if value.startswith("@") else value
     if isinstance(value, dict):
         return {key: _coloured(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)) and not (value and isinstance(value[0], (int, float))):

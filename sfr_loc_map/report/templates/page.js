@@ -1,22 +1,7 @@
 "use strict";
 (function () {
-  // Colours of Okabe and Ito (told apart by all kinds of colour vision), darker on light, lighter on dark.
-  const palettes = {
-    light: {
-      truth: "#1a1f24", one: "#0067a8", two: "#c14a00", three: "#007a5a", four: "#8a6d00", five: "#a3437b",
-      "one-soft": "rgba(0,103,168,0.16)", "two-soft": "rgba(193,74,0,0.16)", "three-soft": "rgba(0,122,90,0.16)",
-      "four-soft": "rgba(138,109,0,0.16)", "five-soft": "rgba(163,67,123,0.16)",
-      bad: "#b3001b", faint: "rgba(87,96,106,0.35)", chosen: "#e69f00", ink: "#1a1f24", soft: "#57606a",
-      paper: "#ffffff", grid: "#e3e7eb", zero: "#8c959f",
-    },
-    dark: {
-      truth: "#f0f3f6", one: "#56b4e9", two: "#ff9a52", three: "#3ecf9f", four: "#f0e442", five: "#e49ac4",
-      "one-soft": "rgba(86,180,233,0.2)", "two-soft": "rgba(255,154,82,0.2)", "three-soft": "rgba(62,207,159,0.2)",
-      "four-soft": "rgba(240,228,66,0.2)", "five-soft": "rgba(228,154,196,0.2)",
-      bad: "#ff7b7b", faint: "rgba(169,180,191,0.35)", chosen: "#ffd166", ink: "#e8ecf0", soft: "#a9b4bf",
-      paper: "#171c22", grid: "#2b333c", zero: "#6b7682",
-    },
-  };
+  const template = JSON.parse(document.getElementById("template").textContent);
+  const palettes = template.palettes;
   const holder = document.getElementById("specs");
   const specs = JSON.parse(holder.textContent);
   const every = Number(holder.dataset.every);
@@ -27,7 +12,6 @@
 
   function coloured(value, palette) {
     if (typeof value === "string") {
-      if (value === "@sequential") return "Viridis";
       return value.startsWith("@") ? palette[value.slice(1)] : value;
     }
     if (Array.isArray(value)) {
@@ -38,20 +22,14 @@
   }
 
   function themed(spec, palette) {
-    const layout = Object.assign({
-      margin: { l: 60, r: 20, t: 12, b: 50 },
-      font: { color: palette.ink, size: 12, family: "system-ui, Segoe UI, Roboto, DejaVu Sans, Arial, sans-serif" },
-      paper_bgcolor: palette.paper, plot_bgcolor: palette.paper,
-      legend: { orientation: "h", traceorder: "normal", y: 1.02, yanchor: "bottom", x: 0 },
-      hovermode: "closest", hoverlabel: { align: "left" }, autosize: true, height: spec.height,
-    }, coloured(spec.layout, palette));
-    const lines = { gridcolor: palette.grid, zerolinecolor: palette.zero, linecolor: palette.zero };
+    const shared = coloured(template, palette);
+    const layout = Object.assign({ autosize: true, height: spec.height }, shared.layout, coloured(spec.layout, palette));
     for (const name of Object.keys(layout)) {
-      if (/^[xy]axis\d*$/.test(name)) layout[name] = Object.assign({ zeroline: false }, lines, layout[name]);
+      if (/^[xy]axis\d*$/.test(name)) layout[name] = Object.assign({}, shared.axis, layout[name]);
     }
     if (layout.scene) {
       for (const name of ["xaxis", "yaxis", "zaxis"]) {
-        layout.scene[name] = Object.assign({ backgroundcolor: palette.paper }, lines, layout.scene[name]);
+        layout.scene[name] = Object.assign({}, shared.axis_in_space, layout.scene[name]);
       }
     }
     return { data: coloured(spec.data, palette), layout: layout };
