@@ -5,7 +5,7 @@ from math import cos, pi, sin, sqrt
 import numpy as np
 import pytest
 from hypothesis import given
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, Slerp
 
 from helpers.strategies import matrices, rotvecs, vectors
 from sfr_loc_map.errors import GeometryError
@@ -17,6 +17,8 @@ from sfr_loc_map.geometry.rotation import (
     quat_multiply,
     quat_rotate,
     rotvec_from_matrix,
+    slerp,
+    unit_quats,
 )
 
 TIGHT = 1e-14
@@ -69,3 +71,18 @@ def test_no_rotation_in_these_numbers(quat: list[float]) -> None:
     for numbers in (quat, [[0, 0, 0, 1], quat]):
         with pytest.raises(GeometryError, match="no length or is not finite"):
             matrix_from_quat(numbers)
+
+
+def test_slerp_takes_the_shortest_rotation_whatever_the_signs_of_the_quaternions() -> None:
+    rng = np.random.default_rng(3)
+    turns = Rotation.random(40, random_state=3)
+    nearby = turns * Rotation.from_rotvec(rng.normal(0.0, 0.4, (40, 3)))
+    share = rng.uniform(0.0, 1.0, 40)
+    a, b = turns.as_quat(), nearby.as_quat() * rng.choice([-1.0, 1.0], (40, 1))
+    for found, first, last, at in zip(slerp(a, b, share), turns, nearby, share, strict=True):
+        expected = Slerp([0.0, 1.0], Rotation.concatenate([first, last]))(at)
+        assert (Rotation.from_quat(found).inv() * expected).magnitude() == pytest.approx(0.0, abs=1e-7)
+        assert np.linalg.norm(found) == pytest.approx(1.0, abs=1e-14)
+    np.testing.assert_allclose(slerp(a, -a, share), a, atol=1e-15)  # one rotation in two ways
+    np.testing.assert_allclose(np.linalg.norm(unit_quats(3.0 * a), axis=1), 1.0, atol=1e-15)
+    assert np.isnan(unit_quats(np.zeros((1, 4)))).all(), "an attitude that is unknown"

@@ -128,3 +128,21 @@ def test_a_cloud_without_pixels_has_a_figure_of_another_name_and_the_empty_one_h
     assert empty.number("coverage") == 0.0
     assert empty.number("point_error", "mean") is None
     assert "NaN" not in json.dumps(to_plain(empty))
+
+
+@pytest.mark.clause("4.3.4")
+def test_a_bound_belongs_to_the_farther_range_and_what_is_beyond_all_counts_in_the_whole() -> None:
+    """True points at exactly 4, 10 and 50 m, and one nearer than all bounds."""
+    points = np.full((RIG.height, RIG.width, 3), np.nan, np.float32)
+    depths = {5: 1.0, 6: 4.0, 7: 10.0, 8: 50.0}
+    for u, depth in depths.items():
+        points[20, u] = (0.0, 0.0, depth)
+    truth = PairTruth(points, wall().T_lm_left, RIG)
+    u = np.array(list(depths))
+    found = points_of(points[20, u] + np.float32([0.0, 0.0, 0.5]), 0.1, u, np.full(4, 20), 0)
+    got = scored(found, [truth])
+    assert got.figure("point_error", part=None).n == 4
+    assert [got.figure("point_error", part=part).n for part in RANGES] == [1, 1, 1, 0]
+    assert [got.figure("coverage", part=part).n for part in RANGES] == [1, 1, 1, 0]
+    assert got.figure("coverage", part=None).n == 2, "from 0 to less than 10 m"
+    assert got.number("point_error", "mean", part="4-10 m") == pytest.approx(0.5)

@@ -48,6 +48,7 @@ def test_pass_fail_and_not_enough_data() -> None:
     assert [judge(LIMIT, with_position(total))[0] for total in (0.4, 0.5, 0.6)] == ["pass", "pass", "fail"]
     assert judge(LIMIT, with_position(None, count=1)) == ["not enough data"]
     assert judge({**LIMIT, "minimum_count": 30}, with_position(0.6)) == ["not enough data"]
+    assert judge({**LIMIT, "minimum_count": 20}, with_position(0.4)) == ["pass"], "as many as are required"
     assert judge(LIMIT, Score()) == ["not enough data"]
     signed = {"trajectory": [{"condition": "distance=5", "heading_mean_deg": 0.5}]}
     assert judge(signed, with_position(0.4)) == ["fail"], "a signed mean is judged by its size"
