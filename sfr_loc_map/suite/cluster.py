@@ -24,8 +24,8 @@ from typing import TYPE_CHECKING, Any
 from sfr_loc_map.errors import InputError, MissingExtraError, SfrError
 from sfr_loc_map.inputs import one_line, refusing
 from sfr_loc_map.signals import deferred_signals
+from sfr_loc_map.suite.digests import JOINED, code_facts, code_fingerprint, proof_plugin
 from sfr_loc_map.suite.job import Job
-from sfr_loc_map.suite.proof import JOINED, code_facts, code_fingerprint, lacking, proof_plugin, withdraw
 from sfr_loc_map.suite.specification import SuiteSettings
 
 if TYPE_CHECKING:
@@ -58,7 +58,6 @@ class JobOutcome:
     cause: FailureCause | None = None  #: Why it failed.
     message: str = ""  #: The error, or the limit.
     worker: str = ""  #: Address of the worker that ran it.
-    lacks: str = ""  #: What that worker lacks, so that it did not run it.
 
 
 @contextlib.contextmanager
@@ -117,26 +116,25 @@ def _end(cluster: Any) -> None:  # noqa: ANN401 - distributed is typed in part
 
 @dataclass(slots=True, kw_only=True)
 class WorkerRecord:
-    """A worker of a suite: what it has, what it did, and why it got no more."""
+    """A worker of a suite: what it has, what it did, and why it got no task."""
 
     worker: str  #: Its address.
     host: str = ""
     version: str = ""  #: Of sfr_loc_map.
     python: str = ""
     code: str = ""  #: Fingerprint of its code.
-    data_checked: int = 0  #: Sources whose hash it found to be that of the plan.
+    data_checked: int | None = None  #: Always None: the client hashes the data, workers do not.
     done: int = 0  #: Tasks.
-    set_aside: str = ""  #: What it lacks, so that it gets no more; empty for one that may run tasks.
+    set_aside: str = ""  #: How its code differs, so that it gets no task; empty if it may run tasks.
 
 
 class Crew:
-    """The workers of a scheduler: those that have proved their code and saw other data nowhere, and the others."""
+    """The workers of a scheduler: those that have the code of the client, and the others."""
 
     def __init__(self, client: Client, say: Callable[[str], None], wait_s: float) -> None:
         self.client, self.say, self.wait_s = client, say, wait_s
         self.resource = f"sfr-{code_fingerprint()}"  # that workers with this code offer
         self.records: dict[str, WorkerRecord] = {}
-        self._data: set[tuple[str, str]] = set()
         self._alone_since: float | None = time.monotonic()
         self._said, self._asked, self._places = "", -ASK_EVERY_S, 0
         self._read = len(client.get_events(JOINED))  # those of runs before
@@ -187,23 +185,9 @@ class Crew:
         more = f"; and {len(lacks) - SHOWN} more" if len(lacks) > SHOWN else ""
         return f"none of {len(lacks)} workers may run a task: {'; '.join(lacks[:SHOWN])}{more}"
 
-    def count(self, job: Job, outcome: JobOutcome) -> None:
+    def count(self, outcome: JobOutcome) -> None:
         """Count what a worker did."""
-        record = self._record(outcome.worker)
-        record.done += outcome.cause is None
-        if (seen := (outcome.worker, job.source.sha256)) not in self._data:
-            self._data.add(seen)
-            record.data_checked += 1
-
-    def set_aside(self, outcome: JobOutcome) -> None:
-        """Have a worker get no more tasks: it lacks what a job needs."""
-        record = self._record(outcome.worker)
-        if record.set_aside:
-            return  # it had more of them
-        record.set_aside, self._asked = outcome.lacks, -ASK_EVERY_S
-        self.say(f"worker set aside: {record.host} ({record.worker}): {outcome.lacks}")
-        with contextlib.suppress(Exception):  # it may just have gone
-            self.client.run(withdraw, self.resource, workers=[outcome.worker], on_error="ignore")
+        self._record(outcome.worker).done += outcome.cause is None
 
 
 def run_jobs(
@@ -228,7 +212,7 @@ def run_jobs(
                 job = waiting.popleft()
                 future = client.submit(
                     run_on_worker,
-                    *(job, job.key, timeout_s, str(cache.absolute())),
+                    *(job, timeout_s, str(cache.absolute())),
                     key=(f"sfr-{job.kind}", job.key, time.time_ns()),
                     resources={crew.resource: 1},
                     retries=TRIES - 1,
@@ -241,7 +225,7 @@ def run_jobs(
             except Empty:
                 continue
             job = handed_out.pop(future)
-            error = future.exception() if future.status == "error" else None
+            outcome, error = _result_of(future)
             if isinstance(error, KilledWorker):
                 worker = error.last_worker.address
                 started = [event["key"] for _, event in client.get_events(STARTED) if event["worker"] == worker]
@@ -257,18 +241,8 @@ def run_jobs(
             elif error is not None:
                 message = one_line(f"{type(error).__name__}: {error}")
                 outcome = JobOutcome(cause=FailureCause.FAULT, message=message)
-            elif future.status == "finished":
-                outcome = future.result()
-            else:  # the scheduler has forgotten it
-                raise ConnectionError(future.status)
-            if outcome.lacks and not (changed := lacking(job, job.key)):
-                crew.set_aside(outcome)
-                waiting.appendleft(job)
-                continue
-            if outcome.lacks:  # here as well: the source is not what it was
-                outcome = JobOutcome(cause=FailureCause.BAD_INPUT, message=f"changed since the plan: {changed}")
-            elif outcome.worker:
-                crew.count(job, outcome)
+            if outcome.worker:
+                crew.count(outcome)
             yield job, outcome
             future.release()
     except OSError as error:
@@ -279,6 +253,20 @@ def run_jobs(
     finally:
         with contextlib.suppress(Exception):
             client.cancel(list(handed_out), force=True)
+
+
+def _result_of(future: Future[JobOutcome]) -> tuple[JobOutcome, BaseException | None]:
+    """Return the outcome of a job that ended, and the error that it ended with, None if it has an outcome."""
+    from distributed.scheduler import KilledWorker
+
+    if future.status == "error":
+        return JobOutcome(), future.exception()
+    if future.status != "finished":  # the scheduler has forgotten it
+        raise ConnectionError(future.status)
+    try:
+        return future.result(), None
+    except KilledWorker as error:  # the worker was killed before its result was fetched
+        return JobOutcome(), error
 
 
 def _cause_of_death(client: Client, address: str) -> JobOutcome:
@@ -292,8 +280,8 @@ def _cause_of_death(client: Client, address: str) -> JobOutcome:
     return JobOutcome(cause=cause, message=message)
 
 
-def run_on_worker(job: Job, key: str, timeout_s: float, cache: str) -> JobOutcome:
-    """Run a job where everything is as in the plan, before and after; bad input is an outcome.
+def run_on_worker(job: Job, timeout_s: float, cache: str) -> JobOutcome:
+    """Run a job; bad input is an outcome.
 
     Beyond the time limit the process ends itself: a thread cannot be ended.
     """
@@ -317,14 +305,9 @@ def run_on_worker(job: Job, key: str, timeout_s: float, cache: str) -> JobOutcom
     timer.daemon = True
     timer.start()
     try:
-        if lacks := lacking(job, key):
-            return JobOutcome(worker=worker.address, lacks=lacks)
-        try:
-            with tempfile.TemporaryDirectory(dir=worker.local_directory) as scratch:
-                outcome = JobOutcome(worker=worker.address, result=to_json(run_job(job, Path(scratch), place)))
-        except SfrError as error:
-            outcome = JobOutcome(worker=worker.address, cause=FailureCause.BAD_INPUT, message=one_line(str(error)))
-        lacks = lacking(job, key)
-        return JobOutcome(worker=worker.address, lacks=lacks) if lacks else outcome
+        with tempfile.TemporaryDirectory(dir=worker.local_directory) as scratch:
+            return JobOutcome(worker=worker.address, result=to_json(run_job(job, Path(scratch), place)))
+    except SfrError as error:
+        return JobOutcome(worker=worker.address, cause=FailureCause.BAD_INPUT, message=one_line(str(error)))
     finally:
         timer.cancel()

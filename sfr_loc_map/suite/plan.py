@@ -16,8 +16,8 @@ from sfr_loc_map.config import build
 from sfr_loc_map.errors import ConfigError, SfrError
 from sfr_loc_map.inputs import GIT
 from sfr_loc_map.simulation.config import SimulationConfig
+from sfr_loc_map.suite.digests import PACKAGE, code_fingerprint, data_hash, files_hash
 from sfr_loc_map.suite.job import NO_CONFIGURATION, Job, JobKind, JobSource, SourceKind
-from sfr_loc_map.suite.proof import PACKAGE, code_fingerprint, data_hash, files_hash
 from sfr_loc_map.suite.sources import fetch
 from sfr_loc_map.suite.specification import Refusal, SuiteSpecification
 

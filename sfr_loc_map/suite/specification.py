@@ -18,8 +18,8 @@ from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig
 from sfr_loc_map.metrics.limits import parse_limits
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.faults import parse_fault
+from sfr_loc_map.suite.digests import method_hash
 from sfr_loc_map.suite.job import JobKind, JobSource, SourceKind, digest
-from sfr_loc_map.suite.proof import method_hash
 from sfr_loc_map.suite.sources import expand
 
 SECTIONS: Mapping[str, tuple[type[LocalisationConfig | MappingConfig], Task]] = {

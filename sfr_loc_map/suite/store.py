@@ -23,9 +23,9 @@ from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_dict, from_plain, json_line, to_plain
 from sfr_loc_map.suite.cluster import FailureCause, JobOutcome, WorkerRecord
+from sfr_loc_map.suite.digests import stamp_of
 from sfr_loc_map.suite.job import Job
 from sfr_loc_map.suite.plan import SourceFacts, about_run, inspect_source
-from sfr_loc_map.suite.proof import stamp_of
 from sfr_loc_map.suite.specification import Refusal
 
 PLAN, WORKERS = "plan.json", "workers.json"

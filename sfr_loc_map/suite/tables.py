@@ -81,7 +81,6 @@ WORKERS: Columns = (
     ("host", WORDS, "host"),
     ("version", WORDS, "version"),
     ("code", WORDS, "code"),
-    ("data checked", NONE, "data_checked"),
     ("tasks done", NONE, "done"),
     ("set aside", WORDS, "set_aside"),
 )
@@ -169,7 +168,7 @@ def suite_tables(summary: Summary) -> list[Table]:
     counts = summary.counts | {"sources refused": len(summary.refusals)}
     of_verdicts = "Pooled: the sub-trajectories of all drives are one sample. Worst drive: the figure cannot be pooled."
     of_pooled = "95 % interval of mean + 3 sigma by resampling whole drives; it needs five of them."
-    of_workers = "Data checked: sources whose hash was that of the plan. One that was set aside got no more tasks."
+    of_workers = "A worker with other code was set aside and got no task."
     of_drives = "Errors over the sub-trajectories of the first condition."
     tables = (
         _table("verdicts", "Verdicts over all drives", VERDICTS, verdicts, of_verdicts),

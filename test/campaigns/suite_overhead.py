@@ -1,4 +1,4 @@
-"""What a suite adds to a task: processes, proofs with data of a size, results; and how long workers wait between tasks.
+"""What a suite adds to a task: processes, hashes of data, results; and how long workers wait between tasks.
 
 python -m campaigns suite-overhead [--tasks 1000] [--seconds 0.5] [--long 40] [--megabytes 20]
 
@@ -23,8 +23,8 @@ from helpers.made_suites import JOB
 from sfr_loc_map.inputs import hash_path
 from sfr_loc_map.suite import job_run
 from sfr_loc_map.suite.cluster import Crew, connected, run_jobs
+from sfr_loc_map.suite.digests import code_fingerprint
 from sfr_loc_map.suite.job import Job
-from sfr_loc_map.suite.proof import code_fingerprint
 from sfr_loc_map.suite.specification import SuiteSettings
 
 WORKERS = 2

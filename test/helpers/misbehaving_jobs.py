@@ -10,7 +10,7 @@ from typing import Any
 from distributed import WorkerPlugin
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.suite import cluster, job_run
+from sfr_loc_map.suite import job_run
 from sfr_loc_map.suite.job import Job
 
 
@@ -41,4 +41,3 @@ class Misbehaving(WorkerPlugin):
 
     def setup(self, worker: Any) -> None:
         job_run.run_job = misbehave
-        cluster.lacking = lambda job, key: ""

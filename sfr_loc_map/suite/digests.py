@@ -1,7 +1,7 @@
-"""What a worker proves before it gets tasks, and before each: code, method, configuration and data of the plan.
+"""Digests of code, methods and data, which name results; and the refusal of workers with other code.
 
-A plugin of Dask compares the code when a worker joins. One that has the client's offers a resource that the tasks ask
-for, so Dask gives them to no other. The rest is compared where a task runs, by hashes that are computed there.
+A plugin of Dask compares the digest of the code once, when a worker joins. A worker that has the code of the client
+offers a resource that the tasks require, so that Dask gives tasks to no other worker.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from sfr_loc_map import __version__
-from sfr_loc_map.errors import InputError, MethodError
-from sfr_loc_map.inputs import Task, hash_path, one_line
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.inputs import Task, hash_path
 from sfr_loc_map.io.source_config import config_beside
 from sfr_loc_map.methods.registry import find_method
-from sfr_loc_map.suite.job import Job, JobSource, SourceKind, digest
+from sfr_loc_map.suite.job import JobSource, SourceKind, digest
 
 if TYPE_CHECKING:
     from distributed import WorkerPlugin
@@ -125,29 +125,8 @@ def files_hash(*paths: str) -> str:
     return hashes[0] if len(hashes) == 1 else digest(hashes)
 
 
-def lacking(job: Job, key: str) -> str:
-    """Return what differs here from what the plan had for a job with a key, empty if nothing does."""
-    try:
-        if code_fingerprint() != job.code:
-            return f"other code: {code_fingerprint()} in place of {job.code}"
-        if job.key != key:
-            return f"another configuration: {job.key} in place of {key}"
-        for part, task in (("localisation", Task.LOCALISATION), ("mapping", Task.MAPPING)):
-            spec, config, sha256 = (
-                str(job.parameters.get(f"{part}.{name}", "")) for name in ("method", "method_config", "method_sha256")
-            )
-            if spec and method_hash(spec, task, config) != sha256:
-                return f"another method '{spec}'"
-        found = data_hash(job.source)
-    except (InputError, MethodError) as error:
-        return one_line(str(error))
-    if found == job.source.sha256:
-        return ""
-    return f"other data in '{job.source.path}': {found[:12]} in place of {job.source.sha256[:12]}"
-
-
 def proof_plugin(resource: str, expected: Mapping[str, str]) -> WorkerPlugin:
-    """Return the plugin by which a worker proves its code, and then offers a resource.
+    """Return the plugin by which a worker compares its code, and then offers a resource.
 
     It goes to each worker as a whole, whatever is installed there.
     """
@@ -160,7 +139,7 @@ def proof_plugin(resource: str, expected: Mapping[str, str]) -> WorkerPlugin:
 
         async def setup(self, worker: Any) -> None:  # noqa: ANN401 - distributed is typed in part
             try:
-                from sfr_loc_map.suite.proof import about_here
+                from sfr_loc_map.suite.digests import about_here
 
                 about = about_here(expected)
             except Exception as error:  # whatever is installed there
@@ -191,8 +170,3 @@ def about_here(expected: Mapping[str, str]) -> dict[str, str]:
         "code": code_fingerprint(),
         "lacks": "; ".join(lacks),
     }
-
-
-async def withdraw(resource: str, dask_worker: Any) -> None:  # noqa: ANN401 - distributed is typed in part
-    """Have the scheduler give a worker no more tasks; those that it has already still prove theirs."""
-    await dask_worker.scheduler.set_resources(worker=dask_worker.contact_address, resources={resource: 0})
