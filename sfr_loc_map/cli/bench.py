@@ -19,7 +19,7 @@ from sfr_loc_map.cli.options import (
     SourceArgument,
     open_as,
 )
-from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, progress_bar, say, show
+from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, counting, progress_bar, say, show
 from sfr_loc_map.cli.verdict import check_conditions
 from sfr_loc_map.config import read_config
 from sfr_loc_map.errors import FailedVerdictError, InputError, InterruptedRunError
@@ -83,7 +83,7 @@ def localise(
     methods, missing = methods_to_compare(Task.LOCALISATION, compared.peer_python, vocabulary, compared.method or ())
     start = start_pose(sequence, "identity" if sequence.ground_truth is None else "truth").T_ds_rb
     with progress_bar("calls") as bar:
-        shown = bar.add_task("measuring", total=len(sequence) * len(methods) * compared.repeat)
+        advance = counting(bar, "calls measured", len(sequence) * len(methods) * compared.repeat)
         result = compare_localisers(
             sequence,
             start,
@@ -93,7 +93,7 @@ def localise(
             repeat=compared.repeat,
             rate_hz=rate,
             hidden=[source],
-            progress=lambda: bar.advance(shown),
+            progress=advance,
         )
     _present({"source": str(source), **result, "missing": missing}, json_path)
 
@@ -115,9 +115,9 @@ def map_(
     parameters, sequence = read_config(MappingConfig, config, "mapping"), panorama_of(opened)
     methods, missing = methods_to_compare(Task.MAPPING, compared.peer_python, added=compared.method or ())
     with progress_bar("calls") as bar:
-        shown = bar.add_task("measuring", total=len(sequence) * len(methods) * compared.repeat)
+        advance = counting(bar, "calls measured", len(sequence) * len(methods) * compared.repeat)
         result = compare_mappers(
-            sequence, methods, parameters, repeat=compared.repeat, hidden=[source], progress=lambda: bar.advance(shown)
+            sequence, methods, parameters, repeat=compared.repeat, hidden=[source], progress=advance
         )
     _present({"source": str(source), **result, "missing": missing}, json_path)
 
@@ -158,8 +158,8 @@ def faults(
     check_conditions(drive.ground_truth, (condition,), lenient=lenient)
     scoring = TrajectoryScoreConfig(conditions=(condition,), spacing=spacing)
     with progress_bar("faults") as bar:
-        shown = bar.add_task("localising", total=len(wanted) + 1)
-        result = benchmark_faults(drive, wanted, localiser, scoring, seed, lambda: bar.advance(shown))
+        advance = counting(bar, "drives localised", len(wanted) + 1)
+        result = benchmark_faults(drive, wanted, localiser, scoring, seed, advance)
     _present({"source": str(source)} | result, json_path)
     if silent := [name for name, item in result["entries"].items() if item["honesty"] == Honesty.SILENT]:
         raise FailedVerdictError(f"wrong and called tracking, beyond 5 times the stated 3 sigma: {', '.join(silent)}")

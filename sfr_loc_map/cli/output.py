@@ -7,7 +7,7 @@ file, or a folder that holds nothing but a data set or a bag, is ever replaced.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -144,3 +144,19 @@ def progress_bar(unit: str) -> Progress:
     console = Console(stderr=True)
     columns = (BarColumn(), MofNCompleteColumn(), TextColumn(unit), TimeElapsedColumn(), TimeRemainingColumn())
     return Progress(TextColumn("{task.description}"), *columns, console=console, disable=not console.is_terminal)
+
+
+def counting(bar: Progress, what: str, total: int) -> Callable[[], None]:
+    """Return what counts one step: on the bar, or as a line for each tenth where standard error is not a terminal."""
+    shown = bar.add_task(what, total=total)
+    tenths = {total * tenth // 10 for tenth in range(1, 11)}
+    done = 0
+
+    def advance() -> None:
+        nonlocal done
+        done += 1
+        bar.advance(shown)
+        if bar.disable and done in tenths:
+            say(f"{what}: {done} of {total}", err=True)
+
+    return advance

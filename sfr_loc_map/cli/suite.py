@@ -12,7 +12,7 @@ from typer import Argument, Option
 
 from sfr_loc_map.cli.app import App, examples, propose
 from sfr_loc_map.cli.options import JsonOption, LenientOption, OutputOptions, OverwriteOption
-from sfr_loc_map.cli.output import check_outputs, progress_bar, say, show
+from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, progress_bar, say, show
 from sfr_loc_map.cli.verdict import not_judged
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError, InterruptedRunError
 from sfr_loc_map.inputs import one_line
@@ -197,6 +197,10 @@ def _present(
     ]
     for text in incomplete:
         say(text, err=True)
+    if summary.verdict is not None:
+        counts = summary.counts
+        said = f"verdict: {summary.verdict}. {counts['done']} of {counts['tasks']} tasks have a result"
+        say(said, err=json_path == STANDARD_OUTPUT)
     if missed := sum(item.state is VerdictState.FAIL for _, item in verdicts):
         judged = sum(item.state is not VerdictState.INCOMPLETE for _, item in verdicts)
         raise FailedVerdictError(f"{missed} of {judged} limits over all drives missed")

@@ -166,11 +166,12 @@ def test_a_suite_with_half_a_drive_is_incomplete_unless_a_part_is_allowed(sfr: S
         run = sfr("suite", "run", suite, "--out", tmp_path / name / "out", "--workers", 1, "--json", "-")
         found = json.loads(run.out)
         assert (run.code, found["verdict"]) == (code, verdict), name
+        assert f"verdict: {verdict}. 2 of 2 tasks have a result" in run.err
         half = [drive for drive in found["drives"] if "incomplete" in drive]
         if verdict == "pass":
             assert not half
             continue
         assert half[0]["source"] == "drive0.csv"
         (first, *_) = found["groups"][0]["verdicts"]
-        assert (first["metric"], first["verdict"], first["missed_by"]) == ("judged_share_min", "incomplete", 1)
+        assert (first["name"], first["verdict"], first["missed_by"]) == ("judged_share_min", "incomplete", 1)
         assert "incomplete: 1 of 2 drives of score" in run.err
