@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Option
 
 from sfr_loc_map.cli.app import app, examples
-from sfr_loc_map.cli.options import ConditionOption, JudgeOptions, NamespaceOption, require_ros
+from sfr_loc_map.cli.options import NamespaceOption, require_ros
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import (
     ConfigError,
@@ -23,7 +23,6 @@ from sfr_loc_map.errors import (
     NotJudgedError,
 )
 from sfr_loc_map.inputs import one_line
-from sfr_loc_map.metrics.config import score_config
 
 if TYPE_CHECKING:
     from sfr_loc_map.live.foxglove import FoxgloveView
@@ -75,15 +74,11 @@ def live_beside(wanted: bool, port: int, namespace: str = "", *, isolated: bool 
         "sfr live --namespace rover1 --port 0 --open",
         "sfr live --host 0.0.0.0 --token a-long-secret",
         "sfr live --terminal",
-        "sfr live out/ --rate 4",
     ),
     hint="sfr replay SRC --live --out DIR    # a run that is scored while the page shows it",
 )
 def live(
-    source: Annotated[
-        Path | None,
-        Argument(metavar="[SRC]", help="Folder of sfr replay --out, bag or data set to play; none: running nodes."),
-    ] = None,
+    former: Annotated[list[Path] | None, Argument(hidden=True)] = None,
     namespace: NamespaceOption = "",
     host: Annotated[
         str, Option(metavar="H", help="Address to listen on; but for loopback it needs --token.")
@@ -94,26 +89,18 @@ def live(
     terminal: Annotated[
         bool, Option(help="Show the figures on this terminal; one line a second where there is none.")
     ] = False,
-    rate: Annotated[float, Option(metavar="R", min=0.01, max=100.0, help="Multiple of the recorded speed.")] = 1.0,
-    truth: Annotated[Path | None, Option(metavar="SRC", help="Source with truth and images of what is played.")] = None,
-    limits: Annotated[Path | None, Option(metavar="F.yaml", help="Limits by which it is judged.")] = None,
-    condition: ConditionOption = None,
     foxglove: Annotated[bool, Option(help="Serve the same over the Foxglove protocol besides, on loopback.")] = False,
     foxglove_port: Annotated[int, Option(metavar="P", min=0, max=65535, help="Its port; 0: a free one.")] = 8765,
 ) -> None:
     """Serve a page with figures, path, images and map of the running nodes, until Ctrl-C.
 
-    It prints its address when it is ready, and never waits for or delays the nodes. With SRC it plays what was
-    recorded, without nodes, on a time line; the figures are those of its place, at the end those of sfr score. On a
-    terminal q ends, and of what is played space pauses and the arrows go 5 s back and on.
+    It prints its address when it is ready, and never waits for or delays the nodes. On a terminal q ends.
     """
     from sfr_loc_map.live.state import LiveState
 
-    if source is None:
-        options = {"rate": rate != 1.0, "truth": truth, "limits": limits, "condition": condition}
-        if given := next((name for name, value in options.items() if value), ""):
-            raise ConfigError(f"'--{given}' is of a recording: give SRC, or leave it out (the monitor has its own)")
-        require_ros("live")
+    if former:
+        raise ConfigError(f"'{former[0]}': sfr live shows running nodes; sfr replay SRC --live plays a recording")
+    require_ros("live")
     view_of = _foxglove_view() if foxglove else None
     state, config = LiveState(), None
     if not terminal:
@@ -122,18 +109,10 @@ def live(
 
         config = build(LiveConfig, {"host": host, "port": port, "token": token}, origin="sfr live")
     with ExitStack() as stack:
-        if source is None:
-            from sfr_loc_map.nodes.live_feed import RosFeed
+        from sfr_loc_map.nodes.live_feed import RosFeed
 
-            title = namespace
-            stack.enter_context(RosFeed(state, namespace))
-        else:
-            from sfr_loc_map.live.playback import Player, open_recording
-
-            recording, (parsed, _) = open_recording(source, truth), JudgeOptions(limits, condition).read()
-            title, judged = recording.title, {} if condition else recording.settings
-            config_of = score_config(condition, judged)
-            stack.enter_context(Player(state, recording, config_of, parsed or recording.limits, rate))
+        title = namespace
+        stack.enter_context(RosFeed(state, namespace))
         if view_of is not None:
             view = stack.enter_context(view_of(state, foxglove_port, title))
             print(f"foxglove: {view.url}", flush=True)

@@ -9,9 +9,6 @@ import termios
 import tty
 from typing import Any
 
-SEEK_STEP_S = 5.0
-
-
 ARROWS = {b"\x1b[A": "up", b"\x1b[B": "down", b"\x1b[C": "right", b"\x1b[D": "left"}
 MAX_BYTES = 64
 

@@ -145,10 +145,8 @@ class LiveState:
         self.media: dict[str, updates.Media] = {}  # the newest of each topic
         self.topics: dict[str, TopicView] = {}
         self.lost: dict[str, int] = {}  # messages that did not arrive here, by topic
-        self.time_line: updates.TimeLine | None = None  # of the player of a recorded run
         self.problems: deque[str] = deque(maxlen=MAX_PROBLEMS)  # what could not be read, the latest last
         self.timeline = Timeline()
-        self.place_s: float | None = None  # of a recording that is played: what it tells is in the time line before
         self.ended_s: float | None = None  # when; a run that is under way is not incomplete
         self.aborted: dict[str, Any] | None = None  # by what, and when, seconds
         self.report_page = b""  # of a run that is over: HTML
@@ -222,12 +220,10 @@ class LiveState:
     def live_to_plain(self, now_s: float) -> dict[str, Any]:
         """Return what `state.json` adds to the score, as JSON values, but for what changes with the report only."""
         with self.lock:
-            if self.time_line is not None and not self.time_line.playing:  # while a player stands still, nothing ages
-                now_s = min(now_s, self._heard_s)
             silent = {name: node.heard_s for name, node in self.nodes.items() if node.heard_s and node.is_stale(now_s)}
-            if not self.ended and self.place_s is None:
+            if not self.ended:
                 self.timeline.look(now_s, silent)
-            report, rows, line = self.report, self.path.rows, self.time_line
+            report, rows = self.report, self.path.rows
             localisation = None
             if rows:
                 node = self.nodes.get(LOCALISATION_NODE)
@@ -252,9 +248,6 @@ class LiveState:
                 "last_call": {call["node"]: call for call in self.calls},
                 "poses": rows[-1].n + 1 if rows else 0,
                 "problems": list(self.problems),
-                "time_line": None
-                if line is None
-                else {"at_s": line.at_s, "end_s": line.end_s, "playing": line.playing},
             }
 
     def events_to_plain(self) -> list[dict[str, Any]]:
@@ -283,8 +276,8 @@ class LiveState:
         return self.nodes.get(name)
 
     def _take_in(self, update: updates.Update) -> None:
-        at_s = getattr(update, "received_s", 0.0) if self.place_s is None else self.place_s
-        if self.place_s is None and not self.ended:
+        at_s = getattr(update, "received_s", 0.0)
+        if not self.ended:
             self.timeline.take(update, at_s)
         match update:
             case updates.Report():
@@ -326,14 +319,6 @@ class LiveState:
                     self._node(name)
                 for name, node in self.nodes.items():
                     node.in_graph = name in update.nodes
-            case updates.TimeLine():
-                self.time_line = update
-                if update.restarted:
-                    self.path.restart()
-                    for shown in (self.calls, self.media, self.nodes, self.topics):
-                        shown.clear()
-                    self.report = None
-                    self.timeline.forget(EventKind.LIMIT)
             case _:
                 before = self.media.get(update.topic)
                 if before is None and len(self.media) >= MAX_TOPICS:

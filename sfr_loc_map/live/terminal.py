@@ -18,9 +18,8 @@ from rich.table import Table as Grid
 from rich.text import Text
 
 from sfr_loc_map.inputs import one_line, printable
-from sfr_loc_map.live.keyboard import SEEK_STEP_S, Keyboard
+from sfr_loc_map.live.keyboard import Keyboard
 from sfr_loc_map.live.state import LiveState, ReportView
-from sfr_loc_map.live.updates import Action, Command
 from sfr_loc_map.report.tables import ABSENT, METRE, MIB, MILLISECOND, OPEN, VERDICTS, Table, fitting, number, to_rich
 
 PERIOD_S, LINE_PERIOD_S, KEY_PERIOD_S = 0.5, 1.0, 0.05
@@ -67,12 +66,8 @@ class Terminal:
         with self._state.lock:
             live = self._state.live_to_plain(now_s)
             body = Group(*_parts(self._state, live, now_s, self._title, self._console.width))
-        words = "q ends"
-        if (line := live["time_line"]) is not None:
-            state = "playing" if line["playing"] else "at its end" if line["at_s"] >= line["end_s"] else "paused"
-            words = f"{line['at_s']:.1f} of {line['end_s']:.1f} s, {state}   q ends, space pauses, left and right 5 s"
         layout = Layout()
-        foot = Text(words, "reverse", no_wrap=True, overflow="ellipsis")
+        foot = Text("q ends", "reverse", no_wrap=True, overflow="ellipsis")
         layout.split_column(Layout(body), Layout(foot, size=1))
         return layout
 
@@ -81,14 +76,8 @@ class Terminal:
         self._console.file.flush()
 
     def _press(self, key: str) -> None:
-        place = self._state.time_line
         if key in ("q", "Q"):
             self._ended = True
-        elif place is not None and key == " ":
-            self._state.run(Command(Action.PAUSE if place.playing else Action.PLAY))
-        elif place is not None and key in ("left", "right"):
-            step = SEEK_STEP_S if key == "right" else -SEEK_STEP_S
-            self._state.run(Command(Action.SEEK, at_s=min(max(place.at_s + step, 0.0), place.end_s)))
 
 
 def one_line_of(state: LiveState, now_s: float) -> str:

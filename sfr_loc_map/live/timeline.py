@@ -147,12 +147,6 @@ class Timeline:
         self.version += 1
         self._add(Event(kind, at_s, at_s, kind, text[:MAX_TEXT]))
 
-    def forget(self, kind: EventKind) -> None:
-        """Forget all events of a kind: a recording is judged again."""
-        self.version += 1
-        self.events = [event for event in self.events if event.kind is not kind]
-        self._open = {lane: event for lane, event in self._open.items() if event.kind is not kind}
-
     def end(self, at_s: float) -> None:
         """End what goes on."""
         for lane in list(self._open):

@@ -1,6 +1,6 @@
 """What passes between a feed and the live state: small frozen records of what has happened, commands the other way.
 
-A feed is whatever receives a run: the ROS node, or the player of a recorded one. Times are seconds of the host's system
+A feed receives a run: the ROS node. Times are seconds of the host's system
 clock, stamps are those of the messages.
 """
 
@@ -9,11 +9,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Annotated, ClassVar, Protocol
+from typing import ClassVar, Protocol
 
 import msgspec
 import numpy as np
-from msgspec import Meta
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, FloatArray32
@@ -156,22 +155,12 @@ class GraphView:
     lost: Mapping[str, int] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True)
-class TimeLine:
-    """Where the player of a recorded run is; `restarted` where it has gone back and what was shown does not hold."""
-
-    at_s: float
-    end_s: float
-    playing: bool
-    restarted: bool = False
-
-
 Media = ImageSample | CloudSample | ElevationSample | TrackSample  #: What is large: of each topic the newest is kept.
-Update = Report | PoseSample | Status | Sampled | Media | GraphView | TimeLine
+Update = Report | PoseSample | Status | Sampled | Media | GraphView
 
 
 class Action(StrEnum):
-    """What may be asked of the nodes or of a player."""
+    """What may be asked of the nodes."""
 
     ACTIVATE = "activate"
     DEACTIVATE = "deactivate"
@@ -179,19 +168,15 @@ class Action(StrEnum):
     FINISH = "finish"
     SAVE = "save"
     BOOKMARK = "bookmark"
-    PLAY = "play"
-    PAUSE = "pause"
-    SEEK = "seek"
 
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One request: of which node, the words of a bookmark, seconds to seek to, as far as it needs them."""
+    """One request: of which node, the words of a bookmark, as far as the action needs them."""
 
     action: Action
     node: str = ""
     text: str = ""
-    at_s: Annotated[float, Meta(ge=0.0, lt=1e9)] = 0.0
 
     @classmethod
     def parse(cls, text: bytes) -> Command:
@@ -204,7 +189,7 @@ class Command:
 
 
 class Operator(Protocol):
-    """Carries commands out: the nodes' services, or a player. `run` says what was done, and may take seconds."""
+    """Carries commands out: the nodes' services. `run` says what was done, and may take seconds."""
 
     @property
     def actions(self) -> frozenset[Action]: ...  # noqa: D102

@@ -76,7 +76,7 @@ COMMANDS = {
     "suite": Long("suite run suite.yaml --out suite --workers 2", seconds=15.0),
     "replay": Long("replay SRC --out out --overwrite --condition frames=5", seconds=20.0),
     "replay-live": Long("replay SRC --rate 1 --live --live-port 0 --condition frames=5", seconds=15.0),
-    "live": Long("live SRC --port 0", endless=True, seconds=5.0),
+    "live": Long("live --port 0", endless=True, seconds=5.0),
     "run": Long("run", endless=True, seconds=6.0),
     "record": Long("record old --all --overwrite", endless=True, seconds=5.0),
 }

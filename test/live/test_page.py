@@ -7,6 +7,7 @@ import time
 from dataclasses import replace
 
 import pytest
+from msgspec import structs
 
 from helpers.browser import CHROMIUM, Browser
 from helpers.live_run import NODES, STEP_NS, fill, frame, health, image
@@ -178,7 +179,8 @@ async def check_hostile_names(browser: Browser, state: LiveState) -> None:
     """Names that are scripts stay texts."""
     score = whole_score(100, 48, 2)
     long = HOSTILE + "x" * 5000
-    hostile = replace(score, warnings=(long,), verdicts=(replace(score.verdicts[0], metric=HOSTILE),))
+    verdict = structs.replace(score.verdicts[0], name=HOSTILE)
+    hostile = structs.replace(score, warnings=(long,), verdicts=(verdict,))
     state.put(Report(to_json(hostile), time.time()))
     state.put(
         Status("monitor_node", StatusKind.HEALTH, 2, long, {"lifecycle": long, "dropped_" + long: long}, time.time())

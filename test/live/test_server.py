@@ -77,7 +77,7 @@ def test_nothing_but_the_page_is_served_and_commands_need_its_token() -> None:
         assert found.operator.commands == []
         assert await found.command(asked, **header) == (200, {"ok": True, "text": "reset done"})
         assert found.operator.commands == [Command(Action.RESET, "mapping_node")]
-        for bad in ({"action": "rm"}, [], {"action": "reset", "at_s": "x"}, {"action": "seek", "at_s": -1}):
+        for bad in ({"action": "rm"}, [], {"action": "reset", "node": 1}):
             assert (await found.command(bad, **header))[0] == 400
         refused = await found.command({"action": "reset", "node": "nowhere"}, **header)
         assert refused[1]["text"] == "there is no such node"

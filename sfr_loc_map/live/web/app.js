@@ -17,7 +17,7 @@ import { dressAllHelp } from "./terms.js";
 import { moment as timeText, offerTimeline, showMoment, showTimeline } from "./timeline.js";
 import { View } from "./view.js";
 
-const FRAME_MS = 40, THEME_KEY = "sfr-live-theme", SEEK_S = 5;
+const FRAME_MS = 40, THEME_KEY = "sfr-live-theme";
 const CHOICES = ["rig", "layer", "colour", "gain"], SWITCHES = ["follow", "tracks"];
 const store = new Store(), lag = new Lag();
 let chosen = null; // the moment that is shown; null: the latest
@@ -64,7 +64,7 @@ panels.add("growth", (moment) => showError(moment, views["error-canvas"]), (mome
 panels.add("cameras", (moment) => showImages(moment, choice("rig"), byId("tracks").checked, noteImage), imagesKey);
 panels.add("elevation", (moment) => showMap(moment.elevation, choice("layer"), currentTheme(), views["map-canvas"]), (moment) => [moment.elevation, choice("layer"), seen("map")]);
 panels.add("cloud", (moment) => showCloud(cloudOf(moment), choice("colour"), currentTheme()), (moment) => [cloudOf(moment), choice("colour")]);
-panels.add("calls", (moment) => showCalls(moment.calls, Boolean(store.nodes?.time_line), moment.report?.limits ?? [], views), (moment) => [moment.calls, moment.report, seen("time", "transport", "receive", "memory")], true);
+panels.add("calls", (moment) => showCalls(moment.calls, moment.report?.limits ?? [], views), (moment) => [moment.calls, moment.report, seen("time", "transport", "receive", "memory")], true);
 panels.add("numbers", (moment) => showReport(moment.report), (moment) => [moment.report]);
 panels.add("health", (moment) => showNodes(moment.nodes, store.ended), (moment) => [moment.nodes, store.ended]);
 
@@ -110,20 +110,14 @@ function draw() {
 
 /** Show where in time it is: the bar spans the recording, or the run as far as it is known. */
 function showTime() {
-  const line = store.nodes?.time_line, now = store.nodes?.time_s ?? 0, events = store.events;
-  if (line) {
-    const state = line.playing ? "" : line.at_s >= line.end_s ? ", at its end" : ", paused";
-    showTimeline({ begin: 0, end: line.end_s, at: line.at_s, events, recorded: true });
-    showMoment(`${timeText(line.at_s)} of ${timeText(line.end_s)}${state}`, line.playing, false);
-  } else {
-    const begin = Math.min(store.moments[0]?.time ?? now, events[0]?.from ?? now);
-    const last = store.ended ? Math.max(...events.map((event) => event.to ?? event.from), begin) : now, end = Math.max(last, begin + 1);
-    showTimeline({ begin, end, at: chosen ? chosen.time : end, events, recorded: false });
-    const words = chosen ? `${timeText(chosen.time)}, ${(now - chosen.time).toFixed(0)} s ago` : store.ended ? "ended" : "live";
-    showMoment(words, !chosen, Boolean(chosen));
-  }
+  const now = store.nodes?.time_s ?? 0, events = store.events;
+  const begin = Math.min(store.moments[0]?.time ?? now, events[0]?.from ?? now);
+  const last = store.ended ? Math.max(...events.map((event) => event.to ?? event.from), begin) : now, end = Math.max(last, begin + 1);
+  showTimeline({ begin, end, at: chosen ? chosen.time : end, events });
+  const words = chosen ? `${timeText(chosen.time)}, ${(now - chosen.time).toFixed(0)} s ago` : store.ended ? "ended" : "live";
+  showMoment(words, !chosen, Boolean(chosen));
   document.body.classList.toggle("paused", Boolean(chosen));
-  writeHash(line ? (line.playing ? null : line.at_s) : (chosen?.time ?? null));
+  writeHash(chosen?.time ?? null);
 }
 
 function showFooter(cloud) {
@@ -134,20 +128,14 @@ function showFooter(cloud) {
   setText(byId("thinned"), parts.length ? `Thinned: ${parts.join("; ")}.` : "Nothing thinned.");
 }
 
-/** Go to a time: a recording is asked for it once it is `final`, of a run under way the moment is shown. */
-function goTo(time, final = true) {
-  if (store.nodes?.time_line) {
-    if (final) ask({ action: "seek", at_s: Math.max(time, 0) });
-    return;
-  }
+/** Show the moment of a time. */
+function goTo(time) {
   const last = store.moments.at(-1);
   chosen = !last || time >= last.time ? null : store.momentAt(time);
   redraw();
 }
 
 function step(by) {
-  const line = store.nodes?.time_line;
-  if (line) return goTo(Math.min(Math.max(line.at_s + by * SEEK_S, 0), line.end_s));
   const at = chosen ? store.moments.findLastIndex((moment) => moment.time <= chosen.time) : store.moments.length - 1;
   const found = store.moments[Math.min(Math.max(at + by, 0), store.moments.length - 1)];
   if (found) chosen = store.momentAt(found.time);
@@ -160,18 +148,8 @@ function now() {
 }
 
 function pause() {
-  const line = store.nodes?.time_line;
-  if (line) ask({ action: line.playing ? "pause" : "play" });
-  else if (chosen) now();
+  if (chosen) now();
   else step(0);
-}
-
-async function ask(content) {
-  try {
-    await command(content);
-  } catch (error) {
-    showMoment(error.message, false, false);
-  }
 }
 
 async function bookmark() {
@@ -221,7 +199,7 @@ function writeHash(time) {
 
 /** Go to the moment of the address once it is known what there is. */
 function goToWanted() {
-  if (wanted === null || !store.nodes || (!store.nodes.time_line && !store.moments.length)) return;
+  if (wanted === null || !store.nodes || !store.moments.length) return;
   goTo(wanted);
   wanted = null;
 }

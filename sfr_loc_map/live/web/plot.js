@@ -137,14 +137,13 @@ export function extent(values) {
   return [low, high];
 }
 
-/** Show the calls of a moment with their limits: over the time of day, those of a recording over their stamps. */
-export function showCalls(calls, recorded, limits, views) {
-  const first = calls.length ? Number(calls[0].stamp_ns) : 0;
-  const timeOf = recorded ? (call) => (Number(call.stamp_ns) - first) / 1e9 : (call) => call.received_s;
+/** Show the calls of a moment with their limits over the time of day. */
+export function showCalls(calls, limits, views) {
+  const timeOf = (call) => call.received_s;
   const draw = (id, name, factor, unit, end) => {
     const on = limits.filter((limit) => end && limit.metric.endsWith(end) && !limit.metric.startsWith("target "));
     const marks = on.map((limit) => ({ y: limit.bound * factor, name: `limit of ${limit.name}` }));
-    drawCalls(calls, timeOf, recorded, id, name, factor, unit, marks, views[id]);
+    drawCalls(calls, timeOf, id, name, factor, unit, marks, views[id]);
   };
   draw("time-canvas", "processing_time_s", 1e3, "ms", "_s");
   draw("transport-canvas", "latency_transport_s", 1e3, "ms");
@@ -152,12 +151,12 @@ export function showCalls(calls, recorded, limits, views) {
   draw("memory-canvas", "memory_bytes", 1 / 2 ** 20, "MiB", "peak_bytes");
 }
 
-function drawCalls(calls, timeOf, recorded, id, name, factor, unit, marks, view) {
+function drawCalls(calls, timeOf, id, name, factor, unit, marks, view) {
   const series = SERIES.map(([node, label, colour]) => ({
     name: label,
     colour,
     dots: label === "mapping",
     points: calls.filter((call) => call.node === node && Number.isFinite(call[name])).map((call) => [timeOf(call), call[name] * factor]),
   })).filter((item) => item.points.length);
-  drawPlot(byId(id), { series, x: recorded ? "s" : "time of day", y: unit, tick: recorded ? undefined : clockTime, empty: "no call yet", marks, view });
+  drawPlot(byId(id), { series, x: "time of day", y: unit, tick: clockTime, empty: "no call yet", marks, view });
 }

@@ -1,4 +1,4 @@
-// The one bar of time, of a run under way and of a recording: what happened when, the moment shown; a click goes there.
+// The one bar of time, of a run: what happened when, the moment shown; a click goes there.
 
 import { byId, clockTime, colour, element, fitted, setText } from "./dom.js";
 
@@ -6,7 +6,7 @@ const EDGE = 8; // half of the thumb of a range input, which lies over the bar
 const LANES = { tracking: [0, 12], degraded: [0, 12], lost: [0, 12], stale: [0, 12], compiling: [15, 6], node: [15, 6], limit: [24, 6] };
 const COLOURS = { tracking: "under", degraded: "degraded", lost: "lost", stale: "stale", compiling: "accent", node: "open", limit: "fail", clock: "accent", aborted: "fail" };
 const NEAR = 4;
-let shown = { begin: 0, end: 1, events: [], recorded: false }, dragged = false;
+let shown = { begin: 0, end: 1, events: [] }, dragged = false;
 
 /** Let the bar ask for moments: `go(time)` while it is dragged, `last` once it is let go. */
 export function offerTimeline(go) {
@@ -42,11 +42,9 @@ export function showTimeline(model) {
   context.beginPath(), context.arc(x, 6, 5, 0, 7), context.fill();
 }
 
-/** Return a time in words: of the day, of a recording from its begin. */
+/** Return a time of the day in words. */
 export function moment(time) {
-  if (!shown.recorded) return clockTime(time);
-  const whole = Math.floor(time / 60);
-  return `${whole}:${(time - 60 * whole).toFixed(1).padStart(4, "0")}`;
+  return clockTime(time);
 }
 
 function draw(context, event, height) {
@@ -91,5 +89,4 @@ export function showMoment(text, playing, canGoBack) {
   setText(byId("pause"), playing ? "Pause" : "Play");
   byId("pause").setAttribute("aria-pressed", String(!playing));
   byId("live").disabled = !canGoBack;
-  byId("live").hidden = shown.recorded;
 }
