@@ -90,6 +90,10 @@ def test_localisation_mapping_and_fusion_are_told_apart() -> None:
     unknown = of(calls(["tracking", "lost"], [1.0, 1.0]))
     assert [unknown.number(name, part="localisation") for name in ("peak", "above_idle")] == [None, None]
     assert unknown.figure("peak", part="mapping") is None
+    zeros = of(calls(["tracking", "tracking"], [1.0, 1.0], [0.0, 5.0]))
+    empty = of(calls(["tracking"], [1.0], [0.0]))
+    assert zeros.number("peak", part="localisation") == 5
+    assert empty.number("peak", part="localisation") is None, "a peak of no bytes was not measured"
     assert unknown.calls.memory_method == METHOD_UNAVAILABLE
 
 
