@@ -45,10 +45,10 @@ from sfr_loc_map.localisation.frontend.image_cells import (
     MOVED_PX,
     Change,
     ExcludedCells,
-    Judged,
+    Explained,
     cell_counts,
     change_of,
-    judge,
+    explain,
 )
 from sfr_loc_map.localisation.frontend.landmarks import ALIGNED_LANDMARKS, Landmarks
 from sfr_loc_map.localisation.frontend.pose_solver import RightOffset
@@ -255,17 +255,17 @@ class GroundSelector:
         far_px = FAR_RATIO * self._shape[1] * reference.age if memory.is_clear else np.inf
         change = change_of(reference.image, image)
         pair = _Pair(frame, prediction, references, change, reference.pose, far_px)
-        judged = self._judge(pair, first)
-        if first.is_trusted and judged.share > MIN_UNEXPLAINED:  # retry all landmarks from this pose
+        explained = self._explain(pair, first)
+        if first.is_trusted and explained.unexplained_fraction > MIN_UNEXPLAINED:  # retry all landmarks from this pose
             again = self._tracker.refine(frame, first.landmarks, first.pose, prediction.offset)
             if again.inlier_count > RETRY_RATIO * first.inlier_count:
                 first = again
-                judged = self._judge(pair, again)
-        ground = self._decide(pair, first, judged, memory)
-        return self._remember(ground, judged, image, reference, change)
+                explained = self._explain(pair, again)
+        ground = self._decide(pair, first, explained, memory)
+        return self._remember(ground, explained, image, reference, change)
 
     def _remember(
-        self, ground: Ground, judged: Judged, image: FloatImage, reference: Reference, change: Change
+        self, ground: Ground, explained: Explained, image: FloatImage, reference: Reference, change: Change
     ) -> Ground:
         """Update the memory after the decision: excluded cells, settling pairs, and the reference image for later."""
         memory = ground.memory
@@ -280,10 +280,10 @@ class GroundSelector:
         elif not is_complete:
             settling = max(settling, min(memory.transfers, SETTLING_PAIRS))
         elif settling > 0 and ground.tracks.is_trusted:
-            settling -= int(judged.far > MOVED_PX)  # a stationary image shows nothing
+            settling -= int(explained.motion_px > MOVED_PX)  # a stationary image shows nothing
             if settling > 0:
                 ground = ground.plus(Finding.UNSETTLED)
-        is_replaced = judged.far > REFERENCE_PX or ground.is_second or reference.age > REFERENCE_PAIRS
+        is_replaced = explained.motion_px > REFERENCE_PX or ground.is_second or reference.age > REFERENCE_PAIRS
         return ground._replace(
             memory=replace(memory, excluded=excluded, settling=settling, reference=reference),
             reference=Reference(image, ground.tracks.pose) if is_replaced and is_complete else reference,
@@ -291,78 +291,80 @@ class GroundSelector:
 
     # ---- the table of cases
 
-    def _decide(self, pair: _Pair, first: Tracks, judged: Judged, memory: GroundMemory) -> Ground:
+    def _decide(self, pair: _Pair, first: Tracks, explained: Explained, memory: GroundMemory) -> Ground:
         """Go through the cases."""
         is_known = memory.confidence.phase is Phase.KNOWN
-        is_wrong = judged.wrong > (MAX_WRONG_KNOWN if is_known else MAX_WRONG_UNKNOWN)
-        is_usual = _is_usual(judged.share, memory)
+        is_wrong = explained.contradicting_fraction > (MAX_WRONG_KNOWN if is_known else MAX_WRONG_UNKNOWN)
+        is_usual = _is_usual(explained.unexplained_fraction, memory)
         if is_wrong or not first.is_trusted or not (is_known or is_usual):
-            outside_body = self._outside_body(pair, first, judged, memory)
+            outside_body = self._outside_body(pair, first, explained, memory)
             if outside_body is not None:
                 return outside_body
         if not first.is_trusted:
             return Ground(first, memory)
         if is_wrong:
-            second = self._search(pair, first.landmarks.subset(judged.rest))
-            if second is None or self._judge(pair, second).wrong > MAX_WRONG_UNKNOWN:
-                doubted = memory.doubted(self._unexplained_cells(judged))
+            second = self._search(pair, first.landmarks.subset(explained.unexplained))
+            if second is None or self._explain(pair, second).contradicting_fraction > MAX_WRONG_UNKNOWN:
+                doubted = memory.doubted(self._unexplained_cells(explained))
                 return Ground(first, doubted).plus(Finding.CONTRADICTED)
-            return self._choose(pair, first, second, judged, memory)
+            return self._choose(pair, first, second, explained, memory)
         if not is_usual and 0 < memory.transfers < MAX_TRANSFERS:
             return _partial_transfer(first, memory)
         if not is_usual:
-            second = self._search(pair, first.landmarks.subset(judged.rest))
-            if second is not None and self._differ(pair, first, second, judged.far):
-                return self._choose(pair, first, second, judged, memory)
-            if judged.share >= MAX_UNEXPLAINED and memory.transfers < MAX_TRANSFERS:
+            second = self._search(pair, first.landmarks.subset(explained.unexplained))
+            if second is not None and self._differ(pair, first, second, explained.motion_px):
+                return self._choose(pair, first, second, explained, memory)
+            if explained.unexplained_fraction >= MAX_UNEXPLAINED and memory.transfers < MAX_TRANSFERS:
                 return _partial_transfer(first, memory)
-        return self._one_motion(first, judged, memory, is_usual=is_usual)
+        return self._one_motion(first, explained, memory, is_usual=is_usual)
 
-    def _outside_body(self, pair: _Pair, first: Tracks, judged: Judged, memory: GroundMemory) -> Ground | None:
+    def _outside_body(self, pair: _Pair, first: Tracks, explained: Explained, memory: GroundMemory) -> Ground | None:
         """Return the motion of the landmarks outside static texture, if they follow one; None otherwise.
 
         That texture is then taken to be the rover's own body.
         """
-        if np.count_nonzero(judged.stays) < MIN_FIXED:
+        if np.count_nonzero(explained.on_static) < MIN_FIXED:
             return None
-        second = self._search(pair, first.landmarks.subset(~judged.stays))
+        second = self._search(pair, first.landmarks.subset(~explained.on_static))
         if second is None:
             return None
         if first.is_trusted and self._image_motion(pair, second, first.pose) < MIN_DIFFERENCE_PX:
             return None
-        by_second = self._judge(pair, second)
-        if by_second.wrong >= MAX_WRONG_UNKNOWN:
+        by_second = self._explain(pair, second)
+        if by_second.contradicting_fraction >= MAX_WRONG_UNKNOWN:
             return None
-        return self._second_wins(pair, first, second, judged.stays, by_second.cells, memory)
+        return self._second_wins(pair, first, second, explained.on_static, by_second.fixed_cells, memory)
 
-    def _one_motion(self, first: Tracks, judged: Judged, memory: GroundMemory, *, is_usual: bool) -> Ground:
+    def _one_motion(self, first: Tracks, explained: Explained, memory: GroundMemory, *, is_usual: bool) -> Ground:
         """Return the only motion, without what is fixed to the camera."""
         was_known = memory.confidence.phase is Phase.KNOWN
-        memory = _with_typical(replace(memory, transfers=0), judged.share, is_usual=is_usual)
-        memory = self._with_confidence(memory, first, judged, is_usual=is_usual)
-        if judged.cells.any():
-            memory = replace(memory, excluded=memory.excluded.with_cells(judged.cells, np.zeros_like(judged.cells)))
-        ground = Ground(first, memory, not_ground=first.landmarks.index[judged.fixed])
+        memory = _with_typical(replace(memory, transfers=0), explained.unexplained_fraction, is_usual=is_usual)
+        memory = self._with_confidence(memory, first, explained, is_usual=is_usual)
+        if explained.fixed_cells.any():
+            memory = replace(memory, excluded=memory.excluded.with_fixed(explained.fixed_cells))
+        ground = Ground(first, memory, not_ground=first.landmarks.index[explained.on_fixed])
         if was_known and not is_usual:
             ground = ground.plus(Finding.UNEXPLAINED)
-        if judged.share >= MAX_UNEXPLAINED or memory.confidence.phase is Phase.IN_DOUBT:
+        if explained.unexplained_fraction >= MAX_UNEXPLAINED or memory.confidence.phase is Phase.IN_DOUBT:
             ground = ground._replace(ambiguity=AT_LEAST_UNOBSERVED).plus(Finding.AMBIGUOUS)
         return ground
 
-    def _with_confidence(self, memory: GroundMemory, first: Tracks, judged: Judged, *, is_usual: bool) -> GroundMemory:
+    def _with_confidence(
+        self, memory: GroundMemory, first: Tracks, explained: Explained, *, is_usual: bool
+    ) -> GroundMemory:
         """Return the memory with the confidence after a pair of one motion; a stationary pair shows nothing."""
         confidence = memory.confidence
-        if confidence.phase is Phase.KNOWN or judged.far <= MOVED_PX:
+        if confidence.phase is Phase.KNOWN or explained.motion_px <= MOVED_PX:
             return memory
         is_in_doubt = confidence.phase is Phase.IN_DOUBT
-        is_covered = not is_in_doubt or self._covers_doubt(first, judged, memory)
+        is_covered = not is_in_doubt or self._covers_doubt(first, explained, memory)
         if memory.excluded.moving_fraction < MAX_MOVING and is_covered:
             return replace(memory, confidence=confidence.agreed())
         if is_in_doubt and not is_usual:
-            return memory.doubted(self._unexplained_cells(judged))
+            return memory.doubted(self._unexplained_cells(explained))
         return replace(memory, confidence=confidence.interrupted())
 
-    def _choose(self, pair: _Pair, first: Tracks, second: Tracks, judged: Judged, memory: GroundMemory) -> Ground:
+    def _choose(self, pair: _Pair, first: Tracks, second: Tracks, explained: Explained, memory: GroundMemory) -> Ground:
         """Return the one of two motions that has more evidence; it is ambiguous if the evidence is not clear.
 
         The second motion explains the landmarks that the first one does not.
@@ -373,46 +375,47 @@ class GroundSelector:
             return _partial_transfer(first, memory)
         ratio = self._evidence(pair, first, second) / self._evidence(pair, second, first)
         first_wins = ratio >= 1.0
-        explained = 1.0 - judged.share
+        winner_fraction = 1.0 - explained.unexplained_fraction
         if not first_wins:
-            explained = judged.share * second.inlier_count / len(second.inliers)
+            winner_fraction = explained.unexplained_fraction * second.inlier_count / len(second.inliers)
         is_clear = not 1.0 / CLEAR_RATIO < ratio < CLEAR_RATIO
-        if memory.confidence.phase is not Phase.KNOWN or explained < 1.0 - MAX_UNEXPLAINED or not is_clear:
+        if memory.confidence.phase is not Phase.KNOWN or winner_fraction < 1.0 - MAX_UNEXPLAINED or not is_clear:
             tracks = first
             if not first_wins:
                 tracks = self._tracker.refine(pair.frame, first.landmarks, second.pose, pair.prediction.offset)
-            doubted = memory.doubted(self._unexplained_cells(judged))
+            doubted = memory.doubted(self._unexplained_cells(explained))
             ambiguity = pose_distance(first.pose, second.pose)
             ground = Ground(tracks, doubted, ambiguity=ambiguity, is_second=not first_wins)
             return ground.plus(Finding.AMBIGUOUS)
-        follows_second = np.zeros(len(judged.rest), np.bool_)
-        follows_second[np.flatnonzero(judged.rest)[second.inliers]] = True
+        follows_second = np.zeros(len(explained.unexplained), np.bool_)
+        follows_second[np.flatnonzero(explained.unexplained)[second.inliers]] = True
         if not first_wins:
             follows_first = first.inliers & ~follows_second
-            cells = self._cells(judged.cell[follows_first])
+            cells = self._cells(explained.cell_index[follows_first])
             return self._second_wins(pair, first, second, follows_first, cells, memory)
-        moving = self._cells(self._judge(pair, second).cell[second.inliers])
-        excluded = memory.excluded.with_cells(judged.cells, moving & ~judged.cells)
-        not_ground = first.landmarks.index[follows_second | judged.fixed]
+        moving = self._cells(self._explain(pair, second).cell_index[second.inliers])
+        excluded = memory.excluded.with_fixed(explained.fixed_cells).with_moving(moving & ~explained.fixed_cells)
+        not_ground = first.landmarks.index[follows_second | explained.on_fixed]
         return Ground(first, replace(memory, excluded=excluded), not_ground=not_ground)
 
     def _second_wins(
         self, pair: _Pair, first: Tracks, second: Tracks, excluded: Mask, cells: Mask, memory: GroundMemory
     ) -> Ground:
         """Return the second motion without the landmarks `(M,)` and cells `(R, C)` that do not follow it."""
-        memory = replace(memory, excluded=memory.excluded.with_cells(cells, np.zeros_like(cells)))
+        memory = replace(memory, excluded=memory.excluded.with_fixed(cells))
         tracks = self._tracker.refine(
             pair.frame, first.landmarks.subset(~excluded), second.pose, pair.prediction.offset
         )
         ground = Ground(tracks, memory, not_ground=first.landmarks.index[excluded], is_second=True)
-        is_complete = self._judge(pair, tracks).share < MIN_UNEXPLAINED + TYPICAL_FACTOR * (memory.typical or 0.0)
+        usual = MIN_UNEXPLAINED + TYPICAL_FACTOR * (memory.typical or 0.0)
+        is_complete = self._explain(pair, tracks).unexplained_fraction < usual
         return ground if is_complete else ground.plus(Finding.PARTIAL_TRANSFER)
 
     # ---- what the cases ask
 
-    def _judge(self, pair: _Pair, tracks: Tracks, since: Pose | None = None, pose: Pose | None = None) -> Judged:
+    def _explain(self, pair: _Pair, tracks: Tracks, since: Pose | None = None, pose: Pose | None = None) -> Explained:
         """Return what a motion explains: by default from the pose of the reference image to the pose of the tracks."""
-        return judge(
+        return explain(
             pose or tracks.pose,
             since or pair.since,
             tracks.landmarks.estimates,
@@ -426,7 +429,7 @@ class GroundSelector:
 
     def _image_motion(self, pair: _Pair, tracks: Tracks, since: Pose, pose: Pose | None = None) -> float:
         """Return the image motion of the landmarks, px, from one pose to that of the tracks, or to another one."""
-        return self._judge(pair, tracks, since, pose).far
+        return self._explain(pair, tracks, since, pose).motion_px
 
     def _search(self, pair: _Pair, landmarks: Landmarks) -> Tracks | None:
         """Return a motion of some landmarks: from the guesses, then by optical flow; None if too few agree on one."""
@@ -460,15 +463,15 @@ class GroundSelector:
         least_px = max(MIN_DIFFERENCE_PX, MIN_DIFFERENCE_RATIO * image_motion_px)
         return self._image_motion(pair, second, first.pose) > least_px
 
-    def _covers_doubt(self, first: Tracks, judged: Judged, memory: GroundMemory) -> bool:
+    def _covers_doubt(self, first: Tracks, explained: Explained, memory: GroundMemory) -> bool:
         """Return whether inliers cover at least half of the contradicting cells, within one cell."""
-        seen = self._cells(judged.cell[first.inliers]).astype(np.uint8)
+        seen = self._cells(explained.cell_index[first.inliers]).astype(np.uint8)
         beside = cv2.dilate(seen, np.ones((3, 3), np.uint8)) > 0
         return bool((beside & memory.contradicting).sum() >= 0.5 * memory.contradicting.sum())
 
-    def _unexplained_cells(self, judged: Judged) -> Mask:
+    def _unexplained_cells(self, explained: Explained) -> Mask:
         """Return the cells `(R, C)` of the landmarks that the motion does not explain."""
-        return self._cells(judged.cell[judged.rest])
+        return self._cells(explained.cell_index[explained.unexplained])
 
     def _cells(self, numbers: NDArray[np.intp]) -> Mask:
         """Return the cells `(R, C)` of some cell numbers."""

@@ -31,9 +31,7 @@ from sfr_loc_map.localisation.frontend.projection import (
     scaled_point,
 )
 
-LEVEL: Final = (
-    1  #: Pyramid level that is compared. Noise is half of that of the image, the texture of the ground is not.
-)
+LEVEL: Final = 1  #: Pyramid level that is compared: it has half the noise of the image but most of its texture.
 SIDE: Final = 8  #: Side of a cell, pixels of that level.
 CELL: Final = SIDE << LEVEL  #: Side of a cell, pixels of the image.
 NOISE_CORRELATION: Final = 0.35  #: Correlation of neighbouring pixels of the residual above which it is not noise.
@@ -43,8 +41,8 @@ third of a pixel exceeds it."""
 MAX_NOISE: Final = 0.33  #: Maximum variance of the residual of a cell that stays, over its smaller gradient variance.
 MIN_GRADIENT: Final = 1.0  #: Minimum gradient variance of a textured cell, grey levels squared per pixel squared.
 CONTRAST: Final = 4.0  #: Variance of a cell, grey levels squared, at which the gain is halfway between 1 and its fit.
-FIXED_LIFE, MOVING_LIFE = 10, 8
-"""Pairs for which a cell is left out after it was last seen to be fixed, or to move."""
+FIXED_LIFE: Final = 10  #: Pairs for which a cell is excluded after it was last seen to be fixed to the camera.
+MOVING_LIFE: Final = 8  #: Pairs for which a cell is excluded after it was last seen to move.
 NEAR: Final = 4  #: Cells to each side whose landmarks predict the image motion of a cell.
 STATIONARY_PX, MOVED_PX = 0.25, 2.0
 """Image motion, pixels, below which a pose leaves a cell where it was, and above which the pose moves the cell."""
@@ -141,17 +139,17 @@ def change_of(before: FloatImage, now: FloatImage) -> Change:
     return Change(changed, stays)
 
 
-class Judged(NamedTuple):
+class Explained(NamedTuple):
     """How far a motion explains a pair, by M landmarks and the cells `(R, C)`."""
 
-    far: float  #: 90th percentile of the image motion of the landmarks, pixels; 0 without landmarks.
-    cell: NDArray[np.intp]  #: `(M,)` numbers of the cells in which the pose sees the landmarks; R * C outside.
-    stays: Mask  #: `(M,)` landmarks whose host pixels are in cells that stay.
-    fixed: Mask  #: `(M,)` outliers among these that the pose moves: they are fixed to the camera.
-    rest: Mask  #: `(M,)` outliers in view that neither are fixed to the camera nor lie in a cell that is.
-    share: float  #: Fraction of `rest` among the landmarks in view.
-    cells: Mask  #: `(R, C)` cells that stay although the pose moves them.
-    wrong: float  #: Fraction of the cells that changed although the pose does not move them.
+    motion_px: float  #: 90th percentile of the image motion of the landmarks, pixels; 0 without landmarks.
+    cell_index: NDArray[np.intp]  #: `(M,)` numbers of the cells in which the pose sees the landmarks; R * C outside.
+    on_static: Mask  #: `(M,)` landmarks whose host pixels are in cells that stay.
+    on_fixed: Mask  #: `(M,)` outliers among these that the pose moves: they are fixed to the camera.
+    unexplained: Mask  #: `(M,)` outliers in view that neither are fixed to the camera nor lie in a cell that is.
+    unexplained_fraction: float  #: Fraction of `unexplained` among the landmarks in view.
+    fixed_cells: Mask  #: `(R, C)` cells that stay although the pose moves them.
+    contradicting_fraction: float  #: Fraction of the cells that changed although the pose does not move them.
 
 
 @jit_fast_inline
@@ -210,7 +208,7 @@ def _project(pose: Pose, landmarks: LandmarkEstimates, n: int, camera: StereoCam
 
 
 @jit_fast
-def judge(
+def explain(
     pose: Pose,
     reference: Pose,
     landmarks: LandmarkEstimates,
@@ -220,8 +218,8 @@ def judge(
     camera: StereoCamera,
     shape: tuple[int, int],
     far_px: float,
-) -> Judged:
-    """Judge a pose by the landmarks and the cells of an image `(height, width)`.
+) -> Explained:
+    """Return what a pose explains of the landmarks and the cells of an image `(height, width)`.
 
     Args:
         pose: Pose of the left camera at the image.
@@ -289,7 +287,7 @@ def judge(
         if not np.isnan(motion_px[n]):
             known_px[known] = motion_px[n]
             known += 1
-    return Judged(
+    return Explained(
         reorder_to_rank(known_px[:known], 9 * known // 10) if known else 0.0,
         cell,
         stays,
@@ -317,15 +315,15 @@ class ExcludedCells:
         count = cell_counts(shape)
         return cls(np.zeros(count, np.int64), np.zeros(count, np.bool_))
 
-    def with_cells(self, fixed: Mask, moving: Mask) -> ExcludedCells:
-        """Exclude cells `(R, C)`, fixed to the camera or moving, from the next pair on."""
-        life = self.life.copy()
-        is_fixed = self.is_fixed.copy()
-        life[moving] = MOVING_LIFE
-        life[fixed] = FIXED_LIFE
-        is_fixed[moving] = False
-        is_fixed[fixed] = True
-        return replace(self, life=life, is_fixed=is_fixed)
+    def with_fixed(self, cells: Mask) -> ExcludedCells:
+        """Exclude cells `(R, C)` that are fixed to the camera, from the next pair on."""
+        life = np.where(cells, FIXED_LIFE, self.life)
+        return replace(self, life=life, is_fixed=self.is_fixed | cells)
+
+    def with_moving(self, cells: Mask) -> ExcludedCells:
+        """Exclude cells `(R, C)` that move otherwise than the ground, from the next pair on."""
+        life = np.where(cells, MOVING_LIFE, self.life)
+        return replace(self, life=life, is_fixed=self.is_fixed & ~cells)
 
     def after_pair(self, stays: Mask, shape: tuple[int, int]) -> ExcludedCells:
         """Age the cells by a pair, in which the texture of some cells `(R, C)` stays, and draw the mask.
