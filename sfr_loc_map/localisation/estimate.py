@@ -53,7 +53,8 @@ class TrackingState(StrEnum):
 
     INITIALISING = "initialising"  #: The first pair: the pose is the start pose.
     TRACKING = "tracking"  #: A pose was estimated, and no check reported a problem.
-    #: A pose was estimated, but a check reported a problem. Its covariance is inflated and the reason is published.
+    #: A pose was estimated or kept, but a check reported a problem. The reason is published, and the covariance
+    #: contains what the problem may add (`guards.RULES`).
     DEGRADED = "degraded"
     LOST = "lost"  #: The pose is unknown.
 
@@ -111,7 +112,7 @@ class StepEstimate:
     seconds: float  #: Time since the pose before, s; 0 at the first pose.
     motion: FloatArray  #: `(6,)` translation, m, and rotation vector, rad.
     covariance: FloatArray  #: `(6, 6)` covariance of the motion, ROS order, independent from step to step.
-    #: `(6,)` independent standard deviations, on the axes of RB, of errors that all steps share: they add up.
+    #: `(6,)` independent signed one-sigma effects, on the axes of RB, of errors that all steps share: they add up.
     systematic: FloatArray
     noise: FloatArray  #: `(6, 6)` white noise of the pose itself, in RB there; the next step takes it back.
     noise_before: FloatArray  #: White noise of the pose before, in RB there.

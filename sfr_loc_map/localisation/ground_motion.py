@@ -159,7 +159,7 @@ class Reference(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundMemory:
-    """What is remembered from pair to pair. A refused pair leaves it behind, too, except for the reference image."""
+    """What is remembered of accepted pairs, and of pairs that contradict their pose."""
 
     excluded: ExcludedCells  #: Cells that do not move with the ground.
     contradicting: Mask  #: `(R, C)` cells that contradicted a motion since the ground is in doubt.
@@ -192,7 +192,8 @@ class GroundMemory:
 
     def after_stale_rows(self, stale: Mask) -> GroundMemory:
         """Return the memory after a pair with stale rows `(H,)`: later pairs may have stale parts, too."""
-        return replace(self, transfers=1, settling=STALE_SETTLING_PAIRS if stale.mean() > MOSTLY_STALE else 1)
+        settling = STALE_SETTLING_PAIRS if stale.mean() > MOSTLY_STALE else 1
+        return replace(self, transfers=max(self.transfers, 1), settling=max(self.settling, settling))
 
     def doubted(self, cells: Mask) -> GroundMemory:
         """Return the memory after it became unknown which motion is the ground's; cells `(R, C)` contradict it."""
@@ -212,9 +213,11 @@ class Ground(NamedTuple):
     is_second: bool = False  #: Whether the tracks follow another motion than the first tracks.
     reference: Reference | None = None  #: Reference image for the next pair, if the pose is accepted.
 
-    def accepted(self) -> GroundMemory:
-        """Return the memory after the pose of the pair was accepted."""
-        return self.memory if self.reference is None else replace(self.memory, reference=self.reference)
+    def accepted(self, *, is_compared: bool) -> GroundMemory:
+        """Return the memory after the pose was accepted; whether later images may be compared with this one."""
+        if self.reference is None or not is_compared:
+            return self.memory
+        return replace(self.memory, reference=self.reference)
 
     def plus(self, *findings: Finding) -> Ground:
         """Return the ground with further findings."""

@@ -72,7 +72,7 @@ class Finding(Enum):
     IDENTICAL_IMAGES = auto()  #: Left and right image are the same image.
     UNTEXTURED = auto()  #: Too few landmarks were tracked, and an image has no texture.
     FEW_LANDMARKS = auto()  #: Too few landmarks were tracked, or they do not agree on a pose.
-    CONTRADICTED = auto()  #: Image cells changed although the pose does not move them.
+    CONTRADICTED = auto()  #: The pose predicts no motion where the image changed.
     SINGULAR = auto()  #: The pose is not finite or not determined.
     SWAPPED = auto()  #: Left and right image are swapped.
     TOO_FAST = auto()  #: No rover moves that fast.
@@ -83,7 +83,7 @@ class Finding(Enum):
     SHEARED_ROWS = auto()  #: The rows of the images are of different moments.
     PARTIAL_TRANSFER = auto()  #: Parts of the images are of different moments.
     UNEXPLAINED = auto()  #: An unusual fraction of the landmarks does not follow the pose.
-    UNSETTLED = auto()  #: A pose was contradicted some pairs ago.
+    UNSETTLED = auto()  #: An earlier pair was contradicted, ambiguous, stale or partially transferred.
     ONE_SIDED = auto()  #: Few inliers are seen in both images although both have texture: one of them may be old.
     AMBIGUOUS = auto()  #: It is unknown which of two motions is the ground's.
 
@@ -96,7 +96,8 @@ class Rule(NamedTuple):
     #: Whether the covariance allows for the motion since the last pose, because the images may partly be older. If the
     #: stale parts are known, they are blanked, and the pose is that of the new parts.
     adds_unobserved: bool = False
-    is_reference: bool = True  #: Whether the pair may become a keyframe or an image for relocalisation.
+    #: Whether later pairs may be compared with this one: as a keyframe, for relocalisation, to detect changes.
+    may_be_keyframe: bool = True
 
 
 RULES: Final = {
@@ -108,18 +109,25 @@ RULES: Final = {
     Finding.SINGULAR: Rule(Action.RESTART, StateReason.IMPLAUSIBLE_MOTION),
     Finding.SWAPPED: Rule(Action.REJECT, StateReason.NO_STEREO),
     Finding.TOO_FAST: Rule(Action.RESTART, StateReason.IMPLAUSIBLE_MOTION),
-    Finding.FROZEN_IMAGE: Rule(Action.DEGRADE, StateReason.REPEATED_IMAGES, is_reference=False),
-    Finding.STALE_ROWS: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, is_reference=False),
+    Finding.FROZEN_IMAGE: Rule(Action.DEGRADE, StateReason.REPEATED_IMAGES, may_be_keyframe=False),
+    Finding.STALE_ROWS: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, may_be_keyframe=False),
     Finding.AFTER_GAP: Rule(Action.DEGRADE, StateReason.UNSEEN_MOTION),
     Finding.CALIBRATION: Rule(Action.DEGRADE, StateReason.CALIBRATION_DRIFT),
     Finding.SHEARED_ROWS: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, adds_unobserved=True),
-    Finding.PARTIAL_TRANSFER: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, adds_unobserved=True, is_reference=False),
+    Finding.PARTIAL_TRANSFER: Rule(
+        Action.DEGRADE, StateReason.TORN_IMAGES, adds_unobserved=True, may_be_keyframe=False
+    ),
     Finding.UNEXPLAINED: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, adds_unobserved=True),
     Finding.UNSETTLED: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, adds_unobserved=True),
     Finding.ONE_SIDED: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, adds_unobserved=True),
     Finding.AMBIGUOUS: Rule(Action.DEGRADE, StateReason.MOVING_REGIONS),
 }
-"""What follows from each finding, in the order of precedence."""
+"""What follows from each finding, in the order of precedence.
+
+The covariance is larger after a few findings only. `AMBIGUOUS` adds `Ground.ambiguity`, which is at least the motion
+since the last pose. `CALIBRATION` adds nothing by itself: the yaw and its standard deviation are always in the
+covariance. `AFTER_GAP` adds nothing by itself: the motion that no image showed is in the start of the window.
+"""
 
 
 class Verdict(NamedTuple):
@@ -128,7 +136,7 @@ class Verdict(NamedTuple):
     action: Action
     reason: StateReason | None  #: Reason of the finding that decides; None without findings.
     adds_unobserved: bool  #: Whether the covariance allows for the motion since the last pose.
-    is_reference: bool  #: Whether the pair may become a keyframe or an image for relocalisation.
+    may_be_keyframe: bool  #: Whether later pairs may be compared with this one.
 
 
 def decide(findings: Collection[Finding]) -> Verdict:
@@ -138,7 +146,7 @@ def decide(findings: Collection[Finding]) -> Verdict:
         action=rules[0].action if rules else Action.ACCEPT,
         reason=rules[0].reason if rules else None,
         adds_unobserved=any(rule.adds_unobserved for rule in rules),
-        is_reference=all(rule.is_reference for rule in rules),
+        may_be_keyframe=all(rule.may_be_keyframe for rule in rules),
     )
 
 

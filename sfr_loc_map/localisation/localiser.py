@@ -14,13 +14,18 @@ A sparse, keyframe-based stereo odometry with a sliding window, in the order of 
 9. Keyframe: if few landmarks are left or they moved far, the pair joins the window, which is adjusted in the background
    (bundle adjustment with marginalisation, OKVIS, Leutenegger et al. 2015; `keyframes`).
 
-The state between two pairs is one immutable value (`state.State`); each stage takes values and returns values.
+The state between two pairs is one immutable value (`state.State`); each stage takes values and returns values. What a
+pair changes in the state:
 
-- `_accept` is the only place where path, map, calibration, shear mean and references learn from a tracked pair.
-- A refused pair (kept or lost) leaves behind what the guards remember (`State.images`, `State.ground`), the number of
-  attempts to relocalise, and in the path the time that no image has shown.
-- A window begins in `_begin`, at the last known pose. The result of a keyframe is taken over in `_finish_keyframe`
-  before the next pair.
+| pair | changes |
+|---|---|
+| accepted (`_accept`) | all fields: only here path, map, calibration, ground and references learn from a pose |
+| kept (`_keep`) | images (not by a repeated pair), ground (doubt about it), covariance and step in the path |
+| lost (`_lost`) | images, attempts to relocalise; the path forgets its velocity |
+| begins a window (`_begin`) | all fields: the window starts at the last known pose |
+
+A pose from outside is applied after each pair (`_with_pose_from_outside`). The result of a keyframe is taken over
+before the next pair (`_finish_keyframe`).
 """
 
 from __future__ import annotations
@@ -184,11 +189,11 @@ class Localiser:
         landmark_map = state.landmark_map
         images = guards.check_images(pair, state.images)
         if Finding.REPEATED_PAIR in images.findings and landmark_map is not None:
-            return self._keep(state, pair.stamp_ns, Finding.REPEATED_PAIR, TrackingStatistics(repeated=1))
+            return self._refuse(state, Finding.REPEATED_PAIR, pair.stamp_ns, TrackingStatistics(repeated=1))
         state = replace(state, images=images.memory)
         if guards.is_one_image(pair):
-            return self._lost(state, Finding.IDENTICAL_IMAGES, TrackingStatistics())
-        # a new window is not compared with earlier images: it may begin with stale ones, which are not blanked
+            return self._refuse(state, Finding.IDENTICAL_IMAGES, pair.stamp_ns)
+        # the first window has no earlier landmarks to be compared with: it may begin with stale images
         with clock.stage("pyramid"):
             frame = StereoFrame.of(pair if landmark_map is None else images.pair)
         if landmark_map is None:
@@ -196,17 +201,17 @@ class Localiser:
         if Finding.STALE_ROWS in images.findings:
             state = replace(state, ground=state.ground.after_stale_rows(images.stale_rows))
         if len(landmark_map.landmarks.index) < self._config.min_tracked:
-            return self._restart(state, frame, guards.of_few_landmarks(frame))
+            return self._refuse(state, guards.of_few_landmarks(frame), pair.stamp_ns, frame=frame)
 
         guesses = state.path.motion.predict(pair.stamp_ns, odometry, self._model)
         prediction = Prediction(guesses, state.calibration.offset)
         tracks = self._track(frame, landmark_map, prediction, state.references, clock)
         ground = self._select_ground(frame, tracks, prediction, state, images)
-        state = replace(state, ground=ground.memory)
         if Finding.CONTRADICTED in ground.findings:
-            return self._keep(state, pair.stamp_ns, Finding.CONTRADICTED, TrackingStatistics())
+            state = replace(state, ground=ground.memory)  # the doubt about the ground outlasts the pair
+            return self._refuse(state, Finding.CONTRADICTED, pair.stamp_ns)
         if not ground.tracks.is_trusted:
-            return self._restart(state, frame, guards.of_few_landmarks(frame), ground.tracks)
+            return self._refuse(state, guards.of_few_landmarks(frame), pair.stamp_ns, frame=frame, tracks=ground.tracks)
         corrected = self._correct_right_camera(ground.tracks, state.calibration, state.shear)
         candidate = Candidate(frame, corrected.tracks, landmark_map.without(ground.not_ground), ground, corrected)
         return self._judge(state, candidate, images.findings | ground.findings, clock)
@@ -258,15 +263,18 @@ class Localiser:
     def _judge(self, state: State, candidate: Candidate, findings: frozenset[Finding], clock: StageClock) -> Outcome:
         """Judge a pose by all guards; accept it if none refuses it."""
         frame, tracks, _, _, corrected = candidate
-        if not tracks.is_trusted:
-            return self._restart(state, frame, guards.of_few_landmarks(frame), tracks)
-        if not guards.is_determined(tracks):
-            return self._restart(state, frame, Finding.SINGULAR, tracks)
+        refusal: Finding | None = None
         is_one_sided = guards.is_one_sided(frame, tracks)
-        if is_one_sided and self._tracker.fits_swapped(frame, tracks, corrected.calibration.offset):
-            return self._lost(state, Finding.SWAPPED, TrackingStatistics(inliers=0), tracks)
-        if not is_plausible(state.path.motion, frame.stamp_ns, tracks.pose, self._config.motion):
-            return self._restart(state, frame, Finding.TOO_FAST, tracks)
+        if not tracks.is_trusted:
+            refusal = guards.of_few_landmarks(frame)
+        elif not guards.is_determined(tracks):
+            refusal = Finding.SINGULAR
+        elif is_one_sided and self._tracker.fits_swapped(frame, tracks, corrected.calibration.offset):
+            refusal = Finding.SWAPPED
+        elif not is_plausible(state.path.motion, frame.stamp_ns, tracks.pose, self._config.motion):
+            refusal = Finding.TOO_FAST
+        if refusal is not None:
+            return self._refuse(state, refusal, frame.stamp_ns, frame=frame, tracks=tracks)
         findings |= guards.check_shear(corrected.shear, corrected.shear_mean)
         findings |= guards.check_calibration(corrected.calibration)
         if is_one_sided:
@@ -276,12 +284,16 @@ class Localiser:
         return self._accept(state, candidate, guards.decide(findings), clock)
 
     def _accept(self, state: State, candidate: Candidate, verdict: Verdict, clock: StageClock) -> Outcome:
-        """Accept a pose, and make the pair a keyframe if one is needed."""
+        """Accept a pose, and make the pair a keyframe if one is needed.
+
+        In a keyframe all landmarks are tracked, and the pose is solved for once more by the same images. This pose
+        replaces the judged one if it is trusted and determined.
+        """
         frame, tracks, landmark_map, ground, corrected = candidate
         calibration = corrected.calibration
         # later pairs are only compared with complete left images
-        is_reference = verdict.is_reference and tracks.left_inlier_count >= self._config.min_tracked
-        is_keyframe = is_reference and self._keyframes.is_needed(tracks, landmark_map)
+        may_be_keyframe = verdict.may_be_keyframe and tracks.left_inlier_count >= self._config.min_tracked
+        is_keyframe = may_be_keyframe and self._keyframes.is_needed(tracks, landmark_map)
         if is_keyframe:
             with clock.stage("refine"):
                 tracks = self._with_all_landmarks(candidate)
@@ -302,9 +314,9 @@ class Localiser:
             landmark_map=landmark_map,
             calibration=calibration,
             shear=corrected.shear_mean,
-            ground=ground.accepted(),
+            ground=ground.accepted(is_compared=verdict.may_be_keyframe),
             references=_with_reference(state.references, frame, tracks)
-            if is_reference
+            if may_be_keyframe
             else state.references.recognised(),
             keyframes=state.keyframes + int(is_keyframe),
             status=TrackingState.TRACKING if verdict.action is Action.ACCEPT else TrackingState.DEGRADED,
@@ -341,41 +353,50 @@ class Localiser:
 
     # ---- pairs without an accepted pose
 
-    def _keep(self, state: State, stamp_ns: int, finding: Finding, statistics: TrackingStatistics) -> Outcome:
-        """Keep the last pose; the rover may stand still or have moved. A lost localiser stays lost."""
-        if state.status is TrackingState.LOST:
-            state = replace(state, path=path.lost(state.path))
-            return Outcome(state, statistics)
-        kept, step = path.kept(state.path, stamp_ns, self._model)
-        state = replace(state, path=kept, status=TrackingState.DEGRADED, reason=guards.RULES[finding].reason)
-        return Outcome(state, statistics, step=step)
-
-    def _restart(self, state: State, frame: StereoFrame, finding: Finding, tracks: Tracks | None = None) -> Outcome:
-        """Report that the pose is unknown; begin a new window after some good images without a known landmark."""
-        count = 0 if state.landmark_map is None else len(state.landmark_map.landmarks.index)
-        is_good = self._relocaliser.is_good_image(frame, count)
-        if is_good:
-            state = replace(state, references=state.references.after_attempt())
-            if state.references.attempts > MAX_ATTEMPTS:
-                return self._begin(state, frame, tracks)
-        return self._lost(state, finding, TrackingStatistics(inliers=0), tracks)
+    def _refuse(
+        self,
+        state: State,
+        finding: Finding,
+        stamp_ns: int,
+        statistics: TrackingStatistics = TrackingStatistics(inliers=0),  # noqa: B008 - frozen
+        *,
+        frame: StereoFrame | None = None,
+        tracks: Tracks | None = None,
+    ) -> Outcome:
+        """Refuse a pair, by the action that `RULES` has for the finding."""
+        action, reason, *_ = guards.RULES[finding]
+        if action is Action.KEEP and state.status is not TrackingState.LOST:
+            kept, step = path.kept(state.path, stamp_ns, self._model)
+            state = replace(state, path=kept, status=TrackingState.DEGRADED, reason=reason)
+            return Outcome(state, statistics, step=step)
+        if action is Action.KEEP:  # a lost localiser stays lost, for the same reason
+            return self._lost(state, state.reason, statistics)
+        if action is Action.RESTART and frame is not None:
+            count = 0 if state.landmark_map is None else len(state.landmark_map.landmarks.index)
+            if self._relocaliser.is_good_image(frame, count):
+                state = replace(state, references=state.references.after_attempt())
+                if state.references.attempts > MAX_ATTEMPTS:
+                    return self._begin(state, frame, tracks)
+        return self._lost(state, reason, statistics, tracks)
 
     def _lost(
-        self, state: State, finding: Finding, statistics: TrackingStatistics, tracks: Tracks | None = None
+        self, state: State, reason: StateReason | None, statistics: TrackingStatistics, tracks: Tracks | None = None
     ) -> Outcome:
         """Report that the pose is unknown."""
-        reason = guards.RULES[finding].reason
         state = replace(state, path=path.lost(state.path), status=TrackingState.LOST, reason=reason)
         return Outcome(state, statistics, tracks)
 
     def _begin(self, state: State, frame: StereoFrame, tracks: Tracks | None = None) -> Outcome:
-        """Begin a window at the last known pose; stay lost without enough landmarks."""
+        """Begin a window at the last known pose; stay lost without enough landmarks.
+
+        The window is degraded if no image has shown the motion since that pose.
+        """
         pose = Pose.of(state.path.motion.T_world_left)
         result = self._keyframes.begin(frame, pose, state.calibration, state.ground.excluded.mask)
         found = len(result.landmark_map.landmarks.index)
         statistics = TrackingStatistics(features=found)
         if found < self._config.min_tracked:
-            return self._lost(state, guards.of_few_landmarks(frame), statistics, tracks)
+            return self._lost(state, guards.RULES[guards.of_few_landmarks(frame)].reason, statistics, tracks)
         keyframes = state.keyframes + 1
         status = TrackingState.INITIALISING if keyframes == 1 else TrackingState.TRACKING
         reason: StateReason | None = None

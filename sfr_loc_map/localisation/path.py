@@ -198,8 +198,8 @@ def restarted(path: Path, stamp_ns: int, landmark_map: LandmarkMap, model: Rover
     position = path.motion.T_world_left.translation
     depth_m = landmark_map.landmarks.median_depth
     known = drift_covariance(path.errors, position, model) + _unobserved_of_left(path, stamp_ns, model)
-    image_rad = model.sources.image_px / model.fx
-    of_first_image = DirectedError(image_rad * depth_m, image_rad).covariance
+    blur_rad = model.sources.blur_px / model.fx
+    of_first_image = DirectedError(blur_rad * depth_m, blur_rad).covariance
     in_window = landmark_map.window.covariance
     errors = replace(
         path.errors,
@@ -231,7 +231,7 @@ def lost(path: Path) -> Path:
 def adjusted(path: Path, pose: Pose, covariance: FloatArray, *, has_yaw_step: bool) -> Path | None:
     """Return the path that continues from the adjusted pose of the last pair; None if the adjustment diverged.
 
-    A change of the yaw correction moves the pose. The standard deviation of the next step grows by this motion.
+    A change of the yaw correction moves the pose. The covariance of the next step grows by the square of this motion.
     """
     if not (np.isfinite(np.column_stack(pose)).all() and np.isfinite(covariance).all()):
         return None
@@ -265,7 +265,7 @@ def _unobserved_of_left(path: Path, stamp_ns: int, model: RoverModel) -> FloatAr
 
 
 def _step_to_same_pose(path: Path, stamp_ns: int, model: RoverModel) -> tuple[StepMemory, StepEstimate]:
-    """Return the step to a pose that stays. The motion that no image showed since the last known pose counts once."""
+    """Return the step to a pose that stays. Only the growth of the unobserved motion since the last step is added."""
     before = path.step
     seconds = 0.0 if before.stamp_ns is None else (stamp_ns - before.stamp_ns) / NS_PER_S
     speed = path.motion.speed

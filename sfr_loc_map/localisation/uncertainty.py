@@ -1,12 +1,16 @@
 """What the estimates may be wrong by: the named error sources, and the covariances that are composed of them.
 
+A new error source is a field of `ErrorSources` and a term in one of the four functions below. If it accumulates along
+the path, it is also a field of `PathErrors`, updated by `path.tracked` and reset by `path._placed` and `path._rebased`.
+
 **Pose** (`pose_covariance`), of the left camera in the world, since the pose at which the run started:
 
-    P = F_s S F_s' + 2 D + F_a A F_a' + image + (disparity^2 + yaw^2 + (0.5 remaining)^2) b b' + u u' + attitude + M
+    P = F_s S F_s' + 2 D + F_a A F_a' + blur + (disparity^2 + yaw^2 + (0.5 remaining)^2) b b' + u u' + attitude + M
 
 S start pose; D drift within the window; A directed errors (ambiguous motions, bending of the path by the lens); b path
 integral of position over disparity error, m/px; u position error of the path travelled with the yaw uncorrected, m; M
-motion that no image showed. F propagates a covariance from where it arose to the present position.
+motion that no image showed; blur the error of a whole image; attitude the rotation that the yaw leaves. F propagates a
+covariance from where it arose to the present position. The factors are fields of `ErrorSources`.
 
 Two poses share most of P, and P shrinks when the yaw of the right camera is learnt. P therefore does not give the
 uncertainty of the motion between two poses, which is composed of steps.
@@ -58,9 +62,9 @@ class ErrorSources:
     The values were chosen so that the NEES is near 1 on rendered drives (docs/decisions/0002, `make nees`).
     """
 
-    image_px: float = 0.03
+    blur_px: float = 0.03
     """Error of a whole image (blur, jitter), px: it is common to all landmarks and therefore unobservable."""
-    image_rad: float = 1e-5
+    exposure_rad: float = 1e-5
     """Attitude noise of a whole image, rad, because its mean exposure is not at the stamp (vibration: 4e-5)."""
     disparity_px: float = 0.01
     """Error that all disparities share, px: it scales the path."""
@@ -205,7 +209,7 @@ class PathErrors:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepMemory:
-    """What the next step needs of the pose published last."""
+    """What the next step needs of the last pose that was not lost."""
 
     stamp_ns: int | None = None  #: Stamp of the pose published last; None before the first.
     T_world_left: Transform | None = None  #: That pose.
@@ -230,8 +234,8 @@ def pose_covariance(
     """Return the covariance of the left camera at a position, with landmarks at a median depth."""
     sources = model.sources
     covariance = drift_covariance(errors, position, model) + errors.located.at(position)
-    image_rad = sources.image_px / model.fx
-    covariance = covariance + np.diag(np.repeat(np.square([image_rad * depth_m, image_rad]), 3))
+    blur_rad = sources.blur_px / model.fx
+    covariance = covariance + np.diag(np.repeat(np.square([blur_rad * depth_m, blur_rad]), 3))
     # errors that all disparities share: a constant one, the yaw as far as it is unknown, and the path travelled
     # before the yaw was corrected
     bias = errors.bias.total - errors.bias_at_start.total
@@ -370,12 +374,12 @@ def pose_noise(
     noise = sources.white_ratio * factor * max(shear, 1.0) * pose_only
     T_rb_left = model.T_rb_left
     noise = propagated_covariance(noise, -T_rb_left.translation, T_rb_left.rotation @ rotation.T)
-    noise[3:, 3:] += sources.image_rad**2 * np.eye(3)
+    noise[3:, 3:] += sources.exposure_rad**2 * np.eye(3)
     return symmetric(noise)
 
 
 def systematic_step(step: StepMotion, depth_m: float, calibration: OnlineCalibration, model: RoverModel) -> FloatArray:
-    """Return the standard deviations `(6,)` of errors common to all steps, as they affect one step, in RB.
+    """Return the signed one-sigma effects `(6,)` of errors common to all steps on one step, in RB.
 
     The depth is the median depth of the landmarks, m.
     """

@@ -25,7 +25,7 @@ def test_each_finding_has_a_rule_and_the_first_rule_gives_the_reason() -> None:
             verdict = decide({other, finding})
             assert verdict.reason == rule.reason
             assert verdict.adds_unobserved == (rule.adds_unobserved or RULES[other].adds_unobserved)
-            assert verdict.is_reference == (rule.is_reference and RULES[other].is_reference)
+            assert verdict.may_be_keyframe == (rule.may_be_keyframe and RULES[other].may_be_keyframe)
     refusing = [rule.action.refuses for rule in RULES.values()]
     assert refusing == sorted(refusing, reverse=True)  # what refuses a pair comes first
     assert decide(set()) == (Action.ACCEPT, None, False, True)

@@ -32,7 +32,7 @@ DEPTH_M, PER_PX = 5.0, 5.0 / 80.0
 """Depth, m, and ratio by which a disparity error of one pixel scales a step: depth / (f b)."""
 STEP, NOTHING = np.array([0.1, 0.0, 0.3]), np.zeros((6, 6))
 LENGTH = np.linalg.norm(STEP)
-ANGLE = SOURCES.image_px / 400.0
+ANGLE = SOURCES.blur_px / 400.0
 IMAGE = np.diag(np.square([ANGLE * DEPTH_M] * 3 + [ANGLE] * 3))
 """Covariance of the error of a whole image: an angle, and that angle at the depth."""
 UNKNOWN_PX = np.hypot(FIRST_SIGMA_PX, SOURCES.disparity_px)
