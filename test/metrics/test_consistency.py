@@ -65,6 +65,10 @@ def test_an_honest_covariance_is_consistent_and_a_wrong_one_is_found_out() -> No
         assert wrong.mean == pytest.approx(6 / factor, rel=0.25)
 
 
+def test_no_two_displacements_of_the_consistency_share_a_step() -> None:
+    assert nees(*odometry(300, 6)).figure("nees").n == 14, "29.9 m hold 14 displacements of 2 m"
+
+
 def test_lost_unknown_and_shrinking_covariances_are_left_out() -> None:
     truth, estimate, covariance = odometry(300, 6)
     assert not nees(truth, estimate, None).rows("nees")
