@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sfr_loc_map.geometry.extrinsics import rig_in_body
+from sfr_loc_map.geometry.extrinsics import mast_head_in_rb, rig_in_body
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import FrameTree, Transform
@@ -55,3 +55,10 @@ def test_what_is_not_joined_to_a_base_is_unknown() -> None:
     loop.add("b", "a", UP)
     assert loop.find("c", "a") is None
     assert loop.find("base_link", "a") is None
+
+
+def test_the_pan_carries_the_tilt() -> None:
+    """Panned left by a right angle and tilted down by 0.3 rad, the head looks left and down, and is level across."""
+    rotation = mast_head_in_rb(np.pi / 2, 0.3).rotation
+    np.testing.assert_allclose(rotation[:, 0], [0.0, np.cos(0.3), -np.sin(0.3)], atol=1e-12)
+    np.testing.assert_allclose(rotation[:, 1], [-1.0, 0.0, 0.0], atol=1e-12)
