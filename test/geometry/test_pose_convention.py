@@ -90,3 +90,10 @@ def test_what_is_not_declared_stays_and_rounded_quaternions_do_not_lengthen_the_
 def test_a_setting_that_is_none_is_one_line(settings: list[str], words: str) -> None:
     with pytest.raises(ConfigError, match=words):
         PoseConvention.parse(settings).T_rb_child(None)
+
+
+def test_the_left_camera_is_to_the_left_of_the_rig() -> None:
+    """A child on the left has positive y in SB, half a baseline from the middle."""
+    for frame, across in (("left", 0.06), ("sb", 0.0), ("right_optical", -0.06)):
+        in_sb = RIG.T_rb_sb.inverse() @ PoseConvention.parse([f"frame={frame}"]).T_rb_child(RIG)
+        np.testing.assert_allclose(in_sb.translation, [0.0, across, 0.0], atol=1e-12)

@@ -52,6 +52,16 @@ def test_an_interval_needs_two_independent_sub_trajectories_and_shrinks_with_mor
     assert interval95(np.full((9, 1), 2.0), 1.0, unsigned=False) == (2.0, 2.0), "nothing scatters"
 
 
+def test_the_scatter_of_overlapping_sums_is_not_underestimated() -> None:
+    """Sums of ten unit steps at each of 30 starts, as good as three independent ones: 3 sigma is 3 sqrt(10)."""
+    rng = np.random.default_rng(5)
+    steps = rng.normal(0.0, 1.0, (400, 39, 1))
+    sums = [np.convolve(each[:, 0], np.ones(10), "valid")[:, None] for each in steps]
+    bounds = np.array([interval95(each, 10.0, unsigned=False) for each in sums])
+    truth = 3.0 * np.sqrt(10.0)
+    assert truth / 3.0 < np.median(bounds[:, 0]) < truth < np.median(bounds[:, 1])
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("law", ["white steps", "steps with memory"])
 def test_overlapping_sub_trajectories_of_simulated_odometry(law: str) -> None:
