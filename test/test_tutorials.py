@@ -48,10 +48,12 @@ def run_shell(code: str, sfr: Sfr) -> None:
             subprocess.run(["sh", "-ec", line], check=True)
         else:
             words = shlex.split(command)[1:]
-            if words[0] == "simulate":
+            if words[0] == "simulate" and "--from" not in words:
                 words += ["--workers", "1", *(w for name, value in TINY.items() for w in ("--set", f"{name}={value}"))]
             result = sfr(*words)
-            assert result.code == 0 or (tolerant.strip() == "true" and result.code == 1), (line, result.err)
+            is_allowed = result.code == 0 or (tolerant.strip() == "true" and result.code == 1)
+            is_short = words[0] == "report" and result.code == 3  # the small drives are too short for the condition
+            assert is_allowed or is_short, (line, result.err)
 
 
 @pytest.mark.slow

@@ -60,7 +60,7 @@ def mirrored_order(topic: str, number: int, message: Any) -> Any:
 
 BAGS: dict[str, tuple[Edit, list[tuple[str, bool]]]] = {
     "good": (edit_of("none"), []),
-    "not rectified": (edit_of("/loc/left/camera_info", d=np.array([0.1, 0, 0, 0, 0])), [("camera_info", True)]),
+    "not rectified": (edit_of("/loc/left/camera_info", p=np.zeros(12)), [("camera_info", True)]),
     "no baseline": (no_baseline, [("camera_info", True)]),
     "unequal sizes": (edit_of("/loc/right/camera_info", width=100), [("camera_info", True)]),
     "no camera_info": (without("/loc/left/camera_info"), [("silent", True)]),

@@ -98,7 +98,7 @@ def test_what_cannot_start_is_one_line_of_the_node_and_one_of_the_command(
         monkeypatch.setattr(sys, "argv", ["sfr", "run", *words])
         assert main() == 2
         assert len(capsys.readouterr().err.strip().splitlines()) == 1
-    command = ["monitor", "--respawn", "--ros-args", "-p", "publish_periods:=1"]  # short for: run monitor
+    command = ["run", "monitor", "--respawn", "--ros-args", "-p", "publish_periods:=1"]
     with Process(tmp_path / "log", *COMMAND, *command) as run:
         assert run.popen.wait(60) == 2
         node, command_line = run.text.strip().splitlines()

@@ -169,7 +169,7 @@ def test_the_command_writes_both_and_refuses_what_it_would_not_do(tmp_path: Path
         path.write_text(to_json(score))
     report, xml = tmp_path / "t.html", tmp_path / "v.xml"
     words = ["report", *paths, "--test-report", report, "--junit", xml]
-    assert sfr(*words).code == 0
+    assert sfr(*words).code == 1  # the verdict of the scores
     assert report.read_text() == render_test_report([load_score(path) for path in paths])
     assert len(list(ET.parse(xml).getroot().iter("testsuite"))) == 3
     assert sfr(*words, "--overwrite", "-o", "x.md").code == 2

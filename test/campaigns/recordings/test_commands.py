@@ -185,9 +185,9 @@ def test_init_writes_nothing_of_what_is_no_source(sfr: Sfr, tmp_path: Path) -> N
 
 def test_a_calibration_beside_is_named_by_where_it_lies(sfr: Sfr, tmp_path: Path, drive: Drive) -> None:
     made = ROWS["rig_json"].make(tmp_path, drive)
-    assert sfr("info", made.source).code == 0  # it shows what is there
+    assert sfr("info", made.source).code == 1  # it shows what is there, and that the calibration is missing
     unfixed = sfr("info", made.source, "--calibration", made.calibration)
-    assert f"--fix --calibration {made.calibration}" in unfixed.out
+    assert f"--write --calibration {made.calibration}" in unfixed.out
     assert sfr("init", tmp_path, "--from", made.source, "--calibration", made.calibration).code == 0
     assert yaml.safe_load((tmp_path / NAME).read_text())["calibration"]["file"] == made.calibration.name  # type: ignore[union-attr]
     assert sfr("info", made.source).code == 0
