@@ -140,7 +140,7 @@ class Misbehaving:
         return STAND
 
     def later(self, pair: Any) -> Any:
-        """Work on in eight threads after the call has returned; what asks for the next pair takes 0.1 s."""
+        """Work on in eight threads while the result is read, which takes 0.1 s and is part of the call."""
         for _ in range(8):
             if self.calls == 1:
                 threading.Thread(target=self.work_on, daemon=True).start()
