@@ -128,7 +128,9 @@ def _record(record: type) -> str:
 def _field_docs(record: type) -> dict[str, str]:
     """Return the comments `#:` beside or above the fields of a record."""
     docs: dict[str, str] = {}
-    for kind in record.__mro__[:-1]:
+    for kind in record.__mro__:
+        if not kind.__module__.startswith("sfr_loc_map"):  # msgspec's own base
+            continue
         above: list[str] = []
         for line in inspect.getsource(kind).splitlines():
             code, _, comment = line.partition("#: ")
