@@ -100,10 +100,7 @@ async def lost_poses(url: str) -> list[bool]:
     return [lost[number] for number in sorted(lost)]
 
 
-def test_lost_poses_are_shown_and_the_last_state_is_the_final_report(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
+def test_lost_poses_are_shown_and_the_last_state_is_the_final_report(tmp_path: Path) -> None:
     source, out = write_folder(tmp_path / "source", 12, 1), tmp_path / "out"
     for side in SIDES:
         for image in sorted((source / "loc" / side).glob("*.png"))[5:8]:
@@ -133,10 +130,7 @@ def test_lost_poses_are_shown_and_the_last_state_is_the_final_report(
         assert rows_about(last, subject) == rows_about(report, subject)
 
 
-def test_a_node_that_is_killed_aborts_the_run_and_one_that_is_stopped_makes_it_stale(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
+def test_a_node_that_is_killed_aborts_the_run_and_one_that_is_stopped_makes_it_stale(tmp_path: Path) -> None:
     source = write_folder(tmp_path / "source", 200, 0)
     options = ("--start", "truth", "--rate", "1", "--condition", "frames=3", "--live", "--live-port", "0")
     with Process(tmp_path / "log", *COMMAND, "replay", str(source), *options) as replay:
