@@ -46,7 +46,6 @@ TREE = "of the method's processes and all that they started, at each call, from 
 STATES = (*TrackingState, *MappingState)
 DEFAULT_STATE = {Task.LOCALISATION: TrackingState.TRACKING.value, Task.MAPPING: MappingState.MAPPED.value}
 """State of a call by its task, where an external node reports none."""
-STATISTIC = "statistic."  #: Prefix of the names of a call's figures in the status of a call of version 0.2.
 MAX_CALL_S = 1e6
 Bytes = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 MAX_NUMBER = 1e18  #: Of times, sizes and covariances in a file; squares of it are finite.
@@ -321,33 +320,3 @@ def _from_plain(kind: type[Any], value: Any) -> FloatArray:  # noqa: ANN401 - JS
 def values_of(status: Any) -> dict[str, str]:  # noqa: ANN401 - a DiagnosticStatus of any library
     """Return the values of a status by name."""
     return {pair.key: pair.value for pair in status.values}
-
-
-def call_of(values: Mapping[str, str]) -> CallRecord | None:
-    """Return the call that the values of a status describe, None where they describe something else."""
-    if "task" not in values or "processing_time_s" not in values:
-        return None
-
-    def whole(name: str) -> int:
-        number = int(values[name])
-        if not 0 <= number < 2**63:  # what arrays of whole numbers can hold
-            raise ValueError(f"{name} is out of range")
-        return number
-
-    try:
-        seconds = float(values["processing_time_s"])
-        if not 0.0 <= seconds <= MAX_CALL_S:
-            raise ValueError(f"a call of {seconds} s")
-        step = np.array([float(word) for word in values.get("step", "").split()[: STEP_SIZE + 1]])
-        return CallRecord(
-            whole("stamp_ns"),
-            seconds,
-            values.get("state") or DEFAULT_STATE[Task(values["task"])],
-            whole("peak_rss_bytes") if "peak_rss_bytes" in values else None,
-            whole("above_idle_bytes") if "above_idle_bytes" in values else None,
-            {name.removeprefix(STATISTIC): float(text) for name, text in values.items() if name.startswith(STATISTIC)},
-            reason=values.get("reason", ""),
-            step=step if len(step) == STEP_SIZE and np.isfinite(step).all() else None,
-        )
-    except (KeyError, ValueError) as error:
-        raise InputError(str(error)) from error

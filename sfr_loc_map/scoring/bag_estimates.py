@@ -5,10 +5,8 @@ A module of its own: the library of the bags is loaded for a bag only.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +18,6 @@ from sfr_loc_map.metrics.association import UPPER, Estimates, lost_by_covariance
 from sfr_loc_map.runs.calls import CallRecord, decode_call, stats_of
 
 CALLS = "localisation_node/call"
-DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 
 
 def bag_estimates(path: Path) -> Estimates:
@@ -48,10 +45,3 @@ def _calls_of(bag: Bag, odometry: Topic) -> list[CallRecord]:
         return []
     with naming(topic.bag_name):
         return [decode_call(message.data, Task.LOCALISATION) for _, _, message in bag.messages([topic])]
-
-
-def statuses_of(bag: Bag) -> Iterator[tuple[Topic, Any]]:
-    """Yield the statuses on the diagnostics of a bag, each with its topic."""
-    topic = bag.find("diagnostics", DIAGNOSTICS)
-    for found, _, message in () if topic is None else bag.messages([topic]):
-        yield from ((found, status) for status in message.status)
