@@ -8,7 +8,7 @@ import sfr_loc_map
 PACKAGE = Path(sfr_loc_map.__file__).parent
 NAME = PACKAGE.name
 FLOORS = (
-    {"__init__", "errors", "inputs", "config", "jit", "kernels", "child_process", "signals"},
+    {"__init__", "display", "errors", "inputs", "config", "jit", "kernels", "child_process", "signals"},
     {"geometry"},
     {"io", "localisation", "mapping", "metrics"},
     {"methods", "report", "simulation"},
@@ -23,6 +23,8 @@ FLOORS = (
 NEIGHBOURS = {("cli", "api")}
 ROS = ("rclpy", "launch", "launch_ros", "ament_index_python", "builtin_interfaces", "std_srvs", "rosidl", "tf2_ros")
 ROS_PACKAGES = {"nodes"}
+VALUES = {"geometry/trajectory.py", "geometry/cloud.py", "metrics/score.py"}
+"""Values of the Python interface: their methods that load, save and draw import higher layers when they are called."""
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 
@@ -31,9 +33,13 @@ def layer_of(path: Path) -> str:
 
 
 def imported(path: Path) -> set[str]:
-    """Return the dotted names that a module imports, anywhere in it; relative ones begin with a dot."""
+    """Return the dotted names that a module imports, anywhere in it; relative ones begin with a dot.
+
+    Of a module of `VALUES` these are the imports at its top.
+    """
     names: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    for node in tree.body if str(path.relative_to(PACKAGE)) in VALUES else ast.walk(tree):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):

@@ -1,14 +1,28 @@
-"""Point clouds with the pixel that each point was seen by."""
+"""Point clouds with the pixel of each point.
+
+`PointCloud` is also what users of Python hold. Its methods that load and save import what they need when they are
+called, because files belong to a higher layer.
+"""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.errors import GeometryError
+from sfr_loc_map.display import Shown, data_frame
+from sfr_loc_map.errors import GeometryError, InputError
+
+if TYPE_CHECKING:
+    import pandas
+
+    from sfr_loc_map.metrics.score import MethodRecord
+    from sfr_loc_map.runs.calls import CallRecord
 
 FIELD_TYPES: dict[str, type[np.generic]] = {
     **dict.fromkeys(("x", "y", "z", "sigma", "intensity"), np.float32),
@@ -18,12 +32,12 @@ FIELD_TYPES: dict[str, type[np.generic]] = {
 COLUMNS = ("xyz", "sigma", "intensity", "u", "v", "pair")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PointCloud:
-    """Points in LM, each with the pixel and pair it comes from; one row a point.
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class PointCloud(Shown):
+    """Points in LM, each with its pixel and stereo pair; one row per point.
 
-    `fused` says whether several pairs were fused to one surface (True) or each pair's points stand as it saw them
-    (False); it and the stamps of the pairs are None where nobody has said so.
+    `fused` is True if several pairs were fused to one surface, and False if the points of each pair are kept. `fused`
+    and the stamps of the pairs are None if unknown.
     """
 
     xyz: NDArray[np.float32]  #: `(N, 3)`, metres, LM.
@@ -36,6 +50,8 @@ class PointCloud:
     pair: NDArray[np.uint8]  #: Index of the stereo pair within its set (0, 1, 2).
     fused: bool | None = None
     pair_stamps_ns: tuple[int, ...] | None = None
+    records: tuple[CallRecord, ...] = ()  #: The calls that gave the points; empty for points from elsewhere.
+    method: MethodRecord | None = None  #: The method that made the points; None if unknown.
 
     def __post_init__(self) -> None:
         """Check shapes and types."""
@@ -77,7 +93,7 @@ class PointCloud:
         xyz = np.empty((len(records), 3), np.float32)
         for axis, name in enumerate("xyz"):
             xyz[:, axis] = records[name]
-        rest = {name: np.ascontiguousarray(records[name], FIELD_TYPES[name]) for name in COLUMNS[1:]}
+        rest: dict[str, Any] = {name: np.ascontiguousarray(records[name], FIELD_TYPES[name]) for name in COLUMNS[1:]}
         return cls(xyz, **rest, fused=fused, pair_stamps_ns=pair_stamps_ns)
 
     def select(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> PointCloud:
@@ -87,13 +103,45 @@ class PointCloud:
 
     @classmethod
     def concatenate(cls, clouds: Sequence[PointCloud]) -> PointCloud:
-        """Return one cloud with the points of all; what all say of themselves it says as well."""
+        """Return one cloud with the points of all; `fused` and the stamps are kept if all clouds agree on them."""
         if not clouds:
             return cls.empty()
-        fused, stamps = {cloud.fused for cloud in clouds}, {cloud.pair_stamps_ns for cloud in clouds}
-        columns = {name: np.concatenate([getattr(cloud, name) for cloud in clouds]) for name in COLUMNS}
+        fused = {cloud.fused for cloud in clouds}
+        stamps = {cloud.pair_stamps_ns for cloud in clouds}
+        columns: dict[str, Any] = {name: np.concatenate([getattr(cloud, name) for cloud in clouds]) for name in COLUMNS}
         return cls(
             **columns,
             fused=fused.pop() if len(fused) == 1 else None,
             pair_stamps_ns=stamps.pop() if len(stamps) == 1 else None,
         )
+
+    @staticmethod
+    def load(path: str | os.PathLike[str]) -> PointCloud:
+        """Read a cloud file of the suite: .ply, .pcd or .npz."""
+        from sfr_loc_map.io.cloud_file import load_cloud
+
+        found = load_cloud(Path(path)).cloud
+        if found is None:
+            raise InputError(f"'{path}' has points without pixels (u, v, pair): give the path itself to sfr.score")
+        return found
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the cloud: .ply, .pcd or .npz."""
+        from sfr_loc_map.io.cloud_file import save_cloud
+
+        save_cloud(Path(path), self)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return a pandas table: one row per point."""
+        structured = self.to_structured()
+        return data_frame({name: structured[name] for name in FIELD_TYPES})
+
+    def _facts(self) -> dict[str, str]:
+        facts = {"points": f"{len(self)} points"}
+        if len(self):
+            sides = self.xyz.max(axis=0) - self.xyz.min(axis=0)
+            facts["extent"] = " x ".join(f"{side:.1f}" for side in sides.tolist()) + " m"
+            facts["sigma"] = f"median sigma {np.median(self.sigma):.2g} m"
+        if self.fused is not None:
+            facts["fused"] = "fused" if self.fused else "not fused"
+        return facts

@@ -1,25 +1,44 @@
-"""Stamped poses of the rover."""
+"""Stamped poses of the rover.
+
+`Trajectory` is also what users of Python hold. The methods that load, save and draw import what they need when they
+are called, because files and figures belong to higher layers.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Self
+import os
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self, overload
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sfr_loc_map.errors import GeometryError
+from sfr_loc_map.display import Shown, data_frame
+from sfr_loc_map.errors import ConfigError, GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, plausible_positions, plausible_quats
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_normalised, quat_rotate
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import NS_PER_S
+
+if TYPE_CHECKING:
+    import pandas
+    from plotly.graph_objects import Figure
+
+    from sfr_loc_map.localisation.estimate import PoseEstimate
+    from sfr_loc_map.metrics.score import MethodRecord
+    from sfr_loc_map.runs.calls import CallRecord
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Trajectory:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Trajectory(Shown):
     """Poses of RB in DS at stamps, kept exactly as given (not sorted, quaternions not normalised).
 
-    Where no attitude is known every quaternion is zero, as in a message that does not set it.
+    If no attitude is known, every quaternion is zero, as in a message that does not set it. Iterating and `poses[3]`
+    give `(stamp_ns, pose)`; `poses[10:20]`, or a mask, gives a trajectory.
     """
 
     stamps_ns: IntArray  #: `(N,)` int64, nanoseconds.
@@ -27,9 +46,12 @@ class Trajectory:
     #: `(N, 4)` float64, orientation of RB in DS as in ROS messages: takes components in RB to DS, the conjugate of
     #: `att_q_DsToRb`.
     quats_xyzw: FloatArray
+    #: The calls that gave the poses: time, memory, state, covariance. Empty for poses from elsewhere.
+    records: tuple[CallRecord, ...] = ()
+    method: MethodRecord | None = None  #: The method that estimated the poses; None if unknown.
 
     def __post_init__(self) -> None:
-        """Check shapes and values; GeometryError if stamps are no whole numbers or a pose is none."""
+        """Check shapes and values; GeometryError if stamps are not whole numbers or a pose is invalid."""
         count = len(self.stamps_ns)
         shapes = self.stamps_ns.shape, self.positions.shape, self.quats_xyzw.shape
         if shapes != ((count,), (count, 3), (count, 4)):
@@ -41,7 +63,7 @@ class Trajectory:
         if bad.any():
             first = int(np.argmax(bad))
             raise GeometryError(
-                f"pose {first} (stamp {int(self.stamps_ns[first])}) is none: {self.positions[first].tolist()} m, "
+                f"pose {first} (stamp {int(self.stamps_ns[first])}) is invalid: {self.positions[first].tolist()} m, "
                 f"{self.quats_xyzw[first].tolist()} ({int(bad.sum())} of {count} such poses): finite positions below "
                 f"{MAX_POSITION_M:g} m and unit quaternions are needed; correct or leave out these poses"
             )
@@ -71,6 +93,11 @@ class Trajectory:
         return cls(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 4)))
 
     @classmethod
+    def from_estimates(cls, estimates: Iterable[PoseEstimate]) -> Self:
+        """Return the poses of estimates, as `sfr.localise(..., live=True)` and `sfr.Localiser` give them."""
+        return cls.from_poses((item.stamp_ns, item.T_ds_rb) for item in estimates)
+
+    @classmethod
     def from_poses(cls, stamped: Iterable[tuple[int, Transform]]) -> Self:
         """Return the trajectory of `(stamp_ns, T_ds_rb)`."""
         items = list(stamped)
@@ -80,6 +107,90 @@ class Trajectory:
             np.array([pose.quat_xyzw for _, pose in items]).reshape(-1, 4),
         )
 
+    @staticmethod
+    def load(path: str | os.PathLike[str]) -> Trajectory:
+        """Read a file; the format is detected from the content: csv of the suite, TUM, KITTI, EuRoC."""
+        from sfr_loc_map.io.trajectory_file import read_trajectory_file
+
+        return read_trajectory_file(Path(path)).trajectory
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a file; the name gives the format: `.csv`, `.txt` or `.tum`, `.kitti`, `.euroc.csv`."""
+        from sfr_loc_map.io.trajectory_file import save_trajectory
+
+        save_trajectory(Path(path), self)
+
+    def to_stats(self, path: str | os.PathLike[str]) -> None:
+        """Write one row per call (time, memory, state, covariance) as `sfr localise --stats` does."""
+        from sfr_loc_map.runs.calls import save_stats
+
+        if not self.records:
+            raise ConfigError("these poses have no calls: to_stats() is for the trajectory that sfr.localise returns")
+        save_stats(Path(path), self.records, self.method)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return a pandas table: one row per pose, indexed by `stamp_ns`; with `state` and `reason` if known."""
+        columns = np.hstack((self.positions, self.quats_xyzw)).T
+        frame = data_frame(dict(zip(("x", "y", "z", "qx", "qy", "qz", "qw"), columns, strict=True)))
+        frame.index = self.stamps_ns
+        frame.index.name = "stamp_ns"
+        if self.records:
+            frame["state"] = [record.state for record in self.records]
+            frame["reason"] = [record.reason for record in self.records]
+        return frame
+
+    def plot(self, truth: Trajectory | None = None, align: str = "none") -> Figure:
+        """Return the path as a plotly figure, as `sfr report` draws it; with the truth also the distance to it."""
+        from sfr_loc_map.config import build
+        from sfr_loc_map.metrics.config import AlignedErrorConfig
+        from sfr_loc_map.report.path_figure import curves_of, path_plot
+        from sfr_loc_map.report.plots import to_figure
+
+        config = build(AlignedErrorConfig, {"align": align}, origin="align")
+        return to_figure(path_plot(curves_of({"estimate": self}, truth, config)))
+
+    def __iter__(self) -> Iterator[tuple[int, Transform]]:
+        """Yield stamp (ns) and pose `T_ds_rb` of each pose."""
+        for index, stamp_ns in enumerate(self.stamps_ns.tolist()):
+            yield stamp_ns, self.pose(index)
+
+    @overload
+    def __getitem__(self, key: int) -> tuple[int, Transform]: ...
+
+    @overload
+    def __getitem__(self, key: slice | Sequence[int] | NDArray[np.generic]) -> Self: ...
+
+    def __getitem__(self, key: Any) -> tuple[int, Transform] | Self:
+        """Return stamp (ns) and pose of one index; a trajectory for a slice, indices or a mask."""
+        if isinstance(key, int | np.integer):
+            return int(self.stamps_ns[key]), self.pose(int(key))
+        rows = np.arange(len(self))[key]
+        return replace(
+            self,
+            stamps_ns=self.stamps_ns[rows],
+            positions=self.positions[rows],
+            quats_xyzw=self.quats_xyzw[rows],
+            records=self._records_of(rows.tolist()) if len(self.records) == len(self) else (),
+        )
+
+    def _records_of(self, rows: list[int]) -> tuple[CallRecord, ...]:
+        """Return the calls of some poses; without the step from a pose that is not among them."""
+        kept = set(rows)
+        first = min(rows, default=0)
+        return tuple(
+            self.records[row] if row == first or row - 1 in kept else replace(self.records[row], step=None)
+            for row in rows
+        )
+
+    def _facts(self) -> dict[str, str]:
+        duration_s = float(np.ptp(self.stamps_ns)) / NS_PER_S if len(self) else 0.0
+        length_m = float(np.linalg.norm(np.diff(self.positions, axis=0), axis=1).sum())
+        facts = {"poses": f"{len(self)} poses", "duration": f"{duration_s:.1f} s", "path": f"{length_m:.2f} m"}
+        if self.records:
+            states = Counter(record.state for record in self.records)
+            facts["states"] = ", ".join(f"{count} {state}" for state, count in states.items())
+        return facts
+
 
 def at_point(poses: Trajectory, point_m: Sequence[float]) -> Trajectory:
     """Return positions of a point given in RB, with the attitude of RB."""
@@ -87,7 +198,7 @@ def at_point(poses: Trajectory, point_m: Sequence[float]) -> Trajectory:
     return Trajectory(poses.stamps_ns, moved, poses.quats_xyzw)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Truth(Trajectory):
     """True poses of RB in DS; without attitudes the positions of a point of RB."""
 

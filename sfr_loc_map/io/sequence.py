@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
+from sfr_loc_map.display import Shown
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -48,9 +49,9 @@ class NavSequence(Protocol):
         """Yield the pairs, with truth where the source has it; each call starts from the first."""
 
 
-@dataclass(frozen=True, slots=True)
-class Source:
-    """An opened source: its drive and its mapping pairs, None where it has none."""
+@dataclass(frozen=True, slots=True, repr=False)
+class Source(Shown):
+    """An opened data set folder, bag or sequence: `loc` is its drive, `nav` its mapping pairs, None if it has none."""
 
     path: Path
     format: str  #: `sfr`, `bag`, `kitti`, ...
@@ -59,6 +60,31 @@ class Source:
     left_out: int = 0  #: Pairs of files that are listed but not there.
     configuration: Path | None = None  #: File that says how it is read.
     remap: Mapping[str, str] = field(default_factory=dict)  #: Of a bag, names of the suite by those in the bag.
+
+    @property
+    def truth(self) -> Trajectory | None:
+        """True poses of RB in DS, None if the source has none."""
+        found = None if self.loc is None else self.loc.ground_truth
+        return found if found is not None and len(found) else None
+
+    def pairs(self) -> Iterator[StereoPair | PosedStereoPair]:
+        """Yield the pairs of the drive one by one, in grey; without a drive those for mapping, with their poses."""
+        found = self.loc if self.loc is not None else self.nav
+        return iter(()) if found is None else found.pairs()
+
+    __iter__ = pairs
+
+    def __len__(self) -> int:
+        return len(self.loc or self.nav or ())
+
+    def _facts(self) -> dict[str, str]:
+        holds = [self.format]
+        if self.loc is not None:
+            holds.append(f"{len(self.loc)} localisation pairs")
+            holds.append("without truth" if self.truth is None else "with truth")
+        if self.nav is not None:
+            holds.append(f"{len(self.nav)} mapping pairs")
+        return {"path": repr(str(self.path)), "holds": ", ".join(holds)}
 
 
 def drive_of(source: Source) -> LocSequence:

@@ -9,21 +9,25 @@ clauses of the specification. N is the start of a sub-trajectory, N+x its end.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator
 from enum import StrEnum
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.errors import MissingExtraError
+from sfr_loc_map.display import data_frame
+from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.catalogue import KINDS, Subject
 from sfr_loc_map.metrics.config import AssociationMode, CloudKind, Condition, Rebase, VerdictState
 from sfr_loc_map.metrics.statistics import Interval
 
 if TYPE_CHECKING:
     import pandas
+    from plotly.graph_objects import Figure as PlotlyFigure
 
 SCHEMA = "sfr-score/2"
 Column = tuple[float | None, ...]  #: One entry a row; None where a value is undefined.
@@ -615,10 +619,79 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         """The verdicts that are `fail`."""
         return tuple(item for item in self.verdicts if item.state is VerdictState.FAIL)
 
-    def to_pandas(self) -> pandas.DataFrame:
-        """Return the table of figures as a pandas table."""
-        try:
-            import pandas
-        except ImportError as error:
-            raise MissingExtraError("to_pandas() needs pandas: pip install 'sfr_loc_map[notebook]'") from error
-        return pandas.DataFrame([row.as_dict() for row in self.figures], columns=list(COLUMNS))
+    # ---- files, tables and figures for users of Python
+
+    @staticmethod
+    def load(path: str | os.PathLike[str]) -> Score:
+        """Read the JSON of a score."""
+        from sfr_loc_map.report.page import load_score
+
+        return load_score(Path(path))
+
+    def to_json(self) -> str:
+        """Return the JSON (`sfr-score/2`), the same as of `sfr score --json`."""
+        from sfr_loc_map.metrics.score_json import to_json
+
+        return to_json(self)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the JSON."""
+        from sfr_loc_map.io.atomic import write_text
+
+        write_text(self.to_json(), Path(path))
+
+    def report(self, path: str | os.PathLike[str]) -> None:
+        """Write the report page, the same as of `sfr score --html`."""
+        from sfr_loc_map.report.page import write_page
+
+        write_page(self, Path(path))
+
+    def to_markdown(self) -> str:
+        """Return all tables as Markdown."""
+        from sfr_loc_map.report.score_tables import score_markdown
+
+        return score_markdown(self)
+
+    def to_pandas(self, table: str = "figures") -> pandas.DataFrame:
+        """Return a pandas table: `figures`, one row per figure, or `sub_trajectories`, one row each."""
+        if table == "figures":
+            return data_frame({name: [row.as_dict()[name] for row in self.figures] for name in COLUMNS})
+        if table != "sub_trajectories":
+            raise ConfigError(f"table is '{table}': must be figures or sub_trajectories")
+        details = None if self.details is None else self.details.trajectory
+        columns: dict[str, list[Any]] = {}
+        for rows in () if details is None else details.sub_trajectories:
+            count = len(rows.start_frame)
+            for name, values in msgspec.structs.asdict(rows).items():
+                if name != "every":
+                    columns.setdefault(name, []).extend([values] * count if name == "condition" else values)
+        return data_frame(columns)
+
+    def plot(self, name: str | None = None) -> PlotlyFigure:
+        """Return a figure of the report as a plotly figure, which a notebook shows; by default the first."""
+        from sfr_loc_map.report.plots import to_figure
+        from sfr_loc_map.report.score_figures import score_figures
+
+        plots = {plot.name: plot for _, plots in score_figures(self) for plot in plots}
+        chosen = next(iter(plots), None) if name is None else name
+        if chosen not in plots:
+            available = ", ".join(plots) or "none"
+            raise ConfigError(f"this score has no figure '{name or 'at all'}': it has {available}")
+        return to_figure(plots[chosen])
+
+    def __repr__(self) -> str:
+        from sfr_loc_map.report.score_tables import row_title
+        from sfr_loc_map.report.tables import UNKNOWN
+
+        texts = [self.verdict or "no verdict"]
+        for row in (self.figure("position"), self.figure("point_error", part=None)):
+            if row is not None:
+                total = UNKNOWN if row.mean_plus_3sigma is None else f"{row.mean_plus_3sigma:.4g} {row.unit}"
+                texts.append(f"{row_title(row)} {total} (mean + 3 sigma)")
+        return f"Score({', '.join(texts)})"
+
+    def _repr_html_(self) -> str:
+        from sfr_loc_map.report.score_tables import summary_tables
+        from sfr_loc_map.report.tables import to_html
+
+        return f"<b>{self.verdict or 'no verdict'}</b>" + "".join(to_html(table) for table in summary_tables(self))
