@@ -341,8 +341,13 @@ class GroundSelector:
     def _one_motion(self, first: Tracks, explained: Explained, memory: GroundMemory, *, is_usual: bool) -> Ground:
         """Return the only motion, without what is fixed to the camera."""
         was_known = memory.confidence.phase is Phase.KNOWN
-        memory = _with_typical(replace(memory, transfers=0), explained.unexplained_fraction, is_usual=is_usual)
-        memory = self._with_confidence(memory, first, explained, is_usual=is_usual)
+        memory = replace(memory, transfers=0)
+        if explained.unexplained_fraction >= MAX_UNEXPLAINED and not was_known:
+            # what explains hardly half of the landmarks may be anything: it must not become the ground
+            memory = memory.doubted(self._unexplained_cells(explained))
+        else:
+            memory = _with_typical(memory, explained.unexplained_fraction, is_usual=is_usual)
+            memory = self._with_confidence(memory, first, explained, is_usual=is_usual)
         if explained.fixed_cells.any():
             memory = replace(memory, excluded=memory.excluded.with_fixed(explained.fixed_cells))
         ground = Ground(first, memory, not_ground=first.landmarks.index[explained.on_fixed])

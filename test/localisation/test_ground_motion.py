@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from helpers.loc_drive import drive, noisy, run
 from helpers.made_scene import LOC_RIG, true_pose
 from sfr_loc_map.geometry.stereo import StereoPair
+from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import drive_of
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -124,3 +125,18 @@ def test_nothing_is_left_out_of_a_fault_free_drive_or_of_one_that_stands_still()
     driven, standing = run(DRIVE[:20]), run(still)
     assert not any(masked(driven) + masked(standing))
     assert {item.state for item in (*driven[1:], *standing[1:])} == {TrackingState.TRACKING}
+
+
+@pytest.mark.sample
+def test_a_pair_that_is_hardly_explained_teaches_nothing_about_the_ground() -> None:
+    """A scratched lens: the pose is lost among the scratches before the ground's motion is known."""
+    sequence = drive_of(open_source(SAMPLE))
+    pairs = list(islice(sequence.pairs(), 48, 72))
+    whole = sequence.ground_truth
+    assert whole is not None
+    later = whole.stamps_ns >= pairs[0].stamp_ns
+    truth = Trajectory(whole.stamps_ns[later], whole.positions[later], whole.quats_xyzw[later])
+    by = Localiser(sequence.rig, LocalisationConfig(), truth.pose(0))
+    scratched = Perturber([parse_fault("scratch:amount=0.272")], 407223818, 100, sequence.rig)
+    estimates = run((pair for _, pair in scratched.pairs(pairs)), by)
+    assert stated_errors(estimates, truth).honesty is not Honesty.SILENT
