@@ -53,6 +53,8 @@ MAX_NODES = 100_000  #: Most values of a YAML file once its aliases are written 
 MAX_DIGITS = 20  #: Longest integer of JSON and YAML: 64 bits have 19 digits and a sign.
 MAX_MESSAGE = 600  #: Characters of a message; the first and the last ones of a longer text are kept.
 _TAIL = 200
+_LFS_POINTER = b"version https://git-lfs.github.com/spec/"
+_LONGEST_POINTER = 1024  #: Bytes of a pointer of Git LFS (git-lfs spec.md).
 _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]|[\ud800-\udfff]")
 _EXPONENT = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$")
 _UNPRINTABLE = re.compile(
@@ -121,8 +123,15 @@ def check_regular(path: Path) -> None:
     """Raise OSError if a path is missing, or neither a regular file nor a link to one (a pipe would wait for ever)."""
     if "\0" in str(path):  # Python would raise a ValueError
         raise OSError(errno.EINVAL, "its name holds a zero byte", str(path))
-    if kind := _SPECIAL_FILES.get(stat.S_IFMT(path.stat().st_mode)):
+    found = path.stat()
+    if kind := _SPECIAL_FILES.get(stat.S_IFMT(found.st_mode)):
         raise OSError(errno.EINVAL, f"it is {kind}, not a file", str(path))
+    if found.st_size <= _LONGEST_POINTER:
+        with path.open("rb") as stream:
+            if stream.read(len(_LFS_POINTER)) == _LFS_POINTER:
+                raise OSError(
+                    errno.EINVAL, "it is a pointer of Git LFS, not the file itself: run git lfs pull", str(path)
+                )
 
 
 def read_bytes(path: Path, limit: int) -> bytes:

@@ -78,7 +78,10 @@ def convert(
         check_outputs(destination, overwrite=overwrite)
         cloud = load_cloud(source).cloud
         if cloud is None:
-            raise InputError(f"cloud '{source}' does not say the pixel and pair of each point (u, v, pair): it stays")
+            raise InputError(
+                f"cloud '{source}' has no pixel and pair of its points (fields u, v, pair), which are required: "
+                "give it to sfr score as it is"
+            )
         save_cloud(destination, cloud)
         say(f"{len(cloud)} points: {destination}", err=True)
         return propose("sfr", "score", destination, "SRC", why="against the truth of the mapping pairs")

@@ -17,9 +17,8 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.inputs import NS_PER_S, SIDES, stamp_of
 from sfr_loc_map.io.bag import COMPRESSED, IMAGE
 from sfr_loc_map.io.bag_sequence import RAW, RECTIFIED
-from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import image_from_message
-from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig
+from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig, rig_of_rectified
 from sfr_loc_map.metrics.association import nearest_stamps
 
 FEW_LOST = 0.01  # share of images lost in transport above which there is a warning
@@ -202,10 +201,8 @@ def _stereo(seen: Observation, task: str) -> Findings:
     if len(infos) == len(SIDES):
         messages = [topic.messages[0] for topic in infos]
         try:
-            if seen.image_name(task) == RAW:
-                rig, rectifier = rectified_rig(messages, task)
-            else:
-                rig = rig_from_camera_info(messages[0], messages[1], task)
+            describe = rectified_rig if seen.image_name(task) == RAW else rig_of_rectified
+            rig, rectifier = describe(messages, task)
         except InputError as error:
             text, _, fix = str(error).partition(": ")
             yield Finding(Cause.CAMERA_INFO, f"{task}/left/camera_info, {task}/right/camera_info", text, fix)

@@ -26,7 +26,7 @@ from sfr_loc_map.geometry.transform import FrameTree, Transform
 from sfr_loc_map.inputs import NS_PER_S, SIDES, parse_json, refusing, serialised_stamp
 from sfr_loc_map.io.bag_files import is_unfinished, reader_paths
 from sfr_loc_map.io.bag_frames import TF, pose_row, trajectory_of
-from sfr_loc_map.io.bag_readers import BagReader, reader_of
+from sfr_loc_map.io.bag_readers import BagReader, readable, reader_of
 from sfr_loc_map.io.text_table import check_order
 
 TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
@@ -85,7 +85,7 @@ class Bag:
         if self.unfinished:
             _warn_unfinished(path)
         with self._reading() as readers:
-            connections = [c for reader in readers for c in reader.connections]
+            connections = readable([c for reader in readers for c in reader.connections])
             self.topics: dict[str, str] = {c.topic: c.msgtype for c in connections}
             if not all(isinstance(text, str) for pair in self.topics.items() for text in pair):  # in a database
                 raise TypeError("the name or the type of a topic is not text")
@@ -193,6 +193,10 @@ class Bag:
                 for reader in readers:
                     stack.enter_context(reader)
                 yield readers
+        except InputError as error:
+            if str(self.path) in str(error):
+                raise
+            raise InputError(f"bag '{self.path}': {error}") from error
         except SfrError:
             raise
         except Exception as error:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import bz2
 import sys
-from collections.abc import Callable, Collection, Generator
+from collections.abc import Callable, Collection, Generator, Sequence
 from functools import lru_cache
 from io import BytesIO
 from pathlib import Path, PurePath
@@ -26,6 +26,7 @@ from rosbags.rosbag2.reader import DirectoryReader
 from rosbags.rosbag2.storage_mcap import DECOMPRESSORS, McapReader, Statistics, decompress
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import check_regular, expansion_limit, parse_yaml, read_text
 from sfr_loc_map.io.bag_files import MCAP_MAGIC, is_ros1_bag, is_unfinished
 
@@ -112,6 +113,18 @@ def _of_ros2(connection: Connection) -> Connection:
     return connection._replace(msgtype=OLD_TYPES.get(msgtype, msgtype))
 
 
+def readable(connections: Sequence[Connection]) -> list[Connection]:
+    """Return the connections whose messages are of ROS 2 or ROS 1; InputError if all are written in another way."""
+    found = [_of_ros2(each) for each in connections if _encoding(each) in (CDR, ROS1, "")]
+    if connections and not found:
+        written = ", ".join(sorted({_encoding(each) for each in connections}))
+        raise InputError(
+            f"its messages are encoded as {written}: messages of ROS 2 (cdr) or ROS 1 (ros1) are required; record or "
+            "convert it as a ROS bag"
+        )
+    return found
+
+
 class _BoundedMcapReader(McapReader):
     """Reads a file whose chunks fit the memory, also where their times overlap: these are unpacked at the same time.
 
@@ -121,7 +134,7 @@ class _BoundedMcapReader(McapReader):
 
     def _open(self) -> None:
         self._read_summary()
-        self.connections = [_of_ros2(each) for each in self.connections if _encoding(each) in (CDR, ROS1)]
+        self.connections = readable(self.connections)
         self._count()
         edges = [(c.message_start_time, c.uncompressed_size) for c in self.chunks]
         edges += [(c.message_end_time, -c.uncompressed_size) for c in self.chunks]
@@ -195,7 +208,7 @@ class _RecoveringMcapReader(_BoundedMcapReader):
         if not self.data_start:
             raise ReaderError("it ends within its first record")
         self.meta_scan()
-        self.connections = [_of_ros2(each) for each in self.connections if _encoding(each) in (CDR, ROS1)]
+        self.connections = readable(self.connections)
         self._count()
 
     def _after(self, offset: int, size: int) -> int | None:

@@ -71,7 +71,7 @@ def read_calibration(path: Path, size: tuple[int, int] | None = None) -> Calibra
         elif {"tbs", "intrinsics"} <= keys:
             (left, right), text = _euroc(file, other)
         elif keys & {"left.k", "camera.fx", "camera1.fx"}:
-            (left, right), text = _orbslam(file, content)
+            (left, right), text = _orbslam(file, content, size)
         elif "projectionmatrix" in keys:
             (left, right), text = _ros(file, other)
         elif keys & {"m1", "k1", "cameramatrix1", "r1", "t"}:
@@ -189,6 +189,8 @@ def _pose_of_right(one: _KalibrCamera, other: _KalibrCamera) -> Transform:
 
 
 def _kalibr(file: Path, content: dict[str, Any]) -> tuple[Cameras, str]:
+    if "cam1" not in content:
+        raise ValueError("it has cam0 alone, but a stereo pair needs cam0 and cam1")
     one, other = (msgspec.convert(content.get(name), _KalibrCamera, strict=False) for name in ("cam0", "cam1"))
     T_cam0_cam1 = _pose_of_right(one, other)
     cameras = []
@@ -231,8 +233,12 @@ def _euroc(file: Path, other: Path | None) -> tuple[Cameras, str]:
     return _side_by_side("EuRoC", cameras, [f"'{path.parent.name}/{path.name}'" for path in files])
 
 
-def _orbslam(file: Path, content: Mapping[str, Any]) -> tuple[Cameras, str]:
-    """Read the settings of ORB-SLAM: LEFT.K, RIGHT.K, ... of raw images, or Camera.fx, Camera.bf of rectified ones."""
+def _orbslam(file: Path, content: Mapping[str, Any], size: tuple[int, int] | None) -> tuple[Cameras, str]:
+    """Read the settings of ORB-SLAM: raw images by LEFT.K, RIGHT.K, ... or by two cameras, else rectified images.
+
+    Two raw cameras are Camera1, Camera2 and Stereo.T_c1_c2, in older files Camera, Camera2 and Tlr. One camera with
+    Camera.bf or Stereo.b is that of rectified images, which have no distortion.
+    """
     text = f"ORB-SLAM '{file.name}'"
     if "left.k" in content:
         raws = []
@@ -241,19 +247,26 @@ def _orbslam(file: Path, content: Mapping[str, Any]) -> tuple[Cameras, str]:
             size = (int(content[f"{side}.width"]), int(content[f"{side}.height"]))
             raws.append(RawCamera.of(text, RawCamera(size, _lens(d, False), d, k, r, p).info))
         return (raws[0], raws[1]), f"{text}, LEFT and RIGHT"
-    size = (int(_one(content, "camera.width")), int(_one(content, "camera.height")))
-    if "stereo.tc1c2" in content:
-        fisheye = "kannala" in str(content.get("camera.type", "")).lower()
+    if size is None or "camera.width" in content:
+        size = (int(_one(content, "camera.width")), int(_one(content, "camera.height")))
+    first = "camera1" if "camera1.fx" in content else "camera"
+    fisheye = "kannala" in str(content.get("camera.type", "")).lower()
+    names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
+    if "camera2.fx" in content:
+        pose = np.eye(4)
+        pose[:3] = np.array(_numbers(content, "stereo.tc1c2", "tlr")[:12]).reshape(3, 4)
         cameras = []
-        T_left_right = Transform.from_matrix(np.array(_numbers(content, "stereo.tc1c2")).reshape(4, 4))
-        for name, pose in (("camera1", Transform.identity()), ("camera2", T_left_right)):
-            names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2")
+        for name, T_left in ((first, Transform.identity()), ("camera2", Transform.from_matrix(pose))):
             d = tuple(float(content.get(f"{name}.{item}", 0.0)) for item in names)
             fx, fy, cx, cy = (_one(content, f"{name}.{item}") for item in ("fx", "fy", "cx", "cy"))
-            cameras.append(CalibratedCamera(size, (fx, fy, cx, cy), d, pose, _lens(d, fisheye)))
-        return rectified_cameras(text, *cameras), f"{text}, Camera1 and Camera2"
-    name = "camera" if "camera.fx" in content else "camera1"
-    fx, fy, cx, cy = (_one(content, f"{name}.{item}") for item in ("fx", "fy", "cx", "cy"))
+            cameras.append(CalibratedCamera(size, (fx, fy, cx, cy), d, T_left, _lens(d, fisheye)))
+        return rectified_cameras(text, *cameras), f"{text}, {first.capitalize()} and Camera2"
+    if fisheye or any(float(content.get(f"{first}.{item}", 0.0)) for item in names):
+        raise ValueError(
+            f"{first.capitalize()} has a distortion and there is no Camera2: it is of one raw camera, not of a stereo "
+            "pair; give the calibration of both cameras"
+        )
+    fx, fy, cx, cy = (_one(content, f"{first}.{item}") for item in ("fx", "fy", "cx", "cy"))
     baseline = content.get("stereo.b")
     shift = fx * float(baseline) if baseline is not None else _one(content, "camera.bf")
     k = (fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0)

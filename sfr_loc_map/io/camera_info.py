@@ -48,9 +48,14 @@ def rig_from_projections(
     fx, cx, fy, cy = (float(p_left[i]) for i in (0, 2, 5, 6))
     shift = float(p_right[3] - p_left[3])
     if not shift < 0:
+        found = f"P[3] of the {names[1]} camera is {p_right[3]:g}"
+        hint = "are left and right swapped?"
+        if p_left[3]:
+            found = f"P[3] of the {names[0]} camera is {p_left[3]:g}, of the {names[1]} camera {p_right[3]:g}"
+            hint = f"P[3] of the {names[0]} camera must be 0 unless both are given in the frame of a third one"
         raise InputError(
-            f"{where}: P[3] of the {names[1]} camera is {p_right[3]:g}, so the baseline is {-shift / (fx or 1.0):g} m: "
-            f"it must be -fx * baseline < 0; are left and right swapped?"
+            f"{where}: {found}, so the baseline is {-shift / (fx or 1.0) + 0.0:g} m: P[3] of the {names[1]} camera "
+            f"must be -fx * baseline < 0; {hint}"
         )
     with refusing(where, "correct the calibration"):
         return StereoRig(*size, fx, fy, cx, cy, baseline_from_projection(fx, shift) if fx else 0.0)

@@ -189,7 +189,7 @@ def pose_columns(lines: Sequence[str], name: str, columns: str, option: str) -> 
     if columns:
         found = _by_user(lines[:first], name, columns, separator, width)
     else:
-        found = _by_header(lines[:first], separator, width) or _by_layout(lines, first, name, separator, rows, option)
+        found = _by_header(lines[:first], separator, rows) or _by_layout(lines, first, name, separator, rows, option)
     found = replace(found, skip=first)
     _check(found, name, lines[:first], option)
     return _with_time_unit(found, rows, name, option)
@@ -280,15 +280,30 @@ def header_cells(line: str, separator: str | None, width: int) -> list[str]:
     return next((found for found in cells if len(found) >= min(width, 4)), cells[0])
 
 
-def _by_header(before: Sequence[str], separator: str | None, width: int) -> PoseColumns | None:
-    """Return the columns that the last line before the rows names that names enough of them, None without one."""
+def _by_header(before: Sequence[str], separator: str | None, rows: Sequence[Sequence[str]]) -> PoseColumns | None:
+    """Return the columns that the last line before the rows that names enough of them names, None without one."""
+    width = max((len(cells) for cells in rows), default=0)
     for line in reversed(before):
-        cells = header_cells(line, separator, width)
+        cells = _aligned(header_cells(line, separator, width), rows, width)
         found = _named(cells)
         has_stamp = STAMP in found or {SECONDS, NANOSECONDS} <= found.keys() or SECONDS in found
         if has_stamp and {"x", "y"} <= found.keys() and found.keys() & {"z", DOWN}:
             return _of_header("columns by their names", cells, found, separator, width)
     return None
+
+
+def _aligned(cells: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> list[str]:
+    """Return the names of a header, one for each column of the rows.
+
+    A label before the names (`format: t x y z`) is none of them. Names beyond the last column are of values that this
+    file does not have. Rows may begin with a number of the row that the header does not name (`write.table` of R).
+    """
+    names = list(cells)
+    if len(names) > 1 and names[0].endswith(":"):
+        names = names[1:]
+    if len(names) == width - 1 and [row[0].strip('"') for row in rows] == [str(n + 1) for n in range(len(rows))]:
+        names = ["", *names]
+    return names[: max(width, 1)]
 
 
 def _named(cells: Sequence[str]) -> dict[str, int]:

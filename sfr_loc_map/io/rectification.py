@@ -13,7 +13,7 @@ import numpy as np
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
 from sfr_loc_map.geometry.plausibility import check_camera, check_distortion, check_extrinsics
-from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.stereo import SAME_PX, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import SIDES, refusing
 from sfr_loc_map.io.camera_info import TOLERANCE, rig_from_camera_info, rig_from_projections
@@ -25,7 +25,7 @@ FISHEYE = ("equidistant", "fisheye")
 FOCAL_RATIO = (0.5, 2.0)
 """Rectified focal length over that of the camera. OpenCV shrinks the image of a wide fisheye lens to a few pixels."""
 MIN_VALID = 0.25  #: Smallest fraction of a rectified image that raw pixels are mapped to.
-SAME_PX = 0.02  #: Shift of a pixel below which two descriptions of a camera are equal.
+SAME_DIRECTION = 1e-5  #: Change of a distortion coefficient or of an entry of R that moves no pixel by `SAME_PX`.
 RECTIFIED_TOLERANCE = 1e-9
 """Calibrated cameras that differ from a rectified pair by no more, in radians and metres, are one."""
 
@@ -76,6 +76,14 @@ class RawCamera:
         make = cv2.fisheye.initUndistortRectifyMap if self.model in FISHEYE else cv2.initUndistortRectifyMap
         return make(k, np.array(self.d), r, p, self.size, cv2.CV_16SC2)
 
+    def is_same(self, other: RawCamera) -> bool:
+        """Tell whether both describe one camera up to `SAME_PX`: drivers round the calibration of each message."""
+        if (self.size, self.model, len(self.d)) != (other.size, other.model, len(other.d)):
+            return False
+        pixels = (np.abs(np.subtract(mine, theirs)).max() for mine, theirs in ((self.k, other.k), (self.p, other.p)))
+        turned = (np.abs(np.subtract(mine, theirs)).max() for mine, theirs in ((self.d, other.d), (self.r, other.r)))
+        return bool(max(pixels) < SAME_PX and max(turned) < SAME_DIRECTION)
+
     @property
     def info(self) -> SimpleNamespace:
         """The calibration with the fields of a sensor_msgs/CameraInfo."""
@@ -102,7 +110,10 @@ class StereoRectifier:
         self._maps = tuple(camera.maps() for camera in cameras)
         for side, camera, maps in zip(SIDES, cameras, self._maps, strict=True):
             fraction = valid_fraction(maps[0], camera.size)
-            if fraction < MIN_VALID:
+            is_centred = all(
+                0.0 <= centre < side_px for centre, side_px in zip(camera.p[2::4], camera.size, strict=False)
+            )
+            if fraction < MIN_VALID or not is_centred:
                 raise InputError(
                     f"{name}/{side}: its R and P show raw pixels in {100.0 * fraction:.3g} % of the rectified image "
                     f"(focal length {camera.p[0]:g} px, principal point ({camera.p[2]:g}, {camera.p[6]:g}) of "
@@ -117,20 +128,26 @@ class StereoRectifier:
 def rectified_rig(
     infos: Sequence[Any], name: str, before: StereoRectifier | None = None
 ) -> tuple[StereoRig, StereoRectifier]:
-    """Return the rig of two raw CameraInfo (`loc` or `nav`) and its rectifier, `before` if it is of these cameras."""
+    """Return the rig of two raw CameraInfo (`loc` or `nav`) and its rectifier, `before` if it is of these cameras.
+
+    Both images are rectified to the P of the left camera, also where that of the right one differs.
+    """
     left, right = (RawCamera.of(f"{name}/{side}/camera_info", info) for side, info in zip(SIDES, infos, strict=True))
+    if left.size == right.size and right.p[0] > 0.0:
+        right = replace(right, p=tuple(_in_common(np.array(left.p), np.array(right.p)).tolist()))
     one, other = (replace(camera, d=(), k=(0.0,) * 9, r=(0.0,) * 9).info for camera in (left, right))
     rig = rig_from_camera_info(one, other, name)
-    if before is not None and before.cameras == (left, right):
-        return rig, before
-    return rig, StereoRectifier((left, right), name)
+    return rig, _rectifier((left, right), name, before)
 
 
-def rig_of_rectified(infos: Sequence[Any], name: str) -> tuple[StereoRig, StereoRectifier | None]:
+def rig_of_rectified(
+    infos: Sequence[Any], name: str, before: StereoRectifier | None = None
+) -> tuple[StereoRig, StereoRectifier | None]:
     """Return the rig of rectified images by P of two CameraInfo; the rectifier makes equal what differs in P.
 
     P of left and right may differ in focal length and principal point (OpenCV without CALIB_ZERO_DISPARITY, crops). A
-    difference that moves no pixel by more than `SAME_PX` is ignored; for a larger one the right images are remapped.
+    difference that moves no pixel by more than `SAME_PX` is ignored; for a larger one the right images are remapped,
+    by `before` if it is of these cameras.
     """
     left, right = infos
     p_left, p_right = (np.asarray(info.p, np.float64).reshape(-1) for info in infos)
@@ -141,9 +158,7 @@ def rig_of_rectified(infos: Sequence[Any], name: str) -> tuple[StereoRig, Stereo
     difference = np.abs(np.delete(p_left - p_right, [3, 7, 11]))
     if difference.max() <= TOLERANCE:
         return rig_from_camera_info(left, right, name), None
-    baseline = (p_left[3] / p_left[0]) - (p_right[3] / p_right[0])
-    common = p_left.copy()
-    common[3] = p_left[3] - p_left[0] * baseline
+    common = _in_common(p_left, p_right)
     other = SimpleNamespace(**{**_fields_of(right), "p": common})
     rig = rig_from_camera_info(left, other, name)
     size = (int(left.width), int(left.height))
@@ -154,7 +169,26 @@ def rig_of_rectified(infos: Sequence[Any], name: str) -> tuple[StereoRig, Stereo
         k = np.reshape(p, (3, 4))[:, :3].reshape(-1)
         parts = (tuple(values.tolist()) for values in (k, np.eye(3).reshape(-1), target))
         cameras.append(RawCamera(size, "plumb_bob", (0.0,) * 5, *parts))
-    return rig, StereoRectifier((cameras[0], cameras[1]), name)
+    return rig, _rectifier((cameras[0], cameras[1]), name, before)
+
+
+def _in_common(p_left: FloatArray, p_right: FloatArray) -> FloatArray:
+    """Return the P `(12,)` that the right camera has with the camera matrix of the left one and its own baseline."""
+    common = p_left.copy()
+    difference = np.abs(np.delete(p_left - p_right, [3, 7, 11]))
+    if difference.max() <= TOLERANCE:
+        common[3] = p_right[3]
+    else:
+        common[3] = p_left[3] - p_left[0] * (p_left[3] / p_left[0] - p_right[3] / p_right[0])
+    common[[7, 11]] = p_right[[7, 11]]
+    return common
+
+
+def _rectifier(cameras: tuple[RawCamera, RawCamera], name: str, before: StereoRectifier | None) -> StereoRectifier:
+    """Return a rectifier of two cameras, `before` if it is of the same: its maps take a while to make."""
+    if before is not None and all(map(RawCamera.is_same, before.cameras, cameras)):
+        return before
+    return StereoRectifier(cameras, name)
 
 
 def _fields_of(info: Any) -> dict[str, Any]:  # noqa: ANN401 - a CameraInfo of any library

@@ -9,6 +9,7 @@ from typing import Any
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Truth
+from sfr_loc_map.inputs import check_regular, refusing
 from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.euroc import is_euroc, open_euroc
 from sfr_loc_map.io.folder import PLACES, open_folder
@@ -54,6 +55,9 @@ def format_of(path: Path) -> str:
     """Return the name of the format of a source; InputError, in one line, if it is of none, or not there."""
     if not path.exists():
         raise InputError(f"there is no '{path}': give a data set folder, a ROS bag, or a sequence of another data set")
+    if path.is_file():
+        with refusing(f"'{path}' cannot be read", "give the file itself"):
+            check_regular(path)
     for name, (matches, _) in READERS.items():
         if matches(path):
             return name

@@ -262,7 +262,7 @@ class _RowReader:
 def split_cells(text: str, separator: str | None) -> list[str]:
     """Return the cells of a line without spaces and quotes around them; None: spaces separate."""
     if separator is None:
-        return text.split()
+        return [cell.strip('"') for cell in text.split()]
     return [cell.strip() for cell in next(csv.reader([text], delimiter=separator, skipinitialspace=True), [])]
 
 

@@ -26,8 +26,8 @@ from sfr_loc_map import __version__
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import InputError, MetricsError, SfrError
 from sfr_loc_map.inputs import MAX_TEXT_BYTES, SIDES, Side, Task, parse_json, stamp_of
-from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import points_image
+from sfr_loc_map.io.rectification import rig_of_rectified
 from sfr_loc_map.io.truth import TrackedBody
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.config import ScoreConfig, VerdictState
@@ -219,7 +219,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         infos = self._camera_infos
         infos[side] = message
         if len(infos) == 2:
-            self._score.map_inputs.rig = rig_from_camera_info(infos["left"], infos["right"], "nav")
+            self._score.map_inputs.rig = rig_of_rectified((infos["left"], infos["right"]), "nav")[0]
             while self._early_points:
                 self._on_true_points(self._early_points.popleft())
             self._score_maps()

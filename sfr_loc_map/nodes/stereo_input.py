@@ -17,9 +17,8 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.inputs import NS_PER_S, SIDES, Side, stamp_of
-from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import image_from_message
-from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig
+from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig, rig_of_rectified
 from sfr_loc_map.io.stamp_pairing import STAMP_TOLERANCE_S, StampPairing
 from sfr_loc_map.localisation.parallel import both
 from sfr_loc_map.nodes.diagnostics import StatusReporter
@@ -230,10 +229,8 @@ class StereoInput:
         self._fresh_sides.clear()
         infos = self._infos["left"], self._infos["right"]
         try:
-            if self._config.rectify:
-                rig, self._rectifier = rectified_rig(infos, self._name, self._rectifier)
-            else:
-                rig = rig_from_camera_info(*infos, self._name)
+            describe = rectified_rig if self._config.rectify else rig_of_rectified
+            rig, self._rectifier = describe(infos, self._name, self._rectifier)
         except InputError as error:
             self._status.error(str(error))
             return

@@ -228,7 +228,7 @@ def without(name: str, write: Callable[[Path, Pair], Path]) -> Callable[[Path], 
 
 
 REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
-    "one camera of Kalibr": (edited(kalibr, ("cam1:", "imu0:")), "Expected `object`, got `null`"),
+    "one camera of Kalibr": (edited(kalibr, ("cam1:", "imu0:")), "it has cam0 alone"),
     "an unknown lens of Kalibr": (edited(kalibr, ("pinhole", "omni")), "Invalid enum value 'omni'"),
     "no extrinsics": (edited(kalibr, ("T_cn_cnm1", "T_cam_imu")), "cam1 has no T_cn_cnm1"),
     "a rotation that is none": (edited(opencv("yml"), ("R: !!opencv", "R0: !!opencv")), "it has no r"),

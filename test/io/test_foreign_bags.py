@@ -150,6 +150,12 @@ def test_channels_of_mcap_say_what_messages_are(tmp_path: Path, profile: bytes, 
     np.testing.assert_array_equal(found.positions, poses.positions)
 
 
+def test_channels_of_another_encoding_are_named(tmp_path: Path, sfr: Sfr) -> None:
+    place = mcap(tmp_path / "x.mcap", b"ros2", "protobuf", drive())
+    done = sfr("info", place)
+    assert (done.code, "encoded as protobuf" in done.err) == (2, True)
+
+
 @pytest.mark.parametrize("order", ["rggb", "bggr", "gbrg", "grbg"])
 @pytest.mark.parametrize("form", ["bayer_{}8; png compressed", "bayer_{}8; jpeg compressed ", "bayer_{}8"])
 def test_a_mosaic_in_a_compressed_image_is_the_mosaic_of_the_raw_image(order: str, form: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -120,6 +121,34 @@ def test_rectified_cameras_that_differ_are_made_equal(fx: float, cx: float, cy: 
     assert right_v == pytest.approx(left_v, abs=0.1)
 
 
+def test_raw_cameras_with_different_projections_are_rectified_to_that_of_the_left() -> None:
+    rig = StereoRig(200, 160, 150.0, 150.0, 99.5, 79.5, 0.12)
+    left, right = (camera_info(START_NS, rig, "loc", side) for side in SIDES)
+    p = projection(rig, "right")
+    p[[0, 3, 5]] *= 1.02
+    p[[2, 6]] += [6.5, 2.0]
+    object.__setattr__(right, "p", p)
+    found, rectifier = rectified_rig((left, right), "loc")
+    assert found.same_cameras(rig)
+    x, y, z = 0.1, -0.05, 1.2
+    pixels = ([150.0 * (x - shift) / z + 99.5, 150.0 * y / z + 79.5] for shift in (0.0, 0.12))
+    seen = rectifier.rectify(*(blob(np.array(pixel), (160, 200)) for pixel in pixels))
+    (left_u, left_v), (right_u, right_v) = (centre_of(image) for image in seen)
+    assert left_u - right_u == pytest.approx(150.0 * 0.12 / z, abs=0.1)
+    assert right_v == pytest.approx(left_v, abs=0.1)
+    object.__setattr__(right, "p", p + 1e-7)
+    assert rectified_rig((left, right), "loc", rectifier)[1] is rectifier
+
+
+@pytest.mark.parametrize("describe", [rectified_rig, rig_of_rectified])
+def test_a_shift_in_the_left_projection_is_named(describe: Callable[..., object]) -> None:
+    rig = StereoRig(200, 160, 150.0, 150.0, 99.5, 79.5, 0.12)
+    left, right = (camera_info(START_NS, rig, "loc", side) for side in SIDES)
+    object.__setattr__(left, "p", projection(rig, "right"))
+    with pytest.raises(InputError, match=r"P\[3\] of the left camera is -18, of the right camera -18"):
+        describe((left, right), "loc")
+
+
 OPENCV = """%YAML:1.0
 M1: !!opencv-matrix
    rows: 3
@@ -146,6 +175,19 @@ SETTINGS = {
     )
     + "Stereo.T_c1_c2: !!opencv-matrix\n  rows: 4\n  cols: 4\n  dt: f\n"
     "  data: [1,0,0,0.11, 0,1,0,0, 0,0,1,0, 0,0,0,1]\n",
+    "Tlr": 'Camera.type: "KannalaBrandt8"\n'
+    + "".join(
+        f"Camera{n}.{name}: {value}\n"
+        for n in ("", "2")
+        for name, value in zip(("fx", "fy", "cx", "cy", "k1"), (435.2, 435.2, 367.4, 252.2, 0.01), strict=True)
+    )
+    + "Camera.bf: 19.3\nTlr: !!opencv-matrix\n  rows: 3\n  cols: 4\n  dt: f\n"
+    "  data: [1,0,0,0.11, 0,1,0,0, 0,0,1,0]\n",
+}
+MONOCULAR = {
+    "distorted": (SETTINGS["camera.bf"] + "Camera.k1: 0.26\n", "Camera has a distortion and there is no Camera2"),
+    "fisheye": ('Camera.type: "KannalaBrandt8"\n' + SETTINGS["camera.bf"], "there is no Camera2"),
+    "Kalibr": (kalibr("TUM-VI", ""), "it has cam0 alone, but a stereo pair needs cam0 and cam1"),
 }
 
 
@@ -156,6 +198,24 @@ def test_files_of_opencv_and_orb_slam_give_the_baseline(tmp_path: Path, name: st
     left, right = read_calibration(tmp_path / "c.yaml").infos
     assert -right.p[3] / right.p[0] == pytest.approx(0.11, abs=1e-9)
     assert 0.5 < left.p[0] / 430.0 < 2.0
+
+
+@pytest.mark.parametrize("size", [None, (752, 480)])
+def test_the_size_of_settings_without_one_is_that_of_the_images(tmp_path: Path, size: tuple[int, int] | None) -> None:
+    (tmp_path / "c.yaml").write_text(f"%YAML:1.0\n{SETTINGS['Tlr']}")
+    if size is None:
+        with pytest.raises(InputError, match=r"it has no camera\.width"):
+            read_calibration(tmp_path / "c.yaml")
+    else:
+        assert read_calibration(tmp_path / "c.yaml", size).infos[0].width == size[0]
+
+
+@pytest.mark.parametrize("name", MONOCULAR)
+def test_a_calibration_of_one_raw_camera_is_none_of_a_stereo_pair(tmp_path: Path, name: str) -> None:
+    text, words = MONOCULAR[name]
+    (tmp_path / "c.yaml").write_text(f"%YAML:1.0\n{text}" if name != "Kalibr" else text)
+    with pytest.raises(InputError, match=words):
+        read_calibration(tmp_path / "c.yaml", (752, 480))
 
 
 @pytest.mark.parametrize("truth", ["state_groundtruth_estimate0", "mocap0", "vicon0"])

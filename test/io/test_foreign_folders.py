@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from helpers.cli_result import Sfr
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.io.cloud_file import load_cloud
 from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import source_config
@@ -91,3 +93,28 @@ def test_provenance_names_every_file_that_was_read(tmp_path: Path, sfr: Sfr) -> 
     assert names["calibration"] == "camchain.yaml"
     assert all(len(item["sha256"]) == 64 for item in inputs.values())
     assert len(poses) == COUNT
+
+
+POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a214614ab2935\nsize 12345\n"
+
+
+@pytest.mark.parametrize("name", ["x.mcap", "x.db3", "x.bag", "x.tum", "x.csv", "drive"])
+def test_a_pointer_of_git_lfs_is_named(tmp_path: Path, sfr: Sfr, name: str) -> None:
+    place, words = tmp_path / name, ["convert", tmp_path / name, tmp_path / "out.csv"]
+    if name == "drive":
+        images(place, "ns")
+        next((place / "left").iterdir()).write_text(POINTER)
+        (tmp_path / "c.yaml").write_text(kalibr("TUM-VI", *CHAINS["T_imu_cam"]))
+        words = ["info", place, "--calibration", tmp_path / "c.yaml"]
+    else:
+        place.write_text(POINTER)
+    done = sfr(*words)
+    assert done.code in (1, 2)
+    assert "run git lfs pull" in " ".join((done.out + done.err).split())
+
+
+@pytest.mark.parametrize("ending", [".ply", ".pcd", ".npz"])
+def test_a_pointer_to_a_cloud_is_named(tmp_path: Path, ending: str) -> None:
+    (tmp_path / f"x{ending}").write_text(POINTER)
+    with pytest.raises(InputError, match="run git lfs pull"):
+        load_cloud(tmp_path / f"x{ending}")

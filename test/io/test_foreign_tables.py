@@ -137,6 +137,25 @@ FORMS: dict[str, Callable[[Trajectory], str]] = {
     "twelve columns that are no matrix": lambda p: rows(
         seconds(p), p.positions, p.quats_xyzw, np.full((COUNT, 4), 1e-4), separator=" "
     ),
+    "a header of more names than columns": lambda p: rows(
+        seconds(p), p.positions, p.quats_xyzw, separator=" ", header=f"# timestamp(s) {' '.join(POSE)} {COVARIANCE}"
+    ),
+    "a label before the names": lambda p: rows(
+        seconds(p),
+        p.positions,
+        p.quats_xyzw,
+        np.zeros((COUNT, 6)),
+        separator=" ",
+        header=f"# format: timestamp {' '.join(POSE)} Ptx Pty Ptz Prx Pry Prz",
+    ),
+    "numbers of the rows that the header does not name": lambda p: rows(
+        [f'"{k + 1}"' for k in range(COUNT)],
+        seconds(p),
+        p.positions,
+        p.quats_xyzw,
+        separator=" ",
+        header=f'"timestamp" {" ".join(POSE)}',
+    ),
     "lines without values": with_nan,
     "a broken line": lambda p: trajectory_text(p, read_as("tum")) + "1700000100.0 1 2",
 }

@@ -27,7 +27,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import SIDES, Task, stamp_of
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.image_codec import encode_png
-from sfr_loc_map.io.rectification import rectified_rig
+from sfr_loc_map.io.rectification import rectified_rig, rig_of_rectified
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks
@@ -352,6 +352,28 @@ def test_a_camera_info_that_differs_in_its_last_bits_is_the_same_camera(ros: Non
             peer.play(index)
         assert "camera_info has changed" not in node.text
         assert peer.positions()[-1] == pytest.approx(localised([0, 1, 2, 3])[-1], abs=1e-4)
+
+
+@pytest.mark.parametrize("shift_px", [0.0, 5.5])
+def test_p_alone_describes_rectified_images(ros: None, capfd: Capture, shift_px: float) -> None:
+    """image_proc publishes image_rect beside the camera_info of the raw camera; P of left and right may differ."""
+    infos = [bag_messages.camera_info(START_NS, LOC_RIG, "loc", side) for side in SIDES]
+    for info in infos:
+        info.d[:] = (-0.1, 0.02, 0.001, -0.001, 0.0)
+        info.k[:] *= 1.03
+    infos[1].p[2] += shift_px
+    rig, rectifier = rig_of_rectified(infos, "loc")
+    localiser = Localiser(replace(rig, T_rb_sb=LOC_RIG.T_rb_sb), LocalisationConfig(), Transform.identity())
+    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT):
+        for side, info in zip(SIDES, infos, strict=True):
+            peer.publish(CameraInfo, f"loc/{side}/camera_info", raw(info))
+        for index in range(3):
+            peer.play(index)
+            pair = loc_pair(index)
+            if rectifier is not None:
+                pair = StereoPair(pair.stamp_ns, *rectifier.rectify(pair.left, pair.right))
+            assert peer.positions()[-1] == tuple(localiser.process(pair).T_ds_rb.translation)
+    assert (rectifier is None) == (shift_px == 0.0)
 
 
 def test_compressed_images_that_cannot_be_decoded_are_reported_once_and_the_next_ones_are_taken(
