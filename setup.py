@@ -18,8 +18,15 @@ ROOT = Path(__file__).resolve().parent  # `colcon build --symlink-install` runs 
 VERSION = re.search(r'__version__ = "(.+)"', (ROOT / PACKAGE / "__init__.py").read_text(encoding="utf-8")).group(1)
 PROFILES = glob(PACKAGE + "/nodes/profiles/*.xml")  # in share/ for other programs: camera drivers need it
 NODES = ("localisation_node", "mapping_node", "monitor_node")
-# BSD-2 (Sphinx, copybutton), MIT (MyST, furo); matplotlib draws the figures of the pages (PSF-like)
-DOCS = ["furo>=2024.8,<2027", "matplotlib>=3.8,<4", "myst-parser>=4,<6", "sphinx>=8,<10", "sphinx-copybutton>=0.5,<0.6"]
+# BSD-2 (Sphinx, copybutton), MIT (MyST, furo, sphinx-design); matplotlib draws the figures of the pages (PSF-like)
+DOCS = [
+    "furo>=2024.8,<2027",
+    "matplotlib>=3.8,<4",
+    "myst-parser>=4,<6",
+    "sphinx>=8,<10",
+    "sphinx-copybutton>=0.5,<0.6",
+    "sphinx-design>=0.6,<0.9",
+]
 TEST = ["hypothesis>=6.100,<7", "pytest>=8,<10", "pytest-timeout>=2.3,<3", "pytest-xdist>=3.7,<4"]
 LIVE = ["aiohttp>=3.10,<4"]
 FOXGLOVE = ["foxglove-sdk>=0.30,<0.40"]

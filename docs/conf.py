@@ -20,6 +20,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "sphinx_copybutton",
+    "sphinx_design",
     "mathml",
     "reference_pages",
 ]
@@ -28,7 +29,7 @@ source_suffix = {".md": "markdown"}
 highlight_language = "none"
 smartquotes = False  # two dashes are an option
 
-myst_enable_extensions = ["dollarmath", "deflist"]
+myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 myst_dmath_allow_space = False
 suppress_warnings = ["myst.header"]  # an included page begins with its own heading

@@ -23,8 +23,6 @@ def test_modules_and_links_are_there() -> None:
 def test_each_code_of_the_doctor_has_its_section() -> None:
     page = (ROOT / "docs" / "howto" / "troubleshooting.md").read_text(encoding="utf-8")
     assert set(re.findall(r"^### `(\w+)`$", page, re.MULTILINE)) == set(Cause)
-    answers = (ROOT / "docs" / "howto" / "faq.md").read_text(encoding="utf-8")
-    assert set(re.findall(r"^\[(\w+)\]: troubleshooting.md#\1$", answers, re.MULTILINE)) == set(Cause)
 
 
 def test_targets_of_make_are_there() -> None:

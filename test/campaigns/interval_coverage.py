@@ -1,7 +1,7 @@
 """How often the 95 % interval of mean + 3 sigma holds the true value: `python -m campaigns interval-coverage [RUNS]`.
 
 Drives whose odometry drifts by a known law: every step adds an error of position and of attitude. The true value comes
-from many independent drives. The result is kept in docs/measurements_archive.md.
+from many independent drives. The result is kept in measurements/metrics_the_95_interval.md.
 """
 
 import itertools
