@@ -28,7 +28,7 @@ DOCS = [
     "sphinx-design>=0.6,<0.9",
 ]
 TEST = ["hypothesis>=6.100,<7", "pytest>=8,<10", "pytest-timeout>=2.3,<3", "pytest-xdist>=3.7,<4"]
-LIVE = ["aiohttp>=3.10,<4"]
+LIVE = ["aiohttp>=3.14,<4"]
 FOXGLOVE = ["foxglove-sdk>=0.30,<0.40"]
 PLOT = ["matplotlib>=3.8,<4"]
 NOTEBOOK = [*PLOT, "pandas>=2.2,<4"]
@@ -91,7 +91,6 @@ setup(
         ("share/" + PACKAGE + "/examples/c_candidate", glob("examples/c_candidate/*")),
         ("share/" + PACKAGE + "/launch_scripts", glob("launch_scripts/*.launch.py")),
         ("share/" + PACKAGE + "/config", [*glob("config/*.yaml"), *glob("config/*.xml"), *PROFILES]),
-        ("share/" + PACKAGE + "/config/foxglove", glob("config/foxglove/*.json")),
         ("share/" + PACKAGE + "/config/examples", glob("config/examples/*")),
         ("share/" + PACKAGE + "/config/simulation", glob("config/simulation/*.yaml")),
         ("share/" + PACKAGE + "/config/suites", glob("config/suites/*.yaml")),

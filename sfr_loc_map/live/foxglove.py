@@ -23,7 +23,7 @@ BACKLOG_MESSAGES = 64  #: Messages that wait for a client; beyond them the SDK d
 TICK_S, PERIOD_S = 0.1, 1.0  #: Time between two looks at images and maps, two messages of figures and paths.
 FIGURES, ESTIMATE, TRUTH, POINTS, GRID = "/figures", "/path/estimate", "/path/truth", "/mapping/points", "/mapping/grid"
 IMAGES = ("/loc/left", "/loc/right", "/nav/left", "/nav/right")
-VIEWS = {**dict.fromkeys(IMAGES, View.IMAGES), POINTS: View.CLOUDS, GRID: View.CLOUDS}
+VIEWS = {**dict.fromkeys(IMAGES, View.IMAGES), POINTS: View.CLOUDS, GRID: View.MAPS}
 """What a feed has to make for a topic."""
 CHANNELS = {
     ESTIMATE: channels.PosesInFrameChannel,

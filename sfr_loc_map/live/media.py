@@ -1,4 +1,4 @@
-"""Images, clouds, maps from above and masks made small enough for a screen."""
+"""Images, clouds and maps from above, reduced for a screen."""
 
 from __future__ import annotations
 
@@ -21,27 +21,29 @@ CELL_M = 0.1
 MAX_SIDE = 512  #: Cells along each axis of a grid that is made of a cloud; beyond them they are larger.
 MAX_CELLS = 30_000  #: Most cells that are shown.
 WORST = frozenset({"hazard", "step"})  #: Layers of which the worst of several cells is shown.
-MAX_OUTLINES, MAX_CORNERS = 40, 200
-TOLERANCE_PX = 0.7  #: Largest distance of an outline from the edge of a mask, pixels of the mask.
 
 
-def image_sample(topic: str, stamp_ns: int, image: NDArray[np.uint8], published_s: float) -> ImageSample:
-    """Return an image, `(H, W)` grey or `(H, W, 3)` blue, green, red, reduced for the screen."""
-    height, width = image.shape[:2]
+def image_sample(
+    topic: str,
+    stamp_ns: int,
+    image: NDArray[np.uint8],
+    published_s: float,
+    full_shape: tuple[int, ...] | None = None,
+    track_count: int = 0,
+) -> ImageSample:
+    """Return an image, `(H, W)` grey or `(H, W, 3)` blue, green, red, reduced for the screen.
+
+    `full_shape` is the shape before it was reduced, if that was done already.
+    """
     shown = image
+    height, width = image.shape[:2]
     if width > IMAGE_WIDTH:
         size = (IMAGE_WIDTH, max(round(height * IMAGE_WIDTH / width), 1))
         shown = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
     jpeg = bytes(cv2.imencode(".jpg", np.ascontiguousarray(shown), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1])
-    return ImageSample(topic, stamp_ns, jpeg, (shown.shape[1], shown.shape[0]), (width, height), published_s)
-
-
-def outlines(mask: NDArray[np.uint8], scale: float) -> tuple[FloatArray32, ...]:
-    """Return the largest outlines `(K, 2)`, pixels of the image, of where a mask is 0; it is `scale` times smaller."""
-    found, _ = cv2.findContours((mask == 0).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
-    largest = sorted(found, key=cv2.contourArea, reverse=True)[:MAX_OUTLINES]
-    corners = (cv2.approxPolyDP(ring, TOLERANCE_PX, True).reshape(-1, 2)[:MAX_CORNERS] for ring in largest)
-    return tuple((ring.astype(np.float32) + 0.5) * np.float32(scale) - 0.5 for ring in corners)
+    full_height, full_width = (full_shape or image.shape)[:2]
+    size = (shown.shape[1], shown.shape[0])
+    return ImageSample(topic, stamp_ns, jpeg, size, (full_width, full_height), published_s, track_count)
 
 
 class CloudTruth:

@@ -1,11 +1,9 @@
-"""The server of the page: one page, its state as JSON, a websocket with figures, images and clouds, commands.
+"""The server of the live page: its files, the state as JSON, a websocket for each open page, commands.
 
-Who may look on: on loopback no token is needed, but the name that the page was asked by must be one of loopback, as a
-name of somebody else's may resolve to this host (DNS rebinding). Served to other hosts, each request needs the token,
-as `?token=` once (a cookie keeps it) or as `Authorization: Bearer`. Who may command: whoever has the word in the page.
-
-A page takes what is new for it when the network has room, so nothing waits here but what the state keeps anyway: all
-figures in their order, of each image and cloud topic the newest. One that does not read is cut off.
+Access: on loopback no token is needed, but the host name of a request must be a loopback name, because a foreign name
+may resolve to this host (DNS rebinding). With another address each request needs the token: `?token=` once (a cookie
+keeps it) or `Authorization: Bearer`. Requests that originate from another page are refused. A command needs the word
+that the served page holds.
 """
 
 from __future__ import annotations
@@ -15,70 +13,63 @@ import hmac
 import ipaddress
 import json
 import logging
-import math
 import secrets
 import signal
-import socket
-import struct
 import time
 import webbrowser
-from bisect import bisect_left
 from collections.abc import Awaitable, Callable
-from contextlib import AsyncExitStack, suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass
-from functools import lru_cache
 from importlib.resources import files
-from operator import attrgetter
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote, urlsplit
 
-import numpy as np
 from aiohttp import WSMsgType, http_exceptions, web
 
 from sfr_loc_map import __version__
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import ConfigError, NodeError, SfrError
-from sfr_loc_map.geometry.arrays import FloatArray32
 from sfr_loc_map.inputs import parse_json
 from sfr_loc_map.live import updates
-from sfr_loc_map.live.path import ROW_FIELDS
+from sfr_loc_map.live.connections import IDLE_TIMEOUT_S, BoundedConnections
+from sfr_loc_map.live.page import Page, text_message
 from sfr_loc_map.live.state import LiveState, ReportView
 from sfr_loc_map.signals import stopping
 
 DEFAULT_HOST, DEFAULT_PORT = "127.0.0.1", 8080
-KINDS = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
-TOKEN_MARK, COOKIE, COMMAND_HEADER = b"@COMMAND_TOKEN@", "sfr_live_token", "X-SFR-Token"
+CONTENT_TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
+PLOTTING_LIBRARY = "plotly.min.js"  #: Served from the wheel of plotly.
+TOKEN_MARK = b"@COMMAND_TOKEN@"
+TOKEN_COOKIE = "sfr_live_token"
+COMMAND_HEADER = "X-SFR-Token"
 HEADERS = {
+    # plotly.js writes inline styles and draws heat maps as data: images
     "Content-Security-Policy": (
-        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self'; "
-        "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+        "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' blob: data:; "
+        "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
     ),
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
-MIN_TOKEN, MAX_PAGES, MAX_MESSAGE_BYTES = 8, 32, 4096
-SOCKET_BUFFER_BYTES = 262_144  #: Of the kernel, for each page: what waits there is older than what waits here.
-SHUTDOWN_S, LAST_MESSAGE_S = 1.0, 0.1
-"""Time for requests under way when the server ends (a page that keeps its connection open keeps nobody), and for the
-last message to the pages."""
-TICK_S = 0.01  #: What comes within it goes out as one message.
-HEAD_TIMEOUT_S = 5.0  #: Of a connection, until the head of its first request is there.
-MAX_WAITING, MAX_CONNECTIONS, BACKLOG, ACCEPTED = 512, 256, 2048, 128
-"""Connections that have not asked for anything yet (the oldest makes room), that have, that the kernel holds, that are
-taken in at once: fewer than may wait, so that one that asks is heard before those that come after it push it out."""
-LOG_PERIOD_S = 60.0  #: One line of each kind of fault in this time.
 REPORT_HEADERS = {
     "Content-Security-Policy": (
         "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline' 'unsafe-eval'; img-src data: blob:; "
         "sandbox allow-scripts allow-modals allow-downloads; frame-ancestors 'none'"
     )
 }
-"""Of the report, which holds its own scripts: it cannot read this page."""
-SEND_TIMEOUT_S = 10.0  #: A page that takes nothing for so long is cut off.
-NODES_PERIOD_S = 0.25  #: At least so often the pages hear of the nodes, and by that of the server.
+"""Of the report, which holds its own scripts: its origin is opaque, so that it cannot read the page."""
+CACHED = {"Cache-Control": "private, max-age=86400"}  #: Of the plotting library, 5 MB.
+MIN_TOKEN_LETTERS = 8
+MAX_PAGES = 32
+MAX_MESSAGE_BYTES = 4096  #: Of a command and of a message of a page.
+HEARTBEAT_S = 20.0  #: Period of the websocket's ping.
+SHUTDOWN_S = 1.0  #: Time for requests under way when the server ends.
+LAST_MESSAGE_S = 0.1  #: Time for the last message to the pages.
+TICK_S = 0.01  #: Changes within this time are sent together.
+NODES_PERIOD_S = 0.25  #: Period of the message with the nodes' state, which also shows that the server is alive.
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,130 +81,140 @@ class LiveConfig:
     token: str = param("", doc="Word that each request must have; needed where other hosts are let in.")
 
     def __post_init__(self) -> None:
-        """Check that others need a token; ConfigError if there is none, or a short one."""
+        """Check that other hosts need a token; ConfigError if it is missing or too short."""
         token = self.token
         if not token and not _is_loopback(self.host):
-            raise ConfigError(f"'{self.host}' lets other hosts in: give --token, {MIN_TOKEN} letters or more")
-        if token and (len(token) < MIN_TOKEN or not token.isascii() or not token.isprintable()):
-            raise ConfigError(f"--token must have at least {MIN_TOKEN} printable ASCII letters")
+            raise ConfigError(f"'{self.host}' lets other hosts in: give --token, {MIN_TOKEN_LETTERS} letters or more")
+        if token and (len(token) < MIN_TOKEN_LETTERS or not token.isascii() or not token.isprintable()):
+            raise ConfigError(f"--token must have at least {MIN_TOKEN_LETTERS} printable ASCII letters")
 
 
 class LiveServer:
-    """Shows a run, at `url` once it is served. All methods but the constructor run in one event loop."""
+    """Serves the page of a run at `url`. All methods but the constructor run in one event loop."""
 
     def __init__(self, config: LiveConfig, state: LiveState, title: str = "") -> None:
-        """Read the page; the title may be a namespace or the name of a bag."""
+        """Read the page's files; the title is shown in the header, for example a namespace."""
         self.state = state
-        self.url = ""
-        self.pages: list[Page] = []
-        self.texts = {"report": "", "events": "", "nodes": ""}  # the latest message of each, empty before the first
-        self._events_version = -1
+        self.url = ""  # known once the page is served
         self._config, self._title = config, title
         self._command_token = secrets.token_urlsafe(18)
-        page = (files("sfr_loc_map.live") / "web").iterdir()
-        self._files = {item.name: item.read_bytes() for item in page if item.name.rpartition(".")[2] in KINDS}
-        self._files["index.html"] = self._files["index.html"].replace(TOKEN_MARK, self._command_token.encode())
-        self._begin_s, self._nodes_s = time.time(), 0.0
+        self._files = _page_files(self._command_token)
+        self._pages: list[Page] = []
+        self._texts: dict[str, str] = {}  # the latest message of each kind that is the same for all pages
+        self._begin_s = time.time()
+        self._nodes_sent_s = 0.0
+        self._events_version = -1
         self._report: ReportView | None = None
-        self._connections: web.Server | None = None
-        self._waiting: dict[web.RequestHandler, asyncio.TimerHandle] = {}  # connections that have not asked yet
+        self._connections: BoundedConnections | None = None
+        self._changed = asyncio.Event()
 
     async def serve(self, ready: Callable[[str], None]) -> None:
         """Serve until the task is cancelled; `ready` is called with the address once the page can be opened."""
-        config, logger = self._config, logging.getLogger("sfr_loc_map.live")
-        for name in (logger.name, "asyncio"):  # which tells that descriptors are used up
-            logging.getLogger(name).addFilter(_Quiet())
-        options: dict[str, Any] = {"access_log": None, "handle_signals": False, "logger": logger}
-        app = web.Application(middlewares=[self._guard], client_max_size=MAX_MESSAGE_BYTES)
-        pages = {"/healthz": self._healthz, "/state.json": self._state_json, "/ws": self._websocket}
-        pages |= {"/report": self._report_page, "/{name:[^/]*}": self._file}
-        app.add_routes([web.post("/command", self._command), *(web.get(*page) for page in pages.items())])
-        runner = web.AppRunner(app, shutdown_timeout=SHUTDOWN_S, **options)
+        logger = logging.getLogger("sfr_loc_map.live")
+        logger.addFilter(_is_internal_error)
+        runner = web.AppRunner(
+            self._application(),
+            access_log=None,
+            handle_signals=False,
+            logger=logger,
+            keepalive_timeout=IDLE_TIMEOUT_S,
+            shutdown_timeout=SHUTDOWN_S,
+        )
         await runner.setup()
-        self._connections = runner.server
-        loop, news = asyncio.get_running_loop(), asyncio.Event()
-
-        def wake() -> None:
-            if not news.is_set():
-                with suppress(RuntimeError):  # the loop has ended
-                    loop.call_soon_threadsafe(news.set)
-
-        async with AsyncExitStack() as stack:
-            stack.push_async_callback(runner.cleanup)
-            try:
-                listener = await loop.create_server(self._let_in, config.host, config.port, backlog=ACCEPTED)
-            except OSError as error:
-                place, reason = f"{config.host} port {config.port}", error.strerror or str(error)
-                hint = "choose another --port (0: a free one)"
-                raise NodeError(f"cannot listen on {place}: {reason}; {hint}") from error
-
-            @stack.callback
-            def end() -> None:
-                if self.state.operator is not None:
-                    self.state.operator.close()
-                listener.close()
-
-            for item in listener.sockets:
-                with item.dup() as same:
-                    same.listen(BACKLOG)
-            name = f"[{config.host}]" if ":" in config.host else config.host
-            query = f"?token={quote(config.token, safe='')}" if config.token else ""
-            self.url = f"http://{name}:{listener.sockets[0].getsockname()[1]}/{query}"
-            self.state.on_change = wake
-            ready(self.url)
-            while True:
-                with suppress(TimeoutError):
-                    async with asyncio.timeout(NODES_PERIOD_S):
-                        await news.wait()
-                news.clear()
-                self.tell(time.time())
-                await asyncio.sleep(TICK_S)
+        assert runner.server is not None
+        self._connections = BoundedConnections(runner.server)
+        try:
+            with closing(await self._listen(self._connections)) as listener:
+                self.url = self._address(listener.sockets[0].getsockname()[1])
+                self.state.on_change = self._wake_from_any_thread(asyncio.get_running_loop())
+                ready(self.url)
+                await self._send_changes()
+        finally:
+            if self.state.operator is not None:
+                self.state.operator.close()
+            await runner.cleanup()
 
     def end(self) -> None:
-        """Tell the pages that the run is over: what is silent from now on is not missing."""
+        """Tell the pages that the run is over, so that later silence is not reported as stale data."""
         now_s = time.time()
         with self.state.lock:
             if self.state.ended_s is None:
                 self.state.ended_s = now_s
-        self._nodes_s = 0.0
-        self.tell(now_s)
+        self._nodes_sent_s = 0.0
+        self._notify_pages(now_s)
 
-    def tell(self, now_s: float) -> None:
-        """Let the pages send what has changed."""
-        report = self.state.report
-        if report is not None and report is not self._report:
-            self._report, self.texts["report"] = report, message("report", report.to_plain())
-        if not 0.0 <= now_s - self._nodes_s < NODES_PERIOD_S:
-            self._nodes_s = now_s
-            self.texts["nodes"] = message("nodes", self.state.live_to_plain(now_s) | {"actions": self.state.actions})
-        if self._events_version != (version := self.state.timeline.version):
-            self._events_version = version
-            self.texts["events"] = message("events", {"events": self.state.events_to_plain()})
-        for page in self.pages:
-            page.news.set()
+    def _application(self) -> web.Application:
+        app = web.Application(middlewares=[self._guard], client_max_size=MAX_MESSAGE_BYTES)
+        app.add_routes(
+            [
+                web.get("/healthz", self._get_health),
+                web.get("/state.json", self._get_state),
+                web.get("/report", self._get_report),
+                web.get("/ws", self._open_page),
+                web.post("/command", self._run_command),
+                web.get("/{name:[^/]*}", self._get_file),
+            ]
+        )
+        return app
 
-    def _let_in(self) -> web.RequestHandler:
-        """Return what serves a new connection, which has some time to ask; the one that waits longest makes room."""
-        assert self._connections is not None
-        if len(self._waiting) >= MAX_WAITING:
-            self._cut(next(iter(self._waiting)))
-        handler = self._connections()
-        self._waiting[handler] = asyncio.get_running_loop().call_later(HEAD_TIMEOUT_S, self._cut, handler)
-        return handler
+    async def _listen(self, connections: BoundedConnections) -> asyncio.Server:
+        host, port = self._config.host, self._config.port
+        try:
+            return await asyncio.get_running_loop().create_server(connections, host, port)
+        except OSError as error:
+            reason = error.strerror or str(error)
+            hint = "choose another --port (0: a free one)"
+            raise NodeError(f"cannot listen on {host} port {port}: {reason}; {hint}") from error
 
-    def _cut(self, handler: web.RequestHandler) -> None:
-        self._waiting.pop(handler).cancel()
-        handler.force_close()
+    def _address(self, port: int) -> str:
+        host, token = self._config.host, self._config.token
+        name = f"[{host}]" if ":" in host else host
+        query = f"?token={quote(token, safe='')}" if token else ""
+        return f"http://{name}:{port}/{query}"
+
+    def _wake_from_any_thread(self, loop: asyncio.AbstractEventLoop) -> Callable[[], None]:
+        def wake() -> None:
+            if not self._changed.is_set():
+                with suppress(RuntimeError):  # the loop has ended
+                    loop.call_soon_threadsafe(self._changed.set)
+
+        return wake
+
+    # ---- what changes
+
+    async def _send_changes(self) -> None:
+        """Notify the pages of each change, and periodically of the nodes."""
+        while True:
+            with suppress(TimeoutError):
+                async with asyncio.timeout(NODES_PERIOD_S):
+                    await self._changed.wait()
+            self._changed.clear()
+            self._notify_pages(time.time())
+            await asyncio.sleep(TICK_S)
+
+    def _notify_pages(self, now_s: float) -> None:
+        state = self.state
+        if state.report is not None and state.report is not self._report:
+            self._report = state.report
+            self._texts["report"] = text_message("report", state.report.to_plain())
+        if self._events_version != state.timeline.version:
+            self._events_version = state.timeline.version
+            self._texts["events"] = text_message("events", {"events": state.events_to_plain()})
+        if not 0.0 <= now_s - self._nodes_sent_s < NODES_PERIOD_S:
+            self._nodes_sent_s = now_s
+            self._texts["nodes"] = text_message("nodes", state.live_to_plain(now_s) | {"actions": state.actions})
+        for page in self._pages:
+            page.notify(self._texts)
+
+    # ---- access
 
     @web.middleware
     async def _guard(
         self, request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
     ) -> web.StreamResponse:
-        if (timer := self._waiting.pop(request.protocol, None)) is not None:
-            timer.cancel()
-        if self._connections and len(self._connections.connections) - len(self._waiting) > MAX_CONNECTIONS:
-            request.protocol.force_close()
-            return web.Response(status=503)
+        """Refuse requests without access; turn errors into one line of text; add the security headers."""
+        assert self._connections is not None
+        self._connections.has_asked(request.protocol)
         refusal = self._refusal(request)
         try:
             if refusal and request.path != "/healthz":
@@ -221,208 +222,111 @@ class LiveServer:
             response = await handler(request)
         except web.HTTPException as error:
             response = web.Response(status=error.status, text=f"{error.reason}\n")
-        if not response.prepared:
-            for name, value in HEADERS.items():
-                response.headers.setdefault(name, value)
-            if self._config.token and request.query.get("token") and not refusal:
-                response.set_cookie(COOKIE, self._config.token, httponly=True, samesite="Strict")
+        if response.prepared:
+            return response
+        for name, value in HEADERS.items():
+            response.headers.setdefault(name, value)
+        if self._config.token and request.query.get("token") and not refusal:
+            response.set_cookie(TOKEN_COOKIE, self._config.token, httponly=True, samesite="Strict")
         return response
 
     def _refusal(self, request: web.Request) -> str:
-        """Return why a request is refused, empty if it is not."""
-        host, origin, token = request.headers.get("Host", ""), request.headers.get("Origin"), self._config.token
+        """Return the reason why a request is refused, empty if it has access."""
+        host = request.headers.get("Host", "")
+        origin = request.headers.get("Origin")
+        token = self._config.token
         if not token and not _is_loopback(_split(f"//{host}")[0]):
             return "this page is for 127.0.0.1 and localhost alone"
         if origin is not None and _split(origin)[1] != host:
             return "the request comes from another page"
-        scheme, _, bearer = request.headers.get("Authorization", "").partition(" ")
-        bearer = bearer if scheme.lower() == "bearer" else ""
-        given = (request.query.get("token", ""), request.cookies.get(COOKIE, ""), bearer)
-        if token and not any(_equal(word, token) for word in given):
+        if token and not any(_is_equal(word, token) for word in _given_tokens(request)):
             return "a token is needed: open the address that sfr live has printed"
         return ""
 
-    async def _file(self, request: web.Request) -> web.Response:
-        name = request.match_info["name"] or "index.html"
-        if name not in self._files:  # nothing but the files of the page is ever served
-            raise web.HTTPNotFound
-        return web.Response(body=self._files[name], content_type=KINDS[name.rpartition(".")[2]], charset="utf-8")
+    # ---- requests
 
-    async def _healthz(self, request: web.Request) -> web.Response:
+    async def _get_file(self, request: web.Request) -> web.Response:
+        name = request.match_info["name"] or "index.html"
+        if name not in self._files:  # no other file is ever served
+            raise web.HTTPNotFound
+        headers = CACHED if name == PLOTTING_LIBRARY else None
+        content_type = CONTENT_TYPES[name.rpartition(".")[2]]
+        return web.Response(body=self._files[name], content_type=content_type, charset="utf-8", headers=headers)
+
+    async def _get_health(self, request: web.Request) -> web.Response:
         return web.json_response({"status": "ok"})
 
-    async def _state_json(self, request: web.Request) -> web.Response:
+    async def _get_state(self, request: web.Request) -> web.Response:
         now_s = time.time()
         content = self.state.to_plain(now_s)
-        content["live"] |= {"server": self._server(now_s)}
+        content["live"] |= {"server": self._facts(now_s)}
         return web.json_response(content, dumps=lambda value: json.dumps(value, allow_nan=False))
 
-    async def _report_page(self, request: web.Request) -> web.Response:
-        if not self.state.report_page:
-            raise web.HTTPNotFound
+    async def _get_report(self, request: web.Request) -> web.Response:
         page = self.state.report_page
+        if not page:
+            raise web.HTTPNotFound
         return web.Response(body=page, content_type="text/html", charset="utf-8", headers=REPORT_HEADERS)
 
-    def _server(self, now_s: float) -> dict[str, Any]:
-        uptime_s = round(now_s - self._begin_s, 3)
-        facts = {"version": __version__, "title": self._title, "time_s": now_s, "uptime_s": uptime_s}
-        return facts | {"actions": self.state.actions, "pages": len(self.pages)}
+    async def _run_command(self, request: web.Request) -> web.Response:
+        if not _is_equal(request.headers.get(COMMAND_HEADER, ""), self._command_token):
+            return web.json_response({"ok": False, "text": "the page is of an earlier server: reload it"}, status=403)
+        try:
+            async with asyncio.timeout(IDLE_TIMEOUT_S):
+                content = await request.read()
+            command = updates.Command.parse(content)
+            text = await asyncio.to_thread(self.state.run, command)
+        except TimeoutError:
+            raise web.HTTPRequestTimeout from None
+        except (SfrError, web.RequestPayloadError) as error:
+            return web.json_response({"ok": False, "text": str(error)}, status=400)
+        return web.json_response({"ok": True, "text": text})
 
-    async def _websocket(self, request: web.Request) -> web.StreamResponse:
-        if len(self.pages) >= MAX_PAGES:
+    async def _open_page(self, request: web.Request) -> web.StreamResponse:
+        """Serve the websocket of a page until it is closed."""
+        if len(self._pages) >= MAX_PAGES:
             raise web.HTTPServiceUnavailable
-        channel = web.WebSocketResponse(heartbeat=20.0, max_msg_size=MAX_MESSAGE_BYTES, compress=False)
+        channel = web.WebSocketResponse(heartbeat=HEARTBEAT_S, max_msg_size=MAX_MESSAGE_BYTES, compress=False)
         await channel.prepare(request)
         transport = request.transport
         if transport is None:
             return channel
-        transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SOCKET_BUFFER_BYTES)
-        page = Page(self, channel)
+        page = Page(self.state, channel)
 
         async def send() -> None:
-            """Send, and close the connection of one that is cut off without waiting for it."""
             with suppress(ConnectionError, TimeoutError):
-                await page.send_all(self._server(time.time()))
-            transport.abort()
+                await page.send_all(self._facts(time.time()))
+            transport.abort()  # without the closing handshake, which a page that does not read never answers
 
-        self.pages.append(page)
-        self.tell(time.time())
+        self._pages.append(page)
+        self._notify_pages(time.time())
         sender = asyncio.create_task(send())
         try:
             async for received in channel:
                 if received.type is WSMsgType.TEXT:
                     page.receive(received.data)
         finally:
-            self.pages.remove(page)
+            self._pages.remove(page)
             self.state.looks.pop(page, None)
             sender.cancel()
         return channel
 
-    async def _command(self, request: web.Request) -> web.Response:
-        if not _equal(request.headers.get(COMMAND_HEADER, ""), self._command_token):
-            return web.json_response({"ok": False, "text": "the page is of an earlier server: reload it"}, status=403)
-        try:
-            command = updates.Command.parse(await request.read())
-            text = await asyncio.to_thread(self.state.run, command)
-        except (SfrError, web.RequestPayloadError) as error:
-            return web.json_response({"ok": False, "text": str(error)}, status=400)
-        return web.json_response({"ok": True, "text": text})
-
-
-def message(kind: str, content: dict[str, Any]) -> str:
-    """Return a message of figures: JSON with its kind as `type`."""
-    return json.dumps({"type": kind, **content}, allow_nan=False, separators=(",", ":"))
-
-
-@lru_cache(maxsize=16)
-def frame_of(media: updates.Media) -> bytes:
-    """Return the binary frame of an image, a cloud, a map or tracks.
-
-    bytes 0..3     length of the header with its padding, unsigned, little endian
-    bytes 4..      header: UTF-8 JSON, padded with spaces to four bytes
-    the rest       image: a JPEG file; others: float32, little endian. cloud: `count` points, x y z sigma (and error,
-                   where `error` is true); elevation: `rows` times `columns` cells with the layers of `names`; tracks:
-                   `count` rows u v before_u before_v residual
-    """
-    facts: dict[str, Any]
-    body: bytes | FloatArray32
-    match media:
-        case updates.ImageSample(jpeg=body):
-            kind, facts = "image", {"size": media.size, "full_size": media.full_size}
-        case updates.CloudSample(points=points, error=error):
-            kind, body = "cloud", points if error is None else np.column_stack([points, error])
-            facts = {"count": len(points), "total": media.total, "error": error is not None}
-        case updates.ElevationSample(layers=body):
-            kind, facts = "elevation", {"rows": body.shape[0], "columns": body.shape[1], "origin_m": media.origin_m}
-            facts |= {"cell_m": media.cell_m, "names": media.names, "every": media.every}
-        case updates.TrackSample(tracks=body):
-            masks = {side: [np.round(ring, 1).tolist() for ring in rings] for side, rings in media.masks.items()}
-            kind, facts = "tracks", {"count": len(body), "masks": masks}
-    name = {"type": kind, "topic": media.topic, "stamp_ns": str(media.stamp_ns), "published_s": media.published_s}
-    header = json.dumps(name | facts, allow_nan=False, separators=(",", ":")).encode()
-    header += b" " * (-len(header) % 4)
-    data = body if isinstance(body, bytes) else np.ascontiguousarray(body, "<f4").tobytes()
-    return struct.pack("<I", len(header)) + header + data
-
-
-class Page:
-    """One page: how far it is, what it looks at. Used by the thread of the server's loop alone."""
-
-    def __init__(self, server: LiveServer, channel: web.WebSocketResponse) -> None:
-        self.news = asyncio.Event()
-        self._server, self._state, self._channel = server, server.state, channel
-        self._sent: dict[str, updates.Media] = {}  # of each topic the last; the topic that was sent last is the last
-        self._told: dict[str, str] = {}  # of each kind of message the last
-        self._pong = ""
-        self._version = -1  # of the path, which changes with each restart of a player
-        self._next_row = self._next_call = 0
-
-    def receive(self, text: str) -> None:
-        """Take a message of the page in: what it looks at, or a request for the server's time."""
-        content: Any = None
-        with suppress(ValueError):
-            content = parse_json(text)
-        match content:
-            case {"type": "want", "views": [*views]}:
-                self._state.looks[self] = frozenset(view for view in updates.View if view.value in views)
-            case {"type": "ping", "sent_ms": int() | float() as sent_ms} if math.isfinite(sent_ms):
-                self._pong = message("pong", {"sent_ms": sent_ms, "time_s": time.time()})
-        self.news.set()
-
-    async def send_all(self, server: dict[str, Any]) -> None:
-        """Greet the page and send what is new; ConnectionError if it is gone, TimeoutError if it takes nothing."""
-        await self._send(message("hello", {"server": server, "row_fields": ROW_FIELDS}))
-        while True:
-            self.news.clear()
-            for text in self._new_figures():
-                await self._send(text)
-            if (media := self._new_media()) is None:
-                await self.news.wait()
-            else:
-                self._sent.pop(media.topic, None)
-                self._sent[media.topic] = media
-                await self._send(frame_of(media))
-
-    def _new_figures(self) -> list[str]:
-        """Return what the page has not been sent: report, path, calls, nodes, answers."""
-        state, found = self._state, {"report": self._server.texts["report"]}  # which is the first
-        with state.lock:
-            path, under_way, calls = state.path, state.path.under_way, list(state.calls)
-            whole, self._version = path.version != self._version, path.version
-            rows = path.rows[0 if whole else bisect_left(path.rows, self._next_row, key=attrgetter("n")) :]
-        if whole or rows:
-            self._next_row = rows[-1].n + 1 if rows else 0
-            plain = [row.to_plain() for row in rows]
-            found["path"] = message("path", {"whole": whole, "rows": plain, "under_way": under_way})
-        calls = [call for call in calls if whole or call["n"] >= self._next_call]
-        if whole or calls:
-            self._next_call = calls[-1]["n"] + 1 if calls else self._next_call
-            found["calls"] = message("calls", {"calls": calls, "whole": whole})
-        found |= self._server.texts | {"pong": self._pong}
-        new = [text for kind, text in found.items() if text != self._told.get(kind, "")]
-        self._told |= found
-        return new
-
-    def _new_media(self) -> updates.Media | None:
-        """Return what it looks at and has not been sent: of the topic that was sent longest ago."""
-        newest, views = dict(self._state.media), self._state.looks.get(self, frozenset())
-        for topic in (*(topic for topic in newest if topic not in self._sent), *self._sent):
-            media = newest.get(topic)
-            if media is not None and media.view in views and self._sent.get(topic) is not media:
-                return media
-        return None
-
-    async def _send(self, data: str | bytes) -> None:
-        send = self._channel.send_str(data) if isinstance(data, str) else self._channel.send_bytes(data)
-        async with asyncio.timeout(SEND_TIMEOUT_S):
-            await send
+    def _facts(self, now_s: float) -> dict[str, Any]:
+        return {
+            "version": __version__,
+            "title": self._title,
+            "time_s": now_s,
+            "uptime_s": round(now_s - self._begin_s, 3),
+            "actions": self.state.actions,
+            "pages": len(self._pages),
+        }
 
 
 async def serve_until_signal(server: LiveServer, *, open_browser: bool = False, end_file: Path | None = None) -> None:
     """Serve until SIGINT, SIGTERM or SIGHUP; print the address when the page can be opened.
 
-    SIGUSR1 says that the run is over: how stands in the file, as `nodes.processes.LivePage` writes it. The pages are
-    told, and can be opened still.
+    SIGUSR1 reports that the run is over. The file, written by `nodes.processes.LivePage`, holds how it ended. The
+    pages are told and can still be opened.
     """
 
     def announce(url: str) -> None:
@@ -430,23 +334,39 @@ async def serve_until_signal(server: LiveServer, *, open_browser: bool = False, 
         if open_browser:
             webbrowser.open(url)
 
-    def end() -> None:
+    def end_server() -> None:
         server.end()
         loop.call_later(LAST_MESSAGE_S, task.cancel)
 
-    def run_is_over() -> None:
-        told: Any = {}
+    def end_run() -> None:
+        outcome: Any = {}
         with suppress(OSError, ValueError):
-            told = {} if end_file is None else parse_json(end_file.read_text(encoding="utf-8"))
+            outcome = {} if end_file is None else parse_json(end_file.read_text(encoding="utf-8"))
         with suppress(OSError):
-            server.state.report_page = Path(told.get("report") or "").read_bytes()
-        server.state.end(told.get("missing", ""), told.get("aborted", ""), time.time())
+            server.state.report_page = Path(outcome.get("report") or "").read_bytes()
+        server.state.end(outcome.get("missing", ""), outcome.get("aborted", ""), time.time())
         server.end()
 
-    task, loop = asyncio.ensure_future(server.serve(announce)), asyncio.get_running_loop()
-    loop.add_signal_handler(signal.SIGUSR1, run_is_over)
-    with stopping(lambda: loop.call_soon_threadsafe(end)), suppress(asyncio.CancelledError):
+    loop = asyncio.get_running_loop()
+    task = asyncio.ensure_future(server.serve(announce))
+    loop.add_signal_handler(signal.SIGUSR1, end_run)
+    with stopping(lambda: loop.call_soon_threadsafe(end_server)), suppress(asyncio.CancelledError):
         await task
+
+
+def _page_files(command_token: str) -> dict[str, bytes]:
+    """Return the files of the page and the plotting library by their names."""
+    folder = (files("sfr_loc_map.live") / "web").iterdir()
+    found = {item.name: item.read_bytes() for item in folder if item.name.rpartition(".")[2] in CONTENT_TYPES}
+    found["index.html"] = found["index.html"].replace(TOKEN_MARK, command_token.encode())
+    found[PLOTTING_LIBRARY] = (files("plotly") / "package_data" / PLOTTING_LIBRARY).read_bytes()
+    return found
+
+
+def _given_tokens(request: web.Request) -> tuple[str, str, str]:
+    scheme, _, bearer = request.headers.get("Authorization", "").partition(" ")
+    bearer = bearer if scheme.lower() == "bearer" else ""
+    return request.query.get("token", ""), request.cookies.get(TOKEN_COOKIE, ""), bearer
 
 
 def _is_loopback(host: str) -> bool:
@@ -457,7 +377,7 @@ def _is_loopback(host: str) -> bool:
 
 
 def _split(url: str) -> tuple[str, str]:
-    """Return the name, and the name with the port, of an address; empty where it is none."""
+    """Return the host name, and the host name with the port, of an address; both empty if it is invalid."""
     try:
         found = urlsplit(url)
         return found.hostname or "", found.netloc
@@ -465,24 +385,12 @@ def _split(url: str) -> tuple[str, str]:
         return "", ""
 
 
-def _equal(given: str, wanted: str) -> bool:
-    # Bytes of a header that are no UTF-8 come as halves of surrogate pairs.
+def _is_equal(given: str, wanted: str) -> bool:
+    # bytes of a header that are invalid UTF-8 are surrogates
     return hmac.compare_digest(given.encode(errors="surrogatepass"), wanted.encode())
 
 
-class _Quiet(logging.Filter):
-    """Lets one line of each kind of fault through in a time, and none of a request that is no HTTP: it is answered."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._last_s: dict[str, float] = {}
-
-    def filter(self, record: logging.LogRecord) -> bool:
-        error = record.exc_info[1] if record.exc_info else None
-        kind, now_s = str(record.msg)[:40], time.monotonic()
-        if isinstance(error, http_exceptions.HttpProcessingError | web.RequestPayloadError):
-            return False
-        if now_s - self._last_s.get(kind, -LOG_PERIOD_S) < LOG_PERIOD_S:
-            return False
-        self._last_s[kind] = now_s
-        return True
+def _is_internal_error(record: logging.LogRecord) -> bool:
+    """Filter of log records: a malformed request is answered with its status and not logged."""
+    error = record.exc_info[1] if record.exc_info else None
+    return not isinstance(error, http_exceptions.HttpProcessingError | web.RequestPayloadError)

@@ -143,6 +143,7 @@ class LiveState:
         self.nodes: dict[str, NodeView] = {}
         self.calls: deque[dict[str, Any]] = deque(maxlen=MAX_CALLS)  # JSON values, each with its number `n`
         self.media: dict[str, updates.Media] = {}  # the newest of each topic
+        self.image_problems: dict[str, str] = {}  # why images cannot be shown, by topic
         self.topics: dict[str, TopicView] = {}
         self.lost: dict[str, int] = {}  # messages that did not arrive here, by topic
         self.problems: deque[str] = deque(maxlen=MAX_PROBLEMS)  # what could not be read, the latest last
@@ -248,6 +249,7 @@ class LiveState:
                 "last_call": {call["node"]: call for call in self.calls},
                 "poses": rows[-1].n + 1 if rows else 0,
                 "problems": list(self.problems),
+                "image_problems": {topic: text for topic, text in self.image_problems.items() if text},
             }
 
     def events_to_plain(self) -> list[dict[str, Any]]:
@@ -313,6 +315,9 @@ class LiveState:
                 self._published[update.stamp_ns] = update.published_s
                 if len(self._published) > MAX_STAMPS:
                     self._published.popitem(last=False)
+            case updates.ImageProblem():
+                if update.topic in self.image_problems or len(self.image_problems) < MAX_TOPICS:
+                    self.image_problems[update.topic] = one_line(update.text)[:MAX_LETTERS]
             case updates.GraphView():
                 self.lost = dict(update.lost)
                 for name in update.nodes:

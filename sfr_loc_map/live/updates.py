@@ -40,11 +40,11 @@ class StatusKind(StrEnum):
 
 
 class View(StrEnum):
-    """What costs something to make, so that a feed makes it only where somebody looks at it."""
+    """What costs time to prepare, so that a feed prepares it only while a viewer shows it."""
 
     IMAGES = "images"
-    TRACKS = "tracks"
     CLOUDS = "clouds"
+    MAPS = "maps"
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +104,15 @@ class ImageSample:
     size: tuple[int, int]
     full_size: tuple[int, int]
     published_s: float
+    track_count: int = 0  # feature tracks that are drawn on it
+
+
+@dataclass(frozen=True, slots=True)
+class ImageProblem:
+    """Why the images of a topic cannot be shown; empty once they can."""
+
+    topic: str
+    text: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,7 +132,7 @@ class CloudSample:
 class ElevationSample:
     """A map from above in cells, thinned for the screen; its layers are named height, sigma, error, hazard, ..."""
 
-    view: ClassVar[View] = View.CLOUDS
+    view: ClassVar[View] = View.MAPS
     topic: str
     stamp_ns: int
     origin_m: tuple[float, float]  # corner of cell (0, 0), LM
@@ -132,18 +141,6 @@ class ElevationSample:
     layers: FloatArray32  # (rows along y, columns along x, names), NaN where not known
     published_s: float
     every: int = 1  # cells of the grid, along each axis, for one that is shown
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TrackSample:
-    """What the localiser tracked in the images of a stamp, and where it looks for nothing."""
-
-    view: ClassVar[View] = View.TRACKS
-    topic: str
-    stamp_ns: int
-    tracks: FloatArray32  # (N, 5): pixel left, pixel in the newest keyframe, residual (>= 1: outlier; NaN: not found)
-    masks: Mapping[str, tuple[FloatArray32, ...]]  # outlines (K, 2), pixels, of what is left out, by side
-    published_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,8 +152,8 @@ class GraphView:
     lost: Mapping[str, int] = field(default_factory=dict)
 
 
-Media = ImageSample | CloudSample | ElevationSample | TrackSample  #: What is large: of each topic the newest is kept.
-Update = Report | PoseSample | Status | Sampled | Media | GraphView
+Media = ImageSample | CloudSample | ElevationSample  #: Large: only the newest of each topic is kept.
+Update = Report | PoseSample | Status | Sampled | Media | ImageProblem | GraphView
 
 
 class Action(StrEnum):

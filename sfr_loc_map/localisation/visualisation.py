@@ -38,7 +38,7 @@ def draw_tracks(left: GreyImage, estimate: PoseEstimate) -> ColourImage:
     # a darker image makes the colours stand out
     canvas[:height] = cv2.cvtColor(left, cv2.COLOR_GRAY2BGR) // 4 * 3
     if estimate.tracks is not None:
-        _draw_landmarks(canvas[:height], estimate.tracks)
+        draw_landmarks(canvas[:height], estimate.tracks)
     colour = STATES[estimate.state]
     cv2.rectangle(canvas, (0, 0), (width - 1, height - 1), colour, 2)
     statistics = estimate.statistics.as_dict()
@@ -49,7 +49,8 @@ def draw_tracks(left: GreyImage, estimate: PoseEstimate) -> ColourImage:
     return canvas
 
 
-def _draw_landmarks(canvas: ColourImage, tracks: LandmarkTracks) -> None:
+def draw_landmarks(canvas: ColourImage, tracks: LandmarkTracks) -> None:
+    """Draw the lines, dots and crosses of `draw_tracks` on an image."""
     # blue to yellow is distinguishable with any colour vision
     weight = np.clip(np.nan_to_num(tracks.residual, nan=1.0), 0.0, 1.0)[:, None]
     colours = np.rint((1.0 - weight) * SMALL_RESIDUAL + weight * LARGE_RESIDUAL)

@@ -8,9 +8,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S
-from sfr_loc_map.live.media import cloud_samples, image_sample, with_layer
+from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, SIDES
+from sfr_loc_map.live.media import cloud_samples, with_layer
 from sfr_loc_map.live.state import LiveState
+from sfr_loc_map.live.tracked_images import TrackedImages
 from sfr_loc_map.live.updates import (
     CloudSample,
     ElevationSample,
@@ -22,7 +23,6 @@ from sfr_loc_map.live.updates import (
     Status,
     StatusKind,
     Track,
-    TrackSample,
     Update,
 )
 from sfr_loc_map.metrics.config import ScoreConfig
@@ -109,19 +109,25 @@ def health(node: str, received_s: float, level: int = 0, message: str = "trackin
     return Status(node, StatusKind.HEALTH, level, message, values, received_s)
 
 
-def image(topic: str, stamp_ns: int, now_s: float) -> ImageSample:
-    v, u = np.mgrid[:240, :320]
-    pixels = (127 + 60 * np.sin(u / 9.0) + 60 * np.cos(v / 7.0)).astype(np.uint8)
-    return image_sample(topic, stamp_ns, pixels, now_s)
-
-
-def tracks(stamp_ns: int, now_s: float) -> TrackSample:
-    """Twenty tracks, one of them an outlier and one not found, and a mask."""
+def tracks() -> np.ndarray:
+    """Twenty feature tracks, of which one is an outlier and one was not found."""
     rows = np.random.default_rng(6).uniform(20.0, 220.0, (20, 5)).astype(np.float32)
     rows[:, 4] = np.linspace(0.0, 1.0, 20)
     rows[3] = [np.nan, np.nan, 50.0, 60.0, np.nan]
-    masks = {"left": (np.array([[0, 200], [319, 200], [319, 239], [0, 239]], np.float32),)}
-    return TrackSample("localisation/tracks", stamp_ns, rows, masks, now_s)
+    return rows
+
+
+def images(stamp_ns: int, now_s: float) -> list[ImageSample]:
+    """Images of both cameras of localisation, the left one with its tracks."""
+    v, u = np.mgrid[:240, :320]
+    pixels = (127 + 60 * np.sin(u / 9.0) + 60 * np.cos(v / 7.0)).astype(np.uint8)
+    shown: list[ImageSample] = []
+    feed = TrackedImages(shown.append)
+    feed.add_tracks(stamp_ns - 1, tracks())  # from now on images wait for their tracks
+    for side in SIDES:
+        feed.add_image(f"loc/{side}", stamp_ns, pixels, now_s)
+    feed.add_tracks(stamp_ns, tracks())
+    return shown
 
 
 def cloud(stamp_ns: int, now_s: float, count: int = 60_000) -> tuple[CloudSample, ElevationSample]:
@@ -149,9 +155,7 @@ def fill(state: LiveState, frames: int = 60) -> None:
         state.put(call(number, now_s))
     state.put(Report(to_json(whole_score(100, 48, 2)), now_s))
     state.put(GraphView(frozenset(NODES), now_s, {"localisation/odometry": 0}))
-    for topic in ("loc/left", "loc/right"):
-        state.put(image(topic, STEP_NS, now_s))
-    for media in (tracks(STEP_NS, now_s), *cloud(STEP_NS, now_s)):
+    for media in (*images(STEP_NS, now_s), *cloud(STEP_NS, now_s)):
         state.put(media)
 
 

@@ -60,7 +60,7 @@ def shown() -> tuple[dict[str, Any], dict[str, Any], dict[str, Any], Any]:
                     FoxgloveView(state, int(view.url.rpartition(":")[2]), "another").__enter__()
                 wanted: list[frozenset[View]] = []
                 channels, messages = await first_messages(view.url, lambda: wanted.append(state.wanted))
-                assert wanted == [{View.IMAGES, View.CLOUDS}], "what is looked at is made"
+                assert wanted == [{View.IMAGES, View.CLOUDS, View.MAPS}], "what is looked at is made"
                 async with aiohttp.ClientSession() as session, session.get(server.url + "state.json") as answer:
                     told = await answer.json()
                 while state.wanted:  # nothing is made once the client is gone

@@ -1,82 +1,66 @@
-// The websocket: connects again by itself, tells the lag of clocks, takes binary frames apart.
+// The websocket, which reconnects by itself, and commands to the nodes.
 
-const PING_MS = 5000;
+const FIRST_WAIT_MS = 250;
 const LONGEST_WAIT_MS = 2000;
-const SILENT_MS = 1500;
+const SILENT_MS = 1500; // the server sends the nodes' state four times a second
+const WATCH_MS = 500;
 
 export class Connection {
-  /** Connect. `on` has figures(message), image(header, blob), values(header, values), state(connected, since). */
+  /** Connect. `on` has figures(message), media(header, bytes) and state(isConnected). */
   constructor(on) {
     this.on = on;
-    this.offset = 0;
     this.views = [];
-    this.waitMs = 250;
-    this.heard = 0;
+    this.waitMs = FIRST_WAIT_MS;
+    this.heardMs = 0;
     this.connect();
-    setInterval(() => this.ping(), PING_MS);
-    setInterval(() => this.watch(), 500);
+    setInterval(() => this.watch(), WATCH_MS);
   }
 
   connect() {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
-    const socket = new WebSocket(`${scheme}://${location.host}/ws`);
-    socket.binaryType = "arraybuffer";
-    socket.onopen = () => {
-      this.waitMs = 250;
-      this.heard = performance.now();
-      this.on.state(true);
+    this.socket = new WebSocket(`${scheme}://${location.host}/ws`);
+    this.socket.binaryType = "arraybuffer";
+    this.socket.onopen = () => {
+      this.waitMs = FIRST_WAIT_MS;
+      this.heardMs = performance.now();
       this.want(this.views);
-      this.ping();
     };
-    socket.onmessage = (event) => this.receive(event.data);
-    socket.onclose = () => {
+    this.socket.onmessage = (event) => this.receive(event.data);
+    this.socket.onclose = () => {
       this.on.state(false);
       setTimeout(() => this.connect(), this.waitMs);
       this.waitMs = Math.min(this.waitMs * 2, LONGEST_WAIT_MS);
     };
-    this.socket = socket;
   }
 
   get isOpen() {
     return this.socket.readyState === WebSocket.OPEN;
   }
 
-  /** Say which images and clouds are looked at. */
+  /** Tell the server which views are shown, so that it sends no others. */
   want(views) {
     this.views = views;
     if (this.isOpen) this.socket.send(JSON.stringify({ type: "want", views }));
   }
 
-  ping() {
-    if (this.isOpen) this.socket.send(JSON.stringify({ type: "ping", sent_ms: Date.now() }));
-  }
-
-  /** A connection that is open and says nothing is none. */
+  /** A connection that is open and silent counts as lost. */
   watch() {
-    if (this.isOpen) this.on.state(performance.now() - this.heard < SILENT_MS);
+    if (this.isOpen) this.on.state(performance.now() - this.heardMs < SILENT_MS);
   }
 
   receive(data) {
-    this.heard = performance.now();
+    this.heardMs = performance.now();
     if (typeof data === "string") {
-      const message = JSON.parse(data);
-      if (message.type === "pong") this.offset = message.time_s - (message.sent_ms + Date.now()) / 2000;
-      else this.on.figures(message);
+      this.on.figures(JSON.parse(data));
       return;
     }
     const size = new DataView(data).getUint32(0, true);
     const header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, size)));
-    if (header.type === "image") this.on.image(header, new Blob([new Uint8Array(data, 4 + size)], { type: "image/jpeg" }));
-    else this.on.values(header, new Float32Array(data, 4 + size));
-  }
-
-  /** The server's time now, seconds since 1970. */
-  now() {
-    return Date.now() / 1000 + this.offset;
+    this.on.media(header, data.slice(4 + size));
   }
 }
 
-/** Ask something of the nodes; return what was done, or throw why not. */
+/** Ask something of the nodes; return what was done, or throw an error with the reason. */
 export async function command(content) {
   const token = document.querySelector('meta[name="command-token"]').content;
   const headers = { "Content-Type": "application/json", "X-SFR-Token": token };

@@ -1,35 +1,28 @@
-// What each figure and panel means, in one sentence. Nothing else on the page explains itself.
+// What each panel and figure means, in one sentence, shown by its "?" button.
 
 export const TERMS = {
-  figures: "Errors of the estimate over sub-trajectories, re-based at the start of each, beside the limits that were given; strings are those of the report.",
-  figure: "What is judged, and the condition that ends each sub-trajectory it is made of.",
+  events: "What happened when: the state of localisation, nodes that were silent, failed or compiled, missed limits, jumps of the stamps and the end of an aborted run.",
+  limits: "Each limit as a bar: the judged value as a share of the limit (the upright line) with its 95 % interval; limits with the smallest margin come first.",
+  path: "Estimate and ground truth from above in the frame of the truth; errors and the 3 sigma ellipse of the last pose are enlarged by the factor in the legend.",
+  cameras: "What the rover sees, reduced for the screen. Tracks go from the newest keyframe to this image: blue to yellow by residual, outliers violet, crosses not found. A red frame: localisation is lost.",
+  error: "Position error at the end of each sub-trajectory, re-based at its start, which is what is judged, and three times the standard deviation by which the covariance grew over it. The scale is logarithmic if values are far apart.",
+  elevation: "The mapper's elevation grid from above, or means over its cloud, in LM. Error: mean distance of the cell's points to the truth. Hazard: largest share of a limit. Cells without colour are unknown.",
+  calls: "Time of each processing call, the latency of its images (transport), the time from their receipt to the result, and the peak memory of the node.",
+  nodes: "What each node reports of itself each second. Stale: it has reported nothing for 1.5 s.",
+  drops: "Messages that were lost or dropped since the node started, by cause.",
+  lifecycle: "State of the managed node: unconfigured, inactive, active or finalized.",
+  figures: "Errors of the estimate over sub-trajectories, re-based at the start of each, beside their limits. The texts are those of the report.",
+  figure: "What is judged, and the condition that ends each sub-trajectory.",
   mean: "Mean over all sub-trajectories (of position the length of the mean vector).",
   sigma: "Standard deviation over all sub-trajectories.",
-  "mean + 3 sigma": "Mean plus three standard deviations: what a limit is usually on.",
-  "95 % interval": "Range that holds mean + 3 sigma in 95 of 100 repetitions; it needs at least ten independent sub-trajectories or so.",
-  limit: "Upper bound that was given for the figure; without a limits file there is none.",
-  verdict: "Pass if the figure is within its limit, fail if it is not, not enough data if it is not defined yet.",
-  value: "The statistic that is limited, else mean plus three standard deviations.",
-  margin: "From the value to the limit; negative where the limit is missed.",
+  "mean + 3 sigma": "Mean plus three standard deviations, to which a limit usually applies.",
+  "95 % interval": "95 % confidence interval of mean + 3 sigma; it needs about ten independent sub-trajectories.",
+  limit: "Upper bound of the figure, from the limits file.",
+  verdict: "Pass if the figure is within its limit, fail if it is not, not enough data if it is undefined.",
+  value: "The statistic to which the limit applies, else mean plus three standard deviations.",
+  margin: "From the value to the limit; negative if the limit is missed.",
   certain: "Whether the whole 95 % interval lies on one side of the limit.",
-  n: "Number of sub-trajectories, map points or calls that the figure is made of.",
-  path: "Estimate and truth from above, x to the right and y up, in the frame of the truth; the line between them is the error, enlarged.",
-  limits: "Each limit as a bar: the judged value as a share of the limit (the upright line), its 95 % interval as a thin line, the margin that is left; those with the smallest margin first.",
-  error: "Error at the end of each sub-trajectory, re-based at its start, which is what is judged; beside it three times the standard deviation by which the covariance grew over it; the upright scale is logarithmic where values are far apart.",
-  under_way: "The oldest sub-trajectory that has not reached its condition: its progress and its error now, which no figure counts before its end.",
-  cameras: "What the rover sees, reduced for the screen; tracks go from the newest keyframe to this image, blue to yellow by residual, outliers violet, crosses not found; hatched: masked. A red frame: localisation is lost.",
-  elevation: "The mapper's elevation grid from above (or means over its cloud), x to the right and y up, in LM; error: mean distance of the cell's points to the truth; hazard: largest share of a limit, percent; cells without colour are not known.",
-  cloud: "The mapper's points in three dimensions, thinned for the screen; drag to turn, wheel to zoom.",
-  calls: "Each call of localiser and mapper: its time, how its images came to it, and its memory.",
-  processing: "Time of the processing call alone, without transport, conversion and queues.",
-  transport: "From the publisher's publish call to the receipt of the slowest image of the pair by the node.",
-  receive: "From the receipt of the last image to the publication of the result, with the wait in queues.",
-  memory: "Largest resident memory of the node's process during the call.",
-  nodes: "What each node says of itself each second; stale: it has said nothing for 1.5 s.",
-  drops: "Messages that got lost or were left out since the node started, by cause.",
-  lag: "Time from the publication of an image to the moment at which the pose of its stamp is on this screen (95 of 100 are faster).",
-  thinned: "What this page does not show in full: images and clouds are thinned to a budget, figures never are.",
-  lifecycle: "State of the managed node: unconfigured, inactive, active or finalized.",
+  n: "Number of sub-trajectories, map points or calls of the figure.",
 };
 
 /** Return a "?" button that shows the definition of a term. */
@@ -41,7 +34,7 @@ export function helpButton(term) {
   return button;
 }
 
-/** Give all "?" buttons of the page their sign, name and action. */
+/** Give each "?" button of the page its sign, name and action. */
 export function dressAllHelp() {
   for (const button of document.querySelectorAll("button.help")) dressHelp(button);
   document.addEventListener("keydown", (event) => event.key === "Escape" && hideTip());

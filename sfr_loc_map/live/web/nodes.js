@@ -15,34 +15,57 @@ const CONFIRMED = new Set(["deactivate", "reset"]);
 const ASKS_MS = 3000;
 const cards = new Map();
 
-/** Show the nodes, topics and drops of a moment. */
-export function showNodes(nodes, ended) {
+/** Show the nodes, topics and drops. */
+export function showNodes(run) {
+  const { nodes, ended } = run;
   if (!nodes) return;
   for (const node of nodes.nodes) showNode(node, new Set(nodes.actions), ended);
-  showRows(byId("topics"), ["topic", "rate, Hz", "age, s", "lost"], Object.entries(nodes.topics).map(([name, topic]) => [
-    name, topic.rate_hz === null ? "–" : topic.rate_hz.toFixed(1), topic.stale && !ended ? `stale ${topic.age_s.toFixed(1)}` : topic.age_s.toFixed(1), String(topic.lost),
-  ]));
-  const causes = [...new Set(nodes.nodes.flatMap((node) => Object.keys(node.values).filter((name) => name.startsWith("dropped_"))))];
-  showRows(byId("drops"), ["dropped", ...nodes.nodes.map((node) => node.name.replace("_node", ""))], causes.map((cause) => [
-    cause.slice(8).replaceAll("_", " "), ...nodes.nodes.map((node) => node.values[cause] ?? "–"),
-  ]));
+  showTopics(nodes.topics, ended);
+  showDrops(nodes.nodes);
+}
+
+function showTopics(topics, ended) {
+  const rows = Object.entries(topics).map(([name, topic]) => {
+    const age = topic.age_s.toFixed(1);
+    return [name, topic.rate_hz === null ? "–" : topic.rate_hz.toFixed(1), topic.stale && !ended ? `stale ${age}` : age, String(topic.lost)];
+  });
+  showRows(byId("topics"), ["topic", "rate, Hz", "age, s", "lost"], rows);
+}
+
+function showDrops(nodes) {
+  const causes = new Set(nodes.flatMap((node) => Object.keys(node.values).filter((name) => name.startsWith("dropped_"))));
+  const headings = ["dropped", ...nodes.map((node) => node.name.replace("_node", ""))];
+  const rows = [...causes].map((cause) => [
+    cause.replace("dropped_", "").replaceAll("_", " "),
+    ...nodes.map((node) => node.values[cause] ?? "–"),
+  ]);
+  showRows(byId("drops"), headings, rows);
 }
 
 function showNode(node, actions, ended) {
   if (!cards.has(node.name)) cards.set(node.name, makeCard(node.name));
-  const card = cards.get(node.name), level = node.level === "stale" && ended ? "ended" : node.level;
+  const card = cards.get(node.name);
+  const level = node.level === "stale" && ended ? "ended" : node.level;
   card.box.className = `node ${STYLES[level] ?? "open"}`;
   card.box.dataset.level = level;
   setText(card.icon, ICONS[level] ?? "–");
-  setText(card.level, level === "ended" ? "ended" : node.stale ? staleText(node) : level === "stale" ? "no input" : level);
+  setText(card.level, levelText(node, level));
   setText(card.lifecycle, node.lifecycle);
   setText(card.message, node.problem && node.level !== "ok" ? `${node.message}; ${node.problem}` : node.message || "–");
   setText(card.rates, ratesText(node.values));
-  card.row.hidden = !Object.keys(card.buttons).some((name) => actions.has(name));
+  card.row.hidden = ended || !Object.keys(card.buttons).some((name) => actions.has(name));
+  const isGone = node.level === "stale" && node.in_graph === false;
+  const isActive = node.lifecycle === "active";
   for (const [name, button] of Object.entries(card.buttons)) {
-    const idle = (name === "activate" && node.lifecycle === "active") || (name === "deactivate" && node.lifecycle !== "active");
-    button.disabled = !actions.has(name) || ended || idle || (node.level === "stale" && node.in_graph === false);
+    const isIdle = (name === "activate" && isActive) || (name === "deactivate" && !isActive);
+    button.disabled = !actions.has(name) || isIdle || isGone;
   }
+}
+
+function levelText(node, level) {
+  if (level === "ended") return "ended";
+  if (node.stale) return staleText(node);
+  return level === "stale" ? "no input" : level;
 }
 
 function staleText(node) {
@@ -57,11 +80,16 @@ function ratesText(values) {
 }
 
 function makeCard(name) {
-  const icon = element("span", "icon"), level = element("b"), lifecycle = element("span", "lifecycle");
-  const message = element("p", "message"), rates = element("p", "note"), answer = element("p", "answer");
+  const icon = element("span", "icon");
+  const level = element("b");
+  const lifecycle = element("span", "lifecycle");
+  const message = element("p", "message");
+  const rates = element("p", "note");
+  const answer = element("p", "answer");
   icon.setAttribute("aria-hidden", "true");
   answer.setAttribute("role", "status");
-  const buttons = {}, row = element("div", "buttons");
+  const buttons = {};
+  const row = element("div", "buttons");
   for (const action of ACTIONS[name] ?? []) {
     buttons[action] = makeButton(name, action, answer);
     row.append(buttons[action]);
@@ -73,7 +101,7 @@ function makeCard(name) {
   return { box, icon, level, lifecycle, message, rates, row, buttons };
 }
 
-/** Return a button; what cannot be taken back asks for a second press. */
+/** Return a button; an action that cannot be undone needs a second press. */
 function makeButton(node, action, answer) {
   const button = element("button", "", action);
   button.type = "button";

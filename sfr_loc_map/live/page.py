@@ -1,0 +1,146 @@
+"""What one open page is sent: all figures in their order, of each image and map the newest.
+
+A page takes what is new when its network has room. Nothing is queued for it but what the state keeps anyway. A page
+that does not read is disconnected.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import struct
+from bisect import bisect_left
+from contextlib import suppress
+from functools import lru_cache
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+from aiohttp import web
+
+from sfr_loc_map.inputs import parse_json
+from sfr_loc_map.live.path import ROW_FIELDS
+from sfr_loc_map.live.state import LiveState
+from sfr_loc_map.live.updates import ElevationSample, ImageSample, View
+
+SEND_TIMEOUT_S = 10.0  #: A page that accepts no data for this time is disconnected.
+PageMedia = ImageSample | ElevationSample  #: Shown by the page; clouds are left to Foxglove.
+
+
+def text_message(kind: str, content: dict[str, Any]) -> str:
+    """Return a message of figures: JSON with its kind as `type`."""
+    return json.dumps({"type": kind, **content}, allow_nan=False, separators=(",", ":"))
+
+
+@lru_cache(maxsize=16)
+def binary_message(media: PageMedia) -> bytes:
+    """Return the message of an image or a map from above.
+
+    bytes 0..3     length of the header with its padding, unsigned, little endian
+    bytes 4..      header: UTF-8 JSON, padded with spaces to a multiple of four bytes
+    the rest       image: a JPEG file; map: float32, little endian, `rows` x `columns` cells with the layers `names`
+    """
+    header: dict[str, Any] = {"topic": media.topic, "stamp_ns": str(media.stamp_ns)}
+    if isinstance(media, ImageSample):
+        header |= {"type": "image", "size": media.size, "full_size": media.full_size, "tracks": media.track_count}
+        body = media.jpeg
+    else:
+        rows, columns, _ = media.layers.shape
+        header |= {"type": "elevation", "rows": rows, "columns": columns, "names": media.names}
+        header |= {"origin_m": media.origin_m, "cell_m": media.cell_m, "every": media.every}
+        body = np.ascontiguousarray(media.layers, "<f4").tobytes()
+    head = json.dumps(header, allow_nan=False, separators=(",", ":")).encode()
+    head += b" " * (-len(head) % 4)
+    return struct.pack("<I", len(head)) + head + body
+
+
+class Page:
+    """One open page: what it was sent, what it shows. Used by the event loop of the server alone."""
+
+    def __init__(self, state: LiveState, channel: web.WebSocketResponse) -> None:
+        self._state, self._channel = state, channel
+        self._changed = asyncio.Event()
+        self._texts: dict[str, str] = {}  # the latest of each kind of message that is the same for all pages
+        self._sent_texts: dict[str, str] = {}
+        self._sent_media: dict[str, PageMedia] = {}  # by topic, in the order in which they were sent
+        self._path_version = -1  # changes when the whole path has to be sent again
+        self._next_row = 0
+        self._next_call = 0
+
+    def notify(self, texts: dict[str, str]) -> None:
+        """Note that something has changed, with the latest messages that are the same for all pages."""
+        self._texts = texts
+        self._changed.set()
+
+    def receive(self, text: str) -> None:
+        """Take a message of the page: `{"type": "want", "views": [...]}` names the views that it shows."""
+        content: Any = None
+        with suppress(ValueError):
+            content = parse_json(text)
+        match content:
+            case {"type": "want", "views": [*views]}:
+                self._state.looks[self] = frozenset(view for view in View if view.value in views)
+        self._changed.set()
+
+    async def send_all(self, server: dict[str, Any]) -> None:
+        """Send what is new, without end; ConnectionError if the page is gone, TimeoutError if it accepts nothing."""
+        await self._send(text_message("hello", {"server": server, "row_fields": ROW_FIELDS}))
+        while True:
+            self._changed.clear()
+            for text in (*self._new_texts(), *self._new_rows(), *self._new_calls()):
+                await self._send(text)
+            media = self._next_media()
+            if media is None:
+                await self._changed.wait()
+                continue
+            self._sent_media.pop(media.topic, None)
+            self._sent_media[media.topic] = media
+            await self._send(binary_message(media))
+
+    def _new_texts(self) -> list[str]:
+        new = [text for kind, text in self._texts.items() if text != self._sent_texts.get(kind)]
+        self._sent_texts = dict(self._texts)
+        return new
+
+    def _new_rows(self) -> list[str]:
+        """Return the poses that are new to the page; all of them after the path was thinned or began again."""
+        with self._state.lock:
+            path = self._state.path
+            is_whole = path.version != self._path_version
+            self._path_version = path.version
+            first = 0 if is_whole else bisect_left(path.rows, self._next_row, key=attrgetter("n"))
+            rows = path.rows[first:]
+            under_way = path.under_way
+        if not rows and not is_whole:
+            return []
+        self._next_row = rows[-1].n + 1 if rows else 0
+        plain = [row.to_plain() for row in rows]
+        return [text_message("path", {"whole": is_whole, "rows": plain, "under_way": under_way})]
+
+    def _new_calls(self) -> list[str]:
+        with self._state.lock:
+            calls = [call for call in self._state.calls if call["n"] >= self._next_call]
+        if not calls:
+            return []
+        self._next_call = calls[-1]["n"] + 1
+        return [text_message("calls", {"calls": calls})]
+
+    def _next_media(self) -> PageMedia | None:
+        """Return an image or map that the page shows and has not been sent: of the topic that waited longest."""
+        newest = dict(self._state.media)
+        views = self._state.looks.get(self, frozenset())
+        never_sent = [topic for topic in newest if topic not in self._sent_media]
+        for topic in (*never_sent, *self._sent_media):
+            media = newest.get(topic)
+            if not isinstance(media, PageMedia) or media.view not in views:
+                continue
+            if self._sent_media.get(topic) is not media:
+                return media
+        return None
+
+    async def _send(self, data: str | bytes) -> None:
+        async with asyncio.timeout(SEND_TIMEOUT_S):
+            if isinstance(data, str):
+                await self._channel.send_str(data)
+            else:
+                await self._channel.send_bytes(data)

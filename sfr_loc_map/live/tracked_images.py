@@ -1,0 +1,71 @@
+"""Images of both rigs for a screen; the left one of localisation with its feature tracks, while tracks arrive."""
+
+from __future__ import annotations
+
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import ColourImage, FloatArray32, GreyImage
+from sfr_loc_map.live.media import IMAGE_WIDTH, image_sample
+from sfr_loc_map.live.updates import ImageSample
+from sfr_loc_map.localisation.estimate import LandmarkTracks
+from sfr_loc_map.localisation.visualisation import draw_landmarks
+
+LEFT, RIGHT = "loc/left", "loc/right"
+HOLD_S = 2.0  #: Images of localisation wait for the tracks of their stamp, if tracks arrived within this time.
+MAX_WAITING = 24  #: Images that wait for tracks: two seconds of both cameras at the rate that is shown.
+
+
+class TrackedImages:
+    """Hands images to `put`: at once, or together with the tracks of their stamp."""
+
+    def __init__(self, put: Callable[[ImageSample], None]) -> None:
+        self._put = put
+        self._waiting: OrderedDict[tuple[str, int], tuple[GreyImage, float]] = OrderedDict()
+        self._tracks_s = -HOLD_S  # when tracks arrived last, monotonic clock
+
+    def is_waiting(self, stamp_ns: int) -> bool:
+        """Return whether a left image of this stamp waits for tracks."""
+        return (LEFT, stamp_ns) in self._waiting
+
+    def add_image(self, topic: str, stamp_ns: int, image: GreyImage, published_s: float) -> None:
+        """Take an image in."""
+        if topic in (LEFT, RIGHT):
+            self._waiting[topic, stamp_ns] = image, published_s
+            if len(self._waiting) > MAX_WAITING:
+                self._waiting.popitem(last=False)
+            if time.monotonic() - self._tracks_s < HOLD_S:
+                return
+        self._put(image_sample(topic, stamp_ns, image, published_s))
+
+    def add_tracks(self, stamp_ns: int, tracks: FloatArray32) -> None:
+        """Show the images of a stamp with their tracks `(N, 5)`, of which the columns are those of the message."""
+        self._tracks_s = time.monotonic()
+        left = self._waiting.pop((LEFT, stamp_ns), None)
+        right = self._waiting.pop((RIGHT, stamp_ns), None)
+        if left is not None:
+            image, published_s = left
+            drawn = with_tracks(image, tracks)
+            self._put(image_sample(LEFT, stamp_ns, drawn, published_s, image.shape, len(tracks)))
+        if right is not None:
+            self._put(image_sample(RIGHT, stamp_ns, *right))
+
+
+def with_tracks(image: GreyImage, tracks: FloatArray32) -> ColourImage:
+    """Return an image, reduced for the screen, with feature tracks `(N, 5)` drawn on it.
+
+    The columns are the pixel in this image, the pixel in the newest keyframe, and the residual over its gate.
+    """
+    height, width = image.shape
+    scale = min(IMAGE_WIDTH / width, 1.0)
+    size = (round(width * scale), max(round(height * scale), 1))
+    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    canvas = np.asarray(cv2.cvtColor(small, cv2.COLOR_GRAY2BGR), np.uint8)
+    uv = (tracks[:, 0:2].astype(np.float64) + 0.5) * scale - 0.5
+    keyframe_uv = (tracks[:, 2:4].astype(np.float64) + 0.5) * scale - 0.5
+    draw_landmarks(canvas, LandmarkTracks(uv, keyframe_uv, tracks[:, 4].astype(np.float64)))
+    return canvas

@@ -1,0 +1,79 @@
+// Plots by plotly.js in the colours of the style sheet.
+
+/* global Plotly */
+
+import { byId } from "./dom.js";
+
+const CONFIG = { displayModeBar: false, responsive: true, doubleClick: "autosize" };
+const LOGARITHMIC_FROM = 6; // times the median: a larger value would flatten the others on a linear scale
+const TIME_TICK_PX = 100; // width of a time of day with its distance to the next
+
+/** Return the value of a colour of the style sheet. */
+export function colour(name) {
+  return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+}
+
+/** Return a text that plotly.js, which knows some markup, shows as it is. */
+export function plain(text) {
+  return String(text).replaceAll("&", "&amp;").replaceAll("<", "&lt;").replaceAll(">", "&gt;");
+}
+
+/** Return an axis with a title. */
+export function axis(title, more = {}) {
+  return {
+    title: { text: title, standoff: 6 },
+    gridcolor: colour("grid"),
+    zerolinecolor: colour("line"),
+    automargin: true,
+    ...more,
+  };
+}
+
+/** Return a horizontal axis of the time of day, with as many ticks as the box of an id has room for. */
+export function timeAxis(id) {
+  const ticks = Math.max(Math.floor(byId(id).clientWidth / TIME_TICK_PX), 2);
+  return axis("", { type: "date", nticks: ticks, tickangle: 0, ticks: "outside", ticklen: 4 });
+}
+
+/** Return the type of an axis for values from 0: logarithmic if the largest is far above the median. */
+export function scaleOf(values) {
+  const positive = values.filter((value) => value > 0).sort((a, b) => a - b);
+  const median = positive[Math.floor(positive.length / 2)];
+  return positive.at(-1) > LOGARITHMIC_FROM * median ? { type: "log", dtick: 1 } : { type: "linear", rangemode: "tozero" };
+}
+
+/** Return a dashed horizontal line over the range of x that names a limit in the legend. */
+export function limitLine(xs, value, name) {
+  return {
+    x: [xs[0], xs.at(-1)],
+    y: [value, value],
+    name: plain(name),
+    mode: "lines",
+    line: { color: colour("fail"), width: 1.5, dash: "dash" },
+  };
+}
+
+/** Draw traces in the box of an id; without any value the text `empty` is shown instead. */
+export function draw(id, traces, layout = {}, empty = "no data yet") {
+  const box = byId(id);
+  const count = traces.reduce((sum, trace) => sum + (trace.z ?? trace.x).length, 0);
+  const all = {
+    margin: { l: 48, r: 16, t: 8, b: 36 },
+    font: { color: colour("text"), size: 11, family: "system-ui, sans-serif" },
+    paper_bgcolor: "rgba(0,0,0,0)",
+    plot_bgcolor: "rgba(0,0,0,0)",
+    hovermode: "closest",
+    dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom", // a finger scrolls the page
+    legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom" },
+    uirevision: "kept", // a zoom survives new data
+    ...layout,
+  };
+  if (!count) {
+    const text = { text: plain(empty), showarrow: false, xref: "paper", yref: "paper", x: 0.5, y: 0.5 };
+    Object.assign(all, { annotations: [{ ...text, font: { color: colour("muted"), size: 13 } }], shapes: [] });
+    Object.assign(all, { xaxis: { visible: false }, yaxis: { visible: false } });
+  }
+  box.dataset.values = String(count);
+  Plotly.react(box, count ? traces : [], all, CONFIG);
+}
+

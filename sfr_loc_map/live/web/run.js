@@ -1,0 +1,70 @@
+// What the page knows of the run: the latest of everything, and the poses and calls so far.
+
+const MAX_CALLS = 600;
+
+export class Run {
+  constructor() {
+    this.title = "";
+    this.poses = [];
+    this.underWay = null; // the oldest sub-trajectory that has not ended
+    this.calls = [];
+    this.report = null;
+    this.nodes = null;
+    this.events = [];
+    this.images = new Map(); // by topic
+    this.map = null;
+  }
+
+  /** Take a message of figures in. */
+  take(message) {
+    switch (message.type) {
+      case "hello":
+        this.title = message.server.title;
+        this.rowFields = message.row_fields;
+        this.calls = [];
+        break;
+      case "report":
+        this.report = message;
+        break;
+      case "path":
+        this.takePath(message);
+        break;
+      case "calls":
+        this.calls = this.calls.concat(message.calls).slice(-MAX_CALLS);
+        break;
+      case "nodes":
+        this.nodes = message;
+        break;
+      case "events":
+        this.events = message.events;
+        break;
+    }
+  }
+
+  /** Take poses in: each row has the fields that the server has named first. */
+  takePath(message) {
+    const poses = message.rows.map((row) => Object.fromEntries(this.rowFields.map((name, place) => [name, row[place]])));
+    this.poses = message.whole ? poses : this.poses.concat(poses);
+    this.underWay = message.under_way;
+  }
+
+  /** Take an image or a map from above in. */
+  takeMedia(header, bytes) {
+    if (header.type === "image") this.images.set(header.topic, { ...header, blob: new Blob([bytes], { type: "image/jpeg" }) });
+    else this.map = { ...header, values: new Float32Array(bytes) };
+  }
+
+  get ended() {
+    return Boolean(this.nodes?.ended);
+  }
+
+  get lastPose() {
+    return this.poses.at(-1);
+  }
+
+  /** The state of localisation, as its node reports it; a lost pose may arrive before the node's report. */
+  get localisationState() {
+    const state = this.nodes?.nodes.find((node) => node.name === "localisation_node")?.state || "tracking";
+    return this.lastPose?.lost && state.startsWith("tracking") ? "lost" : state;
+  }
+}

@@ -1,0 +1,80 @@
+"""Carries out what an operator asks of the nodes on the live page: lifecycle transitions, services, bookmarks."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from threading import Event
+from typing import Any
+
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from sfr_loc_map.errors import InputError, NodeError
+from sfr_loc_map.live.updates import Action, Command
+
+SUITE_NODES = ("localisation_node", "mapping_node", "monitor_node")
+TRANSITIONS = {Action.ACTIVATE: Transition.TRANSITION_ACTIVATE, Action.DEACTIVATE: Transition.TRANSITION_DEACTIVATE}
+SERVICES = {Action.RESET: SUITE_NODES, Action.FINISH: ("mapping_node",), Action.SAVE: ("monitor_node",)}
+"""Nodes that offer each service."""
+FOUND_S, ANSWER_S, POLL_S = 2.0, 10.0, 0.02
+"""Time to find a service, time for its answer, period at which both are checked."""
+
+
+class NodeOperator:
+    """Calls services of the nodes in the namespace of a node, which its owner spins in another thread."""
+
+    actions = frozenset({*TRANSITIONS, *SERVICES, Action.BOOKMARK})
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._closed = Event()
+        # created here, so that a recording that is under way has found the publisher before the first bookmark
+        events = PublisherEventCallbacks(use_default_callbacks=False)
+        self._bookmarks = node.create_publisher(String, "bookmark", QoSProfile(depth=100), event_callbacks=events)
+
+    def run(self, command: Command) -> str:
+        """Carry out a command and return what was done; in any thread but that of the executor."""
+        node, action = command.node, command.action
+        if action is Action.BOOKMARK:
+            self._bookmarks.publish(String(data=command.text or "bookmark"))
+            return "bookmark published"
+        if action in TRANSITIONS and node in SUITE_NODES:
+            request = ChangeState.Request(transition=Transition(id=TRANSITIONS[action]))
+            if not self._call(ChangeState, f"{node}/change_state", request).success:
+                raise NodeError(f"{node} refuses to {action}: see its log")
+            return f"{node}: {action} done"
+        if node in SERVICES.get(action, ()):
+            answer = self._call(Trigger, f"{node}/{action}", Trigger.Request())
+            if not answer.success:
+                raise NodeError(f"{node}: {answer.message}")
+            return f"{node}: {answer.message}"
+        raise InputError(f"'{node}' has no '{action}'")
+
+    def close(self) -> None:
+        """End the calls that wait for an answer, so that their threads end before the node is destroyed."""
+        self._closed.set()
+
+    def _call(self, kind: type[Any], name: str, request: Any) -> Any:  # noqa: ANN401 - any service
+        client = self._node.create_client(kind, name)
+        try:
+            if not self._wait(client.service_is_ready, FOUND_S):
+                raise NodeError(f"no node offers {name}: is it running?")
+            future = client.call_async(request)
+            if not self._wait(future.done, ANSWER_S):
+                raise NodeError(f"{name} gave no answer within {ANSWER_S:g} s")
+            return future.result()
+        finally:
+            self._node.destroy_client(client)
+
+    def _wait(self, condition: Callable[[], bool], seconds: float) -> bool:
+        deadline = time.monotonic() + seconds
+        while not (is_met := condition()) and time.monotonic() < deadline:
+            if self._closed.wait(POLL_S):
+                raise NodeError("the page has ended")
+        return is_met
