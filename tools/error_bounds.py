@@ -32,8 +32,9 @@ from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracks
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.state import Outcome, State
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.disparity.semi_global_matching import search_range, semi_global_matching
-from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity, refine
+from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
+from sfr_loc_map.mapping.disparity.estimation import estimate_disparity
+from sfr_loc_map.mapping.disparity.semi_global_matching import search_range
 from sfr_loc_map.mapping.robust_statistics import MAD_TO_SIGMA
 from sfr_loc_map.runs.offline import start_pose
 
@@ -43,15 +44,14 @@ TILE = 64
 """Pixels of the side of a part of the image in which disparities count as a stationary field."""
 
 
-def refined_pair(pair: StereoPair, rig: StereoRig) -> RefinedDisparity:
+def estimated(pair: StereoPair, rig: StereoRig) -> DisparityMap:
     """Return the disparities of a pair as the mapper estimates them."""
-    initial = semi_global_matching(pair.left, pair.right, search_range(rig, MappingConfig()).count)
-    return refine(pair.left.astype(np.float32), pair.right.astype(np.float32), initial)
+    return estimate_disparity(pair, search_range(rig, MappingConfig()).count)
 
 
-def noise_of(refined: RefinedDisparity) -> float:
+def noise_of(disparity: DisparityMap) -> float:
     """Return the noise of one image, grey levels: a residual has that of two, little less by interpolation."""
-    return refined.noise_grey / np.sqrt(2.0)
+    return disparity.noise_grey / np.sqrt(2.0)
 
 
 def gradients(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -97,7 +97,7 @@ def sights(source: Path) -> tuple[list[Sight], list[Transform], StereoRig]:
     drive = drive_of(open_source(source))
     rig, truth = drive.rig, drive.ground_truth
     pairs = list(drive.pairs())
-    noise = float(np.median([noise_of(refined_pair(pair, rig)) for pair in pairs[:: max(len(pairs) // 8, 1)]]))
+    noise = float(np.median([noise_of(estimated(pair, rig)) for pair in pairs[:: max(len(pairs) // 8, 1)]]))
     print(f"noise of an image: {noise:.2f} grey levels")
     localiser = RecordingLocaliser(rig, LocalisationConfig(), start_pose(drive, "truth"))
     found, true = [], []
@@ -228,8 +228,8 @@ def bound_map(source: Path, contrast: float, more_noise: float) -> None:
         depth = (posed.T_lm_navsb @ rig.T_sb_left).inverse().apply(posed.truth)[..., 2]
         truth = rig.fx * rig.baseline_m / np.where((depth > 0.0) & (depth < 40.0), depth, np.nan)
         pair = changed(posed.pair, contrast, more_noise, random)
-        refined = refined_pair(pair, rig)
-        noise = noise_of(refined)
+        disparity = estimated(pair, rig)
+        noise = noise_of(disparity)
         along_u, _ = gradients(pair.left)
         for top in range(0, rig.height - TILE + 1, TILE // 2):
             for left in range(0, rig.width - TILE + 1, TILE // 2):
@@ -245,7 +245,7 @@ def bound_map(source: Path, contrast: float, more_noise: float) -> None:
                 # the plane has three more unknowns
                 variance = np.mean(spectrum / (1.0 + spectrum * information)) + 3.0 / (information * TILE * TILE)
                 bounds.append(np.sqrt(variance))
-                errors.append((refined.disparity_px - truth)[tile].ravel())
+                errors.append((disparity.px - truth)[tile].ravel())
                 rows.append(np.abs(left_over).max() < 1.0)
         print(f"noise of an image: {noise:.2f} grey levels")
     bound, smooth = np.array(bounds), np.array(rows)

@@ -1,4 +1,4 @@
-"""Train the network that judges pixels beside jumps of disparity; see `mapping/disparity/edge_evidence.py`.
+"""Train the network that judges pixels beside jumps of disparity; see `mapping/disparity/wrong_surface.py`.
 
     python tools/train_edge_network.py sfr_loc_map/mapping/disparity/edge_network.json SOURCE ...
 
@@ -21,13 +21,22 @@ from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import panorama_of
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.disparity.edge_evidence import FIGURES, EdgeNetwork, EdgeScene, edge_evidence
-from sfr_loc_map.mapping.disparity.filters import local_variance
+from sfr_loc_map.mapping.disparity.cell_field import disparity_from_field, field_from_disparity
+from sfr_loc_map.mapping.disparity.rectification_correction import correct_rectification
 from sfr_loc_map.mapping.disparity.semi_global_matching import search_range, semi_global_matching
 from sfr_loc_map.mapping.disparity.uncertainty import disparity_sigma
-from sfr_loc_map.mapping.disparity.validity import beside_jump, locally_valid, valid_segments
+from sfr_loc_map.mapping.disparity.validity import edge_scene
 from sfr_loc_map.mapping.disparity.variational_refinement import refine
+from sfr_loc_map.mapping.disparity.wrong_surface import (
+    EdgeFeatures,
+    EdgeNetwork,
+    EdgeScene,
+    beside_jump,
+    edge_features,
+    network_input,
+)
 
+INPUTS = len(EdgeFeatures._fields)
 UNITS = 16
 """Of the hidden layer."""
 PASSES, BATCH, RATE = 30, 512, 3e-3
@@ -63,36 +72,41 @@ def true_disparity(posed: PosedStereoPair, rig: StereoRig) -> np.ndarray:
 
 
 def samples(source: Path, random: np.random.Generator) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield the evidence `(N, 13)` and the error in pixels `(N,)` of each pair of a source, changed."""
+    """Yield the inputs `(N, 13)` and the error in pixels `(N,)` of each pair of a source, changed."""
     panorama = panorama_of(open_source(source))
     count = search_range(panorama.rig, MappingConfig()).count
     for posed in panorama.pairs():
         truth = true_disparity(posed, panorama.rig)
         for images in changed(posed.pair.left.astype(float), posed.pair.right.astype(float), random):
             left, right = (np.clip(np.rint(x), 0, 255).astype(np.uint8) for x in images)
-            initial = semi_global_matching(left, right, count)
-            refined = refine(left.astype(np.float32), right.astype(np.float32), initial)
-            left = left.astype(np.float32)
-            valid = locally_valid(refined, initial, local_variance(left))
-            valid = valid_segments(left, refined.right, refined.disparity_px, valid)
-            chosen = np.flatnonzero(beside_jump(refined.disparity_px) & valid & np.isfinite(truth))
-            sigma = disparity_sigma(refined)
-            scene = EdgeScene(left, refined.right, refined.disparity_px, np.isfinite(initial), valid, sigma)
-            evidence = edge_evidence(scene, chosen)
-            error_px = np.abs((refined.disparity_px - truth).flat[chosen])
+            scene = scene_of(left, right, count)
+            chosen = np.flatnonzero(beside_jump(scene.disparity) & scene.valid & np.isfinite(truth))
+            inputs = network_input(edge_features(scene, chosen))
+            error_px = np.abs((scene.disparity - truth).flat[chosen])
             some = random.permutation(len(chosen))[:MOST]
-            yield evidence[some].astype(float), error_px[some]
+            yield inputs[some].astype(float), error_px[some]
 
 
-def train(evidence: np.ndarray, error_px: np.ndarray, random: np.random.Generator) -> dict[str, np.ndarray]:
+def scene_of(left: np.ndarray, right: np.ndarray, count: int) -> EdgeScene:
+    """Return what the network judges, as `estimate_disparity` makes it."""
+    initial_px = semi_global_matching(left, right, count)
+    initial_field = field_from_disparity(initial_px)
+    left_grey = left.astype(np.float32)
+    without_holes_px = disparity_from_field(initial_field, left.shape)
+    right_grey, _ = correct_rectification(left_grey, right.astype(np.float32), without_holes_px)
+    refined = refine(left_grey, right_grey, initial_field)
+    return edge_scene(left_grey, right_grey, initial_px, refined, disparity_sigma(refined))
+
+
+def train(features: np.ndarray, error_px: np.ndarray, random: np.random.Generator) -> dict[str, np.ndarray]:
     """Return the weights of least cross entropy (Adam: Kingma and Ba 2015)."""
-    low, high = np.percentile(evidence, (0.5, 99.5), axis=0)
-    evidence = np.clip(evidence, low, high)
-    mean, scale = evidence.mean(0), evidence.std(0)
-    inputs, target = (evidence - mean) / scale, (error_px > WRONG_PX).astype(float)
+    low, high = np.percentile(features, (0.5, 99.5), axis=0)
+    features = np.clip(features, low, high)
+    mean, scale = features.mean(0), features.std(0)
+    inputs, target = (features - mean) / scale, (error_px > WRONG_PX).astype(float)
     cost = np.clip(error_px, 1.0, MAX_COST)
     weights = [
-        random.normal(0.0, np.sqrt(2.0 / FIGURES), (UNITS, FIGURES)),
+        random.normal(0.0, np.sqrt(2.0 / INPUTS), (UNITS, INPUTS)),
         np.zeros(UNITS),
         random.normal(0.0, np.sqrt(1.0 / UNITS), UNITS),
         np.zeros(1),
@@ -125,9 +139,9 @@ def main(out: Path, sources: list[Path]) -> None:
     """Train on the sources and write the network."""
     random = np.random.default_rng(0)
     found = [item for source in sources for item in samples(source, random)]
-    evidence, error_px = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    features, error_px = (np.concatenate(parts) for parts in zip(*found, strict=True))
     print(f"{len(error_px)} pixels, {100 * (error_px > WRONG_PX).mean():.1f} % of them on the wrong surface")
-    weights = train(evidence, error_px, random)
+    weights = train(features, error_px, random)
     lines = [f'"{name}": {json.dumps(np.round(value, 4).tolist())}' for name, value in weights.items()]
     out.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
 

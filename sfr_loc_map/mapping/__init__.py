@@ -5,10 +5,14 @@ The flow in the order of the calls; each name is a module:
     process(pair):  checks                                    images that cannot be matched are refused
                     disparity/estimation                      estimate_disparity:
                         semi_global_matching                      initial disparity
-                        variational_refinement                    field that fits both images, by
-                            (rectification_correction, photometric_residual, smoothness)
-                        uncertainty, saturation                   standard deviation of each disparity
-                        validity (edge_evidence), texture         valid disparities
+                        cell_field                                initial field on cells of 2 x 2 pixels
+                        rectification_correction                  corrected right image
+                        variational_refinement                    refined disparity, which fits both images, by
+                            (photometric_residual, smoothness)
+                        uncertainty                               standard deviation of each disparity
+                        saturation                                saturated pixels
+                        validity (segments, wrong_surface)        valid disparities
+                        texture                                   fraction of the textured pixels that match
                     checks                                    pairs that do not match are refused
                     disparity/right_camera                    rotation of the right camera
                     disparity/hole_filling                    holes take the surface beside them

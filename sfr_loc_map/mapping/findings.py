@@ -42,9 +42,9 @@ def findings_of_pair(
         "density": point_count / disparity.px.size,
         "noise_grey": disparity.noise_grey,
         "gain": correction.gain,
-        "offset_grey": correction.offset,
-        "vertical_offset_px": correction.vertical_px[0],
-        "vertical_offset_largest_px": correction.max_vertical_px,
+        "offset_grey": correction.offset_grey,
+        "vertical_offset_px": correction.vertical.offset_px,
+        "vertical_offset_largest_px": correction.vertical.max_px,
         "matched_share": disparity.matched_fraction,
         "right_yaw_deg": math.degrees(rotation.yaw_rad) if is_yaw_known else math.nan,
         "right_yaw_sigma_deg": math.degrees(rotation.yaw_sigma_rad) if is_yaw_known else math.nan,
@@ -65,9 +65,9 @@ def _warnings_of_images(disparity: DisparityMap, stated: CalibrationUncertainty)
         warnings.append("too few pixels have texture above the noise: whether the images match is unknown")
     if matched < LOW_MATCHED_FRACTION:
         warnings.append(f"only {100 * matched:.0f} % of the textured pixels are matched")
-    if correction.max_vertical_px > max(MIN_VERTICAL_WARNING_PX, VERTICAL_WARNING_FACTOR * stated.distortion_px):
+    if correction.vertical.max_px > max(MIN_VERTICAL_WARNING_PX, VERTICAL_WARNING_FACTOR * stated.distortion_px):
         warnings.append(
-            f"vertical disparity of up to {correction.max_vertical_px:.2f} px between left and right (compensated): "
+            f"vertical disparity of up to {correction.vertical.max_px:.2f} px between left and right (compensated): "
             "check the rectification"
         )
     if not 1.0 / MAX_GAIN < correction.gain < MAX_GAIN:

@@ -81,7 +81,7 @@ def calibration_sigma(rotation: CameraRotation, rig: StereoRig, stated: Calibrat
         pitch = math.hypot(pitch, rotation.pitch_rad)
     distortion_px = 0.0
     if stated.distortion_px > 0.0:
-        distortion_px = min(rotation.vertical_px, max(stated.distortion_px, rotation.bent_px))
+        distortion_px = min(rotation.vertical_rms_px, max(stated.distortion_px, rotation.distortion_rms_px))
     return CalibrationSigma(
         yaw=yaw,
         pitch=pitch,

@@ -13,13 +13,14 @@ from sfr_loc_map.mapping.disparity.saturation import Saturation
 class DisparityMap:
     """Disparities of the left image with their uncertainty, and the images that they were estimated from."""
 
-    px: FloatImage  #: `(H, W)` float32, pixels, without holes; only valid ones are measured.
+    px: FloatImage  #: `(H, W)` float32, pixels, without holes; only the valid ones are measured.
     sigma_px: FloatImage  #: `(H, W)` float32, standard deviation of a valid disparity, pixels.
     valid: Mask  #: `(H, W)`, which disparities are valid.
-    matched_px: FloatImage  #: `(H, W)` float32, disparities of the semi-global matching, pixels; NaN where unmatched.
+    initial_px: FloatImage  #: `(H, W)` float32, disparities of the semi-global matching, pixels; NaN where it has none.
     left: FloatImage  #: `(H, W)` float32, left image, grey levels.
     right: FloatImage  #: `(H, W)` float32, right image after its correction, grey levels.
     correction: RectificationCorrection  #: The deviations that were removed from the right image.
     saturation: Saturation  #: Saturation of both images.
     noise_grey: float  #: Standard deviation of a photometric residual, grey levels.
-    matched_fraction: float  #: Fraction of the textured pixels that are valid; NaN if too few pixels are textured.
+    #: Fraction of the textured pixels whose disparity is valid before holes are filled; NaN if too few are textured.
+    matched_fraction: float

@@ -9,9 +9,11 @@ from sfr_loc_map.geometry.arrays import FloatImage, GreyImage, Mask
 
 F = np.float32
 
-SURFACE_JUMP_PX = F(1.0)  #: Neighbouring disparities that differ by more belong to two surfaces.
-VARIANCE_SIDE = 7  #: Side of the square of a local variance, pixels.
-MIN_DISPARITY_PX = F(0.3)  #: Smallest disparity whose depth is compared with another one.
+SURFACE_JUMP_PX = F(1.0)
+"""Neighbouring disparities that differ by more belong to two surfaces, pixels: the disparity of ground changes by less
+from pixel to pixel, and a ramp of this slope is parallel to a ray of the right camera."""
+VARIANCE_SIDE = 7  #: Side of the square of a local variance, pixels: 49 samples, whose variance is known to 20 %.
+MIN_DISPARITY_PX = F(0.3)  #: Smallest disparity whose depth is compared with another one, pixels: it must not be 0.
 
 
 def box_mean(image: FloatImage, side: int) -> FloatImage:
@@ -45,7 +47,7 @@ def second_differences(image: FloatImage) -> tuple[FloatImage, FloatImage]:
 
 
 def local_variance(image: FloatImage) -> FloatImage:
-    """Return the variance around each pixel `(H, W)`; the border is mirrored. Sums of grey levels are exact."""
+    """Return the variance around each pixel `(H, W)`; the border is mirrored. Sums of whole grey levels are exact."""
     mean = box_mean(image, VARIANCE_SIDE)
     return np.asarray(box_mean(image * image, VARIANCE_SIDE) - mean * mean, F)
 

@@ -3,7 +3,8 @@
 The hypotheses of a pixel are the surfaces that are met first along eight directions, continued as planes. Each one is
 judged by the matching cost over the pixel's neighbourhood, in which pixels without a disparity have most of the weight.
 The largest cost of a filled pixel is a percentile of the costs of valid pixels beside holes in the same pair. A
-hypothesis is rejected if another surface corresponds to the same pixel of the right image.
+hypothesis is rejected if another surface corresponds to the same pixel of the right image. Limits and what was tried
+instead: docs/decisions/0003.
 """
 
 from __future__ import annotations
@@ -29,27 +30,39 @@ from sfr_loc_map.mapping.disparity.matching_cost import (
 
 F = np.float32
 
-PASSES = 2  #: Pixels filled in one pass offer their surface to their neighbours in the next one.
-REACH = 12  #: Rows or columns within which a surface is a hypothesis.
-SLOPE_PX = 2  #: Distance over which the slope of a surface is measured, pixels.
+PASSES = 2
+"""Pixels filled in one pass offer their surface to their neighbours in the next one. A third pass adds less than 0.001
+of density."""
+REACH = 12  #: Rows or columns within which a surface is a hypothesis: planes are extrapolated no farther.
+SLOPE_PX = 2  #: Distance over which the slope of a surface is measured, pixels: one cell of the refined field.
 VALID_WEIGHT = F(0.3)  #: Weight of valid pixels in a window: they repeat the disparity that they already have.
-COST_PERCENTILE = 93.0  #: A filled pixel matches no worse than this percentage of the valid pixels beside holes.
-BESIDE_HOLE_PX = 3  #: Distance within which a valid pixel is beside a hole.
-COST_STRIDE = 5  #: Every fifth valid pixel beside holes is used for the percentile.
-MIN_SAMPLES = 50  #: Samples that the percentile requires.
-MARGIN_SIGMAS = 1.5  #: Cost margin over other hypotheses, in standard deviations of the noise of one pixel.
-ASIDE_PX = F(2.0)  #: A surface that nothing else confirms must match better than disparities this far to either side.
-SAME_HYPOTHESIS_PX = F(0.5)  #: Hypotheses that differ by less are judged once.
-MIN_SAME_SURFACE = 5  #: Neighbours out of eight that must belong to the surface of a filled pixel.
+COST_PERCENTILE = 93.0
+"""A filled pixel matches no worse than this percentage of the valid pixels beside holes. Real images match less well
+than rendered ones, so that no fixed cost suits both."""
+BESIDE_HOLE_PX = (
+    3  #: Distance within which a valid pixel is beside a hole, pixels: its window then reaches into the hole.
+)
+COST_STRIDE = 5  #: Every fifth valid pixel beside holes is used for the percentile: thousands of samples suffice.
+MIN_SAMPLES = 50  #: Samples that the percentile requires: three or four are then beyond it.
+MARGIN_SIGMAS = 1.5
+"""Cost margin over other hypotheses, in standard deviations of the noise of one pixel. Chosen on two real pairs and
+rendered grounds."""
+ASIDE_PX = F(2.0)
+"""A surface that nothing else confirms must match better than disparities this far to either side, pixels, because
+noise matches any surface."""
+SAME_HYPOTHESIS_PX = F(0.5)  #: Hypotheses that differ by less are judged once, pixels: half of `SURFACE_JUMP_PX`.
+MIN_SAME_SURFACE = 5
+"""Neighbours out of eight that must belong to the surface of a filled pixel: single pixels had a third of the squared
+error that filling added."""
 MIN_FILLED_SIGMA_PX = F(0.5)
 """Smallest standard deviation of a filled disparity: the RMS error was 0.2 to 0.9 px on rendered ground."""
 MAX_DEPTH_RATIO = F(4.0)
 """A hole takes no surface at this many times the depth of another one nearby, as behind the rim of a crater: one such
 pixel in ten thousand would be most of the error of a map."""
-NEARBY_PX = 7  #: Rows or columns within which the depths are compared.
+NEARBY_PX = 7  #: Rows or columns within which the depths are compared: somewhat more than half the reach.
 DIRECTIONS = np.array([[0, 1], [0, -1], [1, 0], [-1, 0], [1, 1], [-1, -1], [1, -1], [-1, 1]])
 """Rows and columns of a step; opposite directions follow each other."""
-DIRECTION_COUNT = 8
+DIRECTION_COUNT = len(DIRECTIONS)
 
 
 class HoleScene(NamedTuple):
@@ -60,7 +73,7 @@ class HoleScene(NamedTuple):
     disparity: FloatImage  #: Pixels.
     valid: Mask  #: Pixels whose disparities are surfaces.
     fillable: Mask  #: Pixels that may be filled.
-    matched: FloatImage  #: Disparities of the semi-global matching, pixels; NaN where unmatched.
+    initial: FloatImage  #: Disparities of the semi-global matching, pixels; NaN where it has none.
     distance: FloatImage  #: Rows or columns to the nearest valid pixel.
 
 
@@ -71,11 +84,26 @@ class FilledPixels(NamedTuple):
     added: Mask  #: Pixels that were filled.
 
 
-class RightClaims(NamedTuple):
-    """Disparities `(H, W)` of the left pixels that correspond to each pixel of the right image, pixels."""
+class RightSurfaces(NamedTuple):
+    """Disparities `(H, W)` of the valid left pixels that correspond to each pixel of the right image, pixels."""
 
     low: FloatImage  #: The smallest one; `MAX_COST` if there is none.
     high: FloatImage  #: The largest one; `-MAX_COST` if there is none.
+
+
+class Hypotheses(NamedTuple):
+    """The first surface along each direction, continued to a pixel as a plane, `(8,)` each; NaN without a surface."""
+
+    disparity: FloatImage  #: Disparity of the plane at the pixel, pixels.
+    slope_x: FloatImage  #: Slope of the plane along rows, pixels per pixel.
+    slope_y: FloatImage  #: Slope of the plane along columns, pixels per pixel.
+
+
+class HypothesisCosts(NamedTuple):
+    """Matching costs of the hypotheses of a pixel, `(8,)` each."""
+
+    cost: FloatImage  #: Grey levels; `MAX_COST` without a surface.
+    effective_pixels: FloatImage  #: As of `PlaneCost`.
 
 
 class PlaneCost(NamedTuple):
@@ -108,21 +136,21 @@ def fill_holes(disparity: DisparityMap) -> DisparityMap:
     return replace(disparity, px=px, sigma_px=sigma_px, valid=disparity.valid | filled)
 
 
-def _filled(scene: HoleScene, max_cost: np.float32, min_margin: np.float32) -> FilledPixels:
-    """Return the disparities after one pass; added pixels have to be confirmed by all others."""
-    found = fill_pass(scene, right_claims(scene.disparity, scene.valid), max_cost, min_margin)
-    candidates = np.isfinite(found)
-    px = np.where(candidates, found, scene.disparity)
-    valid = scene.valid | candidates
-    added = confirmed(px, valid, candidates, right_claims(px, valid))
-    return FilledPixels(np.where(added, found, scene.disparity), added)
-
-
 def _scene(disparity: DisparityMap, px: FloatImage, valid: Mask, candidates: Mask) -> HoleScene:
     """Return the input of a pass over the invalid candidates, with the disparities that are valid so far."""
     fillable = candidates & ~valid
     distance = np.asarray(cv2.distanceTransform((~valid).astype(np.uint8), cv2.DIST_C, 3), F)
-    return HoleScene(disparity.left, disparity.right, px, valid, fillable, disparity.matched_px, distance)
+    return HoleScene(disparity.left, disparity.right, px, valid, fillable, disparity.initial_px, distance)
+
+
+def _filled(scene: HoleScene, max_cost: np.float32, min_margin: np.float32) -> FilledPixels:
+    """Return the disparities after one pass; added pixels have to be confirmed by all others."""
+    found = fill_pass(scene, right_surfaces(scene.disparity, scene.valid), max_cost, min_margin)
+    candidates = np.isfinite(found)
+    px = np.where(candidates, found, scene.disparity)
+    valid = scene.valid | candidates
+    added = confirmed(px, valid, candidates, right_surfaces(px, valid))
+    return FilledPixels(np.where(added, found, scene.disparity), added)
 
 
 def _max_cost(scene: HoleScene) -> np.float32:
@@ -135,7 +163,7 @@ def _max_cost(scene: HoleScene) -> np.float32:
 
 
 @jit_rows
-def fill_pass(scene: HoleScene, claims: RightClaims, max_cost: np.float32, min_margin: np.float32) -> FloatImage:
+def fill_pass(scene: HoleScene, surfaces: RightSurfaces, max_cost: np.float32, min_margin: np.float32) -> FloatImage:
     """Return the disparities `(H, W)` of the pixels that one pass fills, NaN elsewhere.
 
     `max_cost` is the largest cost of a filled pixel and `min_margin` the margin over other hypotheses of a window of
@@ -148,45 +176,45 @@ def fill_pass(scene: HoleScene, claims: RightClaims, max_cost: np.float32, min_m
         y = 2 * n if 2 * n < rows else 2 * n - rows + 1 - rows % 2
         for x in range(cols):
             if scene.fillable[y, x] and scene.distance[y, x] <= REACH:
-                out[y, x] = _best_hypothesis(scene, claims, max_cost, min_margin, y, x)
+                out[y, x] = _best_hypothesis(scene, surfaces, max_cost, min_margin, y, x)
     return out
 
 
 @jit_rows_inline
 def _best_hypothesis(
-    scene: HoleScene, claims: RightClaims, max_cost: np.float32, min_margin: np.float32, y: int, x: int
+    scene: HoleScene, surfaces: RightSurfaces, max_cost: np.float32, min_margin: np.float32, y: int, x: int
 ) -> np.float32:
     """Return the disparity of the best hypothesis of a pixel, NaN if none is good enough.
 
     If the refined field agrees with the hypothesis, the disparity is that of the field.
     """
-    planes = hypotheses(scene, y, x)
+    planes = _hypotheses(scene, y, x)
     possible = np.zeros(DIRECTION_COUNT, np.bool_)
     count = 0
     for k in range(DIRECTION_COUNT):
-        possible[k] = not _is_contradicted(planes[k, 0], claims, y, x)
+        possible[k] = not _is_contradicted(planes.disparity[k], surfaces, y, x)
         count += possible[k]
     if count == 0:
         return F(np.nan)
-    cost, effective_pixels = _costs(scene, y, x, planes)
+    cost, effective_pixels = _hypothesis_costs(scene, y, x, planes)
     best = 0
     lowest = MAX_COST
     for k in range(DIRECTION_COUNT):
         if possible[k] and cost[k] < lowest:
             best = k
             lowest = cost[k]
-    disparity: np.float32 = planes[best, 0]
+    disparity: np.float32 = planes.disparity[best]
     lowest_other = MAX_COST
     for k in range(DIRECTION_COUNT):
-        if abs(planes[k, 0] - disparity) > SURFACE_JUMP_PX:
+        if abs(planes.disparity[k] - disparity) > SURFACE_JUMP_PX:
             lowest_other = min(lowest_other, cost[k])
     required = cost[best] + min_margin / np.sqrt(effective_pixels[best])
     if not (possible[best] and cost[best] <= max_cost and lowest_other >= required):
         return F(np.nan)
-    is_confirmed = _is_enclosed(planes, disparity) or abs(scene.matched[y, x] - disparity) < SURFACE_JUMP_PX
+    is_confirmed = _is_enclosed(planes, disparity) or abs(scene.initial[y, x] - disparity) < SURFACE_JUMP_PX
     if not is_confirmed:
         for side in (-ASIDE_PX, ASIDE_PX):
-            aside = plane_cost(scene, y, x, disparity + side, planes[best, 1], planes[best, 2])
+            aside = plane_cost(scene, y, x, disparity + side, planes.slope_x[best], planes.slope_y[best])
             if aside.cost < required:
                 return F(np.nan)
     own: np.float32 = scene.disparity[y, x]
@@ -194,45 +222,48 @@ def _best_hypothesis(
 
 
 @jit_rows_inline
-def _is_enclosed(planes: FloatImage, disparity: np.float32) -> bool:
+def _is_enclosed(planes: Hypotheses, disparity: np.float32) -> bool:
     """Return whether the surface of a disparity is met in two opposite directions."""
     is_enclosed = False
     for k in range(0, DIRECTION_COUNT, 2):
-        one = abs(planes[k, 0] - disparity) < SURFACE_JUMP_PX
-        opposite = abs(planes[k + 1, 0] - disparity) < SURFACE_JUMP_PX
+        one = abs(planes.disparity[k] - disparity) < SURFACE_JUMP_PX
+        opposite = abs(planes.disparity[k + 1] - disparity) < SURFACE_JUMP_PX
         is_enclosed |= one and opposite
     return is_enclosed
 
 
 @jit_rows_inline
-def _costs(scene: HoleScene, y: int, x: int, planes: FloatImage) -> tuple[FloatImage, FloatImage]:
-    """Return the matching cost of each hypothesis `(8,)`, and the effective number of pixels of its window."""
+def _hypothesis_costs(scene: HoleScene, y: int, x: int, planes: Hypotheses) -> HypothesisCosts:
+    """Return the matching cost of each hypothesis; hypotheses of about the same disparity are judged once."""
     cost = np.full(DIRECTION_COUNT, MAX_COST)
     effective_pixels = np.ones(DIRECTION_COUNT, F)
     for k in range(DIRECTION_COUNT):
-        if np.isnan(planes[k, 0]):
+        if np.isnan(planes.disparity[k]):
             continue
         first = 0
-        while first < k and not abs(planes[first, 0] - planes[k, 0]) < SAME_HYPOTHESIS_PX:
+        while first < k and not abs(planes.disparity[first] - planes.disparity[k]) < SAME_HYPOTHESIS_PX:
             first += 1
         if first < k:
             cost[k] = cost[first]
             effective_pixels[k] = effective_pixels[first]
         else:
-            found = plane_cost(scene, y, x, planes[k, 0], planes[k, 1], planes[k, 2])
+            found = plane_cost(scene, y, x, planes.disparity[k], planes.slope_x[k], planes.slope_y[k])
             cost[k] = found.cost
             effective_pixels[k] = found.effective_pixels
-    return cost, effective_pixels
+    return HypothesisCosts(cost, effective_pixels)
 
 
 @jit_rows_inline
-def hypotheses(scene: HoleScene, y: int, x: int) -> FloatImage:
-    """Return the first surface along each direction, continued to the pixel as a plane `(8, 3)`; NaN if there is none.
+def _hypotheses(scene: HoleScene, y: int, x: int) -> Hypotheses:
+    """Return the first surface along each direction, continued to the pixel as a plane.
 
-    Columns: disparity at the pixel, and its slope along rows and columns, pixels per pixel.
+    No pixel nearer than its `distance` is valid, so that the search along a direction advances by that distance.
     """
     rows, cols = scene.disparity.shape
-    planes = np.full((DIRECTION_COUNT, 3), F(np.nan))
+    planes = np.full((3, DIRECTION_COUNT), F(np.nan))
+    disparities = planes[0]
+    slopes_x = planes[1]
+    slopes_y = planes[2]
     for k in range(DIRECTION_COUNT):
         dy = DIRECTIONS[k, 0]
         dx = DIRECTIONS[k, 1]
@@ -245,12 +276,12 @@ def hypotheses(scene: HoleScene, y: int, x: int) -> FloatImage:
             if scene.valid[v, u]:
                 slope_x = _surface_slope(scene, v, u, 0, 1)
                 slope_y = _surface_slope(scene, v, u, 1, 0)
-                planes[k, 0] = scene.disparity[v, u] - F(steps) * (slope_x * F(dx) + slope_y * F(dy))
-                planes[k, 1] = slope_x
-                planes[k, 2] = slope_y
+                disparities[k] = scene.disparity[v, u] - F(steps) * (slope_x * F(dx) + slope_y * F(dy))
+                slopes_x[k] = slope_x
+                slopes_y[k] = slope_y
                 break
             steps += int(scene.distance[v, u])
-    return planes
+    return Hypotheses(disparities, slopes_x, slopes_y)
 
 
 @jit_rows_inline
@@ -317,7 +348,7 @@ def own_costs(scene: HoleScene, flat_indices: IntArray) -> FloatImage:
 
 
 @jit_rows
-def right_claims(disparity: FloatImage, valid: Mask) -> RightClaims:
+def right_surfaces(disparity: FloatImage, valid: Mask) -> RightSurfaces:
     """Return the disparities that correspond to each pixel of the right image."""
     rows, cols = disparity.shape
     low = np.full((rows, cols), MAX_COST)
@@ -329,32 +360,32 @@ def right_claims(disparity: FloatImage, valid: Mask) -> RightClaims:
                 if 0 <= u < cols:
                     low[y, u] = min(low[y, u], disparity[y, x])
                     high[y, u] = max(high[y, u], disparity[y, x])
-    return RightClaims(low, high)
+    return RightSurfaces(low, high)
 
 
 @jit_rows_inline
-def _is_contradicted(disparity: np.float32, claims: RightClaims, y: int, x: int) -> bool:
+def _is_contradicted(disparity: np.float32, surfaces: RightSurfaces, y: int, x: int) -> bool:
     """Return whether the corresponding pixel is outside the right image or belongs to another surface."""
     column = F(x) - disparity
-    if not (column >= F(0.0) and column < F(claims.low.shape[1] - 1)):
+    if not (column >= F(0.0) and column < F(surfaces.low.shape[1] - 1)):
         return True
     u = int(np.rint(column))
-    is_nearer_claimed: bool = claims.high[y, u] > disparity + SURFACE_JUMP_PX
-    is_farther_claimed: bool = claims.low[y, u] < disparity - SURFACE_JUMP_PX
-    return is_nearer_claimed or is_farther_claimed
+    has_nearer: bool = surfaces.high[y, u] > disparity + SURFACE_JUMP_PX
+    has_farther: bool = surfaces.low[y, u] < disparity - SURFACE_JUMP_PX
+    return has_nearer or has_farther
 
 
 @jit_rows
-def confirmed(disparity: FloatImage, valid: Mask, added: Mask, claims: RightClaims) -> Mask:
+def confirmed(disparity: FloatImage, valid: Mask, added: Mask, surfaces: RightSurfaces) -> Mask:
     """Return which added pixels `(H, W)` have neighbours on their surface and correspond to no other surface.
 
-    `valid` includes the added pixels, and the claims are those of all valid pixels.
+    `valid` includes the added pixels, and the surfaces are those of all valid pixels.
     """
     rows, cols = disparity.shape
     out = np.zeros((rows, cols), np.bool_)
     for y in prange(rows):
         for x in range(cols):
-            if not added[y, x] or _is_contradicted(disparity[y, x], claims, y, x):
+            if not added[y, x] or _is_contradicted(disparity[y, x], surfaces, y, x):
                 continue
             same_surface = -1  # does not count the pixel itself
             for v in range(max(0, y - 1), min(rows, y + 2)):

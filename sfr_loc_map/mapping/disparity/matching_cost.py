@@ -10,11 +10,15 @@ import numpy as np
 
 F = np.float32
 
-WINDOW_RADIUS = 4  #: Half side of the window, pixels.
-MAX_DIFFERENCE = F(30.0)  #: Absolute differences are truncated to this, grey levels.
-MAX_COST = F(1e9)  #: Cost where no pixel of the window is inside the right image.
-GREY_SCALE = 8.0  #: Difference of grey levels at which the weight has decreased to 1/e.
-DISTANCE_SCALE_PX = 3.0  #: Distance at which the weight has decreased to 1/e.
+WINDOW_RADIUS = 4
+"""Half side of the window, pixels. The network beside jumps was trained with the five values here; change them together
+with `tools/train_edge_network.py`."""
+MAX_DIFFERENCE = F(30.0)  #: Absolute differences are truncated to this, grey levels: more of them are occlusions.
+MAX_COST = F(1e9)  #: Cost where no pixel of the window is inside the right image, grey levels: larger than any other.
+GREY_SCALE = 8.0  #: Difference at which the weight has decreased to 1/e, grey levels; Yoon and Kweon (2006) take 7.
+DISTANCE_SCALE_PX = (
+    3.0  #: Distance at which the weight has decreased to 1/e, pixels, so that the window's edge has 0.26.
+)
 
 WEIGHT_BY_GREY = np.exp(-np.arange(256.0) / GREY_SCALE).astype(F)
 """Weight of a pixel by the absolute difference of its grey level from the centre's."""

@@ -13,17 +13,21 @@ from sfr_loc_map.mapping.robust_statistics import mad_sigma
 
 F = np.float32
 
-SMOOTHING_SIDE = F(0.1065)  #: Side tap of a Gaussian of 0.5 pixels, `exp(-2) / (1 + 2 exp(-2))`.
+SMOOTHING_SIDE = F(0.1065)
+"""Side tap of a Gaussian of 0.5 pixels, `exp(-2) / (1 + 2 exp(-2))`. Wider ones lose texture (docs/decisions/0003)."""
 SMOOTHING_CENTRE = F(1.0) - F(2.0) * SMOOTHING_SIDE  #: Centre tap of the same Gaussian.
 DERIVATIVE_NEAR = F(0.5 * (1.0 - 2.0 * 0.1065))  #: Tap at one pixel of a central difference after that Gaussian.
 DERIVATIVE_FAR = F(0.5 * 0.1065)  #: Tap at two pixels of the same.
-SLOPE_BORDER = 2  #: Columns at either border without a slope.
-ROUNDING_NOISE = 0.3  #: Standard deviation of a residual due to rounding, in steps of the grey levels.
+SLOPE_BORDER = 2  #: Columns at either border without a slope: the smoothed central difference has five taps.
+ROUNDING_NOISE = 0.3
+"""Standard deviation of a residual due to rounding, in steps of the grey levels: `1 / sqrt(12)` by the left image, and
+little more by the interpolated right one."""
 GREY_STRIDE = 4  #: Every fourth pixel of every fourth row is read for the steps between grey levels.
-DEFAULT_VARIANCE = F(25.0)  #: Variance of a residual if too few residuals are available, grey levels squared.
-NOISE_BINS = 8  #: Ranges of the grey level in which the noise is measured.
-MIN_PER_BIN = 50  #: Residuals that each range requires.
-SAMPLED_PIXELS = np.s_[::8, ::4]  #: Pixels whose residuals measure the noise.
+DEFAULT_VARIANCE = F(25.0)
+"""Variance of a residual if too few residuals are available, grey levels squared: that of a noisy camera."""
+NOISE_BINS = 8  #: Ranges of the grey level in which the noise is measured, with equal numbers of residuals.
+MIN_PER_BIN = 50  #: Residuals that each range requires: the variance then has a relative standard deviation of 25 %.
+SAMPLED_PIXELS = np.s_[::8, ::4]  #: Pixels whose residuals measure the noise: 30 000 of a megapixel.
 SAMPLED_CELLS = np.s_[::4, ::2]  #: The cells of these pixels.
 
 
@@ -127,7 +131,7 @@ def cell_means(residual: FloatImage, limit: np.float32) -> FloatImage:
 def mean_template(left: FloatImage, residual: FloatImage, offset: FloatImage, limit: np.float32) -> FloatImage:
     """Return the mean of the left and the warped right image without its brightness offset.
 
-    If a residual is `limit` or larger, the template is the left image.
+    If a residual without that offset is `limit` or larger, or unknown, the template is the left image.
     """
     rows, cols = left.shape
     out = np.empty((rows, cols), F)
@@ -223,9 +227,11 @@ def overall_noise(residual: FloatImage, min_noise: float) -> float:
 def noise_variance(
     grey: FloatImage, order: IntArray, residual: FloatImage, offset: FloatImage, min_noise: float
 ) -> FloatImage:
-    """Return the variance of a residual in each cell `(H/2, W/2)`: the best straight line over the grey level.
+    """Return the variance of a residual in each cell `(H/2, W/2)`: a straight line over the grey level.
 
-    The noise of a camera has a constant part and one that grows with the light (photon noise).
+    The noise of a camera has a constant part and one that grows with the light (photon noise). The line is fitted to
+    the robust variances of ranges of the grey level by weighted least squares, and clipped to their range. A variance
+    has a standard deviation proportional to itself.
 
     `grey` is the mean of the left image in each cell, and `order` sorts its sampled cells. The residual `(H, W)` is NaN
     where unknown and has the brightness offset `(H/2, W/2)`.

@@ -19,19 +19,43 @@ from sfr_loc_map.mapping.robust_statistics import cauchy_weight, mad_sigma
 F = np.float32
 
 SAMPLING_STRIDE = 3  #: Every third pixel of every third row is used; 100 000 samples suffice.
-ROBUST_SIGMAS = 2.0  #: Residuals of this many standard deviations have half the weight.
+ROBUST_SIGMAS = 2.0
+"""Residuals of this many standard deviations have half the weight; 2.385 is the Cauchy weight's constant for 95 %
+efficiency under normal noise (Holland and Welsch 1977)."""
 MIN_RESIDUAL_SIGMA = 1e-3  #: Added to the standard deviation of residuals, grey levels: it must not be 0.
-MAX_ITERATIONS = 3  #: Gauss-Newton steps of the vertical disparity.
-EXPOSURE_STRIDE = 4  #: Every fourth pixel of every fourth row is compared in exposure.
+MAX_ITERATIONS = 3  #: Gauss-Newton steps of the vertical disparity: each step is limited to `MAX_STEP_PX`.
+EXPOSURE_STRIDE = 4  #: Every fourth pixel of every fourth row is compared in exposure: quantiles need fewer samples.
 MIN_GREY = 2.0  #: Darker pixels may be saturated and are excluded from the exposure, grey levels.
 MAX_GREY = 253.0  #: Brighter pixels may be saturated and are excluded from the exposure, grey levels.
-MIN_GREY_RANGE = 8.0  #: Range from the 10 % to the 90 % quantile that a gain requires, grey levels.
-GAIN_LIMITS = (0.25, 4.0)  #: Smallest and largest gain.
-MIN_EXPOSURE_PIXELS = 100  #: Pixels that a comparison of the exposures requires.
-MIN_ROW_PIXELS = 1000  #: Pixels that a measurement of the vertical disparity requires.
-MIN_OFFSET_PX = 0.02  #: Smaller vertical disparities are not corrected, because resampling blurs the image.
+EXPOSURE_QUANTILES = (0.1, 0.5, 0.9)  #: Quantiles of the grey levels that are compared; outliers are beyond them.
+MIN_GREY_RANGE = 8.0
+"""Range between the outer quantiles that a gain requires, grey levels: rounding changes the ratio of smaller ranges by
+several percent."""
+GAIN_LIMITS = (0.25, 4.0)  #: Smallest and largest gain: two stops of exposure.
+MIN_EXPOSURE_PIXELS = 100  #: Pixels that a comparison of the exposures requires: ten beyond each outer quantile.
+MIN_ROW_PIXELS = 1000
+"""Pixels that a measurement of the vertical disparity requires: with residuals of 3 grey levels and slopes of 5 grey
+levels per pixel its standard deviation is then 0.02 pixels, as `MIN_VERTICAL_PX`."""
+MIN_VERTICAL_PX = 0.02  #: Smaller vertical disparities are not corrected, because resampling blurs the image, pixels.
 MAX_STEP_PX = 0.5  #: Largest change of a coefficient in one step: the image is linear over about half a pixel.
-DAMPING = 1e-6  #: Added to the diagonal of the normal equations, as a fraction of their trace.
+DAMPING = 1e-6  #: Added to the diagonal of the normal equations, as a fraction of their trace: they may be singular.
+
+
+class VerticalDisparity(NamedTuple):
+    """A vertical disparity that is linear over the image.
+
+    Content of the right image is `offset + tilt u + stretch v` pixels lower than in the left image, with u and v from
+    -1 to 1 over the columns and the rows.
+    """
+
+    offset_px: float  #: Mean over the image, pixels.
+    tilt_px: float  #: Change from the middle to the right edge, pixels: a roll of the right camera.
+    stretch_px: float  #: Change from the middle to the lower edge, pixels.
+
+    @property
+    def max_px(self) -> float:
+        """Largest vertical disparity within the image, pixels."""
+        return sum(abs(value) for value in self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,15 +63,8 @@ class RectificationCorrection:
     """Deviation of the right image from a rectified image of equal exposure."""
 
     gain: float  #: Contrast of the right image over that of the left image.
-    offset: float  #: Grey level of the right image where that of the left image is 0.
-    #: Coefficients c of the vertical disparity: content of the right image is `c[0] + c[1] x + c[2] y` pixels lower
-    #: than in the left image, with x and y from -1 to 1 over the image.
-    vertical_px: tuple[float, float, float]
-
-    @property
-    def max_vertical_px(self) -> float:
-        """Largest vertical disparity within the image, pixels."""
-        return sum(abs(value) for value in self.vertical_px)
+    offset_grey: float  #: Grey level of the right image where that of the left image is 0.
+    vertical: VerticalDisparity  #: Vertical disparity of the right image.
 
 
 class CorrectedImage(NamedTuple):
@@ -61,7 +78,7 @@ class Exposure(NamedTuple):
     """Linear relation `right = gain left + offset` of the grey levels of two images."""
 
     gain: float
-    offset: float
+    offset_grey: float
 
 
 class ResidualAndMean(NamedTuple):
@@ -72,26 +89,31 @@ class ResidualAndMean(NamedTuple):
 
 
 def correct_rectification(left: FloatImage, right: FloatImage, disparity_px: FloatImage) -> CorrectedImage:
-    """Measure gain, offset and vertical disparity of the right image and remove them."""
+    """Measure gain, offset and vertical disparity of the right image `(H, W)`, and return the image without them.
+
+    The disparity without holes is correct to about a pixel.
+    """
     exposure = measure_exposure(left, right, disparity_px)
-    equalised = (right - F(exposure.offset)) * F(1.0 / exposure.gain)
+    equalised = (right - F(exposure.offset_grey)) * F(1.0 / exposure.gain)
     corrected = equalised
-    vertical_px = np.zeros(3)
+    coefficients_px = np.zeros(3)
     for _ in range(MAX_ITERATIONS):
         step_px = _vertical_step(left, corrected, disparity_px)
-        vertical_px = vertical_px + step_px
-        if np.abs(vertical_px).sum() < MIN_OFFSET_PX:
+        coefficients_px = coefficients_px + step_px
+        if np.abs(coefficients_px).sum() < MIN_VERTICAL_PX:
             break
-        corrected = _shifted_up(equalised, vertical_px)
-        if np.abs(step_px).sum() < MIN_OFFSET_PX:
+        corrected = _without_vertical_disparity(equalised, VerticalDisparity(*coefficients_px.tolist()))
+        if np.abs(step_px).sum() < MIN_VERTICAL_PX:
             break
-    constant, along_x, along_y = vertical_px.tolist()
-    correction = RectificationCorrection(exposure.gain, exposure.offset, (constant, along_x, along_y))
-    return CorrectedImage(corrected, correction)
+    vertical = VerticalDisparity(*coefficients_px.tolist())
+    return CorrectedImage(corrected, RectificationCorrection(exposure.gain, exposure.offset_grey, vertical))
 
 
 def measure_exposure(left: FloatImage, right: FloatImage, disparity_px: FloatImage) -> Exposure:
-    """Return the exposure of the right image relative to the left one, from quantiles of corresponding grey levels."""
+    """Return the exposure of the right image relative to the left one, from quantiles of corresponding grey levels.
+
+    The gain is 1 where the left image has too little contrast, and the offset 0 where too few pixels are usable.
+    """
     left_rows, right_rows, disparity_rows = (
         np.ascontiguousarray(image[::EXPOSURE_STRIDE]) for image in (left, right, disparity_px)
     )
@@ -101,8 +123,8 @@ def measure_exposure(left: FloatImage, right: FloatImage, disparity_px: FloatIma
     usable = (left_grey > MIN_GREY) & (left_grey < MAX_GREY) & (right_grey > MIN_GREY) & (right_grey < MAX_GREY)
     if usable.sum() < MIN_EXPOSURE_PIXELS:
         return Exposure(1.0, 0.0)
-    left_low, left_median, left_high = np.quantile(left_grey[usable], (0.1, 0.5, 0.9))
-    right_low, right_median, right_high = np.quantile(right_grey[usable], (0.1, 0.5, 0.9))
+    left_low, left_median, left_high = np.quantile(left_grey[usable], EXPOSURE_QUANTILES)
+    right_low, right_median, right_high = np.quantile(right_grey[usable], EXPOSURE_QUANTILES)
     if left_high - left_low < MIN_GREY_RANGE:
         return Exposure(1.0, float(right_median - left_median))
     gain = float(np.clip((right_high - right_low) / (left_high - left_low), *GAIN_LIMITS))
@@ -117,10 +139,10 @@ def residual_and_mean(left: FloatImage, right: FloatImage, disparity_px: FloatIm
 
 
 def _vertical_step(left: FloatImage, right: FloatImage, disparity_px: FloatImage) -> FloatArray:
-    """Return the change `(3,)` of the vertical disparity's coefficients by one robust Gauss-Newton step, pixels.
+    """Return the change `(3,)` of offset, tilt and stretch by one robust Gauss-Newton step, pixels.
 
-    A shift of the right image's content by s changes the residual by s times the slope along the column. The step is 0
-    where too few pixels or no slopes are available.
+    A shift of the right image's rows upwards by s changes the residual by s times the slope along the column. The step
+    is 0 if too few pixels or no slopes are available.
     """
     residual, mean = residual_and_mean(left, right, disparity_px)
     residual = residual[::SAMPLING_STRIDE, ::SAMPLING_STRIDE]
@@ -143,10 +165,10 @@ def _vertical_step(left: FloatImage, right: FloatImage, disparity_px: FloatImage
     return np.asarray(np.clip(step, -MAX_STEP_PX, MAX_STEP_PX))
 
 
-def _shifted_up(image: FloatImage, vertical_px: FloatArray) -> FloatImage:
-    """Return the image with the vertical disparity of the coefficients `(3,)` removed."""
+def _without_vertical_disparity(image: FloatImage, vertical: VerticalDisparity) -> FloatImage:
+    """Return the right image with its rows shifted up by the vertical disparity."""
     height, width = image.shape
-    x = np.linspace(-1.0, 1.0, width)[None]
-    y = np.linspace(-1.0, 1.0, height)[:, None]
-    shift = vertical_px[0] + vertical_px[1] * x + vertical_px[2] * y
+    u = np.linspace(-1.0, 1.0, width)[None]
+    v = np.linspace(-1.0, 1.0, height)[:, None]
+    shift = vertical.offset_px + vertical.tilt_px * u + vertical.stretch_px * v
     return shift_rows(image, shift.astype(F))

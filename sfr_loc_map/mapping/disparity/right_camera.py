@@ -20,7 +20,6 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.disparity.rectification_correction import (
@@ -33,60 +32,76 @@ from sfr_loc_map.mapping.robust_statistics import cauchy_weight, mad_sigma
 
 F = np.float32
 
-MIN_PIXELS = 5000  #: Valid samples that a measurement of the rotation requires.
-MIN_ROTATION_PX = 0.05  #: Smallest vertical disparity, at the image's edge, that counts as a rotation; less is noise.
-GRID_POINTS = 16  #: The vertical disparity is averaged over a grid of this many rows and columns.
-DAMPING = 1e-12  #: Added to the diagonal of the normal equations, as a fraction of their trace.
-SOBEL_DIFFERENCE = np.array([[-1.0, 0.0, 1.0]], F)
-SOBEL_SMOOTHING = np.array([[0.125, 0.25, 0.125]], F)
-"""Taps of the Sobel operator, whose result is in grey levels per pixel."""
+MIN_PIXELS = 5000
+"""Valid samples that a measurement of the rotation requires: five times those of the correction, for five coefficients
+of which the saddle is weakest."""
+MIN_ROTATION_PX = 0.05
+"""Smallest vertical disparity, at the image's edge, that counts as a rotation, pixels; less is noise of the measurement
+(about 0.02 pixels) and of residual distortion."""
+GRID_POINTS = 16  #: The vertical disparity is averaged over a grid of this many rows and columns: it is a parabola.
+DAMPING = 1e-12  #: Added to the diagonal of the normal equations, as a fraction of their trace: they may be singular.
+SOBEL_DIFFERENCE = np.array([[-1.0, 0.0, 1.0]], F)  #: Taps of the Sobel operator along the derivative.
+SOBEL_SMOOTHING = np.array([[0.125, 0.25, 0.125]], F)  #: Taps across it, scaled so that slopes are per pixel.
 
 
 @dataclass(frozen=True, slots=True)
 class CameraRotation:
-    """Rotation of the right camera relative to its calibration."""
+    """Rotation of the right camera relative to its calibration, and the vertical disparity that shows it."""
 
     yaw_rad: float  #: About y; a positive yaw turns the camera to the right. 0 if too few pixels are valid.
     yaw_sigma_rad: float  #: Standard deviation of the yaw; infinite if too few pixels are valid.
     roll_rad: float  #: About z; a positive roll turns the camera clockwise.
     pitch_rad: float  #: About x; a positive pitch turns the camera up. Rotation that is equivalent to the offset.
-    vertical_px: float  #: Root mean square of the vertical disparity over the image.
-    bent_px: float  #: Root mean square of the vertical disparity without its offset and roll.
+    vertical_rms_px: float  #: Root mean square of the vertical disparity over the image.
+    distortion_rms_px: float  #: Root mean square of the vertical disparity without its offset and roll.
+
+
+class VerticalPolynomial(NamedTuple):
+    """A vertical disparity `constant + along_x x + along_y y + saddle x y + square y^2`, pixels.
+
+    x and y are normalised coordinates in the right image.
+    """
+
+    constant: float
+    along_x: float
+    along_y: float
+    saddle: float
+    square: float
 
 
 class VerticalFit(NamedTuple):
-    """Least squares fit of the vertical disparity that the correction has left."""
+    """The vertical disparity that the correction of the right image has left."""
 
-    coefficients_px: FloatArray  #: `(5,)`, of 1, x, y, x y and y^2 in normalised coordinates of the right image.
-    sigma_px: FloatArray  #: `(5,)`, standard deviations; infinite if too few pixels are valid.
+    polynomial: VerticalPolynomial  #: Fitted polynomial; 0 if too few pixels are valid.
+    saddle_sigma_px: float  #: Standard deviation of the saddle; infinite if too few pixels are valid.
 
 
 def measure_right_camera(disparity: DisparityMap, rig: StereoRig) -> CameraRotation:
     """Return the rotation that explains the vertical disparity of a pair.
 
-    The vertical disparity is the sum of the correction of the right image and of what the correction has left.
+    The vertical disparity is the sum of what the correction has removed, which is linear over the image (u, v), and of
+    what it has left, a polynomial of normalised coordinates (x, y).
     """
-    offset_px, tilt_px, stretch_px = disparity.correction.vertical_px
-    coefficients, sigma = _fit_vertical_disparity(disparity, rig)
-    constant, roll, stretch, saddle, square = coefficients
+    removed = disparity.correction.vertical
+    left, saddle_sigma_px = _fit_vertical_disparity(disparity, rig)
     side = GRID_POINTS * 1j
     v, u = np.mgrid[-1.0:1.0:side, -1.0:1.0:side]
     x = 0.5 * rig.width * u / rig.fx
     y = 0.5 * rig.height * v / rig.fy
-    bent = stretch * y + saddle * x * y + square * y * y + stretch_px * v
-    vertical = constant + roll * x + offset_px + tilt_px * u + bent
+    distortion = left.along_y * y + left.saddle * x * y + left.square * y * y + removed.stretch_px * v
+    vertical = left.constant + left.along_x * x + removed.offset_px + removed.tilt_px * u + distortion
     return CameraRotation(
-        yaw_rad=-float(saddle) / rig.fy,
-        yaw_sigma_rad=float(sigma[3]) / rig.fy,
-        roll_rad=-2.0 * tilt_px / rig.width - float(roll) / rig.fy,
-        pitch_rad=(offset_px + float(constant)) / rig.fy,
-        vertical_px=float(np.sqrt(np.mean(np.square(vertical)))),
-        bent_px=float(np.std(bent)),
+        yaw_rad=-left.saddle / rig.fy,
+        yaw_sigma_rad=saddle_sigma_px / rig.fy,
+        roll_rad=-2.0 * removed.tilt_px / rig.width - left.along_x / rig.fy,
+        pitch_rad=(removed.offset_px + left.constant) / rig.fy,
+        vertical_rms_px=float(np.sqrt(np.mean(np.square(vertical)))),
+        distortion_rms_px=float(np.std(distortion)),
     )
 
 
 def _fit_vertical_disparity(disparity: DisparityMap, rig: StereoRig) -> VerticalFit:
-    """Return the robust fit of the vertical disparity of the corrected images."""
+    """Return the vertical disparity of the corrected images: one step of robustly weighted least squares."""
     residual, mean = residual_and_mean(disparity.left, disparity.right, disparity.px)
     slope_rows = cv2.filter2D(mean, -1, SOBEL_DIFFERENCE.T)[::SAMPLING_STRIDE]
     slope = cv2.filter2D(slope_rows, -1, SOBEL_SMOOTHING)[:, ::SAMPLING_STRIDE]
@@ -95,19 +110,21 @@ def _fit_vertical_disparity(disparity: DisparityMap, rig: StereoRig) -> Vertical
     usable = np.isfinite(residual) & disparity.valid[sampled]
     row, column = np.nonzero(usable)
     if len(row) < MIN_PIXELS:
-        return VerticalFit(np.zeros(5), np.full(5, np.inf))
+        return VerticalFit(VerticalPolynomial(0.0, 0.0, 0.0, 0.0, 0.0), np.inf)
     r = residual[usable].astype(np.float64)
     g = slope[usable].astype(np.float64)
     x = (column * SAMPLING_STRIDE - disparity.px[sampled][usable] - rig.cx) / rig.fx
     y = (row * SAMPLING_STRIDE - rig.cy) / rig.fy
     sigma = mad_sigma(r) + MIN_RESIDUAL_SIGMA
     weight = cauchy_weight(r, ROBUST_SIGMAS * sigma)
-    design = np.column_stack((np.ones(len(x)), x, y, x * y, y * y)) * g[:, None]
+    terms = np.column_stack((np.ones(len(x)), x, y, x * y, y * y))  # in the order of `VerticalPolynomial`
+    design = terms * g[:, None]
     weighted = design * weight[:, None]
     normal = weighted.T @ design
-    covariance = np.linalg.inv(normal + DAMPING * (np.trace(normal) + 1.0) * np.eye(5))
+    covariance = np.linalg.inv(normal + DAMPING * (np.trace(normal) + 1.0) * np.eye(terms.shape[1]))
     coefficients = -(covariance @ (weighted.T @ r))
-    return VerticalFit(coefficients, sigma * np.sqrt(np.diag(covariance)))
+    sigmas = VerticalPolynomial(*(sigma * np.sqrt(np.diag(covariance))).tolist())
+    return VerticalFit(VerticalPolynomial(*coefficients.tolist()), sigmas.saddle)
 
 
 def without_roll(disparity: DisparityMap, rotation: CameraRotation, rig: StereoRig) -> DisparityMap:
@@ -117,6 +134,6 @@ def without_roll(disparity: DisparityMap, rotation: CameraRotation, rig: StereoR
     """
     if abs(rotation.roll_rad) * 0.5 * rig.width < MIN_ROTATION_PX:
         return disparity
-    rows = np.arange(rig.height, dtype=np.float64) - rig.cy
-    compensated = disparity.px + F(rotation.roll_rad) * rows.astype(F)[:, None]
+    rows_below_centre = np.arange(rig.height, dtype=np.float64) - rig.cy
+    compensated = disparity.px + F(rotation.roll_rad) * rows_below_centre.astype(F)[:, None]
     return replace(disparity, px=np.asarray(compensated, F))

@@ -16,11 +16,14 @@ from sfr_loc_map.jit import jit_rows
 
 F = np.float32
 
-FLAT_PX = 5  #: A pixel is invalid if the square of this side around it is completely saturated.
-NEIGHBOURHOOD_PX = 11  #: Side of the square in which saturated pixels increase the uncertainty of a pixel.
-SIGMA_GROWTH = F(
-    1.5
-)  #: Relative growth of sigma in a saturated neighbourhood; chosen on rendered, half clipped ground.
+FLAT_PX = 5
+"""A pixel is invalid if the square of this side around it is completely saturated, pixels: smoothness bridges smaller
+squares, because the slope of a pixel needs five columns."""
+NEIGHBOURHOOD_PX = 11
+"""Side of the square in which saturated pixels increase the uncertainty of a pixel, pixels: about the radius over which
+the refinement smooths."""
+SIGMA_GROWTH = F(1.5)
+"""Relative growth of sigma in a completely saturated neighbourhood. Chosen on rendered, half clipped ground."""
 
 SATURATED_GREY_LEVELS = np.where(np.isin(np.arange(256), (0, 255)), 255, 0).astype(np.uint8)
 """By grey level: 255 if the level is saturated, otherwise 0."""

@@ -15,19 +15,24 @@ from sfr_loc_map.mapping.config import MappingConfig
 
 WIDE_COLUMNS = 800
 """Images of this width or more are matched at half their width: a quarter of the cost and less noise, and the
-refinement has cells of two pixels anyway. Smaller images are matched at full width, because edges are sharper."""
-DISPARITY_STEP = 16  #: The matcher searches a multiple of this many disparities.
-SUBPIXELS = 16  #: Steps per pixel of the matcher's disparities.
-SMALL_JUMP_PENALTY = 8  #: P1 of Hirschmueller (2008): cost of a change of disparity by one step.
-LARGE_JUMP_PENALTY = 32  #: P2 of Hirschmueller (2008): cost of a larger change.
-MAX_LEFT_RIGHT_STEPS = 1  #: Largest difference of the left-right check, steps of the search.
-MAX_DERIVATIVE = 31  #: Derivatives of the images are clipped to this, grey levels.
-MIN_UNIQUENESS_PERCENT = 2  #: Margin of the best cost over the second best one.
-SPECKLE_PIXELS = 60  #: Segments of fewer pixels are removed.
-SPECKLE_STEP = 16  #: Neighbours within a segment differ by no more than this, sixteenths of a pixel.
-UNMATCHED = -16  #: The matcher's value of an unmatched pixel, sixteenths of a pixel.
+refinement has cells of two pixels anyway. Smaller images are matched at full width, because edges are sharper
+(docs/decisions/0003)."""
+DISPARITY_STEP = 16  #: OpenCV's matcher searches a multiple of this many disparities.
+SUBPIXELS = 16  #: Steps per pixel of the disparities of OpenCV's matcher.
+SMALL_JUMP_PENALTY = (
+    8  #: P1 of Hirschmueller (2008): cost of a change of disparity by one pixel. OpenCV: 8 per channel.
+)
+LARGE_JUMP_PENALTY = 32  #: P2 of Hirschmueller (2008): cost of a larger change. OpenCV recommends 32 per channel.
+MAX_LEFT_RIGHT_PX = 1  #: Largest difference of the left-right check, pixels of the matched images; the usual value.
+MAX_DERIVATIVE = 31  #: Derivatives of the images are clipped to this, grey levels. Others: docs/decisions/0003.
+MIN_UNIQUENESS_PERCENT = 2
+"""Margin of the best cost over the second best one, percent. OpenCV recommends 5 to 15; here wrong matches are rejected
+after the refinement."""
+SPECKLE_PIXELS = 60  #: Segments of fewer pixels are removed: of the order of OpenCV's recommended 50 to 200.
+SPECKLE_STEP = SUBPIXELS  #: Neighbours within a segment differ by no more than this, steps of the matcher: a pixel.
+UNMATCHED = -SUBPIXELS  #: The matcher's value of an unmatched pixel: `minDisparity - 1` in its steps.
 GREY_PERCENTILES = (10.0, 50.0, 90.0)  #: Percentiles by which the exposures of both images are compared.
-GREY_STRIDE = 4  #: Every fourth pixel of every fourth row is compared.
+GREY_STRIDE = 4  #: Every fourth pixel of every fourth row is compared: percentiles need fewer samples.
 SAME_EXPOSURE_GREY = 8.0  #: Percentiles of equally exposed images differ by less, since the views differ, grey levels.
 
 
@@ -75,7 +80,7 @@ def semi_global_matching(left: GreyImage, right: GreyImage, count: int) -> Float
         blockSize=1,  # larger blocks fatten the edges of rocks
         P1=SMALL_JUMP_PENALTY,
         P2=LARGE_JUMP_PENALTY,
-        disp12MaxDiff=MAX_LEFT_RIGHT_STEPS,
+        disp12MaxDiff=MAX_LEFT_RIGHT_PX,
         preFilterCap=MAX_DERIVATIVE,
         uniquenessRatio=MIN_UNIQUENESS_PERCENT,
         speckleWindowSize=0,
@@ -86,7 +91,7 @@ def semi_global_matching(left: GreyImage, right: GreyImage, count: int) -> Float
     steps = matcher.compute(padded_left, padded_right)[:, searched:]
     cv2.filterSpeckles(steps, UNMATCHED, SPECKLE_PIXELS, SPECKLE_STEP)
     matched = steps.astype(np.float32) * np.float32(columns / SUBPIXELS)
-    disparity = np.where(steps < 0, np.float32(np.nan), matched)
+    disparity = np.where(steps < 0, np.float32(np.nan), matched)  # `UNMATCHED` is the only negative value
     return np.ascontiguousarray(np.repeat(disparity, columns, axis=1)[:, : left.shape[1]])
 
 

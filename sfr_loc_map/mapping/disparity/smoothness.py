@@ -1,9 +1,9 @@
 """The smoothness term of the refinement, and the linear solve of data term and smoothness term together.
 
 The smoothness energy of a field d is `sum w_x (d_xx)^2 + w_y (d_yy)^2 + w_m (d_xy)^2`. With A the operator of the
-second differences and W their weights, its gradient is `A' W A d`. Differences that reach beyond the border have the
-weight 0. The change s of the field solves `(H + A' W A) s = b - A' W A d`, with H the information of the data term and
-b its information vector, by preconditioned conjugate gradients (Shewchuk 1994, section B3).
+second differences and W their weights, half its gradient is `A' W A d`. Differences that reach beyond the border have
+the weight 0. The change s of the field solves `(H + A' W A) s = b - A' W A d`, with H the information of the data term
+and b its information vector, by preconditioned conjugate gradients (Shewchuk 1994, section B3).
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from sfr_loc_map.jit import jit_rows, jit_rows_inline, on_one_thread
 
 F = np.float32
 
-MAX_STEP_PX = F(1.0)  #: Largest change of a field in one solve: the linearisation holds within about a pixel.
-MIN_PARALLEL_CELLS = 100_000  #: Smaller grids are solved by one thread.
-MIN_DIAGONAL = F(1e-12)  #: Added to the diagonal, which must not be 0.
+MAX_STEP_PX = F(1.0)  #: Largest change of a field in one solve, pixels: the linearisation holds within about a pixel.
+MIN_PARALLEL_CELLS = 100_000  #: Smaller grids are solved by one thread: to wake another one takes 0.1 ms.
+MIN_DIAGONAL = F(1e-12)  #: Added to the diagonal, 1 / px^2: it must not be 0.
 BLOCK_ROWS = 32  #: Rows that a thread takes at once, so that intermediate results stay in its cache.
 SUMMED_ROWS = 4  #: Rows that are summed in one loop, each in its order: a single sum waits for its own result.
 
@@ -105,7 +105,7 @@ def _fill_differences(
 
 @jit_rows_inline
 def fill_smoothness(field: FloatImage, top: int, weights: SmoothnessWeights, first: int, out: FloatImage) -> None:
-    """Fill rows `(m, w)` of `A' W A field` from the grid's row `first` on: the gradient of the smoothness term.
+    """Fill rows `(m, w)` of `A' W A field` from the grid's row `first` on.
 
     The field `(n, w)` begins at the row `top` of the grid. It has the rows to fill and, within the grid, two more rows
     on either side.
@@ -171,8 +171,23 @@ def inverse_diagonal(information: FloatImage, weights: SmoothnessWeights) -> Flo
     return out
 
 
+@jit_rows
+def smoothness_gradient(field: FloatImage, weights: SmoothnessWeights) -> FloatImage:
+    """Return `A' W A field` `(h, w)`: half the gradient of the smoothness energy."""
+    rows, cols = field.shape
+    out = np.empty((rows, cols), F)
+    for block in prange((rows + BLOCK_ROWS - 1) // BLOCK_ROWS):
+        first = BLOCK_ROWS * block
+        last = min(first + BLOCK_ROWS, rows)
+        fill_smoothness(field, 0, weights, first, out[first:last])
+    return out
+
+
 class SolverState(NamedTuple):
-    """Arrays of a solve, `(h, w)` float32 each; the kernels below change them in place."""
+    """Arrays of conjugate gradients, `(h, w)` float32 each; the kernels below update them in place.
+
+    Between iterations `direction` and `previous_direction` change places, so that no array is copied.
+    """
 
     step: FloatImage  #: Solution after the iterations so far.
     residual: FloatImage  #: Right-hand side minus the system's matrix times the step.
@@ -191,23 +206,25 @@ def conjugate_gradient_step(
     """Return the change of a field on one grid `(h, w)`, pixels, at most `MAX_STEP_PX`.
 
     It is the solution of `(diag(information) + A' W A) s = information_vector - A' W A field` after a number of
-    preconditioned conjugate gradient iterations.
+    preconditioned conjugate gradient iterations, in the notation of Shewchuk (1994), section B3: direction d, residual
+    r, preconditioner M, `delta = r' M r`, `alpha = delta / d' q` with q the matrix times d, and `beta` the ratio of
+    successive deltas.
     """
     with on_one_thread(field.size < MIN_PARALLEL_CELLS):
         preconditioner = inverse_diagonal(information, weights)
-        state = SolverState(*(np.zeros(field.shape, F) for _ in SolverState._fields))
-        no_information = state.step
-        _multiply(no_information, weights, preconditioner, F(1.0), state._replace(previous_direction=field))
-        power = _start(information_vector, preconditioner, state)
-        kept = 0.0
+        residual = information_vector - smoothness_gradient(field, weights)
+        delta = _preconditioned_norm(residual, preconditioner)
+        step, direction, previous_direction, product = (np.zeros(field.shape, F) for _ in range(4))
+        state = SolverState(step, residual, direction, previous_direction, product)
+        beta = 0.0
         for _ in range(iterations):
             state = state._replace(direction=state.previous_direction, previous_direction=state.direction)
-            curvature = _multiply(information, weights, preconditioner, F(kept), state)
+            curvature = _update_direction(information, weights, preconditioner, F(beta), state)
             if not curvature > 0.0:
                 break
-            new_power = _advance(state, preconditioner, F(power / curvature))
-            kept = new_power / power
-            power = new_power
+            new_delta = _update_step(state, preconditioner, F(delta / curvature))
+            beta = new_delta / delta
+            delta = new_delta
     return np.asarray(np.clip(state.step, -MAX_STEP_PX, MAX_STEP_PX), F)
 
 
@@ -246,38 +263,30 @@ def _fill_sums(a: FloatImage, b: FloatImage, sums: FloatArray) -> None:
 
 
 @jit_rows
-def _start(information_vector: FloatImage, preconditioner: FloatImage, state: SolverState) -> float:
-    """Fill the residual r of step 0 and set the search direction to 0; return `r M r` with the preconditioner M.
-
-    The state's product is the gradient of the smoothness term.
-    """
-    rows, cols = information_vector.shape
-    residual = state.residual
-    direction = state.direction
-    product = state.product
+def _preconditioned_norm(residual: FloatImage, preconditioner: FloatImage) -> float:
+    """Return `r' M r` with the residual r and the preconditioner M."""
+    rows, cols = residual.shape
     sums = np.zeros(rows)
     for i in prange(rows):
         total = F(0.0)
         for j in range(cols):
-            rest = information_vector[i, j] - product[i, j]
-            residual[i, j] = rest
-            direction[i, j] = F(0.0)
-            total += rest * (preconditioner[i, j] * rest)
+            total += residual[i, j] * (preconditioner[i, j] * residual[i, j])
         sums[i] = total
     return _ordered_sum(sums)
 
 
 @jit_rows
-def _multiply(
+def _update_direction(
     information: FloatImage,
     weights: SmoothnessWeights,
     preconditioner: FloatImage,
-    kept: np.float32,
+    beta: np.float32,
     state: SolverState,
 ) -> float:
-    """Fill the next conjugate direction and its product with the system's matrix; return direction times product.
+    """Fill the direction `d = M r + beta d_previous` and its product q with the system's matrix; return `d' q`.
 
-    The direction is the preconditioned residual plus `kept` times the previous direction.
+    Both are filled block by block, so that the direction is in the cache when it is multiplied. The product of a block
+    requires two more rows of the direction on either side, which both blocks compute.
     """
     rows, cols = information.shape
     residual = state.residual
@@ -290,31 +299,31 @@ def _multiply(
         last = min(BLOCK_ROWS * (block + 1), rows)
         top = max(first - 2, 0)
         end = min(last + 2, rows)
-        near = np.empty((end - top, cols), F)
+        extended = np.empty((end - top, cols), F)  # rows top to end of the direction
         for i in range(top, end):
-            out = near[i - top]
+            out = extended[i - top]
             factor = preconditioner[i]
             rest = residual[i]
             old = previous[i]
             for j in range(cols):
-                out[j] = factor[j] * rest[j] + kept * old[j]
+                out[j] = factor[j] * rest[j] + beta * old[j]
         out_rows = product[first:last]
-        fill_smoothness(near, top, weights, first, out_rows)
+        fill_smoothness(extended, top, weights, first, out_rows)
         for i in range(first, last):
             row = product[i]
             known = information[i]
-            along = near[i - top]
+            along = extended[i - top]
             copy = direction[i]
             for j in range(cols):
                 row[j] = known[j] * along[j] + row[j]
                 copy[j] = along[j]
-        _fill_sums(out_rows, near[first - top : last - top], sums[first:last])
+        _fill_sums(out_rows, extended[first - top : last - top], sums[first:last])
     return _ordered_sum(sums)
 
 
 @jit_rows
-def _advance(state: SolverState, preconditioner: FloatImage, length: np.float32) -> float:
-    """Add `length` times the direction to the step, update the residual r and return the new `r M r`."""
+def _update_step(state: SolverState, preconditioner: FloatImage, alpha: np.float32) -> float:
+    """Add `alpha` times the direction to the step, subtract `alpha` times q from the residual r, return `r' M r`."""
     rows, cols = preconditioner.shape
     step = state.step
     residual = state.residual
@@ -329,12 +338,12 @@ def _advance(state: SolverState, preconditioner: FloatImage, length: np.float32)
             changed = step[i]
             along = direction[i]
             for j in range(cols):
-                changed[j] += length * along[j]
+                changed[j] += alpha * along[j]
             rest = residual[i]
             by_matrix = product[i]
             square = squares[i - first]
             for j in range(cols):
-                rest[j] -= length * by_matrix[j]
+                rest[j] -= alpha * by_matrix[j]
                 square[j] = rest[j] * rest[j]
         _fill_sums(squares, preconditioner[first:last], sums[first:last])
     return _ordered_sum(sums)

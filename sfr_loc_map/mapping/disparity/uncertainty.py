@@ -14,18 +14,19 @@ from sfr_loc_map.mapping.disparity.variational_refinement import EDGE_FACTOR, WI
 F = np.float32
 
 NOISE_INFORMATION = F(0.2026)
-"""Information of one cell that noise alone simulates, 1 / px^2: four times the energy of the slope's taps over four,
-because the mean of two images has a quarter of the residual's variance."""
-MIN_INFORMATION = F(1e-3)  #: Smallest information of a cell, 1 / px^2.
-MAX_SIGMA_PX = F(2.0)  #: Larger standard deviations are not stated.
+"""Information of one cell that noise alone simulates, 1 / px^2. The slope is measured in the mean of both images, whose
+noise has a quarter of the residual's variance: four pixels times the sum of squares of the slope's taps, over four."""
+MIN_INFORMATION = F(1e-3)  #: Smallest information of a cell, 1 / px^2; it must not be 0.
+MAX_SIGMA_PX = F(2.0)  #: Larger standard deviations are not stated: the linearisation holds within about a pixel.
 SMOOTHING_BIAS = F(0.34)
 """Error per pixel of second difference and square cell of smoothing radius. Chosen on rendered ground of several kinds,
 lights and cameras together: docs/decisions/0003."""
 CREASE_BIAS = F(1.2)
 """Error per pixel by which the second difference within 3 x 3 cells exceeds its median, chosen likewise: beside edges
-and creases the field is wrong by as much as it bends."""
+and creases the error is about as large as the second difference."""
 MAX_CREASE_PX = F(1.0)
-"""Larger second differences are edges between surfaces; the error beside an edge does not grow with its height."""
+"""Larger second differences are edges between surfaces, pixels; the error beside an edge does not grow with its
+height."""
 
 
 def disparity_sigma(refined: RefinedDisparity) -> FloatImage:
@@ -38,7 +39,6 @@ def disparity_sigma(refined: RefinedDisparity) -> FloatImage:
     at each point. Smoothing adds a bias proportional to the remaining second differences and to the square of the
     smoothing radius, `(s / h)^(1/4)` cells. Creases add an error proportional to their second difference.
     """
-    height, width = refined.disparity_px.shape
     information = np.maximum(box_mean(refined.information, WINDOW_CELLS) - NOISE_INFORMATION, MIN_INFORMATION)
     weight_x = box_mean(refined.weights.along_x, WINDOW_CELLS)
     weight_y = box_mean(refined.weights.along_y, WINDOW_CELLS)
@@ -47,10 +47,13 @@ def disparity_sigma(refined: RefinedDisparity) -> FloatImage:
     curvature = np.abs(along_x) + np.abs(along_y)
     median_curvature = median(curvature)
     ground_curvature = np.minimum(curvature, F(EDGE_FACTOR * median_curvature))
-    noise = F(0.125) / np.sqrt(information * weight)
-    bias = np.square(SMOOTHING_BIAS * box_mean(ground_curvature, WINDOW_CELLS)) * (weight / information)
+    noise_variance = F(0.125) / np.sqrt(information * weight)
+    bias_squared = np.square(SMOOTHING_BIAS * box_mean(ground_curvature, WINDOW_CELLS)) * (weight / information)
     crease_px = np.clip(box_mean(curvature, 3) - F(median_curvature), F(0.0), MAX_CREASE_PX)
-    crease = np.square(CREASE_BIAS * crease_px)
-    cell_rows, cell_columns = noise.shape
-    sigma = upsample_bilinear(np.sqrt(noise + bias + crease), (2 * cell_rows, 2 * cell_columns))
+    crease_squared = np.square(CREASE_BIAS * crease_px)
+    height, width = refined.disparity_px.shape
+    cell_rows, cell_columns = noise_variance.shape
+    sigma = upsample_bilinear(
+        np.sqrt(noise_variance + bias_squared + crease_squared), (2 * cell_rows, 2 * cell_columns)
+    )
     return np.asarray(np.minimum(sigma[:height, :width], MAX_SIGMA_PX), F)

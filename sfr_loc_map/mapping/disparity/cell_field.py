@@ -1,0 +1,159 @@
+"""The disparity field on cells of 2 x 2 pixels: made from an initial disparity, and evaluated at pixels.
+
+Images of any size are padded, so that their cells can be grouped to the coarsest grid of the refinement. Fields on
+cells `(h, w)` are those of the padded image, disparities `(H, W)` those of the image itself.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numba import prange
+
+from sfr_loc_map.geometry.arrays import FloatImage
+from sfr_loc_map.jit import jit_rows, jit_rows_inline
+from sfr_loc_map.mapping.disparity.filters import SURFACE_JUMP_PX
+
+F = np.float32
+
+LEVELS = 3  #: Grids of the refinement: cells of 2, 4 and 8 pixels. Images are padded to a multiple of the largest cell.
+MEAN_RADIUS_CELLS = 3
+"""Half side of the window of the edge-preserving mean, cells: a window of 14 pixels averages the noise of the matcher,
+which has steps of 1/16 or 1/8 pixel."""
+MEAN_TOLERANCES_PX = (F(1.5), F(0.7))
+"""Cells that differ by less are averaged, pixels, in the first and the second mean. The first tolerance exceeds the
+matcher's noise in noisy images (docs/decisions/0003), the second keeps edges that the first mean has revealed."""
+NEAR_TAP = F(0.5625)  #: Bilinear weight `(3/4)^2` of a cell at its pixels, a quarter of a cell from its centre.
+SIDE_TAP = F(0.1875)  #: Bilinear weight `3/4 1/4` of the neighbours along the row and along the column.
+CORNER_TAP = F(0.0625)  #: Bilinear weight `(1/4)^2` of the diagonal neighbour.
+
+
+def padded(image: FloatImage) -> FloatImage:
+    """Return the image with its last rows and columns repeated up to a multiple of the largest cell."""
+    height, width = image.shape
+    multiple = 2**LEVELS
+    below = -height % multiple
+    beside = -width % multiple
+    return np.ascontiguousarray(cv2.copyMakeBorder(image, 0, below, 0, beside, cv2.BORDER_REPLICATE), F)
+
+
+def field_from_disparity(disparity_px: FloatImage) -> FloatImage:
+    """Return the field on cells of a disparity `(H, W)`, NaN in holes: holes are filled, surfaces averaged."""
+    cells = fill_occlusions(cells_from_pixels(padded(disparity_px), SURFACE_JUMP_PX))
+    for tolerance_px in MEAN_TOLERANCES_PX:
+        cells = edge_preserving_mean(cells, MEAN_RADIUS_CELLS, tolerance_px)
+    return cells
+
+
+def disparity_from_field(cells: FloatImage, shape: tuple[int, ...]) -> FloatImage:
+    """Return the disparity of each pixel of an image `(H, W)`."""
+    height, width = shape
+    return np.ascontiguousarray(pixels_from_cells(cells, SURFACE_JUMP_PX)[:height, :width])
+
+
+@jit_rows
+def cells_from_pixels(disparity: FloatImage, jump: np.float32) -> FloatImage:
+    """Return the mean disparity of each cell's nearest surface `(H/2, W/2)`, NaN if all its pixels are unknown."""
+    rows = disparity.shape[0] // 2
+    cols = disparity.shape[1] // 2
+    cells = np.empty((rows, cols), F)
+    for i in prange(rows):
+        for j in range(cols):
+            nearest = F(-1.0)
+            for k in range(4):
+                nearest = max(nearest, disparity[2 * i + k // 2, 2 * j + k % 2])
+            total = F(0.0)
+            count = F(0.0)
+            for k in range(4):
+                value = disparity[2 * i + k // 2, 2 * j + k % 2]
+                if value > nearest - jump:
+                    total += value
+                    count += F(1.0)
+            cells[i, j] = total / count if count > 0 and nearest >= 0 else F(np.nan)
+    return cells
+
+
+@jit_rows
+def fill_occlusions(cells: FloatImage) -> FloatImage:
+    """Return the cells with holes filled by the farther neighbour along the row: most holes are occlusions."""
+    rows, cols = cells.shape
+    out = cells.copy()
+    for i in prange(rows):
+        last = F(np.nan)
+        j = 0
+        while j < cols:
+            if not np.isnan(cells[i, j]):
+                last = cells[i, j]
+                j += 1
+                continue
+            end = j
+            while end < cols and np.isnan(cells[i, end]):
+                end += 1
+            value = last
+            if end < cols and not value <= cells[i, end]:  # also if no cell is known on the left: `last` is NaN
+                value = cells[i, end]
+            if np.isnan(value):  # the row is unknown
+                value = F(0.0)
+            for k in range(j, end):
+                out[i, k] = value
+            j = end
+    return out
+
+
+@jit_rows
+def edge_preserving_mean(cells: FloatImage, radius: int, jump: np.float32) -> FloatImage:
+    """Return each cell's mean over its neighbours that differ by less than `jump`, so that edges stay sharp."""
+    rows, cols = cells.shape
+    out = np.empty_like(cells)
+    for i in prange(rows):
+        total = np.zeros(cols, F)
+        count = np.zeros(cols, F)
+        for y in range(max(0, i - radius), min(rows, i + radius + 1)):
+            for dx in range(-radius, radius + 1):
+                # The columns are the innermost loop, over slices that start at 0, so that it runs on the vector units.
+                first = max(0, -dx)
+                last = min(cols, cols - dx)
+                neighbours = cells[y, first + dx : last + dx]
+                centres = cells[i, first:last]
+                totals = total[first:last]
+                counts = count[first:last]
+                for j in range(len(centres)):
+                    step = neighbours[j] - centres[j]
+                    near = F(1.0) if abs(step) < jump else F(0.0)
+                    totals[j] += near * step
+                    counts[j] += near
+        for j in range(cols):
+            out[i, j] = cells[i, j] + total[j] / count[j]
+    return out
+
+
+@jit_rows_inline
+def _same_surface(value: np.float32, centre: np.float32, jump: np.float32) -> np.float32:
+    """Return the value if it belongs to the surface of `centre`, otherwise `centre`."""
+    return centre if abs(value - centre) > jump else value
+
+
+@jit_rows_inline
+def _between(
+    centre: np.float32, along: np.float32, across: np.float32, corner: np.float32, jump: np.float32
+) -> np.float32:
+    """Return the field a quarter of a cell from a centre, towards two of its neighbours and the corner between."""
+    sides = _same_surface(across, centre, jump) + _same_surface(along, centre, jump)
+    return NEAR_TAP * centre + SIDE_TAP * sides + CORNER_TAP * _same_surface(corner, centre, jump)
+
+
+@jit_rows
+def pixels_from_cells(cells: FloatImage, jump: np.float32) -> FloatImage:
+    """Return the field at pixels `(2 h, 2 w)`, bilinear between cell centres but never across a jump."""
+    rows, cols = cells.shape
+    out = np.empty((2 * rows, 2 * cols), F)
+    for y in prange(2 * rows):
+        i = y // 2
+        i2 = min(max(i - 1 + 2 * (y % 2), 0), rows - 1)
+        for j in range(cols - 1):
+            out[y, 2 * j + 1] = _between(cells[i, j], cells[i2, j], cells[i, j + 1], cells[i2, j + 1], jump)
+            out[y, 2 * j + 2] = _between(cells[i, j + 1], cells[i2, j + 1], cells[i, j], cells[i2, j], jump)
+        for j in (0, cols - 1):
+            edge = _between(cells[i, j], cells[i2, j], cells[i, j], cells[i2, j], jump)
+            out[y, 2 * j + (0 if j == 0 else 1)] = edge
+    return out

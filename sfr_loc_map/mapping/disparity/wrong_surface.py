@@ -1,0 +1,379 @@
+"""Which pixels beside a jump of disparity are likely to have the disparity of the wrong surface.
+
+A network with one hidden layer judges a pixel by thirteen features: matching costs at its own disparity and at that of
+the other surface, and what surrounds the pixel. Its weights were trained on rendered ground, whose true disparity is
+known (`tools/train_edge_network.py`).
+"""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from importlib.resources import files
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numba import prange
+from numpy.typing import NDArray
+
+from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, IntArray, Mask, median
+from sfr_loc_map.jit import jit_rows, jit_rows_inline
+from sfr_loc_map.mapping.disparity.filters import SURFACE_JUMP_PX, depth_ratio, within
+from sfr_loc_map.mapping.disparity.matching_cost import (
+    MAX_COST,
+    MAX_DIFFERENCE,
+    WEIGHT_BY_DISTANCE,
+    WEIGHT_BY_GREY,
+    WINDOW_RADIUS,
+)
+
+F = np.float32
+
+SMALL_JUMP_PX = F(0.7)
+"""Disparities that differ by more may belong to two surfaces that the refinement has joined by a ramp, pixels. Jumps
+from 0.7 px on have twice the squared error of those from 1.5 px on (docs/decisions/0003)."""
+SURFACE_RADIUS = 3
+"""Half side of the square in which other surfaces are searched, pixels: smoothing moves edges by a cell or two."""
+OCCLUDER_COLUMNS = (
+    6  #: Columns to either side in which a surface is searched that occludes the pixel in the right image.
+)
+SAME_COLUMN_PX = F(1.0)  #: Pixels whose right columns differ by no more correspond to the same right pixel.
+LOG_ODDS_AT_1_PX = F(3.3)
+"""Log odds above which a pixel is invalid, if the median sigma of the pair is 1 pixel. The threshold is this value plus
+the logarithm of the median sigma in pixels, for example 0.3 for a sigma of 0.05 pixels: in a precise map a single
+outlier is a larger part of the error. Chosen on rendered ground and two real pairs: docs/decisions/0003."""
+DEPTH_POWER = F(2.0)
+"""Power of the depth ratio by which odds increase: the error in metres of a disparity on the wrong surface grows with
+the square of the depth (docs/decisions/0003)."""
+SIGMA_STRIDE = 16  #: Every sixteenth valid pixel is used for the median sigma: tens of thousands of samples suffice.
+
+# How features become inputs of the network. The weights were trained with these values.
+MAX_LOG = 3.0  #: Logarithms of margins and jumps are clipped to this; also the input margin without another surface.
+MIN_TYPICAL_COST = 0.5  #: Smallest typical cost of a pair, grey levels: rounding alone causes such differences.
+MIN_RELATIVE_COST = 0.05  #: Smallest cost over the typical cost whose logarithm is taken.
+WINDOW_MARGIN_SCALE = 2.0  #: Factor of the margin of the window, which varies less than that of 3 x 3 pixels.
+
+
+class EdgeScene(NamedTuple):
+    """Images and disparities that are judged, `(H, W)` each."""
+
+    left: FloatImage  #: Whole grey levels.
+    right: FloatImage  #: Corrected grey levels.
+    disparity: FloatImage  #: Pixels.
+    has_initial: Mask  #: Pixels that the semi-global matching has matched.
+    valid: Mask  #: Pixels whose disparities are valid by all other tests.
+    sigma: FloatImage  #: Standard deviation of the disparity, pixels.
+
+
+class EdgeFeatures(NamedTuple):
+    """Features of N pixels `(N,)` float32 each; the network's weights are in this order."""
+
+    window_margin: FloatImage  #: Cost of the best other surface minus the own one, window, grey levels.
+    close_margin: FloatImage  #: The same over 3 x 3 pixels.
+    effective_pixels: FloatImage  #: Number of pixels with equal weights that the window is equivalent to.
+    window_cost: FloatImage  #: Cost at the own disparity, window, grey levels.
+    close_cost: FloatImage  #: The same over 3 x 3 pixels.
+    jump_px: FloatImage  #: Disparity of the other surface minus the own one, pixels; 0 without another surface.
+    contrast: FloatImage  #: Standard deviation of the grey levels of the window.
+    same_surface: FloatImage  #: Weighted fraction of the window on the own surface.
+    nearer_surface: FloatImage  #: Weighted fraction of the window on nearer surfaces.
+    occluder_px: FloatImage  #: Disparity minus the own one of the nearest surface at the same right pixel, pixels.
+    slope_x: FloatImage  #: Slope of the disparity along the row, pixels per pixel.
+    slope_y: FloatImage  #: Slope of the disparity along the column, pixels per pixel.
+    sigma_px: FloatImage  #: Standard deviation of the disparity, pixels.
+
+
+class MatchingCost(NamedTuple):
+    """Matching cost of a pixel at a disparity."""
+
+    window: np.float32  #: Cost of the window, grey levels; `MAX_COST` outside the right image.
+    close: np.float32  #: Mean absolute difference of 3 x 3 pixels, grey levels; `MAX_COST` likewise.
+    effective_pixels: np.float32  #: Number of pixels with equal weights that the window is equivalent to.
+
+
+class SurfaceCosts(NamedTuple):
+    """Matching costs of a pixel at its own disparity and at that of the best other surface nearby."""
+
+    own: MatchingCost
+    window_margin: np.float32  #: Window cost of the other surface minus the own one; about `MAX_COST` without another.
+    close_margin: np.float32  #: The same over 3 x 3 pixels.
+    jump_px: np.float32  #: Disparity of the other surface minus the own one, pixels; 0 without another surface.
+
+
+class Neighbourhood(NamedTuple):
+    """What surrounds a pixel within the window."""
+
+    contrast: np.float32  #: Standard deviation of the grey levels.
+    same_surface: np.float32  #: Weighted fraction on the own surface.
+    nearer_surface: np.float32  #: Weighted fraction on nearer surfaces.
+
+
+class EdgeNetwork(NamedTuple):
+    """A network with one hidden layer of K rectified linear units, float32."""
+
+    low: FloatImage  #: `(13,)`, smallest input in the training; inputs are clipped to the range of the training.
+    high: FloatImage  #: `(13,)`, largest input in the training.
+    hidden: FloatImage  #: `(K, 13)`, weights of the input.
+    hidden_offset: FloatImage  #: `(K,)`.
+    output: FloatImage  #: `(K,)`, weights of the hidden layer.
+    output_offset: FloatImage  #: `(1,)`.
+
+
+def wrong_surface_mask(scene: EdgeScene) -> Mask:
+    """Return which valid pixels `(H, W)` beside a jump are likely on the wrong surface."""
+    wrong = np.zeros(scene.valid.shape, np.bool_)
+    flat_indices = np.flatnonzero(beside_jump(scene.disparity) & scene.valid)
+    if not len(flat_indices):
+        return wrong
+    log_odds = _log_odds(edge_network(), network_input(edge_features(scene, flat_indices)))
+    log_depth_ratio = np.log(depth_ratio(scene.disparity, SURFACE_RADIUS).flat[flat_indices])
+    median_sigma_px = median(scene.sigma[scene.valid][::SIGMA_STRIDE])
+    threshold = LOG_ODDS_AT_1_PX + np.log(median_sigma_px)
+    wrong.flat[flat_indices] = log_odds + DEPTH_POWER * log_depth_ratio > threshold
+    return wrong
+
+
+def beside_jump(disparity: FloatImage) -> Mask:
+    """Return which pixels `(H, W)` are at or near a jump of disparity."""
+    square = np.ones((3, 3), np.uint8)
+    jump = np.asarray(cv2.dilate(disparity, square) - cv2.erode(disparity, square), F) > SMALL_JUMP_PX
+    return within(jump, SURFACE_RADIUS)
+
+
+@jit_rows
+def edge_features(scene: EdgeScene, flat_indices: IntArray) -> EdgeFeatures:
+    """Return the features of pixels that are given by their indices in the flat image."""
+    cols = scene.disparity.shape[1]
+    count = len(flat_indices)
+    window_margin = np.empty(count, F)
+    close_margin = np.empty(count, F)
+    effective_pixels = np.empty(count, F)
+    window_cost = np.empty(count, F)
+    close_cost = np.empty(count, F)
+    jump_px = np.empty(count, F)
+    contrast = np.empty(count, F)
+    same_surface = np.empty(count, F)
+    nearer_surface = np.empty(count, F)
+    occluder_px = np.empty(count, F)
+    slope_x = np.empty(count, F)
+    slope_y = np.empty(count, F)
+    sigma_px = np.empty(count, F)
+    for n in prange(count):
+        y = flat_indices[n] // cols
+        x = flat_indices[n] % cols
+        costs = _surface_costs(scene, y, x)
+        window_margin[n] = costs.window_margin
+        close_margin[n] = costs.close_margin
+        effective_pixels[n] = costs.own.effective_pixels
+        window_cost[n] = costs.own.window
+        close_cost[n] = costs.own.close
+        jump_px[n] = costs.jump_px
+        around = _neighbourhood(scene, y, x)
+        contrast[n] = around.contrast
+        same_surface[n] = around.same_surface
+        nearer_surface[n] = around.nearer_surface
+        occluder_px[n] = _occluder(scene.disparity, y, x)
+        slope_x[n] = _slope_x(scene.disparity, y, x)
+        slope_y[n] = _slope_y(scene.disparity, y, x)
+        sigma_px[n] = scene.sigma[y, x]
+    return EdgeFeatures(
+        window_margin,
+        close_margin,
+        effective_pixels,
+        window_cost,
+        close_cost,
+        jump_px,
+        contrast,
+        same_surface,
+        nearer_surface,
+        occluder_px,
+        slope_x,
+        slope_y,
+        sigma_px,
+    )
+
+
+@jit_rows_inline
+def _surface_costs(scene: EdgeScene, y: int, x: int) -> SurfaceCosts:
+    """Return the costs of the own surface and of the better one of the nearest and the farthest surface nearby."""
+    rows, cols = scene.disparity.shape
+    own = scene.disparity[y, x]
+    low = own
+    high = own
+    for v in range(max(0, y - SURFACE_RADIUS), min(rows, y + SURFACE_RADIUS + 1)):
+        for u in range(max(0, x - SURFACE_RADIUS), min(cols, x + SURFACE_RADIUS + 1)):
+            if scene.has_initial[v, u]:
+                low = min(low, scene.disparity[v, u])
+                high = max(high, scene.disparity[v, u])
+    at_own = _matching_cost(scene, y, x, own)
+    best = MAX_COST
+    best_close = MAX_COST
+    jump = F(0.0)
+    for other in (low, high):
+        if abs(other - own) >= SURFACE_JUMP_PX:
+            at_other = _matching_cost(scene, y, x, other)
+            if at_other.window < best:
+                best = at_other.window
+                best_close = at_other.close
+                jump = other - own
+    return SurfaceCosts(at_own, best - at_own.window, best_close - at_own.close, jump)
+
+
+@jit_rows_inline
+def _matching_cost(scene: EdgeScene, y: int, x: int, disparity: np.float32) -> MatchingCost:
+    """Return the matching cost of a pixel at a disparity that is constant over the window."""
+    left = scene.left
+    right = scene.right
+    rows, cols = left.shape
+    whole = int(np.floor(disparity))
+    fraction = disparity - F(whole)
+    total = F(0.0)
+    weights = F(0.0)
+    squares = F(0.0)
+    total_close = F(0.0)
+    count_close = F(0.0)
+    first = max(x - WINDOW_RADIUS, whole + 1, 0)
+    last = min(x + WINDOW_RADIUS, cols - 1 + whole, cols - 1)
+    for v in range(max(0, y - WINDOW_RADIUS), min(rows, y + WINDOW_RADIUS + 1)):
+        for u in range(first, last + 1):
+            value = right[v, u - whole] + fraction * (right[v, u - whole - 1] - right[v, u - whole])
+            difference = min(abs(value - left[v, u]), MAX_DIFFERENCE)
+            weight = WEIGHT_BY_GREY[int(abs(left[v, u] - left[y, x]))]
+            weight *= WEIGHT_BY_DISTANCE[v - y + WINDOW_RADIUS, u - x + WINDOW_RADIUS]
+            total += weight * difference
+            weights += weight
+            squares += weight * weight
+            if abs(v - y) <= 1 and abs(u - x) <= 1:
+                total_close += difference
+                count_close += F(1.0)
+    if not weights > F(0.0):
+        return MatchingCost(MAX_COST, MAX_COST, F(1.0))
+    return MatchingCost(total / weights, total_close / max(count_close, F(1.0)), weights * weights / squares)
+
+
+@jit_rows_inline
+def _neighbourhood(scene: EdgeScene, y: int, x: int) -> Neighbourhood:
+    """Return the contrast of the window around a pixel, and the surfaces in it; weights are by similarity of grey."""
+    disparity = scene.disparity
+    left = scene.left
+    rows, cols = disparity.shape
+    own = disparity[y, x]
+    count = F(0.0)
+    total = F(0.0)
+    squares = F(0.0)
+    weights = F(0.0)
+    same = F(0.0)
+    nearer = F(0.0)
+    for v in range(max(0, y - WINDOW_RADIUS), min(rows, y + WINDOW_RADIUS + 1)):
+        for u in range(max(0, x - WINDOW_RADIUS), min(cols, x + WINDOW_RADIUS + 1)):
+            difference = left[v, u] - left[y, x]
+            total += difference
+            squares += difference * difference
+            count += F(1.0)
+            weight = WEIGHT_BY_GREY[int(abs(difference))]
+            weights += weight
+            if scene.valid[v, u] and abs(disparity[v, u] - own) <= SMALL_JUMP_PX:
+                same += weight
+            elif disparity[v, u] - own > SMALL_JUMP_PX:
+                nearer += weight
+    mean = total / count
+    contrast = np.sqrt(max(squares / count - mean * mean, F(0.0)))
+    return Neighbourhood(contrast, same / weights, nearer / weights)
+
+
+@jit_rows_inline
+def _occluder(disparity: FloatImage, y: int, x: int) -> np.float32:
+    """Return by how much the nearest surface that corresponds to the same right pixel is nearer, pixels."""
+    cols = disparity.shape[1]
+    own = disparity[y, x]
+    right_column = np.rint(F(x) - own)
+    nearer = F(0.0)
+    for u in range(max(0, x - OCCLUDER_COLUMNS), min(cols, x + OCCLUDER_COLUMNS + 1)):
+        if abs(np.rint(F(u) - disparity[y, u]) - right_column) <= SAME_COLUMN_PX:
+            nearer = max(nearer, disparity[y, u] - own)
+    return nearer
+
+
+@jit_rows_inline
+def _slope_x(disparity: FloatImage, y: int, x: int) -> np.float32:
+    """Return the slope of the disparity along the row, by central differences; half of it at the border."""
+    last = disparity.shape[1] - 1
+    slope: np.float32 = F(0.5) * (disparity[y, min(x + 1, last)] - disparity[y, max(x - 1, 0)])
+    return slope
+
+
+@jit_rows_inline
+def _slope_y(disparity: FloatImage, y: int, x: int) -> np.float32:
+    """Return the slope of the disparity along the column, by central differences; half of it at the border."""
+    last = disparity.shape[0] - 1
+    slope: np.float32 = F(0.5) * (disparity[min(y + 1, last), x] - disparity[max(y - 1, 0), x])
+    return slope
+
+
+def network_input(features: EdgeFeatures) -> FloatImage:
+    """Return the features as dimensionless numbers of order 1 `(N, 13)`.
+
+    Costs are relative to the typical cost of the pair, because real images match less well than their noise explains.
+    """
+    typical = max(median(features.window_cost), MIN_TYPICAL_COST)
+    has_other_surface = features.jump_px != 0.0
+
+    def log_cost(cost: FloatImage) -> FloatImage:
+        """Return the logarithm of a cost relative to the typical cost."""
+        return np.asarray(np.log(np.maximum(cost / typical, MIN_RELATIVE_COST)))
+
+    def log_margin(margin: FloatImage, scale: float) -> FloatArray:
+        """Return the signed logarithm of a margin relative to the typical cost, clipped."""
+        clipped = np.clip(_signed_log(margin.astype(np.float64) * (scale / typical)), -MAX_LOG, MAX_LOG)
+        return np.where(has_other_surface, clipped, MAX_LOG)
+
+    inputs = (
+        log_margin(features.window_margin, WINDOW_MARGIN_SCALE),
+        log_margin(features.close_margin, 1.0),
+        np.log(features.effective_pixels),
+        log_cost(features.window_cost),
+        log_cost(features.close_cost),
+        np.clip(_signed_log(features.jump_px), -MAX_LOG, MAX_LOG),
+        log_cost(features.contrast),
+        features.same_surface,
+        features.nearer_surface,
+        np.log1p(features.occluder_px),
+        features.slope_x,
+        features.slope_y,
+        np.log(features.sigma_px),
+    )
+    return np.ascontiguousarray(np.column_stack(inputs), F)
+
+
+def _signed_log(values: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Return `sign(x) log(1 + |x|)`."""
+    return np.asarray(np.sign(values) * np.log1p(np.abs(values)))
+
+
+@cache
+def edge_network() -> EdgeNetwork:
+    """Return the trained network."""
+    text = files("sfr_loc_map.mapping.disparity").joinpath("edge_network.json").read_text(encoding="utf-8")
+    weights = json.loads(text)
+    return EdgeNetwork(*(np.asarray(weights[name], F) for name in EdgeNetwork._fields))
+
+
+@jit_rows
+def _log_odds(network: EdgeNetwork, inputs: FloatImage) -> FloatImage:
+    """Return the output of the network `(N,)` for inputs `(N, 13)`: the log odds of the wrong surface."""
+    low = network.low
+    high = network.high
+    hidden = network.hidden
+    hidden_offset = network.hidden_offset
+    output = network.output
+    out = np.empty(len(inputs), F)
+    for n in prange(len(inputs)):
+        total = network.output_offset[0]
+        for k in range(len(output)):
+            unit = hidden_offset[k]
+            for i in range(hidden.shape[1]):
+                unit += hidden[k, i] * min(max(inputs[n, i], low[i]), high[i])
+            total += output[k] * max(unit, F(0.0))
+        out[n] = total
+    return out
