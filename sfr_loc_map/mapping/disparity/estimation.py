@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from sfr_loc_map.geometry.stereo import StereoPair
-from sfr_loc_map.mapping.disparity.cell_field import field_from_disparity, padded, pixels_from_cells
+from sfr_loc_map.mapping.disparity.cell_field import disparity_from_field, field_from_disparity
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
-from sfr_loc_map.mapping.disparity.filters import SURFACE_JUMP_PX
 from sfr_loc_map.mapping.disparity.rectification_correction import correct_rectification
 from sfr_loc_map.mapping.disparity.saturation import measure_saturation
 from sfr_loc_map.mapping.disparity.semi_global_matching import semi_global_matching
@@ -25,12 +24,9 @@ def estimate_disparity(pair: StereoPair, disparity_count: int) -> DisparityMap:
     left = pair.left.astype(np.float32)
     initial_px = semi_global_matching(pair.left, pair.right, disparity_count)
     initial_field = field_from_disparity(initial_px)
-    right, correction = correct_rectification(
-        padded(left), padded(pair.right.astype(np.float32)), pixels_from_cells(initial_field, SURFACE_JUMP_PX)
-    )
+    without_holes_px = disparity_from_field(initial_field, left.shape)
+    right, correction = correct_rectification(left, pair.right.astype(np.float32), without_holes_px)
     refined = refine(left, right, initial_field)
-    height, width = left.shape
-    right = np.ascontiguousarray(right[:height, :width])
     sigma_px = disparity_sigma(refined)
     saturation = measure_saturation(pair.left, pair.right, refined.disparity_px)
     valid = valid_mask(left, right, initial_px, refined, sigma_px) & ~saturation.flat
