@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, TypedDict, TypeVar, Unpack, overload
+from typing import Any, Literal, TypeVar, Unpack, get_type_hints, overload
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.methods.registry import OURS, MethodLimits, config_text, find_method, record_of_ours
-from sfr_loc_map.metrics.config import aligned_error_config, score_config
+from sfr_loc_map.metrics.config import aligned_error_config
 from sfr_loc_map.metrics.limits import Limits, load_limits, parse_limits
 from sfr_loc_map.metrics.score import MethodRecord, Score
 from sfr_loc_map.runs import offline
@@ -45,6 +45,7 @@ from sfr_loc_map.scoring.score_run import (
     said_fused,
     score_run,
 )
+from sfr_loc_map.scoring.settings import ScoreSettings, score_settings
 
 C = TypeVar("C")
 PathLike = str | os.PathLike[str]
@@ -161,26 +162,14 @@ def map(
     return replace(cloud, records=tuple(run.records), method=about)
 
 
-class ScoreSettings(TypedDict, total=False):
+class ScoreOptions(ScoreSettings, total=False):
     """Options of `sfr score` by the same names."""
 
-    spacing: int  # frames from one start of a sub-trajectory to the next (10)
-    rebase: str  # how error from before a start is kept out: `pose`, `displacement` or `position`
-    partial: bool  # whether to judge an estimate of a part of the drive as if it were the whole (False)
-    frames: str  # what frames are: `truth` poses, or `images` (estimates, with the truth interpolated)
-    associate: str  # how an estimate finds its truth: `auto`, `match` or `interpolate`
-    max_gap: float  # longest gap of the truth that is interpolated, s (1)
-    scored_range: tuple[float, float]  # ranges of the truth that count for coverage, m (0, 10)
     fused: bool  # whether the cloud is fused, for a file that does not say so
     convention: Sequence[str]  # how the poses were written: `["frame=left_optical", "world=first_pose"]`
     apply_diagnosis: bool  # whether to correct the convention mismatch that explains the errors
     max_difference: float  # longest difference of stamps paired for APE and RPE, s (0.01)
     rpe_delta: str  # length of a relative error: `frames=1` or `distance=10`
-
-
-CONFIG_NAMES = {"spacing": "spacing", "rebase": "rebase", "partial": "partial"}
-CONFIG_NAMES |= {"associate": "association.truth", "max_gap": "association.max_gap_s"}
-"""Names in `TrajectoryScoreConfig` of those settings that are fields of it."""
 
 
 def score(
@@ -191,7 +180,7 @@ def score(
     *,
     align: str | None = None,
     stats: Sequence[PathLike] = (),
-    **settings: Unpack[ScoreSettings],
+    **settings: Unpack[ScoreOptions],
 ) -> Score:
     """Score an estimate, a trajectory or a cloud, against the truth; the same figures as `sfr score`.
 
@@ -200,19 +189,13 @@ def score(
     is `none`, `origin`, `se3` or `sim3` and `stats` files of `sfr localise --stats`, which what `sfr.localise` and
     `sfr.map` give does not need.
     """
-    known = ScoreSettings.__annotations__
+    known = get_type_hints(ScoreOptions)
     if unknown := sorted(set(settings) - set(known)):
         raise ConfigError(f"sfr.score has no setting '{unknown[0]}': it has {', '.join(known)}")
+    of_score: Any = {name: value for name, value in settings.items() if name in get_type_hints(ScoreSettings)}
+    config = score_settings(None if conditions is None else _texts("conditions", conditions), **of_score)
     convention = PoseConvention.parse(_texts("convention", settings.get("convention", ())))
     correction = Correction(convention, settings.get("apply_diagnosis", False))
-    low, high = settings.get("scored_range", (0.0, 10.0))
-    named = {f"trajectory.{CONFIG_NAMES[name]}": value for name, value in settings.items() if name in CONFIG_NAMES}
-    named |= {"map.scored_from_m": low, "map.scored_to_m": high}
-    if (frames := settings.get("frames", "truth")) not in ("truth", "images"):
-        raise ConfigError(f"frames is '{frames}': must be truth or images")
-    if frames == "images":
-        named["trajectory.association.truth"] = "interpolate"
-    config = score_config(() if conditions is None else _texts("conditions", conditions), named)
     files = [stats] if isinstance(stats, (str, Path)) else stats
     run = _run(estimate, truth, tuple(Path(file) for file in files), settings.get("fused"))
     if correction.is_wanted and run.drive is None:

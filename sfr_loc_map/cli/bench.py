@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 from typer import Option
 
-from sfr_loc_map.cli.app import App, examples
+from sfr_loc_map.cli.app import command_group, examples, propose
 from sfr_loc_map.cli.options import (
     ConditionOption,
     ConfigOption,
@@ -28,35 +27,25 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 
-app = App(help="Methods beside each other: same input, same run, own processes. Ours with injected faults.")
+app = command_group("Methods beside each other: same input, same run, own processes. Ours with injected faults.")
 
 
-@dataclass(frozen=True, slots=True)
-class ComparedOptions:
-    """Which methods are compared, and how often."""
-
-    method: Annotated[
-        list[str] | None,
-        Option(metavar="NAME|package.module:Class|lib:FILE.so", help="One more method to compare; repeatable."),
-    ] = None
-    peer_python: Annotated[
-        Path | None, Option(metavar="PYTHON", help="Interpreter that has the optional reference methods.")
-    ] = None
-    repeat: Annotated[int, Option(min=1, metavar="N", help="Passes; medians are shown.")] = 3
-    config: ConfigOption = None
-    remap: RemapOption = None
-
-
+MethodsOption = Annotated[
+    list[str] | None,
+    Option("--method", metavar="NAME|package.module:Class|lib:FILE.so", help="One more method to compare; repeatable."),
+]
+PeerOption = Annotated[
+    Path | None, Option(metavar="PYTHON", help="Interpreter that has the optional reference methods.")
+]
+RepeatOption = Annotated[int, Option(min=1, metavar="N", help="Passes; medians are shown.")]
 SpacingOption = Annotated[int, Option(min=1, metavar="FRAMES", help="Frames from one start to the next.")]
 
 
-@app.command(
-    epilog=examples("sfr bench localise data/ --repeat 3 --json bench.json"),
-    hint="sfr localise SRC -o T.csv --stats S.csv --method NAME    # one method, to score and compare",
-)
+@app.command(epilog=examples("sfr bench localise data/ --repeat 3 --json bench.json"))
 def localise(
     source: SourceArgument,
-    compared: ComparedOptions,
+    method: MethodsOption = None,
+    peer_python: PeerOption = None,
     vocabulary: Annotated[
         Path | None, Option("--vocab", metavar="F.txt", help="Vocabulary of ORB-SLAM3 (text).")
     ] = None,
@@ -66,6 +55,9 @@ def localise(
         float | None,
         Option(min=0.01, metavar="HZ", help="Pairs for methods that work in the background; default: as recorded."),
     ] = None,
+    repeat: RepeatOption = 3,
+    config: ConfigOption = None,
+    remap: RemapOption = None,
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,
     lenient: LenientOption = False,
@@ -75,22 +67,23 @@ def localise(
     from sfr_loc_map.methods.comparison import compare_localisers, methods_to_compare
     from sfr_loc_map.runs.offline import start_pose
 
+    propose("sfr localise SRC -o T.csv --stats S.csv --method NAME", why="one method, to score and compare")
     scoring = TrajectoryScoreConfig(conditions=tuple(condition or ["distance=5"]), spacing=spacing)
-    check_outputs(json_path, overwrite=overwrite)
-    opened, config = open_as(source, compared.remap, compared.config)
+    check_outputs(json_path, inputs=(source, config), overwrite=overwrite)
+    opened, config = open_as(source, remap, config)
     parameters, sequence = read_config(LocalisationConfig, config, "localisation"), drive_of(opened)
     check_conditions(sequence.ground_truth, scoring.conditions, lenient=lenient)
-    methods, missing = methods_to_compare(Task.LOCALISATION, compared.peer_python, vocabulary, compared.method or ())
+    methods, missing = methods_to_compare(Task.LOCALISATION, peer_python, vocabulary, method or ())
     start = start_pose(sequence, "identity" if sequence.ground_truth is None else "truth").T_ds_rb
     with progress_bar("calls") as bar:
-        advance = counting(bar, "calls measured", len(sequence) * len(methods) * compared.repeat)
+        advance = counting(bar, "calls measured", len(sequence) * len(methods) * repeat)
         result = compare_localisers(
             sequence,
             start,
             methods,
             parameters,
             scoring,
-            repeat=compared.repeat,
+            repeat=repeat,
             rate_hz=rate,
             hidden=[source],
             progress=advance,
@@ -98,34 +91,33 @@ def localise(
     _present({"source": str(source), **result, "missing": missing}, json_path)
 
 
-@app.command(
-    name="map",
-    epilog=examples("sfr bench map data/ --json bench.json"),
-    hint="sfr map SRC -o C.ply --stats S.csv --method NAME    # one method, to score and compare",
-)
+@app.command(name="map", epilog=examples("sfr bench map data/ --json bench.json"))
 def map_(
-    source: SourceArgument, compared: ComparedOptions, json_path: JsonOption = None, overwrite: OverwriteOption = False
+    source: SourceArgument,
+    method: MethodsOption = None,
+    peer_python: PeerOption = None,
+    repeat: RepeatOption = 3,
+    config: ConfigOption = None,
+    remap: RemapOption = None,
+    json_path: JsonOption = None,
+    overwrite: OverwriteOption = False,
 ) -> None:
     """Our mapper against OpenCV's semi-global matching, Pandora where installed, and any other method."""
     from sfr_loc_map.io.sequence import panorama_of
     from sfr_loc_map.methods.comparison import compare_mappers, methods_to_compare
 
-    check_outputs(json_path, overwrite=overwrite)
-    opened, config = open_as(source, compared.remap, compared.config)
+    propose("sfr map SRC -o C.ply --stats S.csv --method NAME", why="one method, to score and compare")
+    check_outputs(json_path, inputs=(source, config), overwrite=overwrite)
+    opened, config = open_as(source, remap, config)
     parameters, sequence = read_config(MappingConfig, config, "mapping"), panorama_of(opened)
-    methods, missing = methods_to_compare(Task.MAPPING, compared.peer_python, added=compared.method or ())
+    methods, missing = methods_to_compare(Task.MAPPING, peer_python, added=method or ())
     with progress_bar("calls") as bar:
-        advance = counting(bar, "calls measured", len(sequence) * len(methods) * compared.repeat)
-        result = compare_mappers(
-            sequence, methods, parameters, repeat=compared.repeat, hidden=[source], progress=advance
-        )
+        advance = counting(bar, "calls measured", len(sequence) * len(methods) * repeat)
+        result = compare_mappers(sequence, methods, parameters, repeat=repeat, hidden=[source], progress=advance)
     _present({"source": str(source), **result, "missing": missing}, json_path)
 
 
-@app.command(
-    epilog=examples("sfr bench faults data/ --fault torn+noisy --json faults.json"),
-    hint="sfr simulate DST --from SRC --fault KIND:amount=A    # one fault alone, kept",
-)
+@app.command(epilog=examples("sfr bench faults data/ --fault torn+noisy --json faults.json"))
 def faults(
     source: SourceArgument,
     fault: Annotated[
@@ -149,7 +141,8 @@ def faults(
     from sfr_loc_map.io.sequence import drive_of
     from sfr_loc_map.suite.fault_benchmark import FAULTS, Honesty, benchmark_faults
 
-    check_outputs(json_path, overwrite=overwrite)
+    propose("sfr simulate DST --from SRC --fault KIND:amount=A", why="one fault alone, kept")
+    check_outputs(json_path, inputs=(source, config), overwrite=overwrite)
     wanted = tuple(fault or FAULTS)
     opened, config = open_as(source, remap, config)
     localiser, drive = read_config(LocalisationConfig, config, "localisation"), drive_of(opened)
@@ -165,12 +158,11 @@ def faults(
         raise FailedVerdictError(f"wrong and called tracking, beyond 5 times the stated 3 sigma: {', '.join(silent)}")
 
 
-@app.command(
-    epilog=examples("sfr bench methods", "sfr bench methods --include-dir"),
-    hint="sfr localise SRC -o T.csv --method NAME    # the same drive by another method",
-)
+@app.command(epilog=examples("sfr bench methods", "sfr bench methods --include-dir"))
 def methods(
-    include_dir: Annotated[bool, Option(help="Print the folder of sfr_candidate.h, and nothing else.")] = False,
+    include_dir: Annotated[
+        bool, Option("--include-dir", help="Print the folder of sfr_candidate.h, and nothing else.")
+    ] = False,
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
@@ -178,6 +170,7 @@ def methods(
     from sfr_loc_map.methods.registry import header_folder, listed_methods
     from sfr_loc_map.report.tables import Cell, Column, Table
 
+    propose("sfr localise SRC -o T.csv --method NAME", why="the same drive by another method")
     if include_dir:
         say(str(header_folder()))
         return

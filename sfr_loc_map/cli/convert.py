@@ -75,7 +75,7 @@ def convert(
         from sfr_loc_map.io.cloud_file import load_cloud, save_cloud
 
         check_suffix(destination, CLOUDS)
-        check_outputs(destination, overwrite=overwrite)
+        check_outputs(destination, inputs=(source,), overwrite=overwrite)
         cloud = load_cloud(source).cloud
         if cloud is None:
             raise InputError(
@@ -97,7 +97,7 @@ def convert(
     if is_pairs := destination.suffix == PAIRS and layout is None:
         if options != ConvertOptions():
             raise ConfigError(f"'{destination}' will be pairs for a target, which are exact: leave out options of bags")
-        check_outputs(destination, overwrite=overwrite)
+        check_outputs(destination, inputs=(source, config), overwrite=overwrite)
         room = nullcontext(destination)
     opened, _ = open_as(source, remap, config)
     if layout is not None and opened.loc is not None and opened.nav is not None:
@@ -137,7 +137,7 @@ def _convert_trajectory(
 
     to_file = format_of_name(destination) is not None
     if to_file:
-        check_outputs(*files_written(destination), overwrite=overwrite)
+        check_outputs(*files_written(destination), inputs=(source, config), overwrite=overwrite)
     if is_poses:
         read = read_trajectory_file(source, columns)
         poses = read.trajectory

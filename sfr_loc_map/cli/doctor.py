@@ -10,12 +10,15 @@ from typer import Argument, Option
 from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.info import FindingsReport
 from sfr_loc_map.cli.options import (
+    CalibrationOption,
     ConfigOption,
-    IntakeOptions,
     JsonOption,
     NamespaceOption,
     OverwriteOption,
+    RemapOption,
+    SectionsOption,
     require_ros,
+    sections_of,
 )
 from sfr_loc_map.cli.output import check_outputs
 from sfr_loc_map.errors import ConfigError
@@ -23,7 +26,6 @@ from sfr_loc_map.errors import ConfigError
 
 @app.command(epilog=examples("sfr doctor", "sfr doctor --namespace rover1 --seconds 5"))
 def doctor(
-    intake: IntakeOptions,
     former: Annotated[list[Path] | None, Argument(hidden=True)] = None,
     graph: Annotated[bool, Option(hidden=True)] = True,
     namespace: NamespaceOption = "",
@@ -31,6 +33,9 @@ def doctor(
         float, Option(min=0.1, max=600.0, metavar="S", help="How long messages are watched, after the first.")
     ] = 3.0,
     config: ConfigOption = None,
+    calibration: CalibrationOption = None,
+    settings: SectionsOption = None,
+    remap: RemapOption = None,
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
@@ -38,12 +43,13 @@ def doctor(
     if former:
         what = "sfr score EST TRUTH --diagnose" if len(former) > 1 else f"sfr info {former[0]}"
         raise ConfigError(f"'{former[0]}': sfr doctor examines the running graph: use {what}")
-    check_outputs(json_path, overwrite=overwrite)
+    check_outputs(json_path, inputs=(config, calibration), overwrite=overwrite)
     require_ros("doctor")
     from sfr_loc_map.doctor.examination import examine
+    from sfr_loc_map.io.source_config import SourceConfig
     from sfr_loc_map.nodes.graph import GraphObserver
 
-    _, _, given = intake.read(None, config)
+    given = SourceConfig.of(sections_of(config, calibration, settings, remap), config)
     extrinsics_given = given.extrinsics.transform() is not None
     with GraphObserver({topic: name for name, topic in given.topics.items()}) as observer:
         seen = observer.observe(seconds, namespace, extrinsics_given=extrinsics_given)

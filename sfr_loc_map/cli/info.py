@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Option
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.options import ConfigOption, IntakeOptions, JsonOption, OverwriteOption, SourceArgument
+from sfr_loc_map.cli.options import (
+    CalibrationOption,
+    ConfigOption,
+    JsonOption,
+    OverwriteOption,
+    RemapOption,
+    SectionsOption,
+    SourceArgument,
+    sections_of,
+)
 from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, progress_bar, say, show
 from sfr_loc_map.config import read_sections
 from sfr_loc_map.errors import FailedVerdictError, InputError
@@ -31,12 +40,14 @@ if TYPE_CHECKING:
     )
 )
 def info(
-    intake: IntakeOptions,
     source: SourceArgument,
     write: Annotated[
-        bool, Option(help="Write what the source seems to be into its sfr.yaml, then look again.")
+        bool, Option("--write", help="Write what the source seems to be into its sfr.yaml, then look again.")
     ] = False,
     config: ConfigOption = None,
+    calibration: CalibrationOption = None,
+    settings: SectionsOption = None,
+    remap: RemapOption = None,
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
@@ -44,9 +55,12 @@ def info(
     from sfr_loc_map.doctor.examination import examine
     from sfr_loc_map.doctor.fixes import observe, with_fix
     from sfr_loc_map.doctor.source_facts import facts_of
+    from sfr_loc_map.io.source_config import SourceConfig, config_beside
 
-    check_outputs(json_path, overwrite=overwrite)
-    path, sections, how = intake.read(source, config)
+    check_outputs(json_path, inputs=(source, config, calibration), overwrite=overwrite)
+    path = config or config_beside(source)
+    sections = sections_of(path, calibration, settings, remap)
+    how = SourceConfig.of(sections, path)
     if not source.exists():
         raise InputError(f"there is no '{source}': give a data set folder, a bag, KITTI or EuRoC")
     if write:
@@ -57,7 +71,7 @@ def info(
     findings = examine(seen)
     of_config = [] if config is None else ["--config", str(config)]
     if not write and any(finding.is_blocking for finding in findings):
-        words = ["sfr", "info", str(source), "--write", *of_config, *intake.words()]
+        words = ["sfr", "info", str(source), "--write", *of_config, *_words(calibration, settings, remap)]
         findings = with_fix(source, sections, path, findings, words)
     report = FindingsReport(seen.subject, findings)
     facts = {"configuration": None if path is None else str(path)} | facts_of(source, how)
@@ -103,6 +117,15 @@ class FindingsReport:
                 say(f"{self.subject}: no blocking issue")
         if self.stops:
             raise FailedVerdictError(f"{self.stops} blocking issue{'s' * (self.stops > 1)} on {self.subject}")
+
+
+def _words(calibration: Path | None, settings: list[str] | None, remap: list[str] | None) -> list[str]:
+    """Return options as words of a command line."""
+    words = [] if calibration is None else ["--calibration", str(calibration)]
+    for option, values in (("--set", settings), ("--remap", remap)):
+        for value in values or ():
+            words += [option, value]
+    return words
 
 
 def _write(source: Path, sections: dict[str, Any], path: Path | None) -> tuple[Path, SourceConfig]:

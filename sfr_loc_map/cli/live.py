@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from sfr_loc_map.cli.app import app, examples
+from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import NamespaceOption, require_ros
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import (
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.live.foxglove import FoxgloveView
     from sfr_loc_map.nodes.processes import LivePage
 
-LiveOption = Annotated[bool, Option(help="Show the run on a page while it goes on (see sfr live).")]
+LiveOption = Annotated[bool, Option("--live", help="Show the run on a page while it goes on (see sfr live).")]
 LivePortOption = Annotated[int, Option(metavar="P", min=0, max=65535, help="Port of that page; 0: a free one.")]
 
 
@@ -74,8 +74,7 @@ def live_beside(wanted: bool, port: int, namespace: str = "", *, isolated: bool 
         "sfr live --namespace rover1 --port 0 --open",
         "sfr live --host 0.0.0.0 --token a-long-secret",
         "sfr live --terminal",
-    ),
-    hint="sfr replay SRC --live --out DIR    # a run that is scored while the page shows it",
+    )
 )
 def live(
     former: Annotated[list[Path] | None, Argument(hidden=True)] = None,
@@ -87,9 +86,11 @@ def live(
     token: Annotated[str, Option(metavar="WORD", help="Word that each request must have.")] = "",
     open_browser: Annotated[bool, Option("--open", help="Open the page in the browser.")] = False,
     terminal: Annotated[
-        bool, Option(help="Show the figures on this terminal; one line a second where there is none.")
+        bool, Option("--terminal", help="Show the figures on this terminal; one line a second where there is none.")
     ] = False,
-    foxglove: Annotated[bool, Option(help="Serve the same over the Foxglove protocol besides, on loopback.")] = False,
+    foxglove: Annotated[
+        bool, Option("--foxglove", help="Serve the same over the Foxglove protocol besides, on loopback.")
+    ] = False,
     foxglove_port: Annotated[int, Option(metavar="P", min=0, max=65535, help="Its port; 0: a free one.")] = 8765,
 ) -> None:
     """Serve a page with figures, path, images and map of the running nodes, until Ctrl-C.
@@ -101,6 +102,7 @@ def live(
     if former:
         raise ConfigError(f"'{former[0]}': sfr live shows running nodes; sfr replay SRC --live plays a recording")
     require_ros("live")
+    propose("sfr replay SRC --live --out DIR", why="a run that is scored while the page shows it")
     view_of = _foxglove_view() if foxglove else None
     state, config = LiveState(), None
     if not terminal:

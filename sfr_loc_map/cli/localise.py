@@ -10,7 +10,20 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 from typer import Option
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.options import MethodOptions, OverwriteOption, RemapOption, SourceArgument, StartOption, open_as
+from sfr_loc_map.cli.options import (
+    OURS,
+    CallTimeoutOption,
+    ConfigOption,
+    MemoryLimitOption,
+    MethodOption,
+    OverwriteOption,
+    RemapOption,
+    SourceArgument,
+    StartOption,
+    method_limits,
+    method_under_test,
+    open_as,
+)
 from sfr_loc_map.cli.output import beside, check_outputs, check_suffix, progress_bar, say, warn
 from sfr_loc_map.cli.verdict import conclude_findings
 from sfr_loc_map.config import read_config
@@ -39,12 +52,15 @@ def localise(
     output: Annotated[
         Path, Option("-o", "--output", metavar="T.csv", help="Trajectory: *.csv, *.txt or *.tum, *.kitti, *.euroc.csv.")
     ],
-    under_test: MethodOptions,
     stats: Annotated[Path | None, Option(metavar="S.csv", help="A row for each call: time, memory, state, ...")] = None,
     video: Annotated[Path | None, Option(metavar="V.avi", help="Feature-track video, .avi or .mp4.")] = None,
     start: StartOption = "identity",
+    config: ConfigOption = None,
     remap: RemapOption = None,
     overwrite: OverwriteOption = False,
+    method: MethodOption = OURS,
+    call_timeout: CallTimeoutOption = 120.0,
+    memory_limit: MemoryLimitOption = 4000,
 ) -> None:
     """Estimate the trajectory of a drive, with the same code as the node, or by another method."""
     from sfr_loc_map.io.sequence import drive_of
@@ -54,12 +70,12 @@ def localise(
     from sfr_loc_map.runs.calls import save_stats
 
     check_suffix(output, FILE_SUFFIXES)
-    check_outputs(*files_written(output), stats, video, overwrite=overwrite)
-    theirs = None if under_test.is_ours else under_test.find(Task.LOCALISATION)
+    check_outputs(*files_written(output), stats, video, inputs=(source, config), overwrite=overwrite)
+    theirs, limits = method_under_test(method, Task.LOCALISATION, config), method_limits(call_timeout, memory_limit)
     if theirs is not None and video is not None:
         raise ConfigError(f"'--video' shows the tracks of our localiser: leave it out with --method {theirs.name}")
-    opened, config = open_as(source, remap, under_test.config if theirs is None else None)
-    parameters, sequence = read_config(LocalisationConfig, config, "localisation"), drive_of(opened)
+    opened, read_from = open_as(source, remap, config if theirs is None else None)
+    parameters, sequence = read_config(LocalisationConfig, read_from, "localisation"), drive_of(opened)
     done: list[tuple[PoseEstimate, CallRecord]]
     with ExitStack() as film, naming(source):
         first_pose = offline.start_pose(sequence, start)
@@ -69,7 +85,7 @@ def localise(
             watch = None if video is None else film.enter_context(offline.track_video(video, sequence.rig))
             done = _finished(offline.localise(sequence, parameters, first_pose, watch), len(sequence))
         else:
-            results = offline.localise_with(theirs, sequence, first_pose.T_ds_rb, under_test.limits, [source])
+            results = offline.localise_with(theirs, sequence, first_pose.T_ds_rb, limits, [source])
             given = _finished(results, len(sequence))
             done, about = [(estimate, record) for estimate, record, _ in given], given[-1][2]
         records = [record for _, record in done]
@@ -80,7 +96,7 @@ def localise(
         with beside():
             save_stats(stats, records, about)
     say(f"{len(done)} poses, {offline.states_text(records)}: {output}", err=True)
-    more = (("--stats", stats), ("--config", under_test.config if under_test.is_ours else None))
+    more = (("--stats", stats), ("--config", config if theirs is None else None))
     again = [word for option, file in more if file is not None for word in (option, file)]
     propose("sfr", "score", output, truth, *again, why="against the truth")
     if (text := offline.tracking_warning(records, source)) is not None:

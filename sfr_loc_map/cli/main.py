@@ -15,8 +15,7 @@ from contextlib import suppress
 
 import typer
 
-from sfr_loc_map.cli.app import PANELS, app, last_line
-from sfr_loc_map.cli.output import FAILED_BESIDE
+from sfr_loc_map.cli.app import PANELS, app, command_run
 from sfr_loc_map.errors import ExitCode, SfrError
 from sfr_loc_map.inputs import one_line, printable
 from sfr_loc_map.signals import handle_signals, hold, ignore_signals
@@ -46,12 +45,12 @@ class _LineFormatter(logging.Formatter):
 def main() -> int:
     """Run the command line; return the exit code."""
     handle_signals()
-    FAILED_BESIDE.clear()
-    code = _run()
+    with command_run() as run:
+        code = _run()
     hold()
-    if FAILED_BESIDE and code == ExitCode.OK:
+    if run.failed_outputs and code == ExitCode.OK:
         code = ExitCode.BAD_INPUT
-    if line := last_line(code):
+    if line := run.last_line(code):
         with suppress(OSError):  # nobody reads it
             print(printable(line), file=sys.stderr)
     ignore_signals()

@@ -9,7 +9,19 @@ from typing import Annotated
 from typer import Option
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.options import MethodOptions, OverwriteOption, RemapOption, SourceArgument, open_as
+from sfr_loc_map.cli.options import (
+    OURS,
+    CallTimeoutOption,
+    ConfigOption,
+    MemoryLimitOption,
+    MethodOption,
+    OverwriteOption,
+    RemapOption,
+    SourceArgument,
+    method_limits,
+    method_under_test,
+    open_as,
+)
 from sfr_loc_map.cli.output import beside, check_outputs, check_suffix, progress_bar, say, warn
 from sfr_loc_map.cli.verdict import conclude_findings
 from sfr_loc_map.config import read_config
@@ -31,7 +43,6 @@ from sfr_loc_map.signals import hold, stopping
 def map_cloud(
     source: SourceArgument,
     output: Annotated[Path, Option("-o", "--output", metavar="C.ply", help="Cloud: .ply, .pcd or .npz.")],
-    under_test: MethodOptions,
     fuse: Annotated[bool, Option("--fuse/--no-fuse", help="One cloud, or the points of every pair.")] = True,
     dem: Annotated[
         list[Path] | None,
@@ -41,14 +52,18 @@ def map_cloud(
         ),
     ] = None,
     covariance: Annotated[
-        bool, Option(help="Also C.covariance.npz: 3 x 3 of each point, in the cloud's order.")
+        bool, Option("--covariance", help="Also C.covariance.npz: 3 x 3 of each point, in the cloud's order.")
     ] = False,
     refine_poses: Annotated[
-        bool, Option(help="Correct the poses of later pairs by registration of the overlaps.")
+        bool, Option("--refine-poses", help="Correct the poses of later pairs by registration of the overlaps.")
     ] = False,
     stats: Annotated[Path | None, Option(metavar="S.csv", help="A row for each call: time, memory, ...")] = None,
+    config: ConfigOption = None,
     remap: RemapOption = None,
     overwrite: OverwriteOption = False,
+    method: MethodOption = OURS,
+    call_timeout: CallTimeoutOption = 120.0,
+    memory_limit: MemoryLimitOption = 4000,
 ) -> None:
     """Map up to three stereo pairs, with the same code as the node, or by another method."""
     from sfr_loc_map.io.cloud_file import SUFFIXES
@@ -59,14 +74,13 @@ def map_cloud(
     from sfr_loc_map.runs.offline import map_pairs, map_pairs_with
 
     check_suffix(output, SUFFIXES)
-    opened, config = open_as(source, remap, under_test.config if under_test.is_ours else None)
-    parameters = read_config(MappingConfig, config, "mapping")
+    theirs, limits = method_under_test(method, Task.MAPPING, config), method_limits(call_timeout, memory_limit)
+    opened, read_from = open_as(source, remap, config if theirs is None else None)
+    parameters = read_config(MappingConfig, read_from, "mapping")
     parameters = replace(parameters, refine_poses=parameters.refine_poses or refine_poses)
     check_dems(dem or ())
     outputs = MapOutputs(output, fuse, dem or (), parameters.terrain, covariance)
-    check_outputs(output, stats, *outputs.more, overwrite=overwrite)
-    limits = under_test.limits
-    theirs = None if under_test.is_ours else under_test.find(Task.MAPPING)
+    check_outputs(output, stats, *outputs.more, inputs=(source, config), overwrite=overwrite)
     if refine_poses and theirs is not None:
         raise ConfigError(f"'--refine-poses' is of our mapper: leave it out with --method {theirs.name}")
     sequence = panorama_of(opened)
@@ -99,7 +113,7 @@ def map_cloud(
         say(parameters.calibration.assumption, err=True)
     for path in outputs.more:
         say(str(path), err=True)
-    given = () if theirs is not None or under_test.config is None else ("--config", under_test.config)
+    given = () if theirs is not None or config is None else ("--config", config)
     propose("sfr", "score", output, source, *given, why="against the truth, if the source has it")
     if len(run.maps) < len(sequence):
         raise InterruptedRunError(f"interrupted: {len(run.maps)} of {len(sequence)} pairs were mapped, and written")

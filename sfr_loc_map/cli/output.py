@@ -16,7 +16,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from sfr_loc_map.cli.app import GIVEN, propose
+from sfr_loc_map.cli.app import current_run, propose
 from sfr_loc_map.errors import OutputError, SfrError
 from sfr_loc_map.inputs import one_line, printable
 from sfr_loc_map.io.atomic import atomic_path, check_output, exchange, output_target, write_text
@@ -30,7 +30,6 @@ DATA_SET_NAMES = {"rig.json", "pairs.csv", "groundtruth.csv", "simulation.yaml",
 DATA_SET_NAMES |= {"left", "right", "truth", "masks", "loc", "nav"}  #: What is in the folders that we write as a whole.
 SOURCE_NAMES = DATA_SET_NAMES | {"mav0", "calib.txt", "times.txt", "poses.txt", *(f"image_{n}" for n in range(4))}
 BAG_SUFFIXES = (".mcap", ".db3")
-FAILED_BESIDE: list[str] = []  #: What went wrong with outputs of this command beside its main one.
 
 
 def check_suffix(path: Path | None, suffixes: tuple[str, ...]) -> None:
@@ -39,18 +38,18 @@ def check_suffix(path: Path | None, suffixes: tuple[str, ...]) -> None:
         raise OutputError(f"cannot write '{path}': its name must end in one of {', '.join(suffixes)}")
 
 
-def check_outputs(*outputs: Path | str | None, overwrite: bool) -> None:
-    """Raise OutputError, before the work is done, if a file cannot be written; None and `-` are left out.
+def check_outputs(*outputs: Path | str | None, inputs: Iterable[Path | None] = (), overwrite: bool) -> None:
+    """Raise OutputError, before the work is done, if a file cannot be written; None and `-` are ignored.
 
-    What else is named on the command line is an input, and so is what a source in such a folder consists of.
+    An output must be none of the inputs of the command, nor a file that a source in a folder of them consists of.
     """
-    inputs = {path.resolve() for path in GIVEN if not any(path is item for item in outputs)}
-    taken = dict.fromkeys(inputs, "an input of this command")
+    given = {path.resolve() for path in inputs if path is not None}
+    taken = dict.fromkeys(given, "an input of this command")
     for path in (Path(item) for item in outputs if item is not None and str(item) != STANDARD_OUTPUT):
         place = path.resolve()
         reason = f"it is {taken[place]} too; give each a name of its own" if place in taken else ""
         taken[place] = "another output"
-        for folder in inputs & {*place.parents} if path.is_file() else ():
+        for folder in given & {*place.parents} if path.is_file() else ():
             within = place.relative_to(folder).parts
             if path.suffix in BAG_SUFFIXES or SOURCE_NAMES & {*within} - {"loc", "nav"}:
                 reason = f"it belongs to '{folder}', an input of this command; choose another name"
@@ -103,7 +102,7 @@ def beside() -> Iterator[None]:
         yield
     except (SfrError, OSError) as error:
         warn(str(error))
-        FAILED_BESIDE.append(str(error))
+        current_run().failed_outputs.append(str(error))
 
 
 def make_folder(path: Path, option: str) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,33 +22,8 @@ if TYPE_CHECKING:
 FORMATS = (*HTML_SUFFIXES, ".md", ".csv")
 
 
-@dataclass(frozen=True, slots=True)
-class TestReportOptions:
-    """Test report."""
-
-    test_report: Annotated[
-        Path | None, Option(metavar="T.html", help="Write the test report of the scores, to be signed.")
-    ] = None
-    title: Annotated[str, Option(metavar="TEXT", help="Title of the test report.")] = ""
-    junit: Annotated[Path | None, Option(metavar="F.xml", help="Write the verdicts as JUnit XML.")] = None
-
-    @property
-    def is_wanted(self) -> bool:
-        """Whether a test report or JUnit XML is written."""
-        return self.test_report is not None or self.junit is not None
-
-
-@dataclass(frozen=True, slots=True)
-class TrajectoryOptions:
-    """Page of trajectories."""
-
-    truth: Annotated[
-        Path | None, Option(metavar="TRUTH", help="True trajectory: also the distance of each trajectory to it.")
-    ] = None
-    align: Annotated[Align, Option(help="Alignment of each trajectory with the truth.")] = "none"
-    max_difference: Annotated[
-        float, Option(metavar="S", help="Longest difference of the stamps of estimate and truth.")
-    ] = 0.01
+SIGNED = "Test report of scores"
+DRAWN = "Page of trajectories"
 
 
 @app.command(
@@ -59,82 +33,101 @@ class TrajectoryOptions:
         "sfr report before.json after.json -o comparison.html",
         "sfr report runs/before runs/after -o comparison.html",
         "sfr report estimate.csv other.tum --truth data/ -o paths.html",
-    ),
-    first="output json_path overwrite lenient",
+    )
 )
 def report(
     results: Annotated[
         list[Path],
         Argument(metavar="RESULT...", help="Scores (*.json); two folders of suites; or trajectories and sources."),
     ],
-    test: TestReportOptions,
-    drawn: TrajectoryOptions,
     output: Annotated[
         Path | None,
-        Option("-o", "--output", metavar="F", help="*.html; of one score also *.md, *.csv [report.html beside it]."),
+        Option(
+            "-o",
+            "--output",
+            metavar="F",
+            help="*.html; of one score also *.md, *.csv; by default report.html beside it.",
+        ),
     ] = None,
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,
     lenient: LenientOption = False,
+    test_report: Annotated[
+        Path | None,
+        Option(metavar="T.html", rich_help_panel=SIGNED, help="Write the test report of the scores, to be signed."),
+    ] = None,
+    title: Annotated[str, Option(metavar="TEXT", rich_help_panel=SIGNED, help="Title of the test report.")] = "",
+    junit: Annotated[
+        Path | None, Option(metavar="F.xml", rich_help_panel=SIGNED, help="Write the verdicts as JUnit XML.")
+    ] = None,
+    truth: Annotated[
+        Path | None,
+        Option(
+            metavar="TRUTH", rich_help_panel=DRAWN, help="True trajectory: also the distance of each trajectory to it."
+        ),
+    ] = None,
+    align: Annotated[
+        Align, Option(rich_help_panel=DRAWN, help="Alignment of each trajectory with the truth.")
+    ] = "none",
+    max_difference: Annotated[
+        float,
+        Option(metavar="S", rich_help_panel=DRAWN, help="Longest difference of the stamps of estimate and truth."),
+    ] = 0.01,
 ) -> None:
     """Make the page of results. Several scores, or two suites, are compared; trajectories are drawn.
 
     The exit code is the verdict of the scores: 1 if a limit is missed, 3 if something could not be judged.
     """
     check_suffix(output, FORMATS)
-    if all(path.suffix == ".json" for path in results):
-        _report_scores(results, test, output, json_path, overwrite=overwrite, lenient=lenient)
+    check_suffix(test_report, HTML_SUFFIXES)
+    check_outputs(json_path, output, test_report, junit, inputs=(*results, truth), overwrite=overwrite)
+    is_test = test_report is not None or junit is not None
+    if not all(path.suffix == ".json" for path in results):
+        if is_test:
+            raise ConfigError(f"'{results[0]}': a test report is of scores: give files *.json of sfr score or replay")
+        if all((path / "plan.json").is_file() for path in results):
+            _compare_suites(results, output, json_path)
+            return
+        if json_path is not None:
+            raise ConfigError(f"'--json {json_path}': trajectories are drawn: sfr score EST TRUTH --json gives figures")
+        config = build(AlignedErrorConfig, {"align": align, "max_difference_s": max_difference}, origin="options")
+        _draw(results, truth, config, output)
         return
-    if test.is_wanted:
-        raise ConfigError(f"'{results[0]}': a test report is of scores: give files *.json of sfr score or replay")
-    if all((path / "plan.json").is_file() for path in results):
-        check_outputs(json_path, output, overwrite=overwrite)
-        _compare_suites(results, output, json_path)
-        return
-    if json_path is not None:
-        raise ConfigError(f"'--json {json_path}': trajectories are drawn: sfr score EST TRUTH --json gives figures")
-    _draw(results, drawn, output, overwrite=overwrite)
+    from sfr_loc_map.report.page import load_score
+
+    scores = [load_score(path) for path in results]
+    if is_test:
+        if output is not None:
+            raise ConfigError(f"'-o {output}' is the page: leave it out beside '--test-report', '--junit'")
+        _write_test_report(scores, test_report, title, junit)
+    elif len(scores) > 1:
+        _compare_scores(results, scores, output, json_path)
+    else:
+        page = results[0].with_name("report.html") if output is None else output
+        check_outputs(page, inputs=results, overwrite=overwrite)
+        _write_score(scores[0], page, json_path)
+    _conclude_all(scores, lenient=lenient)
 
 
-def _report_scores(
-    paths: list[Path],
-    test: TestReportOptions,
-    output: Path | None,
-    json_path: str | None,
-    *,
-    overwrite: bool,
-    lenient: bool,
-) -> None:
-    """Write what is wanted of scores, then raise what their verdict demands."""
+def _write_score(score: Score, page: Path, json_path: str | None) -> None:
+    """Write the page of one score, or its tables as Markdown or CSV, and its JSON if it is asked for."""
     from sfr_loc_map.metrics.score_json import to_dict
-    from sfr_loc_map.report.page import load_score, render_page
+    from sfr_loc_map.report.page import render_page
     from sfr_loc_map.report.score_tables import score_markdown, score_tables
     from sfr_loc_map.report.tables import to_csv
 
-    scores = [load_score(path) for path in paths]
-    if test.is_wanted:
-        if output is not None:
-            raise ConfigError(f"'-o {output}' is the page: leave it out beside '--test-report', '--junit'")
-        _write_test_report(scores, test, overwrite=overwrite)
-    elif len(scores) > 1:
-        if output is not None and output.suffix not in HTML_SUFFIXES:
-            raise ConfigError(f"'-o {output}': a comparison is a page: name it *.html")
-        check_outputs(json_path, output, overwrite=overwrite)
-        _compare_scores(paths, scores, output, json_path)
+    if page.suffix == ".md":
+        text = score_markdown(score)
+    elif page.suffix == ".csv":
+        text = to_csv(score_tables(score))
     else:
-        page = paths[0].with_name("report.html") if output is None else output
-        check_outputs(json_path, page, overwrite=overwrite)
-        if page.suffix == ".md":
-            text = score_markdown(scores[0])
-        else:
-            text = to_csv(score_tables(scores[0])) if page.suffix == ".csv" else render_page(scores[0])
-        write_text(text, page)
-        if json_path is not None:
-            show(to_dict(scores[0]), json_path, ())
-        say(f"report: {page}", err=json_path is not None)
-        if page.suffix in HTML_SUFFIXES:
-            propose(f"open {page} in a browser")
-    _conclude_all(scores, lenient=lenient)
+        text = render_page(score)
+    write_text(text, page)
+    if json_path is not None:
+        show(to_dict(score), json_path, ())
+    say(f"report: {page}", err=json_path is not None)
+    if page.suffix in HTML_SUFFIXES:
+        propose(f"open {page} in a browser")
 
 
 def _conclude_all(scores: list[Score], *, lenient: bool) -> None:
@@ -151,18 +144,17 @@ def _conclude_all(scores: list[Score], *, lenient: bool) -> None:
         raise undecided
 
 
-def _write_test_report(scores: list[Score], options: TestReportOptions, *, overwrite: bool) -> None:
+def _write_test_report(scores: list[Score], test_report: Path | None, title: str, junit: Path | None) -> None:
+    """Write the test report of scores, and their verdicts as JUnit XML, as far as they are asked for."""
     from sfr_loc_map.report.test_report import junit as junit_of
     from sfr_loc_map.report.test_report import render_test_report
 
-    check_suffix(options.test_report, HTML_SUFFIXES)
-    check_outputs(options.test_report, options.junit, overwrite=overwrite)
-    if options.junit is not None:
-        write_text(junit_of({f"score {n}": score for n, score in enumerate(scores, 1)}), options.junit)
-    if options.test_report is not None:
-        write_text(render_test_report(scores, options.title), options.test_report)
-        say(f"test report: {options.test_report}")
-        propose(f"open {options.test_report} in a browser, print it for the signatures")
+    if junit is not None:
+        write_text(junit_of({f"score {n}": score for n, score in enumerate(scores, 1)}), junit)
+    if test_report is not None:
+        write_text(render_test_report(scores, title), test_report)
+        say(f"test report: {test_report}")
+        propose(f"open {test_report} in a browser, print it for the signatures")
 
 
 def _compare_scores(paths: list[Path], scores: list[Score], page: Path | None, json_path: str | None) -> None:
@@ -171,6 +163,8 @@ def _compare_scores(paths: list[Path], scores: list[Score], page: Path | None, j
     from sfr_loc_map.report.comparison import comparison_tables, methods_figures, methods_tables, names_of, summary_of
     from sfr_loc_map.report.page import render_overview
 
+    if page is not None and page.suffix not in HTML_SUFFIXES:
+        raise ConfigError(f"'-o {page}': a comparison is a page: name it *.html")
     names = names_of(paths, scores)
     result = compare_scores(scores, names)
     tables = [*methods_tables(scores, names), *comparison_tables(result)]
@@ -207,7 +201,7 @@ def _compare_suites(folders: list[Path], page: Path | None, json_path: str | Non
     show(result.to_dict(), json_path, tables)
 
 
-def _draw(paths: list[Path], options: TrajectoryOptions, page: Path | None, *, overwrite: bool) -> None:
+def _draw(paths: list[Path], truth: Path | None, config: AlignedErrorConfig, page: Path | None) -> None:
     """Draw trajectories from above, in height and, with the truth, their distance to it."""
     from sfr_loc_map.report.path_figure import curves_of, save_path_html
     from sfr_loc_map.scoring.trajectories import load_trajectories
@@ -217,10 +211,7 @@ def _draw(paths: list[Path], options: TrajectoryOptions, page: Path | None, *, o
             raise ConfigError(f"'{path}' is a score beside other results: give scores alone, or trajectories alone")
     if page is None or page.suffix not in HTML_SUFFIXES:
         raise ConfigError("trajectories are drawn on a page: give -o PAGE.html")
-    check_outputs(page, overwrite=overwrite)
-    values = {"align": options.align, "max_difference_s": options.max_difference}
-    config = build(AlignedErrorConfig, values, origin="options")
-    poses, true_poses = load_trajectories(paths, options.truth)
+    poses, true_poses = load_trajectories(paths, truth)
     curves = curves_of(poses, true_poses, config)
     save_path_html(curves, page)
     say(f"{', '.join(curve.name for curve in curves)}: {page}", err=True)

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -16,9 +15,12 @@ from typer import Option
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.live import LiveOption, LivePortOption, live_beside
 from sfr_loc_map.cli.options import (
+    ApplyDiagnosisOption,
+    ConditionOption,
     ConfigOption,
-    ConventionOptions,
-    JudgeOptions,
+    ConventionOption,
+    LenientOption,
+    LimitsOption,
     OverwriteOption,
     PartialOption,
     RebaseOption,
@@ -26,6 +28,8 @@ from sfr_loc_map.cli.options import (
     SourceArgument,
     SpacingOption,
     StartOption,
+    correction_of,
+    judgement,
     open_as,
     require_ros,
 )
@@ -37,14 +41,16 @@ from sfr_loc_map.errors import ConfigError, InterruptedRunError, NodeError, nami
 from sfr_loc_map.inputs import NS_PER_S, Task, printable
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.metrics.config import score_config
 
 if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source
+    from sfr_loc_map.localisation.estimate import StartPose
     from sfr_loc_map.nodes.replay.options import ExternalOptions, ReplayOptions
     from sfr_loc_map.replay.result import ReplayFiles, ReplayResult
     from sfr_loc_map.scoring.score_run import Correction
 
+PLAYED = "How the source is played"
+UNDER_TEST = "A node of anyone in place of ours"
 HELP = """Play a source to the three nodes over topics, collect what they answer, score it.
 
 The node /sfr_player offers the services ~/pause and ~/resume (std_srvs/Trigger). Ctrl-C ends the replay: what was
@@ -56,75 +62,6 @@ nav_msgs/Odometry or sensor_msgs/PointCloud2 with the stamp of each pair. In loc
 """
 
 
-@dataclass(frozen=True, slots=True)
-class PlayOptions:
-    """How the source is played."""
-
-    rate: Annotated[
-        float,
-        Option(min=0.0, metavar="R", help="0: wait for the result of each pair; else multiple of the recorded speed."),
-    ] = 0.0
-    start_offset: Annotated[float, Option(min=0.0, metavar="S", help="Seconds of the source that are skipped.")] = 0.0
-    duration: Annotated[
-        float | None, Option(min=0.0, metavar="S", help="Seconds of the source that are played; by default all.")
-    ] = None
-    start_paused: Annotated[bool, Option(help="Wait for the service ~/resume.")] = False
-
-
-@dataclass(frozen=True, slots=True)
-class NodeUnderTest:
-    """A node of anyone in place of ours."""
-
-    external: Annotated[
-        Literal["localisation", "mapping"] | None, Option(help="A node of anyone in place of ours is under test.")
-    ] = None
-    method: Annotated[
-        Literal["sfr", "external"], Option(help="external: --external of the only task that SRC has.")
-    ] = "sfr"
-    command: Annotated[str, Option(metavar="CMD", help="Starts the external node, and is ended with the replay.")] = ""
-    watch: Annotated[
-        str, Option(metavar="PID|NAME", help="External process whose CPU and memory are measured (of CMD).")
-    ] = ""
-    answers: Annotated[
-        str, Option(metavar="TOPIC", help="What it publishes (localisation/odometry, mapping/points).")
-    ] = ""
-    frames: Annotated[
-        str,
-        Option(metavar="PARENT,CHILD", help="Frames that its answers name; others are left out (of the first one)."),
-    ] = ""
-    answer_timeout: Annotated[
-        float, Option(min=0.01, metavar="S", help="How long its answer to a pair is waited for.")
-    ] = 5.0
-
-    def read(self, source: Source, correction: Correction) -> ExternalOptions | None:
-        """Return the options of an external node, None where ours run; raise ConfigError if one is not valid."""
-        from sfr_loc_map.nodes.replay.options import RESULT_TOPICS, ExternalOptions
-
-        if self.external is not None:
-            task = Task(self.external)
-        elif self.method == "external":
-            if source.loc is not None and source.nav is not None:
-                raise ConfigError("'--method external': which task? give --external localisation or mapping")
-            task = Task.LOCALISATION if source.nav is None else Task.MAPPING
-        else:
-            needless = [f"--{option}" for option in ("command", "watch", "answers", "frames") if getattr(self, option)]
-            needless += ["--convention or --apply-diagnosis"] if correction.is_wanted else []
-            if needless:
-                raise ConfigError(f"'{needless[0]}' is for external nodes: give --external TASK as well")
-            return None
-        if task is Task.MAPPING and correction.apply_diagnosis:
-            raise ConfigError("'--apply-diagnosis' is for poses: leave it out with --external mapping")
-        return ExternalOptions(
-            task=task,
-            topic=self.answers or RESULT_TOPICS[task],
-            command=self.command,
-            watch=self.watch,
-            frames=" -> ".join(self.frames.split(",")),
-            timeout_s=self.answer_timeout,
-            convention=correction.declared,
-        )
-
-
 @app.command(
     help=HELP,
     epilog=examples(
@@ -133,66 +70,120 @@ class NodeUnderTest:
         "sfr replay data/ --limits limits.yaml --condition distance=10",
         "sfr replay data/ --external localisation --command 'python3 my_node.py' --convention frame=left_optical",
     ),
-    hint="... --out out    # keeps report, estimate and cloud",
-    first="out overwrite config start limits condition remap rate live partial external",
 )
 def replay(
     source: SourceArgument,
-    play: PlayOptions,
-    judge: JudgeOptions,
-    node: NodeUnderTest,
-    conversion: ConventionOptions,
     out: Annotated[
         Path | None, Option(metavar="DIR", help="Folder for report, estimate, statistics and cloud.")
     ] = None,
+    overwrite: OverwriteOption = False,
     start: StartOption = "identity",
+    limits: LimitsOption = None,
+    condition: ConditionOption = None,
+    partial: PartialOption = False,
+    lenient: LenientOption = False,
     config: ConfigOption = None,
     remap: RemapOption = None,
-    spacing: SpacingOption = 10,
-    rebase: RebaseOption = "pose",
-    partial: PartialOption = False,
-    overwrite: OverwriteOption = False,
     live: LiveOption = False,
     live_port: LivePortOption = 8080,
+    rate: Annotated[
+        float,
+        Option(
+            min=0.0,
+            metavar="R",
+            rich_help_panel=PLAYED,
+            help="0: wait for the result of each pair; else multiple of the recorded speed.",
+        ),
+    ] = 0.0,
+    start_offset: Annotated[
+        float, Option(min=0.0, metavar="S", rich_help_panel=PLAYED, help="Seconds of the source that are skipped.")
+    ] = 0.0,
+    duration: Annotated[
+        float | None,
+        Option(
+            min=0.0, metavar="S", rich_help_panel=PLAYED, help="Seconds of the source that are played; by default all."
+        ),
+    ] = None,
+    start_paused: Annotated[
+        bool, Option("--start-paused", rich_help_panel=PLAYED, help="Wait for the service ~/resume.")
+    ] = False,
+    external: Annotated[
+        Literal["localisation", "mapping"] | None,
+        Option(rich_help_panel=UNDER_TEST, help="Task of the node under test."),
+    ] = None,
+    method: Annotated[
+        Literal["sfr", "external"],
+        Option(rich_help_panel=UNDER_TEST, help="external: --external of the only task that SRC has."),
+    ] = "sfr",
+    command: Annotated[
+        str,
+        Option(
+            metavar="CMD", rich_help_panel=UNDER_TEST, help="Starts the external node, and is ended with the replay."
+        ),
+    ] = "",
+    watch: Annotated[
+        str,
+        Option(
+            metavar="PID|NAME",
+            rich_help_panel=UNDER_TEST,
+            help="External process whose CPU and memory are measured (of CMD).",
+        ),
+    ] = "",
+    answers: Annotated[
+        str,
+        Option(
+            metavar="TOPIC",
+            rich_help_panel=UNDER_TEST,
+            help="What it publishes (localisation/odometry, mapping/points).",
+        ),
+    ] = "",
+    frames: Annotated[
+        str,
+        Option(
+            metavar="PARENT,CHILD",
+            rich_help_panel=UNDER_TEST,
+            help="Frames that its answers name; others are ignored (of the first one).",
+        ),
+    ] = "",
+    answer_timeout: Annotated[
+        float,
+        Option(min=0.01, metavar="S", rich_help_panel=UNDER_TEST, help="How long its answer to a pair is waited for."),
+    ] = 5.0,
+    convention: ConventionOption = None,
+    apply_diagnosis: ApplyDiagnosisOption = False,
+    spacing: SpacingOption = 10,
+    rebase: RebaseOption = "pose",
 ) -> None:
     """Play a source to the nodes over topics, record what they answer, score it."""
+    propose("... --out out", why="keeps report, estimate and cloud")
     with live_beside(live, live_port, isolated=True) as page:  # first: its imports are the quicker ones
-        from sfr_loc_map.io.message_stream import begin_of
         from sfr_loc_map.replay.result import ReplayFiles, save_replay, score_replay
-        from sfr_loc_map.runs.offline import start_pose
+        from sfr_loc_map.scoring.settings import score_settings
 
-        opened, config = open_as(source, remap, config)
-        judge = judge.by(config)
-        limits, asked = judge.read()
-        correction = conversion.read()
+        opened, read_from = open_as(source, remap, config)
+        by = judgement(limits, condition, read_from)
+        correction = correction_of(convention, apply_diagnosis)
         require_ros("replay")
         from sfr_loc_map.nodes.replay.options import ReplayOptions, is_ros_parameter_file
 
-        first_pose = None
-        with naming(source):
-            if opened.loc is not None and start != "identity":
-                begin_ns = begin_of(opened, opened.loc) if play.start_offset else 0
-                first_pose = start_pose(opened.loc, start, begin_ns + round(play.start_offset * NS_PER_S))
+        node = {"command": command, "watch": watch, "answers": answers, "frames": frames}
         options = ReplayOptions(
-            localisation=read_config(LocalisationConfig, config, "localisation"),
-            mapping=read_config(MappingConfig, config, "mapping"),
-            parameter_file=config if config is not None and is_ros_parameter_file(config) else None,
-            score=score_config(
-                judge.condition,
-                {"trajectory.spacing": spacing, "trajectory.rebase": rebase, "trajectory.partial": partial},
-            ),
-            limits=judge.limits,
-            start=first_pose,
-            rate=play.rate,
-            offset_s=play.start_offset,
-            duration_s=math.inf if play.duration is None else play.duration,
-            paused=play.start_paused,
-            monitor=section(config, "monitor"),
+            localisation=read_config(LocalisationConfig, read_from, "localisation"),
+            mapping=read_config(MappingConfig, read_from, "mapping"),
+            parameter_file=read_from if read_from is not None and is_ros_parameter_file(read_from) else None,
+            score=score_settings(by.conditions, spacing=spacing, rebase=rebase, partial=partial),
+            limits=by.limits_file,
+            start=_first_pose(opened, start, start_offset),
+            rate=rate,
+            offset_s=start_offset,
+            duration_s=math.inf if duration is None else duration,
+            paused=start_paused,
+            monitor=section(read_from, "monitor"),
             page=page,
-            external=node.read(opened, correction),
+            external=_node_under_test(_task_under_test(opened, external, method), node, answer_timeout, correction),
         )
         files = None if out is None else ReplayFiles(out)
-        with _room_for(files, overwrite=overwrite):
+        with _room_for(files, (source, limits, config), overwrite=overwrite):
             with naming(source):
                 result, interruption = _play(opened, options)
                 result = result.finished(opened, options.score, correction)
@@ -203,26 +194,74 @@ def replay(
                 opened,
                 result,
                 options.score,
-                limits,
+                by.limits,
                 files=files,
                 settings=changed(options.localisation, "localisation.") | changed(options.mapping, "mapping."),
-                limits_file=judge.limits,
+                limits_file=by.limits_file,
                 command=shlex.join(["sfr", *sys.argv[1:]]),
             )
             try:
                 present(score, None if files is None else str(files.report), None if files is None else files.page)
             finally:
-                _say_where(source, result, files)
+                _report_files(source, result, files)
                 if page is not None and files is not None:
                     page.run_is_over(report=str(files.page))
         if interruption:
             raise InterruptedRunError(interruption)
         # what could not be judged is a warning where nobody asked for a verdict
-        conclude(score, asked, lenient=judge.lenient or not (judge.limits or judge.condition))
+        conclude(score, by.asked, lenient=lenient or not (by.limits_file or by.conditions))
+
+
+def _task_under_test(source: Source, external: str | None, method: str) -> Task | None:
+    """Return the task of an external node, None if ours run; ConfigError if the source leaves it open."""
+    if external is not None:
+        return Task(external)
+    if method != "external":
+        return None
+    if source.loc is not None and source.nav is not None:
+        raise ConfigError("'--method external': which task? give --external localisation or mapping")
+    return Task.LOCALISATION if source.nav is None else Task.MAPPING
+
+
+def _node_under_test(
+    task: Task | None, given: Mapping[str, str], timeout_s: float, correction: Correction
+) -> ExternalOptions | None:
+    """Return the options of an external node, None if ours run; ConfigError if an option does not fit the task."""
+    from sfr_loc_map.nodes.replay.options import RESULT_TOPICS, ExternalOptions
+
+    if task is None:
+        needless = [f"--{option}" for option, value in given.items() if value]
+        needless += ["--convention or --apply-diagnosis"] if correction.is_wanted else []
+        if needless:
+            raise ConfigError(f"'{needless[0]}' is for external nodes: give --external TASK as well")
+        return None
+    if task is Task.MAPPING and correction.apply_diagnosis:
+        raise ConfigError("'--apply-diagnosis' is for poses: leave it out with --external mapping")
+    return ExternalOptions(
+        task=task,
+        topic=given["answers"] or RESULT_TOPICS[task],
+        command=given["command"],
+        watch=given["watch"],
+        frames=" -> ".join(given["frames"].split(",")),
+        timeout_s=timeout_s,
+        convention=correction.declared,
+    )
+
+
+def _first_pose(source: Source, start: str, offset_s: float) -> StartPose | None:
+    """Return the pose that a drive starts at; None for the identity, and without a drive."""
+    from sfr_loc_map.io.message_stream import begin_of
+    from sfr_loc_map.runs.offline import start_pose
+
+    if source.loc is None or start == "identity":
+        return None
+    with naming(source.path):
+        begin_ns = begin_of(source, source.loc) if offset_s else 0
+        return start_pose(source.loc, start, begin_ns + round(offset_s * NS_PER_S))
 
 
 @contextmanager
-def _room_for(files: ReplayFiles | None, *, overwrite: bool) -> Iterator[None]:
+def _room_for(files: ReplayFiles | None, inputs: Iterable[Path | None], *, overwrite: bool) -> Iterator[None]:
     """Make the folder of the outputs, if any; remove it again if nothing was written to it."""
     if files is None:
         yield
@@ -231,7 +270,7 @@ def _room_for(files: ReplayFiles | None, *, overwrite: bool) -> Iterator[None]:
     made = not out.exists()
     make_folder(out, "--out")
     try:
-        check_outputs(*files.all, overwrite=overwrite)
+        check_outputs(*files.all, inputs=inputs, overwrite=overwrite)
         yield
     finally:
         if made and not any(out.iterdir()):
@@ -267,7 +306,8 @@ def _play(source: Source, options: ReplayOptions) -> tuple[ReplayResult, str]:
     return received.result(), text if was_interrupted else ""
 
 
-def _say_where(source: Path, result: ReplayResult, files: ReplayFiles | None) -> None:
+def _report_files(source: Path, result: ReplayResult, files: ReplayFiles | None) -> None:
+    """Report the states of the poses and where the report is."""
     from sfr_loc_map.runs.offline import states_text, tracking_warning
 
     say(f"{len(result.estimate)} poses, {states_text(result.records)}", err=True)

@@ -24,7 +24,6 @@ ROS_ARGS = "--ros-args"
         "sfr run localisation --params-file config/localisation.yaml --namespace rover1",
         "sfr run all -r loc/left/image_rect:=/eye/left --respawn",
     ),
-    hint="sfr doctor    # while the nodes run: are their inputs there",
 )
 def run(
     names: Annotated[
@@ -48,12 +47,15 @@ def run(
     log_level: Annotated[
         Literal["debug", "info", "warn", "error"], Option(help="Least severe messages shown.")
     ] = "info",
-    respawn: Annotated[bool, Option(help="Restart a node that crashes; by default the others are ended.")] = False,
+    respawn: Annotated[
+        bool, Option("--respawn", help="Restart a node that crashes; by default the others are ended.")
+    ] = False,
     live: LiveOption = False,
     live_port: LivePortOption = 8080,
 ) -> None:
     """Run the nodes, one process each, until Ctrl-C, SIGTERM or SIGHUP; exit 2 if one ends before."""
     require_ros("run")
+    propose("sfr doctor", why="while the nodes run: are their inputs there")
     from sfr_loc_map.nodes.parameter_files import run_arguments
     from sfr_loc_map.nodes.processes import node_names, run_nodes
 
@@ -91,7 +93,7 @@ def record(
     everything: Annotated[bool, Option("--all", help="All topics.")] = False,
     namespace: NamespaceOption = "",
     duration: Annotated[float | None, Option(min=0.0, metavar="S", help="How long; by default until Ctrl-C.")] = None,
-    zstd: Annotated[bool, Option(help="Compress.")] = False,
+    zstd: Annotated[bool, Option("--zstd", help="Compress.")] = False,
     overwrite: OverwriteOption = False,
 ) -> None:
     """Record topics; every half second all messages are on disk, so that a crash costs no more."""

@@ -12,29 +12,40 @@ from typer import Argument, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import (
+    CONVENTION,
+    MORE,
     Align,
+    ApplyDiagnosisOption,
     ColumnsOption,
+    ConditionOption,
     ConfigOption,
-    ConventionOptions,
-    JudgeOptions,
-    OutputOptions,
+    ConventionOption,
+    HtmlOption,
+    JsonOption,
+    LenientOption,
+    LimitsOption,
+    OverwriteOption,
     PartialOption,
     RebaseOption,
     SpacingOption,
     columns_of,
+    correction_of,
+    judgement,
     named_beside,
     parse_settings,
 )
-from sfr_loc_map.cli.output import STANDARD_OUTPUT, beside, check_suffix, say, show, warn
+from sfr_loc_map.cli.output import HTML_SUFFIXES, STANDARD_OUTPUT, beside, check_outputs, check_suffix, say, show, warn
 from sfr_loc_map.cli.verdict import conclude, not_judged
 from sfr_loc_map.config import build, flatten
 from sfr_loc_map.errors import ConfigError, FailedVerdictError
 from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.io.bag_files import is_bag
-from sfr_loc_map.metrics.config import ScoreConfig, aligned_error_config, score_config
+from sfr_loc_map.metrics.config import ScoreConfig, aligned_error_config
 
 if TYPE_CHECKING:
+    from sfr_loc_map.io.source_config import SourceConfig
     from sfr_loc_map.metrics.score import Score
+    from sfr_loc_map.scoring.score_run import Run, ScoreInputs
 
 
 SHOWN_HYPOTHESES = 5
@@ -48,168 +59,240 @@ TABLE_SUFFIXES = (".parquet", ".csv")
         "sfr score estimate.csv truth.tum --json -",
         "sfr score estimate.kitti truth.kitti --align se3",
         "sfr score orbslam.tum data/ --convention frame=left_optical --convention world=first_pose",
-    ),
-    first="html json_path overwrite limits condition stats align partial convention apply_diagnosis junit",
+    )
 )
 def score(
     estimate: Annotated[Path, Argument(metavar="EST", help="Trajectory (csv, TUM, KITTI, EuRoC, bag) or cloud.")],
     truth: Annotated[
         Path, Argument(metavar="TRUTH", help="Trajectory, bag or data set; for a cloud a source with truth.")
     ],
-    judge: JudgeOptions,
-    conversion: ConventionOptions,
-    output: OutputOptions,
-    spacing: SpacingOption = 10,
-    rebase: RebaseOption = "pose",
-    partial: PartialOption = False,
-    frames: Annotated[
-        Literal["truth", "images"],
-        Option(help="What frames are: true poses; or estimates, with the truth interpolated."),
-    ] = "truth",
+    html: HtmlOption = None,
+    json_path: JsonOption = None,
+    overwrite: OverwriteOption = False,
+    limits: LimitsOption = None,
+    condition: ConditionOption = None,
     stats: Annotated[
         list[Path] | None, Option(metavar="S.csv", help="Calls (time, memory, state, covariance); repeatable.")
-    ] = None,
-    target: Annotated[
-        str | None, Option(metavar="NAME", help="Name of the target that --target-timing was measured on.")
-    ] = None,
-    target_timing: Annotated[
-        Path | None, Option(metavar="S.csv", help="Calls on the target: processing_time_s, state, peak_rss_bytes.")
-    ] = None,
-    target_run: Annotated[
-        str | None, Option(metavar="TEXT", help="Which run --target-timing is of, where not the estimate's.")
-    ] = None,
-    junit: Annotated[Path | None, Option(metavar="F.xml", help="Write the verdicts as JUnit XML.")] = None,
-    points: Annotated[
-        Path | None, Option(metavar="F.parquet|F.csv", help="Write every map point, its ground truth and its error.")
-    ] = None,
-    pieces: Annotated[
-        Path | None,
-        Option(metavar="F.parquet|F.csv", help="Write every sub-trajectory: frames, displacements, errors."),
-    ] = None,
-    associate: Annotated[
-        Literal["auto", "match", "interpolate"], Option(help="How an estimate finds its truth.")
-    ] = "auto",
-    max_gap: Annotated[float, Option(metavar="S", help="Longest gap of the truth that is interpolated.")] = 1.0,
-    scored_range: Annotated[
-        tuple[float, float],
-        Option("--range", metavar="FROM_M TO_M", help="Ranges of the truth that count for coverage."),
-    ] = (0.0, 10.0),
-    fused: Annotated[
-        bool | None, Option("--fused/--not-fused", help="Whether the cloud is fused, for a file that does not say so.")
     ] = None,
     align: Annotated[
         Align | None, Option(help="Also APE (ATE) and RPE after this alignment; other figures stay unaligned.")
     ] = None,
+    partial: PartialOption = False,
+    junit: Annotated[Path | None, Option(metavar="F.xml", help="Write the verdicts as JUnit XML.")] = None,
+    lenient: LenientOption = False,
+    convention: ConventionOption = None,
+    apply_diagnosis: ApplyDiagnosisOption = False,
+    diagnose: Annotated[
+        bool,
+        Option(
+            "--diagnose",
+            rich_help_panel=CONVENTION,
+            help="Show which convention mismatch explains the disagreement; exit 1 if one does.",
+        ),
+    ] = False,
+    spacing: SpacingOption = 10,
+    rebase: RebaseOption = "pose",
+    frames: Annotated[
+        Literal["truth", "images"],
+        Option(rich_help_panel=MORE, help="What frames are: true poses; or estimates, with the truth interpolated."),
+    ] = "truth",
+    associate: Annotated[
+        Literal["auto", "match", "interpolate"], Option(rich_help_panel=MORE, help="How an estimate finds its truth.")
+    ] = "auto",
+    max_gap: Annotated[
+        float, Option(metavar="S", rich_help_panel=MORE, help="Longest gap of the truth that is interpolated.")
+    ] = 1.0,
+    scored_range: Annotated[
+        tuple[float, float],
+        Option(
+            "--range", metavar="FROM_M TO_M", rich_help_panel=MORE, help="Ranges of the truth that count for coverage."
+        ),
+    ] = (0.0, 10.0),
+    fused: Annotated[
+        bool | None,
+        Option(
+            "--fused/--not-fused",
+            rich_help_panel=MORE,
+            help="Whether the cloud is fused, for a file that does not say so.",
+        ),
+    ] = None,
     max_difference: Annotated[
-        float | None, Option(metavar="S", help="Of stamps paired for APE and RPE.", show_default="0.01")
+        float | None,
+        Option(metavar="S", rich_help_panel=MORE, help="Of stamps paired for APE and RPE.", show_default="0.01"),
     ] = None,
     rpe_delta: Annotated[
-        str | None, Option(metavar="frames=N|distance=M", help="Length of a relative error.", show_default="frames=1")
+        str | None,
+        Option(
+            metavar="frames=N|distance=M",
+            rich_help_panel=MORE,
+            help="Length of a relative error.",
+            show_default="frames=1",
+        ),
     ] = None,
-    diagnose: Annotated[
-        bool, Option(help="Show which convention mismatch explains the disagreement; exit 1 if one does.")
-    ] = False,
+    points: Annotated[
+        Path | None,
+        Option(
+            metavar="F.parquet|F.csv",
+            rich_help_panel=MORE,
+            help="Write every map point, its ground truth and its error.",
+        ),
+    ] = None,
+    pieces: Annotated[
+        Path | None,
+        Option(
+            metavar="F.parquet|F.csv",
+            rich_help_panel=MORE,
+            help="Write every sub-trajectory: frames, displacements, errors.",
+        ),
+    ] = None,
+    target: Annotated[
+        str | None,
+        Option(metavar="NAME", rich_help_panel=MORE, help="Name of the target that --target-timing was measured on."),
+    ] = None,
+    target_timing: Annotated[
+        Path | None,
+        Option(
+            metavar="S.csv", rich_help_panel=MORE, help="Calls on the target: processing_time_s, state, peak_rss_bytes."
+        ),
+    ] = None,
+    target_run: Annotated[
+        str | None,
+        Option(metavar="TEXT", rich_help_panel=MORE, help="Which run --target-timing is of, if not the estimate's."),
+    ] = None,
     columns: ColumnsOption = None,
     config_file: ConfigOption = None,
     settings: Annotated[
         list[str] | None,
-        Option("--set", metavar="truth.KEY=VALUE", help="Of the truth, as truth.sigma_m=0.02; repeatable."),
+        Option(
+            "--set",
+            metavar="truth.KEY=VALUE",
+            rich_help_panel=MORE,
+            help="Of the truth, as truth.sigma_m=0.02; repeatable.",
+        ),
     ] = None,
 ) -> None:
     """Score an estimate against the truth: exit 1 if a limit is missed, 3 if something could not be judged."""
-    from sfr_loc_map.io.source_config import source_config
-    from sfr_loc_map.io.truth import TruthConfig
-    from sfr_loc_map.metrics.cloud_error import points_table
-    from sfr_loc_map.metrics.trajectory_score import pieces_table
-    from sfr_loc_map.report.test_report import junit as junit_of
-    from sfr_loc_map.scoring.score_run import ScoreInputs, converted_run, load_run, save_table, score_run
+    from sfr_loc_map.scoring.score_run import ScoreInputs, converted_run, load_run, score_run
+    from sfr_loc_map.scoring.settings import score_settings
 
-    if diagnose:
-        output.check()
-        _diagnose(estimate, truth, output.json_path, lenient=judge.lenient)
-        return
-    has_pairs = truth.is_dir() or is_bag(truth)
-    config_file = config_file or (named_beside(truth) if has_pairs else None)
-    judge = judge.by(config_file)
-    limits, asked = judge.read()
-    of_score: dict[str, object] = {
-        "trajectory.spacing": spacing,
-        "trajectory.rebase": rebase,
-        "trajectory.partial": partial,
-        "trajectory.association.truth": "interpolate" if frames == "images" else associate,
-        "trajectory.association.max_gap_s": max_gap,
-        "map.scored_from_m": scored_range[0],
-        "map.scored_to_m": scored_range[1],
-    }
-    if frames == "images" and associate == "match":
-        raise ConfigError("'--frames images' interpolates the truth, '--associate match' does not: leave one out")
-    config = score_config(judge.condition, of_score)
-    if (target is None) != (target_timing is None):
-        raise ConfigError("'--target' and '--target-timing' belong together: give the name and the file")
-    inputs = ScoreInputs.of(estimate, truth, stats or ())
-    of_estimate, columns_of_truth = columns_of(columns)
-    inputs = replace(inputs, columns=of_estimate)
-    if config_file is not None or settings or columns_of_truth:
-        how = source_config(truth, config_file)
-        given = {key.removeprefix("truth."): value for key, value in parse_settings(settings).items()}
-        given |= {"columns": columns_of_truth} if columns_of_truth else {}
-        named = flatten(how.truth) | ({} if has_pairs else {"source": ""})  # TRUTH itself is the file
-        of_truth = build(TruthConfig, {**named, **given}, origin="--set truth.KEY=VALUE")
-        inputs = replace(inputs, config=replace(how, truth=of_truth))
-    if target_timing is not None:
-        inputs = replace(inputs, target=target_timing, target_about=None, target_name=target or "")
-    if target_run is not None and inputs.target is None:
-        raise ConfigError(
-            "'--target-run' says which run the times of a target are of: give --target and --target-timing"
-        )
-    command = shlex.join(["sfr", *sys.argv[1:]])
-    inputs = replace(inputs, target_run=target_run, limits=judge.limits, command=command)
-    has_poses = inputs.estimate is not None
-    if align is not None and not has_poses:
-        raise ConfigError("'--align' is for trajectories: leave it out for a cloud")
-    aligned = aligned_error_config(align, {"max_difference_s": max_difference, "rpe_delta": rpe_delta})
+    read = (estimate, truth, limits, *(stats or ()), target_timing, config_file)
+    check_suffix(html, HTML_SUFFIXES)
     for table in (points, pieces):
         check_suffix(table, TABLE_SUFFIXES)
-    output.check(junit, points, pieces)
-    correction = conversion.read(has_poses=has_poses)
+    check_outputs(json_path, html, junit, points, pieces, inputs=read, overwrite=overwrite)
+    if diagnose:
+        _diagnose(estimate, truth, json_path, lenient=lenient)
+        return
+    if config_file is None and (truth.is_dir() or is_bag(truth)):
+        config_file = named_beside(truth)
+    by = judgement(limits, condition, config_file)
+    config = score_settings(
+        by.conditions,
+        spacing=spacing,
+        rebase=rebase,
+        partial=partial,
+        frames=frames,
+        associate=associate,
+        max_gap=max_gap,
+        scored_range=scored_range,
+    )
+    of_estimate, of_truth = columns_of(columns)
+    inputs = replace(
+        ScoreInputs.of(estimate, truth, stats or ()),
+        columns=of_estimate,
+        config=_truth_config(truth, config_file, settings, of_truth),
+        limits=by.limits_file,
+        command=shlex.join(["sfr", *sys.argv[1:]]),
+    )
+    inputs = _measured_on(inputs, target, target_timing, target_run)
+    if align is not None and inputs.estimate is None:
+        raise ConfigError("'--align' is for trajectories: leave it out for a cloud")
+    aligned = aligned_error_config(align, {"max_difference_s": max_difference, "rpe_delta": rpe_delta})
+    correction = correction_of(convention, apply_diagnosis, has_poses=inputs.estimate is not None)
     loaded = load_run(inputs, fused)
     for note in () if loaded.drive is None else loaded.drive.notes:
         say(note, err=True)
     run = converted_run(loaded, config, correction)
-    cloud = None if run.cloud is None else run.cloud.loaded.cloud
-    if points is not None and cloud is None:
+    _check_tables(run, points, pieces)
+    result = score_run(run, config, by.limits, aligned)
+    present(result, json_path, html)
+    _write_beside(result, run, config, junit, points, pieces)
+    _propose_next(result, json_path, html)
+    conclude(result, by.asked, lenient=lenient)
+
+
+def _truth_config(
+    truth: Path, config_file: Path | None, settings: list[str] | None, columns: str
+) -> SourceConfig | None:
+    """Return how the truth is read by options and configuration; None if none of them is given."""
+    from sfr_loc_map.io.source_config import source_config
+    from sfr_loc_map.io.truth import TruthConfig
+
+    if config_file is None and not settings and not columns:
+        return None
+    how = source_config(truth, config_file)
+    values = flatten(how.truth)
+    if not truth.is_dir() and not is_bag(truth):
+        values["source"] = ""  # TRUTH itself is the file
+    values |= {key.removeprefix("truth."): value for key, value in parse_settings(settings).items()}
+    if columns:
+        values["columns"] = columns
+    return replace(how, truth=build(TruthConfig, values, origin="--set truth.KEY=VALUE"))
+
+
+def _measured_on(inputs: ScoreInputs, target: str | None, timing: Path | None, run: str | None) -> ScoreInputs:
+    """Return the inputs with the calls on a target that options name; ConfigError if one of them is missing."""
+    if (target is None) != (timing is None):
+        raise ConfigError("'--target' and '--target-timing' belong together: give the name and the file")
+    if timing is not None:
+        inputs = replace(inputs, target=timing, target_about=None, target_name=target or "")
+    if run is not None and inputs.target is None:
+        raise ConfigError("'--target-run' names the run of the target's times: give --target and --target-timing")
+    return replace(inputs, target_run=run)
+
+
+def _check_tables(run: Run, points: Path | None, pieces: Path | None) -> None:
+    """Raise ConfigError if a table is asked for that the run has no rows for."""
+    if points is not None and (run.cloud is None or run.cloud.loaded.cloud is None):
         raise ConfigError("'--points' writes errors of map points: give a cloud that says pixel and pair of each")
     if pieces is not None and run.drive is None:
         raise ConfigError("'--pieces' writes sub-trajectories: give a trajectory and its ground truth")
-    result = score_run(run, config, limits, aligned)
-    present(result, output.json_path, output.html)
+
+
+def _write_beside(
+    result: Score, run: Run, config: ScoreConfig, junit: Path | None, points: Path | None, pieces: Path | None
+) -> None:
+    """Write the verdicts as JUnit XML and the tables of points and sub-trajectories, as far as they are asked for."""
+    from sfr_loc_map.metrics.cloud_error import points_table
+    from sfr_loc_map.metrics.trajectory_score import pieces_table
+    from sfr_loc_map.report.test_report import junit as junit_of
+    from sfr_loc_map.scoring.score_run import save_table
+
     if junit is not None:
         with beside():
             write_text(junit_of({"score 1": result}), junit)
-    if points is not None and cloud is not None and run.cloud is not None:
+    if points is not None and run.cloud is not None and run.cloud.loaded.cloud is not None:
         with beside():
-            save_table(points, points_table(cloud, run.cloud.truths))
+            save_table(points, points_table(run.cloud.loaded.cloud, run.cloud.truths))
     if pieces is not None and run.drive is not None:
         with beside():
             save_table(pieces, pieces_table(run.drive.estimates, run.drive.truth, config.trajectory))
-    _propose_next(result, output)
-    conclude(result, asked, lenient=judge.lenient)
 
 
-def _propose_next(result: Score, output: OutputOptions) -> None:
+def _propose_next(result: Score, json_path: str | None, html: Path | None) -> None:
     """Propose what is useful after a score, unless a program reads the JSON."""
-    if output.json_path == STANDARD_OUTPUT:
+    if json_path == STANDARD_OUTPUT:
         return
     if result.incomplete is not None:
         propose("... --partial", why="judges the part that is there")
     elif result.contradiction is not None:
         propose("... --diagnose", why="which convention mismatch it is, and what corrects it")
-    elif output.html is not None:
-        propose(f"open {output.html} in a browser")
+    elif html is not None:
+        propose(f"open {html} in a browser")
     elif not result.verdicts:
         propose("... --limits limits.yaml --html report.html", why="sfr init writes limits to fill in")
-    elif output.json_path is not None:
-        propose("sfr", "report", output.json_path, why="the same as a page with figures")
+    elif json_path is not None:
+        propose("sfr", "report", json_path, why="the same as a page with figures")
     else:
         propose("... --html report.html", why="the same command, with a page of figures")
 

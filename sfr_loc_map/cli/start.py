@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from typer import Argument, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.options import IntakeOptions, OverwriteOption
+from sfr_loc_map.cli.options import CalibrationOption, OverwriteOption, RemapOption, SectionsOption, sections_of
 from sfr_loc_map.cli.output import check_outputs, make_folder, say
 from sfr_loc_map.config import to_yaml_lines
 from sfr_loc_map.errors import FailedVerdictError
@@ -20,11 +21,13 @@ from sfr_loc_map.mapping.config import MappingConfig
 
 @app.command(epilog=examples("sfr init my_rover/", "sfr init my_rover/ --from drive.mcap --calibration camchain.yaml"))
 def init(
-    intake: IntakeOptions,
     folder: Annotated[Path, Argument(metavar="DIR", help="Folder for the files; made if it is not there.")] = Path("."),
     source: Annotated[
         Path | None, Option("--from", metavar="SRC", help="Recording that DIR/sfr.yaml shall be for.")
     ] = None,
+    calibration: CalibrationOption = None,
+    settings: SectionsOption = None,
+    remap: RemapOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
     """Write a commented configuration and limits to begin with: DIR/configuration.yaml and DIR/limits.yaml.
@@ -36,7 +39,8 @@ def init(
     missing that only you know.
     """
     if source is not None:
-        _init_from(source, folder, intake, overwrite=overwrite)
+        sections = sections_of(None, calibration, settings, remap)
+        _init_from(source, folder, sections, (source, calibration), overwrite=overwrite)
         return
     from sfr_loc_map.metrics.limits_template import limits_text
 
@@ -59,15 +63,18 @@ def init(
     propose(*words, why="SRC: a bag or folder of yours; sfr info SRC says what it lacks")
 
 
-def _init_from(source: Path, folder: Path, intake: IntakeOptions, *, overwrite: bool) -> None:
+def _init_from(
+    source: Path, folder: Path, sections: dict[str, Any], inputs: Iterable[Path | None], *, overwrite: bool
+) -> None:
+    """Write the configuration that is inferred from a source, and limits; report what is missing."""
     from sfr_loc_map.doctor.source_proposal import propose_config
     from sfr_loc_map.io.source_config import NAME
     from sfr_loc_map.metrics.limits_template import CONDITION, POSES, POSITIONS, limits_text
 
     path, limits = folder / NAME, folder / "limits.yaml"
     if folder.is_dir():
-        check_outputs(path, overwrite=overwrite)
-    found = propose_config(source, intake.sections(None), path)
+        check_outputs(path, inputs=inputs, overwrite=overwrite)
+    found = propose_config(source, sections, path)
     make_folder(folder, "name")
     if "limits" not in found.sections:
         there = limits.read_text(encoding="utf-8", errors="replace") if limits.exists() else ""

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from sfr_loc_map.cli.app import App, examples, propose
-from sfr_loc_map.cli.options import JsonOption, LenientOption, OutputOptions, OverwriteOption
-from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, progress_bar, say, show
+from sfr_loc_map.cli.app import command_group, examples, propose
+from sfr_loc_map.cli.options import HtmlOption, JsonOption, LenientOption, OverwriteOption
+from sfr_loc_map.cli.output import HTML_SUFFIXES, STANDARD_OUTPUT, check_outputs, check_suffix, progress_bar, say, show
 from sfr_loc_map.cli.verdict import not_judged
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError, InterruptedRunError
 from sfr_loc_map.inputs import one_line
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.suite.store import Store
     from sfr_loc_map.suite.summary import Summary
 
-app = App(help="Suites of runs: many sources, configurations and faults, resumed where they stopped.")
+app = command_group("Suites of runs: many sources, configurations and faults, resumed where they stopped.")
 
 JunitOption = Annotated[Path | None, Option(metavar="F.xml", help="Write verdicts and failures as JUnit XML.")]
 MlflowOption = Annotated[str | None, Option(metavar="URI", help="Log it as a run of MLflow (extra \\[mlflow]).")]
@@ -38,28 +38,28 @@ FolderArgument = Annotated[Path, Argument(metavar="DIR", help="Folder of a suite
         "sfr suite run suite.yaml --out runs/today --workers 4",
         "sfr suite run suite.yaml --out runs/today --dry-run",
         "sfr suite run suite.yaml --out runs/today --retry-failed --json -",
-    ),
-    hint="sfr suite report DIR    # its page again, from the results",
+    )
 )
 def run(
     suite: Annotated[Path, Argument(metavar="SUITE.yaml", help="Sources, faults, configurations, tasks.")],
     out: Annotated[Path, Option(metavar="DIR", help="Folder of the results; continued if it is there.")],
     workers: Annotated[int | None, Option(min=1, metavar="N", help="Tasks at a time; one a core.")] = None,
     scheduler: Annotated[str | None, Option(metavar="ADDR", help="Running Dask scheduler, as tcp://host:8786.")] = None,
-    dry_run: Annotated[bool, Option(help="Say what would be done.")] = False,
-    retry_failed: Annotated[bool, Option(help="Try again what failed before.")] = False,
+    dry_run: Annotated[bool, Option("--dry-run", help="List the tasks, run none.")] = False,
+    retry_failed: Annotated[bool, Option("--retry-failed", help="Try again what failed before.")] = False,
     json_path: JsonOption = None,
     junit: JunitOption = None,
     mlflow: MlflowOption = None,
     overwrite: OverwriteOption = False,
     lenient: LenientOption = False,
 ) -> None:
-    """Run what is not done yet, on Dask (extra [suite]). Interrupted, it goes on where it was."""
+    """Run what is not done yet, on Dask (extra suite). After an interruption the same command continues."""
     from sfr_loc_map.suite.plan import make_plan
     from sfr_loc_map.suite.specification import load_specification
     from sfr_loc_map.suite.store import Store
 
-    check_outputs(json_path, junit, overwrite=overwrite)
+    propose("sfr", "suite", "report", out, why="its page again, from the results")
+    check_outputs(json_path, junit, inputs=(suite,), overwrite=overwrite)
     if scheduler is not None and workers is not None:
         raise ConfigError("'--workers' and '--scheduler': give one of them; a running scheduler has its own workers")
     specification = load_specification(suite)
@@ -118,10 +118,7 @@ def _run_jobs(jobs: Sequence[Job], store: Store, settings: SuiteSettings, places
                 say(f"{done} of {len(jobs)} tasks", err=True)
 
 
-@app.command(
-    epilog=examples("sfr suite report runs/today --json summary.json"),
-    hint="sfr report A B    # against an earlier one",
-)
+@app.command(epilog=examples("sfr suite report runs/today --json summary.json"))
 def report(
     folder: FolderArgument,
     json_path: JsonOption = None,
@@ -134,31 +131,33 @@ def report(
     from sfr_loc_map.suite.page import write_summary
     from sfr_loc_map.suite.summary import summarise
 
-    check_outputs(json_path, junit, overwrite=overwrite)
+    propose("sfr report A B", why="against an earlier one")
+    check_outputs(json_path, junit, inputs=(folder,), overwrite=overwrite)
     store = _open_store(folder)
     summary = summarise(store)
     write_summary(summary, store)
     _present(summary, store, json_path, junit, mlflow, lenient=lenient)
 
 
-@app.command(
-    epilog=examples("sfr suite history nights/* --html history.html"),
-    hint="sfr report A B    # two of these nights in full",
-)
+@app.command(epilog=examples("sfr suite history nights/* --html history.html"))
 def history(
     folders: Annotated[list[Path], Argument(metavar="DIR", help="Folders of suites, in the order of time.")],
-    output: OutputOptions,
+    json_path: JsonOption = None,
+    html: HtmlOption = None,
+    overwrite: OverwriteOption = False,
 ) -> None:
     """Find the nights at which figures changed, and the drives; exit code 1 if one is worse and stayed so."""
     from sfr_loc_map.suite.history import Night, find_changes
     from sfr_loc_map.suite.page import render_history
     from sfr_loc_map.suite.tables import history_tables
 
-    output.check()
+    propose("sfr report A B", why="two of these nights in full")
+    check_suffix(html, HTML_SUFFIXES)
+    check_outputs(json_path, html, inputs=folders, overwrite=overwrite)
     result = find_changes([Night.read(folder) for folder in folders])
-    if output.html is not None:
-        write_text(render_history(result), output.html)
-    show(result.to_dict(), output.json_path, history_tables(result))
+    if html is not None:
+        write_text(render_history(result), html)
+    show(result.to_dict(), json_path, history_tables(result))
     for change in result.worse:
         say(change.text, err=True)
     if result.worse:

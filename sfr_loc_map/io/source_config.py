@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from sfr_loc_map.config import SECTIONS, build, param, read_sections
+from sfr_loc_map.config import SECTIONS, build, param, read_sections, suggestion
 from sfr_loc_map.errors import ConfigError, GeometryError, SfrError
 from sfr_loc_map.geometry.extrinsics import FramesConfig
 from sfr_loc_map.geometry.transform import Transform
@@ -143,6 +143,35 @@ def _is_of_bag(path: Path) -> bool:
     except SfrError:
         return False  # whoever reads it says what is wrong
     return bool(config.remap) or bool(TOPIC.fullmatch(config.truth.source))
+
+
+def changed_sections(
+    sections: Mapping[str, Any],
+    values: Mapping[str, Any],
+    calibration: Path | None = None,
+    remap: Mapping[str, str] | None = None,
+) -> dict[str, Any]:
+    """Return the sections of a configuration with other values, given as `SECTION.KEY` or `SECTION`.
+
+    Files are named from the working directory. ConfigError if there is no such section.
+    """
+    changed = {name: dict(section) if isinstance(section, Mapping) else section for name, section in sections.items()}
+    given = dict(values)
+    if isinstance(truth := given.get("truth.source"), str) and Path(truth).is_file():
+        given["truth.source"] = str(Path(truth).resolve())
+    if calibration is not None:
+        given["calibration.file"] = str(calibration.resolve())
+    for topic, name in (remap or {}).items():
+        changed.setdefault("topics", {})[name.strip("/")] = topic
+    for key, value in given.items():
+        section, _, name = key.partition(".")
+        if section not in SECTIONS:
+            raise ConfigError(f"setting '{key}': no section '{section}'{suggestion(section, SECTIONS)}")
+        if name:
+            changed.setdefault(section, {})[name] = value
+        else:
+            changed[section] = value
+    return changed
 
 
 def source_config(source: Path, path: Path | None = None, remap: Mapping[str, str] | None = None) -> SourceConfig:

@@ -50,4 +50,3 @@ def test_the_figures_stand_beside_those_of_the_specification(files: tuple[Path, 
     assert row(unaligned, "rpe", part="rotation")["unit"] == "deg"
     scored = sfr_loc_map.score(*files, align="none")
     assert row(json.loads(scored.to_json()), "ape") == row(unaligned, "ape")
-    assert sfr_loc_map.Score.of(scored) == scored
