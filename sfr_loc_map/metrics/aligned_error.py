@@ -75,8 +75,8 @@ def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedError
     ):
         errors_deg = np.degrees(quat_angle(quat_multiply(quat_conjugate(true_quats), quats)))
         known_deg = errors_deg if truth.has_attitude else errors_deg[:0]
-        figures.append(figure_row(name, part="translation", **statistics(errors_m)._asdict()))
-        figures.append(figure_row(name, part="rotation", unit="deg", **statistics(known_deg)._asdict()))
+        figures.append(figure_row(name, part="translation", statistics=statistics(errors_m)))
+        figures.append(figure_row(name, part="rotation", unit="deg", statistics=statistics(known_deg)))
     similarity = poses.similarity or Similarity(1.0, np.eye(3), np.zeros(3))
     displacements = "" if truth.has_attitude else "; relative errors are of displacements in DS"
     alignment = Alignment(

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.metrics import formulas
-from sfr_loc_map.metrics.catalogue import Subject
+from sfr_loc_map.metrics.catalogue import TARGET, Subject, clause_of
 from sfr_loc_map.metrics.config import CallKind, MappingState
 from sfr_loc_map.metrics.score import (
     CallHistogram,
@@ -32,7 +32,6 @@ from sfr_loc_map.metrics.score import (
     CallSeries,
     ExternalScore,
     Figure,
-    StageTime,
     TargetRun,
     column,
     figure_row,
@@ -50,7 +49,7 @@ KINDS: dict[str, CallKind] = {
 """Kind of call by its state; all other states are those of the localiser."""
 HISTOGRAM_BINS = 40
 SERIES_ROWS = 2000  #: Calls of each kind that are kept for plots.
-FIRST, AFTER_FIRST, TARGET = "first call", "after the first call", "target"  #: Parts of the rows of calls.
+FIRST, AFTER_FIRST = "first call", "after the first call"  #: Parts of the rows of calls.
 
 
 # ---- measuring
@@ -190,17 +189,17 @@ def score_calls(calls: Calls, clock: str = HOST_CLOCK, *, details: bool = True) 
 def time_rows(kind: CallKind, seconds: FloatArray) -> Iterator[Figure]:
     """Yield the rows of the times of calls `(N,)` in order, NaN where not measured; the first call may load: apart."""
     known = seconds[np.isfinite(seconds)]
-    yield figure_row(kind, **formulas.statistics(known)._asdict())
+    yield figure_row(kind, statistics=formulas.statistics(known))
     yield figure_row(kind, part=FIRST, n=1, value=float(known[0]))
     if len(known) > 1:
-        yield figure_row(kind, part=AFTER_FIRST, **formulas.statistics(known[1:])._asdict())
+        yield figure_row(kind, part=AFTER_FIRST, statistics=formulas.statistics(known[1:]))
 
 
 def stage_rows(kind: CallKind, stage: str, seconds: FloatArray) -> Iterator[Figure]:
     """Yield the row of one stage over the calls that had it."""
     known = seconds[np.isfinite(seconds)]
     if len(known):
-        yield figure_row(kind, part=stage, **formulas.statistics(known)._asdict())
+        yield figure_row(kind, part=stage, statistics=formulas.statistics(known))
 
 
 def peak_rows(kind: CallKind, calls: Calls, mine: NDArray[np.intp]) -> Iterator[Figure]:
@@ -214,22 +213,6 @@ def peak_rows(kind: CallKind, calls: Calls, mine: NDArray[np.intp]) -> Iterator[
         known = np.empty(0) if values is None else values[mine][np.isfinite(values[mine])]
         if len(known) or name in ("peak", "above_idle"):
             yield figure_row(name, part=kind, n=len(known), value=int(known.max()) if len(known) else None)
-
-
-def stage_time(seconds: FloatArray) -> StageTime | None:
-    """Return the figures of times, NaN where not measured; None if none was."""
-    found = formulas.statistics(seconds[np.isfinite(seconds)])
-    if not found.n:
-        return None
-    return StageTime(
-        count=found.n,
-        mean=found.mean,
-        sigma=found.sigma,
-        mean_plus_3sigma=found.mean_plus_3sigma,
-        p50=found.p50,
-        p95=found.p95,
-        max=found.max,
-    )
 
 
 def plots_of(calls: Calls, mine: NDArray[np.intp]) -> CallPlots:
@@ -277,13 +260,15 @@ def score_target(
             )
     scored = score_calls(calls, clock=name, details=False)
     is_measured = scored.records.memory_method == METHOD
-    figures = [
-        replace_row(row, part=TARGET if row.part is None else f"{TARGET} {row.part}")
-        for row in scored.figures
-        if row.subject is Subject.TIMING or is_measured
-    ]
+    figures = [of_target(row) for row in scored.figures if row.subject is Subject.TIMING or is_measured]
     method = f"as measured on {name}" if is_measured else None
     return tuple(figures), TargetRun(name=name, matched_share=matched, other_run=other_run, memory_method=method)
+
+
+def of_target(row: Figure) -> Figure:
+    """Return a row of calls as one of calls on the target, whose times the specification defines [4.2.1, 4.3.1]."""
+    part = TARGET if row.part is None else f"{TARGET} {row.part}"
+    return replace_row(row, part=part, clause=clause_of(row.figure, part))
 
 
 def stage_of(figure: str) -> str | None:

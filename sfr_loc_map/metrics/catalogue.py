@@ -1,7 +1,9 @@
-"""The catalogue of figures: one line each, from which every view takes the words for people, and limits their names.
+"""The catalogue of figures, one line each. Every view takes the names of figures, their clauses and its columns here.
 
-To add a figure, add its line here and, for an error of sub-trajectories, what computes it in
-`metrics.trajectory_score.ERRORS`. Reports, comparisons, suites, histories and limits follow.
+To add a figure, add its line here and, for an error of sub-trajectories, the function that computes its errors in
+`metrics.trajectory_score.ERRORS`. To show one more statistic of a figure, add its name to the line. To add a
+statistic, add it to `metrics.formulas.Statistics`. Reports, comparisons, suites, histories, limits and the topics of
+the monitor follow.
 """
 
 from __future__ import annotations
@@ -26,52 +28,88 @@ class FigureKind(NamedTuple):
 
     name: str  #: As in the rows of the score.
     subject: Subject
-    clause: str  #: Of the specification; empty for a figure that the specification does not define.
+    clause: str  #: Clause of the specification; empty if the specification does not define the figure. See `clause_of`.
     unit: str  #: `m`, `deg`, `px`, `s`, `bytes`, or `1` for counts and fractions.
-    title: str  #: Its name for people.
-    is_headline: bool = False  #: Whether it stands in the first table of every view.
-    is_compared: bool = False  #: Whether two runs are compared by its mean + 3 sigma: smaller is better.
+    title: str  #: Name for people.
+    #: Statistics that every view shows of the complete figure; without any, the figure is in the detailed tables alone.
+    shown: tuple[str, ...] = ()
+    compared: tuple[str, ...] = ()  #: Statistics by which runs are compared; the first one ranks them.
+    topic: str = ""  #: Name below `metrics/` that the monitor publishes the shown statistics as; empty: not published.
+    is_unsigned: bool = False  #: Whether an error is never negative, so that the errors are skewed.
 
 
-T, M, S, B, C, N = Subject
+TOTAL = "mean_plus_3sigma"  #: The statistic that the specification limits.
+OF_ERRORS = ("mean", "sigma", TOTAL)
+OF_CALLS = ("mean", "p50", "p95")
+ONE_NUMBER = ("value",)
 CATALOGUE = (
-    FigureKind("position", T, "4.2.3.1", "m", "position error", is_headline=True, is_compared=True),
-    FigureKind("attitude", T, "4.2.3.2", "deg", "attitude error", is_headline=True, is_compared=True),
-    FigureKind("heading", T, "4.2.3.3", "deg", "heading error", is_headline=True, is_compared=True),
-    FigureKind("chord", T, "", "m", "chord error"),
-    FigureKind("ape", T, "", "m", "absolute pose error (APE)"),
-    FigureKind("rpe", T, "", "m", "relative pose error (RPE)"),
-    FigureKind("point_error", M, "4.3.4", "m", "point error", is_headline=True, is_compared=True),
-    FigureKind("nearest_distance", M, "", "m", "distance to the nearest true point", is_headline=True),
-    FigureKind("disparity_error", M, "", "px", "disparity error"),
-    FigureKind("coverage", M, "4.3.4", "1", "coverage", is_headline=True),
-    FigureKind("points", M, "", "1", "points of the cloud"),
-    FigureKind("pairs", M, "", "1", "mapping pairs of the ground truth"),
-    FigureKind("localisation", S, "4.2.1", "s", "localisation time", is_headline=True),
-    FigureKind("mapping_call", S, "4.3.1", "s", "mapping call time", is_headline=True),
-    FigureKind("mapping", S, "4.3.1", "s", "mapping time"),
-    FigureKind("fusion", S, "4.3.1", "s", "fusion time"),
-    FigureKind("peak", B, "4.2.2", "bytes", "peak memory", is_headline=True),
-    FigureKind("above_idle", B, "4.2.2", "bytes", "peak memory above the idle process"),
-    FigureKind("heap_peak", B, "4.2.2", "bytes", "peak of the heap"),
-    FigureKind("stack_peak", B, "4.2.2", "bytes", "peak of the stack"),
-    FigureKind("judged", C, "4.1.1", "1", "judged fraction"),
-    FigureKind("missing", C, "4.1.1", "1", "missing"),
-    FigureKind("lost", C, "4.1.1", "1", "lost"),
-    FigureKind("degraded", C, "4.1.1", "1", "degraded"),
-    FigureKind("unmatched", C, "4.1.1", "1", "estimates without ground truth"),
-    FigureKind("doubled", C, "4.1.1", "1", "estimates with a repeated stamp"),
-    FigureKind("longest_gap", C, "4.1.1", "m", "longest gap"),
-    FigureKind("points_without_truth", C, "4.3.4", "1", "map points without ground truth"),
-    FigureKind("pairs_without_cloud", C, "4.3.4", "1", "mapping pairs without points"),
-    FigureKind("nees", N, "", "1", "normalised error squared (NEES)"),
-    FigureKind("nees_not_usable", N, "", "1", "sub-trajectories whose covariance cannot be tested"),
-    FigureKind("nees_from_steps", N, "", "1", "sub-trajectories tested by the covariance of steps"),
+    # errors of sub-trajectories
+    FigureKind("position", Subject.TRAJECTORY, "4.2.3.1", "m", "position error", OF_ERRORS, (TOTAL,), "position"),
+    FigureKind(
+        "attitude", Subject.TRAJECTORY, "4.2.3.2", "deg", "attitude error", OF_ERRORS, (TOTAL,), "attitude", True
+    ),
+    FigureKind("heading", Subject.TRAJECTORY, "4.2.3.3", "deg", "heading error", OF_ERRORS, (TOTAL,), "heading"),
+    FigureKind("chord", Subject.TRAJECTORY, "", "m", "chord error"),
+    FigureKind("ape", Subject.TRAJECTORY, "", "m", "absolute pose error (APE)"),
+    FigureKind("rpe", Subject.TRAJECTORY, "", "m", "relative pose error (RPE)"),
+    # the map; the document defines the error of a point alone
+    FigureKind("point_error", Subject.MAP, "4.3.4", "m", "point error", OF_ERRORS, (TOTAL,), "point"),
+    FigureKind("nearest_distance", Subject.MAP, "", "m", "distance to the nearest true point", OF_ERRORS, (TOTAL,)),
+    FigureKind("disparity_error", Subject.MAP, "", "px", "disparity error"),
+    FigureKind("coverage", Subject.MAP, "", "1", "coverage", ONE_NUMBER, ONE_NUMBER),
+    FigureKind("points", Subject.MAP, "", "1", "points of the cloud", (), ONE_NUMBER),
+    FigureKind("pairs", Subject.MAP, "", "1", "mapping pairs of the ground truth"),
+    # calls; the document defines their time on the target, and leaves the method for memory to the supplier
+    FigureKind("localisation", Subject.TIMING, "4.2.1", "s", "localisation time", OF_ERRORS, OF_CALLS),
+    FigureKind("mapping_call", Subject.TIMING, "4.3.1", "s", "mapping call time", OF_ERRORS, OF_CALLS),
+    FigureKind("mapping", Subject.TIMING, "", "s", "mapping time", (), OF_CALLS),
+    FigureKind("fusion", Subject.TIMING, "", "s", "fusion time", (), OF_CALLS),
+    FigureKind("peak", Subject.MEMORY, "4.2.2", "bytes", "peak memory", ONE_NUMBER, ONE_NUMBER),
+    FigureKind("above_idle", Subject.MEMORY, "4.2.2", "bytes", "peak memory above the idle process", (), ONE_NUMBER),
+    FigureKind("heap_peak", Subject.MEMORY, "4.2.2", "bytes", "peak of the heap", (), ONE_NUMBER),
+    FigureKind("stack_peak", Subject.MEMORY, "4.2.2", "bytes", "peak of the stack", (), ONE_NUMBER),
+    # what is judged, and the consistency of the covariance: not in the document
+    FigureKind("judged", Subject.COMPLETENESS, "", "1", "judged fraction"),
+    FigureKind("missing", Subject.COMPLETENESS, "", "1", "missing"),
+    FigureKind("lost", Subject.COMPLETENESS, "", "1", "lost"),
+    FigureKind("degraded", Subject.COMPLETENESS, "", "1", "degraded"),
+    FigureKind("unmatched", Subject.COMPLETENESS, "", "1", "estimates without ground truth"),
+    FigureKind("doubled", Subject.COMPLETENESS, "", "1", "estimates with a repeated stamp"),
+    FigureKind("longest_gap", Subject.COMPLETENESS, "", "m", "longest gap"),
+    FigureKind("points_without_truth", Subject.COMPLETENESS, "", "1", "map points without ground truth"),
+    FigureKind("pairs_without_cloud", Subject.COMPLETENESS, "", "1", "mapping pairs without points"),
+    FigureKind("nees", Subject.CONSISTENCY, "", "1", "normalised error squared (NEES)"),
+    FigureKind("nees_not_usable", Subject.CONSISTENCY, "", "1", "sub-trajectories whose covariance cannot be tested"),
+    FigureKind("nees_from_steps", Subject.CONSISTENCY, "", "1", "sub-trajectories tested by the covariance of steps"),
 )
 KINDS: dict[str, FigureKind] = {kind.name: kind for kind in CATALOGUE}
 """The catalogue by the names of the figures, each of which is used once."""
+TARGET = "target"  #: First word of the part of a row of calls that were measured on a target.
+MAPPING_MEMORY = "4.3.2"
+
+
+def clause_of(figure: str, part: str | None) -> str:
+    """Return the clause that defines a figure of a part; empty if the specification does not define the figure.
+
+    4.2.1 and 4.3.1 define the time of a call on the target, not of a stage of a call and not on another host. The
+    memory of a call that maps is 4.3.2.
+    """
+    if figure not in KINDS:
+        return ""
+    kind = KINDS[figure]
+    if kind.subject is Subject.TIMING:
+        return kind.clause if part == TARGET else ""
+    if kind.subject is Subject.MEMORY:
+        call = (part or "").removeprefix(f"{TARGET} ")
+        return kind.clause if call == "localisation" else MAPPING_MEMORY
+    return kind.clause
 
 
 def title_of(figure: str) -> str:
     """Return the name of a figure for people."""
     return KINDS[figure].title if figure in KINDS else figure.replace("_", " ")
+
+
+def statistic_title(statistic: str) -> str:
+    """Return the name of a statistic for people: `mean + 3 sigma` of `mean_plus_3sigma`."""
+    return statistic.replace("_plus_3sigma", " + 3 sigma").replace("_", " ")

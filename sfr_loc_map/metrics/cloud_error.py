@@ -234,7 +234,7 @@ def score_nearest(xyz: NDArray[np.floating], truths: Sequence[PairTruth], config
     ranges, scored = [truth.ranges_m() for truth in truths], (config.scored_from_m, config.scored_to_m)
     covered = footprint_coverage(PointCloud.from_structured(records), truths, ranges, config.scored_to_m)
     figures = (
-        figure_row("nearest_distance", **formulas.statistics(distance)._asdict()),
+        figure_row("nearest_distance", statistics=formulas.statistics(distance)),
         coverage_row(None, covered, ranges, *scored),
         figure_row("points", value=len(xyz)),
         figure_row("pairs", value=len(truths)),
@@ -246,8 +246,8 @@ def error_rows(part: str | None, errors: PointErrors, chosen: Mask) -> Iterator[
     """Yield the rows of the errors of some points, as errors of position and of disparity."""
     disparity_px = errors.disparity_px[chosen]
     known_px = disparity_px[np.isfinite(disparity_px)]
-    yield figure_row("point_error", part=part, **formulas.statistics(errors.error_m[chosen])._asdict())
-    yield figure_row("disparity_error", part=part, **formulas.statistics(known_px)._asdict())
+    yield figure_row("point_error", part=part, statistics=formulas.statistics(errors.error_m[chosen]))
+    yield figure_row("disparity_error", part=part, statistics=formulas.statistics(known_px))
 
 
 def coverage_row(

@@ -18,20 +18,11 @@ from scipy.special import stdtr
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.metrics.catalogue import Subject
+from sfr_loc_map.metrics.catalogue import KINDS, TOTAL, Subject
 from sfr_loc_map.metrics.formulas import statistics
 from sfr_loc_map.metrics.score import Figure, MethodRecord, Record, Score, SubTrajectoryRows
 from sfr_loc_map.metrics.score_json import to_plain
-from sfr_loc_map.metrics.statistics import (
-    MIN_FREEDOM,
-    MIN_INDEPENDENT,
-    WIDENING,
-    Interval,
-    group_sums,
-    holm,
-    resampled,
-    student_quantile,
-)
+from sfr_loc_map.metrics.statistics import Interval, holm, scatter_of_difference
 
 SCHEMA = "sfr-compare/1"
 SIGNIFICANT = 0.05  #: A corrected probability of chance above it shows no difference.
@@ -53,7 +44,7 @@ class PairedDifference(Record, frozen=True, kw_only=True, omit_defaults=False):
 
     name: str  #: Name of the other score.
     condition: str  #: What ends the sub-trajectories.
-    figure: str  #: `position`, `attitude` or `heading`.
+    figure: str  #: Figure of the catalogue whose mean + 3 sigma is compared.
     unit: str  #: Unit of the figure.
     count: int  #: Common sub-trajectories.
     left_out: tuple[int, int]  #: Sub-trajectories of the first and of the other score that are not common.
@@ -88,13 +79,6 @@ class Comparison(Record, frozen=True, kw_only=True, omit_defaults=False):
         return {"schema": SCHEMA, **to_plain(self)}
 
 
-SHOWN = {Subject.MAP: ("mean", "mean_plus_3sigma", "value"), Subject.TIMING: ("p50", "p95"), Subject.MEMORY: ("value",)}
-"""The numbers of whole runs that are shown side by side, by subject."""
-ERROR_COLUMNS = {"position": ("x_m", "y_m", "z_m"), "attitude": ("attitude_deg",), "heading": ("heading_deg",)}
-"""Errors of sub-trajectories in a score's details, by figure."""
-UNITS = {"position": "m", "attitude": "deg", "heading": "deg"}
-
-
 def compare_scores(scores: Sequence[Score], names: Sequence[str]) -> Comparison:
     """Return the comparison of scores with the first of them; MetricsError if they have nothing in common."""
     if len(scores) < 2:
@@ -115,15 +99,28 @@ def compare_scores(scores: Sequence[Score], names: Sequence[str]) -> Comparison:
 
 
 def _side_by_side(scores: Sequence[Score]) -> Iterator[SideBySide]:
-    """Yield every figure of whole runs that two scores or more have."""
-    rows = {_key(row): row for score in scores for row in score.figures if row.subject in SHOWN}
+    """Yield every figure of whole runs that two scores or more have, by the statistics of the catalogue."""
+    rows = {_key(row): row for score in scores for row in score.figures if _is_of_a_whole_run(score, row)}
     of_scores = [{_key(row): row for row in score.figures} for score in scores]
     for key, row in rows.items():
-        for statistic in SHOWN[row.subject]:
+        for statistic in _statistics_side_by_side(row):
             found = [None if key not in known else known[key].statistic(statistic) for known in of_scores]
             if sum(value is not None for value in found) > 1:
                 words = (row.figure, row.part, "" if statistic == "value" else statistic)
                 yield SideBySide(figure=" ".join(filter(None, words)), unit=row.unit, values=tuple(found))
+
+
+def _is_of_a_whole_run(score: Score, row: Figure) -> bool:
+    """Tell whether a row is shown side by side: of the map and of calls each, of the trajectory the judged rows."""
+    if row.subject is Subject.TRAJECTORY:
+        return row is score.judged_row(row.figure, condition=row.condition)
+    return row.subject in (Subject.MAP, Subject.TIMING, Subject.MEMORY)
+
+
+def _statistics_side_by_side(row: Figure) -> Sequence[str]:
+    """Return the statistics by which runs are compared, without the one of which pairs are compared."""
+    compared = KINDS[row.figure].compared if row.figure in KINDS else ()
+    return [name for name in compared if row.subject is not Subject.TRAJECTORY or name != TOTAL]
 
 
 def _key(row: Figure) -> tuple[str, str | None, str | None, str]:
@@ -158,14 +155,20 @@ def _paired_rows(mine: SubTrajectoryRows, theirs: SubTrajectoryRows, name: str) 
     spacing = max(int(np.median(np.diff(starts))), 1) if len(starts) > 1 else 1
     overlap = float(np.mean(-(-(ends - starts) // spacing)))  # as `trajectory_score` counts it
     left_out = (len(spans) - len(rows), len(other_spans) - len(rows))
-    columns, other_columns = msgspec.structs.asdict(mine), msgspec.structs.asdict(theirs)
-    for figure, axes in ERROR_COLUMNS.items():
-        a = np.column_stack([np.asarray(columns[axis], np.float64)[rows] for axis in axes])
-        b = np.column_stack([np.asarray(other_columns[axis], np.float64)[other_rows] for axis in axes])
-        found = PairedDifference(
-            name=name, condition=mine.condition, figure=figure, unit=UNITS[figure], count=len(rows), left_out=left_out
-        )
-        yield _compared(found, a, b, overlap)
+    for kind in KINDS.values():
+        columns, other_columns = mine.errors_of(kind.name), theirs.errors_of(kind.name)
+        if TOTAL in kind.compared and columns and other_columns:
+            a = np.column_stack([np.asarray(column, np.float64)[rows] for column in columns])
+            b = np.column_stack([np.asarray(column, np.float64)[other_rows] for column in other_columns])
+            found = PairedDifference(
+                name=name,
+                condition=mine.condition,
+                figure=kind.name,
+                unit=kind.unit,
+                count=len(rows),
+                left_out=left_out,
+            )
+            yield _compared(found, a, b, overlap)
 
 
 def _compared(pair: PairedDifference, a: FloatArray, b: FloatArray, overlap: float) -> PairedDifference:
@@ -173,24 +176,17 @@ def _compared(pair: PairedDifference, a: FloatArray, b: FloatArray, overlap: flo
     first, other = statistics(a).mean_plus_3sigma, statistics(b).mean_plus_3sigma
     if first is None or other is None:  # too few, or attitudes are not known
         return pair
-    difference, independent = other - first, len(a) / overlap
+    difference = other - first
     pair = replace(pair, first=first, other=other, difference=difference)
     if np.array_equal(a, b):
         return replace(pair, ci95=(0.0, 0.0), outcome=Outcome.EQUAL)
-    if independent < MIN_INDEPENDENT:
+    scatter = scatter_of_difference(a, b, overlap, unsigned=KINDS[pair.figure].is_unsigned)
+    if scatter is None:
         return pair
-    drawn, share = [], 1.0
-    for errors in (a, b):
-        mean = errors.mean(axis=0)
-        _, figures, share = resampled(group_sums(errors - mean, 1), mean, overlap)
-        drawn.append(figures)
-    share *= 1.0 - 1.0 / independent
-    freedom = max(independent - 1.0, MIN_FREEDOM)
-    sigma = float(WIDENING * np.std(drawn[1] - drawn[0]) / np.sqrt(share))
-    half = student_quantile(0.975, freedom) * sigma + _PRECISION
+    half = scatter.half_width + _PRECISION
     p = None
-    if sigma > 0.0:
-        p = 2.0 * float(stdtr(freedom, -max(abs(difference) - _PRECISION, 0.0) / sigma))
+    if scatter.sigma > 0.0:
+        p = 2.0 * float(stdtr(scatter.freedom, -max(abs(difference) - _PRECISION, 0.0) / scatter.sigma))
     outcome = Outcome.BETTER if difference < 0 else Outcome.WORSE
     outcome = Outcome.NO_DIFFERENCE if abs(difference) <= half else outcome
     return replace(pair, ci95=(difference - half, difference + half), outcome=outcome, p=p)

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,7 +22,6 @@ from sfr_loc_map.geometry.rotation import quat_angle, quat_conjugate, quat_multi
 DISTANCE_TOLERANCE_M = 1e-9  #: A path that is shorter than the distance by this rounding error is long enough.
 MIN_DIRECTION_M = 1e-6  #: A horizontal displacement shorter than this has no direction: the heading is taken.
 Lengths = NDArray[np.longdouble]  #: Path lengths `(F,)`, m.
-QUANTILES = {"p50": 50.0, "p95": 95.0, "p99": 99.0}
 
 
 # ---- 4.1.1 Sub-trajectories
@@ -241,22 +241,29 @@ def disparity_error(focal_px: float, baseline_m: float, depth_m: FloatArray, tru
 # ---- what is said of n errors: a row of the table of figures
 
 
-class Statistics(NamedTuple):
-    """The figures of n errors; None is undefined."""
+class Statistics(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):
+    """The statistics of n errors, which are columns of the table of figures; null is undefined.
 
-    n: int
-    mean: float | None = None
-    sigma: float | None = None
-    mean_plus_3sigma: float | None = None
-    rmse: float | None = None
-    p50: float | None = None
-    p95: float | None = None
-    p99: float | None = None
-    max: float | None = None
+    A statistic that is added here is in every score and can be limited. `FigureKind.shown` puts it into every view.
+    """
+
+    n: int | None = None  #: Number of values.
+    mean: float | None = None  #: Mean; of position errors the norm of the mean vector [4.2.3.1].
+    sigma: float | None = None  #: Standard deviation with n - 1 [4.1.3]; of position errors the norm of those of axes.
+    mean_plus_3sigma: float | None = None  #: `|mean| + 3 sigma`.
+    rmse: float | None = None  #: Root mean square of the sizes.
+    p50: float | None = None  #: Median of the sizes, interpolated linearly.
+    p95: float | None = None  #: 95 % quantile of the sizes.
+    p99: float | None = None  #: 99 % quantile of the sizes.
+    max: float | None = None  #: Largest size.
+
+
+STATISTICS = tuple(name for name in Statistics.__struct_fields__ if name != "n")
+"""Names of the statistics, in the order of the columns."""
 
 
 def statistics(errors: NDArray[np.floating]) -> Statistics:
-    """Return the figures of errors `(n,)`, or of error vectors `(n, 3)`; undefined where an error is unknown (NaN).
+    """Return the statistics of errors `(n,)`, or of error vectors `(n, 3)`; undefined if an error is unknown (NaN).
 
     Mean and sigma are those of the document. Root mean square, quantiles (interpolated linearly) and maximum are of the
     sizes of the errors.
@@ -264,7 +271,7 @@ def statistics(errors: NDArray[np.floating]) -> Statistics:
     given = np.asarray(errors, np.float64)
     n = len(given)
     if n == 0 or not np.isfinite(np.sum(given)):
-        return Statistics(0)
+        return Statistics(n=0)
     is_vector = given.ndim == 2
     sizes = np.linalg.norm(given, axis=1) if is_vector else np.abs(given)
     mean = mean_of_vectors(given) if is_vector else float(np.mean(given))
@@ -272,6 +279,15 @@ def statistics(errors: NDArray[np.floating]) -> Statistics:
     if n > 1:
         sigma = sigma_of_vectors(given) if is_vector else float(standard_deviation(given))
         total = mean_plus_3sigma(mean, sigma)
-    p50, p95, p99 = np.percentile(sizes, list(QUANTILES.values())).tolist()
-    rmse = float(np.sqrt(np.mean(np.square(sizes))))
-    return Statistics(n, mean, sigma, total, rmse, p50, p95, p99, float(np.max(sizes)))
+    p50, p95, p99 = np.percentile(sizes, [50.0, 95.0, 99.0]).tolist()
+    return Statistics(
+        n=n,
+        mean=mean,
+        sigma=sigma,
+        mean_plus_3sigma=total,
+        rmse=float(np.sqrt(np.mean(np.square(sizes)))),
+        p50=p50,
+        p95=p95,
+        p99=p99,
+        max=float(np.max(sizes)),
+    )

@@ -18,10 +18,10 @@ from sfr_loc_map.config import load_yaml, suggestion
 from sfr_loc_map.errors import ConfigError, MetricsError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.metrics.calls import TARGET
-from sfr_loc_map.metrics.catalogue import CATALOGUE, KINDS, FigureKind, Subject
+from sfr_loc_map.metrics.catalogue import CATALOGUE, KINDS, TARGET, FigureKind, Subject
 from sfr_loc_map.metrics.config import CallKind, Condition, ConditionKind, Rebase, VerdictState, label_of
-from sfr_loc_map.metrics.score import ANY, STATISTICS, Figure, Score, Verdict
+from sfr_loc_map.metrics.formulas import STATISTICS
+from sfr_loc_map.metrics.score import ANY, Figure, Score, Verdict, is_lower_bound
 from sfr_loc_map.metrics.statistics import Interval
 
 
@@ -50,7 +50,6 @@ class Limited(NamedTuple):
 
 
 COVERAGE_MIN = "coverage_min"  #: The one limit that is a lower bound.
-CALL_STATISTICS = ("mean", "mean_plus_3sigma", "p50", "p95", "p99", "max")
 
 
 def names_of(
@@ -79,7 +78,7 @@ PLACES: dict[LimitPart, dict[str, Limited]] = {
     },
     LimitPart.TIMING: {
         "mapping_call_s": Limited(Subject.TIMING, CallKind.MAPPING_CALL.value, "max", None),
-        **names_of([kind for kind in CATALOGUE if kind.subject is Subject.TIMING], CALL_STATISTICS, None),
+        **names_of([kind for kind in CATALOGUE if kind.subject is Subject.TIMING], part=None),
     },
     LimitPart.MEMORY: {
         f"{call}_{kind.name}_bytes": Limited(Subject.MEMORY, kind.name, "value", call.value)
@@ -123,6 +122,11 @@ class Limit:
             names = PLACES[LimitPart.TIMING] | PLACES[LimitPart.MEMORY]
             return names[self.key].of_target()
         return PLACES[self.part][self.key]
+
+    @property
+    def is_lower_bound(self) -> bool:
+        """Whether the figure must not be below the limit."""
+        return is_lower_bound(self.key)
 
     @property
     def is_on_one_call(self) -> bool:
@@ -357,12 +361,12 @@ def verdict_on(limit: Limit, figure: LimitedFigure, minimum_count: int) -> Verdi
 
 def margin_of(limit: Limit, value: float) -> float:
     """Return the distance from a value to its limit, negative where the limit is missed."""
-    return value - limit.limit if limit.key == COVERAGE_MIN else limit.limit - abs(value)
+    return value - limit.limit if limit.is_lower_bound else limit.limit - abs(value)
 
 
 def meets(limit: Limit, value: float) -> bool:
     """Tell whether a value lies within a limit; a figure passes at its limit."""
-    return value >= limit.limit if limit.key == COVERAGE_MIN else abs(value) <= limit.limit
+    return value >= limit.limit if limit.is_lower_bound else abs(value) <= limit.limit
 
 
 def _by_reading(limit: Limit, score: Score, minimum_count: int) -> dict[str, VerdictState]:

@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.display import data_frame
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.metrics.catalogue import KINDS, Subject
+from sfr_loc_map.metrics.catalogue import KINDS, Subject, clause_of
 from sfr_loc_map.metrics.config import AssociationMode, CloudKind, Condition, Rebase, VerdictState
+from sfr_loc_map.metrics.formulas import STATISTICS, Statistics
 from sfr_loc_map.metrics.statistics import Interval
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ SCHEMA = "sfr-score/2"
 Column = tuple[float | None, ...]  #: One entry a row; None where a value is undefined.
 Integers = tuple[int, ...]
 ANY = "*"  #: In a look-up: whatever the rows have there.
+POOLED = "pooled"  #: Part of the rows over all drives of a suite.
 
 
 def column(values: NDArray[np.floating], digits: int | None = 9) -> Column:
@@ -59,30 +61,26 @@ class Columns(Record, frozen=True, kw_only=True):
 # ---- the table of figures
 
 
-class Figure(Record, frozen=True, kw_only=True):
-    """One row of the table of figures. Undefined or not applicable is null."""
+class Numbers(Statistics, frozen=True, kw_only=True):
+    """The numbers of a row: statistics of its values, and what is known beside them."""
 
-    clause: str = ""  #: Clause of the specification that defines the figure; empty if the specification does not.
+    independent: float | None = None  #: How many values are independent: n over the overlap of sub-trajectories.
+    low95: float | None = None  #: Lower bound of the 95 % interval of mean + 3 sigma; of a NEES, of consistent means.
+    high95: float | None = None  #: Upper bound of that interval.
+    value: float | None = None  #: The number of a count, fraction or peak; of a NEES the expected mean.
+
+
+class Figure(Numbers, frozen=True):
+    """One row of the table of figures: which figure it is, then its numbers. Undefined or not applicable is null."""
+
     subject: Subject  #: What the figure is about.
+    figure: str  #: Name of the figure.
+    unit: str  #: `m`, `deg`, `px`, `s`, `bytes`; `1` for counts and fractions.
+    clause: str = ""  #: Clause of the specification that defines the figure; empty if the specification does not.
     condition: str | None = None  #: Condition that ends the sub-trajectories [4.1.1], as on the command line.
     #: Which part of the figure: the reading of the document (`pose`, `displacement`, `position`), an axis or direction
     #: (`x`, `along`), a range (`0-4 m`), a pair (`pair 0`), a kind or stage of calls, a distance (`5 m`).
     part: str | None = None
-    figure: str  #: Name of the figure.
-    unit: str  #: `m`, `deg`, `px`, `s`, `bytes`; `1` for counts and fractions.
-    n: int | None = None  #: Number of values.
-    independent: float | None = None  #: How many of them are independent: n over the overlap of sub-trajectories.
-    mean: float | None = None  #: Mean; of position errors the norm of the mean vector [4.2.3.1].
-    sigma: float | None = None  #: Standard deviation with n - 1 [4.1.3]; of position errors the norm of those of axes.
-    mean_plus_3sigma: float | None = None  #: `|mean| + 3 sigma`.
-    low95: float | None = None  #: Lower bound of the 95 % interval of mean + 3 sigma; of a NEES, of consistent means.
-    high95: float | None = None  #: Upper bound of that interval.
-    rmse: float | None = None  #: Root mean square of the sizes.
-    p50: float | None = None  #: Median of the sizes, interpolated linearly.
-    p95: float | None = None  #: 95 % quantile of the sizes.
-    p99: float | None = None  #: 99 % quantile of the sizes.
-    max: float | None = None  #: Largest size.
-    value: float | None = None  #: The number of a count, fraction or peak; of a NEES the expected mean.
 
     @property
     def interval(self) -> Interval | None:
@@ -99,21 +97,34 @@ class Figure(Record, frozen=True, kw_only=True):
         return msgspec.structs.asdict(self)
 
 
-STATISTICS = ("mean", "sigma", "mean_plus_3sigma", "rmse", "p50", "p95", "p99", "max")
-"""Columns of numbers that are made of many values."""
 COLUMNS = tuple(Figure.__struct_fields__)
+NUMBERS = (*STATISTICS, "value")
+"""Columns that a view shows: the statistics, then the number of what is not made of many values."""
 
 
 def figure_row(
-    figure: str, condition: str | None = None, part: str | None = None, unit: str = "", **numbers: float | None
+    figure: str,
+    condition: str | None = None,
+    part: str | None = None,
+    unit: str = "",
+    statistics: Statistics | None = None,
+    **numbers: float | None,
 ) -> Figure:
     """Return the row of a figure of the catalogue, with its clause, its subject and, unless given, its unit."""
     kind = KINDS[figure]
     place = None if part is None else str(part)
-    row: dict[str, Any] = {"condition": condition, "part": place, "figure": kind.name, "unit": unit or kind.unit}
+    row: dict[str, Any] = {} if statistics is None else msgspec.structs.asdict(statistics)
     for name, value in numbers.items():
         row[name] = None if value is None else int(value) if name == "n" else float(value)
-    return Figure(clause=kind.clause, subject=kind.subject, **row)
+    return Figure(
+        clause=clause_of(kind.name, place),
+        subject=kind.subject,
+        condition=condition,
+        part=place,
+        figure=kind.name,
+        unit=unit or kind.unit,
+        **row,
+    )
 
 
 def find_rows(
@@ -170,6 +181,16 @@ class Verdict(Record, frozen=True, kw_only=True):
     def interval(self) -> Interval | None:
         """Both bounds of the 95 % interval, None where it is undefined."""
         return None if self.low95 is None or self.high95 is None else (self.low95, self.high95)
+
+    @property
+    def is_lower_bound(self) -> bool:
+        """Whether the figure must not be below the limit, as the name of the limit says."""
+        return is_lower_bound(self.name)
+
+
+def is_lower_bound(limit_name: str) -> bool:
+    """Tell whether a limit is a lower bound: its name ends in `_min` (`coverage_min`)."""
+    return limit_name.endswith("_min")
 
 
 # ---- how estimates were compared with the ground truth
@@ -364,18 +385,6 @@ class ProcessUsage(Record, frozen=True, kw_only=True):
     method: str  #: How it was measured.
 
 
-class StageTime(Record, frozen=True, kw_only=True):
-    """The times of an external node's answers, s."""
-
-    count: int  #: Number of values n.
-    mean: float | None  #: `sum t_i / n`.
-    sigma: float | None  #: `sqrt(sum (t_i - mean)^2 / (n - 1))` [4.1.3].
-    mean_plus_3sigma: float | None  #: `mean + 3 sigma`.
-    p50: float | None  #: Median.
-    p95: float | None  #: 95 % quantile.
-    max: float | None  #: Longest.
-
-
 class ExternalScore(Record, frozen=True, kw_only=True):
     """How an external node behaved."""
 
@@ -383,7 +392,7 @@ class ExternalScore(Record, frozen=True, kw_only=True):
     topic: str  #: What it published on.
     frames: str  #: Frames that its answers name: `parent` or `parent -> child`.
     answers: AnswerCounts  #: What became of pairs and answers.
-    latency_s: StageTime | None  #: From publishing the last image of a pair to its answer: not a time per call.
+    latency_s: Statistics | None  #: From publishing the last image of a pair to its answer: not a time per call.
     process: ProcessUsage | None = None  #: CPU and memory of its processes, null where they were not watched.
     ended: str = ""  #: How its process ended during the run; empty where it ran on, or was not started here.
 
@@ -487,6 +496,19 @@ class SubTrajectoryRows(Columns, frozen=True, kw_only=True):
     along_m: Column  #: Position error along the true displacement.
     cross_m: Column  #: Position error to the left of it.
     travelled_m: Column  #: Length of the true path from start to end.
+    others: dict[str, Column] = {}  #: Errors of all other figures of sub-trajectories, by figure, in its unit.
+
+    def errors_of(self, figure: str) -> tuple[Column, ...]:
+        """Return the errors of a figure, a column for each direction; empty if they are not kept."""
+        named = {
+            "position": (self.x_m, self.y_m, self.z_m),
+            "attitude": (self.attitude_deg,),
+            "heading": (self.heading_deg,),
+            "chord": (self.chord_m,),
+        }
+        if figure in named:
+            return named[figure]
+        return (self.others[figure],) if figure in self.others else ()
 
 
 class TrajectoryDetails(Record, frozen=True, kw_only=True):
@@ -581,11 +603,28 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     def figure(
         self, figure: str, *, subject: str = ANY, condition: str | Condition | None = ANY, part: str | None = ANY
     ) -> Figure | None:
-        """Return the first row of a figure, None without one.
+        """Return the row of a figure, None without one; unless a part is given, the row that is judged.
 
-        The first condition, the reading that is judged, and the whole before its parts come first.
+        Of several conditions the first one counts. A figure that has parts alone has no row that is judged: its first
+        part is returned.
         """
-        return next(find_rows(self.figures, figure, subject=subject, condition=condition, part=part), None)
+        rows = self.rows(figure, subject=subject, condition=condition, part=part)
+        if part == ANY and (row := self.judged_row(figure, subject=subject, condition=condition)) is not None:
+            return row
+        return rows[0] if rows else None
+
+    def judged_row(self, figure: str, *, subject: str = ANY, condition: str | Condition | None = ANY) -> Figure | None:
+        """Return the row of a figure that verdicts are on, whatever the order of the rows; None without one.
+
+        Errors of sub-trajectories are judged by one reading of the document (`association.rebase`), those of a suite
+        over all drives (`pooled`). Every other figure is judged as a whole: its row has no part.
+        """
+        reading = None if self.association is None else str(self.association.rebase)
+        for row in self.rows(figure, subject=subject, condition=condition):
+            is_of_pieces = row.subject is Subject.TRAJECTORY and row.condition is not None
+            if row.part in ((reading, POOLED) if is_of_pieces else (None,)):
+                return row
+        return None
 
     def number(
         self,
@@ -662,8 +701,8 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         columns: dict[str, list[Any]] = {}
         for rows in () if details is None else details.sub_trajectories:
             count = len(rows.start_frame)
-            for name, values in msgspec.structs.asdict(rows).items():
-                if name != "every":
+            for name, values in (msgspec.structs.asdict(rows) | rows.others).items():
+                if name not in ("every", "others"):
                     columns.setdefault(name, []).extend([values] * count if name == "condition" else values)
         return data_frame(columns)
 

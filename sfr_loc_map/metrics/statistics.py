@@ -19,6 +19,7 @@ imported when the first figure needs them, because nodes must start quickly.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,6 +33,18 @@ WIDENING, WIDENING_UNSIGNED = 1.1, 1.25
 """Resampled figures scatter that much less than the true ones; the second of errors that are never negative."""
 MIN_FREEDOM = 1.5
 MIN_INDEPENDENT = 2.0  #: With fewer independent sub-trajectories there is no interval.
+
+
+class Scatter(NamedTuple):
+    """How a figure scatters: standard deviation, and the degrees of freedom that it is known with."""
+
+    sigma: float
+    freedom: float
+
+    @property
+    def half_width(self) -> float:
+        """Half the width of the 95 % interval, by Student's t."""
+        return student_quantile(0.975, self.freedom) * self.sigma
 
 
 def interval95(errors: FloatArray, overlap: float, *, unsigned: bool) -> Interval | None:
@@ -55,16 +68,39 @@ def interval95(errors: FloatArray, overlap: float, *, unsigned: bool) -> Interva
         group *= 2
     means, figures, share = resampled(group_sums(offsets, group), mean, overlap, group)
     share *= 1.0 - 1.0 / independent
-    scatter = float(np.mean(np.sum(np.square(means - mean), axis=1))) / share
-    true_size = max(size - scatter / size, 0.0) if size > 0.0 else 0.0
+    variance_of_mean = float(np.mean(np.sum(np.square(means - mean), axis=1))) / share
+    true_size = max(size - variance_of_mean / size, 0.0) if size > 0.0 else 0.0
     true_sigma = np.sqrt(np.sum(variances) * (1.0 - 1.0 / count) / (1.0 - 1.0 / independent))
     centre = float(true_size + 3.0 * true_sigma)
-    error = float(np.std(figures) / np.sqrt(share))
     directions = float(np.sum(variances) ** 2 / np.sum(np.square(variances)))
-    freedom = max((independent - 1.0) * np.sqrt(directions), MIN_FREEDOM)
-    widening = WIDENING_UNSIGNED if unsigned else WIDENING
-    factor = float(np.exp(widening * student_quantile(0.975, freedom) * error / centre))
+    freedom = (independent - 1.0) * np.sqrt(directions)
+    scatter = scatter_of(figures, share, freedom, unsigned=unsigned)
+    factor = float(np.exp(scatter.half_width / centre))
     return centre / factor, centre * factor
+
+
+def scatter_of_difference(a: FloatArray, b: FloatArray, overlap: float, *, unsigned: bool) -> Scatter | None:
+    """Return the scatter of the difference of mean + 3 sigma of paired errors `(n, d)`; None of too few.
+
+    Both series are resampled in the same blocks, so that what they have in common does not count.
+    """
+    independent = len(a) / overlap
+    if independent < MIN_INDEPENDENT:
+        return None
+    drawn = []
+    share = 1.0
+    for errors in (a, b):
+        mean = np.mean(errors, axis=0)
+        _, figures, share = resampled(group_sums(errors - mean, 1), mean, overlap)
+        drawn.append(figures)
+    share *= 1.0 - 1.0 / independent
+    return scatter_of(drawn[1] - drawn[0], share, independent - 1.0, unsigned=unsigned)
+
+
+def scatter_of(figures: FloatArray, share: float, freedom: float, *, unsigned: bool) -> Scatter:
+    """Return the scatter of a figure from resampled ones `(B,)`, which show that share of its variance."""
+    widening = WIDENING_UNSIGNED if unsigned else WIDENING
+    return Scatter(float(widening * np.std(figures) / np.sqrt(share)), max(freedom, MIN_FREEDOM))
 
 
 def group_sums(offsets: FloatArray, group: int) -> FloatArray:

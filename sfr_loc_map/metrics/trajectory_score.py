@@ -21,6 +21,7 @@ from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.aligned_error import umeyama
 from sfr_loc_map.metrics.association import Estimates, Frames, associate
+from sfr_loc_map.metrics.catalogue import KINDS
 from sfr_loc_map.metrics.completeness import completeness
 from sfr_loc_map.metrics.config import AssociationConfig, Condition, ConditionKind, Rebase, TrajectoryScoreConfig
 from sfr_loc_map.metrics.consistency import StepSums, nees_rows, sums_of_steps
@@ -83,12 +84,11 @@ class ErrorFigure(NamedTuple):
 
     name: str
     errors_of: Callable[[Pieces], FloatArray]
-    is_unsigned: bool = False  #: Whether an error is never negative, so that errors are skewed.
 
 
 ERRORS = [
     ErrorFigure("position", lambda pieces: pieces.errors.position_m),
-    ErrorFigure("attitude", lambda pieces: pieces.errors.attitude_deg, is_unsigned=True),
+    ErrorFigure("attitude", lambda pieces: pieces.errors.attitude_deg),
     ErrorFigure("heading", lambda pieces: pieces.errors.heading_deg),
 ]
 """Errors that depend on the reading of the document."""
@@ -96,6 +96,10 @@ ERRORS_OF_ALL_READINGS = [
     ErrorFigure("chord", lambda pieces: formulas.chord_error(pieces.poses, pieces.starts, pieces.ends))
 ]
 """Errors that are the same by each reading."""
+
+
+NAMED_COLUMNS = ("position", "attitude", "heading")
+"""Figures whose errors have columns of their own in `SubTrajectoryRows`."""
 
 
 class ScoredTrajectory(NamedTuple):
@@ -308,12 +312,14 @@ def overlap_of(starts: IntArray, ends: IntArray, spacing: int) -> float:
 def error_row(kind: ErrorFigure, condition: str | None, part: str, pieces: Pieces, overlap: float = 0.0) -> Figure:
     """Return the row of a figure; with its 95 % interval if the overlap of the sub-trajectories is given."""
     errors = kind.errors_of(pieces)
-    numbers: dict[str, Any] = formulas.statistics(errors)._asdict()
-    if overlap:
-        numbers["independent"] = len(errors) / overlap
-        bounds = interval95(errors, overlap, unsigned=kind.is_unsigned)
-        numbers["low95"], numbers["high95"] = bounds or (None, None)
-    return figure_row(kind.name, condition, part, **numbers)
+    statistics = formulas.statistics(errors)
+    if not overlap:
+        return figure_row(kind.name, condition, part, statistics=statistics)
+    low95, high95 = interval95(errors, overlap, unsigned=KINDS[kind.name].is_unsigned) or (None, None)
+    independent = len(errors) / overlap
+    return figure_row(
+        kind.name, condition, part, statistics=statistics, independent=independent, low95=low95, high95=high95
+    )
 
 
 def condition_rows(condition: str, part: str, pieces: Pieces, overlap: float) -> Iterator[Figure]:
@@ -321,7 +327,7 @@ def condition_rows(condition: str, part: str, pieces: Pieces, overlap: float) ->
     for kind in (*ERRORS, *ERRORS_OF_ALL_READINGS):
         yield error_row(kind, condition, part, pieces, overlap)
     for direction, errors in pieces.by_direction().items():
-        yield figure_row("position", condition, direction, **formulas.statistics(errors)._asdict())
+        yield figure_row("position", condition, direction, statistics=formulas.statistics(errors))
 
 
 def growth_rows(
@@ -428,6 +434,7 @@ def sub_trajectory_rows(condition: str, pieces: Pieces, stamps_ns: IntArray, len
     starts, ends = pieces.starts[shown], pieces.ends[shown]
     directions = pieces.by_direction()
     chord_m = formulas.chord_error(pieces.poses, pieces.starts, pieces.ends)
+    others = {kind.name: column(kind.errors_of(pieces)[shown]) for kind in ERRORS if kind.name not in NAMED_COLUMNS}
     return SubTrajectoryRows(
         condition=condition,
         every=every,
@@ -444,6 +451,7 @@ def sub_trajectory_rows(condition: str, pieces: Pieces, stamps_ns: IntArray, len
         along_m=column(directions["along"][shown]),
         cross_m=column(directions["cross"][shown]),
         travelled_m=column(length_m[ends] - length_m[starts]),
+        others=others,
     )
 
 

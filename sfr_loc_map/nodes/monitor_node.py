@@ -30,6 +30,7 @@ from sfr_loc_map.io.image_codec import points_image
 from sfr_loc_map.io.rectification import rig_of_rectified
 from sfr_loc_map.io.truth import TrackedBody
 from sfr_loc_map.mapping.config import MAX_PAIRS
+from sfr_loc_map.metrics.catalogue import KINDS
 from sfr_loc_map.metrics.config import ScoreConfig, VerdictState
 from sfr_loc_map.metrics.limits import load_limits
 from sfr_loc_map.metrics.score import Provenance, Score
@@ -46,11 +47,6 @@ from sfr_loc_map.runs.calls import decode_call
 from sfr_loc_map.scoring.monitor_score import MonitorScore, ReportFile
 
 RESTS = 9.0  #: Time without scoring after each score, as a multiple of the processor time that it took.
-FIGURES = {"position": "position", "attitude": "attitude", "heading": "heading", "point": "point_error"}
-"""Topics below `metrics/`, and their figures in the score."""
-STATISTICS = ("mean", "sigma", "mean_plus_3sigma")
-"""Last word of these topics (`metrics/position/mean`), and column of the figure; config/sros2_policy.xml and
-docs/interfaces.md have them all."""
 VERDICT_LEVELS = {
     VerdictState.PASS: Level.OK,
     VerdictState.FAIL: Level.ERROR,
@@ -114,8 +110,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         add_publisher = self.endpoints.add_publisher
         self._metrics = add_publisher(DiagnosticArray, "metrics", 10)
         self._report = add_publisher(String, "metrics/report", 1, latched=True)
-        names = [(name, statistic) for name in FIGURES for statistic in STATISTICS]
-        self._figures = {name: add_publisher(Float64, f"metrics/{'/'.join(name)}", 10) for name in names}
+        self._figures = {topic: add_publisher(Float64, topic, 10) for topic in figure_topics()}
 
     def subscribe(self) -> None:
         """Subscribe and offer services."""
@@ -273,10 +268,10 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
             self.status.error(str(error))
             return
         self._report.publish(String(data=to_json(score)))
-        for (name, statistic), publisher in self._figures.items():
-            value = score.number(FIGURES[name], statistic)
+        for topic, (figure, statistic) in figure_topics().items():
+            value = score.number(figure, statistic)
             if value is not None:
-                publisher.publish(Float64(data=float(value)))
+                self._figures[topic].publish(Float64(data=float(value)))
         header = header_msg(self._last_ns, "")
         self._metrics.publish(DiagnosticArray(header=header, status=score_statuses(score)))
         end = time.perf_counter()
@@ -311,6 +306,16 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
             order.restart()
         self._changed = True
         return "the score restarts"
+
+
+def figure_topics() -> dict[str, tuple[str, str]]:
+    """Return figure and statistic by topic (`metrics/position/mean`); config/sros2_policy.xml permits each by name."""
+    return {
+        f"metrics/{kind.topic}/{statistic}": (kind.name, statistic)
+        for kind in KINDS.values()
+        if kind.topic
+        for statistic in kind.shown
+    }
 
 
 def score_statuses(score: Score) -> list[DiagnosticStatus]:

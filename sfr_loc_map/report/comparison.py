@@ -8,9 +8,10 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
-from sfr_loc_map.metrics.catalogue import KINDS, Subject, title_of
+from sfr_loc_map.metrics.catalogue import KINDS, OF_CALLS, TOTAL, Subject, statistic_title, title_of
 from sfr_loc_map.metrics.comparison import SIGNIFICANT, Comparison
 from sfr_loc_map.metrics.config import CallKind, label_of
 from sfr_loc_map.metrics.score import Figure, Score
@@ -111,22 +112,24 @@ def _methods(named: Named) -> Table:
         (Column("verdict", words=True), lambda score: Cell.verdict(overall_of(score).state)),
         (Column("kind", words=True), lambda score: Cell(ABSENT if score.method is None else score.method.kind.value)),
     ]
-    for figure in dict.fromkeys(row.figure for _, score in named for row in compared_rows(score)):
-        rows = [row for _, score in named for row in compared_rows(score) if row.figure == figure]
-        unit = fitting(Unit(rows[0].unit), *(row.mean_plus_3sigma for row in rows))
-        shown.append((Column(row_title(rows[0]).partition(",")[0], unit), _figure_cell(figure, unit)))
+    compared = {row.figure: row for _, score in named for row in compared_rows(score)}
+    for figure, first in compared.items():
+        title = row_title(first).partition(",")[0]
+        for statistic in KINDS[figure].compared:
+            unit = fitting(Unit(first.unit), *(_compared_number(score, figure, statistic) for _, score in named))
+            words = title if statistic == TOTAL else f"{title}, {statistic_title(statistic)}"
+            shown.append((Column(words, unit), _figure_cell(figure, statistic, unit)))
     if any(score.association is not None for _, score in named):
         shown.append((Column("frames"), lambda score: _cell(_frames(score, "matched"))))
         shown.append((Column("lost"), lambda score: _cell(_frames(score, "lost"))))
     if any(score.has(Subject.MAP) for _, score in named):
         shown.append((Column("coverage"), lambda score: _cell(score.number("coverage"))))
     shown += [
-        (Column("time p50", Unit("ms")), lambda score: _times(score, "p50")),
-        (Column("time p95", Unit("ms")), lambda score: _times(score, "p95")),
+        *((Column(f"time {name}", Unit("ms")), partial(_times, statistic=name)) for name in OF_CALLS),
         (Column("memory", Unit("MiB")), _peaks),
         (Column("findings"), lambda score: Cell.number(sum(item.count for item in score.findings))),
     ]
-    ordered = sorted(named, key=lambda item: main_error(item[1]) or float("inf"))
+    ordered = sorted(named, key=lambda item: rank_of(item[1]))
     columns = [_marked(column, [cell_of(score) for _, score in ordered]) for column, cell_of in shown]
     rows_of_all = tuple((Cell.head(name), *cells) for (name, _), *cells in zip(ordered, *columns, strict=True))
     note = (
@@ -139,30 +142,31 @@ def _methods(named: Named) -> Table:
 
 
 def compared_rows(score: Score) -> list[Figure]:
-    """Return the errors by which methods are compared: by the reading that is judged, over the first condition."""
-    first = next(iter(score.conditions), None)
-    rows = []
-    for kind in KINDS.values():
-        if kind.is_compared or kind.name == "nearest_distance":
-            condition = first if kind.subject is Subject.TRAJECTORY else None
-            row = score.figure(kind.name, subject=kind.subject, condition=condition)
-            if row is not None and (row.part is None or kind.subject is Subject.TRAJECTORY):
-                rows.append(row)
-    return rows
+    """Return the errors by which methods are compared: as they are judged, over the first condition."""
+    errors = [kind for kind in KINDS.values() if TOTAL in kind.compared]
+    rows = (score.judged_row(kind.name, subject=kind.subject) for kind in errors)
+    return [row for row in rows if row is not None]
 
 
-def main_error(score: Score) -> float | None:
-    """Return mean + 3 sigma of the position error or, of a map, of the point error."""
-    return next((row.mean_plus_3sigma for row in compared_rows(score)), None)
+def rank_of(score: Score) -> tuple[bool, float]:
+    """Return what methods are sorted by: mean + 3 sigma of the position or point error; methods without one last."""
+    error = next((row.mean_plus_3sigma for row in compared_rows(score)), None)
+    return error is None, error or 0.0
 
 
-def _figure_cell(figure: str, unit: Unit) -> Callable[[Score], Cell]:
+def _compared_number(score: Score, figure: str, statistic: str) -> float | None:
+    row = score.judged_row(figure)
+    return None if row is None else row.statistic(statistic)
+
+
+def _figure_cell(figure: str, statistic: str, unit: Unit) -> Callable[[Score], Cell]:
     def cell_of(score: Score) -> Cell:
-        row = next((row for row in compared_rows(score) if row.figure == figure), None)
-        if row is None or row.mean_plus_3sigma is None:
+        row, value = score.judged_row(figure), _compared_number(score, figure, statistic)
+        if row is None or value is None:
             return Cell(ABSENT)
-        interval = f" ({Cell.interval(row.interval, unit=unit).text})" if row.interval else ""
-        return Cell(number(row.mean_plus_3sigma, unit=unit) + interval, row.mean_plus_3sigma)
+        has_interval = statistic == TOTAL and row.interval is not None
+        interval = f" ({Cell.interval(row.interval, unit=unit).text})" if has_interval else ""
+        return Cell(number(value, unit=unit) + interval, value)
 
     return cell_of
 
@@ -178,7 +182,7 @@ def _times(score: Score, statistic: str) -> Cell:
     rows = [score.figure(kind, part=None) for kind in CALLS]
     latency = None if score.external is None else score.external.latency_s
     if latency is not None and not any(rows):
-        seconds = latency.p50 if statistic == "p50" else latency.p95
+        seconds = getattr(latency, statistic)
         return Cell(f"latency {number(seconds, unit=Unit('ms'))}")
     return _joined([None if row is None else row.statistic(statistic) for row in rows], Unit("ms"))
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from sfr_loc_map.metrics.config import VerdictState, label_of
 from sfr_loc_map.metrics.score import Score, Verdict
-from sfr_loc_map.report.score_tables import name_of, unit_of
+from sfr_loc_map.report.score_tables import name_of, sign_of, unit_of
 from sfr_loc_map.report.tables import NOT_ENOUGH, OPEN, VERDICTS, Cell, number
 
 MOST = 10.0  #: Largest share of a limit that is told.
@@ -39,7 +39,7 @@ def share_of(item: Verdict, value: float | None) -> float | None:
     """Return how much of a limit a value uses; of a lower bound the limit over the value."""
     if value is None:
         return None
-    use, limit = (item.limit, abs(value)) if item.name.endswith("_min") else (abs(value), item.limit)
+    use, limit = (item.limit, abs(value)) if item.is_lower_bound else (abs(value), item.limit)
     return min(use / limit if limit else MOST if use else 0.0, MOST)
 
 
@@ -53,7 +53,7 @@ def _bar(place: int, item: Verdict) -> LimitBar:
     unit = unit_of(item)
     known = item.value is not None and math.isfinite(item.value)
     value = f"{number(item.value, unit=unit)} {unit.symbol}" if known else NOT_ENOUGH
-    limit = f"{'≥' if item.name.endswith('_min') else '≤'} {number(item.limit, unit=unit)} {unit.symbol}"
+    limit = f"{sign_of(item)} {number(item.limit, unit=unit)} {unit.symbol}"
     margin = "" if item.margin is None else f"{number(item.margin, unit=unit, signed=True)} {unit.symbol}"
     over = label_of(item.condition)
     ends = sorted(share for bound in item.interval or () if (share := share_of(item, bound)) is not None)

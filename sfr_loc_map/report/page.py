@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from itertools import islice
+from operator import itemgetter
 from pathlib import Path, PurePath
 from typing import Any, NamedTuple
 
@@ -18,7 +19,7 @@ from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text
 from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.metrics.catalogue import Subject
 from sfr_loc_map.metrics.config import ScoreConfig, VerdictState, label_of
-from sfr_loc_map.metrics.limits import finding_verdicts, overall_verdict
+from sfr_loc_map.metrics.limits import finding_verdicts, with_verdict
 from sfr_loc_map.metrics.score import Score, Verdict
 from sfr_loc_map.metrics.score_json import from_json, to_plain
 from sfr_loc_map.report.limit_bars import share_of
@@ -40,9 +41,9 @@ Sections = Sequence[tuple[str, list[Plot]]]
 
 
 def load_score(path: Path) -> Score:
-    """Read a score; InputError if the file cannot be read or holds none."""
+    """Read a score and derive its verdict again; InputError if the file cannot be read or holds no score."""
     try:
-        return from_json(read_text(path, MAX_JSON_BYTES), f"'{path}'")
+        return with_verdict(from_json(read_text(path, MAX_JSON_BYTES), f"'{path}'"))
     except (OSError, ValueError) as error:
         problem = error.strerror if isinstance(error, OSError) else error
         raise InputError(f"cannot read score '{path}': {problem}; give the JSON of sfr score --json") from error
@@ -143,7 +144,7 @@ def _overall(state: str | None, text: str, open_icon: str) -> Overall:
 
 def overall_of(score: Score) -> Overall:
     """Return the verdict over all limits, as it is shown."""
-    state = overall_verdict(score)
+    state = score.verdict
     if score.contradiction is not None and not score.failures:
         return _overall(None, f"Not judged: {score.contradiction}", NO_VERDICT_ICON)
     part = "" if score.incomplete is None else f"Incomplete: {score.incomplete}. "
@@ -256,12 +257,14 @@ def _worth_a_look(score: Score) -> Iterator[LookFirst]:
             name_of(item), f"Of the limits that are met it is the nearest to being missed: {_beside_limit(item)}"
         )
     for first in parts_of(score)[:1]:
-        sizes = error_sizes(first.rows)
-        worst = max(range(len(sizes)), key=sizes.__getitem__)
-        unit = fitting(METRE, sizes[worst])
-        why = f"Over {label_of(first.rows.condition)} the largest position error is {number(sizes[worst], unit=unit)} "
-        why += f"{unit.symbol}, at frames {first.rows.start_frame[worst]} to {first.rows.end_frame[worst]}."
-        yield LookFirst("the worst sub-trajectory", why)
+        rows = first.rows
+        known = [(size, row) for row, size in enumerate(error_sizes(rows)) if size is not None]
+        if known:
+            largest_m, worst = max(known, key=itemgetter(0))
+            unit = fitting(METRE, largest_m)
+            why = f"Over {first.over} the largest position error is {number(largest_m, unit=unit)} {unit.symbol}, "
+            why += f"at frames {rows.start_frame[worst]} to {rows.end_frame[worst]}."
+            yield LookFirst("the worst sub-trajectory", why)
 
 
 def _use_of_limit(item: Verdict) -> float:

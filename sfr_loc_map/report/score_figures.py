@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.metrics.catalogue import Subject
+from sfr_loc_map.metrics.catalogue import Subject, statistic_title
 from sfr_loc_map.metrics.config import CallKind, label_of
 from sfr_loc_map.metrics.score import ErrorImage, Figure, MapDetails, PathRows, PointRows, Score, SubTrajectoryRows
 from sfr_loc_map.report.plots import (
@@ -32,7 +32,7 @@ from sfr_loc_map.report.plots import (
     segments,
     span,
 )
-from sfr_loc_map.report.score_tables import DIRECTIONS, HOST, STATISTICS, limits_on
+from sfr_loc_map.report.score_tables import DIRECTIONS, HOST, limits_on
 from sfr_loc_map.report.tables import MIB
 
 SYMBOLS = ("circle", "diamond", "square", "triangle-up", "cross")
@@ -145,7 +145,7 @@ def _limit_lines(
     traces = []
     for name, limit in limits_on(score, figure, condition).items():
         far = {"visible": "legendonly"} if limit * factor > FAR * most else {}
-        title = f"limit of {STATISTICS[name]}" + (f", {label_of(condition)}" if condition else "")
+        title = f"limit of {statistic_title(name)}" + (f", {label_of(condition)}" if condition else "")
         traces.append(line(title, (ends, scaled([limit] * 2, factor)), "@bad", dash="longdash", **(more | far)))
     return traces
 
@@ -157,13 +157,18 @@ def _upright(title: str, values: Column, limits: Sequence[float]) -> dict[str, A
     return axis(title, rangemode="tozero")
 
 
-def error_sizes(rows: SubTrajectoryRows) -> list[float]:
-    """Return the size of each position error, m."""
+def error_sizes(rows: SubTrajectoryRows) -> list[float | None]:
+    """Return the size of each position error, m; None where an error is unknown."""
     return _sizes(rows.x_m, rows.y_m, rows.z_m)
 
 
-def _sizes(*columns: Column) -> list[Any]:
-    return [math.hypot(*(value or 0.0 for value in row)) for row in zip(*columns, strict=True)]
+def _sizes(*columns: Column) -> list[float | None]:
+    return [_norm(row) for row in zip(*columns, strict=True)]
+
+
+def _norm(components: Sequence[float | None]) -> float | None:
+    known = [value for value in components if value is not None]
+    return math.hypot(*known) if len(known) == len(components) else None
 
 
 def _traces_to(rows: SubTrajectoryRows) -> list[list[str | int]]:
@@ -201,7 +206,7 @@ def _top_view(path: PathRows, parts: list[Part]) -> Plot:
         factor, unit = error_scale(largest(error_sizes(rows)))
         ends = [min(frame // path.every, len(path.stamp_ns) - 1) for frame in rows.end_frame]
         places, sizes = [[column[k] for k in ends] for column in truth], scaled(error_sizes(rows), factor)
-        bar = colour_bar(f"error over {rows.condition}, {unit}")
+        bar = colour_bar(f"error over {label_of(rows.condition)}, {unit}")
         style = {
             "colorscale": "@sequential",
             "showscale": True,
@@ -280,7 +285,7 @@ def _position(score: Score, parts: list[Part]) -> Plot:
             data.append(band(f"95 % interval of it, {over}", ends, low, high, f"{color}-soft", **group))
     on = (limits_on(score, "position", part.rows.condition) for part in parts)
     limits = [limit * factor for found in on for limit in found.values()]
-    sizes = [value * factor for part in parts for value in error_sizes(part.rows)]
+    sizes = [value for part in parts for value in scaled(error_sizes(part.rows), factor)]
     layout = {"xaxis": axis(AT_THE_END), "yaxis": _upright(f"size of the position error, {unit}", sizes, limits)}
     caption = "Each mark is one sub-trajectory: point at it for its frames and stamps. A click on a name of the legend "
     caption += "shows or hides a condition."
@@ -448,7 +453,7 @@ def _over_range(score: Score) -> Plot:
         levels = [
             ([max(nearest, low), farthest], scaled([row.statistic(name)] * 2, 1e3)) for nearest, farthest, row in bins
         ]
-        data.append(line(STATISTICS[name], segments(levels), color, dash=dash, width=3))
+        data.append(line(statistic_title(name), segments(levels), color, dash=dash, width=3))
     data += _limit_lines(score, "point_error", [low, high], math.inf, 1e3)
     law, ratio = None if details is None else details.triangulation, (high / low) ** (1 / LAW_STEPS)
     median_px = score.number("disparity_error", "p50", part=None)

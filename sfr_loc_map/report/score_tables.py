@@ -12,10 +12,11 @@ from typing import NamedTuple
 
 import msgspec
 
-from sfr_loc_map.metrics.calls import AFTER_FIRST, FIRST, TARGET
-from sfr_loc_map.metrics.catalogue import KINDS, Subject, title_of
+from sfr_loc_map.metrics.calls import AFTER_FIRST, FIRST
+from sfr_loc_map.metrics.catalogue import KINDS, TARGET, Subject, statistic_title, title_of
 from sfr_loc_map.metrics.config import CallKind, Rebase, label_of
-from sfr_loc_map.metrics.score import Figure, Score, Verdict
+from sfr_loc_map.metrics.formulas import STATISTICS
+from sfr_loc_map.metrics.score import NUMBERS, Figure, Score, Verdict
 from sfr_loc_map.report.tables import (
     ABSENT,
     NOT_ENOUGH,
@@ -44,12 +45,8 @@ NO_INTERVAL = (
     "Only mean + 3 sigma over sub-trajectories has an interval, where two of them or more are independent; without one "
     "nothing is certain (-)."
 )
-STATISTICS = {
-    **{"mean": "mean", "sigma": "sigma", "mean_plus_3sigma": "mean + 3 sigma", "rmse": "rmse"},
-    **{"p50": "p50", "p95": "p95", "p99": "p99", "max": "max", "value": "value"},
-}
-"""Columns of the table of figures, and their names for people."""
-HEADLINE_COLUMNS = ("mean", "sigma", "mean_plus_3sigma", "value")
+ALIGNED = ("ape", "rpe")  #: Figures of the estimate as it was aligned with the truth.
+CALL_PARTS = (None, FIRST, AFTER_FIRST)  #: Parts of the times of complete calls on this host.
 DIRECTIONS = {
     **{"x": "x (east)", "y": "y (north)", "z": "z (up)"},
     **{"along": "along the path", "cross": "to the left of it", "vertical": "vertical"},
@@ -106,23 +103,15 @@ class Placed(NamedTuple):
 # ---- which rows are in which table
 
 
-def is_judged(score: Score, row: Figure) -> bool:
-    """Tell whether a row of sub-trajectories is of the reading that is judged."""
-    return score.association is not None and row.part == score.association.rebase
-
-
 def is_headline(score: Score, row: Figure) -> bool:
     """Tell whether a row is in the first table: the figures of the specification, as a whole, and what is limited."""
     if is_limited(score, row):
         return True
-    kind = KINDS.get(row.figure)
-    if kind is None or not kind.is_headline:
+    if row.figure not in KINDS or not KINDS[row.figure].shown:
         return False
-    if row.subject is Subject.TRAJECTORY:
-        return row.condition is not None and is_judged(score, row)
-    if row.subject is Subject.MEMORY:
-        return row.value is not None and (row.part or "").partition(" ")[0] != TARGET
-    return row.part is None
+    if row.subject is Subject.MEMORY:  # a peak is that of a kind of call, which is its part
+        return row.value is not None and not _of_target(row)
+    return row is score.judged_row(row.figure, condition=row.condition)
 
 
 def is_limited(score: Score, row: Figure) -> bool:
@@ -149,71 +138,62 @@ class View(NamedTuple):
     title: str
     shows: Callable[[Score, Figure], bool]
     note: Callable[[Score], str] = lambda score: ""
-    columns: tuple[str, ...] = ()  #: Columns beside those that are limited; empty for all that a row has.
+    columns: Callable[[Figure], Sequence[str]] = lambda row: NUMBERS  #: Statistics of a row, beside what is limited.
 
 
-T, M, S, B, C, N = Subject
-VIEWS = (
-    View("headline", "Figures", is_headline, lambda score: headline_note(score), HEADLINE_COLUMNS),
-    View("covered", "What is judged", lambda score, row: row.subject is C, lambda score: covered_note(score)),
-    View(
-        "readings",
-        "Each reading of the document",
-        lambda score, row: row.subject is T and row.condition is not None and row.part in [*Rebase],
-        lambda score: readings_note(score),
-        ("mean_plus_3sigma",),
-    ),
-    View(
-        "aligned",
-        "Absolute and relative pose error",
-        lambda score, row: row.figure in ("ape", "rpe"),
-        lambda score: aligned_note(score),
-    ),
-    View(
-        "growth",
-        "Error against the length of the sub-trajectory",
-        lambda score, row: row.subject is T and row.condition is None and row.figure not in ("ape", "rpe"),
-    ),
-    View(
-        "directions",
-        "Position error by direction",
-        lambda score, row: row.subject is T and row.part in DIRECTIONS,
-        lambda score: "x, y, z of DS. Means with their signs.",
-    ),
-    View("map", "Map", lambda score, row: row.subject is M, lambda score: map_note(score)),
-    View("consistency", "Consistency of the uncertainty", lambda s, row: row.subject is N, lambda s: nees_note(s)),
-    View(
-        "time",
-        "Time per call",
-        lambda score, row: row.subject is S and row.part in (None, FIRST, AFTER_FIRST),
-        lambda score: clock_text(score),
-    ),
-    View(
-        "stages",
-        "Time of stages",
-        lambda score, row: row.subject is S and not _of_target(row) and row.part not in (None, FIRST, AFTER_FIRST),
-        lambda score: "Over the calls that had the stage.",
-    ),
-    View(
-        "memory",
-        "Peak resident memory during a call",
-        lambda score, row: row.subject is B and not _of_target(row),
-        lambda score: f"Method: {UNKNOWN if score.calls is None else score.calls.memory_method or UNKNOWN}.",
-    ),
-    View(
-        "target-time",
-        "Time per call on the target",
-        lambda score, row: row.subject is S and _of_target(row),
-        lambda score: target_note(score),
-    ),
-    View(
-        "target-memory",
-        "Peak memory on the target",
-        lambda score, row: row.subject is B and _of_target(row),
-        lambda score: target_note(score),
-    ),
-)
-"""The tables of figures. Rows that none of them shows are in a last one."""
+def shown_statistics(row: Figure) -> Sequence[str]:
+    """Return the statistics that every view shows of a figure, by the catalogue."""
+    return KINDS[row.figure].shown if row.figure in KINDS else NUMBERS
+
+
+def compared_statistics(row: Figure) -> Sequence[str]:
+    """Return the statistics by which runs are compared, by the catalogue."""
+    return KINDS[row.figure].compared if row.figure in KINDS else NUMBERS
+
+
+def is_of_a_reading(score: Score, row: Figure) -> bool:
+    """Tell whether a row has the errors of sub-trajectories by one reading of the document."""
+    return row.subject is Subject.TRAJECTORY and row.condition is not None and row.part in [*Rebase]
+
+
+def is_growth(score: Score, row: Figure) -> bool:
+    """Tell whether a row has the errors of sub-trajectories of one length."""
+    return row.subject is Subject.TRAJECTORY and row.condition is None and row.figure not in ALIGNED
+
+
+def is_time(score: Score, row: Figure) -> bool:
+    """Tell whether a row has the times of calls on this host."""
+    return row.subject is Subject.TIMING and row.part in CALL_PARTS
+
+
+def is_stage(score: Score, row: Figure) -> bool:
+    """Tell whether a row has the times of a stage of calls on this host."""
+    return row.subject is Subject.TIMING and row.part not in CALL_PARTS and not _of_target(row)
+
+
+def is_by_direction(score: Score, row: Figure) -> bool:
+    """Tell whether a row has the position errors along one direction."""
+    return row.subject is Subject.TRAJECTORY and row.part in DIRECTIONS
+
+
+def is_memory(score: Score, row: Figure) -> bool:
+    """Tell whether a row has the memory of calls on this host."""
+    return row.subject is Subject.MEMORY and not _of_target(row)
+
+
+def memory_note(score: Score) -> str:
+    """Return how memory was measured."""
+    return f"Method: {UNKNOWN if score.calls is None else score.calls.memory_method or UNKNOWN}."
+
+
+def directions_note(score: Score) -> str:
+    """Return how errors by direction are to be read."""
+    return "x, y, z of DS. Means with their signs."
+
+
+def stages_note(score: Score) -> str:
+    """Return over which calls the times of stages are."""
+    return "Over the calls that had the stage."
 
 
 def score_tables(score: Score) -> list[Table]:
@@ -224,7 +204,7 @@ def score_tables(score: Score) -> list[Table]:
     for view in VIEWS:
         rows = [item for item in placed if view.shows(score, item.row)]
         shown |= {item.place for item in rows}
-        found.append(figure_table(view.name, view.title, rows, view.note(score), columns_of(view, score)))
+        found.append(figure_table(view.name, view.title, rows, view.note(score), columns_of(view, score, rows)))
     others = [item for item in placed if item.place not in shown]
     found.append(figure_table("others", "Other figures", others))
     tables = [verdict_table(score), *found, external_table(score), method_table(score), association_table(score)]
@@ -244,13 +224,15 @@ def table_of(score: Score, name: str) -> Table:
     view = next(view for view in VIEWS if view.name == name)
     placed = (Placed(place, row) for place, row in enumerate(score.figures))
     rows = [item for item in placed if view.shows(score, item.row)]
-    return figure_table(name, view.title, rows, view.note(score), columns_of(view, score))
+    return figure_table(name, view.title, rows, view.note(score), columns_of(view, score, rows))
 
 
-def columns_of(view: View, score: Score) -> tuple[str, ...]:
-    """Return the statistics that a table shows: its own, and those that are limited; empty for all."""
-    limited = {item.statistic for item in score.verdicts if item.statistic is not None}
-    return tuple(key for key in STATISTICS if key in view.columns or key in limited) if view.columns else ()
+def columns_of(view: View, score: Score, placed: Sequence[Placed]) -> tuple[str, ...]:
+    """Return the statistics that a table shows: those of its rows, and those that are limited."""
+    wanted = {item.statistic for item in score.verdicts}
+    for _, row in placed:
+        wanted.update(view.columns(row))
+    return tuple(key for key in NUMBERS if key in wanted)
 
 
 def glossary() -> Table:
@@ -267,16 +249,19 @@ def score_markdown(score: Score) -> str:
 # ---- the one renderer of figures
 
 
-def figure_table(name: str, title: str, placed: Sequence[Placed], note: str = "", only: Sequence[str] = ()) -> Table:
+def figure_table(
+    name: str, title: str, placed: Sequence[Placed], note: str = "", wanted: Sequence[str] = NUMBERS
+) -> Table:
     """Return rows of the table of figures as a table; columns that no row has are left out."""
     rows = [item.row for item in placed]
-    wanted = only or tuple(STATISTICS)
     statistics = [key for key in wanted if any(row.statistic(key) is not None for row in rows)]
     has_interval = any(row.interval for row in rows)
-    has_independent = not only and any(row.independent is not None for row in rows)
+    has_independent = len(wanted) == len(NUMBERS) and any(row.independent is not None for row in rows)
     columns = [Column("figure", words=True), Column("unit", words=True)]
-    columns += [Column(STATISTICS[key]) for key in statistics]
-    columns += [Column("95 % interval")] * has_interval + [Column("n")] + [Column("independent")] * has_independent
+    columns += [Column(statistic_title(key)) for key in statistics]
+    columns += [Column("95 % interval")] if has_interval else []
+    columns.append(Column("n"))
+    columns += [Column("independent")] if has_independent else []
     cells: list[Row] = []
     for index, row in placed:
         unit, place = row_unit(row), f"figures.{index}"
@@ -317,7 +302,7 @@ def row_unit(row: Figure) -> Unit:
         return Unit("MiB")
     if row.unit == "1":
         return Unit()
-    return fitting(Unit(row.unit), row.mean, row.sigma, row.mean_plus_3sigma, row.max, row.high95, row.value)
+    return fitting(Unit(row.unit), *(row.statistic(key) for key in NUMBERS), row.high95)
 
 
 # ---- verdicts
@@ -352,7 +337,7 @@ def verdict_table(score: Score) -> Table:
 
 def sign_of(item: Verdict) -> str:
     """Return the sign between a value and its limit."""
-    return "≥" if item.name.endswith("_min") else "≤"
+    return "≥" if item.is_lower_bound else "≤"
 
 
 def certain_text(item: Verdict) -> str:
@@ -364,8 +349,8 @@ def limit_name(name: str) -> str:
     """Return the name of a limit in words, without its unit: `position mean + 3 sigma`."""
     if name == "coverage_min":
         return "map coverage"
-    words = re.sub(r"_(max_share|m|deg|s|bytes|min)$", "", name).replace("mean_plus_3sigma", "mean + 3 sigma")
-    words = words.replace("_", " ") + (" share" if name.endswith("_max_share") else "")
+    words = statistic_title(re.sub(r"_(max_share|m|deg|s|bytes|min)$", "", name))
+    words += " share" if name.endswith("_max_share") else ""
     if name.endswith("_s"):
         words = re.sub(r"\b(localisation|mapping call|mapping|fusion)\b", r"\1 time", words)
     return words
@@ -559,8 +544,9 @@ def external_table(score: Score) -> Table:
         for name, value in msgspec.structs.asdict(node.answers).items()
     ]
     if (latency := node.latency_s) is not None:
-        for name, value in (("p50", latency.p50), ("p95", latency.p95), ("max", latency.max)):
-            shown.append((f"latency {name}", f"latency_s.{name}", value, Unit("ms")))
+        for name in STATISTICS:
+            value = getattr(latency, name)
+            shown.append((f"latency {statistic_title(name)}", f"latency_s.{name}", value, Unit("ms")))
     if (usage := node.process) is not None:
         shown.append(("processor time", "process.cpu_s", usage.cpu_s, Unit("s")))
         shown.append(("peak resident memory", "process.peak_rss_bytes", usage.peak_rss_bytes, Unit("MiB")))
@@ -586,3 +572,34 @@ def call_rows(score: Score, subject: Subject) -> Iterator[tuple[CallKind, Figure
             row = score.figure("peak", subject=subject, part=kind)
         if row is not None:
             yield kind, row
+
+
+# ---- the tables of figures
+
+
+def about(subject: Subject) -> Callable[[Score, Figure], bool]:
+    """Return the test whether a row is about a subject."""
+    return lambda score, row: row.subject is subject
+
+
+def on_target(subject: Subject) -> Callable[[Score, Figure], bool]:
+    """Return the test whether a row is about a subject, as measured on the target."""
+    return lambda score, row: row.subject is subject and _of_target(row)
+
+
+VIEWS = (
+    View("headline", "Figures", is_headline, headline_note, shown_statistics),
+    View("covered", "What is judged", about(Subject.COMPLETENESS), covered_note),
+    View("readings", "Each reading of the document", is_of_a_reading, readings_note, compared_statistics),
+    View("aligned", "Absolute and relative pose error", lambda score, row: row.figure in ALIGNED, aligned_note),
+    View("growth", "Error against the length of the sub-trajectory", is_growth),
+    View("directions", "Position error by direction", is_by_direction, directions_note),
+    View("map", "Map", about(Subject.MAP), map_note),
+    View("consistency", "Consistency of the uncertainty", about(Subject.CONSISTENCY), nees_note),
+    View("time", "Time per call", is_time, clock_text),
+    View("stages", "Time of stages", is_stage, stages_note),
+    View("memory", "Peak resident memory during a call", is_memory, memory_note),
+    View("target-time", "Time per call on the target", on_target(Subject.TIMING), target_note),
+    View("target-memory", "Peak memory on the target", on_target(Subject.MEMORY), target_note),
+)
+"""The tables of figures. Rows that none of them shows are in a last one."""

@@ -14,8 +14,9 @@ from typing import Any
 from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.inputs import printable
-from sfr_loc_map.metrics.catalogue import KINDS, Subject
+from sfr_loc_map.metrics.catalogue import Subject, clause_of
 from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.metrics.limits import with_verdict
 from sfr_loc_map.metrics.score import Score, TargetRecord, Verdict
 from sfr_loc_map.report.page import from_template, overall_of
 from sfr_loc_map.report.score_tables import (
@@ -29,9 +30,10 @@ from sfr_loc_map.report.score_tables import (
 )
 from sfr_loc_map.report.tables import ABSENT, OPEN, UNKNOWN, VERDICTS, Cell, to_html
 
+TABLES = ("headline", "covered", "readings")  #: Tables of figures below the results.
 DOCUMENT = "Clarification of performance metrics for SFR Breadboarding"
 CLAUSES = {
-    "4.1.1": "Sub-trajectories: frames, conditions, starts every 10 frames",
+    "4.1.1": "Sub-trajectories from frame N to the frame N+x at which the condition is met",
     "4.1.2": "Error before the start of a sub-trajectory does not count",
     "4.1.3": "Standard deviation with Bessel's correction",
     "4.2.1": "Time of a localisation call, wall clock on the target",
@@ -39,23 +41,29 @@ CLAUSES = {
     "4.2.3.1": "3D position error",
     "4.2.3.2": "Attitude error",
     "4.2.3.3": "Heading error",
-    "4.3.1": "Time of a mapping call",
-    "4.3.2": "RAM of a mapping call",
+    "4.3.1": "Time of a mapping call, wall clock on the target",
+    "4.3.2": "RAM of a mapping call, by a method that the supplier proposes",
     "4.3.4": "Error of each point of the cloud",
 }
+OF_SUB_TRAJECTORIES = ("4.1.1", "4.1.2")  #: Clauses that every error of the trajectory follows.
+STANDARD_DEVIATION = "4.1.3"
 ORDER = (VerdictState.FAIL, VerdictState.INCOMPLETE, VerdictState.NOT_ENOUGH_DATA, "no verdict")  #: The worst first.
-WHOLE_DRIVE = "4.1.1"
+NO_CLAUSE = "no_clause"  #: Class of a test case whose figure the document does not define.
 NOT_JUDGED = "not judged"  #: Where estimate and truth contradict each other.
 
 
-def clause_of(item: Verdict) -> str:
-    """Return the clause that defines a limited figure; what is on no figure is about the drive as a whole."""
-    kind = None if item.figure is None else KINDS.get(item.figure)
-    if kind is None or not kind.clause:
-        return WHOLE_DRIVE
-    if kind.subject is Subject.MEMORY and "mapping" in (item.part or ""):
-        return "4.3.2"
-    return kind.clause
+def clause_of_limit(item: Verdict) -> str:
+    """Return the clause that defines a limited figure; empty if the document does not define the figure."""
+    return "" if item.figure is None else clause_of(item.figure, item.part)
+
+
+def clauses_used(scores: Sequence[Score]) -> list[str]:
+    """Return the clauses that the limited figures of some scores follow, in their order."""
+    found = {clause_of_limit(item) for score in scores for item in score.verdicts} - {""}
+    found.add(STANDARD_DEVIATION)
+    if any(score.has(Subject.TRAJECTORY) for score in scores):
+        found.update(OF_SUB_TRAJECTORIES)
+    return sorted(found)
 
 
 def render_test_report(scores: Sequence[Score], title: str = "") -> str:
@@ -69,12 +77,13 @@ def render_test_report(scores: Sequence[Score], title: str = "") -> str:
     results = [row for index, score in enumerate(scores) for row in _results(score, index, left_out[index])]
     states = [row["verdict"] for row in results]
     scores = [
-        struct_replace(score, verdicts=tuple(item for k, item in enumerate(score.verdicts) if k not in gone))
+        with_verdict(
+            struct_replace(score, verdicts=tuple(item for k, item in enumerate(score.verdicts) if k not in gone))
+        )
         for score, gone in zip(scores, left_out, strict=True)
     ]
     overalls = [overall_of(score) for score in scores]
-    clauses = sorted({row["clause"] for row in results} | {"4.1.1", "4.1.2", "4.1.3"})
-    tables_of_all = [(table_of(item, "covered"), table_of(item, "readings")) for item in scores]
+    tables_of_all = [[table_of(item, name) for name in TABLES] for item in scores]
     return from_template(
         "test_report.html.j2",
         title=title or "Test report",
@@ -83,7 +92,7 @@ def render_test_report(scores: Sequence[Score], title: str = "") -> str:
         said=[item.text for item in overalls],
         counts={word: states.count(word) for word in dict.fromkeys(states)},
         items=[_item(score) for score in scores],
-        clauses=[(clause, CLAUSES[clause]) for clause in clauses],
+        clauses=[(clause, CLAUSES[clause]) for clause in clauses_used(scores)],
         commands=[score.provenance.command or UNKNOWN if score.provenance else UNKNOWN for score in scores],
         inputs=[
             (number, role, printable(file.path), file.sha256)
@@ -158,7 +167,7 @@ def _results(score: Score, index: int, left_out: Collection[int]) -> Iterator[di
             "verdict": verdict,
             "certain": certain_text(item),
             "style": VERDICTS.get(verdict, OPEN),
-            "clause": clause_of(item),
+            "clause": clause_of_limit(item),
             "command": index + 1,
         }
 
@@ -236,7 +245,7 @@ def junit(scores: Mapping[str, Score], without: Mapping[str, str] | None = None)
         if score.provenance is not None and score.provenance.time:
             suite.set("timestamp", score.provenance.time[:19])
         for item, state in zip(score.verdicts, states, strict=True):
-            name, kind = printable(_name(item)), f"sfr.{clause_of(item)}"
+            name, kind = printable(_name(item)), f"sfr.{clause_of_limit(item) or NO_CLAUSE}"
             case = ET.SubElement(suite, "testcase", classname=kind, name=name)
             properties = ET.SubElement(case, "properties")
             facts = {"id": item.id, "text": item.text, "limit": item.limit, "value": item.value}

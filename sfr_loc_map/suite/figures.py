@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from sfr_loc_map.metrics.catalogue import KINDS, Subject
+from sfr_loc_map.metrics.catalogue import KINDS, TOTAL, Subject, statistic_title
 from sfr_loc_map.metrics.config import CallKind, label_of
 from sfr_loc_map.metrics.score import Score
 
@@ -36,12 +36,14 @@ class FigureName:
 def figures_of(score: Score) -> dict[FigureName, float]:
     """Return the figures of a score that are defined; those but counts are positive."""
     found: dict[FigureName, float | None] = {}
-    errors = [kind for kind in KINDS.values() if kind.is_compared and kind.subject is Subject.TRAJECTORY]
+    errors = [kind for kind in KINDS.values() if kind.subject is Subject.TRAJECTORY]
     for condition in score.conditions:
         over = label_of(condition)
         for kind in errors:
-            name = FigureName(FigureKind.ACCURACY, f"{kind.name} over {over}, {kind.unit}")
-            found[name] = score.number(kind.name, "mean_plus_3sigma", condition=condition)
+            for statistic in kind.compared:
+                title = kind.name if statistic == TOTAL else f"{kind.name} {statistic_title(statistic)}"
+                name = FigureName(FigureKind.ACCURACY, f"{title} over {over}, {kind.unit}")
+                found[name] = score.number(kind.name, statistic, condition=condition)
         nees = score.figure("nees", condition=condition, part="pose")
         expected = FigureName(FigureKind.NEES, f"NEES over {over}, over that expected")
         found[expected] = None if nees is None or nees.mean is None or not nees.value else nees.mean / nees.value

@@ -21,7 +21,6 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.catalogue import KINDS, Subject
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.limits import (
-    COVERAGE_MIN,
     LimitedFigure,
     LimitPart,
     Limits,
@@ -35,7 +34,7 @@ from sfr_loc_map.metrics.limits import (
     verdict_on,
     with_verdict,
 )
-from sfr_loc_map.metrics.score import Figure, Score, Verdict, figure_row
+from sfr_loc_map.metrics.score import POOLED, Figure, Score, Verdict, figure_row
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.metrics.statistics import student_quantile
 from sfr_loc_map.suite.cluster import WorkerRecord
@@ -48,7 +47,6 @@ SCHEMA = "sfr-suite/1"
 MIN_DRIVES = 5  #: With fewer drives there is no interval.
 RESAMPLES = 2000
 SEED = 20260101
-POOLED = "pooled"  #: Part of the rows over all drives.
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,7 +242,7 @@ def _verdicts(limits: Limits | None, scores: Sequence[Score], pooled: tuple[Figu
             figure = figure_of(limit, Score(figures=pooled))
             over, count = "pooled", figure.n or 0
         else:  # drives need no least number
-            worst_value = min(values, default=None) if limit.key == COVERAGE_MIN else max(values, key=abs, default=None)
+            worst_value = min(values, default=None) if limit.is_lower_bound else max(values, key=abs, default=None)
             figure = LimitedFigure(worst_value)
         verdict = replace(verdict_on(limit, figure, limits.minimum_count if limits else 2), n=count)
         yield _of_group(verdict, over, sum(not meets(limit, found) for found in values))
@@ -269,7 +267,7 @@ def pool(results: Sequence[tuple[str, Score]], condition: str) -> Iterator[Figur
             known = [row for row in rows if row is not None and row.mean is not None and (row.n or 0) > 1]
             if len(known) == len(axes):
                 used.append((drive, known))
-        has_figure = any(score.figure(kind.name, condition=condition) is not None for _, score in results)
+        has_figure = any(score.rows(kind.name, condition=condition) for _, score in results)
         if has_figure:
             yield pooled_row(kind.name, condition, used)
 
@@ -277,7 +275,7 @@ def pool(results: Sequence[tuple[str, Score]], condition: str) -> Iterator[Figur
 def _axis_row(score: Score, figure: str, condition: str, axis: str | None) -> Figure | None:
     """Return the row of one axis of a figure; of a figure without axes the row of the reading that is judged."""
     if axis is None:
-        return score.figure(figure, condition=condition)
+        return score.judged_row(figure, condition=condition)
     return score.figure(figure, condition=condition, part=axis)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from sfr_loc_map.metrics.catalogue import KINDS, Subject
+from sfr_loc_map.metrics.catalogue import KINDS, TOTAL, Subject, statistic_title
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_plain
@@ -203,9 +203,11 @@ def result_table(
     name: str, title: str, drives: Sequence[ScoredJob], pages: set[str], subject: Subject, note: str = ""
 ) -> Table:
     """Return a row a result: the errors that the catalogue compares, over the first condition, and what they cost."""
-    errors = [kind for kind in KINDS.values() if kind.is_compared and kind.subject is subject]
+    errors = [kind for kind in KINDS.values() if TOTAL in kind.compared and kind.subject is subject]
     columns = [Column("drive", words=True), Column("runs", words=True)]
-    columns += [Column(f"{kind.name.replace('_', ' ')}, mean + 3 sigma", shown_unit(kind.unit)) for kind in errors]
+    for kind in errors:
+        named, unit = kind.name.replace("_", " "), shown_unit(kind.unit)
+        columns += [Column(f"{named}, {statistic_title(statistic)}", unit) for statistic in kind.compared]
     if subject is Subject.MAP:
         columns.append(Column("coverage", PERCENT))
     else:
@@ -218,8 +220,8 @@ def result_table(
         link = f"{PAGES}/{job.key}.html" if job.key in pages else ""
         cells = [replace(Cell.head(job.source.name), link=link), Cell(runs)]
         for kind in errors:
-            value = score.number(kind.name, "mean_plus_3sigma")
-            cells.append(Cell.number(value, kind.name, shown_unit(kind.unit), ABSENT))
+            values = [score.number(kind.name, statistic) for statistic in kind.compared]
+            cells += [Cell.number(value, kind.name, shown_unit(kind.unit), ABSENT) for value in values]
         if subject is Subject.MAP:
             cells.append(Cell.number(score.number("coverage"), "coverage", PERCENT, ABSENT))
         else:

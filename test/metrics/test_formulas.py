@@ -138,7 +138,7 @@ def test_statistics_by_numpy(offset: float) -> None:
     one = formulas.statistics(values[:1])
     assert (one.n, one.mean, one.sigma, one.mean_plus_3sigma) == (1, values[0], None, None)
     assert formulas.statistics(np.array([1.0, np.nan])).mean is None
-    assert formulas.statistics(np.empty((0, 3))) == (0, *[None] * 8)
+    assert formulas.statistics(np.empty((0, 3))) == formulas.Statistics(n=0)
 
 
 @pytest.mark.clause("4.3.4")

@@ -11,11 +11,12 @@ from typer.testing import CliRunner
 
 from helpers.made_scores import HOSTILE, whole_score, without
 from sfr_loc_map.cli.main import app
-from sfr_loc_map.metrics.score import AnswerCounts, ExternalScore, MethodKind, MethodRecord, Score, StageTime
+from sfr_loc_map.metrics.formulas import Statistics
+from sfr_loc_map.metrics.score import AnswerCounts, ExternalScore, MethodKind, MethodRecord, Score
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.report.comparison import methods_figures, methods_tables, plain
 
-LATENCY = StageTime(count=9, mean=0.05, sigma=0.01, mean_plus_3sigma=0.08, p50=0.05, p95=0.07, max=0.08)
+LATENCY = Statistics(n=9, mean=0.05, sigma=0.01, mean_plus_3sigma=0.08, p50=0.05, p95=0.07, max=0.08)
 
 
 @pytest.fixture(scope="module")

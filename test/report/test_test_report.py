@@ -17,7 +17,7 @@ from sfr_loc_map.metrics.limits import judged, parse_limits, with_verdict
 from sfr_loc_map.metrics.score import Score, Verdict
 from sfr_loc_map.report.page import load_score
 from sfr_loc_map.report.score_tables import score_tables, table_of
-from sfr_loc_map.report.test_report import CLAUSES, clause_of, junit, render_test_report
+from sfr_loc_map.report.test_report import CLAUSES, clause_of_limit, junit, render_test_report
 
 COMMANDS = ("sfr score estimate.csv data", "sfr score cloud.ply data", "sfr score target data")
 TEN: dict[str, Any] = {
@@ -92,7 +92,9 @@ def test_every_figure_is_found_in_the_json_and_every_link_leads_to_its_clause_an
     assert len(rows) == 10
     for number, row in enumerate(rows, 1):
         assert f">R{number}<" in row
-        assert re.search(r'href="#clause-[\d.]+".*href="#command-1"', row, re.DOTALL)
+        assert 'href="#command-1"' in row
+    with_clause = [number for number, row in enumerate(rows, 1) if 'href="#clause-' in row]
+    assert with_clause == [1, 2, 4, 5, 9, 10]  # not those on what is lost, on coverage, and on times of the host
     assert "script" not in page.tags
     assert "img" not in page.tags
     headings = re.findall(r"<h2>(\d) ", text)
@@ -110,11 +112,11 @@ def test_what_stands_first_is_the_worst_and_a_part_is_said_first() -> None:
     assert next(table for table in score_tables(part) if table.name == "verdicts").rows[0][0].text == "incomplete"
 
 
-def test_every_limit_has_a_clause_of_the_list() -> None:
+def test_every_limit_has_a_clause_of_the_list_or_none() -> None:
     for score in scores():
-        assert {clause_of(item) for item in score.verdicts} <= set(CLAUSES)
+        assert {clause_of_limit(item) for item in score.verdicts} <= {*CLAUSES, ""}
     plain = Verdict(name="judged_share_min", limit=1.0, value=0.5, state=VerdictState.INCOMPLETE)
-    assert clause_of(plain) == "4.1.1"
+    assert clause_of_limit(plain) == ""
 
 
 def test_junit_says_every_state_in_its_own_word() -> None:

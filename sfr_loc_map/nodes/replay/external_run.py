@@ -13,8 +13,8 @@ from msgspec.structs import asdict, replace
 
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.methods.isolation import ProcessTree
-from sfr_loc_map.metrics.calls import stage_time
-from sfr_loc_map.metrics.score import AnswerCounts, FindingKind, FindingRecord, ProcessUsage, StageTime
+from sfr_loc_map.metrics.formulas import Statistics, statistics
+from sfr_loc_map.metrics.score import AnswerCounts, FindingKind, FindingRecord, ProcessUsage
 
 MAX_IN_A_ROW = 10
 """After so many pairs in a row without an answer the node is not waited for any more, until it answers."""
@@ -106,9 +106,9 @@ class AnswerBook:
         return tuple(found)
 
     @property
-    def latency_s(self) -> StageTime | None:
+    def latency_s(self) -> Statistics | None:
         """Times from publishing a pair to the receipt of its answer; None without an answer."""
-        return stage_time(np.array(list(self._latency_s.values())))
+        return statistics(np.array(list(self._latency_s.values()))) if self._latency_s else None
 
     def _answered(self, stamp_ns: int, received_s: float) -> None:
         if stamp_ns in self._latency_s:

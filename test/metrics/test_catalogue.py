@@ -1,0 +1,53 @@
+"""The clause of each figure is the one that defines it in the document, or none."""
+
+import pytest
+
+from sfr_loc_map.metrics.catalogue import CATALOGUE, KINDS, clause_of
+from sfr_loc_map.metrics.score import NUMBERS
+
+CLAUSES = {
+    # "the Cartesian difference between the estimated displacement and the actual displacement"
+    ("position", "pose"): "4.2.3.1",
+    # "the magnitude of the shortest-path rotation between the estimated and actual attitude"
+    ("attitude", "pose"): "4.2.3.2",
+    # "measured in degrees about the vertical axis of the global frame"
+    ("heading", "pose"): "4.2.3.3",
+    # "for each point in the point cloud"
+    ("point_error", None): "4.3.4",
+    # "elapsed on the target hardware (GR740 development board) between the processing API being invoked and the
+    # function returning with an estimate": neither the time of another host, nor that of a stage
+    ("localisation", None): "",
+    ("localisation", "target"): "4.2.1",
+    ("localisation", "target align"): "",
+    ("localisation", "first call"): "",
+    ("mapping_call", "target"): "4.3.1",
+    ("mapping_call", None): "",
+    ("mapping", "target"): "",
+    ("fusion", "target"): "",
+    # "The supplier shall propose a suitable methodology": on whatever host
+    ("peak", "localisation"): "4.2.2",
+    ("peak", "target localisation"): "4.2.2",
+    ("peak", "mapping_call"): "4.3.2",
+    ("peak", "target mapping"): "4.3.2",
+    ("above_idle", "mapping"): "4.3.2",
+    ("heap_peak", "target localisation"): "4.2.2",
+    # not in the document
+    ("coverage", None): "",
+    ("lost", None): "",
+    ("judged", None): "",
+    ("chord", "pose"): "",
+    ("nees", "pose"): "",
+    ("ape", "translation"): "",
+}
+
+
+@pytest.mark.clause("4.2.1", "4.2.2", "4.2.3.1", "4.2.3.2", "4.2.3.3", "4.3.1", "4.3.2", "4.3.4")
+@pytest.mark.parametrize(("figure", "part"), CLAUSES)
+def test_clause_of_a_figure(figure: str, part: str | None) -> None:
+    assert clause_of(figure, part) == CLAUSES[figure, part]
+
+
+def test_the_catalogue_names_each_figure_once_and_statistics_that_exist() -> None:
+    assert len(KINDS) == len(CATALOGUE)
+    for kind in CATALOGUE:
+        assert {*kind.shown, *kind.compared} <= set(NUMBERS), kind.name
