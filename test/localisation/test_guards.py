@@ -51,6 +51,17 @@ def test_frozen_pair_with_new_noise_is_degraded_with_a_covariance_that_contains_
     assert errors(estimates[-1], true_pose(11))[0] < 0.005
 
 
+def test_a_frozen_pair_that_is_also_swapped_does_not_hide_that_later_pairs_are_frozen() -> None:
+    random = np.random.default_rng(1)
+    pairs = [StereoPair(p.stamp_ns, noisy(p.left, 1.5, random), noisy(p.right, 1.5, random)) for p in DRIVE[:10]]
+    old = pairs[5]
+    for k in range(6, 10):
+        sides = (old.right, old.left) if k in (6, 9) else (old.left, old.right)
+        pairs[k] = StereoPair(pairs[k].stamp_ns, *(noisy(side, 3.0, random) for side in sides))
+    for estimate in run(pairs, localiser())[6:]:
+        assert (estimate.state, estimate.reason) == (TrackingState.DEGRADED, StateReason.REPEATED_IMAGES)
+
+
 @pytest.mark.parametrize(("side", "level"), [("left", 0.0), ("right", 0.0), ("left", 0.15), ("right", 0.15)])
 def test_one_frozen_camera_is_not_used(side: str, level: float) -> None:
     random = np.random.default_rng(1)
