@@ -77,7 +77,7 @@ def draw(name: str, item: PosedStereoPair, rig: StereoRig, found: PairMap) -> No
     shown = field.imshow(found.disparity_px[:, CUT:], cmap="turbo", extent=(CUT, rig.width, rig.height, 0))
     field.set_title("disparity, px; white: none")
     figure.colorbar(shown, ax=field)
-    grid = elevation_grid(found.cloud, TerrainConfig(cell_m=0.04), [found.view.T_lm_left], found.random_sigma)
+    grid = elevation_grid(found.cloud, TerrainConfig(cell_m=0.04), [found.T_lm_left], found.random_sigma)
     model = grid.elevation
     x, y = model.origin_m
     rows, columns = model.height_m.shape

@@ -17,9 +17,9 @@ The flow in the order of the calls; each name is a module:
                     disparity/right_camera                    rotation of the right camera
                     disparity/hole_filling                    holes take the surface beside them
                     reprojection                              points in LM
-                    stated_sigma                              sigma with saturation and calibration
+                    point_sigma                               sigma with saturation and calibration
                     findings                                  figures and warnings
-    fuse(maps):     multiview/fixed_content, registration, fusion (pair_view), then stated_sigma
+    fuse(maps):     multiview/fixed_content, registration, fusion (pair_view), then point_sigma
     products:       terrain/elevation, terrain/grid
 
 `mapper` names the method and the papers that it follows.

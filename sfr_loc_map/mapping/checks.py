@@ -11,11 +11,17 @@ from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.disparity.semi_global_matching import DISPARITY_STEP, semi_global_matching
 
-MIN_CONTRAST = 2.0  #: Smallest standard deviation of an image's grey levels that can be matched.
-MIN_MATCHED_FRACTION = 0.3  #: Fraction of the textured pixels below which the matches are due to chance.
-COARSE_FACTOR = 2  #: Images are reduced by this factor when the cause of a mismatch is searched.
-SWAPPED_FACTOR = 1.5  #: Swapped images give this many times the matches of the images as given.
-MIN_SWAPPED_FRACTION = 0.5  #: Fraction of the pixels that swapped images match.
+MIN_CONTRAST = 2.0
+"""Smallest standard deviation of an image's grey levels that can be matched, grey levels: a covered camera shows its
+noise alone."""
+MIN_MATCHED_FRACTION = 0.3
+"""Fraction of the textured pixels below which the matches are due to chance. Unrelated or swapped images of four data
+sets (rendered ground, KITTI, Middlebury, Mars) have 0.07 or less, matching ones 0.6 or more."""
+COARSE_FACTOR = 2  #: Images are reduced by this factor when the cause of a mismatch is searched: an eighth of the cost.
+SWAPPED_FACTOR = 1.5  #: Exchanged images that match this many times as many pixels as the images as given are swapped.
+MIN_SWAPPED_FRACTION = 0.5
+"""Fraction of the pixels that exchanged images must match to be swapped. Swapped images of the same data sets match in
+0.75 or more of them, unrelated ones in 0.2 or less."""
 
 
 def check_index(index: int) -> None:

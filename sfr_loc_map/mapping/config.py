@@ -11,9 +11,9 @@ MAX_PAIRS = 3  #: Largest number of stereo pairs of one map [1.3].
 
 @dataclass(frozen=True, slots=True)
 class CalibrationUncertainty:
-    """Standard deviations of the calibration, whose error all points share; they are part of each point's stated sigma.
+    """Standard deviations of the calibration, whose error all points share; they are part of each point's sigma.
 
-    The defaults are those of a careful calibration after some use. If all are 0, sigma is that of noise and smoothing.
+    The defaults are those of a careful calibration after some use. If all are 0, sigma is the random part alone.
     """
 
     yaw_deg: float = param(
@@ -65,10 +65,12 @@ class TerrainConfig:
         low=0.0,
         high=10.0,
     )
-    max_slope_deg: float = param(20.0, unit="deg", doc="Smallest slope of a hazard.", low=0.1, high=89.0)
-    max_roughness_m: float = param(0.05, unit="m", doc="Smallest roughness of a hazard.", low=0.001, high=10.0)
+    max_slope_deg: float = param(20.0, unit="deg", doc="Slope from which on a cell is a hazard.", low=0.1, high=89.0)
+    max_roughness_m: float = param(
+        0.05, unit="m", doc="Roughness from which on a cell is a hazard.", low=0.001, high=10.0
+    )
     max_step_m: float = param(
-        0.18, unit="m", doc="Smallest step of a hazard; about the radius of a wheel.", low=0.001, high=10.0
+        0.18, unit="m", doc="Step from which on a cell is a hazard; about the radius of a wheel.", low=0.001, high=10.0
     )
 
 

@@ -10,13 +10,19 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.config import CalibrationUncertainty
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.disparity.right_camera import CameraRotation
-from sfr_loc_map.mapping.stated_sigma import is_yaw_significant
+from sfr_loc_map.mapping.point_sigma import is_yaw_significant
 
-LOW_MATCHED_FRACTION = 0.6  #: Fraction of matched textured pixels below which a warning is given.
-MIN_VERTICAL_WARNING_PX = 0.3  #: Smallest vertical disparity that causes a warning.
-VERTICAL_WARNING_FACTOR = 3.0  #: Vertical disparity over the stated residual distortion that causes a warning.
-MAX_GAIN = 1.15  #: Gain, or one over it, beyond which a warning is given.
-MAX_SATURATED_FRACTION = 0.1  #: Fraction of saturated pixels beyond which a warning is given.
+LOW_MATCHED_FRACTION = 0.6
+"""Fraction of matched textured pixels below which a warning is given: twice that of `checks.MIN_MATCHED_FRACTION`."""
+MIN_VERTICAL_WARNING_PX = (
+    0.3  #: Smallest vertical disparity that causes a warning, pixels: a usual residual distortion.
+)
+VERTICAL_WARNING_FACTOR = 3.0
+"""Vertical disparity over the configured residual distortion that causes a warning: three standard deviations."""
+MAX_GAIN = 1.15  #: Gain, or one over it, beyond which a warning is given: a fifth of a stop of exposure.
+MAX_SATURATED_FRACTION = (
+    0.1  #: Fraction of saturated pixels beyond which a warning is given: such a part has no points.
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,9 +38,13 @@ class Findings:
 
 
 def findings_of_pair(
-    disparity: DisparityMap, rotation: CameraRotation, point_count: int, rig: StereoRig, stated: CalibrationUncertainty
+    disparity: DisparityMap,
+    rotation: CameraRotation,
+    point_count: int,
+    rig: StereoRig,
+    configured: CalibrationUncertainty,
 ) -> Findings:
-    """Return the findings of a pair's map with so many points; `stated` is the calibration's stated uncertainty."""
+    """Return the findings of a pair's map with so many points, given the configured uncertainty of the calibration."""
     correction = disparity.correction
     is_yaw_known = math.isfinite(rotation.yaw_sigma_rad)
     statistics = {
@@ -51,11 +61,11 @@ def findings_of_pair(
         "right_roll_deg": math.degrees(rotation.roll_rad),
         "saturated_share": disparity.saturation.fraction,
     }
-    warnings = _warnings_of_images(disparity, stated) + _warnings_of_rotation(rotation, rig, stated)
+    warnings = _warnings_of_images(disparity, configured) + _warnings_of_rotation(rotation, rig, configured)
     return Findings(statistics, warnings)
 
 
-def _warnings_of_images(disparity: DisparityMap, stated: CalibrationUncertainty) -> tuple[str, ...]:
+def _warnings_of_images(disparity: DisparityMap, configured: CalibrationUncertainty) -> tuple[str, ...]:
     """Return warnings about matches, rectification, exposure and saturation."""
     matched = disparity.matched_fraction
     correction = disparity.correction
@@ -65,7 +75,7 @@ def _warnings_of_images(disparity: DisparityMap, stated: CalibrationUncertainty)
         warnings.append("too few pixels have texture above the noise: whether the images match is unknown")
     if matched < LOW_MATCHED_FRACTION:
         warnings.append(f"only {100 * matched:.0f} % of the textured pixels are matched")
-    if correction.vertical.max_px > max(MIN_VERTICAL_WARNING_PX, VERTICAL_WARNING_FACTOR * stated.distortion_px):
+    if correction.vertical.max_px > max(MIN_VERTICAL_WARNING_PX, VERTICAL_WARNING_FACTOR * configured.distortion_px):
         warnings.append(
             f"vertical disparity of up to {correction.vertical.max_px:.2f} px between left and right (compensated): "
             "check the rectification"
@@ -80,9 +90,11 @@ def _warnings_of_images(disparity: DisparityMap, stated: CalibrationUncertainty)
     return tuple(warnings)
 
 
-def _warnings_of_rotation(rotation: CameraRotation, rig: StereoRig, stated: CalibrationUncertainty) -> tuple[str, ...]:
-    """Return a warning if the yaw of the right camera differs significantly from its calibration."""
-    if not is_yaw_significant(rotation, rig, stated):
+def _warnings_of_rotation(
+    rotation: CameraRotation, rig: StereoRig, configured: CalibrationUncertainty
+) -> tuple[str, ...]:
+    """Return a warning if the right camera has a significant yaw against its calibration."""
+    if not is_yaw_significant(rotation, rig, configured):
         return ()
     yaw_deg = math.degrees(rotation.yaw_rad)
     side = "right" if yaw_deg > 0 else "left"

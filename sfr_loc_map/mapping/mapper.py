@@ -12,7 +12,7 @@ The method:
 6. A pair of which too few textured pixels match is refused.
 7. The rotation of the right camera is measured from the vertical disparity.
 8. Holes are filled by the surfaces beside them, where the images agree. The effect of a roll is removed.
-9. Disparities become points in LM. Their stated sigma includes saturation and the uncertainty of the calibration.
+9. Disparities become points in LM. Their sigma includes saturation and the uncertainty of the calibration.
 
 Fusion removes content that is fixed to the image, registers the poses on request, and averages along the rays by
 inverse variance.
@@ -46,8 +46,17 @@ from sfr_loc_map.mapping.multiview.fixed_content import without_fixed_content
 from sfr_loc_map.mapping.multiview.fusion import fuse_views
 from sfr_loc_map.mapping.multiview.pair_view import PairView
 from sfr_loc_map.mapping.multiview.registration import RegisteredViews, register_views
+from sfr_loc_map.mapping.point_sigma import CalibrationSigma, calibration_sigma, largest_of, point_sigma
 from sfr_loc_map.mapping.reprojection import reproject
-from sfr_loc_map.mapping.stated_sigma import CalibrationSigma, calibration_sigma, largest_sigma, state_sigma
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FusionInput:
+    """What the fusion requires of a pair beside its cloud."""
+
+    view: PairView  #: Points with the sigma by which pairs are fused, that of noise and smoothing alone.
+    saturation: Saturation  #: Saturated pixels, which increase sigma.
+    calibration: CalibrationSigma  #: Uncertainty of the calibration given what the pair shows.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,26 +64,23 @@ class PairMap:
     """The map of one stereo pair."""
 
     stamp_ns: int  #: Stamp of the pair.
-    cloud: PointCloud  #: Points in LM, with `pair` as given to `process` and the stated sigma.
+    cloud: (
+        PointCloud  #: Points in LM; their `pair` is the index that was given to `process`, their sigma the total one.
+    )
     #: `(N,)`, metres, part of sigma that differs from point to point: noise, smoothing and saturation.
     random_sigma: NDArray[np.float32]
-    view: PairView  #: Points with the sigma by which pairs are fused, disparities and pose.
-    saturation: Saturation  #: Saturated pixels, which increase the stated sigma.
-    calibration: CalibrationSigma  #: Uncertainty of the calibration given what the pair shows.
+    T_lm_left: Transform  #: Pose of the left camera.
+    disparity_px: FloatImage  #: Disparities of the left image `(H, W)` float32, pixels; NaN where invalid.
+    fusion_input: FusionInput | None = None  #: None if the map was not made by `Mapper`, which then cannot fuse it.
     statistics: Mapping[str, float] = field(default_factory=dict)  #: Figures of the call by name.
     warnings: tuple[str, ...] = ()  #: Warnings of the call, one line each.
-
-    @property
-    def disparity_px(self) -> FloatImage:
-        """Disparities of the left image `(H, W)` float32, pixels; NaN where invalid."""
-        return self.view.disparity_px
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FusedMap:
     """The map of up to three pairs."""
 
-    cloud: PointCloud  #: Points in LM, each on the ray of its pair and pixel, with the stated sigma.
+    cloud: PointCloud  #: Points in LM, each on the ray of its pair and pixel, with the total sigma.
     #: `(N,)`, metres, part of sigma that differs from point to point: noise, smoothing and saturation.
     random_sigma: NDArray[np.float32]
     T_lm_left: tuple[Transform, ...] = ()  #: Poses of the pairs' left cameras, as given or as registered.
@@ -114,26 +120,29 @@ class Mapper:
         return self.fuse([self.process(item.pair, item.T_lm_navsb, index) for index, item in enumerate(pairs)])
 
     def process(self, pair: StereoPair, T_lm_navsb: Transform, index: int) -> PairMap:
-        """Return the map of a pair, 0 to 2 of its set; MappingError if it is not the rig's or does not match."""
+        """Return the map of the pair of an index, 0 to 2, within its set.
+
+        Raises MappingError if the images are not the rig's or do not match.
+        """
         check_index(index)
         check_images(pair, self._rig)
-        matched = estimate_disparity(pair, self._search.count)
-        check_matches(pair, matched, self._search.count)
-        rotation = measure_right_camera(matched, self._rig)
-        filled = fill_holes(matched)
+        estimated = estimate_disparity(pair, self._search.count)
+        check_matches(pair, estimated, self._search.count)
+        rotation = measure_right_camera(estimated, self._rig)
+        filled = fill_holes(estimated)
         disparity = without_roll(filled, rotation, self._rig)
         T_lm_left = T_lm_navsb @ self._rig.T_sb_left
         view = reproject(disparity, self._search.min_disparity_px, self._rig, T_lm_left, index)
         calibration = calibration_sigma(rotation, self._rig, self._config.calibration)
-        stated = state_sigma(view.cloud, {index: T_lm_left}, {index: matched.saturation}, calibration, self._rig)
-        findings = findings_of_pair(matched, rotation, len(view.cloud), self._rig, self._config.calibration)
+        sigma = point_sigma(view.cloud, {index: T_lm_left}, {index: disparity.saturation}, calibration, self._rig)
+        findings = findings_of_pair(estimated, rotation, len(view.cloud), self._rig, self._config.calibration)
         return PairMap(
             stamp_ns=pair.stamp_ns,
-            cloud=replace(view.cloud, sigma=stated.total),
-            random_sigma=stated.random,
-            view=view,
-            saturation=matched.saturation,
-            calibration=calibration,
+            cloud=replace(view.cloud, sigma=sigma.total),
+            random_sigma=sigma.random,
+            T_lm_left=T_lm_left,
+            disparity_px=view.disparity_px,
+            fusion_input=FusionInput(view, disparity.saturation, calibration),
             statistics=findings.statistics,
             warnings=findings.warnings,
         )
@@ -142,21 +151,29 @@ class Mapper:
         """Return one cloud of up to three pairs; the `pair` of its points is the position of their map in the order."""
         if not 1 <= len(maps) <= MAX_PAIRS:
             raise MappingError(f"a map is fused from 1 to {MAX_PAIRS} pairs: got {len(maps)}")
-        ground = without_fixed_content([item.view.numbered(number) for number, item in enumerate(maps)], self._rig)
+        inputs = [_fusion_input(item) for item in maps]
+        ground = without_fixed_content([item.view.with_index(index) for index, item in enumerate(inputs)], self._rig)
         registered = RegisteredViews(ground.views)
         if self._config.refine_poses:
             registered = register_views(ground.views, self._rig)
         fused = fuse_views(registered.views, self._rig)
         T_lm_left = tuple(view.T_lm_left for view in registered.views)
-        saturations = dict(enumerate(item.saturation for item in maps))
-        calibration = largest_sigma(item.calibration for item in maps)
-        stated = state_sigma(fused.cloud, dict(enumerate(T_lm_left)), saturations, calibration, self._rig)
+        saturations = dict(enumerate(item.saturation for item in inputs))
+        calibration = largest_of(item.calibration for item in inputs)
+        sigma = point_sigma(fused.cloud, dict(enumerate(T_lm_left)), saturations, calibration, self._rig)
         findings = ground.findings + fused.findings + registered.findings
         stamps_ns = tuple(item.stamp_ns for item in maps)
         return FusedMap(
-            cloud=replace(fused.cloud, sigma=stated.total, pair_stamps_ns=stamps_ns),
-            random_sigma=stated.random,
+            cloud=replace(fused.cloud, sigma=sigma.total, pair_stamps_ns=stamps_ns),
+            random_sigma=sigma.random,
             T_lm_left=T_lm_left,
             statistics=findings.statistics,
             warnings=findings.warnings,
         )
+
+
+def _fusion_input(pair_map: PairMap) -> FusionInput:
+    """Return what the fusion requires of a pair; raises MappingError if the map is that of another method."""
+    if pair_map.fusion_input is None:
+        raise MappingError(f"the map of stamp {pair_map.stamp_ns} is not one of this mapper's: fuse maps of `process`")
+    return pair_map.fusion_input

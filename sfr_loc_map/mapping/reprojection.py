@@ -46,7 +46,7 @@ def cloud_from_disparity(
     T_lm_left: Transform,
     index: int,
 ) -> PointCloud:
-    """Return the points of all pixels that have a disparity; `index` is the number of the pair within its set.
+    """Return the points of all pixels that have a disparity; `index` is that of the pair within its set.
 
     `Z = fx baseline / d`, and the ray of pixel (u, v) is `((u - cx) / fx, (v - cy) / fy, 1)` in the left optical frame.
     To first order the standard deviation along the ray is `|ray| Z^2 / (fx baseline) sigma_d`.

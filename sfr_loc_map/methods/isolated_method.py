@@ -18,11 +18,8 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState, lost_covariance
 from sfr_loc_map.mapping.config import MAX_PAIRS
-from sfr_loc_map.mapping.disparity.saturation import Saturation
 from sfr_loc_map.mapping.mapper import FusedMap, PairMap
-from sfr_loc_map.mapping.multiview.pair_view import PairView
 from sfr_loc_map.mapping.reprojection import cloud_from_disparity
-from sfr_loc_map.mapping.stated_sigma import NO_CALIBRATION
 from sfr_loc_map.methods.method_process import MethodCall, MethodFailureError, MethodProcess
 from sfr_loc_map.methods.registry import Method, MethodLimits
 from sfr_loc_map.metrics.score import FindingKind, MethodRecord
@@ -179,9 +176,9 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
         warnings: tuple[str, ...] = (),
     ) -> PairMap:
         shown = np.full((self._rig.height, self._rig.width), np.nan, F) if disparity is None else disparity
-        unsaturated = Saturation.none(shown.shape)
-        view = PairView(cloud, shown, T_lm_left, 0.0)
-        return PairMap(stamp_ns, cloud, cloud.sigma, view, unsaturated, NO_CALIBRATION, figures, warnings)
+        return PairMap(
+            stamp_ns, cloud, cloud.sigma, T_lm_left, shown, fusion_input=None, statistics=figures, warnings=warnings
+        )
 
     def fuse(self, maps: Sequence[PairMap], last: StereoPair) -> tuple[FusedMap, MethodCall | None]:
         """Return one cloud of the pairs' maps, and what the call did; points stand side by side if it cannot fuse."""
@@ -194,7 +191,7 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
             except MethodFailureError as error:
                 call = self._failed(error)
         cloud = replace(cloud, pair_stamps_ns=tuple(item.stamp_ns for item in maps))
-        T_lm_left = tuple(item.view.T_lm_left for item in maps)
+        T_lm_left = tuple(item.T_lm_left for item in maps)
         return FusedMap(cloud, cloud.sigma, T_lm_left, {} if call is None else call.statistics), call
 
     def _called(self, pairs: Sequence[StereoPair], order: Mapping[str, object]) -> tuple[MethodCall, Mapping[str, Any]]:

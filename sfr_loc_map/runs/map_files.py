@@ -64,7 +64,7 @@ def save_map(
         return cloud
     T_lm_left, random_sigma = run.fused.T_lm_left, run.fused.random_sigma
     if not outputs.fuse:
-        T_lm_left = tuple(item.view.T_lm_left for item in run.maps)
+        T_lm_left = tuple(item.T_lm_left for item in run.maps)
         random_sigma = np.concatenate([item.random_sigma for item in run.maps])
     if outputs.dem:
         with beside():

@@ -126,8 +126,9 @@ def test_same_input_gives_same_bits_on_any_number_of_threads() -> None:
 
 
 def arrays_of(pair_map: PairMap) -> list[bytes]:
-    view, cloud = pair_map.view, pair_map.cloud
-    saturation = pair_map.saturation
+    assert pair_map.fusion_input is not None
+    cloud, view = pair_map.cloud, pair_map.fusion_input.view
+    saturation = pair_map.fusion_input.saturation
     arrays = (cloud.to_structured(), view.cloud.to_structured(), pair_map.random_sigma, view.disparity_px)
     return [array.tobytes() for array in (*arrays, saturation.flat, saturation.neighbourhood)]
 

@@ -10,9 +10,8 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.mapping.point_sigma import CalibrationSigma, total_sigma
 from sfr_loc_map.mapping.reprojection import cloud_from_disparity
-from sfr_loc_map.mapping.stated_sigma import NO_CALIBRATION as NONE
-from sfr_loc_map.mapping.stated_sigma import CalibrationSigma, total_sigma
 
 SMALL = StereoRig(32, 24, 40.0, 44.0, 14.5, 12.25, 0.25)
 RIG = StereoRig(400, 300, 320.0, 320.0, 199.5, 149.5, 0.2)
@@ -47,18 +46,18 @@ def cloud_of(rotation: tuple[float, ...] = (0, 0, 0), rig: StereoRig = RIG, sigm
 @pytest.mark.parametrize(
     ("name", "wrong"),
     [
-        ("yaw", {"rotation": (0.0, ANGLE, 0.0)}),
-        ("pitch", {"rotation": (ANGLE, 0.0, 0.0)}),
-        ("roll", {"rotation": (0.0, 0.0, ANGLE)}),
-        ("focal", {"rig": replace(RIG, fx=RIG.fx * (1 + ANGLE), fy=RIG.fy * (1 + ANGLE))}),
-        ("baseline", {"rig": replace(RIG, baseline_m=RIG.baseline_m * (1 + ANGLE))}),
+        ("yaw_rad", {"rotation": (0.0, ANGLE, 0.0)}),
+        ("pitch_rad", {"rotation": (ANGLE, 0.0, 0.0)}),
+        ("roll_rad", {"rotation": (0.0, 0.0, ANGLE)}),
+        ("focal_fraction", {"rig": replace(RIG, fx=RIG.fx * (1 + ANGLE), fy=RIG.fy * (1 + ANGLE))}),
+        ("baseline_fraction", {"rig": replace(RIG, baseline_m=RIG.baseline_m * (1 + ANGLE))}),
     ],
 )
 def test_sigma_is_how_far_a_wrong_calibration_moves_the_points(name: str, wrong: dict[str, Any]) -> None:
     cloud = cloud_of()
-    sigma = total_sigma(cloud, {0: POSE}, RIG, NONE._replace(**{name: ANGLE}))
+    sigma = total_sigma(cloud, {0: POSE}, RIG, CalibrationSigma(**{name: ANGLE}))
     moved = np.linalg.norm(cloud_of(**wrong).xyz - cloud.xyz, axis=1)
-    if name == "focal":  # the depth alone moves, the point stays on its column and row
+    if name == "focal_fraction":  # the depth alone moves, the point stays on its column and row
         ray = (cloud.xyz - POSE.translation) / np.linalg.norm(cloud.xyz - POSE.translation, axis=1)[:, None]
         moved = moved / (ray @ POSE.rotation[:, 2])
     assert (np.abs(sigma - moved) < 0.02 * moved + 2e-5).mean() > 0.999
@@ -67,8 +66,8 @@ def test_sigma_is_how_far_a_wrong_calibration_moves_the_points(name: str, wrong:
 
 def test_parts_add_as_variances_and_none_leaves_sigma_as_it_is() -> None:
     cloud = cloud_of(sigma_px=0.1)
-    np.testing.assert_array_equal(total_sigma(cloud, {0: POSE}, RIG, NONE), cloud.sigma)
+    np.testing.assert_array_equal(total_sigma(cloud, {0: POSE}, RIG, CalibrationSigma()), cloud.sigma)
     parts = CalibrationSigma(1e-4, 2e-4, 3e-4, 1e-3, 2e-3, 4e-4)
-    single = [total_sigma(cloud, {0: POSE}, RIG, NONE._replace(**{n: v})) for n, v in parts._asdict().items()]
+    single = [total_sigma(cloud, {0: POSE}, RIG, CalibrationSigma(**{n: v})) for n, v in parts._asdict().items()]
     variance = sum(np.square(s) - np.square(cloud.sigma) for s in single) + np.square(cloud.sigma)
     np.testing.assert_allclose(total_sigma(cloud, {0: POSE}, RIG, parts), np.sqrt(variance), rtol=1e-4)

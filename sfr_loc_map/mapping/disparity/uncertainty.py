@@ -1,6 +1,6 @@
 """The standard deviation of each disparity, caused by noise, smoothing and edges.
 
-The calibration's part is added to the sigma of points (`mapping/stated_sigma.py`).
+The calibration's part is added to the sigma of points (`mapping/point_sigma.py`).
 """
 
 from __future__ import annotations

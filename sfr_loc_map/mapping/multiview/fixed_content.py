@@ -17,26 +17,28 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.findings import Findings
-from sfr_loc_map.mapping.multiview.pair_view import MIN_TEXTURE, PairView
+from sfr_loc_map.mapping.multiview.pair_view import MIN_COVERAGE, MIN_TEXTURE, PairView
 
 F = np.float32
 
-STRIDE = 3  #: Every third pixel of every third row is compared.
-WINDOW_SAMPLES = 9  #: Side of the window over which grey levels are compared, samples.
-MIN_SIMILARITY = F(0.8)  #: Similarity of the grey levels of fixed content; 1 for equal windows.
-MIN_KNOWN_FRACTION = F(0.6)  #: Fraction of the window in which both pairs must have points.
-MIN_COVERAGE = F(1e-3)  #: Smallest fraction by which a window's sums are normalised.
-SAME_DISPARITY_PX = 1.0  #: Largest difference of the disparities of fixed content.
-MIN_MOTION_PX = 8.0  #: Smallest motion of ground in the image: with less motion ground resembles itself.
-REGION_SAMPLES = 5  #: Side of the smallest region, samples.
-MIN_REGION_FRACTION = 0.003  #: Smaller fractions of the image are not removed.
+STRIDE = 3  #: Every third pixel of every third row is compared, a sample: regions are larger than five samples.
+WINDOW_SAMPLES = 9  #: Side of the window over which grey levels are compared, samples: 27 pixels.
+MIN_SIMILARITY = F(0.8)
+"""Similarity of the grey levels of fixed content: 1 for equal windows, 0.8 if noise has half the standard deviation of
+the content."""
+MIN_KNOWN_FRACTION = F(0.6)  #: Fraction of the window in which both pairs must have points: more than half.
+SAME_DISPARITY_PX = 1.0  #: Largest difference of the disparities of fixed content, pixels: those of one surface.
+MIN_MOTION_PX = 8.0
+"""Smallest motion of ground in the image, pixels: with less motion ground resembles itself over a third of a window."""
+REGION_SAMPLES = 5  #: Side of the smallest region, samples: smaller ones are chance.
+MIN_REGION_FRACTION = 0.003  #: Smaller fractions of the image are not removed: 3000 of a million pixels.
 
 
 class GroundViews(NamedTuple):
     """Views without fixed content."""
 
     views: Sequence[PairView]
-    findings: Findings  #: Fraction of the image that was removed from each pair, and warnings.
+    findings: Findings  #: Fraction of the image that was removed from each pair that lost content, and warnings.
 
 
 def without_fixed_content(views: Sequence[PairView], rig: StereoRig) -> GroundViews:
@@ -52,10 +54,10 @@ def without_fixed_content(views: Sequence[PairView], rig: StereoRig) -> GroundVi
             f"{100 * fraction:.0f} % of the image is the same in pairs {i} and {j} although the camera has moved: the "
             "rover's own body, or images of another pair; its points are removed"
         )
-        for number in (i, j):
-            regions[number] = region | regions.get(number, np.zeros_like(region))
-    statistics = {f"fixed_share_{number}": float(region.mean()) for number, region in regions.items()}
-    kept = [_without(view, regions[number]) if number in regions else view for number, view in enumerate(views)]
+        for index in (i, j):
+            regions[index] = region | regions.get(index, np.zeros_like(region))
+    statistics = {f"fixed_share_{index}": float(region.mean()) for index, region in regions.items()}
+    kept = [_without(view, regions[index]) if index in regions else view for index, view in enumerate(views)]
     return GroundViews(kept, Findings(statistics, tuple(warnings)))
 
 

@@ -33,16 +33,21 @@ from sfr_loc_map.mapping.robust_statistics import mad_sigma
 
 F = np.float32
 
-AGREE_SIGMAS = 3.0  #: Differences up to this many standard deviations are consistent.
+AGREE_SIGMAS = 3.0  #: Differences up to this many standard deviations are consistent: 0.3 % exceed it by chance.
 COMMON_VARIANCE = 0.5
 """Fraction of a point's variance that all pairs have in common (smoothing of the same shape), which averaging does not
 reduce."""
-SAME_SAMPLE_PX = F(0.02)  #: Points closer than this in an image are one sample: the images have the same pose.
-AGREEMENT_STRIDE = 4  #: The agreement of poses is measured by every fourth point.
-MIN_OVERLAP = 1000  #: Points in common that a statement about poses requires.
-MAX_RANGE_RATIO = 1.8  #: Measured over expected range differences above which poses disagree.
+SAME_SAMPLE_PX = F(0.02)
+"""Points closer than this in an image are one sample, pixels: the images have the same pose, and rounding moves points
+by less."""
+AGREEMENT_STRIDE = 4  #: The agreement of poses is measured by every fourth point: medians need fewer samples.
+MIN_OVERLAP = 1000  #: Points in common that a statement about poses requires: medians are then known to 4 %.
+MAX_RANGE_RATIO = 1.8
+"""Measured over expected range differences above which poses disagree; correct poses have 1 or less
+(docs/mapping.md)."""
 MAX_GREY_RATIO = 0.45
-"""Grey level differences over those at `SHIFT_PX` above which poses disagree; correct poses have 0.1 to 0.3."""
+"""Grey level differences over those at `SHIFT_PX` above which poses disagree; correct poses have 0.1 to 0.3, poses that
+are wrong by 0.3 deg have 0.45 (docs/mapping.md)."""
 
 
 class FusedViews(NamedTuple):
@@ -72,9 +77,19 @@ class Comparison(NamedTuple):
     findings: Findings  #: Agreement of the poses.
 
 
+class PoseAgreement(NamedTuple):
+    """How well two views agree where they overlap."""
+
+    difference_median_m: float  #: Median of the range differences.
+    difference_spread_m: float  #: Robust standard deviation of the range differences.
+    range_ratio: float  #: Range differences over those expected of correct sigmas and poses, robust.
+    #: Grey level differences over those at `SHIFT_PX`, robust; NaN if there is too little texture.
+    grey_ratio: float
+
+
 def fuse_views(views: Sequence[PairView], rig: StereoRig) -> FusedViews:
     """Return one cloud in LM."""
-    fused = [_fuse_view(number, views, rig) for number in range(len(views))]
+    fused = [_fuse_view(index, views, rig) for index in range(len(views))]
     cloud = replace(PointCloud.concatenate([item.cloud for item in fused]), fused=len(views) > 1)
     statistics = {
         "points_in": float(sum(len(view.cloud) for view in views)),
@@ -87,19 +102,19 @@ def fuse_views(views: Sequence[PairView], rig: StereoRig) -> FusedViews:
     return FusedViews(cloud, sum((item.findings for item in fused), Findings(statistics)))
 
 
-def _fuse_view(number: int, views: Sequence[PairView], rig: StereoRig) -> KeptPoints:
-    """Return the points of a view, given by its number, after their fusion with the other views."""
-    found = _compare(number, views, rig)
-    cloud = _fused_points(views[number], found)
+def _fuse_view(index: int, views: Sequence[PairView], rig: StereoRig) -> KeptPoints:
+    """Return the points of the view of an index after their fusion with the other views."""
+    found = _compare(index, views, rig)
+    cloud = _fused_points(views[index], found)
     return KeptPoints(cloud, int(found.merged.sum()), int(found.conflict.sum()), found.findings)
 
 
-def _compare(number: int, views: Sequence[PairView], rig: StereoRig) -> Comparison:
-    """Return what the other views say about the points of a view, given by its number.
+def _compare(index: int, views: Sequence[PairView], rig: StereoRig) -> Comparison:
+    """Return what the other views say about the points of the view of an index.
 
     The preferred view is the one with the larger weight, or the first one of two with equal weights.
     """
-    view = views[number]
+    view = views[index]
     own_weight = view.images.weight[view.cloud.v, view.cloud.u]
     total_weight = own_weight.copy()
     weighted_difference = np.zeros_like(own_weight)
@@ -107,25 +122,22 @@ def _compare(number: int, views: Sequence[PairView], rig: StereoRig) -> Comparis
     duplicate = np.zeros_like(merged)
     conflict = np.zeros_like(merged)
     findings = Findings()
-    for other_number, other in enumerate(views):
-        if other_number == number:
+    for other_index, other in enumerate(views):
+        if other_index == index:
             continue
         seen = reproject_into_view(view.cloud, other.T_lm_left, other.images, rig)
-        index = seen.index
-        own = own_weight[index]
-        is_preferred = seen.weight >= own if other_number < number else seen.weight > own
-        sigma = np.sqrt(np.square(view.cloud.sigma[index]) + np.square(seen.sigma))
+        points = seen.point_indices
+        own = own_weight[points]
+        is_preferred = seen.weight >= own if other_index < index else seen.weight > own
+        sigma = np.sqrt(np.square(view.cloud.sigma[points]) + np.square(seen.sigma))
         agree = np.abs(seen.difference) / sigma <= AGREE_SIGMAS
         weight = np.where(agree, seen.weight, F(0.0))
-        total_weight[index] += weight
-        weighted_difference[index] += weight * seen.difference
-        merged[index] |= agree
-        duplicate[index] |= agree & is_preferred & (seen.offset_px < SAME_SAMPLE_PX)
-        conflict[index] |= is_preferred & (seen.difference > AGREE_SIGMAS * sigma)
-        agreement = pose_agreement((number, other_number), (view, other), seen)
-        if number > other_number:  # one warning per two views
-            agreement = Findings(agreement.statistics)
-        findings += agreement
+        total_weight[points] += weight
+        weighted_difference[points] += weight * seen.difference
+        merged[points] |= agree
+        duplicate[points] |= agree & is_preferred & (seen.offset_px < SAME_SAMPLE_PX)
+        conflict[points] |= is_preferred & (seen.difference > AGREE_SIGMAS * sigma)
+        findings += _agreement_findings((index, other_index), (view, other), seen)
     return Comparison(total_weight, weighted_difference, merged, duplicate, conflict, findings)
 
 
@@ -152,40 +164,55 @@ def _fused_points(view: PairView, found: Comparison) -> PointCloud:
     return replace(cloud, xyz=xyz, sigma=sigma)
 
 
-def pose_agreement(numbers: tuple[int, int], views: tuple[PairView, PairView], seen: ReprojectedPoints) -> Findings:
-    """Return how well the points of one view agree with another view, and a warning if their poses disagree.
+def pose_agreement(view: PairView, other: PairView, seen: ReprojectedPoints) -> PoseAgreement:
+    """Return how well the points of one view agree with another view; at least one point is seen by both.
 
     Range differences are compared with those expected of correct sigmas and poses, grey level differences with those at
-    `SHIFT_PX`: a wrong yaw shows there on any texture. Ratios of grey levels are NaN if there is too little texture.
+    `SHIFT_PX`: a wrong yaw shows there on any texture.
     """
-    view, other = views
-    i, j = numbers
-    common = len(seen.index)
-    overlap = {f"overlap_{i}_{j}": common / max(len(view.cloud), 1)}
-    if common == 0:
-        return Findings(overlap)
     sampled = np.s_[::AGREEMENT_STRIDE]
     difference = seen.difference[sampled]
-    own_sigma = view.cloud.sigma[seen.index[sampled]]
+    own_sigma = view.cloud.sigma[seen.point_indices[sampled]]
     sigma = np.sqrt(np.square(own_sigma) + np.square(seen.sigma[sampled]))
     middle = median(difference)
     grey = _spread(seen.grey_difference[sampled])
     grey_shifted = _spread(seen.grey_difference_shifted[sampled])
     is_textured = grey_shifted > MIN_TEXTURE * max(view.noise_grey, other.noise_grey)
-    range_ratio = mad_sigma(difference / sigma)
-    grey_ratio = grey / grey_shifted if is_textured else math.nan
+    return PoseAgreement(
+        difference_median_m=middle,
+        difference_spread_m=mad_sigma(difference - F(middle)),
+        range_ratio=mad_sigma(difference / sigma),
+        grey_ratio=grey / grey_shifted if is_textured else math.nan,
+    )
+
+
+def _agreement_findings(
+    indices: tuple[int, int], views: tuple[PairView, PairView], seen: ReprojectedPoints
+) -> Findings:
+    """Return the agreement of the points of the first view with the second one, and a warning if their poses disagree.
+
+    Of two views each is compared with the other; the comparison from the one of the lower index gives the warning.
+    """
+    i, j = indices
+    view, other = views
+    common = len(seen.point_indices)
+    overlap = {f"overlap_{i}_{j}": common / max(len(view.cloud), 1)}
+    if common == 0:
+        return Findings(overlap)
+    agreement = pose_agreement(view, other, seen)
     statistics = overlap | {
-        f"difference_median_m_{i}_{j}": middle,
-        f"difference_spread_m_{i}_{j}": mad_sigma(difference - F(middle)),
-        f"difference_over_sigma_{i}_{j}": range_ratio,
-        f"grey_difference_over_beside_{i}_{j}": grey_ratio,
+        f"difference_median_m_{i}_{j}": agreement.difference_median_m,
+        f"difference_spread_m_{i}_{j}": agreement.difference_spread_m,
+        f"difference_over_sigma_{i}_{j}": agreement.range_ratio,
+        f"grey_difference_over_beside_{i}_{j}": agreement.grey_ratio,
     }
-    if common <= MIN_OVERLAP or not (range_ratio > MAX_RANGE_RATIO or grey_ratio > MAX_GREY_RATIO):
+    disagree = agreement.range_ratio > MAX_RANGE_RATIO or agreement.grey_ratio > MAX_GREY_RATIO
+    if i > j or common <= MIN_OVERLAP or not disagree:
         return Findings(statistics)
     warning = (
-        f"pairs {i} and {j} disagree where they overlap: range differences are {range_ratio:.1f} times the expected "
-        f"ones, grey level differences {grey_ratio:.2f} times those {SHIFT_PX} pixels away; check the baseline and "
-        "their poses, or register the poses (refine_poses)"
+        f"pairs {i} and {j} disagree where they overlap: range differences are {agreement.range_ratio:.1f} times the "
+        f"expected ones, grey level differences {agreement.grey_ratio:.2f} times those {SHIFT_PX} pixels away; check "
+        "the baseline and their poses, or register the poses (refine_poses)"
     )
     return Findings(statistics, (warning,))
 

@@ -21,11 +21,15 @@ from sfr_loc_map.mapping.disparity.filters import SURFACE_JUMP_PX
 
 F = np.float32
 
-FEATHER_PX = 48.0  #: Distance from the image's border from which on points have their full weight, pixels.
-SHIFT_PX = 8  #: Grey levels are also compared at this offset along both axes: what a wrong pose would show.
-MIN_TEXTURE = 2.0  #: Spread of grey levels over the noise that a comparison of grey levels requires.
-MIN_DEPTH_M = 1e-3  #: Smallest depth of a point that is projected into a camera.
-MIN_COVERAGE = F(1e-3)  #: Smallest fraction of a blurred image's window that has points.
+FEATHER_PX = 48.0
+"""Distance from the image's border from which on points have their full weight, pixels: a twentieth of a megapixel
+image's side, so that heights change by less than 2 mm where the set of pairs changes (docs/mapping.md)."""
+SHIFT_PX = 8
+"""Grey levels are also compared at this offset along both axes, pixels: as if a pose were wrong by half a degree at a
+focal length of 800 pixels."""
+MIN_TEXTURE = 2.0  #: Spread of grey levels over the noise that a comparison requires; noise alone has about 1.
+MIN_DEPTH_M = 1e-3  #: Smallest depth of a point that is projected into a camera, metres: it must be before the camera.
+MIN_COVERAGE = F(1e-3)  #: Smallest fraction of a window with points that divides a sum over them; it must not be 0.
 
 
 class ViewImages(NamedTuple):
@@ -50,9 +54,9 @@ class PairView:
         xyz = (T_lm_left @ self.T_lm_left.inverse()).apply(self.cloud.xyz).astype(F)
         return replace(self, cloud=replace(self.cloud, xyz=xyz), T_lm_left=T_lm_left)
 
-    def numbered(self, number: int) -> PairView:
-        """Return the view as that of the pair of another number."""
-        return replace(self, cloud=replace(self.cloud, pair=np.full(len(self.cloud), number, np.uint8)))
+    def with_index(self, index: int) -> PairView:
+        """Return the view as that of the pair of another index within its set."""
+        return replace(self, cloud=replace(self.cloud, pair=np.full(len(self.cloud), index, np.uint8)))
 
     @cached_property
     def images(self) -> ViewImages:
@@ -88,7 +92,7 @@ class PairView:
 class ReprojectedPoints:
     """The M points of a cloud that another view observes as well, `(M,)` float32 each."""
 
-    index: NDArray[np.intp]  #: Indices of the points in their cloud.
+    point_indices: NDArray[np.intp]  #: Indices of the points in their cloud.
     difference: FloatImage  #: Range that the view observes along its ray minus that of the point, metres.
     sigma: FloatImage  #: Standard deviation of the view's range, metres.
     weight: FloatImage  #: Weight of the view, 1 / m^2.
@@ -112,11 +116,11 @@ def reproject_into_view(
 ) -> ReprojectedPoints:
     """Return how a view, whose left camera has the pose `T_lm_left`, observes the points of a cloud in LM."""
     samples = _sample_view(cloud.xyz, Pose.of(T_lm_left.inverse()), rig.camera, images)
-    index = np.flatnonzero(np.isfinite(samples.difference))
-    observed = ViewSamples(*(values[index] for values in samples))
-    grey = cloud.intensity[index]
+    point_indices = np.flatnonzero(np.isfinite(samples.difference))
+    observed = ViewSamples(*(values[point_indices] for values in samples))
+    grey = cloud.intensity[point_indices]
     return ReprojectedPoints(
-        index=index,
+        point_indices=point_indices,
         difference=observed.difference,
         sigma=np.asarray(F(1.0) / np.sqrt(observed.weight), F),
         weight=observed.weight,

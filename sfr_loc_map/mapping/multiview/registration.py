@@ -1,7 +1,8 @@
 """Registration of views: the motion of a pair that makes it agree with the pairs before, where they overlap.
 
-Six parameters are estimated by robust least squares on range and grey level (Gauss-Newton with numerical derivatives),
-coarse to fine in the images.
+The six parameters of a motion are those of the largest posterior: residuals of range and of grey level, robustly
+weighted (Cauchy, reweighted in each step), and a normal prior on the error of the given pose. The minimum is found by
+Gauss-Newton steps with numerical derivatives, coarse to fine in the grey levels.
 """
 
 from __future__ import annotations
@@ -22,17 +23,23 @@ from sfr_loc_map.mapping.multiview.fusion import MIN_OVERLAP
 from sfr_loc_map.mapping.multiview.pair_view import PairView, ViewImages, reproject_into_view
 from sfr_loc_map.mapping.robust_statistics import cauchy_weight, mad_sigma
 
-MAX_POINTS = 10_000  #: About this many points of each other view are compared.
-BLURS_PX = (12.0, 5.0, 2.0, 0.7)  #: Scales of the compared images; a degree is a dozen pixels.
-MAX_ITERATIONS = 6  #: Gauss-Newton steps at each scale.
-DERIVATIVE_STEPS = np.array([2e-4] * 3 + [1e-3] * 3)  #: Steps of the numerical derivatives, rad and m.
-CONVERGED_STEP = 1e-5  #: The estimate has converged if no parameter changes by more than this, rad and m.
+MAX_POINTS = 10_000  #: About this many points of each other view are compared: six parameters need no more.
+BLURS_PX = (12.0, 5.0, 2.0, 0.7)
+"""Standard deviations of the Gaussians by which the compared images are blurred, pixels: a degree is a dozen pixels."""
+MAX_ITERATIONS = 6  #: Gauss-Newton steps at each blur; the next blur continues what has not converged.
+ROTATION_STEP_RAD = 2e-4  #: Step of the numerical derivatives: a sixth of a pixel at a focal length of 800 pixels.
+TRANSLATION_STEP_M = 1e-3  #: Step of the numerical derivatives: a sixth of a pixel at 5 m and the same focal length.
+DERIVATIVE_STEPS = np.array([ROTATION_STEP_RAD] * 3 + [TRANSLATION_STEP_M] * 3)
+CONVERGED_STEP = 1e-5  #: The estimate has converged if no parameter changes by more than this, rad and m: 0.01 pixels.
 PRIOR_SIGMAS = np.array([np.deg2rad(0.5)] * 3 + [0.02] * 3)
-"""Standard deviations of a pose error, rad and m: they divide what rotation and translation explain equally well."""
-ROBUST_SIGMAS = 3.0  #: Residuals of this many standard deviations have half the weight.
+"""Standard deviations of the error of a given pose, rad and m: a quarter and a fifth of the largest accepted motion.
+They divide what rotation and translation explain equally well."""
+ROBUST_SIGMAS = 3.0
+"""Residuals of this many standard deviations have half the weight; 2.385 is the Cauchy weight's constant for 95 %
+efficiency under normal noise (Holland and Welsch 1977)."""
 MIN_RESIDUAL_SIGMA = 1e-6  #: Added to the standard deviation of residuals, which must not be 0.
-MAX_ROTATION_DEG = 2.0  #: Poses that would have to be rotated by more are not changed.
-MAX_TRANSLATION_M = 0.1  #: Poses that would have to be moved by more are not changed.
+MAX_ROTATION_DEG = 2.0  #: Poses that would have to be rotated by more are reported and not changed, deg.
+MAX_TRANSLATION_M = 0.1  #: Poses that would have to be moved by more are reported and not changed, metres.
 
 
 class RegisteredViews(NamedTuple):
@@ -46,21 +53,23 @@ def register_views(views: Sequence[PairView], rig: StereoRig) -> RegisteredViews
     """Return the views, each moved to fit those before where they overlap."""
     registered = [views[0]]
     findings = Findings()
-    for number, view in enumerate(views[1:], start=1):
+    for index, view in enumerate(views[1:], start=1):
         motion = estimate_motion(registered, view, rig)
         if motion is None:
             registered.append(view)
             continue
         rotation_deg = float(np.rad2deg(np.linalg.norm(rotvec_from_matrix(motion.rotation))))
         translation_m = float(np.linalg.norm(motion.translation))
-        is_plausible = rotation_deg <= MAX_ROTATION_DEG and translation_m <= MAX_TRANSLATION_M
-        registered.append(view.with_pose(view.T_lm_left @ motion) if is_plausible else view)
+        findings += Findings({f"pose_turned_deg_{index}": rotation_deg, f"pose_moved_m_{index}": translation_m})
+        if rotation_deg <= MAX_ROTATION_DEG and translation_m <= MAX_TRANSLATION_M:
+            registered.append(view.with_pose(view.T_lm_left @ motion))
+            continue
+        registered.append(view)
         warning = (
-            f"pair {number} would fit if moved by {rotation_deg:.1f} deg and {translation_m:.2f} m: more than "
+            f"pair {index} would fit if moved by {rotation_deg:.1f} deg and {translation_m:.2f} m: more than "
             f"{MAX_ROTATION_DEG} deg or {MAX_TRANSLATION_M} m, its pose is left as given"
         )
-        statistics = {f"pose_turned_deg_{number}": rotation_deg, f"pose_moved_m_{number}": translation_m}
-        findings += Findings(statistics, () if is_plausible else (warning,))
+        findings += Findings(warnings=(warning,))
     return RegisteredViews(registered, findings)
 
 
@@ -72,9 +81,9 @@ def estimate_motion(fixed: Sequence[PairView], moved: PairView, rig: StereoRig) 
     """
     clouds = []
     for view in fixed:
-        index = reproject_into_view(view.cloud, moved.T_lm_left, moved.images, rig).index
-        stride = max(1, len(index) // MAX_POINTS)
-        clouds.append(view.cloud.select(index[::stride]))
+        overlapping = reproject_into_view(view.cloud, moved.T_lm_left, moved.images, rig).point_indices
+        stride = max(1, len(overlapping) // MAX_POINTS)
+        clouds.append(view.cloud.select(overlapping[::stride]))
     if sum(len(cloud) for cloud in clouds) < MIN_OVERLAP:
         return None
     pose = moved.T_lm_left
@@ -108,15 +117,18 @@ def _motion(parameters: FloatArray) -> Transform:
 def _gauss_newton_step(
     points: PointCloud, images: ViewImages, pose: Transform, given_pose: Transform, rig: StereoRig
 ) -> FloatArray | None:
-    """Return one step `(6,)`, rotation vector and translation in the left optical frame; None for too few points."""
+    """Return one step `(6,)`, rotation vector and translation in the left optical frame; None for too few points.
+
+    The prior is on the motion from the given pose.
+    """
 
     def residuals(parameters: FloatArray) -> FloatArray:
         """Return normalised range differences and grey level differences `(2, N)`; NaN where there are none."""
         seen = reproject_into_view(points, pose @ _motion(parameters), images, rig)
-        sigma = np.sqrt(np.square(points.sigma[seen.index]) + np.square(seen.sigma))
+        sigma = np.sqrt(np.square(points.sigma[seen.point_indices]) + np.square(seen.sigma))
         out = np.full((2, len(points)), np.nan)
-        out[0, seen.index] = seen.difference / sigma
-        out[1, seen.index] = seen.grey_difference
+        out[0, seen.point_indices] = seen.difference / sigma
+        out[1, seen.point_indices] = seen.grey_difference
         return out
 
     current = residuals(np.zeros(6))

@@ -35,5 +35,6 @@ def two_views() -> TwoViews:
     """Two views of hills, 5 grey levels of noise."""
     first, second = (make_world(hills, width=384, height=320, noise=5.0, noise_seed=n) for n in (1, 2))
     mapper = Mapper(first.rig, MappingConfig())
-    views = mapper.process(first.pair, POSE, 0).view, mapper.process(second.pair, POSE, 1).view
-    return TwoViews(first.rig, views, first.disparity)
+    maps = mapper.process(first.pair, POSE, 0), mapper.process(second.pair, POSE, 1)
+    views = tuple(item.fusion_input.view for item in maps if item.fusion_input is not None)
+    return TwoViews(first.rig, (views[0], views[1]), first.disparity)

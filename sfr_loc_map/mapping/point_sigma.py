@@ -1,8 +1,11 @@
-"""The stated standard deviation of points: noise, saturation and the uncertainty of the calibration.
+"""The standard deviation of points: noise, smoothing, saturation and the uncertainty of the calibration.
 
 The calibration is known only up to its uncertainty. A constant error of the disparity, such as that of a yaw of the
 right camera, causes an error of `Z^2 / (fx baseline)` of the depth for each pixel. It cannot be separated from depth in
 any pair, and averaging over points or pairs does not reduce it.
+
+The configured uncertainty of the calibration (`CalibrationUncertainty`, the parameters `mapping.calibration`) holds
+before a pair is seen. What a pair shows of its right camera can only increase it (`calibration_sigma`).
 """
 
 from __future__ import annotations
@@ -26,90 +29,89 @@ from sfr_loc_map.mapping.config import CalibrationUncertainty
 from sfr_loc_map.mapping.disparity.right_camera import MIN_ROTATION_PX, CameraRotation
 from sfr_loc_map.mapping.disparity.saturation import Saturation, widened_sigma
 
-SIGNIFICANT_SIGMAS = 3.0  #: A yaw is significant from this many of its standard deviations on.
-MIN_SIGNIFICANT_YAW_DEG = 0.02  #: Smallest significant yaw, however small the stated uncertainty is.
+SIGNIFICANT_SIGMAS = 3.0  #: A yaw is significant from this many of its standard deviations on: 0.3 % by chance.
+MIN_SIGNIFICANT_YAW_DEG = 0.02
+"""Smallest significant yaw, deg, however small the configured uncertainty is: at a focal length of 800 pixels it
+changes disparities by 0.3 pixels."""
 
 
 class CalibrationSigma(NamedTuple):
-    """Standard deviations of a calibration, as the kernels take them."""
+    """Standard deviations of a calibration, in the units of the kernels; the default is an exact calibration."""
 
-    yaw: float  #: Of the right camera, rad.
-    pitch: float  #: Of the right camera, rad.
-    roll: float  #: Of the right camera, rad.
-    focal: float  #: Of the focal length, as a fraction.
-    baseline: float  #: Of the baseline, as a fraction.
-    distortion: float  #: Residual distortion along rows, as an angle, rad.
-
-
-NO_CALIBRATION = CalibrationSigma(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  #: Of an exact calibration.
+    yaw_rad: float = 0.0  #: Of the right camera.
+    pitch_rad: float = 0.0  #: Of the right camera.
+    roll_rad: float = 0.0  #: Of the right camera.
+    focal_fraction: float = 0.0  #: Of the focal length.
+    baseline_fraction: float = 0.0  #: Of the baseline.
+    distortion_rad: float = 0.0  #: Residual distortion along rows, as an angle.
 
 
-class StatedSigma(NamedTuple):
-    """Stated standard deviations along the ray of N points, `(N,)` float32 each, metres."""
+class PointSigma(NamedTuple):
+    """Standard deviations along the ray of N points, `(N,)` float32 each, metres."""
 
     random: NDArray[np.float32]  #: Part that differs from point to point: noise, smoothing and saturation.
     total: NDArray[np.float32]  #: The random part and the calibration's part, which all points share.
 
 
-def is_yaw_significant(rotation: CameraRotation, rig: StereoRig, stated: CalibrationUncertainty) -> bool:
-    """Return whether the measured yaw exceeds what noise and the stated uncertainty of the calibration explain.
+def is_yaw_significant(rotation: CameraRotation, rig: StereoRig, configured: CalibrationUncertainty) -> bool:
+    """Return whether the measured yaw exceeds what noise and the configured uncertainty of the calibration explain.
 
-    Residual distortion causes the saddle of a yaw as well, so its stated size limits the accuracy of the yaw.
+    Residual distortion causes the saddle of a yaw as well, so its configured size limits the accuracy of the yaw.
     """
     corner_saddle = 0.25 * rig.width * rig.height / (rig.fx * rig.fy)  # x y in the corner, normalised coordinates
-    distortion_rad = stated.distortion_px / (rig.fy * corner_saddle)
-    sigma_rad = math.hypot(rotation.yaw_sigma_rad, distortion_rad, math.radians(stated.yaw_deg))
+    distortion_rad = configured.distortion_px / (rig.fy * corner_saddle)
+    sigma_rad = math.hypot(rotation.yaw_sigma_rad, distortion_rad, math.radians(configured.yaw_deg))
     threshold_rad = max(SIGNIFICANT_SIGMAS * sigma_rad, math.radians(MIN_SIGNIFICANT_YAW_DEG))
     return abs(rotation.yaw_rad) > threshold_rad
 
 
-def calibration_sigma(rotation: CameraRotation, rig: StereoRig, stated: CalibrationUncertainty) -> CalibrationSigma:
+def calibration_sigma(rotation: CameraRotation, rig: StereoRig, configured: CalibrationUncertainty) -> CalibrationSigma:
     """Return the uncertainty of the calibration given what a pair shows of the right camera.
 
-    A significant yaw is added to the stated uncertainty; it is not compensated. A vertical offset larger than the
-    stated distortion may be a pitch and is added as one. Roll is compensated (`without_roll`).
+    A significant yaw is added to the configured uncertainty; it is not compensated. A vertical offset larger than the
+    configured distortion may be a pitch and is added as one. Roll is compensated (`without_roll`).
 
     Residual distortion causes an error along rows of the size of the vertical disparity. An offset and a roll may have
-    other causes, so beyond the stated distortion only the rest of the vertical disparity is taken as distortion. If the
-    stated distortion is 0, none is added.
+    other causes, so beyond the configured distortion only the rest of the vertical disparity is taken as distortion. If
+    the configured distortion is 0, none is added.
     """
-    yaw = math.radians(stated.yaw_deg)
-    pitch = math.radians(stated.pitch_deg)
-    if is_yaw_significant(rotation, rig, stated):
-        yaw = math.hypot(yaw, rotation.yaw_rad)
-    if abs(rotation.pitch_rad) * rig.fy > max(stated.distortion_px, MIN_ROTATION_PX):
-        pitch = math.hypot(pitch, rotation.pitch_rad)
+    yaw_rad = math.radians(configured.yaw_deg)
+    if is_yaw_significant(rotation, rig, configured):
+        yaw_rad = math.hypot(yaw_rad, rotation.yaw_rad)
+    pitch_rad = math.radians(configured.pitch_deg)
+    if abs(rotation.pitch_rad) * rig.fy > max(configured.distortion_px, MIN_ROTATION_PX):
+        pitch_rad = math.hypot(pitch_rad, rotation.pitch_rad)
     distortion_px = 0.0
-    if stated.distortion_px > 0.0:
-        distortion_px = min(rotation.vertical_rms_px, max(stated.distortion_px, rotation.distortion_rms_px))
+    if configured.distortion_px > 0.0:
+        distortion_px = min(rotation.vertical_rms_px, max(configured.distortion_px, rotation.distortion_rms_px))
     return CalibrationSigma(
-        yaw=yaw,
-        pitch=pitch,
-        roll=math.radians(stated.roll_deg),
-        focal=stated.focal_share,
-        baseline=stated.baseline_share,
-        distortion=distortion_px / rig.fx,
+        yaw_rad=yaw_rad,
+        pitch_rad=pitch_rad,
+        roll_rad=math.radians(configured.roll_deg),
+        focal_fraction=configured.focal_share,
+        baseline_fraction=configured.baseline_share,
+        distortion_rad=distortion_px / rig.fx,
     )
 
 
-def largest_sigma(calibrations: Iterable[CalibrationSigma]) -> CalibrationSigma:
+def largest_of(calibrations: Iterable[CalibrationSigma]) -> CalibrationSigma:
     """Return the largest standard deviation of each part: pairs of one rig share its calibration."""
     return CalibrationSigma(*(max(values) for values in zip(*calibrations, strict=True)))
 
 
-def state_sigma(
+def point_sigma(
     cloud: PointCloud,
     T_lm_left: Mapping[int, Transform],
     saturations: Mapping[int, Saturation],
     calibration: CalibrationSigma,
     rig: StereoRig,
-) -> StatedSigma:
-    """Return the stated standard deviations of a cloud whose sigma is that of noise and smoothing.
+) -> PointSigma:
+    """Return the standard deviations of a cloud whose sigma is that of noise and smoothing alone.
 
     Poses of the left cameras and saturations are given by the points' `pair`.
     """
     random = widened_sigma(cloud, saturations)
-    return StatedSigma(random, total_sigma(replace(cloud, sigma=random), T_lm_left, rig, calibration))
+    return PointSigma(random, total_sigma(replace(cloud, sigma=random), T_lm_left, rig, calibration))
 
 
 def total_sigma(
@@ -147,8 +149,10 @@ def _total_sigma(
 ) -> NDArray[np.float32]:
     """Return the total standard deviations `(N,)`; axes and centres `(pairs, 3)` of the left cameras are in LM."""
     total = np.empty(len(sigma), np.float32)
-    distortion_variance = calibration.distortion * calibration.distortion
-    length_variance = calibration.focal * calibration.focal + calibration.baseline * calibration.baseline
+    distortion_variance = calibration.distortion_rad * calibration.distortion_rad
+    focal = calibration.focal_fraction
+    baseline = calibration.baseline_fraction
+    length_variance = focal * focal + baseline * baseline
     for n in prange(len(total)):
         pair = pairs[n]
         depth = 0.0
@@ -157,9 +161,9 @@ def _total_sigma(
         x = (us[n] - camera.cx) / camera.fx
         y = (vs[n] - camera.cy) / camera.fy
         right_x = x - camera.baseline_m / depth
-        by_yaw = calibration.yaw * (1.0 + right_x * right_x)
-        by_pitch = calibration.pitch * right_x * y
-        by_roll = calibration.roll * y
+        by_yaw = calibration.yaw_rad * (1.0 + right_x * right_x)
+        by_pitch = calibration.pitch_rad * right_x * y
+        by_roll = calibration.roll_rad * y
         angle_variance = by_yaw * by_yaw + by_pitch * by_pitch + by_roll * by_roll + distortion_variance
         relative_variance = angle_variance * (depth / camera.baseline_m) ** 2 + length_variance
         range_squared = depth * depth * (x * x + y * y + 1.0)
