@@ -17,7 +17,7 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.inputs import NS_PER_S, SIDES, stamp_of
 from sfr_loc_map.io.bag import COMPRESSED, IMAGE
 from sfr_loc_map.io.bag_sequence import RAW, RECTIFIED
-from sfr_loc_map.io.image_codec import image_from_message
+from sfr_loc_map.io.image_codec import SampleDepth, samples_of
 from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig, rig_of_rectified
 from sfr_loc_map.metrics.association import nearest_stamps
 
@@ -207,13 +207,14 @@ def _stereo(seen: Observation, task: str) -> Findings:
             text, _, fix = str(error).partition(": ")
             yield Finding(Cause.CAMERA_INFO, f"{task}/left/camera_info, {task}/right/camera_info", text, fix)
     images: list[list[tuple[int, GreyImage]]] = []
+    depth = SampleDepth(lambda _: None, task)
     for side in SIDES:
         if (topic := seen.images(task, side)) is None:
             return
         try:
-            read = [image_from_message(item) for item in topic.messages]
+            read = depth.grey(*map(samples_of, topic.messages))
         except InputError as error:
-            fix = "publish mono8, mono16, rgb8, bgr8, a Bayer mosaic or yuv422"
+            fix = "publish mono8, mono16, rgb8, bgr8, a Bayer mosaic or yuv422, or JPEG or PNG"
             yield Finding(Cause.ENCODING, topic.found, str(error), fix)
             return
         height, width = read[0].shape

@@ -6,7 +6,7 @@ import logging
 from collections.abc import Iterator, Mapping
 from copy import copy
 from dataclasses import replace
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from statistics import median_low
 from typing import Any
@@ -35,7 +35,7 @@ from sfr_loc_map.io.bag import (
 )
 from sfr_loc_map.io.calibration_file import Calibration, read_calibration
 from sfr_loc_map.io.head_pose import head_poses
-from sfr_loc_map.io.image_codec import image_from_message, points_image
+from sfr_loc_map.io.image_codec import SampleDepth, Samples, points_image, samples_of
 from sfr_loc_map.io.image_files import check_size
 from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig, rig_of_rectified
 from sfr_loc_map.io.sequence import Source
@@ -50,6 +50,12 @@ RECTIFIED, RAW = "image_rect", "image_raw"
 NS_PER_MS = 1_000_000
 
 _log = logging.getLogger(__name__)
+
+
+@cache
+def _say(text: str) -> None:
+    """Say a text once, however often a bag is read."""
+    _log.warning(text)
 
 
 class _BagPairs:
@@ -95,7 +101,7 @@ class _BagPairs:
             first = next(iter(self._bag.first(self._sides[:1]).values()), None)
             if first is None:
                 raise InputError(f"bag '{self._bag.path}' has no message on '{self._sides[0].bag_name}'")
-            height, width = self._halves(self._decoded(self._sides[0], first))[0].shape
+            height, width = self._halves(self._decoded(self._sides[0], first).grey())[0].shape
             return read_calibration(Path(config.file), (width, height)), str(first.header.frame_id)
         topics = [_require(self._bag, f"{self._rig_name}/{side}/camera_info", CAMERA_INFO) for side in SIDES]
         infos = self._bag.first(topics)
@@ -157,13 +163,14 @@ class _BagPairs:
         pair_of = {part: stamp for stamp, parts in self._pairs.items() for part in parts.items()}
         order, waiting = iter(self._pairs), dict[int, dict[str, bytes]]()
         stamp = next(order, None)
+        depth = SampleDepth(_say, f"{self._bag.path}, {self._rig_name}")
         for topic, stamp_ns, raw in self._bag.stream(self._topics):
             if (part := pair_of.get((topic.name, stamp_ns))) is None:
                 continue
             waiting.setdefault(part, {})[topic.name] = raw
             while stamp is not None and len(waiting.get(stamp, ())) == len(self._pairs[stamp]):
                 messages = waiting.pop(stamp)
-                yield self._pair(stamp, messages), messages
+                yield self._pair(stamp, messages, depth), messages
                 stamp = next(order, None)
             if len(waiting) > LOOK_AHEAD:
                 raise InputError(
@@ -171,16 +178,17 @@ class _BagPairs:
                     f"pairs apart; sort the bag by time"
                 )
 
-    def _pair(self, stamp_ns: int, raw: Mapping[str, bytes]) -> StereoPair:
-        images = [self._decoded(topic, self._bag.deserialise(topic, raw[topic.name])) for topic in self._sides]
+    def _pair(self, stamp_ns: int, raw: Mapping[str, bytes], depth: SampleDepth) -> StereoPair:
+        samples = [self._decoded(topic, self._bag.deserialise(topic, raw[topic.name])) for topic in self._sides]
+        images = depth.grey(*samples)
         left, right = self._halves(images[0]) if self._layout else images
         for image, topic in ((left, self._sides[0]), (right, self._sides[-1])):
             check_size(image, self.rig, f"bag '{self._bag.path}', '{topic.bag_name}': image of stamp {stamp_ns}")
         return StereoPair(stamp_ns, *(self._rectifier.rectify(left, right) if self._rectifier else (left, right)))
 
-    def _decoded(self, topic: Topic, message: Any) -> GreyImage:  # noqa: ANN401 - made at run time
+    def _decoded(self, topic: Topic, message: Any) -> Samples:  # noqa: ANN401 - made at run time
         try:
-            return image_from_message(message)
+            return samples_of(message)
         except InputError as error:
             raise InputError(f"bag '{self._bag.path}', '{topic.bag_name}': {error}") from error
 

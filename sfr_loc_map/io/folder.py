@@ -50,11 +50,12 @@ class FolderNavSequence(ImageFiles):
 
     def pairs(self) -> Iterator[PosedStereoPair]:
         """Yield the pairs, one in memory at a time."""
+        depth = self.sample_depth()
         for entry in self.entries:
             if entry.T_lm_navsb is None:
                 raise InputError(f"pair of stamp {entry.stamp_ns} has no pose in LM")
             truth = None if entry.truth is None else _load_point_image(entry.truth, self.rig)
-            yield PosedStereoPair(read_pair(entry, self.rig), entry.T_lm_navsb, truth)
+            yield PosedStereoPair(read_pair(entry, self.rig, depth), entry.T_lm_navsb, truth)
 
 
 def open_folder(path: Path) -> Source:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 import struct
 import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -32,23 +34,95 @@ BAYER = {
 _MOSAIC = re.compile(r"\s*bayer_(rggb|bggr|gbrg|grbg)(?:8|16)\s*(?:;\s*\w*\s*(?:compressed)?\s*)?")
 LUMA = {"yuv422": 1, "uyvy": 1, "yuv422_yuy2": 0, "yuyv": 0}
 """Encodings of a luma and half a colour a pixel: which of the two samples is the luma."""
+PLANAR = ("nv12", "nv21", "nv24")  #: Encodings whose first plane is the luma, a byte a pixel.
 ENCODINGS: dict[str, tuple[type[np.generic], int]] = {
     **dict.fromkeys(("mono8", "8UC1"), (np.uint8, 1)),
     **dict.fromkeys(("mono16", "16UC1"), (np.uint16, 1)),
     **dict.fromkeys(("rgb8", "bgr8", "8UC3"), (np.uint8, 3)),
-    **dict.fromkeys(("rgba8", "bgra8"), (np.uint8, 4)),
+    **dict.fromkeys(("rgb16", "bgr16", "16UC3"), (np.uint16, 3)),
+    **dict.fromkeys(("rgba8", "bgra8", "8UC4"), (np.uint8, 4)),
+    **dict.fromkeys(("rgba16", "bgra16", "16UC4"), (np.uint16, 4)),
     **{f"bayer_{order}8": (np.uint8, 1) for order in BAYER},
     **{f"bayer_{order}16": (np.uint16, 1) for order in BAYER},
     **dict.fromkeys(LUMA, (np.uint8, 2)),
+    **dict.fromkeys(PLANAR, (np.uint8, 1)),
 }
 """Encodings of sensor_msgs/Image that are read: type of a sample and samples per pixel."""
 MAX_DECODED_BYTES = 2**27  #: Largest image that is decoded: 8192 x 8192 in 8-bit grey twice, 5792 x 5792 in colour.
+SAMPLE_BITS = (8, 10, 12, 14, 16)  #: Depths of sensors whose samples are sent as numbers of 16 bits.
+CODECS = (
+    (r"RIFF....WEBP", "WebP"),
+    (r"....ftyp(?:avif|avis)", "AVIF"),
+    (r"....ftyp", "HEIF"),
+    (r"\xff\x0a|....JXL ", "JPEG XL"),
+    (r"....jP  |\xff\x4f\xff\x51", "JPEG 2000"),
+    (r"II\*\0|MM\0\*", "TIFF"),
+    (r"BM", "BMP"),
+    (r"GIF8", "GIF"),
+    (r"OggS", "Theora"),
+    (r"\0\0\0?\x01[\x40-\x4f]", "H.265"),
+    (r"\0\0\0?\x01", "H.264"),
+    (r"\x12\0\x0a", "AV1"),
+)
+"""Beginnings of the data of codecs that are not read, and their names."""
+_CODECS = tuple((re.compile(pattern.encode("latin-1"), re.DOTALL), name) for pattern, name in CODECS)
 
 
-def grey8(image: NDArray[Any], order: Literal["bgr", "rgb"] = "bgr") -> GreyImage:
-    """Return an image `(H, W)` or `(H, W, 3 | 4)` of 8 or 16 bits as 8-bit grey: luma after ITU-R BT.601, no alpha."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples:
+    """An image as a sensor or a file has it, of 8 or 16 bits."""
+
+    pixels: NDArray[Any]  #: `(H, W)` or `(H, W, 3 | 4)`, uint8 or uint16.
+    order: Literal["bgr", "rgb"] = "bgr"  #: Of the colours.
+    mosaic: str = ""  #: First four pixels of a Bayer mosaic, empty for none.
+
+    @property
+    def bits(self) -> int:
+        """The smallest of `SAMPLE_BITS` that holds every sample; 0 for samples of 8 bits."""
+        if self.pixels.dtype != np.uint16:
+            return 0
+        largest = int(self.pixels[..., :3].max(initial=0) if self.pixels.ndim == 3 else self.pixels.max(initial=0))
+        return next(bits for bits in SAMPLE_BITS if largest < 2**bits)
+
+    def grey(self, bits: int = 16) -> GreyImage:
+        """Return the image as 8-bit grey; `bits` is the depth of samples of 16 bits."""
+        pixels = self.pixels
+        if self.mosaic:
+            pixels = np.asarray(cv2.cvtColor(pixels, BAYER[self.mosaic]))
+        return grey8(pixels, self.order, bits)
+
+
+class SampleDepth:
+    """Depth of the 16-bit samples of a pair of cameras: the smallest usual one that holds every sample so far.
+
+    Sensors of 10, 12 or 14 bits use the lower part of the range of 16 bits (mono16). Both images of a pair have one
+    depth, which only grows, so that the brightness of a pixel does not change from pair to pair.
+    """
+
+    def __init__(self, say: Callable[[str], object], name: str, bits: int = 0) -> None:
+        """`say` is called with the depth of the images of a name when it is found; `bits` fixes it, unless 0."""
+        self.bits = bits
+        self._say, self._name, self._is_given = say, name, bits > 0
+
+    def grey(self, *images: Samples) -> list[GreyImage]:
+        """Return images of one moment as 8-bit grey."""
+        found = max(image.bits for image in images)
+        if found > self.bits and not self._is_given:
+            self.bits = found
+            if found < SAMPLE_BITS[-1]:
+                self._say(
+                    f"images of '{self._name}' have samples of 16 bits, of which {found} are used: 0 to {2**found - 1}"
+                )
+        return [image.grey(self.bits or SAMPLE_BITS[-1]) for image in images]
+
+
+def grey8(image: NDArray[Any], order: Literal["bgr", "rgb"] = "bgr", bits: int = 16) -> GreyImage:
+    """Return an image `(H, W)` or `(H, W, 3 | 4)` of 8 or 16 bits as 8-bit grey: luma after ITU-R BT.601, no alpha.
+
+    `bits` is the depth of samples of 16 bits: its largest number becomes 255.
+    """
     if image.dtype == np.uint16:
-        image = cv2.convertScaleAbs(image, alpha=1 / 257)
+        image = cv2.convertScaleAbs(image, alpha=255 / (2**bits - 1))
     if image.dtype != np.uint8 or image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (3, 4)):
         raise InputError(f"image of {image.dtype} {image.shape} found: 8 or 16 bit grey or colour is needed")
     if image.ndim == 3:
@@ -59,20 +133,31 @@ def grey8(image: NDArray[Any], order: Literal["bgr", "rgb"] = "bgr") -> GreyImag
 
 def read_grey(path: Path) -> GreyImage:
     """Read an image file as 8-bit grey `(H, W)`."""
+    return read_samples(path).grey()
+
+
+def read_samples(path: Path) -> Samples:
+    """Read an image file."""
     with refusing(f"cannot read image '{path}'", "check the list of pairs"):
         data = read_bytes(path, MAX_IMAGE_BYTES)
     try:
-        return decode_grey(data)
+        return decoded(data)
     except InputError as error:
         raise InputError(f"image '{path}': {error}") from error
 
 
 def decode_grey(data: bytes | NDArray[np.uint8]) -> GreyImage:
     """Decode PNG, JPEG, PGM or PPM to 8-bit grey `(H, W)`; PNG checksums are verified, broken JPEG streams refused."""
-    raw = bytes(data)
+    return decoded(bytes(data)).grey()
+
+
+def decoded(raw: bytes) -> Samples:
+    """Decode PNG, JPEG, PGM or PPM; PNG checksums are verified, broken JPEG streams refused."""
     size = claimed_size(raw)
     if size is None:
-        raise InputError(f"its data is broken or of another format; {FORMATS} is needed: restore or convert it")
+        codec = codec_of(raw)
+        found = f"it is {codec}, which is not read" if codec else "its data is broken or of another format"
+        raise InputError(f"{found}; {FORMATS} is needed: restore or convert it")
     try:
         check_image_size(*size, "it")
     except GeometryError as error:
@@ -83,7 +168,7 @@ def decode_grey(data: bytes | NDArray[np.uint8]) -> GreyImage:
         )
     if raw.startswith(JPEG_MAGIC):
         with refusing("its JPEG data is broken", "restore the original"):
-            return np.ascontiguousarray(simplejpeg.decode_jpeg(raw, "GRAY", strict=True)[:, :, 0])
+            return Samples(np.ascontiguousarray(simplejpeg.decode_jpeg(raw, "GRAY", strict=True)[:, :, 0]))
     if raw.startswith(PNG_MAGIC):
         raw = _critical_chunks(raw)
     level = cv2.utils.logging.setLogLevel(0)  # what the library says of a broken one goes into the error
@@ -95,7 +180,12 @@ def decode_grey(data: bytes | NDArray[np.uint8]) -> GreyImage:
         cv2.utils.logging.setLogLevel(level)
     if image is None:
         raise InputError("its data is broken; restore the original")
-    return grey8(np.asarray(image))
+    return Samples(np.asarray(image))
+
+
+def codec_of(data: bytes) -> str:
+    """Return the name of the codec of data that is not read; empty if it is unknown."""
+    return next((name for pattern, name in _CODECS if pattern.match(data[:16])), "")
 
 
 def claimed_size(data: bytes) -> tuple[int, int] | None:
@@ -120,8 +210,13 @@ def _decoded_pixel_bytes(data: bytes) -> int:
 
 def image_from_message(message: Any) -> GreyImage:  # noqa: ANN401 - a message of any library
     """Return a sensor_msgs/Image or sensor_msgs/CompressedImage (JPEG or PNG) as 8-bit grey `(H, W)`."""
+    return samples_of(message).grey()
+
+
+def samples_of(message: Any) -> Samples:  # noqa: ANN401 - a message of any library
+    """Return the image of a sensor_msgs/Image or sensor_msgs/CompressedImage (JPEG or PNG)."""
     if not hasattr(message, "encoding"):
-        return image_from_compressed_message(message)
+        return _samples_of_compressed(message)
     stamp = stamp_of(message)
     if message.encoding not in ENCODINGS:
         known = ", ".join(ENCODINGS)
@@ -141,34 +236,48 @@ def image_from_message(message: Any) -> GreyImage:  # noqa: ANN401 - a message o
     shape = (height, width) if samples == 1 else (height, width, samples)
     image, encoding = image.reshape(shape), message.encoding
     if encoding in LUMA:
-        return np.ascontiguousarray(image[:, :, LUMA[encoding]])
+        return Samples(np.ascontiguousarray(image[:, :, LUMA[encoding]]))
     if encoding.startswith("bayer_"):
-        return _demosaiced(image, encoding[6:10], f"image of stamp {stamp}")
-    return grey8(image, "rgb" if encoding.startswith("rgb") else "bgr")
+        return _mosaic(image, encoding[6:10], f"image of stamp {stamp}")
+    return Samples(image, "rgb" if encoding.startswith("rgb") else "bgr")
 
 
-def image_from_compressed_message(message: Any) -> GreyImage:  # noqa: ANN401 - a sensor_msgs/CompressedImage
-    """Return a sensor_msgs/CompressedImage (JPEG or PNG) as 8-bit grey `(H, W)`.
+def _samples_of_compressed(message: Any) -> Samples:  # noqa: ANN401 - a sensor_msgs/CompressedImage
+    """Return the image of a sensor_msgs/CompressedImage (JPEG or PNG).
 
     `format` is `bayer_rggb8; png compressed` where the compressed image is the mosaic of the sensor; with a colour
     behind it (`...; jpeg compressed bgr8`) the mosaic was made an image before.
     """
     mosaic = _MOSAIC.fullmatch(str(getattr(message, "format", "")).lower())
+    data = bytes(message.data)
     try:
-        image = decode_grey(bytes(message.data))
-        if mosaic is None or _has_colour(bytes(message.data)):
+        if claimed_size(data) is None:
+            raise InputError(f"{unread_codec(message)}: publish raw images, PNG or JPEG")
+        image = decoded(data)
+        if mosaic is None or _has_colour(data):
             return image
-        return _demosaiced(image, mosaic[1], "it")
+        return _mosaic(image.pixels, mosaic[1], "it")
     except InputError as error:
         raise InputError(f"image of stamp {stamp_of(message)}: {error}") from error
 
 
-def _demosaiced(image: NDArray[Any], order: str, name: str) -> GreyImage:
-    """Return the grey image of a Bayer mosaic; `order` names its first four pixels."""
+def unread_codec(message: Any) -> str:  # noqa: ANN401 - a sensor_msgs/CompressedImage
+    """Return what the data of a sensor_msgs/CompressedImage is that is neither PNG nor JPEG."""
+    said = str(getattr(message, "format", ""))[:40]
+    named = f" (format '{said}')" if said else ""
+    data = bytes(message.data[:16])
+    if not data:
+        return f"it has no data{named}"
+    codec = codec_of(data)
+    return f"it is {codec}{named}, which is not read" if codec else f"it is neither PNG nor JPEG{named}"
+
+
+def _mosaic(image: NDArray[Any], order: str, name: str) -> Samples:
+    """Return the samples of a Bayer mosaic; `order` names its first four pixels."""
     height, width = image.shape
     if min(height, width) < 4:
         raise InputError(f"{name} is {width} x {height}: too small for a Bayer mosaic")
-    return grey8(np.asarray(cv2.cvtColor(image, BAYER[order])))
+    return Samples(image, mosaic=order)
 
 
 def _has_colour(data: bytes) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import IO, Self
@@ -16,10 +17,16 @@ from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.io.image_codec import read_grey
+from sfr_loc_map.io.image_codec import SampleDepth, read_samples
 
 _log = logging.getLogger(__name__)
 NAMED_FILES = 3  #: Missing files that a message names.
+
+
+@cache
+def _say(text: str) -> None:
+    """Say a text once, however often a source is read."""
+    _log.warning(text)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,9 +68,9 @@ def check_size(image: GreyImage, rig: StereoRig, name: str) -> None:
         raise InputError(f"{name} is {found}: its rig says {rig.width} x {rig.height}; both images need the rig's size")
 
 
-def read_pair(entry: ImagePair, rig: StereoRig) -> StereoPair:
+def read_pair(entry: ImagePair, rig: StereoRig, depth: SampleDepth) -> StereoPair:
     """Read the images of a pair."""
-    left, right = (read_grey(path) for path in (entry.left, entry.right))
+    left, right = depth.grey(read_samples(entry.left), read_samples(entry.right))
     for path, image in ((entry.left, left), (entry.right, right)):
         check_size(image, rig, f"image '{path}' (stamp {entry.stamp_ns})")
     return StereoPair(entry.stamp_ns, left, right)
@@ -81,6 +88,10 @@ class ImageFiles:
         """Stamps of the pairs, in their order."""
         return tuple(entry.stamp_ns for entry in self.entries)
 
+    def sample_depth(self) -> SampleDepth:
+        """Return what finds the depth of the samples of the images in a pass through them."""
+        return SampleDepth(_say, str(self.entries[0].left.parent.parent) if self.entries else "")
+
     def __len__(self) -> int:
         return len(self.entries)
 
@@ -95,8 +106,9 @@ class ImageFileSequence(ImageFiles):
 
     def pairs(self) -> Iterator[StereoPair]:
         """Yield the pairs, one in memory at a time."""
+        depth = self.sample_depth()
         for entry in self.entries:
-            pair = read_pair(entry, self.rig)
+            pair = read_pair(entry, self.rig, depth)
             yield pair if self.rectify is None else StereoPair(pair.stamp_ns, *self.rectify(pair.left, pair.right))
 
 

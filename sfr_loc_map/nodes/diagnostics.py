@@ -263,6 +263,10 @@ class StatusReporter:
         self._publish("input", Level.ERROR, text, {"task": self._task, **self._activity().counts})
         self.publish_health(only_changes=True)
 
+    def info(self, text: str) -> None:
+        """Report something that the node found out of its input: log alone."""
+        self._node.get_logger().info(one_line(text))
+
     def warn(self, text: str, kind: str = "") -> None:
         """Report something that is not as it should be, though the node works: log, health (the latest of a kind)."""
         text = one_line(text)

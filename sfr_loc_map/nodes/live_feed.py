@@ -24,7 +24,7 @@ from std_msgs.msg import String
 
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.inputs import NS_PER_S, SIDES, Task, serialised_stamp
-from sfr_loc_map.io.image_codec import image_from_message
+from sfr_loc_map.io.image_codec import SampleDepth, samples_of
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.tracked_images import TrackedImages
@@ -63,6 +63,7 @@ class RosFeed(Peer):
         self._gaps: dict[str, TransportGaps] = {}
         self._subscriptions: dict[updates.View, list[Subscription]] = {}
         self._image_topics: dict[str, str] = {}  # the subscribed topic of each image name
+        self._depths: dict[str, SampleDepth] = {}
         self._next_images: dict[str, tuple[float, int]] = {}  # by rig: when the next pair is due, stamp of the last
         self._images = TrackedImages(self._show_image)
         self._maps = MapFeed(state, lambda: bool(self.node.count_publishers(updates.ELEVATION)))
@@ -206,7 +207,8 @@ class RosFeed(Peer):
         if not self._is_shown(rig, stamp_ns):
             return
         try:
-            image = image_from_message(deserialize_message(raw, kind))
+            depth = self._depths.setdefault(rig, SampleDepth(lambda _: None, rig))
+            (image,) = depth.grey(samples_of(deserialize_message(raw, kind)))
         except SfrError as error:
             reason = f"{self._image_topics.get(name, name)} cannot be shown: {error}"
             self._state.put(updates.ImageProblem(name, reason[:MAX_REASON_LETTERS]))

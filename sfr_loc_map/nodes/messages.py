@@ -39,7 +39,7 @@ from sfr_loc_map.geometry.plausibility import MAX_VARIANCE, check_image_size, is
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import LOST_VARIANCE, refusing, stamp_of
-from sfr_loc_map.io.image_codec import JPEG_MAGIC, PNG_MAGIC, claimed_size
+from sfr_loc_map.io.image_codec import JPEG_MAGIC, PNG_MAGIC, claimed_size, unread_codec
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, StepEstimate
 
 if TYPE_CHECKING:
@@ -211,10 +211,12 @@ def check_image(message: Image | CompressedImage, size: tuple[int, int]) -> None
         data = bytes(message.data)
         found = claimed_size(data) if data.startswith((PNG_MAGIC, JPEG_MAGIC)) else None
     if found != size:
-        what = "not PNG or JPEG" if found is None else f"{found[0]} x {found[1]}"
+        if found is None:
+            text = f"image of stamp {stamp_of(message)}: {unread_codec(message)}: publish raw images, PNG or JPEG"
+            raise InputError(text)
         raise InputError(
-            f"image of stamp {stamp_of(message)} is {what}: its camera_info says {size[0]} x {size[1]}; "
-            f"publish the camera_info of these images"
+            f"image of stamp {stamp_of(message)} is {found[0]} x {found[1]}: its camera_info says "
+            f"{size[0]} x {size[1]}; publish the camera_info of these images"
         )
 
 

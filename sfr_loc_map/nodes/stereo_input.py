@@ -14,10 +14,9 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from sfr_loc_map.config import param
 from sfr_loc_map.doctor.transport import MUCH_LOST, loss_fix
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.inputs import NS_PER_S, SIDES, Side, stamp_of
-from sfr_loc_map.io.image_codec import image_from_message
+from sfr_loc_map.io.image_codec import SampleDepth, Samples, samples_of
 from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig, rig_of_rectified
 from sfr_loc_map.io.stamp_pairing import STAMP_TOLERANCE_S, StampPairing
 from sfr_loc_map.localisation.parallel import both
@@ -48,6 +47,14 @@ class StereoInputConfig:
         False,
         doc="Take image_raw instead of image_rect, and rectify it by the D, K, R and P of camera_info: models "
         "plumb_bob, rational_polynomial, equidistant (fisheye).",
+    )
+    sample_bits: int = param(
+        0,
+        unit="bits",
+        doc="Depth of images of 16 bits (mono16) whose sensor uses the lower bits, as 10 or 12; 0: the smallest of 8, "
+        "10, 12, 14 and 16 that holds all samples so far.",
+        low=0,
+        high=16,
     )
     reliability: str = param(
         "best_effort",
@@ -80,17 +87,18 @@ class ReceivedPair:
     rig: StereoRig  #: The rig that took them.
     frame_id: str  #: Frame of the left camera by its camera_info.
     images: tuple[ReceivedImage, ReceivedImage]  #: The left and the right one.
+    depth: SampleDepth  #: Of the samples of 16 bits.
     rectifier: StereoRectifier | None = None  #: What rectifies the images, None where they are rectified.
 
     def decode(self) -> StereoPair:
         """Return the images in grey, rectified."""
-        images = both(self._grey, (0,), (1,))
+        images = self.depth.grey(*both(self._samples, (0,), (1,)))
         return StereoPair(self.stamp_ns, *(images if self.rectifier is None else self.rectifier.rectify(*images)))
 
-    def _grey(self, side: int) -> GreyImage:
+    def _samples(self, side: int) -> Samples:
         message = self.images[side][0]
         try:
-            return image_from_message(message)
+            return samples_of(message)
         except InputError:
             raise
         except Exception as error:  # data from the network: whatever a decoder raises, the node goes on
@@ -141,6 +149,7 @@ class StereoInput:
         self.restart()
         self.rig = None
         self._endpoints = endpoints
+        self._depth = SampleDepth(self._status.info, self._name, self._config.sample_bits)
         self._infos.clear()
         self._fresh_sides.clear()
         self._latched.clear()
@@ -305,4 +314,4 @@ class StereoInput:
             self._on_restart("stamps have gone to another time")
         frame_id = str(self._infos["left"].header.frame_id)
         for pair in ordered:
-            self._on_pair(ReceivedPair(stamp_of(pair[0][0]), rig, frame_id, pair, self._rectifier))
+            self._on_pair(ReceivedPair(stamp_of(pair[0][0]), rig, frame_id, pair, self._depth, self._rectifier))

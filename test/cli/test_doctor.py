@@ -65,7 +65,7 @@ BAGS: dict[str, tuple[Edit, list[tuple[str, bool]]]] = {
     "unequal sizes": (edit_of("/loc/right/camera_info", width=100), [("camera_info", True)]),
     "no camera_info": (without("/loc/left/camera_info"), [("silent", True)]),
     "unsynchronised": (stamped("/loc/right/", 7_000_000), [("unsynchronised", True)]),
-    "unknown encoding": (edit_of("loc/left/image_rect", encoding="nv21"), [("encoding", True)]),
+    "unknown encoding": (edit_of("loc/left/image_rect", encoding="yuv411"), [("encoding", True)]),
     "other camera's info": (edit_of("loc/", width=80), [("camera_info", True), ("picture_size", True)]),
     "exchanged": (mirrored_order, [("exchanged", True)]),
     "two runs": (stamped("/loc/", -100 * 10**9, 2), [("stamp_order", True), ("stamp_order", True)]),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import struct
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,11 +17,13 @@ from hypothesis.extra import numpy as hnp
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.image_codec import (
+    SampleDepth,
+    Samples,
     decode_grey,
     encode_jpeg,
     encode_png,
-    image_from_compressed_message,
     image_from_message,
+    samples_of,
 )
 
 images = hnp.arrays(np.uint8, st.tuples(st.integers(1, 9), st.integers(1, 9)))
@@ -77,7 +81,7 @@ def test_luma_of_yuv422_is_the_image(coding: str, luma_at: int) -> None:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"encoding": "nv21"}, "encoding 'nv21'.*mono8"),
+        ({"encoding": "32FC1"}, "encoding '32FC1'.*mono8"),
         ({"encoding": "yuv422"}, "too few"),
         ({"encoding": "bayer_rggb8", "height": 3}, "too small for a Bayer mosaic"),
         ({"step": 3}, "step 3"),
@@ -114,7 +118,7 @@ def test_jpeg_is_close_and_a_cut_or_garbled_one_is_refused() -> None:
     garbled[300:500:5] = b"\xd9" * 40
     for broken in (data[:-300], data[:100], bytes(garbled), b"\xff\xd8", b""):
         with pytest.raises(InputError, match="stamp 12000000034"):
-            image_from_compressed_message(SimpleNamespace(header=HEADER, data=np.frombuffer(broken, np.uint8)))
+            image_from_message(SimpleNamespace(header=HEADER, data=np.frombuffer(broken, np.uint8)))
 
 
 def png(depth: int, colour: int, side: int) -> bytes:
@@ -142,3 +146,60 @@ def test_broken_or_too_large_images_are_refused_in_silence(
     with pytest.raises(InputError, match=words):
         decode_grey(data)
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("bits", [8, 10, 12, 14, 16])
+@pytest.mark.parametrize("coding", ["mono16", "rgb16", "bayer_rggb16", "png"])
+def test_samples_of_any_depth_use_the_range_of_grey(bits: int, coding: str) -> None:
+    grey = np.random.default_rng(3).integers(0, 256, (8, 8), dtype=np.uint8)
+    grey[0, 0] = 255
+    deep = np.rint(grey.astype(float) * (2**bits - 1) / 255.0).astype(np.uint16)
+    said: list[str] = []
+    depth = SampleDepth(said.append, "loc")
+    if coding == "png":
+        data = np.frombuffer(bytes(cv2.imencode(".png", deep)[1]), np.uint8)
+        found = samples_of(SimpleNamespace(header=HEADER, format="16UC1; png compressed", data=data))
+        shallow = Samples(grey)
+    else:
+        found = samples_of(message(np.dstack([deep] * 3) if coding == "rgb16" else deep, coding))
+        shallow = replace(found, pixels=np.dstack([grey] * 3) if coding == "rgb16" else grey)
+    np.testing.assert_allclose(depth.grey(found)[0].astype(int), shallow.grey(), atol=1)
+    assert depth.bits == bits
+    assert len(said) == (bits < 16)
+    assert SampleDepth(said.append, "loc", 16).grey(found)[0].max() <= 2 ** (bits - 8)
+
+
+def test_the_depth_of_samples_only_grows_and_is_that_of_both_images() -> None:
+    depth = SampleDepth(lambda _: None, "loc")
+    dark, bright = (Samples(np.full((4, 4), value, np.uint16)) for value in (400, 4000))
+    assert [int(image[0, 0]) for image in depth.grey(dark, bright)] == [25, 249]
+    assert int(depth.grey(dark)[0][0, 0]) == 25
+
+
+@pytest.mark.parametrize("coding", ["nv12", "nv21", "nv24"])
+def test_the_first_plane_is_the_image(coding: str) -> None:
+    pixels = np.random.default_rng(7).integers(0, 256, (6, 8), dtype=np.uint8)
+    image = message(pixels, coding)
+    image.data = np.append(image.data, np.zeros(24, np.uint8))
+    np.testing.assert_array_equal(image_from_message(image), pixels)
+
+
+CODECS = {
+    "H.264": (b"\0\0\0\x01\x67\x42", "h264"),
+    "H.265": (b"\0\0\0\x01\x40\x01", "hevc"),
+    "WebP": (b"RIFF\x10\0\0\0WEBPVP8 ", "webp"),
+    "AVIF": (b"\0\0\0\x1cftypavif", "avif"),
+    "JPEG XL": (b"\xff\x0a\xfa\x1f", "jxl"),
+    "TIFF": (b"II*\0\x08\0\0\0", "rgb8; tiff compressed bgr8"),
+    "Theora": (b"OggS\0\x02", "theora"),
+    "no data": (b"", "jpeg"),
+    "neither PNG nor JPEG (format 'xyz')": (b"abcdefgh", "xyz"),
+}
+
+
+@pytest.mark.parametrize("name", CODECS)
+def test_a_codec_that_is_not_read_is_named(name: str) -> None:
+    data, form = CODECS[name]
+    packed = SimpleNamespace(header=HEADER, format=form, data=np.frombuffer(data, np.uint8))
+    with pytest.raises(InputError, match=f"{re.escape(name)}.*publish raw images, PNG or JPEG"):
+        image_from_message(packed)
