@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from sfr_loc_map.doctor.examination import Cause
+from sfr_loc_map.doctor.findings import Cause
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])

@@ -26,7 +26,7 @@ from sfr_loc_map.io.atomic import write_text
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from sfr_loc_map.doctor.examination import Finding
+    from sfr_loc_map.doctor.findings import Finding
     from sfr_loc_map.io.source_config import SourceConfig
     from sfr_loc_map.report.tables import Table
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from enum import StrEnum
+from dataclasses import replace
 
 import cv2
 import numpy as np
 
-from sfr_loc_map.doctor.observation import EXPECTED, Observation, ObservedTopic, Reliability, allowed_types
+from sfr_loc_map.doctor.findings import Cause, Finding
+from sfr_loc_map.doctor.observation import EXPECTED, Observation, ObservedTopic, allowed_types
+from sfr_loc_map.doctor.silence import Publisher, Reliability, silence_of
 from sfr_loc_map.doctor.transport import MUCH_LOST, loss_fix
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import GreyImage, IntArray
@@ -21,6 +22,12 @@ from sfr_loc_map.io.image_codec import SampleDepth, samples_of
 from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig, rig_of_rectified
 from sfr_loc_map.metrics.association import nearest_stamps
 
+VIDEO = {
+    "foxglove_msgs/msg/CompressedVideo",
+    "ffmpeg_image_transport_msgs/msg/FFMPEGPacket",
+    "theora_image_transport/msg/Packet",
+}
+"""Types of topics with video (H.264, H.265, Theora), which is not decoded."""
 FEW_LOST = 0.01  # share of images lost in transport above which there is a warning
 CLOCKS_APART_NS = 60 * NS_PER_S
 """Stamps further from the time of the host are of another clock; the nodes omit their latencies, too."""
@@ -32,51 +39,6 @@ PATCH_PX = 6  # half the side of a patch that is searched for
 MIN_NCC = 0.85  # normalised cross-correlation of a patch that is matched
 MIN_MATCHES = 10  # matches on the wrong side that a decision needs
 SWAPPED_RATIO = 4.0  # swapped: more than so many matches on the wrong side for each on the right one
-
-
-class Cause(StrEnum):
-    """Kinds of findings, for programs; docs/operating.md explains each."""
-
-    BROKEN = "broken"
-    UNFINISHED = "unfinished"
-    MISSING_IMAGES = "missing_images"
-    AMBIGUOUS = "ambiguous"
-    NO_TOPIC = "no_topic"
-    NO_PUBLISHER = "no_publisher"
-    WRONG_TYPE = "wrong_type"
-    QOS = "qos"
-    SILENT = "silent"
-    TRANSPORT = "transport"
-    CAMERA_INFO = "camera_info"
-    ENCODING = "encoding"
-    IMAGE_SIZE = "picture_size"
-    SWAPPED = "exchanged"
-    STAMP_ORDER = "stamp_order"
-    UNSYNCHRONISED = "unsynchronised"
-    UNPAIRED = "unpaired"
-    POSE_STAMPS = "pose_stamps"
-    TRUTH = "truth"
-    TRUTH_CLOCK = "truth_clock"
-    CLOCKS_APART = "clocks_apart"
-    FRAMES = "frames"
-    CLOCK = "clock"
-    INACTIVE = "inactive"
-
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """One issue: its cause, topic or node or file, what was found and what to do; it blocks, or is a warning."""
-
-    cause: Cause
-    where: str
-    text: str
-    fix: str
-    is_blocking: bool = True
-
-    def as_dict(self) -> dict[str, str | bool]:
-        """Return it for JSON, under the public keys."""
-        public = {"cause": self.cause.value, "stops": self.is_blocking, "where": self.where}
-        return public | {"text": self.text, "cure": self.fix}
 
 
 Findings = Iterator[Finding]
@@ -121,35 +83,48 @@ def _names(seen: Observation) -> Findings:
         yield Finding(Cause.AMBIGUOUS, name, f"several topics could be it: {', '.join(found)}", fix)
     if not seen.tasks and not seen.ambiguous:
         images = [name for name, types in sorted(seen.others.items()) if {IMAGE, COMPRESSED} & set(types)]
-        there = f"topics with images are {', '.join(images)}" if images else "no topic has images"
-        text = f"neither loc/left/image_rect nor nav/left/image_rect is there (nor image_raw); {there}"
+        videos = [f"{name} ({kind})" for name, types in sorted(seen.others.items()) for kind in set(types) & VIDEO]
         fix = "name them by --remap FOUND:=EXPECTED, or start the cameras" if seen.live else "--remap FOUND:=EXPECTED"
+        there = f"topics with images are {', '.join(images)}"
+        if not images:
+            there = (
+                f"topics with video, which is not read, are {', '.join(videos)}" if videos else "no topic has images"
+            )
+            fix = "start the cameras" if seen.live else "give a bag with images of both cameras"
+        if videos and not images:
+            fix = "publish or record the images as sensor_msgs/Image, or as sensor_msgs/CompressedImage of JPEG or PNG"
+        text = f"neither loc/left/image_rect nor nav/left/image_rect is there (nor image_raw); {there}"
         yield Finding(Cause.NO_TOPIC, seen.subject, text, fix)
 
 
 def _topic(seen: Observation, name: str, topic: ObservedTopic | None) -> Findings:
     if name in seen.ambiguous:
         return
-    if topic is None or not topic.offers:
+    if topic is None or not topic.publishers:
         where = topic.found if topic is not None else f"{seen.prefix}{name}"
         hint = "or name it by --remap FOUND:=EXPECTED"
         if where.endswith(RECTIFIED) and where.removesuffix(RECTIFIED) + RAW in seen.others:
             hint = f"or set input.rectify of the node: {RAW} is there"
-        cause, text = (Cause.NO_PUBLISHER, "has no publisher") if seen.live else (Cause.NO_TOPIC, "is not in the bag")
-        yield Finding(cause, where, f"it {text}", f"publish or record it, {hint}")
+        if seen.live:
+            yield replace(silence_of(where, allowed_types(name), ()), fix=f"publish or record it, {hint}")
+        else:
+            yield Finding(Cause.NO_TOPIC, where, "it is not in the bag", f"publish or record it, {hint}")
         return
-    if wrong := [kind for kind in topic.types if kind not in allowed_types(name)]:
-        text = f"its type is {', '.join(wrong)}: {' or '.join(allowed_types(name))} is needed"
-        fix = "publish the right type, or name another topic by --remap FOUND:=EXPECTED"
-        yield Finding(Cause.WRONG_TYPE, topic.found, text, fix)
-        return
-    strict = [node for node, requested in topic.requests.items() if requested is Reliability.RELIABLE]
-    if strict and Reliability.BEST_EFFORT in topic.offers:
-        text = f"its publisher offers best_effort, {', '.join(strict)} requests reliable: nothing is received"
-        fix = "set input.reliability of the node to best_effort, or the publisher's reliability to reliable"
-        yield Finding(Cause.QOS, topic.found, text, fix)
-    if not topic.messages and not seen.is_idle(name.partition("/")[0]):
-        yield Finding(Cause.SILENT, topic.found, "it has no message", "check its publisher, or record it again")
+    found = _silence(seen, name, topic)
+    is_silent = not topic.messages and not seen.is_idle(name.partition("/")[0])
+    if is_silent or found.cause in (Cause.WRONG_TYPE, Cause.QOS):
+        yield found
+
+
+def _silence(seen: Observation, name: str, topic: ObservedTopic) -> Finding:
+    """Return why no message of a topic is received, by the doctor or by a node that requests more."""
+    publishers = topic.publishers if seen.live else [Publisher("", kind) for kind in topic.types]
+    strict = Reliability.RELIABLE in topic.requests.values()
+    requested = Reliability.RELIABLE if strict else Reliability.BEST_EFFORT
+    found = silence_of(topic.found, allowed_types(name), publishers, requested)
+    if found.cause is Cause.SILENT and not seen.live:
+        return Finding(Cause.SILENT, topic.found, "no message is in the bag", "record it again")
+    return found
 
 
 def _camera_topics(seen: Observation, task: str) -> Findings:
@@ -307,8 +282,8 @@ def _truth(seen: Observation) -> Findings:
         topic, images = seen.topics.get(name), seen.image_stamps(task)
         if topic is not None and set(topic.types) - set(EXPECTED[name]):
             yield from _topic(seen, name, topic)
-        elif topic is None or not topic.offers or not len(topic.stamps_ns):
-            comes_with_pairs = task == "nav" and topic is not None and topic.offers
+        elif topic is None or not topic.publishers or not len(topic.stamps_ns):
+            comes_with_pairs = task == "nav" and topic is not None and topic.publishers
             if not (comes_with_pairs and (seen.live or seen.is_idle(task))):
                 fix = "add it" if seen.files else "record or publish it"
                 yield Finding(Cause.TRUTH, name, "there is no truth: nothing can be scored", fix, False)

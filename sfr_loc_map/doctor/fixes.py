@@ -8,7 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from sfr_loc_map.doctor.examination import Finding, examine
+from sfr_loc_map.doctor.examination import examine
+from sfr_loc_map.doctor.findings import Finding
 from sfr_loc_map.doctor.observation import Observation, observe_bag, observe_source
 from sfr_loc_map.doctor.source_proposal import propose_config
 from sfr_loc_map.errors import SfrError

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from sfr_loc_map.doctor.silence import Publisher, Reliability
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.inputs import SIDES
@@ -52,20 +52,13 @@ def allowed_types(name: str) -> tuple[str, ...]:
     return (*EXPECTED[name], COMPRESSED) if name.endswith((RECTIFIED, RAW)) else EXPECTED[name]
 
 
-class Reliability(StrEnum):
-    """Reliability of a publisher or subscriber."""
-
-    RELIABLE = "reliable"
-    BEST_EFFORT = "best_effort"
-
-
 @dataclass(frozen=True, slots=True)
 class ObservedTopic:
     """One topic: its name and types in the bag or graph, and its messages."""
 
     found: str
     types: tuple[str, ...]
-    offers: tuple[Reliability, ...] = (Reliability.RELIABLE,)  # of each publisher; of a bag, one
+    publishers: tuple[Publisher, ...] = (Publisher("", ""),)  # of a bag or files one, of no name
     stamps_ns: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))  # `(N,)`, in the order of reception
     messages: tuple[Any, ...] = ()  # the first of them; for readers by attributes
     requests: Mapping[str, Reliability] = field(default_factory=dict)  # of the publishers, by nodes of the suite
@@ -121,7 +114,7 @@ class Observation:
     @property
     def waiting(self) -> list[ObservedNode]:
         """The nodes without a camera on the graph, where another one has some."""
-        fed = {name.partition("/")[0] for name, topic in self.topics.items() if topic.offers}
+        fed = {name.partition("/")[0] for name, topic in self.topics.items() if topic.publishers}
         return [node for node in self.nodes if {node.task} - fed - {""} and any(n.task in fed for n in self.nodes)]
 
     def node(self, task: str) -> ObservedNode | None:
@@ -144,7 +137,7 @@ class Observation:
         """Return the topic of the images of a side, raw or compressed: the one that has a publisher."""
         plain = f"{task}/{side}/{self.image_name(task)}"
         found = [self.topics[name] for name in (plain, f"{plain}/compressed") if name in self.topics]
-        return max(found, key=lambda topic: bool(topic.offers), default=None)
+        return max(found, key=lambda topic: bool(topic.publishers), default=None)
 
     def image_stamps(self, task: str, side: str = "left") -> IntArray:
         """Return the stamps of the images of a side, `(N,)`."""
@@ -162,7 +155,7 @@ class Observation:
         # maps are made now and then, so that silence is usual on a graph; a bag may have been recorded meanwhile
         usual = task == "nav" if self.live else any(self.has_images(other) for other in TASKS if other != task)
         topics = [self.images(task, side) for side in SIDES]
-        return usual and all(topic is not None and topic.offers and not topic.messages for topic in topics)
+        return usual and all(topic is not None and topic.publishers and not topic.messages for topic in topics)
 
     def has_images(self, task: str) -> bool:
         """Tell whether there are images of both sides."""

@@ -31,6 +31,12 @@ def prepare(environment: MutableMapping[str, str] = os.environ) -> None:
     environment.setdefault("AMENT_PREFIX_PATH", sys.prefix)
 
 
+def see_whole_graph(environment: MutableMapping[str, str] = os.environ) -> None:
+    """Be a super client where a discovery server is used: others are told of nothing but what they subscribe to."""
+    if environment.get("ROS_DISCOVERY_SERVER") and not environment.get("ROS_SUPER_CLIENT"):
+        environment["ROS_SUPER_CLIENT"] = "TRUE"
+
+
 def isolate(environment: MutableMapping[str, str] = os.environ) -> None:
     """Choose a domain by the number of this process and stay on this host, unless the user chose."""
     if not environment.get("ROS_DOMAIN_ID"):

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from lifecycle_msgs.srv import GetState
 from rcl_interfaces.srv import GetParameters
-from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
@@ -25,7 +24,6 @@ from sfr_loc_map.doctor.observation import (
     Observation,
     ObservedNode,
     ObservedTopic,
-    Reliability,
 )
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.geometry.extrinsics import LOCSB_FRAME, RB_FRAME
@@ -36,6 +34,7 @@ from sfr_loc_map.nodes import environment
 from sfr_loc_map.nodes.extrinsics import TF_STATIC, add_static_transforms
 from sfr_loc_map.nodes.messages import message_type, tf_message_type
 from sfr_loc_map.nodes.peer import POLL_S, Peer
+from sfr_loc_map.nodes.publishers import node_of, publishers_of, reliability_of
 from sfr_loc_map.nodes.reception import TransportGaps
 from sfr_loc_map.nodes.replay import graph_node
 
@@ -144,13 +143,13 @@ class GraphObserver(Peer):
 
     def _topic(self, name: str, full_name: str, types: list[str]) -> ObservedTopic:
         requests = {
-            f"{info.node_namespace.rstrip('/')}/{info.node_name}": reliability_of(info)
+            node_of(info): reliability_of(info)
             for info in self.node.get_subscriptions_info_by_topic(full_name)
             if info.node_name in SUITE_NODES
         }
-        offers, messages = offers_of(self.node, full_name), tuple(self._messages[name])
+        publishers, messages = publishers_of(self.node, full_name), tuple(self._messages[name])
         stamps_ns, lost = np.array(self._stamps.get(name, []), np.int64), self._gaps[name].lost
-        return ObservedTopic(full_name, tuple(types), offers, stamps_ns, messages, requests, lost)
+        return ObservedTopic(full_name, tuple(types), publishers, stamps_ns, messages, requests, lost)
 
     def _ask(self, name: str, space: str) -> ObservedNode:
         full_name = f"{space.rstrip('/')}/{name}"
@@ -191,14 +190,3 @@ class GraphObserver(Peer):
             if now - changed > QUIET_S and any(map(self.node.count_publishers, images)):
                 return
             self.spin(POLL_S)
-
-
-def offers_of(node: Node, topic: str) -> tuple[Reliability, ...]:
-    """Return what each publisher of a topic offers."""
-    return tuple(map(reliability_of, node.get_publishers_info_by_topic(topic)))
-
-
-def reliability_of(info: Any) -> Reliability:  # noqa: ANN401 - rclpy's TopicEndpointInfo
-    """Return the reliability of a publisher or a subscription."""
-    best_effort = info.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
-    return Reliability.BEST_EFFORT if best_effort else Reliability.RELIABLE

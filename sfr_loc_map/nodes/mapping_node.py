@@ -120,7 +120,10 @@ class MappingNode(PairNode[MappingNodeConfig]):
 
     def inputs(self) -> list[Input]:
         """Return what the node receives pairs from, poses too."""
-        return [*super().inputs(), Input({"nav/pose": PoseStamped}, self._poses_received)]
+        return [
+            *super().inputs(),
+            Input({"nav/pose": PoseStamped}, self._poses_received, self.config.input.reliability),
+        ]
 
     def counts(self) -> dict[str, int]:
         """Return what was dropped since the start, by name."""

@@ -25,6 +25,7 @@ class Peer:
 
     def __init__(self, name: str, namespace: str = "", *, parameters: bool = False) -> None:
         """Join the graph, with the services of parameters if wanted; signals stay with the program."""
+        environment.see_whole_graph()
         environment.start_ros()
         self.node: Node = rclpy.create_node(name, namespace=namespace, start_parameter_services=parameters)
         self.executor = SingleThreadedExecutor()

@@ -13,12 +13,14 @@ from typing import Any
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
+from sfr_loc_map.doctor.silence import silence_of
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag import TYPESTORE
 from sfr_loc_map.io.bag_writer import BagRecorder
 from sfr_loc_map.nodes.messages import message_type
 from sfr_loc_map.nodes.peer import Peer
+from sfr_loc_map.nodes.publishers import publishers_of
 from sfr_loc_map.nodes.reception import TransportGaps
 from sfr_loc_map.signals import hold, stopping
 
@@ -68,10 +70,14 @@ def record(path: Path, options: RecordOptions, say: Callable[[str], None]) -> di
             if options.duration_s is not None and now - begin > options.duration_s:
                 break
         hold()
+        silences = recorder.silences()
     if not bag.count:
         shutil.rmtree(path)
         domain = os.environ.get("ROS_DOMAIN_ID") or "0"
-        raise NodeError(f"no message was received in ROS domain {domain}: check by sfr doctor")
+        reason = f"{silences[0]}; " if silences else "no topic to record has a publisher; "
+        raise NodeError(f"no message was received in ROS domain {domain}: {reason}sfr doctor examines the graph")
+    for text in silences:
+        say(text)
     return recorder.counts
 
 
@@ -84,6 +90,7 @@ class _Recorder(Peer):
         prefix = f"/{space}/" if space else "/"
         self._wanted = {name if name.startswith("/") else prefix + name for name in options.topics or TOPICS}
         self._known: set[str] = set()
+        self._types: dict[str, tuple[str, ...]] = {}
 
     def discover(self, bag: BagRecorder) -> None:
         """Subscribe to new topics; raw images that are also published rectified are recorded only if asked for."""
@@ -99,6 +106,15 @@ class _Recorder(Peer):
                 self._known.add(name)
                 self._subscribe(bag, name, types[0], infos)
 
+    def silences(self) -> list[str]:
+        """Return why no message was received on topics that are recorded, for each of them."""
+        found = []
+        for name, gaps in self.counts.items():
+            if not gaps.count:
+                silence = silence_of(name, self._types[name], publishers_of(self.node, name))
+                found.append(f"no message of {name}: {silence.text}; {silence.fix}")
+        return found
+
     def _subscribe(self, bag: BagRecorder, name: str, msgtype: str, infos: list[Any]) -> None:
         """Subscribe with the strictest quality of service that all publishers offer, so that no message is missed."""
         try:
@@ -110,6 +126,7 @@ class _Recorder(Peer):
         if msgtype in TYPESTORE.fielddefs:
             definition, digest = TYPESTORE.generate_msgdef(msgtype, ros_version=2)[0], TYPESTORE.hash_rihs01(msgtype)
         topic = bag.add_topic(name, msgtype, definition, digest, [_offered_qos(info) for info in infos])
+        self._types[name] = (msgtype,)
         recorded, numbered = self.counts.setdefault(name, TransportGaps()), len(infos) == 1
 
         def received(raw: bytes, info: dict[str, Any]) -> None:

@@ -203,7 +203,11 @@ class StereoInput:
         for side in SIDES:
             images = {f"{self._name}/{side}/{name}": kind for name, kind in self._images.items()}
             info = {f"{self._name}/{side}/camera_info": CameraInfo}
-            found += [Input(images, len(self._recent_ns[side])), Input(info, int(side in self._infos))]
+            reliability = self._config.reliability
+            found += [
+                Input(images, len(self._recent_ns[side]), reliability),
+                Input(info, int(side in self._infos), reliability),
+            ]
         return found
 
     def apart_text(self) -> str:

@@ -8,7 +8,13 @@ from typing import Any
 
 from rclpy.node import Node
 
+from sfr_loc_map.doctor.findings import Cause, Finding
+from sfr_loc_map.doctor.silence import Reliability, silence_of
+from sfr_loc_map.nodes.publishers import publishers_of
+
 MORE = "sfr doctor examines the graph"
+ORDER = (Cause.WRONG_TYPE, Cause.QOS, Cause.TRANSPORT, Cause.NO_PUBLISHER, Cause.SILENT)
+"""Reasons in the order of what is reported: one that explains the others comes first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,33 +23,32 @@ class Input:
 
     topics: Mapping[str, type[Any]]  #: Message types by relative name.
     received: int  #: Messages since the last look around.
+    reliability: str = Reliability.BEST_EFFORT  #: That is requested.
 
 
 def missing_input(node: Node, inputs: Sequence[Input]) -> str:
     """Return which inputs are not received, and why as far as the graph shows it; empty if all are received."""
-    unpublished, silent, wrong = list[str](), list[str](), list[str]()
-    for item in inputs:
-        if item.received:
-            continue
-        names = {name: node.resolve_topic_name(name) for name in item.topics}
-        publishers = {name: node.get_publishers_info_by_topic(full_name) for name, full_name in names.items()}
-        kinds = {name: type_name(kind) for name, kind in item.topics.items()}
-        found = [(name, str(info.topic_type)) for name, infos in publishers.items() for info in infos]
-        others = [(name, kind) for name, kind in found if kind != kinds[name]]
-        if not found:
-            unpublished.append(next(iter(names.values())))
-        elif len(others) == len(found):
-            name, kind = others[0]
-            wrong.append(f"{names[name]} has the type {kind}: {kinds[name]} is required")
-        else:
-            silent += [names[name] for name, infos in publishers.items() if infos]
-    if wrong:
-        return "; ".join(wrong)
-    if unpublished:
-        return f"Waiting for {_topics(unpublished)} without a publisher: {', '.join(unpublished)}; {MORE}"
-    if silent:
-        return f"Waiting for messages on {', '.join(silent)}: a publisher is there; {MORE}"
-    return ""
+    found = [_silence(node, item) for item in inputs if not item.received]
+    if not found:
+        return ""
+    cause = min((finding.cause for finding in found), key=ORDER.index)
+    texts = dict[tuple[str, str], list[str]]()
+    for finding in found:
+        if finding.cause is cause:
+            texts.setdefault((finding.text, finding.fix), []).append(finding.where)
+    parts = [f"{_topics(names)} ({text}): {', '.join(names)}; {fix}" for (text, fix), names in texts.items()]
+    return f"Waiting for {'; '.join(parts)}; {MORE}"
+
+
+def _silence(node: Node, item: Input) -> Finding:
+    """Return why no message is received on any of the topics of an input: of the one that has a publisher."""
+    found = []
+    for name, kind in item.topics.items():
+        topic = node.resolve_topic_name(name)
+        publishers = publishers_of(node, topic)
+        found.append(silence_of(topic, (type_name(kind),), publishers, Reliability(item.reliability)))
+    published = [finding for finding in found if finding.cause is not Cause.NO_PUBLISHER]
+    return (published or found)[0]
 
 
 def type_name(kind: type[Any]) -> str:

@@ -17,7 +17,8 @@ from helpers.cli_result import Sfr
 from helpers.made_scene import LOC_RIG, write_bag
 from helpers.processes import Process, wait_until
 from sfr_loc_map.doctor.examination import examine
-from sfr_loc_map.doctor.observation import Observation, ObservedTopic, Reliability
+from sfr_loc_map.doctor.observation import Observation, ObservedTopic
+from sfr_loc_map.doctor.silence import Publisher, Reliability
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.bag import CAMERA_INFO, IMAGE
 
@@ -107,7 +108,7 @@ def test_bags_whose_topics_are_not_ours_or_that_were_not_finished(tmp_path: Path
     bag = write_bag(tmp_path / "whole.mcap", 3, 0)
     names = ("loc/right/camera_info", "loc/right/image_rect")
     result = sfr("info", bag, *(f"--remap={a}:={b}" for a, b in (names, names[::-1])))
-    assert "its type is sensor_msgs/msg/CameraInfo" in result.out
+    assert "the type is sensor_msgs/msg/CameraInfo" in result.out
     (storage,) = bag.glob("*.mcap")
     (bag / "metadata.yaml").unlink()
     storage.write_bytes(storage.read_bytes()[:-100])
@@ -154,10 +155,13 @@ def test_images_lost_on_their_way_are_the_transport_and_not_the_stamps() -> None
         for side, stamps in kept.items():
             image = bag_messages.image(0, np.zeros((LOC_RIG.height, LOC_RIG.width), np.uint8), "loc", side)
             info = bag_messages.camera_info(0, LOC_RIG, "loc", side)
-            offers = (Reliability.BEST_EFFORT,)
+            of_image, of_info = (
+                (Publisher("/camera", kind, Reliability.BEST_EFFORT),) for kind in (IMAGE, CAMERA_INFO)
+            )
+            times = stamps * period_ns
             topics |= {
-                f"loc/{side}/image_rect": ObservedTopic("x", (IMAGE,), offers, stamps * period_ns, (image,), lost=lost),
-                f"loc/{side}/camera_info": ObservedTopic("y", (CAMERA_INFO,), offers, stamps, (info,)),
+                f"loc/{side}/image_rect": ObservedTopic("x", (IMAGE,), of_image, times, (image,), lost=lost),
+                f"loc/{side}/camera_info": ObservedTopic("y", (CAMERA_INFO,), of_info, stamps, (info,)),
             }
         line = "export A=/there/fastdds_shm.xml"
         seen = Observation("graph", live=True, topics=topics, extrinsics_given=True, export_line=line)

@@ -216,7 +216,9 @@ def test_a_node_without_its_cameras_waits() -> None:
         for side in ("left", "right")
         for what in ("image_rect", "camera_info")
     }
-    unheard = {"nav/left/image_rect": ObservedTopic("/nav/left/image_rect", (IMAGE,), offers=())}  # of the subscriber
+    unheard = {
+        "nav/left/image_rect": ObservedTopic("/nav/left/image_rect", (IMAGE,), publishers=())
+    }  # of the subscriber
     findings = examine(Observation("", live=True, topics=topics | unheard, nodes=nodes))
     assert [(item.where, item.is_blocking) for item in findings if "wait" in item.text] == [("mapping_node", False)]
     assert not [item for item in findings if "nav/" in item.where]

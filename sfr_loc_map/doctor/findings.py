@@ -1,0 +1,51 @@
+"""What the doctor reports: one finding for each issue, with its fix."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class Cause(StrEnum):
+    """Kinds of findings, for programs; docs/operating.md explains each."""
+
+    BROKEN = "broken"
+    UNFINISHED = "unfinished"
+    MISSING_IMAGES = "missing_images"
+    AMBIGUOUS = "ambiguous"
+    NO_TOPIC = "no_topic"
+    NO_PUBLISHER = "no_publisher"
+    WRONG_TYPE = "wrong_type"
+    QOS = "qos"
+    SILENT = "silent"
+    TRANSPORT = "transport"
+    CAMERA_INFO = "camera_info"
+    ENCODING = "encoding"
+    IMAGE_SIZE = "picture_size"
+    SWAPPED = "exchanged"
+    STAMP_ORDER = "stamp_order"
+    UNSYNCHRONISED = "unsynchronised"
+    UNPAIRED = "unpaired"
+    POSE_STAMPS = "pose_stamps"
+    TRUTH = "truth"
+    TRUTH_CLOCK = "truth_clock"
+    CLOCKS_APART = "clocks_apart"
+    FRAMES = "frames"
+    CLOCK = "clock"
+    INACTIVE = "inactive"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One issue: its cause, topic or node or file, what was found and what to do; it blocks, or is a warning."""
+
+    cause: Cause
+    where: str
+    text: str
+    fix: str
+    is_blocking: bool = True
+
+    def as_dict(self) -> dict[str, str | bool]:
+        """Return it for JSON, under the public keys."""
+        public = {"cause": self.cause.value, "stops": self.is_blocking, "where": self.where}
+        return public | {"text": self.text, "cure": self.fix}

@@ -1,0 +1,74 @@
+"""Why no message of a topic is received, from what the graph shows; nodes, `sfr doctor` and `sfr record` share it.
+
+The true reason is one of these, in this order: the topic has no publisher; every publisher has another type; every
+publisher offers less reliability than is requested; every publisher has shared memory of its own; nothing is sent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from sfr_loc_map.doctor.findings import Cause, Finding
+
+IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+
+
+class Reliability(StrEnum):
+    """Reliability of a publisher or subscriber."""
+
+    RELIABLE = "reliable"
+    BEST_EFFORT = "best_effort"
+
+
+@dataclass(frozen=True, slots=True)
+class Publisher:
+    """A publisher of a topic as the graph shows it."""
+
+    node: str
+    """Its node with the namespace."""
+    msgtype: str
+    reliability: Reliability = Reliability.RELIABLE
+    is_apart: bool = False
+    """Whether it runs on this host with a /dev/shm of its own, so that Fast DDS sends it nothing over the network."""
+
+
+def silence_of(
+    topic: str, wanted: Sequence[str], publishers: Sequence[Publisher], requested: Reliability = Reliability.BEST_EFFORT
+) -> Finding:
+    """Return why no message of a topic of one of the wanted types is received, and the fix."""
+    if not publishers:
+        fix = "start the publisher, or name its topic by a remap (sfr run -r EXPECTED:=FOUND)"
+        return Finding(Cause.NO_PUBLISHER, topic, "no publisher is there", fix)
+    of_type = [publisher for publisher in publishers if publisher.msgtype in wanted]
+    if not of_type:
+        found = ", ".join(sorted({publisher.msgtype for publisher in publishers}))
+        text = f"the type is {found}: {' or '.join(wanted)} is required"
+        return Finding(Cause.WRONG_TYPE, topic, text, _fix_of_type(topic, wanted, found))
+    names = ", ".join(sorted({publisher.node for publisher in of_type}))
+    offered = {publisher.reliability for publisher in of_type}
+    if requested is Reliability.RELIABLE and offered == {Reliability.BEST_EFFORT}:
+        text = f"the publisher {names} offers best_effort, reliable is requested: nothing is received"
+        fix = "set input.reliability of the node to best_effort, or the publisher's reliability to reliable"
+        return Finding(Cause.QOS, topic, text, fix)
+    if all(publisher.is_apart for publisher in of_type):
+        text = f"the publisher {names} runs on this host with a /dev/shm of its own (a container): nothing is received"
+        return Finding(Cause.TRANSPORT, topic, text, SHARED_MEMORY_FIX)
+    text = f"the publisher {names} is there, but no message was received"
+    return Finding(Cause.SILENT, topic, text, "check the publisher")
+
+
+SHARED_MEMORY_FIX = (
+    "start the container with --ipc=host beside --net=host, so that both have one /dev/shm; or start the publisher "
+    "with FASTDDS_BUILTIN_TRANSPORTS=UDPv4 and without ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
+)
+
+
+def _fix_of_type(topic: str, wanted: Sequence[str], found: str) -> str:
+    """Return what to do about another type; raw and compressed images have names of their own."""
+    if found == COMPRESSED and IMAGE in wanted:
+        return f"name the topic of compressed images EXPECTED/compressed: sfr run -r EXPECTED/compressed:={topic}"
+    if found == IMAGE and COMPRESSED in wanted:
+        return f"name the topic of raw images without /compressed: sfr run -r EXPECTED:={topic}"
+    return "publish the right type, or name another topic by a remap (sfr run -r EXPECTED:=FOUND)"
