@@ -24,9 +24,10 @@ from sfr_loc_map.geometry.plausibility import check_extrinsics, plausible_positi
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import FrameTree, Transform
 from sfr_loc_map.inputs import NS_PER_S, SIDES, parse_json, refusing, serialised_stamp
+from sfr_loc_map.io.bag_encoding import readable
 from sfr_loc_map.io.bag_files import is_unfinished, reader_paths
 from sfr_loc_map.io.bag_frames import TF, pose_row, trajectory_of
-from sfr_loc_map.io.bag_readers import BagReader, readable, reader_of
+from sfr_loc_map.io.bag_readers import BagReader, reader_of
 from sfr_loc_map.io.text_table import check_order
 
 TYPESTORE = get_typestore(Stores.ROS2_JAZZY)

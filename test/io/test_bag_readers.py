@@ -15,9 +15,9 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import FREE_BYTES
 from sfr_loc_map.io.bag import Bag
 from sfr_loc_map.io.bag_files import MCAP_MAGIC
-from sfr_loc_map.io.bag_readers import LZ4FrameDecompressor, unpack
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.io.unpacking import LZ4FrameDecompressor, unpack
 
 if sys.version_info >= (3, 14):
     from compression import zstd

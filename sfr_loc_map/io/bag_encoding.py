@@ -1,0 +1,49 @@
+"""How the messages of a bag are written: those of ROS 2 (CDR) and of ROS 1 are read, all others are skipped."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rosbags.interfaces import Connection
+from rosbags.typesys import Stores, get_typestore
+
+from sfr_loc_map.errors import InputError
+
+CDR, ROS1 = "cdr", "ros1"
+OLD_TYPES = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}  #: Older names of types of ROS 1 that are read.
+_ROS2 = get_typestore(Stores.ROS2_JAZZY)
+
+
+def is_ros1(connection: Connection) -> bool:
+    """Tell whether the messages of a connection of a ROS 2 bag are those of ROS 1."""
+    return _encoding(connection) == ROS1
+
+
+def cdr_of_ros1(data: bytes, msgtype: str) -> bytes:
+    """Return a message of ROS 1 as CDR, without the sequence number of its header."""
+    return bytes(_ROS2.ros1_to_cdr(data, msgtype))
+
+
+def readable(connections: Sequence[Connection]) -> list[Connection]:
+    """Return the connections whose messages are of ROS 2 or ROS 1; InputError if all are written in another way."""
+    found = [_of_ros2(each) for each in connections if _encoding(each) in (CDR, ROS1, "")]
+    if connections and not found:
+        written = ", ".join(sorted({_encoding(each) for each in connections}))
+        raise InputError(
+            f"its messages are encoded as {written}: messages of ROS 2 (cdr) or ROS 1 (ros1) are required; record or "
+            "convert it as a ROS bag"
+        )
+    return found
+
+
+def _encoding(connection: Connection) -> str:
+    return str(getattr(connection.ext, "serialization_format", ""))
+
+
+def _of_ros2(connection: Connection) -> Connection:
+    """Return a connection with its type named as in ROS 2: `sensor_msgs/Image` becomes `sensor_msgs/msg/Image`."""
+    package, _, name = connection.msgtype.rpartition("/")
+    if _encoding(connection) != ROS1 or not package:
+        return connection
+    msgtype = f"{package.removesuffix('/msg')}/msg/{name}"
+    return connection._replace(msgtype=OLD_TYPES.get(msgtype, msgtype))
