@@ -17,7 +17,6 @@ import argparse
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -27,9 +26,10 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import drive_of, panorama_of
 from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.findings import Verdict
 from sfr_loc_map.localisation.frontend.patch import HALF
-from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracks
-from sfr_loc_map.localisation.localiser import Localiser
+from sfr_loc_map.localisation.frontend.tracking import Tracks
+from sfr_loc_map.localisation.localiser import Candidate, FinalPose, Localiser
 from sfr_loc_map.localisation.state import Outcome, State
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
@@ -87,9 +87,9 @@ class RecordingLocaliser(Localiser):
 
     accepted: Tracks | None = None
 
-    def _accept(self, state: State, frame: StereoFrame, tracks: Tracks, *rest: Any) -> Outcome:  # noqa: ANN401 - passed on
-        self.accepted = tracks
-        return super()._accept(state, frame, tracks, *rest)
+    def _accept(self, state: State, candidate: Candidate, verdict: Verdict, final: FinalPose) -> Outcome:
+        self.accepted = final.tracks
+        return super()._accept(state, candidate, verdict, final)
 
 
 def sights(source: Path) -> tuple[list[Sight], list[Transform], StereoRig]:

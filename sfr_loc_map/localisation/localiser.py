@@ -2,30 +2,32 @@
 
 A sparse, keyframe-based stereo odometry with a sliding window, in the order of `Localiser._locate`:
 
-1. Check the images: a repeated pair keeps the last pose, stale parts are blanked (`guards`).
+1. Check the images: a repeated pair keeps the last pose, stale parts are blanked (`stale_images`, `guards`).
 2. Predict the pose: constant velocity, standstill, missed pairs, wheel odometry (`motion_model`).
 3. Track: align the landmarks of the window as one (direct image alignment, SVO, Forster et al. 2017), then track each
    patch, warped by its local plane, in both images (Lucas and Kanade 1981), and solve for the pose with robust weights.
 4. Relocalise if the pose is not trusted: optical flow, then SIFT descriptors (`relocalisation`).
 5. Select the ground's motion among the motions in the image (`ground_motion`).
 6. Correct the right camera: estimate its rotation, and correct a drift (`backend/online_calibration`).
-7. Judge: the findings of all guards and one table decide whether the pose is accepted (`guards.RULES`).
-8. Accept: the new path, the covariance of the pose and of the motion since the last one (`path`, `uncertainty`).
-9. Keyframe: if few landmarks are left or they moved far, the pair joins the window, which is adjusted in the background
-   (bundle adjustment with marginalisation, OKVIS, Leutenegger et al. 2015; `keyframes`).
+7. Judge: the findings of all guards and one table decide whether the pose is accepted (`guards`, `findings.RULES`).
+8. Complete: if few landmarks are left or they moved far, the pair becomes a keyframe, and its pose is solved for once
+   more, by all landmarks.
+9. Accept: the new path, the covariance of the pose and of the motion since the last one (`trajectory`, `uncertainty`).
+10. Keyframe: the pair joins the window, which is adjusted in the background (bundle adjustment with marginalisation,
+    OKVIS, Leutenegger et al. 2015; `keyframes`).
 
 The state between two pairs is one immutable value (`state.State`); each stage takes values and returns values. What a
 pair changes in the state:
 
 | pair | changes |
 |---|---|
-| accepted (`_accept`) | all fields: only here path, map, calibration, ground and references learn from a pose |
+| accepted (`_accept`) | all fields: only here path, map, calibration, ground and recovery images learn from a pose |
 | kept (`_keep`) | images (not by a repeated pair), ground (doubt about it), covariance and step in the path |
-| lost (`_lost`) | images, attempts to relocalise; the path forgets its velocity |
+| lost (`_lose`) | images, ground (after stale rows), failed recoveries; the path forgets its velocity |
 | begins a window (`_begin`) | all fields: the window starts at the last known pose |
 
 A pose from outside is applied after each pair (`_with_pose_from_outside`). The result of a keyframe is taken over
-before the next pair (`_finish_keyframe`).
+before the next pair (`_with_finished_keyframe`).
 """
 
 from __future__ import annotations
@@ -35,7 +37,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfr_loc_map import __version__
 from sfr_loc_map.config import checked
@@ -44,7 +45,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, median
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
-from sfr_loc_map.localisation import guards, path
+from sfr_loc_map.localisation import guards, stale_images, trajectory
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -57,20 +58,20 @@ from sfr_loc_map.localisation.estimate import (
     TrackingStatistics,
     lost_covariance,
 )
+from sfr_loc_map.localisation.findings import Action, Finding, Verdict, decide
 from sfr_loc_map.localisation.frontend.patch import SIDE
 from sfr_loc_map.localisation.frontend.pose_solver import RightOffset, right_shift
 from sfr_loc_map.localisation.frontend.sparse_stereo import refine_slopes
 from sfr_loc_map.localisation.frontend.tracking import INLIER_CHI2_PER_DOF, StereoFrame, Tracker, Tracks
-from sfr_loc_map.localisation.ground_motion import Ground, GroundMemory, GroundSelector, Prediction
-from sfr_loc_map.localisation.guards import Action, Finding, ImageCheck, ShearMean, Verdict
+from sfr_loc_map.localisation.ground_evidence import Prediction
+from sfr_loc_map.localisation.ground_memory import GroundMemory
+from sfr_loc_map.localisation.ground_motion import Ground, GroundSelector
+from sfr_loc_map.localisation.guards import Findings, ShearMean
 from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW, KeyframeJob, KeyframeMaker, KeyframeResult
-from sfr_loc_map.localisation.motion_model import is_plausible
 from sfr_loc_map.localisation.parallel import BACKGROUND
-from sfr_loc_map.localisation.relocalisation import MAX_ATTEMPTS, KnownImage, References, Relocaliser
+from sfr_loc_map.localisation.relocalisation import MAX_ATTEMPTS, RecoveryImages, Relocaliser
 from sfr_loc_map.localisation.state import Outcome, StageClock, State
 from sfr_loc_map.localisation.uncertainty import RoverModel, pose_covariance, symmetric
-
-BEST_LEFT_RATIO = 0.5  #: Ratio of inliers in the left image from which an image is kept for descriptors.
 
 
 class CorrectedTracks(NamedTuple):
@@ -83,13 +84,25 @@ class CorrectedTracks(NamedTuple):
 
 
 class Candidate(NamedTuple):
-    """A pair whose pose is trusted but not accepted yet."""
+    """A pair with a pose that is to be judged."""
 
     frame: StereoFrame
-    tracks: Tracks  #: Tracks of the ground, with corrected right observations.
     landmark_map: LandmarkMap  #: The map without the landmarks that do not move with the ground.
     ground: Ground
     corrected: CorrectedTracks
+
+    @property
+    def tracks(self) -> Tracks:
+        """Tracks of the ground, with corrected right observations, and the pose by them."""
+        return self.corrected.tracks
+
+
+class FinalPose(NamedTuple):
+    """The pose of a judged pair that is accepted."""
+
+    tracks: Tracks  #: The judged tracks; in a keyframe the tracks of all landmarks.
+    is_keyframe: bool  #: Whether the pair becomes a keyframe.
+    is_recovery_image: bool  #: Whether lost tracking may be recovered from the pair.
 
 
 class Localiser:
@@ -131,19 +144,14 @@ class Localiser:
             wait([self._pending])
         self._pending = None
         self._state = State(
-            path=path.started(StartPose.of(start), self._model),
+            path=trajectory.started(StartPose.of(start), self._model),
             calibration=OnlineCalibration(self._camera, self._config.window_keyframes),
             ground=GroundMemory.none((self._rig.height, self._rig.width)),
         )
 
     def set_pose(self, pose: StartPose | Transform) -> None:
         """Apply a pose from outside: it holds at its stamp; without a stamp, at the next pair."""
-        self._state = replace(self._state, path=path.given(self._state.path, StartPose.of(pose), self._model))
-
-    @property
-    def masks(self) -> tuple[NDArray[np.uint8] | None, NDArray[np.uint8] | None]:
-        """Masks `(H, W)` of the left and right image: no landmark is created where a mask is 0. None masks nothing."""
-        return self._keyframes.masks(self._state.ground.excluded.mask)
+        self._state = replace(self._state, path=trajectory.given(self._state.path, StartPose.of(pose), self._model))
 
     @staticmethod
     def warm_up() -> None:
@@ -173,55 +181,62 @@ class Localiser:
         self._check_size(pair)
         clock = StageClock()
         with clock.stage("wait"):
-            self._finish_keyframe(clock)
-        state = replace(self._state, path=path.arrived(self._state.path, pair.stamp_ns))
+            state = self._with_finished_keyframe(self._state, clock)
+        state = replace(state, path=trajectory.arrived(state.path, pair.stamp_ns))
         outcome = self._locate(state, pair, odometry, clock)
         self._state = self._with_pose_from_outside(outcome.state, pair.stamp_ns)
-        estimate = self._estimate(pair.stamp_ns, self._state, outcome, clock)
         if outcome.keyframe is not None:
             self._pending = BACKGROUND.submit(self._keyframes.make, outcome.keyframe)
-        return estimate
+        return self._estimate(pair.stamp_ns, self._state, outcome, clock)
 
     # ---- the stages of a pair
 
     def _locate(self, state: State, pair: StereoPair, odometry: Transform | None, clock: StageClock) -> Outcome:
         """Find the pose of a pair; the stages are those of the module's text."""
         landmark_map = state.landmark_map
-        images = guards.check_images(pair, state.images)
-        if Finding.REPEATED_PAIR in images.findings and landmark_map is not None:
-            return self._refuse(state, Finding.REPEATED_PAIR, pair.stamp_ns, TrackingStatistics(repeated=1))
+        images = stale_images.compare(pair, state.images)
         state = replace(state, images=images.memory)
-        if guards.is_one_image(pair):
-            return self._refuse(state, Finding.IDENTICAL_IMAGES, pair.stamp_ns)
+        findings = guards.check_images(images) | guards.check_wiring(pair)
+        if landmark_map is None:
+            findings -= {Finding.REPEATED_PAIR}  # both its images are of one moment: a window may begin with it
+        verdict = decide(findings)
+        if verdict.refuses:
+            return self._refuse(state, verdict, pair.stamp_ns)
         # the first window has no earlier landmarks to be compared with: it may begin with stale images
         with clock.stage("pyramid"):
             frame = StereoFrame.of(pair if landmark_map is None else images.pair)
         if landmark_map is None:
             return self._begin(state, frame)
-        if Finding.STALE_ROWS in images.findings:
+        if Finding.STALE_ROWS in findings:
             state = replace(state, ground=state.ground.after_stale_rows(images.stale_rows))
-        if len(landmark_map.landmarks.index) < self._config.min_tracked:
-            return self._refuse(state, guards.of_few_landmarks(frame), pair.stamp_ns, frame=frame)
+        has_map = len(landmark_map.landmarks.index) >= self._config.min_tracked
+        verdict = decide(guards.check_landmarks(frame, are_enough=has_map))
+        if verdict.refuses:
+            return self._refuse(state, verdict, pair.stamp_ns, frame)
 
         guesses = state.path.motion.predict(pair.stamp_ns, odometry, self._model)
         prediction = Prediction(guesses, state.calibration.offset)
-        tracks = self._track(frame, landmark_map, prediction, state.references, clock)
-        ground = self._select_ground(frame, tracks, prediction, state, images)
-        if Finding.CONTRADICTED in ground.findings:
-            state = replace(state, ground=ground.memory)  # the doubt about the ground outlasts the pair
-            return self._refuse(state, Finding.CONTRADICTED, pair.stamp_ns)
-        if not ground.tracks.is_trusted:
-            return self._refuse(state, guards.of_few_landmarks(frame), pair.stamp_ns, frame=frame, tracks=ground.tracks)
+        tracks = self._track(frame, landmark_map, prediction, state.recovery, clock)
+        ground = self._select_ground(frame, tracks, prediction, state, findings)
+        verdict = decide(ground.findings | guards.check_landmarks(frame, are_enough=ground.tracks.is_trusted))
+        if verdict.refuses:
+            state = replace(state, ground=ground.memory_if_refused)
+            return self._refuse(state, verdict, pair.stamp_ns, frame, ground.tracks)
+
         corrected = self._correct_right_camera(ground.tracks, state.calibration, state.shear)
-        candidate = Candidate(frame, corrected.tracks, landmark_map.without(ground.not_ground), ground, corrected)
-        return self._judge(state, candidate, images.findings | ground.findings, clock)
+        candidate = Candidate(frame, landmark_map.without(ground.not_ground), ground, corrected)
+        verdict = self._judge(state, candidate, findings | ground.findings)
+        if verdict.refuses:
+            return self._refuse(state, verdict, pair.stamp_ns, frame, candidate.tracks)
+        final = self._complete(candidate, verdict, clock)
+        return self._accept(state, candidate, verdict, final)
 
     def _track(
         self,
         frame: StereoFrame,
         landmark_map: LandmarkMap,
         prediction: Prediction,
-        references: References,
+        recovery: RecoveryImages,
         clock: StageClock,
     ) -> Tracks:
         """Track the landmarks of the map; relocalise if the pose is not trusted."""
@@ -233,16 +248,16 @@ class Localiser:
         if tracks.is_trusted:
             return tracks
         with clock.stage("relocate"):
-            found = self._relocaliser.relocalise(frame, landmarks, references, prediction.offset)
+            found = self._relocaliser.relocalise(frame, landmarks, recovery, prediction.offset)
         return found or tracks
 
     def _select_ground(
-        self, frame: StereoFrame, tracks: Tracks, prediction: Prediction, state: State, images: ImageCheck
+        self, frame: StereoFrame, tracks: Tracks, prediction: Prediction, state: State, findings: Findings
     ) -> Ground:
         """Select the ground's motion. Images with blanked rows cannot be compared with earlier ones."""
-        if Finding.STALE_ROWS in images.findings:
-            return Ground(tracks, state.ground)
-        return self._ground.select(frame, tracks, prediction, state.ground, state.references)
+        if Finding.STALE_ROWS in findings:
+            return Ground.unselected(tracks, state.ground)
+        return self._ground.select(frame, tracks, prediction, state.ground, state.recovery)
 
     def _correct_right_camera(
         self, tracks: Tracks, calibration: OnlineCalibration, shear: ShearMean
@@ -260,87 +275,40 @@ class Localiser:
             tracks = self._tracker.solve(tracks.landmarks, seen, tracks.pose)
         return CorrectedTracks(tracks, calibration, shear.with_pair(shift.shear), shift.shear)
 
-    def _judge(self, state: State, candidate: Candidate, findings: frozenset[Finding], clock: StageClock) -> Outcome:
-        """Judge a pose by all guards; accept it if none refuses it."""
-        frame, tracks, _, _, corrected = candidate
-        refusal: Finding | None = None
-        is_one_sided = guards.is_one_sided(frame, tracks)
-        if not tracks.is_trusted:
-            refusal = guards.of_few_landmarks(frame)
-        elif not guards.is_determined(tracks):
-            refusal = Finding.SINGULAR
-        elif is_one_sided and self._tracker.fits_swapped(frame, tracks, corrected.calibration.offset):
-            refusal = Finding.SWAPPED
-        elif not is_plausible(state.path.motion, frame.stamp_ns, tracks.pose, self._config.motion):
-            refusal = Finding.TOO_FAST
-        if refusal is not None:
-            return self._refuse(state, refusal, frame.stamp_ns, frame=frame, tracks=tracks)
-        findings |= guards.check_shear(corrected.shear, corrected.shear_mean)
+    def _judge(self, state: State, candidate: Candidate, findings: Findings) -> Verdict:
+        """Judge a pose by all guards."""
+        frame, tracks, corrected = candidate.frame, candidate.tracks, candidate.corrected
+        findings |= guards.check_landmarks(frame, are_enough=tracks.is_trusted) | guards.check_solution(tracks)
+        if decide(findings).refuses:  # the other guards need a pose
+            return decide(findings)
+        findings |= guards.check_sides(frame, tracks, self._tracker, corrected.calibration.offset)
+        findings |= guards.check_motion(tracks, state.path.motion, frame.stamp_ns, self._config.motion)
+        findings |= guards.check_gap(state.keyframes, state.settled_from)
         findings |= guards.check_calibration(corrected.calibration)
-        if is_one_sided:
-            findings |= {Finding.ONE_SIDED}
-        if state.keyframes < state.settled_from:
-            findings |= {Finding.AFTER_GAP}
-        return self._accept(state, candidate, guards.decide(findings), clock)
+        findings |= guards.check_shear(corrected.shear, corrected.shear_mean)
+        return decide(findings)
 
-    def _accept(self, state: State, candidate: Candidate, verdict: Verdict, clock: StageClock) -> Outcome:
-        """Accept a pose, and make the pair a keyframe if one is needed.
+    def _complete(self, candidate: Candidate, verdict: Verdict, clock: StageClock) -> FinalPose:
+        """Decide whether a judged pair becomes a keyframe, and solve for the pose of a keyframe by all landmarks.
 
-        In a keyframe all landmarks are tracked, and the pose is solved for once more by the same images. This pose
-        replaces the judged one if it is trusted and determined.
+        The errors of a keyframe accumulate, those of other poses do not: these follow fewer landmarks, which is faster.
+        The pose by all landmarks comes from the images that were judged and is close to the judged pose, so that the
+        verdict holds for it, too. Only its solution is checked again; if that fails, the judged pose stays.
         """
-        frame, tracks, landmark_map, ground, corrected = candidate
-        calibration = corrected.calibration
+        tracks = candidate.tracks
         # later pairs are only compared with complete left images
-        may_be_keyframe = verdict.may_be_keyframe and tracks.left_inlier_count >= self._config.min_tracked
-        is_keyframe = may_be_keyframe and self._keyframes.is_needed(tracks, landmark_map)
-        if is_keyframe:
-            with clock.stage("refine"):
-                tracks = self._with_all_landmarks(candidate)
-        chi_median, residual_px = residual_statistics(tracks)
-        pair = path.TrackedPair(
-            stamp_ns=frame.stamp_ns,
-            tracks=tracks,
-            chi_median=chi_median,
-            was_known=state.status is not TrackingState.LOST,
-            adds_unobserved=verdict.adds_unobserved,
-            shear=corrected.shear,
-            ambiguity=ground.ambiguity,
-        )
-        new_path, step = path.tracked(state.path, pair, landmark_map, calibration, self._model)
-        state = replace(
-            state,
-            path=new_path,
-            landmark_map=landmark_map,
-            calibration=calibration,
-            shear=corrected.shear_mean,
-            ground=ground.accepted(is_compared=verdict.may_be_keyframe),
-            references=_with_reference(state.references, frame, tracks)
-            if may_be_keyframe
-            else state.references.recognised(),
-            keyframes=state.keyframes + int(is_keyframe),
-            status=TrackingState.TRACKING if verdict.action is Action.ACCEPT else TrackingState.DEGRADED,
-            reason=verdict.reason,
-        )
-        statistics = TrackingStatistics(
-            features=len(tracks.inliers),
-            inliers=tracks.inlier_count,
-            keyframes=state.keyframes,
-            chi_median=chi_median,
-            residual_px=residual_px,
-            vertical_offset_px=calibration.offset.v,
-            disparity_offset_px=-calibration.offset.u,
-            roll_offset_px=calibration.offset.roll,
-            masked_share=state.ground.excluded.fraction,
-        )
-        keyframe = None
-        if is_keyframe:
-            keyframe = KeyframeJob(frame, tracks, landmark_map.window, calibration, state.ground.excluded.mask)
-        return Outcome(state, statistics, tracks, step, keyframe)
+        is_reference = verdict.may_be_keyframe and tracks.left_inlier_count >= self._config.min_tracked
+        if not (is_reference and self._keyframes.is_needed(tracks, candidate.landmark_map)):
+            return FinalPose(tracks, is_keyframe=False, is_recovery_image=is_reference)
+        with clock.stage("refine"):
+            complete = self._with_all_landmarks(candidate)
+        is_valid = complete.is_trusted and not guards.check_solution(complete)
+        return FinalPose(complete if is_valid else tracks, is_keyframe=True, is_recovery_image=True)
 
     def _with_all_landmarks(self, candidate: Candidate) -> Tracks:
-        """Track the remaining landmarks, too, because all of them are observed in a keyframe."""
-        frame, tracks, landmark_map, _, corrected = candidate
+        """Track the landmarks that were not followed, and solve for the pose by all of them."""
+        tracks = candidate.tracks
+        landmark_map = candidate.landmark_map
         landmarks = landmark_map.landmarks
         if len(tracks.inliers) >= len(landmarks.index):
             return tracks
@@ -348,42 +316,98 @@ class Localiser:
             rest = landmark_map.rest  # its patches are already copied
         else:
             rest = landmarks.subset(~landmarks.among(tracks.landmarks))
-        complete = self._tracker.complete(frame, tracks, landmarks, rest, corrected.calibration.offset)
-        return complete if complete.is_trusted and guards.is_determined(complete) else tracks
+        offset = candidate.corrected.calibration.offset
+        return self._tracker.complete(candidate.frame, tracks, landmarks, rest, offset)
+
+    def _accept(self, state: State, candidate: Candidate, verdict: Verdict, final: FinalPose) -> Outcome:
+        """Accept a pose: only here the state learns from one."""
+        tracks = final.tracks
+        corrected = candidate.corrected
+        ground = candidate.ground
+        landmark_map = candidate.landmark_map
+        chi_median, residual_px = residual_statistics(tracks)
+        pair = trajectory.AcceptedPair(
+            stamp_ns=candidate.frame.stamp_ns,
+            tracks=tracks,
+            chi_median=chi_median,
+            was_known=state.status is not TrackingState.LOST,
+            shear=corrected.shear,
+            inflation=verdict.inflation,
+            rival_distance=ground.rival_distance,
+        )
+        path, step = trajectory.accepted(state.path, pair, landmark_map, corrected.calibration, self._model)
+        recovery = state.recovery
+        if final.is_recovery_image:
+            recovery = recovery.with_tracked(candidate.frame.image, tracks)
+        state = replace(
+            state,
+            path=path,
+            landmark_map=landmark_map,
+            calibration=corrected.calibration,
+            shear=corrected.shear_mean,
+            ground=ground.accepted(is_compared=verdict.may_be_keyframe),
+            recovery=recovery,
+            failed_recoveries=0,
+            keyframes=state.keyframes + int(final.is_keyframe),
+            status=TrackingState.TRACKING if verdict.action is Action.ACCEPT else TrackingState.DEGRADED,
+            reason=verdict.reason,
+        )
+        offset = corrected.calibration.offset
+        statistics = TrackingStatistics(
+            features=len(tracks.inliers),
+            inliers=tracks.inlier_count,
+            keyframes=state.keyframes,
+            chi_median=chi_median,
+            residual_px=residual_px,
+            vertical_offset_px=offset.v,
+            disparity_offset_px=-offset.u,
+            roll_offset_px=offset.roll,
+            masked_share=state.ground.excluded.fraction,
+        )
+        keyframe = None
+        if final.is_keyframe:
+            mask = state.ground.excluded.mask
+            keyframe = KeyframeJob(candidate.frame, tracks, landmark_map.window, state.calibration, mask)
+        return Outcome(state, statistics, tracks, step, keyframe)
 
     # ---- pairs without an accepted pose
 
     def _refuse(
         self,
         state: State,
-        finding: Finding,
+        verdict: Verdict,
         stamp_ns: int,
-        statistics: TrackingStatistics = TrackingStatistics(inliers=0),  # noqa: B008 - frozen
-        *,
         frame: StereoFrame | None = None,
         tracks: Tracks | None = None,
     ) -> Outcome:
-        """Refuse a pair, by the action that `RULES` has for the finding."""
-        action, reason, *_ = guards.RULES[finding]
-        if action is Action.KEEP and state.status is not TrackingState.LOST:
-            kept, step = path.kept(state.path, stamp_ns, self._model)
-            state = replace(state, path=kept, status=TrackingState.DEGRADED, reason=reason)
-            return Outcome(state, statistics, step=step)
-        if action is Action.KEEP:  # a lost localiser stays lost, for the same reason
-            return self._lost(state, state.reason, statistics)
-        if action is Action.RESTART and frame is not None:
+        """Refuse a pair, by the action of the verdict."""
+        is_repeated = verdict.finding is Finding.REPEATED_PAIR
+        statistics = TrackingStatistics(repeated=1) if is_repeated else TrackingStatistics(inliers=0)
+        if verdict.action is Action.KEEP:
+            return self._keep(state, verdict, stamp_ns, statistics, tracks)
+        if verdict.action is Action.RESTART and frame is not None:
             count = 0 if state.landmark_map is None else len(state.landmark_map.landmarks.index)
             if self._relocaliser.is_good_image(frame, count):
-                state = replace(state, references=state.references.after_attempt())
-                if state.references.attempts > MAX_ATTEMPTS:
+                state = replace(state, failed_recoveries=state.failed_recoveries + 1)
+                if state.failed_recoveries > MAX_ATTEMPTS:
                     return self._begin(state, frame, tracks)
-        return self._lost(state, reason, statistics, tracks)
+        return self._lose(state, verdict.reason, statistics, tracks)
 
-    def _lost(
+    def _keep(
+        self, state: State, verdict: Verdict, stamp_ns: int, statistics: TrackingStatistics, tracks: Tracks | None
+    ) -> Outcome:
+        """Publish the last pose again, with a larger covariance; a lost localiser stays lost, for the same reason."""
+        if state.status is TrackingState.LOST:
+            return self._lose(state, state.reason, statistics, tracks)
+        path, step = trajectory.kept(state.path, stamp_ns, self._model)
+        state = replace(state, path=path, status=TrackingState.DEGRADED, reason=verdict.reason)
+        return Outcome(state, statistics, tracks, step)
+
+    def _lose(
         self, state: State, reason: StateReason | None, statistics: TrackingStatistics, tracks: Tracks | None = None
     ) -> Outcome:
         """Report that the pose is unknown."""
-        state = replace(state, path=path.lost(state.path), status=TrackingState.LOST, reason=reason)
+        state = replace(state, path=trajectory.lost(state.path), status=TrackingState.LOST, reason=reason)
         return Outcome(state, statistics, tracks)
 
     def _begin(self, state: State, frame: StereoFrame, tracks: Tracks | None = None) -> Outcome:
@@ -395,28 +419,29 @@ class Localiser:
         result = self._keyframes.begin(frame, pose, state.calibration, state.ground.excluded.mask)
         found = len(result.landmark_map.landmarks.index)
         statistics = TrackingStatistics(features=found)
-        if found < self._config.min_tracked:
-            return self._lost(state, guards.RULES[guards.of_few_landmarks(frame)].reason, statistics, tracks)
+        verdict = decide(guards.check_landmarks(frame, are_enough=found >= self._config.min_tracked))
+        if verdict.refuses:
+            return self._lose(state, verdict.reason, statistics, tracks)
         keyframes = state.keyframes + 1
-        status = TrackingState.INITIALISING if keyframes == 1 else TrackingState.TRACKING
-        reason: StateReason | None = None
-        settled_from = state.settled_from
-        if state.path.motion.unobserved_s(frame.stamp_ns) > 0.0:
-            status = TrackingState.DEGRADED
-            reason = guards.RULES[Finding.AFTER_GAP].reason
-            settled_from = keyframes + self._config.window_keyframes - 1
-        restarted, step = path.restarted(state.path, frame.stamp_ns, result.landmark_map, self._model)
+        has_gap = state.path.motion.unobserved_s(frame.stamp_ns) > 0.0
+        settled_from = keyframes + self._config.window_keyframes - 1 if has_gap else state.settled_from
+        verdict = decide(guards.check_gap(keyframes, settled_from))
+        status = TrackingState.DEGRADED
+        if verdict.action is Action.ACCEPT:
+            status = TrackingState.INITIALISING if keyframes == 1 else TrackingState.TRACKING
+        path, step = trajectory.restarted(state.path, frame.stamp_ns, result.landmark_map, self._model)
         state = replace(
             state,
-            path=restarted,
+            path=path,
             landmark_map=result.landmark_map,
             calibration=result.calibration,
-            references=References.of_first_keyframe(frame.image, result.landmark_map.landmarks),
+            recovery=RecoveryImages.of_first_keyframe(frame.image, result.landmark_map.landmarks),
+            failed_recoveries=0,
             ground=state.ground.in_new_window(frame, pose),
             keyframes=keyframes,
             settled_from=settled_from,
             status=status,
-            reason=reason,
+            reason=verdict.reason,
         )
         return Outcome(state, statistics, tracks, step)
 
@@ -430,33 +455,31 @@ class Localiser:
                 f"{self._rig.height}: give images of the rig"
             )
 
-    def _finish_keyframe(self, clock: StageClock) -> None:
-        """Wait for the keyframe of the call before, and continue from its adjusted map, pose and calibration."""
+    def _with_finished_keyframe(self, state: State, clock: StageClock) -> State:
+        """Wait for the keyframe of the call before; return the state with its adjusted map, pose and calibration."""
         if self._pending is None:
-            return
+            return state
         pending = self._pending
         self._pending = None
         result = pending.result()
         clock.seconds["keyframe"] = result.seconds
         window = result.landmark_map.window
-        state = self._state
-        adjusted = path.adjusted(state.path, window.newest_pose, window.covariance, has_yaw_step=result.has_yaw_step)
-        if adjusted is None:  # the adjustment diverged: a new window begins with the next pair
+        path = trajectory.adjusted(state.path, window.newest_pose, window.covariance, has_yaw_step=result.has_yaw_step)
+        if path is None:  # the adjustment diverged: a new window begins with this pair
             calibration = OnlineCalibration(self._camera, self._config.window_keyframes)
-            self._state = replace(state, landmark_map=None, calibration=calibration)
-            return
-        self._state = replace(
+            return replace(state, landmark_map=None, calibration=calibration)
+        return replace(
             state,
-            path=adjusted,
+            path=path,
             landmark_map=result.landmark_map,
             calibration=result.calibration,
-            references=state.references.with_keyframe(result.landmark_map.landmarks),
+            recovery=state.recovery.with_keyframe(result.landmark_map.landmarks),
         )
 
     def _with_pose_from_outside(self, state: State, stamp_ns: int) -> State:
         """Apply a pending pose from outside, if its stamp has come."""
-        placed, is_map_forgotten = path.with_pending_pose(state.path, stamp_ns, self._model)
-        return replace(state, path=placed, landmark_map=None if is_map_forgotten else state.landmark_map)
+        path, is_map_forgotten = trajectory.with_pending_pose(state.path, stamp_ns, self._model)
+        return replace(state, path=path, landmark_map=None if is_map_forgotten else state.landmark_map)
 
     def _estimate(self, stamp_ns: int, state: State, outcome: Outcome, clock: StageClock) -> PoseEstimate:
         """Return the pose of RB in DS with its covariance, from that of the left camera in the world."""
@@ -482,13 +505,6 @@ class Localiser:
             step=outcome.step,
             tracks=None if outcome.tracks is None else displayed(outcome.tracks),
         )
-
-
-def _with_reference(references: References, frame: StereoFrame, tracks: Tracks) -> References:
-    """Return the images for relocalisation with a pair whose pose was accepted."""
-    known = KnownImage(frame.image, tracks.observations[:, :2], tracks.landmarks)
-    is_best = tracks.left_inlier_count >= BEST_LEFT_RATIO * len(tracks.inliers)
-    return references.recognised().with_image(known, is_best=is_best)
 
 
 def residual_statistics(tracks: Tracks) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""Motion model: where the left camera is, how it moves, and where it may be next."""
+"""Motion model: where the left camera is, how it moves, and where it may be next (constant velocity)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.uncertainty import RoverModel, Speed
 
 MAX_MISSED_PAIRS = 4  #: Number of missing pairs over which a constant velocity is still extrapolated.
-SLACK_M = 1.0  #: Motion, m, that is plausible whatever the stamps are.
+SLACK_M = 1.0  #: Motion, m, that is plausible whatever the stamps are, because stamps may be equal or jitter.
 SLACK_RAD = 1.0  #: Rotation, rad, that is plausible whatever the stamps are.
 
 
@@ -32,14 +32,23 @@ class Guesses(NamedTuple):
         return [self.expected, self.standstill, *self.others]
 
 
+class MotionSince(NamedTuple):
+    """Motion of the left camera since the last known pose."""
+
+    T_last_now: Transform
+    metres: float  #: Length.
+    radians: float  #: Angle.
+    seconds: float  #: Time; 0 before the first pair.
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
     """The last known pose of the left camera, and the motion that led to it."""
 
-    T_world_left: Transform  #: Last known pose.
+    T_world_left: Transform  #: Last known pose in the present map: an adjustment of the map moves it.
     T_before_last: Transform  #: Motion between the two pairs tracked last; the identity at rest.
-    known_ns: int | None  #: Stamp of the last known pose; None before the first pair.
-    tracked_ns: int = 0  #: Stamp of the pair tracked last.
+    known_ns: int | None  #: Stamp up to which the motion is known: of the last pose, from images or from outside.
+    tracked_ns: int = 0  #: Stamp of the pair tracked last, from which missing pairs are counted.
     period_ns: int = 0  #: Time between the two pairs tracked last; 0 if unknown.
     speed: Speed = Speed(0.0, 0.0)  #: Last speed.
 
@@ -65,15 +74,18 @@ class Motion:
             others.append(last @ model.T_left_rb @ odometry @ model.T_rb_left)
         return Guesses(Pose.of(expected), Pose.of(last), tuple(map(Pose.of, others)))
 
-    def tracked(self, stamp_ns: int, T_world_left: Transform, *, was_known: bool) -> Motion:
+    def since_last(self, stamp_ns: int, T_world_left: Transform) -> MotionSince:
+        """Return the motion from the last known pose to a pose at a stamp."""
+        T_last_now = self.T_world_left.inverse() @ T_world_left
+        return MotionSince(T_last_now, *size_of(T_last_now), self.unobserved_s(stamp_ns))
+
+    def tracked(self, stamp_ns: int, T_world_left: Transform, since: MotionSince, *, was_known: bool) -> Motion:
         """Return the motion after a tracked pair. The speed is updated only if the pose before was not lost."""
-        motion = self.T_world_left.inverse() @ T_world_left
         speed = self.speed
         if was_known:
-            seconds = self.unobserved_s(stamp_ns)
-            metres, radians = size_of(motion)
-            speed = Speed(metres / seconds, radians / seconds) if seconds > 0.0 else Speed(0.0, 0.0)
-        return Motion(T_world_left, motion, stamp_ns, stamp_ns, stamp_ns - self.tracked_ns, speed)
+            seconds = since.seconds
+            speed = Speed(since.metres / seconds, since.radians / seconds) if seconds > 0.0 else Speed(0.0, 0.0)
+        return Motion(T_world_left, since.T_last_now, stamp_ns, stamp_ns, stamp_ns - self.tracked_ns, speed)
 
     def without_prediction(self) -> Motion:
         """Return the motion after tracking was lost: the next pose is expected where the last known one is.

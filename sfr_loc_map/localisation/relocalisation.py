@@ -21,6 +21,7 @@ from sfr_loc_map.localisation.frontend.pose_solver import RightOffset
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks, is_textured
 
 MAX_ATTEMPTS = 2  #: Number of good images that are compared with the map before a new window begins.
+BEST_LEFT_RATIO = 0.5  #: Minimum ratio of inliers in the left image to landmarks of an image for descriptors.
 NO_POINTS = np.zeros((0, 2))
 FLOW_WINDOW = (21, 21)  #: Window of the optical flow, px.
 FLOW_MIN_SIDE = 16  #: Side of the coarsest image of the optical flow, px.
@@ -51,34 +52,27 @@ class KnownImage(NamedTuple):
         return self.uv[usable], points[usable]
 
 
-class References(NamedTuple):
-    """Images that tracking can be recovered from."""
+class RecoveryImages(NamedTuple):
+    """Images that lost tracking can be recovered from."""
 
     last: KnownImage | None = None  #: Last tracked image.
     best: KnownImage | None = None  #: Last tracked image with at least half of its inliers in the left image.
-    attempts: int = 0  #: Number of good images since landmarks were recognised.
     is_last_best: bool = True  #: Whether the last image is the best one, too.
 
     @classmethod
-    def of_first_keyframe(cls, image: GreyImage, landmarks: Landmarks) -> References:
-        """Return the references after a window began."""
+    def of_first_keyframe(cls, image: GreyImage, landmarks: Landmarks) -> RecoveryImages:
+        """Return the images after a window began."""
         known = KnownImage(image, landmarks.last_seen[:, :2], landmarks)
         return cls(known, known)
 
-    def recognised(self) -> References:
-        """Return the references after landmarks were recognised."""
-        return self._replace(attempts=0)
+    def with_tracked(self, image: GreyImage, tracks: Tracks) -> RecoveryImages:
+        """Return the images with one whose pose was accepted."""
+        known = KnownImage(image, tracks.observations[:, :2], tracks.landmarks)
+        is_best = tracks.left_inlier_count >= BEST_LEFT_RATIO * len(tracks.inliers)
+        return RecoveryImages(known, known if is_best else self.best, is_last_best=is_best)
 
-    def after_attempt(self) -> References:
-        """Return the references after a good image without a recognised landmark."""
-        return self._replace(attempts=self.attempts + 1)
-
-    def with_image(self, known: KnownImage, *, is_best: bool) -> References:
-        """Return the references with a tracked image."""
-        return References(known, known if is_best else self.best, self.attempts, is_last_best=is_best)
-
-    def with_keyframe(self, landmarks: Landmarks) -> References:
-        """Return the references after the last image became a keyframe, with the landmarks of the adjusted window."""
+    def with_keyframe(self, landmarks: Landmarks) -> RecoveryImages:
+        """Return the images after the last one became a keyframe, with the landmarks of the adjusted window."""
         if self.last is None:
             return self
         last = KnownImage(self.last.image, landmarks.last_seen[:, :2], landmarks)
@@ -94,24 +88,24 @@ class Relocaliser:
         self._camera = camera
 
     def relocalise(
-        self, frame: StereoFrame, landmarks: Landmarks, references: References, offset: RightOffset
+        self, frame: StereoFrame, landmarks: Landmarks, images: RecoveryImages, offset: RightOffset
     ) -> Tracks | None:
         """Track by optical flow, then by descriptors; return the first trusted tracks, else the last ones, or None."""
         tracks = None
-        pose = self.pose_by_flow(frame, references)
+        pose = self.pose_by_flow(frame, images)
         if pose is not None:
             tracks = self._tracker.refine_from_afar(frame, landmarks, pose, offset)
             if tracks.is_trusted:
                 return tracks
-        pose = self._pose_by_descriptors(frame, references)
+        pose = self._pose_by_descriptors(frame, images)
         return tracks if pose is None else self._tracker.refine_from_afar(frame, landmarks, pose, offset)
 
-    def pose_by_flow(self, frame: StereoFrame, references: References, among: Landmarks | None = None) -> Pose | None:
+    def pose_by_flow(self, frame: StereoFrame, images: RecoveryImages, among: Landmarks | None = None) -> Pose | None:
         """Return the pose by optical flow from the last tracked image; None if too few landmarks agree.
 
         If landmarks are given, only those are used.
         """
-        known = references.last
+        known = images.last
         if known is None:
             return None
         uv, points = known.observed(among)
@@ -131,9 +125,9 @@ class Relocaliser:
         min_inliers = max(enough, FLOW_INLIER_RATIO * len(points))
         return _pnp(points, uv, self._camera, iterations=FLOW_ITERATIONS, min_inliers=min_inliers)
 
-    def _pose_by_descriptors(self, frame: StereoFrame, references: References) -> Pose | None:
+    def _pose_by_descriptors(self, frame: StereoFrame, images: RecoveryImages) -> Pose | None:
         """Return the pose by mutual best matches with the best image; None if too few landmarks agree."""
-        known = references.best
+        known = images.best
         if known is None:
             return None
         corners = find_corners(frame.left[0].image, NO_POINTS, 2 * self._config.max_features, BORDER)

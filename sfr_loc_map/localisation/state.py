@@ -1,4 +1,18 @@
-"""State of the localiser between two pairs, and what one pair leads to."""
+"""State of the localiser between two pairs, and what one pair leads to.
+
+Several stamps and two poses in the state look alike. Each has one meaning, and few pairs change it: an accepted one
+(A), a kept one (K), one that begins a window (W), or another event.
+
+| value | meaning | changed by |
+|---|---|---|
+| `path.motion.T_world_left` | last known pose, in the present map | A; adjustment of a keyframe |
+| `path.published.T_world_left` | pose published last, where the next step begins | A, K, W |
+| `path.published.stamp_ns` | its stamp | A, K, W |
+| `path.motion.known_ns` | stamp since which the motion is unobserved | A, W; first pair; pose from outside |
+| `path.motion.tracked_ns` | stamp from which missing pairs are counted | A, W |
+| `path.history.last_ns` | last stamp to which a pose from outside can be applied | A, W |
+| `path.datum.pending` | pose from outside that is not applied yet, with its stamp | `set_pose`; when it is applied |
+"""
 
 from __future__ import annotations
 
@@ -12,22 +26,24 @@ from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibratio
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
 from sfr_loc_map.localisation.estimate import StateReason, StepEstimate, TrackingState, TrackingStatistics
 from sfr_loc_map.localisation.frontend.tracking import Tracks
-from sfr_loc_map.localisation.ground_motion import GroundMemory
-from sfr_loc_map.localisation.guards import ImageMemory, ShearMean
+from sfr_loc_map.localisation.ground_memory import GroundMemory
+from sfr_loc_map.localisation.guards import ShearMean
 from sfr_loc_map.localisation.keyframes import KeyframeJob
-from sfr_loc_map.localisation.path import Path
-from sfr_loc_map.localisation.relocalisation import References
+from sfr_loc_map.localisation.relocalisation import RecoveryImages
+from sfr_loc_map.localisation.stale_images import ImageMemory
+from sfr_loc_map.localisation.trajectory import PathState
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
     """Everything that is known between two pairs, except for the keyframe that is being made in the background."""
 
-    path: Path  #: Motion, datum, history and accumulated errors.
+    path: PathState  #: Last pose, datum, history and accumulated errors.
     calibration: OnlineCalibration  #: Rotation error of the right camera.
     ground: GroundMemory  #: Memory of the selection of the ground.
     landmark_map: LandmarkMap | None = None  #: Window and landmarks; None before a window has begun.
-    references: References = References()  #: Images that lost tracking can be recovered from.
+    recovery: RecoveryImages = RecoveryImages()  #: Images that lost tracking can be recovered from.
+    failed_recoveries: int = 0  #: Number of good images without a recognised landmark since the last accepted pair.
     images: ImageMemory | None = None  #: Memory of the check for stale images.
     shear: ShearMean = ShearMean()  #: Memory of the check for sheared rows.
     keyframes: int = 0  #: Number of keyframes since the start.

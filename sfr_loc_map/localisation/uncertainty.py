@@ -48,6 +48,7 @@ from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.backend.sliding_window import KeyframeDrift
 from sfr_loc_map.localisation.config import MotionBounds
+from sfr_loc_map.localisation.findings import Inflation
 
 MAX_ANGLE_RAD = np.pi / np.sqrt(3.0)  #: Standard deviation of an angle about which nothing is known (uniform), rad.
 EXPECTED_CHI_MEDIAN = 0.839  #: Median of chi-square with four degrees of freedom, divided by four.
@@ -189,7 +190,8 @@ class PathErrors:
     """What the covariance of the present pose is composed of, accumulated since the start pose."""
 
     start: LocatedCovariance  #: Start of the run or of the window, or a pose from outside.
-    reference: LocatedCovariance | None = None  #: Pose in the window since which the drift counts; None: its start.
+    #: Pose in the window from which the drift counts; None: from the start of the window.
+    drift_origin: LocatedCovariance | None = None
     in_window: FloatArray = field(default_factory=lambda: ZERO)  #: Covariance of the present pose in its window.
     unobserved: FloatArray = field(
         default_factory=lambda: ZERO
@@ -208,14 +210,13 @@ class PathErrors:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StepMemory:
-    """What the next step needs of the last pose that was not lost."""
+class PublishedPose:
+    """The pose published last that was not lost, from which the next step counts."""
 
-    stamp_ns: int | None = None  #: Stamp of the pose published last; None before the first.
-    T_world_left: Transform | None = None  #: That pose.
-    unobserved: FloatArray = field(
-        default_factory=lambda: ZERO
-    )  #: Covariance `(6, 6)` of the motion to it that no image showed, in RB.
+    stamp_ns: int | None = None  #: Its stamp; None before the first.
+    T_world_left: Transform | None = None  #: The pose as it was published; adjustments do not move it.
+    #: `(6, 6)` in RB: what findings added to the step to this pose, which the next step may take back.
+    unobserved: FloatArray = field(default_factory=lambda: ZERO)
     noise: FloatArray = field(default_factory=lambda: ZERO)  #: White noise `(6, 6)` of it, in RB.
     variance_factor: float | None = None  #: Ratio of residuals found to residuals stated; None before the first.
 
@@ -254,8 +255,8 @@ def pose_covariance(
 def drift_covariance(errors: PathErrors, position: FloatArray, model: RoverModel) -> FloatArray:
     """Return the part of the pose covariance that comes from the start pose and from the drift since."""
     drift = errors.in_window
-    if errors.reference is not None:
-        values, vectors = np.linalg.eigh(symmetric(drift - errors.reference.at(position)))
+    if errors.drift_origin is not None:
+        values, vectors = np.linalg.eigh(symmetric(drift - errors.drift_origin.at(position)))
         drift = (vectors * np.maximum(values, 0.0)) @ vectors.T
     return np.asarray(drift * model.sources.adjustment_inflation + errors.start.at(position))
 
@@ -269,7 +270,7 @@ def lens_turn_per_m(calibration: OnlineCalibration, model: RoverModel) -> float:
     return float(np.hypot(sources.lens_px, sources.lens_ratio * calibration.lens.rms_px) / model.focal_baseline)
 
 
-# ---- motion that no image showed
+# ---- what findings add
 
 
 def unobserved_motion(speed: Speed, seconds: float, model: RoverModel) -> FloatArray:
@@ -282,6 +283,38 @@ def unobserved_motion(speed: Speed, seconds: float, model: RoverModel) -> FloatA
     tilt = min(model.sources.tilt_ratio * heading, MAX_ANGLE_RAD)
     climb = model.sources.climb_ratio * metres
     return np.diag(np.square([metres, metres, climb, tilt, tilt, min(heading, MAX_ANGLE_RAD)]))
+
+
+class AddedError(NamedTuple):
+    """What findings add to the covariance of a pose, and of the steps to it and from it."""
+
+    unobserved: FloatArray  #: `(6, 6)` motion since the last pose, in RB there; zero without such a finding.
+    ambiguity: DirectedError | None  #: Distance to another possible pose; None without such a finding.
+
+    @property
+    def of_step(self) -> FloatArray:
+        """Covariance `(6, 6)` added to a step."""
+        return self.unobserved if self.ambiguity is None else self.unobserved + self.ambiguity.covariance
+
+
+def inflation_of(
+    inflation: Inflation, unobserved: FloatArray, moved: DirectedError, rival_distance: DirectedError
+) -> AddedError:
+    """Return what findings add, by the kind of their inflation (`findings.RULES`).
+
+    Args:
+        inflation: What the findings of the pair ask for.
+        unobserved: `(6, 6)` covariance of the motion since the last pose if no image had shown it, in RB there.
+        moved: Length and angle of the motion since the last pose, as it was estimated.
+        rival_distance: Distance between the poses of two possible motions; zero if only one was found.
+    """
+    ambiguity = None
+    if Inflation.AMBIGUITY in inflation:  # any of the motions, and standstill, may be the true one
+        sigma_x, _, _, _, _, sigma_heading = np.sqrt(unobserved.diagonal())
+        ambiguity = DirectedError(
+            max(rival_distance.metres, moved.metres, sigma_x), max(rival_distance.radians, moved.radians, sigma_heading)
+        )
+    return AddedError(unobserved if Inflation.UNOBSERVED in inflation else ZERO, ambiguity)
 
 
 # ---- a step

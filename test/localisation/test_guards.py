@@ -11,7 +11,7 @@ from helpers.loc_drive import drive, errors, localiser, noisy, run
 from helpers.made_scene import HEIGHT, true_pose
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.localisation.estimate import StateReason, TrackingState
-from sfr_loc_map.localisation.guards import RULES, Action, Finding, decide
+from sfr_loc_map.localisation.findings import RULES, Action, Finding, Inflation, decide
 
 DRIVE = drive(16)
 
@@ -20,15 +20,15 @@ def test_each_finding_has_a_rule_and_the_first_rule_gives_the_reason() -> None:
     assert set(RULES) == set(Finding)
     order = list(RULES)
     for finding, rule in RULES.items():
-        assert decide({finding})[:2] == (rule.action, rule.reason)
+        assert decide({finding})[:4] == (finding, *rule[:3])
         for other in order[order.index(finding) :]:
             verdict = decide({other, finding})
             assert verdict.reason == rule.reason
-            assert verdict.adds_unobserved == (rule.adds_unobserved or RULES[other].adds_unobserved)
+            assert verdict.inflation == rule.inflation | RULES[other].inflation
             assert verdict.may_be_keyframe == (rule.may_be_keyframe and RULES[other].may_be_keyframe)
     refusing = [rule.action.refuses for rule in RULES.values()]
     assert refusing == sorted(refusing, reverse=True)  # what refuses a pair comes first
-    assert decide(set()) == (Action.ACCEPT, None, False, True)
+    assert decide(set()) == (None, Action.ACCEPT, None, Inflation.NONE, True)
 
 
 def torn(new: StereoPair, old: StereoPair, row: int) -> StereoPair:

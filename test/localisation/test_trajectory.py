@@ -12,15 +12,16 @@ from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
-from sfr_loc_map.localisation import path as paths
+from sfr_loc_map.localisation import trajectory
 from sfr_loc_map.localisation.backend.online_calibration import FIRST_SIGMA_PX, OnlineCalibration, YawEstimate
 from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.estimate import StartPose
+from sfr_loc_map.localisation.findings import Inflation
 from sfr_loc_map.localisation.frontend.pose_solver import RightOffset
 from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW
 from sfr_loc_map.localisation.motion_model import MAX_MISSED_PAIRS
-from sfr_loc_map.localisation.path import Path
-from sfr_loc_map.localisation.uncertainty import ErrorSources, RoverModel, pose_covariance
+from sfr_loc_map.localisation.trajectory import AcceptedPair, PathState
+from sfr_loc_map.localisation.uncertainty import DirectedError, ErrorSources, RoverModel, pose_covariance
 
 RIG = StereoRig(640, 480, 400.0, 400.0, 320.0, 240.0, 0.2, Transform.from_quat([0.3, 0.1, 0.2], [0.5, -0.5, 0.5, -0.5]))
 IN_CAMERA = replace(RIG, T_rb_sb=RIG.T_sb_left.inverse())
@@ -55,36 +56,36 @@ def map_of(covariance: np.ndarray) -> SimpleNamespace:
     return SimpleNamespace(landmarks=landmarks, window=SimpleNamespace(covariance=covariance, drift=None))
 
 
-def begun(rig: StereoRig = IN_CAMERA) -> Path:
+def begun(rig: StereoRig = IN_CAMERA) -> PathState:
     model = model_of(rig)
-    path = paths.arrived(paths.started(StartPose(Transform.identity()), model), 0)
-    return paths.restarted(path, 0, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
+    path = trajectory.arrived(trajectory.started(StartPose(Transform.identity()), model), 0)
+    return trajectory.restarted(path, 0, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
 
 
 def move(
-    path: Path,
+    path: PathState,
     number: int,
     to: Transform | np.ndarray,
     known: OnlineCalibration | None = None,
     rig: StereoRig = IN_CAMERA,
-) -> Path:
+) -> PathState:
     """Return the path after the pair of a number was tracked at a pose, or a position."""
     pose = Pose(to.rotation, to.translation) if isinstance(to, Transform) else Pose(np.eye(3), to)
     tracks = SimpleNamespace(pose=pose, information=1e18 * np.eye(6), landmarks=SimpleNamespace(median_depth=DEPTH_M))
-    pair = paths.TrackedPair(
+    pair = AcceptedPair(
         number * PERIOD_NS,
         tracks,  # type: ignore[arg-type]
         chi_median=1.0,
         was_known=True,
-        adds_unobserved=False,
         shear=0.0,
-        ambiguity=None,
+        inflation=Inflation.NONE,
+        rival_distance=DirectedError(0.0, 0.0),
     )
     calibration = known or OnlineCalibration(RIG.camera, 7)
-    return paths.tracked(path, pair, map_of(NOTHING), calibration, model_of(rig))[0]  # type: ignore[arg-type]
+    return trajectory.accepted(path, pair, map_of(NOTHING), calibration, model_of(rig))[0]  # type: ignore[arg-type]
 
 
-def of_path(path: Path, known: OnlineCalibration | None = None) -> np.ndarray:
+def of_path(path: PathState, known: OnlineCalibration | None = None) -> np.ndarray:
     """Return what the path adds to the covariance of the position."""
     position = path.motion.T_world_left.translation
     calibration = known or OnlineCalibration(RIG.camera, 7)

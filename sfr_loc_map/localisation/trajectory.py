@@ -1,18 +1,18 @@
-"""The path: motion, datum, history and accumulated errors, and how each kind of pair changes them.
+"""The path of the rover: last pose, datum, history and accumulated errors, and how each kind of pair changes them.
 
-A `Path` is a value. Each function takes a path and returns the next one; those that lead to a published pose return the
-step to it, too.
+A `PathState` is a value. Each function takes a path and returns the next one. The functions that lead to a published
+pose return the step to it, too.
 
-| a pair | function |
+| pair | function |
 |---|---|
-| is the first one | `arrived` |
-| was tracked | `tracked` |
-| repeats the pair before, or contradicts its pose: the last pose is kept | `kept` |
-| begins a new window at the last pose | `restarted` |
-| became a keyframe, which was adjusted in the background | `adjusted` |
-| is lost | `lost` |
+| the first pair | `arrived` |
+| accepted | `accepted` |
+| kept: it repeats the pair before, or contradicts its pose | `kept` |
+| a new window begins at the last pose | `restarted` |
+| lost | `lost` |
+| a keyframe, after it was adjusted in the background | `adjusted` |
 
-Poses from outside: `given` when one arrives, `with_pending_pose` after each pair.
+A pose from outside is taken by `given` when it arrives, and applied by `with_pending_pose` after each pair.
 """
 
 from __future__ import annotations
@@ -30,20 +30,23 @@ from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibratio
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
 from sfr_loc_map.localisation.datum import MAX_AHEAD_NS, MAX_START_AHEAD_NS, Datum, History, PastPose, PendingPose
 from sfr_loc_map.localisation.estimate import StartPose, StepEstimate
+from sfr_loc_map.localisation.findings import Inflation
 from sfr_loc_map.localisation.frontend.tracking import Tracks
-from sfr_loc_map.localisation.motion_model import SLACK_M, SLACK_RAD, Motion, size_of
+from sfr_loc_map.localisation.motion_model import Motion, MotionSince, size_of
 from sfr_loc_map.localisation.uncertainty import (
     MIN_VARIANCE,
     ZERO,
+    AddedError,
     DirectedError,
     DisparityBias,
     LocatedCovariance,
     PathErrors,
+    PublishedPose,
     RoverModel,
     Speed,
-    StepMemory,
     StepMotion,
     drift_covariance,
+    inflation_of,
     lens_turn_per_m,
     pose_noise,
     step_covariance,
@@ -53,40 +56,54 @@ from sfr_loc_map.localisation.uncertainty import (
     updated_variance_factor,
 )
 
+#: Motion of the newest pose by a bundle adjustment, m and rad, above which the adjustment diverged. It is millimetres,
+#: or some centimetres with a correction of the yaw.
+MAX_ADJUSTMENT = DirectedError(1.0, 1.0)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Path:
+class PathState:
     """The poses so far."""
 
-    motion: Motion  #: Last known pose and its motion.
+    motion: Motion  #: Last known pose in the present map, and its motion.
     datum: Datum  #: Place of the world in DS.
     errors: PathErrors  #: What the covariance of the pose is composed of.
-    step: StepMemory  #: The pose published last.
-    history: History = History()
+    published: PublishedPose  #: The pose published last, from which the next step counts.
+    history: History = History()  #: Past poses, to which a pose from outside can be applied.
     window: int = 0  #: Number of the present window.
 
 
-class TrackedPair(NamedTuple):
+class AcceptedPair(NamedTuple):
     """A pair whose pose was accepted."""
 
     stamp_ns: int
     tracks: Tracks
     chi_median: float  #: Median squared Mahalanobis residual per degree of freedom; NaN without any.
     was_known: bool  #: Whether the pose of the pair before was not lost; it may have been kept.
-    adds_unobserved: bool  #: Whether the covariance allows for the motion since the last pose.
     shear: float  #: Squared shear of the image rows over its variance.
-    ambiguity: DirectedError | None  #: How far the pose may be another one; None if it is unambiguous.
+    inflation: Inflation  #: What the findings of the pair add to the covariance.
+    rival_distance: DirectedError  #: Distance to the pose of another possible motion; zero if none was found.
 
 
-def started(start: StartPose, model: RoverModel) -> Path:
+class _NewPose(NamedTuple):
+    """The pose of an accepted pair against the last known one."""
+
+    pair: AcceptedPair
+    T_world_left: Transform
+    since: MotionSince
+    given_landmarks: FloatArray  #: `(6, 6)` covariance of the pose if the landmarks were exact.
+    added: AddedError  #: What findings add to the covariance.
+
+
+def started(start: StartPose, model: RoverModel) -> PathState:
     """Return the path before the first pair."""
     motion = Motion(Transform.identity(), Transform.identity(), None)
     errors = PathErrors(LocatedCovariance(np.zeros(3), ZERO))
-    path = Path(motion, Datum(Transform.identity(), start), errors, StepMemory())
+    path = PathState(motion, Datum(Transform.identity(), start), errors, PublishedPose())
     return _placed(path, start, start.stamp_ns, model)
 
 
-def arrived(path: Path, stamp_ns: int) -> Path:
+def arrived(path: PathState, stamp_ns: int) -> PathState:
     """Return the path at the first pair; later pairs change nothing.
 
     A start pose without a stamp holds at the first pair. A start pose with a later stamp is used from the first pair
@@ -106,94 +123,102 @@ def arrived(path: Path, stamp_ns: int) -> Path:
 # ---- poses from images
 
 
-def tracked(
-    path: Path, pair: TrackedPair, landmark_map: LandmarkMap, calibration: OnlineCalibration, model: RoverModel
-) -> tuple[Path, StepEstimate]:
-    """Return the path with the pose of a tracked pair, and the step to it."""
-    stamp_ns = pair.stamp_ns
+def accepted(
+    path: PathState, pair: AcceptedPair, landmark_map: LandmarkMap, calibration: OnlineCalibration, model: RoverModel
+) -> tuple[PathState, StepEstimate]:
+    """Return the path with the pose of an accepted pair, and the step to it."""
+    pose = _new_pose(path, pair, model)
+    errors = _errors_with(path, pose, landmark_map, calibration, model)
+    published = _published_with(path, pose, model)
+    step = _step_to(path, pose, published, landmark_map, calibration, model)
+    motion = path.motion.tracked(pair.stamp_ns, pose.T_world_left, pose.since, was_known=pair.was_known)
+    past = PastPose(
+        stamp_ns=pair.stamp_ns,
+        T_world_left=pose.T_world_left,
+        was_known=pair.was_known,
+        window=path.window,
+        in_window=LocatedCovariance(pose.T_world_left.translation, errors.in_window),
+        bias=errors.bias,
+        directed=errors.directed,
+    )
+    history = path.history.with_pose(past)
+    return PathState(motion, path.datum, errors, published, history, path.window), step
+
+
+def _new_pose(path: PathState, pair: AcceptedPair, model: RoverModel) -> _NewPose:
+    """Return the pose of an accepted pair against the last known one."""
     now = Transform(*pair.tracks.pose)
-    metres, radians = size_of(path.motion.T_world_left.inverse() @ now)
-    unobserved = unobserved_motion(path.motion.speed, path.motion.unobserved_s(stamp_ns), model)
-    ambiguity = pair.ambiguity
-    if ambiguity is not None:  # at least the motion since the last pose, and what no image would show
-        sigma_x, _, _, _, _, sigma_heading = np.sqrt(unobserved.diagonal())
-        ambiguity = DirectedError(
-            max(ambiguity.metres, metres, sigma_x), max(ambiguity.radians, radians, sigma_heading)
-        )
-    pose_only = np.asarray(np.linalg.inv(pair.tracks.information))
-    errors = _tracked_errors(path, pair, ambiguity, pose_only, landmark_map, calibration, model)
-    to_here = unobserved if pair.adds_unobserved else ZERO
-    if ambiguity is not None:
-        to_here = to_here + ambiguity.covariance
-    factor = updated_variance_factor(path.step.variance_factor, pair.chi_median, model.sources)
-    noise = pose_noise(pose_only, now.rotation, factor, pair.shear, model)
-    memory = StepMemory(stamp_ns, now, to_here, noise, factor)
-    motion = path.motion.tracked(stamp_ns, now, was_known=pair.was_known)
-
-    depth_m = pair.tracks.landmarks.median_depth
-    before_ns, before = _published(path, stamp_ns, now)
-    seconds = (stamp_ns - before_ns) / NS_PER_S
-    step = StepMotion.between(before, now, model)
-    drift = landmark_map.window.drift
-    estimate = StepEstimate(
-        seconds=seconds,
-        motion=step.vector,
-        covariance=step_covariance(step, drift, pose_only, depth_m, factor, model) + path.step.unobserved + to_here,
-        systematic=systematic_step(step, depth_m, calibration, model),
-        noise=noise,
-        noise_before=path.step.noise,
-        unsteady=ZERO if pair.was_known else unobserved_motion(motion.speed, seconds, model),
-    )
-    history = path.history.with_pose(
-        PastPose(
-            stamp_ns=stamp_ns,
-            T_world_left=now,
-            was_known=pair.was_known,
-            window=path.window,
-            in_window=LocatedCovariance(now.translation, errors.in_window),
-            bias=errors.bias,
-            directed=errors.directed,
-        )
-    )
-    return Path(motion, path.datum, errors, memory, history, path.window), estimate
+    since = path.motion.since_last(pair.stamp_ns, now)
+    unobserved = unobserved_motion(path.motion.speed, since.seconds, model)
+    added = inflation_of(pair.inflation, unobserved, DirectedError(since.metres, since.radians), pair.rival_distance)
+    given_landmarks = np.asarray(np.linalg.inv(pair.tracks.information))
+    return _NewPose(pair, now, since, given_landmarks, added)
 
 
-def _tracked_errors(
-    path: Path,
-    pair: TrackedPair,
-    ambiguity: DirectedError | None,
-    pose_only: FloatArray,
-    landmark_map: LandmarkMap,
-    calibration: OnlineCalibration,
-    model: RoverModel,
+def _errors_with(
+    path: PathState, pose: _NewPose, landmark_map: LandmarkMap, calibration: OnlineCalibration, model: RoverModel
 ) -> PathErrors:
-    """Return the accumulated errors of a tracked pose."""
-    errors = path.errors
-    last = path.motion.T_world_left
-    position = pair.tracks.pose.position
-    metres, _ = size_of(last.inverse() @ Transform(*pair.tracks.pose))
-    errors = errors.with_directed(DirectedError(0.0, lens_turn_per_m(calibration, model) * metres), position)
-    if ambiguity is not None:
-        errors = errors.with_directed(ambiguity, position)
+    """Return the accumulated errors at a new pose."""
+    position = pose.T_world_left.translation
+    bending = DirectedError(0.0, lens_turn_per_m(calibration, model) * pose.since.metres)
+    errors = path.errors.with_directed(bending, position)
+    if pose.added.ambiguity is not None:
+        errors = errors.with_directed(pose.added.ambiguity, position)
     depth_m = landmark_map.landmarks.median_depth
-    per_px = (position - last.translation) * depth_m / model.focal_baseline
+    per_px = (position - path.motion.T_world_left.translation) * depth_m / model.focal_baseline
     bias = DisparityBias(errors.bias.total + per_px, errors.bias.corrected + per_px * calibration.corrected_px)
     return replace(
         errors,
-        in_window=pose_only + landmark_map.window.covariance,
-        unobserved=_unobserved_of_left(path, pair.stamp_ns, model) if pair.adds_unobserved else ZERO,
+        in_window=pose.given_landmarks + landmark_map.window.covariance,
+        unobserved=_of_left(path, pose.added.unobserved, model),
         bias=bias,
     )
 
 
-def kept(path: Path, stamp_ns: int, model: RoverModel) -> tuple[Path, StepEstimate]:
+def _published_with(path: PathState, pose: _NewPose, model: RoverModel) -> PublishedPose:
+    """Return what the next step needs of a new pose."""
+    factor = updated_variance_factor(path.published.variance_factor, pose.pair.chi_median, model.sources)
+    noise = pose_noise(pose.given_landmarks, pose.T_world_left.rotation, factor, pose.pair.shear, model)
+    return PublishedPose(pose.pair.stamp_ns, pose.T_world_left, pose.added.of_step, noise, factor)
+
+
+def _step_to(
+    path: PathState,
+    pose: _NewPose,
+    published: PublishedPose,
+    landmark_map: LandmarkMap,
+    calibration: OnlineCalibration,
+    model: RoverModel,
+) -> StepEstimate:
+    """Return the step from the pose published last to a new one; the first step is from the new pose to itself."""
+    before = path.published
+    before_ns = pose.pair.stamp_ns if before.stamp_ns is None else before.stamp_ns
+    seconds = (pose.pair.stamp_ns - before_ns) / NS_PER_S
+    step = StepMotion.between(before.T_world_left or pose.T_world_left, pose.T_world_left, model)
+    depth_m = pose.pair.tracks.landmarks.median_depth
+    drift = landmark_map.window.drift
+    of_images = step_covariance(step, drift, pose.given_landmarks, depth_m, published.variance_factor, model)
+    return StepEstimate(
+        seconds=seconds,
+        motion=step.vector,
+        covariance=of_images + before.unobserved + pose.added.of_step,
+        systematic=systematic_step(step, depth_m, calibration, model),
+        noise=published.noise,
+        noise_before=before.noise,
+        unsteady=ZERO if pose.pair.was_known else unobserved_motion(path.motion.speed, seconds, model),
+    )
+
+
+def kept(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[PathState, StepEstimate]:
     """Return the path with the last pose kept up to a stamp, and the step; the rover may stand still or have moved."""
     errors = replace(path.errors, unobserved=_unobserved_of_left(path, stamp_ns, model))
-    memory, step = _step_to_same_pose(path, stamp_ns, model)
-    return replace(path, errors=errors, step=memory), step
+    published, step = _step_to_same_pose(path, stamp_ns, model)
+    return replace(path, errors=errors, published=published), step
 
 
-def restarted(path: Path, stamp_ns: int, landmark_map: LandmarkMap, model: RoverModel) -> tuple[Path, StepEstimate]:
+def restarted(
+    path: PathState, stamp_ns: int, landmark_map: LandmarkMap, model: RoverModel
+) -> tuple[PathState, StepEstimate]:
     """Return the path with a new window that begins at the last pose, and the step to it."""
     position = path.motion.T_world_left.translation
     depth_m = landmark_map.landmarks.median_depth
@@ -204,11 +229,11 @@ def restarted(path: Path, stamp_ns: int, landmark_map: LandmarkMap, model: Rover
     errors = replace(
         path.errors,
         start=LocatedCovariance(position, known + of_first_image),
-        reference=None,
+        drift_origin=None,
         in_window=in_window,
         unobserved=ZERO,
     )
-    memory, step = _step_to_same_pose(path, stamp_ns, model)
+    published, step = _step_to_same_pose(path, stamp_ns, model)
     window = path.window + 1
     past = PastPose(
         stamp_ns=stamp_ns,
@@ -220,15 +245,15 @@ def restarted(path: Path, stamp_ns: int, landmark_map: LandmarkMap, model: Rover
         directed=errors.directed,
     )
     motion = path.motion.restarted(stamp_ns)
-    return Path(motion, path.datum, errors, memory, path.history.with_pose(past), window), step
+    return PathState(motion, path.datum, errors, published, path.history.with_pose(past), window), step
 
 
-def lost(path: Path) -> Path:
+def lost(path: PathState) -> PathState:
     """Return the path after a lost pair."""
     return replace(path, motion=path.motion.without_prediction())
 
 
-def adjusted(path: Path, pose: Pose, covariance: FloatArray, *, has_yaw_step: bool) -> Path | None:
+def adjusted(path: PathState, pose: Pose, covariance: FloatArray, *, has_yaw_step: bool) -> PathState | None:
     """Return the path that continues from the adjusted pose of the last pair; None if the adjustment diverged.
 
     A change of the yaw correction moves the pose. The covariance of the next step grows by the square of this motion.
@@ -237,57 +262,56 @@ def adjusted(path: Path, pose: Pose, covariance: FloatArray, *, has_yaw_step: bo
         return None
     T_world_left = Transform(*pose)
     metres, radians = size_of(path.motion.T_world_left.inverse() @ T_world_left)
-    if not (metres <= SLACK_M and radians <= SLACK_RAD):
+    if not (metres <= MAX_ADJUSTMENT.metres and radians <= MAX_ADJUSTMENT.radians):
         return None
-    step = path.step
+    published = path.published
     if has_yaw_step:
-        step = replace(step, unobserved=step.unobserved + DirectedError(metres, radians).covariance)
+        moved = DirectedError(metres, radians)
+        published = replace(published, unobserved=published.unobserved + moved.covariance)
     return replace(
         path,
         motion=replace(path.motion, T_world_left=T_world_left),
         errors=replace(path.errors, in_window=covariance, unobserved=ZERO),
-        step=step,
+        published=published,
     )
 
 
-def _published(path: Path, stamp_ns: int, now: Transform) -> tuple[int, Transform]:
-    """Return stamp and pose published last; the present ones before the first."""
-    if path.step.stamp_ns is None or path.step.T_world_left is None:
-        return stamp_ns, now
-    return path.step.stamp_ns, path.step.T_world_left
-
-
-def _unobserved_of_left(path: Path, stamp_ns: int, model: RoverModel) -> FloatArray:
+def _unobserved_of_left(path: PathState, stamp_ns: int, model: RoverModel) -> FloatArray:
     """Return the covariance of the left camera in the world of a motion up to a stamp that no image showed."""
-    rotation = path.motion.T_world_left.rotation
     of_rb = unobserved_motion(path.motion.speed, path.motion.unobserved_s(stamp_ns), model)
-    return model.covariance_of_left(of_rb, rotation @ model.T_rb_left.rotation.T, rotation)
+    return _of_left(path, of_rb, model)
 
 
-def _step_to_same_pose(path: Path, stamp_ns: int, model: RoverModel) -> tuple[StepMemory, StepEstimate]:
+def _of_left(path: PathState, covariance: FloatArray, model: RoverModel) -> FloatArray:
+    """Return the covariance of the left camera in the world from that of RB in RB at the last known pose."""
+    rotation = path.motion.T_world_left.rotation
+    return model.covariance_of_left(covariance, rotation @ model.T_rb_left.rotation.T, rotation)
+
+
+def _step_to_same_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[PublishedPose, StepEstimate]:
     """Return the step to a pose that stays. Only the growth of the unobserved motion since the last step is added."""
-    before = path.step
+    before = path.published
     seconds = 0.0 if before.stamp_ns is None else (stamp_ns - before.stamp_ns) / NS_PER_S
     speed = path.motion.speed
     unobserved = unobserved_motion(speed, path.motion.unobserved_s(stamp_ns), model)
     growth = np.maximum(unobserved - before.unobserved, unobserved_motion(speed, seconds, model))
     covariance = growth + MIN_VARIANCE * np.eye(6)
-    memory = replace(before, stamp_ns=stamp_ns, T_world_left=path.motion.T_world_left, unobserved=unobserved)
+    published = replace(before, stamp_ns=stamp_ns, T_world_left=path.motion.T_world_left, unobserved=unobserved)
     step = StepEstimate(seconds, np.zeros(6), covariance, np.zeros(6), before.noise, before.noise, ZERO)
-    return memory, step
+    return published, step
 
 
 # ---- poses from outside
 
 
-def given(path: Path, pose: StartPose, model: RoverModel) -> Path:
+def given(path: PathState, pose: StartPose, model: RoverModel) -> PathState:
     """Return the path with a pose from outside, which is applied with the pair at or after its stamp."""
     if not path.datum.has_pairs:
         return _placed(path, pose, pose.stamp_ns, model)
     return replace(path, datum=replace(path.datum, pending=PendingPose(pose, MAX_AHEAD_NS)))
 
 
-def with_pending_pose(path: Path, stamp_ns: int, model: RoverModel) -> tuple[Path, bool]:
+def with_pending_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[PathState, bool]:
     """Apply the pending pose after the pair of a stamp; return whether the map is to be forgotten.
 
     It is forgotten if no pair was seen since the pose's stamp: the map says nothing about the place of that pose.
@@ -305,7 +329,7 @@ def with_pending_pose(path: Path, stamp_ns: int, model: RoverModel) -> tuple[Pat
     return _rebased(path, pending.pose, at_ns, model), False
 
 
-def _placed(path: Path, pose: StartPose, stamp_ns: int | None, model: RoverModel) -> Path:
+def _placed(path: PathState, pose: StartPose, stamp_ns: int | None, model: RoverModel) -> PathState:
     """Return the path whose last pose is a pose from outside, known at a stamp. The path so far is forgotten."""
     last = path.motion.T_world_left
     T_ds_world = pose.T_ds_rb @ model.T_rb_left @ last.inverse()
@@ -325,7 +349,7 @@ def _placed(path: Path, pose: StartPose, stamp_ns: int | None, model: RoverModel
     )
 
 
-def _rebased(path: Path, pose: StartPose, at_ns: int, model: RoverModel) -> Path:
+def _rebased(path: PathState, pose: StartPose, at_ns: int, model: RoverModel) -> PathState:
     """Return the path that passes through a pose from outside at a stamp of the past; errors count from there."""
     past, apart_s = path.history.at(at_ns)
     T_ds_world = pose.T_ds_rb @ model.T_rb_left @ past.T_world_left.inverse()
@@ -338,16 +362,16 @@ def _rebased(path: Path, pose: StartPose, at_ns: int, model: RoverModel) -> Path
     since = path.errors.directed.since(past.directed)
     if past.window == path.window:
         start = LocatedCovariance(position, covariance)
-        reference = past.in_window
+        drift_origin = past.in_window
     else:  # the start of the present window holds what no image showed between the windows
         window_start = path.errors.start
         at_window = propagated_covariance(covariance, window_start.position - position)
         start = LocatedCovariance(window_start.position, window_start.covariance + at_window)
-        reference = None
+        drift_origin = None
     errors = replace(
         path.errors,
         start=start,
-        reference=reference,
+        drift_origin=drift_origin,
         bias_at_start=past.bias,
         directed=since,
         located=LocatedCovariance(position, since.covariance),

@@ -1,0 +1,167 @@
+"""Findings of the guards, and the table that decides what follows from them.
+
+`RULES` lists all findings in the order of precedence: the first one present gives the action and the published reason
+of a pair (`decide`). Findings that refuse a pair come first, in the order in which they are checked. A pose whose
+findings only degrade it is accepted.
+
+| findings | found by |
+|---|---|
+| `REPEATED_PAIR`, `FROZEN_IMAGE`, `STALE_ROWS` | `guards.check_images`, after the comparison in `stale_images` |
+| `IDENTICAL_IMAGES` | `guards.check_wiring` |
+| `UNTEXTURED`, `FEW_LANDMARKS` | `guards.check_landmarks` |
+| `CONTRADICTED`, `PARTIAL_TRANSFER`, `UNEXPLAINED`, `UNSETTLED`, `AMBIGUOUS` | `ground_motion` |
+| `SINGULAR` | `guards.check_solution` |
+| `SWAPPED`, `ONE_SIDED` | `guards.check_sides` |
+| `TOO_FAST` | `guards.check_motion` |
+| `AFTER_GAP` | `guards.check_gap` |
+| `CALIBRATION`, `SHEARED_ROWS` | `guards.check_calibration`, `guards.check_shear` |
+
+A new guard adds a `Finding`, a row in `RULES`, a function in `guards.py`, and its call in `Localiser._locate` or
+`Localiser._judge`. If it needs a memory, the memory is a field of `State`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from enum import Enum, Flag, auto
+from typing import Final, NamedTuple
+
+from sfr_loc_map.localisation.estimate import StateReason
+
+
+class Action(Enum):
+    """What happens to a pair."""
+
+    KEEP = auto()  #: The last pose is published again, with a larger covariance. A lost localiser stays lost.
+    REJECT = auto()  #: The localiser is lost. No window may begin with the pair.
+    RESTART = auto()  #: The localiser is lost. After some good images a new window begins at the last pose.
+    DEGRADE = auto()  #: The pose is accepted and the state is degraded.
+    ACCEPT = auto()  #: The pose is accepted.
+
+    @property
+    def refuses(self) -> bool:
+        """Whether the pose of the pair is not accepted."""
+        return self in (Action.KEEP, Action.REJECT, Action.RESTART)
+
+
+class Finding(Enum):
+    """What a guard may find in a pair."""
+
+    REPEATED_PAIR = auto()  #: Both images are those of the pair before, also swapped or with new noise.
+    IDENTICAL_IMAGES = auto()  #: Left and right image are the same image.
+    UNTEXTURED = auto()  #: Too few landmarks were tracked, and an image has no texture.
+    FEW_LANDMARKS = auto()  #: Too few landmarks were tracked, or they do not agree on a pose.
+    CONTRADICTED = auto()  #: The pose predicts no motion where the image changed.
+    SINGULAR = auto()  #: The pose is not finite or not determined.
+    SWAPPED = auto()  #: Left and right image are swapped.
+    TOO_FAST = auto()  #: No rover moves that fast.
+    FROZEN_IMAGE = auto()  #: One image is that of the pair before. It is blanked.
+    STALE_ROWS = auto()  #: Some rows are those of the pair before. They are blanked.
+    AFTER_GAP = auto()  #: The window began after a motion that no image showed.
+    CALIBRATION = auto()  #: The right camera drifts, or a yaw is still to be corrected.
+    SHEARED_ROWS = auto()  #: The rows of the images are of different moments (rolling shutter).
+    PARTIAL_TRANSFER = auto()  #: Parts of the images are of different moments, and it is unknown which.
+    UNEXPLAINED = auto()  #: An unusual fraction of the landmarks does not follow the pose.
+    UNSETTLED = auto()  #: An earlier pair was contradicted, ambiguous, stale or partially transferred.
+    ONE_SIDED = auto()  #: Few inliers are seen in both images although both have texture: one of them may be old.
+    AMBIGUOUS = auto()  #: It is unknown which of two motions is the ground's.
+
+
+class Inflation(Flag):
+    """What a finding adds to the covariance of a pose (`uncertainty.inflation_of`)."""
+
+    NONE = 0
+    #: The motion since the last pose as if no image had shown it, because the images may partly be older. The next
+    #: accepted pose no longer contains it.
+    UNOBSERVED = auto()
+    #: The distance to the pose of the other motion, at least the motion since the last pose. All later poses contain
+    #: it.
+    AMBIGUITY = auto()
+
+
+class Rule(NamedTuple):
+    """What follows from a finding."""
+
+    action: Action
+    reason: StateReason
+    inflation: Inflation = Inflation.NONE
+    #: Whether later pairs may be compared with this one: as a keyframe, for recovery, to detect changes.
+    may_be_keyframe: bool = True
+
+
+RULES: Final = {
+    # Refused: these pairs have no pose that a keyframe could have.
+    Finding.REPEATED_PAIR: Rule(Action.KEEP, StateReason.REPEATED_IMAGES),
+    Finding.IDENTICAL_IMAGES: Rule(Action.REJECT, StateReason.NO_STEREO),
+    Finding.UNTEXTURED: Rule(Action.RESTART, StateReason.UNTEXTURED_IMAGES),
+    Finding.FEW_LANDMARKS: Rule(Action.RESTART, StateReason.FEW_LANDMARKS),
+    Finding.CONTRADICTED: Rule(Action.KEEP, StateReason.MOVING_REGIONS),
+    Finding.SINGULAR: Rule(Action.RESTART, StateReason.IMPLAUSIBLE_MOTION),
+    Finding.SWAPPED: Rule(Action.REJECT, StateReason.NO_STEREO),
+    Finding.TOO_FAST: Rule(Action.RESTART, StateReason.IMPLAUSIBLE_MOTION),
+    # No keyframe: without the blanked image no landmark can be triangulated.
+    Finding.FROZEN_IMAGE: Rule(Action.DEGRADE, StateReason.REPEATED_IMAGES, may_be_keyframe=False),
+    # No keyframe: the edges of the blanked rows would be taken for texture.
+    Finding.STALE_ROWS: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, may_be_keyframe=False),
+    # Keyframe: the images are good, and further keyframes end the finding.
+    Finding.AFTER_GAP: Rule(Action.DEGRADE, StateReason.UNSEEN_MOTION),
+    # Keyframe: the yaw is estimated by keyframes and would otherwise never be corrected.
+    Finding.CALIBRATION: Rule(Action.DEGRADE, StateReason.CALIBRATION_DRIFT),
+    # Keyframe: a rolling shutter shears all pairs, and without keyframes tracking would end.
+    Finding.SHEARED_ROWS: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
+    # No keyframe: the parts of the other moment would become landmarks at wrong places.
+    Finding.PARTIAL_TRANSFER: Rule(
+        Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED, may_be_keyframe=False
+    ),
+    # Keyframe: a scene that changes quickly needs new landmarks, and the unexplained ones are removed as outliers.
+    Finding.UNEXPLAINED: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
+    # Keyframe: one motion explains this pair; only the earlier one was not explained.
+    Finding.UNSETTLED: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
+    # Keyframe: new landmarks are matched between the two images, which fails where one of them is old.
+    Finding.ONE_SIDED: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
+    # Keyframe: the window continues with the likelier motion, and the other one stays in the covariance.
+    Finding.AMBIGUOUS: Rule(Action.DEGRADE, StateReason.MOVING_REGIONS, Inflation.AMBIGUITY),
+}
+"""What follows from each finding, in the order of precedence.
+
+Six findings publish `torn_images`, because they mean the same to an operator: the images are not entirely of their
+stamp. They differ in what is known about it, hence in the inflation and in the keyframes.
+
+Two findings add nothing to the covariance because the covariance always contains what they report: the yaw with its
+standard deviation (`CALIBRATION`), and the start of the window with the motion that no image showed (`AFTER_GAP`). Two
+add nothing because the stale parts are known and blanked (`FROZEN_IMAGE`, `STALE_ROWS`). A kept pose (`Action.KEEP`)
+is always inflated by the motion since it was estimated (`trajectory.kept`).
+"""
+
+
+class Verdict(NamedTuple):
+    """What happens to a pair, and why."""
+
+    finding: Finding | None  #: The finding that decides; None without findings.
+    action: Action
+    reason: StateReason | None  #: Reason of the finding that decides.
+    inflation: Inflation  #: What all findings together add to the covariance.
+    may_be_keyframe: bool  #: Whether later pairs may be compared with this one.
+
+    @property
+    def refuses(self) -> bool:
+        """Whether the pose of the pair is not accepted."""
+        return self.action.refuses
+
+
+def decide(findings: Collection[Finding]) -> Verdict:
+    """Return what follows from the findings of a pair."""
+    present = [finding for finding in RULES if finding in findings]
+    if not present:
+        return Verdict(None, Action.ACCEPT, None, Inflation.NONE, may_be_keyframe=True)
+    rules = [RULES[finding] for finding in present]
+    inflation = Inflation.NONE
+    for rule in rules:
+        inflation |= rule.inflation
+    return Verdict(
+        finding=present[0],
+        action=rules[0].action,
+        reason=rules[0].reason,
+        inflation=inflation,
+        may_be_keyframe=all(rule.may_be_keyframe for rule in rules),
+    )

@@ -1,0 +1,269 @@
+"""What a pair shows about the ground's motion: the questions that the table of cases asks (`ground_motion.CASES`).
+
+The *main* motion is that of the tracks that are given; they may follow any motion, trusted or not. A *rival* is another
+rigid motion of landmarks that the main one does not explain. Each question is a property that is answered once, when it
+is asked, because a search for another motion takes some milliseconds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from operator import attrgetter
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sfr_loc_map.geometry.arrays import Mask
+from sfr_loc_map.geometry.camera import Pose, StereoCamera
+from sfr_loc_map.localisation.frontend.image_cells import Change, Explained, cell_counts, explain
+from sfr_loc_map.localisation.frontend.landmarks import ALIGNED_LANDMARKS, Landmarks
+from sfr_loc_map.localisation.frontend.pose_solver import RightOffset
+from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks
+from sfr_loc_map.localisation.ground_memory import MAX_TRANSFERS, MAX_UNEXPLAINED, GroundMemory, Phase
+from sfr_loc_map.localisation.motion_model import Guesses
+from sfr_loc_map.localisation.relocalisation import RecoveryImages, Relocaliser
+
+MAX_CONTRADICTING_UNKNOWN = 0.05  #: Maximum fraction of cells that contradict a motion while the ground is not known.
+MAX_CONTRADICTING_KNOWN = 0.4  #: Maximum fraction of cells that contradict the motion of a known ground.
+MIN_STATIC_LANDMARKS = 12  #: Minimum number of landmarks on static texture that may be the own body.
+MIN_AGREEMENT = 0.3  #: Minimum fraction of the landmarks searched for that a rival must explain.
+CONVINCING = 0.6  #: Fraction of these from which a rival is accepted without further tests.
+MIN_DIFFERENCE_PX = 1.0  #: Minimum image motion between two poses that are different motions, px.
+MIN_DIFFERENCE_RATIO = 0.05  #: Minimum of the same as a ratio to the image motion of the main pose.
+OLD_WEIGHT = 3.0  #: Weight of a landmark that is older than the newest keyframe; a newer one has 1.
+EXPECTED_WEIGHT = 1.5  #: Factor on the weight of a motion that continues the one before.
+CLEAR_RATIO = 1.4  #: Minimum ratio of the weights of two motions that makes one of them the ground's.
+
+
+class Prediction(NamedTuple):
+    """What is expected of a pair."""
+
+    guesses: Guesses  #: Initial guesses of the left camera's pose.
+    offset: RightOffset  #: Offset of the right camera.
+
+
+class ComparedPair(NamedTuple):
+    """A pair, compared with an earlier image cell by cell."""
+
+    frame: StereoFrame
+    prediction: Prediction
+    recovery: RecoveryImages
+    change: Change  #: Cells that changed, or stayed, since the earlier image.
+    earlier_pose: Pose  #: Pose of the earlier image.
+    far_px: float  #: Image motion beyond which a landmark that was not found contradicts nothing.
+
+
+class MotionTools(NamedTuple):
+    """Tools that search for motions."""
+
+    tracker: Tracker
+    relocaliser: Relocaliser
+    camera: StereoCamera
+    shape: tuple[int, int]  #: Height and width of the images.
+    min_tracked: int  #: Minimum number of landmarks that agree on a motion.
+
+    def explained(self, pair: ComparedPair, tracks: Tracks) -> Explained:
+        """Return what the motion from the earlier image to the pose of some tracks explains of a pair."""
+        return self._explained(pair, tracks, pair.earlier_pose, tracks.pose)
+
+    def image_motion_px(self, pair: ComparedPair, tracks: Tracks, *, start: Pose, end: Pose) -> float:
+        """Return how far the landmarks of some tracks move in the image between two poses, px."""
+        return self._explained(pair, tracks, start, end).motion_px
+
+    def _explained(self, pair: ComparedPair, tracks: Tracks, start: Pose, end: Pose) -> Explained:
+        landmarks = tracks.landmarks
+        return explain(
+            end,
+            start,
+            landmarks.estimates,
+            landmarks.planes.uv,
+            tracks.inliers,
+            pair.change,
+            self.camera,
+            self.shape,
+            pair.far_px,
+        )
+
+    def search(self, pair: ComparedPair, landmarks: Landmarks) -> Tracks | None:
+        """Return a motion of some landmarks: from the guesses, then by optical flow; None if too few agree on one."""
+        count = len(landmarks.index)
+        if count < self.min_tracked:
+            return None
+        frame = pair.frame
+        offset = pair.prediction.offset
+        start = self.tracker.align(frame.left, landmarks.thinned(ALIGNED_LANDMARKS), pair.prediction.guesses.all)
+        tracks = self.tracker.refine(frame, landmarks, start, offset)
+        if tracks.inlier_count < CONVINCING * count:
+            pose = self.relocaliser.pose_by_flow(frame, pair.recovery, landmarks)
+            if pose is not None:
+                by_flow = self.tracker.refine_from_afar(frame, landmarks, pose, offset)
+                tracks = max(tracks, by_flow, key=attrgetter("inlier_count"))
+        return tracks if tracks.inlier_count >= max(self.min_tracked, MIN_AGREEMENT * count) else None
+
+    def cells(self, numbers: NDArray[np.intp]) -> Mask:
+        """Return the cells `(R, C)` of some cell numbers; R * C is outside."""
+        rows, columns = cell_counts(self.shape)
+        found = np.bincount(numbers, minlength=rows * columns + 1)
+        return found[:-1].reshape(rows, columns) > 0
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What a pair shows about the ground's motion."""
+
+    tools: MotionTools
+    pair: ComparedPair
+    main: Tracks  #: Tracks of the main motion.
+    explained: Explained  #: What the main motion explains.
+    memory: GroundMemory  #: What is remembered of earlier pairs.
+
+    # ---- the main motion
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the ground's motion is known from earlier pairs."""
+        return self.memory.confidence.phase is Phase.KNOWN
+
+    @property
+    def is_contradicted(self) -> bool:
+        """Whether many cells changed although the main motion leaves them where they were."""
+        most = MAX_CONTRADICTING_KNOWN if self.is_known else MAX_CONTRADICTING_UNKNOWN
+        return self.explained.contradicting_fraction > most
+
+    @property
+    def is_unusual(self) -> bool:
+        """Whether more landmarks than usual do not follow the main motion."""
+        return not self.memory.is_usual(self.explained.unexplained_fraction)
+
+    @property
+    def is_half_unexplained(self) -> bool:
+        """Whether nearly half of the landmarks do not follow the main motion."""
+        return self.explained.unexplained_fraction >= MAX_UNEXPLAINED
+
+    @property
+    def is_credible(self) -> bool:
+        """Whether nothing suggests that the main motion is not the ground's."""
+        return self.main.is_trusted and not self.is_contradicted and (self.is_known or not self.is_unusual)
+
+    @property
+    def unexplained_cells(self) -> Mask:
+        """Cells `(R, C)` of the landmarks that the main motion does not explain."""
+        return self.tools.cells(self.explained.cell_index[self.explained.unexplained])
+
+    @property
+    def covers_doubt(self) -> bool:
+        """Whether inliers cover at least half of the cells that contradicted a motion, within one cell."""
+        contradicting = self.memory.confidence.contradicting
+        if contradicting is None:
+            return True
+        covered = self.tools.cells(self.explained.cell_index[self.main.inliers]).astype(np.uint8)
+        beside = cv2.dilate(covered, np.ones((3, 3), np.uint8)) > 0
+        return bool((beside & contradicting).sum() >= 0.5 * contradicting.sum())
+
+    # ---- partial transfers
+
+    @property
+    def may_be_transfer(self) -> bool:
+        """Whether the pair may be partially transferred: many such pairs in a row have another cause."""
+        return self.memory.transfers < MAX_TRANSFERS
+
+    @property
+    def repeats_transfer(self) -> bool:
+        """Whether the pair before was partially transferred, and this one may be, too."""
+        return self.memory.transfers > 0 and self.may_be_transfer
+
+    # ---- other motions
+
+    @cached_property
+    def beside_static(self) -> Tracks | None:
+        """Another motion, of the landmarks outside static texture, if no cells contradict it; else None.
+
+        The static texture is then taken to be the rover's own body.
+        """
+        on_static = self.explained.on_static
+        if np.count_nonzero(on_static) < MIN_STATIC_LANDMARKS:
+            return None
+        other = self.tools.search(self.pair, self.main.landmarks.subset(~on_static))
+        if other is None:
+            return None
+        start = self.main.pose
+        apart_px = self.tools.image_motion_px(self.pair, other, start=start, end=other.pose)
+        if self.main.is_trusted and apart_px < MIN_DIFFERENCE_PX:
+            return None
+        fraction = self.tools.explained(self.pair, other).contradicting_fraction
+        return other if fraction < MAX_CONTRADICTING_UNKNOWN else None
+
+    @cached_property
+    def rival(self) -> Tracks | None:
+        """A rival of a main motion that is contradicted or unusual; None without one.
+
+        The rival of a contradicted motion must not be contradicted itself. The rival of an unusual one must differ:
+        nearly all the landmarks searched for follow it, or it moves them elsewhere.
+        """
+        if not (self.is_contradicted or self.is_unusual):
+            return None
+        rival = self.tools.search(self.pair, self.main.landmarks.subset(self.explained.unexplained))
+        if rival is None:
+            return None
+        if self.is_contradicted:
+            fraction = self.tools.explained(self.pair, rival).contradicting_fraction
+            return None if fraction > MAX_CONTRADICTING_UNKNOWN else rival
+        if rival.inlier_count > CONVINCING * len(rival.inliers):
+            return rival
+        least_px = max(MIN_DIFFERENCE_PX, MIN_DIFFERENCE_RATIO * self.explained.motion_px)
+        apart_px = self.tools.image_motion_px(self.pair, rival, start=self.main.pose, end=rival.pose)
+        return rival if apart_px > least_px else None
+
+    # ---- the main motion against its rival
+
+    @cached_property
+    def has_standstill(self) -> bool:
+        """Whether the main motion or its rival is a standstill: a part of the image is then that of the pair before."""
+        standstill = self.pair.prediction.guesses.standstill
+        motions = [tracks for tracks in (self.main, self.rival) if tracks is not None]
+        slower_px = min(
+            self.tools.image_motion_px(self.pair, tracks, start=standstill, end=tracks.pose) for tracks in motions
+        )
+        return slower_px < MIN_DIFFERENCE_PX
+
+    @cached_property
+    def weight_ratio(self) -> float:
+        """Weight of the main motion over that of its rival."""
+        assert self.rival is not None, "asked for only if there is a rival"
+        return self._weight(self.main, self.rival) / self._weight(self.rival, self.main)
+
+    @property
+    def rival_wins(self) -> bool:
+        """Whether the rival has more weight than the main motion."""
+        return self.weight_ratio < 1.0
+
+    @property
+    def is_winner_clear(self) -> bool:
+        """Whether the motion with more weight is clearly the ground's: it has much more, and explains over half."""
+        if 1.0 / CLEAR_RATIO < self.weight_ratio < CLEAR_RATIO:
+            return False
+        winner_fraction = 1.0 - self.explained.unexplained_fraction
+        if self.rival_wins and self.rival is not None:
+            rival_ratio = self.rival.inlier_count / len(self.rival.inliers)
+            winner_fraction = self.explained.unexplained_fraction * rival_ratio
+        return winner_fraction >= 1.0 - MAX_UNEXPLAINED
+
+    @property
+    def follows_rival(self) -> Mask:
+        """Mask `(M,)` of the landmarks of the main tracks that follow the rival."""
+        follows = np.zeros(len(self.explained.unexplained), np.bool_)
+        if self.rival is not None:
+            follows[np.flatnonzero(self.explained.unexplained)[self.rival.inliers]] = True
+        return follows
+
+    def _weight(self, tracks: Tracks, other: Tracks) -> float:
+        """Return the number of landmarks that follow a motion, weighted by how likely it is the ground's."""
+        old = float(np.count_nonzero(tracks.inliers & tracks.landmarks.are_old))
+        weight = tracks.inlier_count + (OLD_WEIGHT - 1.0) * old
+        expected = self.pair.prediction.guesses.expected
+        to_own_px = self.tools.image_motion_px(self.pair, tracks, start=expected, end=tracks.pose)
+        to_other_px = self.tools.image_motion_px(self.pair, tracks, start=expected, end=other.pose)
+        return weight * EXPECTED_WEIGHT if to_own_px < 0.5 * to_other_px else weight

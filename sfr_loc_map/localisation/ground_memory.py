@@ -1,0 +1,152 @@
+"""What is remembered about the ground's motion between two pairs, and in which phase its knowledge is.
+
+The ground is identified by its motion. The phases:
+
+- `LEARNING`: no single motion has explained several moving pairs yet.
+- `KNOWN`: one has.
+- `IN_DOUBT`: two motions competed, or the image contradicted the motion. The ground is learnt again after several pairs
+  that agree on a motion, which must also be seen where the image contradicted it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import Enum, auto
+from typing import NamedTuple
+
+from sfr_loc_map.geometry.arrays import FloatImage, Mask
+from sfr_loc_map.geometry.camera import Pose
+from sfr_loc_map.localisation.frontend.image_cells import LEVEL, ExcludedCells
+from sfr_loc_map.localisation.frontend.tracking import StereoFrame
+
+# The values here and in `ground_evidence` were chosen on rendered drives with injected faults
+# (docs/decisions/0002-localiser.md), so that clean drives have no findings and no error of a faulty drive exceeds five
+# times its stated 3 sigma without one.
+
+LEARNING_PAIRS = 3  #: Moving pairs that one motion must explain before it is the ground's.
+SHORT_DOUBT_PAIRS = 3  #: Agreeing pairs that end the doubt about a ground that was known.
+LONG_DOUBT_PAIRS = 10  #: Agreeing pairs that end the doubt about a ground that was not known.
+STALE_SETTLING_PAIRS = 10  #: Moving pairs that stay degraded after a mostly stale image.
+MOSTLY_STALE = 0.5  #: Fraction of stale rows from which an image is mostly stale: later images may be entirely stale.
+MAX_TRANSFERS = 10  #: Maximum number of consecutive pairs that are taken as partially transferred.
+MIN_UNEXPLAINED = 0.12  #: Fraction of unexplained landmarks, above the typical one, from which a motion is unusual.
+MAX_UNEXPLAINED = 0.47  #: Fraction of unexplained landmarks from which a motion is unusual in any case.
+AFTER_TRANSFER = 0.5  #: Factor on `MIN_UNEXPLAINED` after a partially transferred pair.
+TYPICAL_FACTOR = 1.25  #: Factor on the typical fraction of unexplained landmarks.
+RISING_GAIN = 0.1  #: Gain of the typical fraction for a pair with a larger fraction.
+FALLING_GAIN = 0.5  #: Gain of the typical fraction for a pair with a smaller fraction.
+
+
+class Phase(Enum):
+    """What is known about the ground's motion."""
+
+    LEARNING = auto()
+    KNOWN = auto()
+    IN_DOUBT = auto()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Confidence:
+    """The phase, and how many pairs end it."""
+
+    phase: Phase = Phase.LEARNING
+    agreed_pairs: int = 0  #: Moving pairs of this phase that one motion explained.
+    required_pairs: int = LEARNING_PAIRS  #: Such pairs that lead to the next phase; not used by a known ground.
+    contradicting: Mask | None = None  #: In doubt: `(R, C)` cells that contradicted a motion.
+
+    def after_agreement(self) -> Confidence:
+        """Return the confidence after a moving pair that one motion explained."""
+        if self.phase is Phase.KNOWN:
+            return self
+        agreed_pairs = self.agreed_pairs + 1
+        if agreed_pairs < self.required_pairs:
+            return replace(self, agreed_pairs=agreed_pairs)
+        return Confidence(Phase.KNOWN) if self.phase is Phase.LEARNING else Confidence()
+
+    def after_interruption(self) -> Confidence:
+        """Return the confidence after a pair that agreed only in part, or in a new window: learning starts again."""
+        return self if self.phase is Phase.IN_DOUBT else Confidence()
+
+    def after_contradiction(self, cells: Mask) -> Confidence:
+        """Return the confidence after two motions competed, or cells `(R, C)` contradicted the pose.
+
+        A ground that was known, or nearly is again, recovers soon. Doubt about a ground that was being learnt lasts
+        longer.
+        """
+        is_in_doubt = self.phase is Phase.IN_DOUBT
+        nearly_recovered = is_in_doubt and self.required_pairs - self.agreed_pairs <= SHORT_DOUBT_PAIRS
+        is_short = self.phase is Phase.KNOWN or nearly_recovered
+        if is_in_doubt and self.contradicting is not None:
+            cells = self.contradicting | cells
+        required_pairs = SHORT_DOUBT_PAIRS if is_short else LONG_DOUBT_PAIRS
+        return Confidence(Phase.IN_DOUBT, 0, required_pairs, cells)
+
+
+class ComparedImage(NamedTuple):
+    """Earlier image that the present one is compared with, cell by cell."""
+
+    image: FloatImage  #: Pyramid level `LEVEL` of a left image.
+    pose: Pose  #: Pose of the left camera there.
+    age: int = 0  #: Number of pairs that were compared with it.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroundMemory:
+    """What is remembered of accepted pairs, and of pairs that contradict their pose."""
+
+    excluded: ExcludedCells  #: Cells that do not move with the ground.
+    compared: ComparedImage | None = None  #: Image of an accepted pose; None before the first window.
+    confidence: Confidence = Confidence()
+    transfers: int = 0  #: Number of consecutive partially transferred pairs.
+    settling: int = 0  #: Number of moving pairs that are still degraded after a doubtful one.
+    typical: float | None = None  #: Typical fraction of unexplained landmarks; None before the first pair.
+
+    @classmethod
+    def none(cls, shape: tuple[int, int]) -> GroundMemory:
+        """Return the memory before the first pair of images of a shape (height, width)."""
+        return cls(ExcludedCells.none(shape))
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether no pair before was contradicted, ambiguous or partially transferred."""
+        return self.settling == 0 and self.transfers == 0 and self.confidence.phase is not Phase.IN_DOUBT
+
+    @property
+    def usual_unexplained(self) -> float:
+        """Fraction of unexplained landmarks up to which a motion is usual, if no pair was partially transferred."""
+        return MIN_UNEXPLAINED + TYPICAL_FACTOR * (self.typical or 0.0)
+
+    def is_usual(self, unexplained: float) -> bool:
+        """Return whether a fraction of unexplained landmarks is usual for the ground."""
+        margin = AFTER_TRANSFER * MIN_UNEXPLAINED if self.transfers else MIN_UNEXPLAINED
+        return unexplained < min(margin + TYPICAL_FACTOR * (self.typical or 0.0), MAX_UNEXPLAINED)
+
+    def typical_after(self, unexplained: float) -> float | None:
+        """Return the typical fraction of unexplained landmarks after a pair of one motion.
+
+        An unusual pair of a known ground does not change the fraction, nor does any pair while the ground is in doubt.
+        """
+        phase = self.confidence.phase
+        if phase is Phase.IN_DOUBT or (phase is Phase.KNOWN and not self.is_usual(unexplained)):
+            return self.typical
+        typical = unexplained if self.typical is None else self.typical
+        gain = RISING_GAIN if unexplained > typical else FALLING_GAIN
+        return typical + gain * (unexplained - typical)
+
+    def in_new_window(self, frame: StereoFrame, pose: Pose) -> GroundMemory:
+        """Return the memory with a new window. Its ground has not been seen to move; doubt persists."""
+        return replace(
+            self,
+            compared=ComparedImage(frame.left[LEVEL].image, pose),
+            confidence=self.confidence.after_interruption(),
+            transfers=0,
+            settling=0,
+            typical=None,
+        )
+
+    def after_stale_rows(self, stale: Mask) -> GroundMemory:
+        """Return the memory after a pair with stale rows `(H,)`: later pairs may have stale parts, too."""
+        if not stale.any():
+            return self
+        settling = STALE_SETTLING_PAIRS if stale.mean() > MOSTLY_STALE else 1
+        return replace(self, transfers=max(self.transfers, 1), settling=max(self.settling, settling))

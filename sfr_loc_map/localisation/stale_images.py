@@ -1,0 +1,178 @@
+"""Comparison of a pair with the one before: which parts of its images were not exposed again.
+
+- The noise of a camera makes two images of one scene differ in every textured row. Rows that are equal to the last bit
+  were therefore not exposed again.
+- A frozen image may have new noise. It then shows the same scene twice, as a stationary rover does. Two exposures have
+  independent noise: where noise made the first image brighter, the second one is darker (regression to the mean, slope
+  -1/2). A frozen image with added noise differs independently of the first (slope 0). If hardly a pixel differs, there
+  was no exposure at all.
+- A partially transferred image consists of two exposures: it is new above some row, and of the pair before below it, or
+  the other way round.
+
+Stale parts are blanked, so that nothing is tracked in them. A part that stays the same for several pairs is not stale
+but fixed to the camera, and is not blanked.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import cv2
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatImage, GreyImage, Mask
+from sfr_loc_map.geometry.stereo import StereoPair
+
+ROW_STEPS: Final = (16, 1)  #: Row steps of the comparison: all rows are compared if every 16th does not decide.
+MAX_NOISE: Final = 12.0  #: Standard deviation of a difference, grey levels, above which the scene moved.
+NOISE_MARGIN: Final = 1.1  #: Factor on the variance in the first test, because images are rounded.
+MAX_NEIGHBOUR_CORRELATION: Final = 0.2  #: Correlation of neighbouring differences above which the scene moved.
+UNDEREXPOSED: Final = 8  #: Grey level up to which noise is clipped.
+OVEREXPOSED: Final = 247  #: Grey level from which noise is clipped.
+MIN_PIXELS: Final = 256  #: Minimum number of exposed pixels for a decision.
+MIDDLE_SLOPE: Final = -0.25  #: Slope between that of two exposures (-1/2) and that of a frozen image (0).
+STANDARD_ERRORS: Final = 4.0  #: Standard errors of the slope for a decision.
+CALM_QUANTILE: Final = 0.1  #: Quantile of the neighbouring texture from which a pixel is weighted down.
+MAX_CHANGED: Final = 0.1
+"""Fraction of the exposed pixels that differ in an image that was not exposed again. A noise of a tenth of a grey level
+makes a tenth of the pixels of two exposures differ."""
+MIN_ROW_RANGE: Final = 8  #: Range of grey levels of a textured row: sky and saturated rows are equal in all images.
+MIN_STALE_FRACTION: Final = 0.05  #: Fraction of stale rows from which an image is partially transferred.
+PROBE: Final = 64  #: Column and row step of a first comparison.
+
+
+class StaleRows(NamedTuple):
+    """Rows of one image that repeat the image before."""
+
+    rows: Mask  #: `(H,)` textured rows that are equal; all rows if the image is repeated with new noise.
+    is_frozen: bool  #: Whether all textured rows are repeated, and there are some.
+    is_same: bool  #: Whether the whole image is repeated, textured or not, perhaps with new noise.
+
+
+class ImageMemory(NamedTuple):
+    """What the next pair is compared with."""
+
+    pair: StereoPair  #: The last pair that was not repeated; a frozen image is replaced by the one that was exposed.
+    left: StaleRows  #: Stale rows of that pair.
+    right: StaleRows
+
+
+class ImageComparison(NamedTuple):
+    """A pair against the one before."""
+
+    pair: (
+        StereoPair  #: The pair with its stale parts blanked. A repeated pair is complete, because it is of one moment.
+    )
+    memory: ImageMemory  #: What the next pair is compared with.
+    stale_rows: Mask  #: `(H,)` rows that were blanked in an image of which other rows are new.
+    is_repeated: bool = False  #: Whether both images repeat the pair before, also swapped.
+    is_left_frozen: bool = False  #: Whether the left image alone repeats the one before. It is blanked.
+    is_right_frozen: bool = False  #: The same for the right image.
+
+
+def compare(pair: StereoPair, memory: ImageMemory | None) -> ImageComparison:
+    """Compare a pair with the one before, and blank what was not exposed again."""
+    nothing = np.zeros(len(pair.left), np.bool_)
+    if memory is None:
+        fresh = StaleRows(nothing, is_frozen=False, is_same=False)
+        return ImageComparison(pair, ImageMemory(pair, fresh, fresh), nothing)
+    before = memory.pair
+    left = stale_rows(before.left, pair.left)
+    right = stale_rows(before.right, pair.right)
+    if is_swapped_repeat(before, pair) or (left.is_same and right.is_same):
+        return ImageComparison(pair, memory, nothing, is_repeated=True)
+    # a frozen image is always compared with the one that was exposed
+    exposed_left = before.left if left.is_frozen else pair.left
+    exposed_right = before.right if right.is_frozen else pair.right
+    exposed = StereoPair(pair.stamp_ns, exposed_left, exposed_right)
+    # rows that were stale before are fixed to the camera
+    torn_left = nothing if left.is_frozen else left.rows & ~memory.left.rows
+    torn_right = nothing if right.is_frozen else right.rows & ~memory.right.rows
+    blank_left = left.rows if left.is_frozen else torn_left
+    blank_right = right.rows if right.is_frozen else torn_right
+    return ImageComparison(
+        pair=replace(pair, left=_blanked(pair.left, blank_left), right=_blanked(pair.right, blank_right)),
+        memory=ImageMemory(exposed, left, right),
+        stale_rows=torn_left | torn_right,
+        is_left_frozen=left.is_frozen,
+        is_right_frozen=right.is_frozen,
+    )
+
+
+def stale_rows(before: GreyImage, now: GreyImage) -> StaleRows:
+    """Return the rows of an image that repeat the image before."""
+    # most images move and differ by more than noise: this test is cheap
+    change = cv2.subtract(now[1 : -1 : ROW_STEPS[0]], before[1 : -1 : ROW_STEPS[0]], dtype=cv2.CV_32F)
+    is_small = cv2.meanStdDev(change)[1].item() ** 2 <= NOISE_MARGIN * MAX_NOISE**2
+    if is_small and is_repeated_with_noise(before, now):
+        return StaleRows(np.ones(len(now), np.bool_), is_frozen=True, is_same=True)
+    same = (before[:, ::PROBE] == now[:, ::PROBE]).all(axis=1)
+    if same.any():
+        same &= (before == now).all(axis=1)
+        textured = np.ptp(now, axis=1) >= MIN_ROW_RANGE
+        rows = same & textured
+        if np.count_nonzero(rows) >= MIN_STALE_FRACTION * len(now):
+            return StaleRows(rows, is_frozen=bool(same[textured].all()), is_same=bool(same.all()))
+    return StaleRows(np.zeros(len(now), np.bool_), is_frozen=False, is_same=bool(same.all()))
+
+
+def is_swapped_repeat(before: StereoPair, now: StereoPair) -> bool:
+    """Return whether a pair is the one before with left and right swapped, perhaps with new noise."""
+    few = slice(len(now.left) // 2, None, PROBE)  # few rows decide in most cases
+    change = cv2.subtract(now.left[few], before.right[few], dtype=cv2.CV_32F)
+    if cv2.meanStdDev(change)[1].item() ** 2 > NOISE_MARGIN * MAX_NOISE**2:
+        return False
+    return stale_rows(before.right, now.left).is_same and stale_rows(before.left, now.right).is_same
+
+
+def are_equal(one: GreyImage, other: GreyImage) -> bool:
+    """Return whether two images are bit-identical; few rows decide in most cases."""
+    few = slice(len(one) // 2, None, PROBE)
+    return np.array_equal(one[few], other[few]) and np.array_equal(one, other)
+
+
+def _blanked(image: GreyImage, rows: Mask) -> GreyImage:
+    if not rows.any():
+        return image
+    blanked = image.copy()
+    blanked[rows] = 0
+    return blanked
+
+
+def is_repeated_with_noise(before: GreyImage, now: GreyImage) -> bool:
+    """Return whether an image is an earlier one with new noise. Equal images have no new noise and give False."""
+    for step in ROW_STEPS:
+        change = np.asarray(cv2.subtract(now[1:-1:step], before[1:-1:step], dtype=cv2.CV_32F), np.float32)
+        # noise is small, and independent from pixel to pixel
+        centred = change - change.mean()
+        variance = float(np.mean(np.square(centred)))
+        covariance = float(np.mean(centred[:, 1:] * centred[:, :-1]))
+        if variance > MAX_NOISE**2 or not covariance <= MAX_NEIGHBOUR_CORRELATION * variance:
+            return False
+        first = before[1:-1:step].astype(np.float32)
+        exposed = (first[:, 1:-1] > UNDEREXPOSED) & (first[:, 1:-1] < OVEREXPOSED)
+        if np.count_nonzero(exposed) < MIN_PIXELS:
+            return False
+        # the texture of the rows above and below gives the weight: their noise is independent of this row's
+        above = np.abs(_second_difference(before[:-2:step].astype(np.float32)))
+        below = np.abs(_second_difference(before[2::step].astype(np.float32)))
+        texture = np.maximum(above, below)[exposed]
+        scale = float(np.quantile(texture, CALM_QUANTILE)) + 1.0
+        weight = np.asarray(1.0 / (np.square(texture) + scale**2), np.float32)
+        # weighted slope of the changes over the first image, relative to their power, and its standard error
+        there = _second_difference(first)[exposed]
+        changes = _second_difference(change)[exposed]
+        power = float(np.sum(weight * np.square(changes)))
+        if power > 0.0:
+            products = weight * there * changes
+            slope = float(np.sum(products)) / power
+            standard_error = float(np.sqrt(np.sum(np.square(products)))) / power
+            if abs(slope - MIDDLE_SLOPE) > STANDARD_ERRORS * standard_error:
+                return slope > MIDDLE_SLOPE
+    return float(np.mean(change[:, 1:-1][exposed] != 0.0)) < MAX_CHANGED and not np.array_equal(before, now)
+
+
+def _second_difference(image: FloatImage) -> FloatImage:
+    """Return the second difference along the rows, which holds noise and little of the scene."""
+    return np.asarray(2.0 * image[:, 1:-1] - image[:, :-2] - image[:, 2:], np.float32)
