@@ -10,7 +10,7 @@ If the evidence does not separate the two, the pose is ambiguous.
 1. Compare the left image with an earlier one, cell by cell, and gather the `Evidence` (`ground_evidence.py`).
 2. `decide`: the first row of `CASES` that applies gives the case.
 3. Select the tracks that follow the ground, and what is excluded, by the case (`_selection`).
-4. Report findings, and return the memory for the next pair (`_findings`, `_memory_after`; `ground_memory.py`).
+4. Return the findings and the memory for the next pair (`EFFECTS`, `_findings`, `_memory_after`; `ground_memory.py`).
 """
 
 from __future__ import annotations
@@ -48,15 +48,13 @@ class Case(Enum):
     """What a pair shows, and which tracks follow the ground."""
 
     OWN_BODY = auto()  #: The main motion is that of static texture: the motion beside it is the ground's.
-    UNTRUSTED = auto()  #: No motion is trusted: the main tracks as they are.
-    CONTRADICTED = auto()  #: The image changed otherwise than the main motion: its tracks, to be refused.
+    UNTRUSTED = auto()  #: No motion is trusted: the main tracks as they are, to be refused.
+    CONTRADICTED = auto()  #: The image changed where the main motion predicts no change: its tracks, to be refused.
     PARTIAL_TRANSFER = auto()  #: Parts of the images are of different moments: the main motion.
     AMBIGUOUS = auto()  #: Two motions, and it is unknown which is the ground's: the one with more weight.
     RIVAL = auto()  #: Two motions: the rival is the ground's.
     MAIN = auto()  #: Two motions: the main one is the ground's.
-    #: Hardly half of the landmarks follow the main motion while the ground is not known: it may be anything, and must
-    #: not become the ground.
-    UNCONVINCING = auto()
+    UNCONVINCING = auto()  #: One motion that hardly half of the landmarks follow, while the ground is not known.
     ONE_MOTION = auto()  #: One motion: the main one, without what is fixed to the camera.
 
 
@@ -79,6 +77,31 @@ A row asks a question of the evidence (`ground_evidence.Evidence`) only if no ro
 """
 
 
+class Effect(NamedTuple):
+    """What a case reports, and what it teaches about the ground."""
+
+    finding: Finding | None = None
+    contradicts: bool = False  #: Whether the ground's motion is in doubt after the pair.
+    ends_transfers: bool = False  #: Whether the pair is the first of a row that is not partially transferred.
+
+
+EFFECTS: Final = {
+    Case.OWN_BODY: Effect(),
+    Case.UNTRUSTED: Effect(),
+    Case.CONTRADICTED: Effect(Finding.CONTRADICTED, contradicts=True),
+    Case.PARTIAL_TRANSFER: Effect(Finding.PARTIAL_TRANSFER),
+    Case.AMBIGUOUS: Effect(Finding.AMBIGUOUS, contradicts=True),
+    Case.RIVAL: Effect(),
+    Case.MAIN: Effect(),
+    Case.UNCONVINCING: Effect(Finding.AMBIGUOUS, contradicts=True, ends_transfers=True),
+    Case.ONE_MOTION: Effect(ends_transfers=True),
+}
+"""What each case reports and teaches. The memory and the selected tracks give further findings (`_findings`).
+
+Only `ONE_MOTION` can confirm the ground's motion (`_confidence_after`) and what is typical for it.
+"""
+
+
 def decide(evidence: Evidence) -> Case:
     """Return the case of a pair."""
     return next(case for case, applies in CASES if applies(evidence))
@@ -89,7 +112,7 @@ class Selection(NamedTuple):
 
     tracks: Tracks
     is_main: bool = True  #: Whether the tracks follow the main motion.
-    is_partial: bool = False  #: Whether an unusual fraction of the landmarks does not follow another motion than that.
+    is_partial: bool = False  #: Whether an unusual fraction of the landmarks does not follow the selected motion.
     not_ground: NDArray[np.intp] = NO_ROWS  #: `(N,)` rows in the window of landmarks that do not move with the ground.
     fixed: Mask | None = None  #: `(R, C)` cells that are fixed to the camera.
     moving: Mask | None = None  #: `(R, C)` cells that move otherwise than the ground.
@@ -186,7 +209,7 @@ class GroundSelector:
                 not_ground = evidence.main.landmarks.index[explained.on_fixed]
                 return Selection(evidence.main, not_ground=not_ground, fixed=explained.fixed_cells)
             case Case.UNTRUSTED | Case.CONTRADICTED | Case.PARTIAL_TRANSFER:
-                return Selection(evidence.main, is_partial=case is Case.PARTIAL_TRANSFER)
+                return Selection(evidence.main)
 
     def _beside_body(self, evidence: Evidence) -> Selection:
         """Select the motion beside static texture, which is excluded as the own body."""
@@ -239,19 +262,18 @@ class GroundSelector:
     ) -> GroundMemory:
         """Return the memory after a pair, by the case."""
         memory = evidence.memory
-        transfers = memory.transfers
+        confidence = _confidence_after(case, evidence)
+        transfers = 0 if EFFECTS[case].ends_transfers else memory.transfers
         typical = memory.typical
         if case is Case.PARTIAL_TRANSFER:
             transfers += 1
-        if case in (Case.UNCONVINCING, Case.ONE_MOTION):
-            transfers = 0
         if case is Case.ONE_MOTION:
             typical = memory.typical_after(evidence.explained.unexplained_fraction)
-        confidence = _confidence_after(case, evidence)
         settling = memory.settling
-        if case is Case.CONTRADICTED or _is_ambiguous(case, evidence, confidence):
+        doubts = _doubts(case, evidence, selection, confidence)
+        if Finding.CONTRADICTED in doubts or Finding.AMBIGUOUS in doubts:
             settling = max(settling, SETTLING_PAIRS)
-        elif selection.is_partial:
+        elif Finding.PARTIAL_TRANSFER in doubts:
             settling = max(settling, min(transfers, SETTLING_PAIRS))
         elif settling > 0 and selection.tracks.is_trusted and evidence.explained.motion_px > MOVED_PX:
             settling -= 1
@@ -279,7 +301,7 @@ class GroundSelector:
 def _confidence_after(case: Case, evidence: Evidence) -> Confidence:
     """Return the confidence in the ground's motion after a pair; a stationary image shows nothing."""
     confidence = evidence.memory.confidence
-    if case in (Case.CONTRADICTED, Case.AMBIGUOUS, Case.UNCONVINCING):
+    if EFFECTS[case].contradicts:
         return confidence.after_contradiction(evidence.unexplained_cells)
     if case is not Case.ONE_MOTION or evidence.is_known or evidence.explained.motion_px <= MOVED_PX:
         return confidence
@@ -290,27 +312,25 @@ def _confidence_after(case: Case, evidence: Evidence) -> Confidence:
     return confidence.after_interruption()
 
 
-def _is_ambiguous(case: Case, evidence: Evidence, confidence: Confidence) -> bool:
-    """Return whether the pose may be that of another motion: two were found, or one explains too little."""
-    is_doubtful = evidence.is_half_unexplained or confidence.phase is Phase.IN_DOUBT
-    return case in (Case.AMBIGUOUS, Case.UNCONVINCING) or (case is Case.ONE_MOTION and is_doubtful)
+def _doubts(case: Case, evidence: Evidence, selection: Selection, after: Confidence) -> frozenset[Finding]:
+    """Return the findings after which further pairs stay degraded; the confidence is that after the pair."""
+    finding = EFFECTS[case].finding
+    doubts = set() if finding is None else {finding}
+    if selection.is_partial:
+        doubts.add(Finding.PARTIAL_TRANSFER)
+    if case is Case.ONE_MOTION and (evidence.is_half_unexplained or after.phase is Phase.IN_DOUBT):
+        doubts.add(Finding.AMBIGUOUS)
+    return frozenset(doubts)
 
 
 def _findings(case: Case, evidence: Evidence, selection: Selection, after: GroundMemory) -> frozenset[Finding]:
-    """Return the findings in a pair, after which the memory is a given one."""
-    findings = set()
-    if case is Case.CONTRADICTED:
-        findings.add(Finding.CONTRADICTED)
-    if selection.is_partial:
-        findings.add(Finding.PARTIAL_TRANSFER)
-    if _is_ambiguous(case, evidence, after.confidence):
-        findings.add(Finding.AMBIGUOUS)
-    is_doubtful = bool(findings)
+    """Return all findings in a pair; the memory is that after the pair."""
+    findings = _doubts(case, evidence, selection, after.confidence)
+    if not findings and after.settling > 0 and selection.tracks.is_trusted:
+        findings |= {Finding.UNSETTLED}
     if case is Case.ONE_MOTION and evidence.is_known and evidence.is_unusual:
-        findings.add(Finding.UNEXPLAINED)
-    if after.settling > 0 and selection.tracks.is_trusted and not is_doubtful:
-        findings.add(Finding.UNSETTLED)
-    return frozenset(findings)
+        findings |= {Finding.UNEXPLAINED}
+    return findings
 
 
 def _present(tracks: Tracks | None) -> Tracks:

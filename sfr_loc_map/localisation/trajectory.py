@@ -343,7 +343,7 @@ def _placed(path: PathState, pose: StartPose, stamp_ns: int | None, model: Rover
             start=LocatedCovariance(last.translation, covariance),
             bias=bias,
             bias_at_start=bias,
-            located=LocatedCovariance(last.translation, ZERO),
+            directed_covariance=LocatedCovariance(last.translation, ZERO),
         ),
         history=History(),
     )
@@ -374,6 +374,6 @@ def _rebased(path: PathState, pose: StartPose, at_ns: int, model: RoverModel) ->
         drift_origin=drift_origin,
         bias_at_start=past.bias,
         directed=since,
-        located=LocatedCovariance(position, since.covariance),
+        directed_covariance=LocatedCovariance(position, since.covariance),
     )
     return replace(path, datum=replace(path.datum, T_ds_world=T_ds_world), errors=errors)

@@ -1,34 +1,59 @@
 """What the estimates may be wrong by: the named error sources, and the covariances that are composed of them.
 
-A new error source is a field of `ErrorSources` and a term in one of the four functions below. If it accumulates along
-the path, it is also a field of `PathErrors`, updated by `path.tracked` and reset by `path._placed` and `path._rebased`.
+The formulas name the fields of `ErrorSources`. They contain what the localiser estimates itself: `yaw_sigma`,
+`yaw_target` and `yaw_remaining` are the standard deviation of the right camera's yaw, the yaw to be corrected, and the
+part of it that is not corrected yet (`OnlineCalibration`), px. The *variance factor* v is the ratio of the residuals
+found to those stated (Foerstner and Wrobel, Photogrammetric Computer Vision, chapter 4). Z is the median depth of the
+landmarks, m, f the focal length, px, and b the baseline, m.
 
-**Pose** (`pose_covariance`), of the left camera in the world, since the pose at which the run started:
+**Pose** (`pose_covariance`): left camera in the world, since the pose that placed the world in DS.
 
-    P = F_s S F_s' + 2 D + F_a A F_a' + blur + (disparity^2 + yaw^2 + (0.5 remaining)^2) b b' + u u' + attitude + M
+    P = start + adjustment_inflation D + A + blur + (disparity_px^2 + yaw_sigma^2 + (unsettled_yaw_ratio
+        yaw_remaining)^2) B B' + U U' + attitude + unobserved
 
-S start pose; D drift within the window; A directed errors (ambiguous motions, bending of the path by the lens); b path
-integral of position over disparity error, m/px; u position error of the path travelled with the yaw uncorrected, m; M
-motion that no image showed; blur the error of a whole image; attitude the rotation that the yaw leaves. F propagates a
-covariance from where it arose to the present position. The factors are fields of `ErrorSources`.
+- start: covariance of that pose, propagated to the present position.
+- D: drift within the window, from the bundle adjustment.
+- A: directed errors (ambiguous motions; bending of the path by the lens), which add up along the path, propagated.
+- blur: (blur_px / f) rad on each axis, and that angle times Z in position.
+- B: path integral of the position over a constant disparity error, m/px. U: position error of the path that was
+  travelled before the yaw was corrected, m.
+- attitude: (bent_attitude_ratio hypot(yaw_sigma, yaw_target))^2 + (followed_attitude_ratio followed drift)^2, over f^2.
+- unobserved: the motion since the last pose as if no image had shown it, for findings that ask for it
+  (`findings.RULES`), and while the last pose is kept.
 
-Two poses share most of P, and P shrinks when the yaw of the right camera is learnt. P therefore does not give the
-uncertainty of the motion between two poses, which is composed of steps.
+Two poses share most of P, and P shrinks when the yaw is learnt. P therefore does not give the uncertainty of the motion
+between two poses, which is composed of steps.
 
-**Step** (`step_covariance`), of RB in RB at the pose before, independent from step to step:
+**Step** (`step_covariance`): RB in RB at the pose before, independent from step to step.
 
-    Q = 1.5 max(v, 0.2) r (2 K + keyframe) + M,    r = max(size of the step / size of a keyframe interval, 0.02)
+    Q = step_inflation max(v, min_variance_factor) r (adjustment_inflation K + (keyframe_px Z / f)^2) + added
+    r = max(step / max(keyframe interval, min_interval_ratio usual interval), min_step_ratio)
 
-K covariance of the newest keyframe given the one before, v variance factor (ratio of the residuals found to those
-stated; Foerstner and Wrobel, Photogrammetric Computer Vision, chapter 4; the factor is 1 before the first residuals).
-M is added by `path.tracked`, for the motion to the pose before and to this pose.
+- K: covariance of the newest keyframe given the one before. The sizes of step and interval are optical flow, rad.
+- added: what findings add to the two poses of the step (`inflation_of`). The factor is 1 before the first residuals.
 
-**Noise** (`pose_noise`): white noise of a pose itself, which cancels between consecutive steps. **Systematic**
-(`systematic_step`): errors common to all steps, which add up with their sign. A yaw that is still to be corrected
-counts in full in a step and by half in the pose, which holds the uncorrected path u as well.
+**Noise** (`pose_noise`): white noise of a pose itself, which cancels between consecutive steps.
 
-**Twist**: the motion of a step over its duration; its covariance is Q, the noise of both poses, the systematic part,
-and a speed that may have changed while no image showed it (`StepEstimate.motion_covariance`).
+    N = white_ratio max(v, min_variance_factor) max(shear, 1) C + exposure_rad^2 (attitude)
+
+- C: covariance of the pose given the landmarks.
+
+**Systematic** (`systematic_step`): errors common to all steps, which add up with their sign.
+
+    position = hypot(disparity_px, yaw_sigma, yaw_remaining) Z / (f b) displacement
+    attitude = hypot(lens_px, lens_ratio residual disparity) / (f b) length
+
+A yaw that is still to be corrected counts in full in a step and by half in the pose, which contains U as well.
+
+**Twist** (`StepEstimate.motion_covariance`): the motion of a step over its duration. Its covariance is Q, N of both
+poses, the squared systematic part, and a speed that may have changed while no image showed it.
+
+**Unobserved motion** (`unobserved_motion`): in a time t at the speed (s, w), at least the configured one:
+
+    diag(s t, s t, climb_ratio s t, tilt_ratio w t, tilt_ratio w t, w t)^2
+
+A new error source is a field of `ErrorSources` and a term in one of these formulas. If it accumulates along the path,
+it is also a field of `PathErrors`, updated by `trajectory.accepted` and reset by the functions for poses from outside.
 
 Positions are `(3,)`, m, in the world. A covariance `(6, 6)` is of position and rotation about fixed axes, of the left
 camera in the world unless stated otherwise.
@@ -60,45 +85,49 @@ ZERO = np.zeros((6, 6))  #: No uncertainty; read only.
 class ErrorSources:
     """The error sources of the localiser: standard deviations, and ratios to what is estimated.
 
-    The values were chosen so that the NEES is near 1 on rendered drives (docs/decisions/0002, `make nees`).
+    The values were chosen so that the NEES is near 1 on rendered drives (docs/decisions/0002-localiser.md, `make nees`).
+    The letter before each field says which formula of the module it enters: P pose, Q step, N noise, S systematic, U
+    unobserved motion. The twist contains Q, N and S.
     """
 
     blur_px: float = 0.03
-    """Error of a whole image (blur, jitter), px: it is common to all landmarks and therefore unobservable."""
+    """P. Error of a whole image (blur, jitter), px: it is common to all landmarks and therefore unobservable."""
     exposure_rad: float = 1e-5
-    """Attitude noise of a whole image, rad, because its mean exposure is not at the stamp (vibration: 4e-5)."""
+    """N. Attitude noise of a whole image, rad, because its mean exposure is not at the stamp (vibration: 4e-5)."""
     disparity_px: float = 0.01
-    """Error that all disparities share, px: it scales the path."""
+    """P, S. Error that all disparities share, px: it scales the path."""
     lens_px: float = 0.0007
-    """Disparity error that varies over the image, of a lens whose residuals show none, px. It bends the path."""
+    """P (in A), S. Disparity error that varies over the image, of a lens whose residuals show none, px. It bends the
+    path."""
     lens_ratio: float = 0.17
-    """The same error as a ratio to the RMS of the residual disparities."""
+    """P (in A), S. The same error as a ratio to the RMS of the residual disparities."""
     unsettled_yaw_ratio: float = 0.5
-    """Error of the yaw of the right camera as a ratio to the yaw that is still to be corrected."""
+    """P. Error of the yaw of the right camera as a ratio to the yaw that is still to be corrected."""
     bent_attitude_ratio: float = 0.25
-    """Attitude error as a ratio to the yaw: an uncorrected yaw bends the path."""
+    """P. Attitude error as a ratio to the yaw: an uncorrected yaw bends the path."""
     followed_attitude_ratio: float = 0.1
-    """Attitude error as a ratio to the drift of the right camera that was followed."""
+    """P. Attitude error as a ratio to the drift of the right camera that was followed."""
     adjustment_inflation: float = 2.0
-    """Factor on the covariance of the bundle adjustment, because errors of neighbouring landmarks are correlated."""
+    """P, Q. Factor on the covariance of the bundle adjustment, because errors of neighbouring landmarks are
+    correlated."""
     keyframe_px: float = 0.01
-    """Position error of a keyframe that its landmarks share, px at their median depth."""
+    """Q. Position error of a keyframe that its landmarks share, px at their median depth."""
     min_step_ratio: float = 0.02
-    """Ratio of the smallest step to a keyframe interval: no pose is exactly the one before."""
+    """Q. Ratio of the smallest step to a keyframe interval: no pose is exactly the one before."""
     min_interval_ratio: float = 0.25
-    """Smallest keyframe interval as a ratio to the interval that the optical flow triggers."""
+    """Q. Smallest keyframe interval as a ratio to the interval that the optical flow triggers."""
     variance_gain: float = 0.1
     """Gain of a pair in the variance factor, which follows light and ground within some ten pairs."""
     min_variance_factor: float = 0.2
-    """Smallest variance factor: below it, errors dominate that no residual shows."""
+    """Q, N. Smallest variance factor: below it, errors dominate that no residual shows."""
     step_inflation: float = 1.5
-    """Factor on the variance factor in steps: errors that neighbouring landmarks share are in no residual."""
+    """Q. Factor on the variance factor in steps: errors that neighbouring landmarks share are in no residual."""
     white_ratio: float = 0.5
-    """Fraction of the covariance of a pose that is independent from pair to pair (image noise)."""
+    """N. Fraction of the covariance of a pose that is independent from pair to pair (image noise)."""
     climb_ratio: float = 0.3
-    """Vertical over horizontal speed of a motion that no image showed."""
+    """U. Vertical over horizontal speed of a motion that no image showed: slopes of up to 17 degrees."""
     tilt_ratio: float = 0.2
-    """Roll and pitch rate over the turn rate of a motion that no image showed."""
+    """U. Roll and pitch rate over the turn rate of a motion that no image showed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -193,20 +222,20 @@ class PathErrors:
     #: Pose in the window from which the drift counts; None: from the start of the window.
     drift_origin: LocatedCovariance | None = None
     in_window: FloatArray = field(default_factory=lambda: ZERO)  #: Covariance of the present pose in its window.
-    unobserved: FloatArray = field(
-        default_factory=lambda: ZERO
-    )  #: Covariance of the motion up to the present pose that no image showed.
+    #: Covariance of the motion up to the present pose that no image showed.
+    unobserved: FloatArray = field(default_factory=lambda: ZERO)
     bias: DisparityBias = DisparityBias(np.zeros(3), np.zeros(3))
     bias_at_start: DisparityBias = DisparityBias(np.zeros(3), np.zeros(3))
     directed: DirectedError = DirectedError(0.0, 0.0)  #: Sum of ambiguous motions and of the bending by the lens.
-    located: LocatedCovariance = LocatedCovariance(np.zeros(3), ZERO)  #: Covariance of that sum, and where it arose.
+    #: Covariance of that sum, and where it arose.
+    directed_covariance: LocatedCovariance = LocatedCovariance(np.zeros(3), ZERO)
 
     def with_directed(self, error: DirectedError, position: FloatArray) -> PathErrors:
         """Return the errors with a further directed one, which arose at a position."""
         total = self.directed.plus(error)
         growth = total.covariance - self.directed.covariance
-        located = LocatedCovariance(position, self.located.at(position) + growth)
-        return replace(self, directed=total, located=located)
+        located = LocatedCovariance(position, self.directed_covariance.at(position) + growth)
+        return replace(self, directed=total, directed_covariance=located)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -234,7 +263,7 @@ def pose_covariance(
 ) -> FloatArray:
     """Return the covariance of the left camera at a position, with landmarks at a median depth."""
     sources = model.sources
-    covariance = drift_covariance(errors, position, model) + errors.located.at(position)
+    covariance = drift_covariance(errors, position, model) + errors.directed_covariance.at(position)
     blur_rad = sources.blur_px / model.fx
     covariance = covariance + np.diag(np.repeat(np.square([blur_rad * depth_m, blur_rad]), 3))
     # errors that all disparities share: a constant one, the yaw as far as it is unknown, and the path travelled

@@ -91,7 +91,7 @@ def of_path(path: PathState, known: OnlineCalibration | None = None) -> np.ndarr
     calibration = known or OnlineCalibration(RIG.camera, 7)
     covariance = pose_covariance(path.errors, position, DEPTH_M, calibration, model_of(IN_CAMERA))
     images = IMAGE + propagated_covariance(IMAGE, position)
-    return np.asarray((covariance - path.errors.located.covariance - images)[:3, :3])
+    return np.asarray((covariance - path.errors.directed_covariance.covariance - images)[:3, :3])
 
 
 # ---- guesses
