@@ -85,7 +85,7 @@ ZERO = np.zeros((6, 6))  #: No uncertainty; read only.
 class ErrorSources:
     """The error sources of the localiser: standard deviations, and ratios to what is estimated.
 
-    The values were chosen so that the NEES is near 1 on rendered drives (docs/decisions/0002-localiser.md, `make nees`).
+    The values were chosen so that NEES is near 1 on rendered drives (docs/decisions/0002-localiser.md, `make nees`).
     The letter before each field says which formula of the module it enters: P pose, Q step, N noise, S systematic, U
     unobserved motion. The twist contains Q, N and S.
     """
