@@ -146,7 +146,7 @@ def _fused_points(view: PairView, found: Comparison) -> PointCloud:
 
     With the ranges r_i and the weights w_i of the point and of the views that agree, the new range is
     `sum w_i r_i / sum w_i` and its variance `c sigma^2 + (1 - c) / sum w_i`, c the fraction that all pairs have in
-    common.
+    common. Weights are less than `1 / sigma^2` near the border of an image, where the variance is therefore overstated.
     """
     kept = np.flatnonzero(~(found.duplicate | found.conflict))
     cloud = view.cloud.select(kept)

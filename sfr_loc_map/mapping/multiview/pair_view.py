@@ -36,7 +36,8 @@ class ViewImages(NamedTuple):
     """Images of a view, `(H, W)` float32 each."""
 
     disparity: FloatImage  #: Pixels; NaN where invalid.
-    weight: FloatImage  #: 1 / m^2; 0 without a point.
+    sigma: FloatImage  #: Standard deviation of the range, metres; infinite without a point.
+    weight: FloatImage  #: Weight in the fusion, 1 / m^2; 0 without a point.
     grey: FloatImage  #: Grey level; NaN without a point.
 
 
@@ -60,9 +61,9 @@ class PairView:
 
     @cached_property
     def images(self) -> ViewImages:
-        """Disparity, weight and grey level of each pixel.
+        """Disparity, sigma, weight and grey level of each pixel.
 
-        The weight is `feather / sigma^2`. It decreases towards the border, so that fusion leaves no seam there.
+        The weight is `feather / sigma^2`. The feather decreases towards the border, so that the fusion leaves no seam.
         """
         height, width = self.disparity_px.shape
         sigma = np.full((height, width), np.inf, F)
@@ -73,7 +74,8 @@ class PairView:
         border_distance_x = np.minimum(columns, width - 1 - columns) + F(1.0)
         border_distance = np.minimum(border_distance_y[:, None], border_distance_x[None])
         feather = np.minimum(border_distance / F(FEATHER_PX), F(1.0))
-        return ViewImages(self.disparity_px, np.asarray(feather / np.square(sigma), F), self.grey_image())
+        weight = np.asarray(feather / np.square(sigma), F)
+        return ViewImages(self.disparity_px, sigma, weight, self.grey_image())
 
     def grey_image(self, blur_px: float = 0.0) -> FloatImage:
         """Return the left image `(H, W)` at the points, blurred over them by a Gaussian; NaN elsewhere."""
@@ -95,7 +97,7 @@ class ReprojectedPoints:
     point_indices: NDArray[np.intp]  #: Indices of the points in their cloud.
     difference: FloatImage  #: Range that the view observes along its ray minus that of the point, metres.
     sigma: FloatImage  #: Standard deviation of the view's range, metres.
-    weight: FloatImage  #: Weight of the view, 1 / m^2.
+    weight: FloatImage  #: Weight of the view in the fusion, 1 / m^2.
     grey_difference: FloatImage  #: Grey level of the view minus that of the point; NaN where the view has no point.
     grey_difference_shifted: FloatImage  #: The same at `SHIFT_PX` to the right and below.
     offset_px: FloatImage  #: Distance from the view's nearest sample, pixels.
@@ -105,7 +107,8 @@ class ViewSamples(NamedTuple):
     """Samples of a view at N points, `(N,)` float32 each."""
 
     difference: FloatImage  #: Observed range minus that of the point, metres; NaN if the view does not observe it.
-    weight: FloatImage  #: 1 / m^2.
+    sigma: FloatImage  #: Standard deviation of the observed range, metres.
+    weight: FloatImage  #: Weight in the fusion, 1 / m^2.
     grey: FloatImage  #: Grey level.
     grey_shifted: FloatImage  #: Grey level at `SHIFT_PX` to the right and below; NaN beyond the border.
     offset_px: FloatImage  #: Distance from the nearest sample, pixels.
@@ -122,7 +125,7 @@ def reproject_into_view(
     return ReprojectedPoints(
         point_indices=point_indices,
         difference=observed.difference,
-        sigma=np.asarray(F(1.0) / np.sqrt(observed.weight), F),
+        sigma=observed.sigma,
         weight=observed.weight,
         grey_difference=observed.grey - grey,
         grey_difference_shifted=observed.grey_shifted - grey,
@@ -147,6 +150,7 @@ def _sample_view(xyz: FloatImage, T_left_lm: Pose, camera: StereoCamera, images:
     translation = T_left_lm.position
     count = len(xyz)
     difference = np.full(count, F(np.nan))
+    sigmas = np.empty(count, F)
     weights = np.empty(count, F)
     grey = np.empty(count, F)
     grey_shifted = np.full(count, F(np.nan))
@@ -181,6 +185,7 @@ def _sample_view(xyz: FloatImage, T_left_lm: Pose, camera: StereoCamera, images:
             continue
         range_per_depth = np.sqrt(x * x + y * y + z * z) / z
         difference[n] = (scale / disparity - z) * range_per_depth
+        sigmas[n] = images.sigma[nearest_row, nearest_column]
         weights[n] = weight
         grey[n] = _bilinear(images.grey, i, j, t, s)
         if nearest_row + SHIFT_PX < rows and nearest_column + SHIFT_PX < cols:
@@ -188,4 +193,4 @@ def _sample_view(xyz: FloatImage, T_left_lm: Pose, camera: StereoCamera, images:
         row_offset = v - nearest_row
         column_offset = u - nearest_column
         offset_px[n] = np.sqrt(row_offset * row_offset + column_offset * column_offset)
-    return ViewSamples(difference, weights, grey, grey_shifted, offset_px)
+    return ViewSamples(difference, sigmas, weights, grey, grey_shifted, offset_px)
