@@ -15,7 +15,7 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
 
 MAX_CELLS = 2_500_000  #: Largest number of cells: a grid takes up to 120 bytes per cell while it is made, 300 MB.
-TYPICAL_SLOPE = 0.1  #: Typical slope of ground: height error per horizontal displacement of a point.
+TYPICAL_SLOPE = 0.1  #: Typical slope of ground, metres per metre: a displaced point has the height of other ground.
 
 
 class Square(NamedTuple):
@@ -33,7 +33,8 @@ class CellGrid:
     Grids of one cell size therefore have the same cells, whatever cloud they were made of.
     """
 
-    first: tuple[int, int]  #: Number of the first cell along x and along y, counted from the cell at the origin of LM.
+    first_column: int  #: Column of cell (0, 0), counted from the cell at the origin of LM.
+    first_row: int  #: Row of cell (0, 0), counted likewise.
     rows: int  #: Cells along y.
     columns: int  #: Cells along x.
     cell_m: float  #: Side of a cell.
@@ -41,7 +42,7 @@ class CellGrid:
     @property
     def origin_m(self) -> tuple[float, float]:
         """The smallest x and y of cell (0, 0)."""
-        return self.first[0] * self.cell_m, self.first[1] * self.cell_m
+        return self.first_column * self.cell_m, self.first_row * self.cell_m
 
     @classmethod
     def over(cls, xyz: NDArray[np.float32], cell_m: float, within: Square | None = None) -> CellGrid:
@@ -73,18 +74,14 @@ class CellGrid:
                 f"cells of {cell_m} m over {x:.4g} x {y:.4g} m are {rows * columns / 1e6:.3g} million: "
                 f"{MAX_CELLS / 1e6} million are the limit; take cells of {1.05 * _smallest_cell(x, y):.2g} m or more"
             )
-        return cls((int(first[0]), int(first[1])), int(rows), int(columns), cell_m)
+        return cls(int(first[0]), int(first[1]), int(rows), int(columns), cell_m)
 
     def cell_of(self, xyz: NDArray[np.float32]) -> NDArray[np.int32]:
         """Return the cell `(N,)` of each point, row times columns plus column; -1 outside the grid."""
-        cell = np.zeros(len(xyz), np.int32)
-        inside = np.ones(len(xyz), np.bool_)
-        for axis, count, step in ((0, self.columns, 1), (1, self.rows, self.columns)):
-            number = np.floor(xyz[:, axis].astype(np.float64) / self.cell_m) - self.first[axis]
-            inside &= (number >= 0.0) & (number < count)
-            cell += np.where(inside, number * step, 0.0).astype(np.int32)
-        cell[~inside] = -1
-        return cell
+        column = np.floor(xyz[:, 0].astype(np.float64) / self.cell_m) - self.first_column
+        row = np.floor(xyz[:, 1].astype(np.float64) / self.cell_m) - self.first_row
+        inside = (column >= 0.0) & (column < self.columns) & (row >= 0.0) & (row < self.rows)
+        return np.where(inside, row * self.columns + column, -1.0).astype(np.int32)
 
 
 def _smallest_cell(x_m: float, y_m: float) -> float:
@@ -116,12 +113,17 @@ def elevation_of_cells(
 ) -> ElevationModel:
     """Return the elevation model of a cloud over a grid.
 
-    An error `e` of a point along its ray is an error of its height by the ray's z component times `e`, and by the rise
-    of the ground over the horizontal displacement. Heights of a cell are averaged by the inverse of that variance.
+    `cell` `(N,)` is that of each point (`CellGrid.cell_of`). `random_sigma` `(N,)` is the part of the points' sigma
+    that differs from point to point; None if all of it does. Poses of the left cameras are in the order of the points'
+    `pair`; without poses, sigma of heights is overstated.
 
-    The variance of a cell has three parts. The first is that of its points, because the errors of neighbouring points
-    are correlated. The second is that of the mean over heights that differ within the cell. The third is the part of
-    the points' sigma beyond its random part, which all points share and averaging does not reduce.
+    The height of a cell is the mean of its points' heights with the weights w, one over the random variance of a height
+    (`height_variance_ratio`). The variance of a cell is the sum of three parts:
+
+    - the mean variance of its points, `n / sum w`: the errors of neighbouring points are correlated, so that averaging
+      does not reduce them;
+    - the variance of the mean of heights h that differ within the cell, `sum w (h - mean)^2 / sum w / n`;
+    - the weighted mean of the part of the points' variance beyond the random one, which all points share.
     """
     inside = np.flatnonzero(cell >= 0)
     if not len(inside):
@@ -131,35 +133,42 @@ def elevation_of_cells(
     height = xyz[:, 2].astype(np.float64)
     total = np.square(cloud.sigma[inside], dtype=np.float64)
     random = total if random_sigma is None else np.square(random_sigma[inside], dtype=np.float64)
-    height_fraction = _height_fraction(xyz, cloud.pair[inside], T_lm_left)
+    ratio = height_variance_ratio(xyz, cloud.pair[inside], T_lm_left)
+    weight = 1.0 / (ratio * random)
     cell_count = grid.rows * grid.columns
 
     def sums(values: FloatArray) -> FloatArray:
         """Return the sum over the points of each cell."""
         return np.asarray(np.bincount(cell_of_point, values, cell_count), np.float64)
 
-    weight = 1.0 / (height_fraction * random)
     with np.errstate(divide="ignore", invalid="ignore"):
-        points = np.bincount(cell_of_point, minlength=cell_count)
+        count = np.bincount(cell_of_point, minlength=cell_count)
         weights = sums(weight)
         mean = sums(weight * height) / weights
-        spread = sums(np.square(height - mean[cell_of_point]) / (height_fraction * random))
-        common = sums(weight * (height_fraction * np.maximum(total - random, 0.0)))
-        variance = points / weights + spread / weights / points + common / weights
+        squares = sums(np.square(height - mean[cell_of_point]) / (ratio * random))
+        point_variance = count / weights
+        mean_variance = squares / weights / count
+        common_variance = sums(weight * (ratio * np.maximum(total - random, 0.0))) / weights
+        sigma = np.sqrt(point_variance + mean_variance + common_variance)
     shape = (grid.rows, grid.columns)
     return ElevationModel(
-        mean.astype(np.float32).reshape(shape),
-        np.sqrt(variance).astype(np.float32).reshape(shape),
-        points.astype(np.int32).reshape(shape),
-        grid.origin_m,
-        grid.cell_m,
+        height_m=mean.astype(np.float32).reshape(shape),
+        sigma_m=sigma.astype(np.float32).reshape(shape),
+        count=count.astype(np.int32).reshape(shape),
+        origin_m=grid.origin_m,
+        cell_m=grid.cell_m,
     )
 
 
-def _height_fraction(
+def height_variance_ratio(
     xyz: NDArray[np.float32], pair: NDArray[np.uint8], T_lm_left: Sequence[Transform] | None
 ) -> FloatArray:
-    """Return the variance of the height of each point `(N,)` over its variance along the ray; 1 without poses."""
+    """Return the variance of the height of each point `(N,)` over its variance along the ray.
+
+    An error along a ray with the unit vector `(x, y, z)` changes the height by z times the error. The horizontal part
+    of the error displaces the point, and displaced ground is higher by the slope: at most `TYPICAL_SLOPE` times the
+    error. The ratio is `z^2 + TYPICAL_SLOPE^2`. Without poses, z is 1, the largest value.
+    """
     if T_lm_left is None:
         return np.full(len(xyz), 1.0 + TYPICAL_SLOPE**2)
     centres = np.stack([pose.translation for pose in T_lm_left])
@@ -170,8 +179,9 @@ def _height_fraction(
 def point_covariances(cloud: PointCloud, T_lm_left: Sequence[Transform], focal_px: float) -> NDArray[np.float32]:
     """Return the covariance of each point in LM `(N, 3, 3)`, square metres.
 
-    Along the ray it is the point's variance. Across the ray a point represents its pixel: a uniform distribution over a
-    square of side `Z / f`, whose variance is `(Z / f)^2 / 12`. Poses are in the order of the points' `pair`.
+    Along the ray it is the point's variance `sigma^2`. Across the ray a point represents its pixel: a uniform
+    distribution over a square of side `Z / f`, whose variance is `(Z / f)^2 / 12`. Poses are in the order of the
+    points' `pair`.
     """
     axes = np.stack([pose.rotation[:, 2] for pose in T_lm_left])[cloud.pair]
     ray = cloud.xyz - np.stack([pose.translation for pose in T_lm_left])[cloud.pair]
@@ -179,6 +189,6 @@ def point_covariances(cloud: PointCloud, T_lm_left: Sequence[Transform], focal_p
     ray /= np.sqrt(np.einsum("ij,ij->i", ray, ray))[:, None]
     across = np.square(depth / focal_px) / 12.0
     along = np.square(cloud.sigma.astype(np.float64))
-    outer = np.einsum("n,ni,nj->nij", along - across, ray, ray)
-    outer[:, [0, 1, 2], [0, 1, 2]] += across[:, None]
-    return np.asarray(outer, np.float32)
+    covariance = np.einsum("n,ni,nj->nij", along - across, ray, ray)
+    covariance[:, [0, 1, 2], [0, 1, 2]] += across[:, None]
+    return np.asarray(covariance, np.float32)

@@ -26,11 +26,14 @@ from sfr_loc_map.mapping.terrain.elevation import CellGrid, ElevationModel, Squa
 
 MIN_POINTS = 3  #: Cells with fewer points have no height: two points may both be outliers.
 OUTLIER_FRACTION = 0.15  #: Fraction of a cell's points above its high height, and below its low height.
-STEP_RADIUS_M = 0.25  #: A step is a difference of heights within this distance; beyond it a slope would count as one.
+STEP_RADIUS_M = 0.25
+"""A step is a difference of heights within this distance, metres, about the diameter of a wheel: farther away the shape
+of the ground would count as a step."""
 MIN_KNOWN_FRACTION = 0.5  #: Fraction of the footprint's cells that must have a height for slope and roughness.
-MIN_RADIUS_CELLS = 1.5  #: Smallest radius of a window in which a plane is fitted: a cell and its eight neighbours.
-MIN_DETERMINANT = 1e-6  #: Smallest determinant of the plane's normal equations, in units of cell_m^4.
-ROUNDING = 1e-9  #: Added to a squared radius, in cells, so that cells on the circle are inside.
+MIN_RADIUS_CELLS = 1.5  #: Smallest radius of a window in which a plane is fitted, cells: a cell and its neighbours.
+MIN_DETERMINANT = 1e-6
+"""Smallest determinant of the covariance of the cells' positions, in units of cell_m^4: 0 if all are on a line."""
+ROUNDING = 1e-9  #: Added to a squared radius, in cells, so that cells on the circle are inside despite rounding.
 HAZARD = 100  #: Value of a cell that is a hazard, as in nav_msgs/OccupancyGrid.
 UNKNOWN = -1  #: Value of a cell that is not known, as in nav_msgs/OccupancyGrid.
 
@@ -44,10 +47,10 @@ class Planes(NamedTuple):
 
 
 class OuterHeights(NamedTuple):
-    """Heights of a cell without its outliers, `(R C,)` each; NaN with fewer than `MIN_POINTS` points."""
+    """Lowest and highest height of a cell without its outliers, `(R C,)` each; NaN with too few points."""
 
-    low: FloatArray
-    high: FloatArray
+    low: FloatArray  #: Height above a fraction `OUTLIER_FRACTION` of the points.
+    high: FloatArray  #: Height below the same fraction of the points.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,19 +81,22 @@ def elevation_grid(
     Poses of the left cameras are in the order of the points' `pair`. Without poses, points of all ranges are used and
     the sigma of heights is overstated. `random_sigma` `(N,)`, metres, is the part of sigma that differs from point to
     point; None if all of it does.
+
+    The steps are: heights of the cells, planes through the heights within the footprint (slope, roughness), steps above
+    these planes, and the hazard by the ratios of all three to the rover's limits.
     """
     cell_m = config.cell_m
     grid = CellGrid.over(cloud.xyz, cell_m, _mapped_square(T_lm_left, config) if T_lm_left else None)
     cell = grid.cell_of(cloud.xyz)
     model = _without_sparse_cells(elevation_of_cells(cloud, T_lm_left or None, grid, cell, random_sigma))
     outer = outer_heights(cell, cloud.xyz[:, 2], model.count.reshape(-1))
-    low = outer.low.reshape(grid.rows, grid.columns)
-    high = outer.high.reshape(grid.rows, grid.columns)
     footprint_cells = config.footprint_radius_m / cell_m
     planes = fit_planes(model.height_m.astype(np.float64), disc(max(footprint_cells, MIN_RADIUS_CELLS)), cell_m)
     slope_rad = np.arctan(np.hypot(planes.slope_x, planes.slope_y)).astype(np.float32)
     roughness_m = planes.residual_m.astype(np.float32)
-    step_m = steps(low, high, planes, disc(STEP_RADIUS_M / cell_m), cell_m).astype(np.float32)
+    shape = (grid.rows, grid.columns)
+    step_window = disc(STEP_RADIUS_M / cell_m)
+    step_m = steps(outer.low.reshape(shape), outer.high.reshape(shape), planes, step_window, cell_m).astype(np.float32)
     slope_ratio = slope_rad / np.radians(config.max_slope_deg)
     plane_ratio = np.maximum(slope_ratio, roughness_m / config.max_roughness_m).astype(np.float32)
     step_ratio = step_m / np.float32(config.max_step_m)
@@ -130,7 +136,7 @@ def disc(radius_cells: float) -> IntArray:
 
 
 def outer_heights(cell: NDArray[np.int32], height: NDArray[np.float32], count: NDArray[np.int32]) -> OuterHeights:
-    """Return the heights of each cell that are `OUTLIER_FRACTION` from either end, by nearest rank.
+    """Return the quantiles `OUTLIER_FRACTION` and `1 - OUTLIER_FRACTION` of the heights of each cell, by nearest rank.
 
     `cell` and `height` `(N,)` are those of each point, -1 for points outside; `count` `(R C,)` is the number of points.
     """
@@ -151,7 +157,7 @@ def outer_heights(cell: NDArray[np.int32], height: NDArray[np.float32], count: N
         heights[known] = _in_order(ordered[rank].astype(np.int32)).view(np.float32)
         return heights
 
-    return OuterHeights(quantile(OUTLIER_FRACTION), quantile(OUTLIER_FRACTION + (1.0 - 2.0 * OUTLIER_FRACTION)))
+    return OuterHeights(quantile(OUTLIER_FRACTION), quantile(1.0 - OUTLIER_FRACTION))
 
 
 def _in_order(bits: NDArray[np.int32]) -> NDArray[np.int32]:
@@ -228,7 +234,7 @@ def fit_planes(height: FloatArray, window: IntArray, cell_m: float) -> Planes:
 def steps(low: FloatArray, high: FloatArray, planes: Planes, window: IntArray, cell_m: float) -> FloatArray:
     """Return the step of each cell `(R, C)`, metres, NaN where there is no plane.
 
-    The step is the largest high height minus the smallest low height of the cells of a window (`outer_heights`), both
+    The step is the largest high height minus the smallest low height (`outer_heights`) of the cells of a window, both
     relative to the plane of the footprint, so that a slope alone is not a step.
     """
     rows, columns = low.shape

@@ -41,12 +41,12 @@ def points(*xy: tuple[float, float]) -> np.ndarray:
 def test_grids_of_one_cell_size_share_their_cells_within_reach() -> None:
     one = CellGrid.over(points((0.05, 0.05), (0.95, 0.45)), 0.1)
     other = CellGrid.over(points((-0.35, 0.25), (0.55, 0.26)), 0.1)
-    assert (one.first, one.rows, one.columns) == ((0, 0), 5, 10)
-    assert (other.first, other.rows, other.columns) == ((-4, 2), 1, 10)
+    assert (one.first_column, one.first_row, one.rows, one.columns) == (0, 0, 5, 10)
+    assert (other.first_column, other.first_row, other.rows, other.columns) == (-4, 2, 1, 10)
     assert other.origin_m == pytest.approx((-0.4, 0.2))
     assert one.cell_of(points((0.55, 0.25), (-0.01, 0.0), (1.01, 0.0), (0.0, 0.51))).tolist() == [25, -1, -1, -1]
     near = CellGrid.over(points((0.05, 0.05), (90.0, 0.0), (1.02, -1.02)), 0.1, Square(0.0, 0.0, 2.0))
-    assert (near.first, near.rows, near.columns) == ((0, -11), 12, 21)
+    assert (near.first_column, near.first_row, near.rows, near.columns) == (0, -11, 12, 21)
 
 
 @pytest.mark.parametrize(
