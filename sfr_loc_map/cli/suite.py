@@ -18,6 +18,7 @@ from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError, Inte
 from sfr_loc_map.inputs import one_line
 from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.metrics.proof import words_of
 from sfr_loc_map.signals import hold
 
 if TYPE_CHECKING:
@@ -206,7 +207,8 @@ def _present(
     if count := len(summary.failures) + len(summary.refusals):
         raise InputError(f"{count} tasks or sources failed: each is named above")
     undecided = [
-        f"{item.name} of {group.task}, {group.configuration}: not enough data"
+        f"{item.name} of {group.task}, {group.configuration}: "
+        + ("not enough data" if item.proof is None else words_of(item.proof, item.state))
         for group, item in verdicts
         if item.state is VerdictState.NOT_ENOUGH_DATA
     ]

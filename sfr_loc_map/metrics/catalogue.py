@@ -21,6 +21,7 @@ class Subject(StrEnum):
     MEMORY = "memory"
     COMPLETENESS = "completeness"
     CONSISTENCY = "consistency"
+    EVIDENCE = "evidence"
 
 
 class FigureKind(NamedTuple):
@@ -81,6 +82,11 @@ CATALOGUE = (
     FigureKind("nees", Subject.CONSISTENCY, "", "1", "normalised error squared (NEES)"),
     FigureKind("nees_not_usable", Subject.CONSISTENCY, "", "1", "sub-trajectories whose covariance cannot be tested"),
     FigureKind("nees_from_steps", Subject.CONSISTENCY, "", "1", "sub-trajectories tested by the covariance of steps"),
+    # what the figures prove (metrics.proof): not in the document
+    FigureKind("confidence", Subject.EVIDENCE, "", "1", "confidence that mean + 3 sigma exceeds"),
+    FigureKind("shape", Subject.EVIDENCE, "", "1", "sigma of position errors over the largest"),
+    FigureKind("normality", Subject.EVIDENCE, "", "1", "significance of position errors as normal"),
+    FigureKind("bound", Subject.EVIDENCE, "", "1", "tolerance bound"),
 )
 KINDS: dict[str, FigureKind] = {kind.name: kind for kind in CATALOGUE}
 """The catalogue by the names of the figures, each of which is used once."""

@@ -21,6 +21,17 @@ from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics.catalogue import CATALOGUE, KINDS, TARGET, FigureKind, Subject
 from sfr_loc_map.metrics.config import CallKind, Condition, ConditionKind, Rebase, VerdictState, label_of
 from sfr_loc_map.metrics.formulas import STATISTICS
+from sfr_loc_map.metrics.proof import (
+    BOUND,
+    Proof,
+    Terms,
+    bound_row,
+    prove,
+    sample_of,
+    terms_of,
+    terms_of_record,
+    words_of,
+)
 from sfr_loc_map.metrics.score import ANY, Figure, Score, Verdict, is_lower_bound
 from sfr_loc_map.metrics.statistics import Interval
 
@@ -49,6 +60,7 @@ class Limited(NamedTuple):
         return self._replace(part=TARGET if self.part in (ANY, None) else f"{TARGET} {self.part}")
 
 
+NOTHING = Limited(Subject.TRAJECTORY, "", "")
 COVERAGE_MIN = "coverage_min"  #: The one limit that is a lower bound.
 
 
@@ -70,7 +82,8 @@ PLACES: dict[LimitPart, dict[str, Limited]] = {
         if kind.subject is Subject.COMPLETENESS and kind.name not in ("judged", "longest_gap")
     },
     LimitPart.TRAJECTORY: names_of(
-        kind for kind in CATALOGUE if kind.subject is Subject.TRAJECTORY and kind.name not in ("ape", "rpe")
+        [kind for kind in CATALOGUE if kind.subject is Subject.TRAJECTORY and kind.name not in ("ape", "rpe")],
+        (*STATISTICS, BOUND),
     ),
     LimitPart.MAP: {
         **names_of([KINDS["point_error"]], part=None),
@@ -89,6 +102,7 @@ PLACES: dict[LimitPart, dict[str, Limited]] = {
 }
 """The number that each name of a limits file limits, by the parts of the file; names follow from the catalogue."""
 REQUIREMENT = {"id": str, "text": str, "certain": bool}  #: What a requirement says of itself.
+TERMS = Terms._fields  #: What a limit on a tolerance bound says besides.
 NEEDED = {str: "a text, in quotes, is needed", bool: "true or false is needed"}
 OF_MAP = ("points_without_truth", "pairs_without_cloud")  #: Figures of completeness that are about the map.
 SHARES = {
@@ -114,6 +128,7 @@ class Limit:
     id: str | None = None  #: Number of the requirement.
     text: str | None = None  #: Its text.
     certain: bool = False  #: Whether a pass needs the whole 95 % interval to lie within the limit.
+    terms: Terms | None = None  #: Share, confidence and interpretation of a limit on a tolerance bound.
 
     @property
     def limited(self) -> Limited:
@@ -197,7 +212,8 @@ def limits_of(verdicts: Collection[Verdict]) -> Limits | None:
             parts = [LimitPart.TARGET]
         if parts:
             condition = None if item.condition is None else Condition.parse(item.condition)
-            found.append(Limit(parts[0], key, item.limit, condition, item.id, item.text, item.needs_certainty))
+            terms = None if item.proof is None else terms_of_record(item.proof)
+            found.append(Limit(parts[0], key, item.limit, condition, item.id, item.text, item.needs_certainty, terms))
     return Limits(tuple(found)) if found else None
 
 
@@ -213,7 +229,12 @@ def _limits_of(part: LimitPart, block: object, origin: str, condition: Condition
         if key in REQUIREMENT:
             continue
         entry = dict(value) if isinstance(value, Mapping) else {"limit": value}
-        _check_keys(entry, ("limit", *REQUIREMENT), f"{origin}: '{key}'")
+        is_bound = part is LimitPart.TRAJECTORY and PLACES[part].get(key, NOTHING).statistic == BOUND
+        _check_keys(entry, ("limit", *REQUIREMENT, *(TERMS if is_bound else ())), f"{origin}: '{key}'")
+        terms, problem = terms_of(entry) if is_bound else (None, None)
+        if problem is not None:
+            raise ConfigError(f"{origin}: '{key}': {problem}")
+        entry = {name: given for name, given in entry.items() if name not in TERMS}
         entry = {**of_all, **entry}
         bound = entry.pop("limit", None)
         number = isinstance(bound, (int, float)) and not isinstance(bound, bool)
@@ -227,7 +248,7 @@ def _limits_of(part: LimitPart, block: object, origin: str, condition: Condition
             if name in entry and not isinstance(entry[name], kind):
                 raise ConfigError(f"{origin}: '{name}' of '{key}' is {entry[name]!r}: {NEEDED[kind]}")
         where, over = (LimitPart.COMPLETENESS, None) if key in shares else (part, condition)
-        made.append(Limit(where, key, float(bound), over, **entry))
+        made.append(Limit(where, key, float(bound), over, terms=terms, **entry))
     return made
 
 
@@ -241,8 +262,10 @@ def _check_keys(block: Mapping[str, Any], known: Collection[str], origin: str) -
 
 
 def judged(score: Score, limits: Limits | None) -> Score:
-    """Return a score with the verdict on each limit, and over all."""
-    return with_verdict(struct_replace(score, verdicts=verdicts(limits, score)))
+    """Return a score with the verdict on each limit, and over all; tolerance bounds are rows of its table."""
+    found = verdicts(limits, score)
+    others = tuple(row for row in score.figures if row.figure != BOUND)
+    return with_verdict(struct_replace(score, figures=(*others, *bound_rows(found)), verdicts=found))
 
 
 def with_verdict(score: Score) -> Score:
@@ -282,6 +305,10 @@ def verdicts(limits: Limits | None, score: Score) -> tuple[Verdict, ...]:
     if score.incomplete is not None and score.has(Subject.TRAJECTORY):
         found.append(incomplete_verdict(score.number("judged")))
     for limit in limits.limits:
+        if limit.terms is not None:
+            sample = sample_of(score, limit.limited.figure, condition_of(limit))
+            found.append(proof_verdict(limit, prove(limit.terms, limit.limit, [[sample]] if sample else [])))
+            continue
         verdict = verdict_on(limit, figure_of(limit, score), limits.minimum_count)
         found.append(struct_replace(verdict, by_reading=_by_reading(limit, score, limits.minimum_count)))
     return tuple(found)
@@ -359,6 +386,25 @@ def verdict_on(limit: Limit, figure: LimitedFigure, minimum_count: int) -> Verdi
     )
 
 
+def condition_of(limit: Limit) -> str | None:
+    """Return the condition of a limit as rows have it."""
+    return None if limit.condition is None else limit.condition.setting
+
+
+def proof_verdict(limit: Limit, proof: Proof) -> Verdict:
+    """Return the verdict on a limit with a share and a confidence."""
+    verdict = verdict_on(limit, LimitedFigure(proof.bound), 0)
+    return struct_replace(verdict, state=proof.state, n=int(proof.record.independent), proof=proof.record)
+
+
+def bound_rows(found: Iterable[Verdict]) -> Iterator[Figure]:
+    """Yield the tolerance bounds of verdicts as rows of the table of figures."""
+    for item in found:
+        if item.proof is not None and item.figure is not None:
+            proof = Proof(item.state, item.value, item.proof)
+            yield bound_row(item.figure, KINDS[item.figure].unit, item.condition, proof)
+
+
 def margin_of(limit: Limit, value: float) -> float:
     """Return the distance from a value to its limit, negative where the limit is missed."""
     return value - limit.limit if limit.is_lower_bound else limit.limit - abs(value)
@@ -405,6 +451,8 @@ def reasons_not_judged(score: Score, asked: Collection[Condition] = ()) -> tuple
             over = "" if item.condition is None else f" over {label_of(item.condition)}"
             few = f"only {item.n} values" if item.n else "no data"
             interval = item.interval
+            if item.proof is not None:
+                few = words_of(item.proof, item.state)
             if item.needs_certainty and item.value is not None and (interval is None or item.certain is not None):
                 few = f"'certain' needs its 95 % interval {'' if interval is None else 'within the limit'}".rstrip()
                 few += ", which it does not have" if interval is None else ""

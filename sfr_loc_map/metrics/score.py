@@ -154,6 +154,18 @@ def find_rows(
 # ---- verdicts
 
 
+class ProofRecord(Record, frozen=True, kw_only=True):
+    """What a limit with a share and a confidence requires, and what was shown [ECSS-E-ST-60-10C]."""
+
+    prob: float  #: Share of the errors that must lie within the limit.
+    confidence: float  #: Confidence with which that must be shown.
+    interpretation: str  #: `temporal` (every drive), `ensemble` (of drives) or `mixed` (of all errors) [4.1.4.2].
+    normal: bool = False  #: Whether the limits file declares that errors are normal.
+    method: str  #: How the bound was computed: `order` of the errors, `tested normal` or `assumed normal`.
+    independent: float  #: Independent errors: sub-trajectories of the drive that decides, or drives.
+    more: int | None = None  #: Without a decision: how many more are needed; null if no number of errors like these is.
+
+
 class Verdict(Record, frozen=True, kw_only=True):
     """The verdict on one limit."""
 
@@ -176,6 +188,7 @@ class Verdict(Record, frozen=True, kw_only=True):
     certain: bool | None = None  #: Whether the interval lies on one side of the limit, null where there is no interval.
     needs_certainty: bool = False  #: Whether the limits file requires certainty.
     by_reading: dict[str, VerdictState] = {}  #: The verdict by each reading of the document.
+    proof: ProofRecord | None = None  #: Of a limit with a share and a confidence.
 
     @property
     def interval(self) -> Interval | None:

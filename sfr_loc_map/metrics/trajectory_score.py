@@ -26,6 +26,7 @@ from sfr_loc_map.metrics.completeness import completeness
 from sfr_loc_map.metrics.config import AssociationConfig, Condition, ConditionKind, Rebase, TrajectoryScoreConfig
 from sfr_loc_map.metrics.consistency import StepSums, nees_rows, sums_of_steps
 from sfr_loc_map.metrics.formulas import Lengths, Poses, SubTrajectoryErrors
+from sfr_loc_map.metrics.proof import evidence_rows
 from sfr_loc_map.metrics.score import (
     Association,
     Column,
@@ -145,6 +146,7 @@ def score_trajectory(
             if name is not association.rebase:
                 other = pieces._replace(errors=reading(poses, starts, ends))
                 figures += [error_row(kind, condition.setting, str(name), other) for kind in ERRORS]
+        figures += evidence_rows(condition.setting, pieces.errors.position_m, overlap)
         figures += nees_rows(condition.setting, placed.estimates, frames, sums, starts, ends, noise_of(truth))
         if details:
             rows.append(sub_trajectory_rows(condition.setting, pieces, frames.stamps_ns, length_m))

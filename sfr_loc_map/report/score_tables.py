@@ -16,6 +16,7 @@ from sfr_loc_map.metrics.calls import AFTER_FIRST, FIRST
 from sfr_loc_map.metrics.catalogue import KINDS, TARGET, Subject, statistic_title, title_of
 from sfr_loc_map.metrics.config import CallKind, Rebase, label_of
 from sfr_loc_map.metrics.formulas import STATISTICS
+from sfr_loc_map.metrics.proof import words_of
 from sfr_loc_map.metrics.score import NUMBERS, Figure, Score, Verdict
 from sfr_loc_map.report.tables import (
     ABSENT,
@@ -44,6 +45,10 @@ EXACT = "The truth is taken as exact; --set truth.sigma_m=M and truth.sigma_deg=
 NO_INTERVAL = (
     "Only mean + 3 sigma over sub-trajectories has an interval, where two of them or more are independent; without one "
     "nothing is certain (-)."
+)
+EVIDENCE = (
+    "Mean + 3 sigma of n independent sub-trajectories exceeds the share of all position errors with this confidence, "
+    "if errors are normal. One axis that dominates lowers it."
 )
 ALIGNED = ("ape", "rpe")  #: Figures of the estimate as it was aligned with the truth.
 CALL_PARTS = (None, FIRST, AFTER_FIRST)  #: Parts of the times of complete calls on this host.
@@ -342,6 +347,8 @@ def sign_of(item: Verdict) -> str:
 
 def certain_text(item: Verdict) -> str:
     """Return whether a verdict is certain, in words."""
+    if item.proof is not None:
+        return words_of(item.proof, item.state)
     return {True: "yes", False: "no", None: ABSENT}[item.certain] + " (asked for)" * item.needs_certainty
 
 
@@ -439,6 +446,11 @@ def map_note(score: Score) -> str:
     low, high = (number(bound) for bound in cloud.scored_range_m)
     kind = f"The cloud is {cloud.kind}. " if cloud.kind is not None else ""
     return f"{kind}Coverage: fraction of the true points from {low} to {high} m, or of the range named."
+
+
+def evidence_note(score: Score) -> str:
+    """Return how the confidence in the figures is to be read."""
+    return EVIDENCE
 
 
 def nees_note(score: Score) -> str:
@@ -595,6 +607,7 @@ VIEWS = (
     View("growth", "Error against the length of the sub-trajectory", is_growth),
     View("directions", "Position error by direction", is_by_direction, directions_note),
     View("map", "Map", about(Subject.MAP), map_note),
+    View("evidence", "How sure", about(Subject.EVIDENCE), evidence_note),
     View("consistency", "Consistency of the uncertainty", about(Subject.CONSISTENCY), nees_note),
     View("time", "Time per call", is_time, clock_text),
     View("stages", "Time of stages", is_stage, stages_note),

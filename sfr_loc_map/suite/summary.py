@@ -21,9 +21,11 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.catalogue import KINDS, Subject
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.limits import (
+    Limit,
     LimitedFigure,
     LimitPart,
     Limits,
+    condition_of,
     figure_of,
     finding_verdicts,
     incomplete_verdict,
@@ -31,12 +33,15 @@ from sfr_loc_map.metrics.limits import (
     meets,
     parse_limits,
     plain_verdict,
+    proof_verdict,
     verdict_on,
     with_verdict,
 )
+from sfr_loc_map.metrics.proof import Interpretation, Terms, prove, sample_of
 from sfr_loc_map.metrics.score import POOLED, Figure, Score, Verdict, figure_row
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.metrics.statistics import student_quantile
+from sfr_loc_map.metrics.tolerance import Sample
 from sfr_loc_map.suite.cluster import WorkerRecord
 from sfr_loc_map.suite.figures import figures_of
 from sfr_loc_map.suite.job import Job
@@ -210,11 +215,15 @@ def groups_of(drives: Sequence[ScoredJob], limits: Limits | None) -> Iterator[Gr
             lost=sum(item.lost for item in trajectories),
             matched=sum(item.matched for item in trajectories),
             figures=pooled,
-            verdicts=tuple(_verdicts(limits, scores, pooled)),
+            verdicts=tuple(verdicts_over(limits, results, pooled)),
         )
 
 
-def _verdicts(limits: Limits | None, scores: Sequence[Score], pooled: tuple[Figure, ...]) -> Iterator[GroupVerdict]:
+def verdicts_over(
+    limits: Limits | None, results: Sequence[tuple[str, Score]], pooled: tuple[Figure, ...]
+) -> Iterator[GroupVerdict]:
+    """Yield the verdicts over drives that were run alike: those that need no limit, then one for each limit."""
+    scores = [score for _, score in results]
     wrong = [item for score in scores for item in finding_verdicts(score)]
     for name in dict.fromkeys(item.name for item in wrong):
         mine = [item for item in wrong if item.name == name]
@@ -230,6 +239,10 @@ def _verdicts(limits: Limits | None, scores: Sequence[Score], pooled: tuple[Figu
         whole = replace(incomplete_verdict(min(shares, default=None)), n=len(scores))
         yield _of_group(whole, "worst drive", len(parts))
     for limit in () if limits is None else limits.limits:
+        if limit.terms is not None:
+            if any(score.has(Subject.TRAJECTORY) for score in scores):
+                yield proof_over_drives(limit, limit.terms, results)
+            continue
         values = [found for score in scores if (found := figure_of(limit, score).value) is not None]
         subject = limit.limited.subject
         if subject in (Subject.TRAJECTORY, Subject.MAP) and limit.part is not LimitPart.TARGET:
@@ -246,6 +259,25 @@ def _verdicts(limits: Limits | None, scores: Sequence[Score], pooled: tuple[Figu
             figure = LimitedFigure(worst_value)
         verdict = replace(verdict_on(limit, figure, limits.minimum_count if limits else 2), n=count)
         yield _of_group(verdict, over, sum(not meets(limit, found) for found in values))
+
+
+def samples_by_drive(limit: Limit, results: Sequence[tuple[str, Score]]) -> dict[str, list[Sample]]:
+    """Return the errors that a limit is on: those of each run, by drive."""
+    samples: dict[str, list[Sample]] = {}
+    for drive, score in results:
+        sample = sample_of(score, limit.limited.figure, condition_of(limit))
+        if sample is not None:
+            samples.setdefault(drive, []).append(sample)
+    return samples
+
+
+def proof_over_drives(limit: Limit, terms: Terms, results: Sequence[tuple[str, Score]]) -> GroupVerdict:
+    """Return the verdict on a limit with a share and a confidence over drives."""
+    samples = samples_by_drive(limit, results)
+    verdict = proof_verdict(limit, prove(terms, limit.limit, list(samples.values())))
+    exceeding = sum(any((run.sizes > limit.limit).any() for run in runs) for runs in samples.values())
+    over = "worst drive" if terms.interpretation is Interpretation.TEMPORAL else "all drives"
+    return _of_group(verdict, over, exceeding)
 
 
 def _of_group(verdict: Verdict, over: str, missed_by: int) -> GroupVerdict:

@@ -8,6 +8,7 @@ from typing import Any
 
 from sfr_loc_map.metrics.catalogue import KINDS, TOTAL, Subject, statistic_title
 from sfr_loc_map.metrics.config import label_of
+from sfr_loc_map.metrics.proof import words_of
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.report.score_tables import name_of, unit_of
@@ -55,6 +56,7 @@ VERDICTS: Columns = (
     ("of", WORDS, "over"),
     ("n", NONE, "n"),
     ("drives that miss it", NONE, "missed_by"),
+    ("shown by", WORDS, "shown_by"),
 )
 POOLED: Columns = (
     ("runs", HEAD, "runs"),
@@ -157,7 +159,8 @@ def suite_tables(summary: Summary) -> list[Table]:
                 pooled.append(figure.as_dict() | head | named | {"ci95": figure.interval, "shown": shown})
         for item in group.verdicts:
             unit = unit_of(item, *(item.interval or ()))
-            told = {"figure": name_of(item), "unit": unit.symbol, "shown": unit, "ci95": item.interval}
+            told: dict[str, Any] = {"figure": name_of(item), "unit": unit.symbol, "shown": unit, "ci95": item.interval}
+            told["shown_by"] = "" if item.proof is None else words_of(item.proof, item.state)
             verdicts.append({**to_plain(item), **head, **told})
     verdicts.sort(key=lambda row: WORST.index(row["verdict"]) if row["verdict"] in WORST else len(WORST))
     failures = [to_plain(item) | {"folder": "failures"} for item in summary.failures]

@@ -20,6 +20,7 @@ CAMPAIGNS = {
     "signals": "signal_runs",
     "soak": "long_runs",
     "suite-overhead": "suite_overhead",
+    "tolerance-coverage": "tolerance_coverage",
 }
 """Names and their modules, each with a function `main(arguments)` that returns the exit code."""
 

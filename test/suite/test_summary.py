@@ -7,8 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from helpers.random_drives import drive, score_of
+from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.limits import parse_limits
+from sfr_loc_map.metrics.proof import sample_of
 from sfr_loc_map.metrics.score import Figure, Score, figure_row
-from sfr_loc_map.suite.summary import pool, pooled_row
+from sfr_loc_map.suite.summary import GroupVerdict, pool, pooled_row, verdicts_over
 
 
 def rows_of(values: np.ndarray) -> list[Figure]:
@@ -57,3 +61,35 @@ def test_the_interval_holds_the_true_figure_nine_times_in_ten_at_least() -> None
         low, high = pooled(drives, [*map(str, range(15))]).interval
         held += low <= 3.0 * np.sqrt(3.0 * np.exp(2 * 0.3**2)) <= high
     assert held >= 180
+
+
+def test_a_limit_with_a_share_over_drives_by_each_interpretation() -> None:
+    """60 short drives prove 95 % with 95 %, one value a drive. No single drive does; one bad drive is too many."""
+    results = []
+    for number in range(60):
+        truth, estimate = drive(number, count=60)
+        results.append((str(number), score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5",)))))
+    terms = {"prob": 0.95, "confidence": 0.95}
+
+    def verdict(interpretation: str, chosen: list[tuple[str, Score]], limit: float = 10.0) -> GroupVerdict:
+        entry = {**terms, "limit": limit, "interpretation": interpretation}
+        content = {"trajectory": [{"condition": "distance=5", "position_bound_m": entry}]}
+        (found,) = verdicts_over(parse_limits(content, "limits"), chosen, ())
+        return found
+
+    passed = verdict("ensemble", results)
+    assert (passed.state, passed.n, passed.missed_by, passed.over) == ("pass", 60, 0, "all drives")
+    largest = sorted(float(sample_of(score, "position", "distance=5").sizes.max()) for _, score in results)
+    assert passed.value == pytest.approx(largest[-1])
+    mixed = verdict("mixed", results)
+    assert (mixed.state, mixed.n) == ("pass", 60)
+    assert mixed.value <= passed.value
+    one_bad = verdict("ensemble", results, limit=0.5 * (largest[-1] + largest[-2]))
+    assert (one_bad.state, one_bad.missed_by) == ("not enough data", 1)
+    assert one_bad.proof.more > 30
+    assert verdict("ensemble", results, limit=0.0).state == "fail"
+    few = verdict("ensemble", results[:40])
+    assert (few.state, few.proof.more) == ("not enough data", 19)
+    repeats = verdict("ensemble", [*results[:40], *[("0", score) for _, score in results[40:]]])
+    assert (repeats.state, repeats.n) == ("not enough data", 40), "repeats are one drive"
+    assert verdict("temporal", results).state == "not enough data"

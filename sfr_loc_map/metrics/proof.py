@@ -1,0 +1,190 @@
+"""Requirements with a share, a confidence and an interpretation (ECSS-E-ST-60-10C), and what mean + 3 sigma proves.
+
+A limit such as `position_bound_m: {limit: 0.1, prob: 0.95, confidence: 0.95, interpretation: mixed}` is judged by a
+tolerance bound (`metrics.tolerance`) of errors that are independent. Which errors these are is the interpretation
+[ECSS-E-ST-60-10C, 4.1.4.2]:
+
+- temporal: at every drive the share of its sub-trajectories meets the limit; each drive is proved by itself;
+- ensemble: the share of all drives meets the limit over the whole drive; a drive counts by its largest error;
+- mixed: the share of all sub-trajectories of all drives meets it; a drive counts by one of its sub-trajectories.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from enum import StrEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.metrics.score import Figure, ProofRecord, Score, SubTrajectoryRows, figure_row
+from sfr_loc_map.metrics.tolerance import (
+    CONFIDENCE,
+    THREE_SIGMA,
+    Sample,
+    confidence_of,
+    count_needed,
+    moments,
+    tolerance_bound,
+)
+
+BOUND = "bound"  #: Statistic of a limit that is judged by a tolerance bound.
+SHARES = (THREE_SIGMA, 0.95)  #: Shares for which a report states what mean + 3 sigma proves.
+ERRORS = {
+    "position": ("x_m", "y_m", "z_m"),
+    "attitude": ("attitude_deg",),
+    "heading": ("heading_deg",),
+    "chord": ("chord_m",),
+}
+"""Columns of the sub-trajectories of a score that hold the errors of a figure."""
+SEED = 20240302  #: Of which sub-trajectory stands for a drive.
+
+
+class Interpretation(StrEnum):
+    """Over what the share of a requirement is taken [ECSS-E-ST-60-10C, 4.1.4.2]."""
+
+    TEMPORAL = "temporal"
+    ENSEMBLE = "ensemble"
+    MIXED = "mixed"
+
+
+class Terms(NamedTuple):
+    """What a limit requires besides its bound."""
+
+    prob: float = THREE_SIGMA  #: Share of the errors that lie within the limit.
+    confidence: float = CONFIDENCE  #: Confidence with which that must be shown.
+    interpretation: Interpretation = Interpretation.TEMPORAL
+    normal: bool = False  #: Whether errors are declared to be normal, which few values cannot show.
+
+
+class Proof(NamedTuple):
+    """What a requirement came to."""
+
+    state: VerdictState
+    bound: float | None
+    record: ProofRecord
+
+
+# ---- what mean + 3 sigma proves
+
+
+def evidence_rows(condition: str, errors: FloatArray, overlap: float) -> Iterator[Figure]:
+    """Yield what mean + 3 sigma of position errors proves, and what decides it: their number and their shape."""
+    sample = Sample(errors, len(errors) / max(overlap, 1.0))
+    known = moments(sample)
+    counts: dict[str, Any] = {"n": len(errors), "independent": sample.independent}
+    for prob in SHARES:
+        value = None if known is None else confidence_of(3.0, sample.independent, known.shape, prob)
+        yield figure_row("confidence", condition, f"{100.0 * prob:g} % of position errors", value=value, **counts)
+    shape = () if known is None else known.shape
+    for axis, name in enumerate(("second", "third"), 1):
+        ratio = shape[axis] / shape[0] if len(shape) > axis and shape[0] > 0.0 else None
+        yield figure_row("shape", condition, f"{name} principal axis", value=ratio, **counts)
+    yield figure_row("normality", condition, value=None if known is None else known.significance, **counts)
+
+
+# ---- requirements
+
+
+def sample_of(score: Score, figure: str, condition: str | None) -> Sample | None:
+    """Return the errors of a figure over a condition that a score keeps for plots; None if it keeps none."""
+    details = None if score.details is None else score.details.trajectory
+    row = score.figure(figure, condition=condition)
+    found = next((rows for rows in details.sub_trajectories if rows.condition == condition), None) if details else None
+    if found is None or row is None or row.independent is None:
+        return None
+    errors = errors_of(found, figure)
+    return Sample(errors, min(row.independent, float(len(errors))))
+
+
+def errors_of(rows: SubTrajectoryRows, figure: str) -> FloatArray:
+    """Return the errors `(n, d)` of a figure; NaN where one is undefined."""
+    columns = [np.array(getattr(rows, name), np.float64) for name in ERRORS[figure]]
+    return np.stack(columns, axis=1)
+
+
+def prove(terms: Terms, limit: float, drives: Sequence[Sequence[Sample]]) -> Proof:
+    """Return whether the errors of drives, each with its runs, prove that a limit is met."""
+    runs = [[sample for sample in samples if len(sample.errors)] for samples in drives]
+    runs = [samples for samples in runs if samples]
+    if terms.interpretation is Interpretation.TEMPORAL:
+        proofs = [prove_sample(terms, limit, sample) for samples in runs for sample in samples]
+        if not proofs:
+            return prove_sample(terms, limit, Sample(np.empty(0), 0.0))
+        order = (VerdictState.FAIL, VerdictState.NOT_ENOUGH_DATA, VerdictState.PASS)
+        return min(proofs, key=lambda proof: (order.index(proof.state), -(proof.bound or 0.0)))
+    chosen = [standing_for(terms.interpretation, number, samples) for number, samples in enumerate(runs)]
+    return prove_sample(terms, limit, Sample(np.array(chosen), float(len(chosen))))
+
+
+def standing_for(interpretation: Interpretation, number: int, samples: Sequence[Sample]) -> FloatArray:
+    """Return the error of one drive: the largest of all, as a size, or one sub-trajectory that chance has drawn."""
+    errors = np.concatenate([sample.vectors for sample in samples])
+    if interpretation is Interpretation.ENSEMBLE:
+        return np.asarray([np.max(np.linalg.norm(errors, axis=1))])
+    return np.asarray(errors[np.random.default_rng([SEED, number]).integers(len(errors))])
+
+
+def prove_sample(terms: Terms, limit: float, sample: Sample) -> Proof:
+    """Return whether a sample proves that the share of a requirement lies within a limit."""
+    prob, confidence = terms.prob, terms.confidence
+    bound = tolerance_bound(sample, prob, confidence, is_normal=terms.normal)
+    state = VerdictState.NOT_ENOUGH_DATA
+    if bound.upper is not None and bound.upper <= limit:
+        state = VerdictState.PASS
+    elif bound.lower is not None and bound.lower > limit:
+        state = VerdictState.FAIL
+    more = None
+    if state is VerdictState.NOT_ENOUGH_DATA:
+        needed = count_needed(sample, limit, prob, confidence, is_normal=terms.normal)
+        more = None if needed is None else max(needed - int(sample.independent), 1)
+    record = ProofRecord(
+        prob=prob,
+        confidence=confidence,
+        interpretation=terms.interpretation.value,
+        normal=terms.normal,
+        method=bound.method.value,
+        independent=sample.independent,
+        more=more,
+    )
+    return Proof(state, bound.upper, record)
+
+
+def bound_row(figure: str, unit: str, condition: str | None, proof: Proof) -> Figure:
+    """Return the row of a tolerance bound."""
+    record = proof.record
+    share, confidence = f"{100.0 * record.prob:g} %", f"{100.0 * record.confidence:g} %"
+    part = f"{share} of {figure} errors with {confidence} confidence, {record.interpretation}"
+    return figure_row("bound", condition, part, unit, value=proof.bound, independent=record.independent)
+
+
+def words_of(record: ProofRecord, state: VerdictState) -> str:
+    """Return what a verdict rests on, in words."""
+    share = f"{100.0 * record.prob:g} % with {100.0 * record.confidence:g} %, {record.interpretation}, {record.method}"
+    if state is not VerdictState.NOT_ENOUGH_DATA:
+        return share
+    what = "sub-trajectories" if record.interpretation == Interpretation.TEMPORAL else "drives"
+    more = "no number of drives like these proves it" if record.more is None else f"{record.more} more {what}"
+    return f"{share}; needed: {more}"
+
+
+def terms_of(entry: Mapping[str, Any]) -> tuple[Terms, str | None]:
+    """Return the terms of an entry of a limits file, and what is wrong with them, None for nothing."""
+    given = {name: entry[name] for name in Terms._fields if name in entry}
+    for name in ("prob", "confidence"):
+        value = given.get(name, 0.5)
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.5 <= value < 1.0:
+            return Terms(), f"'{name}' is {value!r}: a number from 0.5 to below 1 is needed, 0.95 for 95 %"
+    if "normal" in given and not isinstance(given["normal"], bool):
+        return Terms(), f"'normal' is {given['normal']!r}: true or false is needed"
+    word = given.pop("interpretation", Interpretation.TEMPORAL)
+    if word not in [str(kind) for kind in Interpretation]:
+        return Terms(), f"'interpretation' is {word!r}: {', '.join(Interpretation)} are possible"
+    return Terms(**given)._replace(interpretation=Interpretation(word)), None
+
+
+def terms_of_record(record: ProofRecord) -> Terms:
+    """Return the terms that a verdict was judged by."""
+    return Terms(record.prob, record.confidence, Interpretation(record.interpretation), record.normal)

@@ -1,0 +1,103 @@
+"""How often tolerance bounds hold: `python -m campaigns tolerance-coverage [CAMPAIGNS]`, one line a case.
+
+Each campaign draws independent errors, or overlapping windows of steps, from a distribution whose quantile is known.
+A bound that is not stated cannot be wrong. Expected is a coverage of at least the stated confidence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.metrics.tolerance import BoundMethod, Sample, tolerance_bound
+
+OVERLAP = 5  #: Windows that share a step.
+REFERENCE = 2_000_000  #: Errors by which a quantile that has no formula is computed.
+LEVELS = ((0.95, 0.95), (0.9973, 0.9))
+
+
+def normal(rng: np.random.Generator, count: int, sigmas: FloatArray, mean: float = 0.0) -> FloatArray:
+    """Return normal errors with these sigmas, the mean along the first axis."""
+    errors = rng.standard_normal((count, len(sigmas))) * sigmas
+    errors[:, 0] += mean
+    return errors
+
+
+def heavy(rng: np.random.Generator, count: int, sigmas: FloatArray) -> FloatArray:
+    """Return errors of Student's t with three degrees of freedom along each axis."""
+    return rng.standard_t(3, (count, len(sigmas))) * sigmas
+
+
+def windows(rng: np.random.Generator, count: int, sigmas: FloatArray) -> FloatArray:
+    """Return the errors of windows that share all but one of OVERLAP steps with the next one."""
+    steps = rng.standard_normal((count + OVERLAP - 1, len(sigmas))) * sigmas
+    sums = np.concatenate((np.zeros((1, len(sigmas))), np.cumsum(steps, axis=0)))
+    return (sums[OVERLAP:] - sums[:-OVERLAP]) / np.sqrt(OVERLAP)
+
+
+ISOTROPIC, ONE_AXIS, OBLONG = np.ones(3), np.array([1.0, 0.0, 0.0]), np.array([1.0, 0.3, 0.3])
+CASES: dict[str, tuple[Callable[[np.random.Generator, int], FloatArray], float]] = {
+    "isotropic": (lambda rng, count: normal(rng, count, ISOTROPIC), 1.0),
+    "1 : 0.3 : 0.3": (lambda rng, count: normal(rng, count, OBLONG), 1.0),
+    "one axis": (lambda rng, count: normal(rng, count, ONE_AXIS), 1.0),
+    "one axis, mean 1 sigma": (lambda rng, count: normal(rng, count, ONE_AXIS, 1.0), 1.0),
+    "isotropic, mean 2 sigma": (lambda rng, count: normal(rng, count, ISOTROPIC, 2.0), 1.0),
+    "heavy tails, isotropic": (lambda rng, count: heavy(rng, count, ISOTROPIC), 1.0),
+    "heavy tails, one axis": (lambda rng, count: heavy(rng, count, ONE_AXIS), 1.0),
+    "correlated windows": (lambda rng, count: windows(rng, count * OVERLAP, ISOTROPIC), OVERLAP),
+    "correlated windows, one axis": (lambda rng, count: windows(rng, count * OVERLAP, ONE_AXIS), OVERLAP),
+}
+"""What draws the errors of a campaign of so many independent ones, and how many overlap."""
+
+
+class Coverage(NamedTuple):
+    """What came of the campaigns of one case."""
+
+    held: float  #: Share of the campaigns whose bound is not too small; one that states no bound is not.
+    stated: float  #: Share that state a bound.
+    normal: float  #: Share that state it by a normal distribution.
+    held_of_stated: float  #: Of those that state a bound, the share that holds.
+    accused: float  #: Share whose lower bound exceeds the true quantile: a limit at it would be failed wrongly.
+
+
+def coverage(
+    case: str, count: int, prob: float, confidence: float, campaigns: int, *, is_normal: bool = False
+) -> Coverage:
+    """Return how often the bounds of a case hold; `is_normal` declares that its errors are normal."""
+    draw, overlap = CASES[case]
+    rng = np.random.default_rng(count)
+    reference = np.linalg.norm(draw(rng, REFERENCE // int(overlap)), axis=1)
+    true = float(np.quantile(reference, prob))
+    held = stated = by_normal = accused = 0
+    for _ in range(campaigns):
+        errors = draw(rng, count)
+        bound = tolerance_bound(Sample(errors, len(errors) / overlap), prob, confidence, is_normal=is_normal)
+        stated += bound.upper is not None
+        by_normal += bound.method is not BoundMethod.ORDER
+        held += bound.upper is None or bound.upper >= true
+        accused += bound.lower is not None and bound.lower > true
+    missed = campaigns - held
+    of_stated = 1.0 - missed / stated if stated else 1.0
+    return Coverage(held / campaigns, stated / campaigns, by_normal / campaigns, of_stated, accused / campaigns)
+
+
+def lines(campaigns: int) -> Iterator[str]:
+    """Yield a line for each case."""
+    for prob, confidence in LEVELS:
+        for case in CASES:
+            for count in (5, 20, 60, 200):
+                declared = count < 60 and "heavy" not in case
+                found = coverage(case, count, prob, confidence, campaigns, is_normal=declared)
+                named = " ".join(f"{name} {value:.4f}" for name, value in found._asdict().items())
+                drawn = f"{case}, {count} independent" + ", declared normal" * declared
+                yield f"{100 * prob:g} % with {100 * confidence:g} %: {drawn}: {named}"
+
+
+def main(arguments: list[str]) -> int:
+    """Print how often the bounds of each case hold, of CAMPAIGNS campaigns each (10,000)."""
+    for line in lines(int(arguments[0]) if arguments else 10_000):
+        print(line, flush=True)
+    return 0

@@ -1,0 +1,157 @@
+"""Tolerance bounds: against published tables, the order of values, simulated campaigns, and as limits."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from scipy import stats
+
+from campaigns.tolerance_coverage import coverage
+from helpers.random_drives import drive, score_of
+from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.metrics import limits, tolerance
+from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.tolerance import Sample
+
+SHAPES = (1.0, 1.0, 1.0), (1.0, 0.3, 0.3), (1.0, 0.0, 0.0)
+RANDOM = np.random.default_rng(1)
+
+
+@pytest.mark.parametrize(("prob", "expected"), [(0.9973, (0.98, 0.67, 0.54)), (0.95, (1.0, 0.96, 0.88))])
+def test_what_mean_plus_3_sigma_of_five_errors_proves(prob: float, expected: tuple[float, ...]) -> None:
+    """An isotropic error, one that is oblong and one along an axis, against samples drawn here."""
+    for shape, confidence in zip(SHAPES, expected, strict=True):
+        errors = RANDOM.standard_normal((40_000, 5, 3)) * shape
+        figure = np.linalg.norm(errors.mean(axis=1), axis=1) + 3 * np.linalg.norm(errors.std(axis=1, ddof=1), axis=1)
+        radius = np.quantile(np.linalg.norm(RANDOM.standard_normal((1_000_000, 3)) * shape, axis=1), prob)
+        found = tolerance.confidence_of(3.0, 5.0, shape, prob, zero_mean=True)
+        assert found == pytest.approx(np.mean(figure >= radius), abs=0.01)
+        assert found == pytest.approx(confidence, abs=0.01)
+        assert tolerance.confidence_of(3.0, 5.0, shape, prob) <= found + 1e-9
+    assert tolerance.confidence_of(3.0, 1.9, SHAPES[0], prob) is None
+
+
+def test_factors_and_zero_failure_sizes_are_those_of_the_tables() -> None:
+    """Hahn and Meeker's one-sided factors; Wilks' numbers; each number of failures against the binomial law."""
+    for count, expected in ((5, 4.203), (10, 2.911), (30, 2.220)):
+        assert tolerance.gaussian_factor(count, 0.95, 0.95) == pytest.approx(expected, abs=1e-3)
+    sizes = [tolerance.zero_failure_count(*each) for each in ((0.95, 0.95), (0.99, 0.95), (0.9973, 0.9))]
+    assert sizes == [59, 299, 852]
+    for count in (58, 59, 93, 300):
+        failures = tolerance.allowed_failures(count, 0.95, 0.95)
+        assert stats.binom.cdf(failures + 1, count, 0.05) > 0.05
+        assert failures < 0 or stats.binom.cdf(failures, count, 0.05) <= 0.05
+    assert tolerance.count_for_rate(0, 12, 0.95, 0.95) == 59
+    assert tolerance.count_for_rate(1, 10, 0.95, 0.95) is None
+    needed = tolerance.count_for_rate(1, 50, 0.95, 0.95)
+    assert tolerance.allowed_failures(needed, 0.95, 0.95) >= needed / 50 > 1
+
+
+def test_normality_has_its_level_and_detects_heavy_tails() -> None:
+    accepted = [tolerance.normality(RANDOM.standard_normal(40)) >= 0.25 for _ in range(2000)]
+    assert np.mean(accepted) == pytest.approx(0.75, abs=0.04)
+    heavy = [tolerance.normality(RANDOM.standard_t(3, 200)) >= 0.25 for _ in range(500)]
+    assert np.mean(heavy) < 0.02
+
+
+@pytest.mark.parametrize(
+    ("case", "count", "is_normal"),
+    [
+        ("isotropic", 20, True),
+        ("one axis", 5, True),
+        ("1 : 0.3 : 0.3", 200, False),
+        ("heavy tails, isotropic", 60, False),
+        ("heavy tails, one axis", 200, False),
+        ("correlated windows", 60, False),
+    ],
+)
+def test_bounds_hold_as_often_as_they_say(case: str, count: int, is_normal: bool) -> None:
+    """200 campaigns: three standard deviations below the confidence; the campaign of 10,000 is tolerance-coverage."""
+    found = coverage(case, count, 0.95, 0.95, 200, is_normal=is_normal)
+    assert found.stated > 0.99
+    assert found.held > 0.95 - 3 * np.sqrt(0.05 * 0.95 / 200)
+    assert found.accused < 0.05 + 3 * np.sqrt(0.05 * 0.95 / 200)
+
+
+def test_the_number_that_is_needed_is_enough() -> None:
+    sample = Sample(RANDOM.standard_normal(400), 400.0)
+    known = tolerance.moments(sample)
+    needed = tolerance.normal_count(known, known.mean + 3.3 * known.sigma, 0.9973, 0.9)
+    factors = [tolerance.normal_factor(float(n), known.shape, 0.9973, 0.9) for n in (needed - 1, needed)]
+    assert factors[0] > 3.3 >= factors[1]
+    few = Sample(RANDOM.standard_normal(20), 20.0)
+    assert tolerance.tolerance_bound(few, 0.95, 0.95).upper is None
+    assert tolerance.count_needed(few, 100.0, 0.95, 0.95) == 59
+    assert tolerance.count_needed(few, 0.0, 0.95, 0.95) is None
+
+
+# ---- as limits
+
+
+def judged(score: Score, **entry: Any) -> tuple[Score, Any]:
+    content = {"trajectory": [{"condition": "distance=5", "position_bound_m": entry}]}
+    found = limits.judged(score, limits.parse_limits(content, "limits"))
+    return found, found.verdicts[0]
+
+
+def long_score() -> Score:
+    """A drive of some 80 sub-trajectories that share no frame."""
+    truth, estimate = drive(3, count=1600)
+    return score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5",)))
+
+
+def test_a_limit_with_a_share_passes_fails_or_says_how_many_drives_are_missing() -> None:
+    score = long_score()
+    independent = score.figure("position").independent
+    assert independent > 59
+    found, verdict = judged(score, limit=10.0, prob=0.95, confidence=0.95)
+    assert (verdict.state, verdict.proof.more, verdict.n) == ("pass", None, int(independent))
+    row = found.figure("bound")
+    assert row.value == verdict.value < 10.0
+    assert score.figure("position").p95 < row.value <= score.figure("position").max
+    assert row.unit == "m"
+    again = limits.judged(found, limits.limits_of(found.verdicts))
+    assert again.rows("bound") == found.rows("bound"), "judged again, the table has the bound once"
+    assert judged(score, limit=0.0, prob=0.95, confidence=0.95)[1].state == "fail"
+    _, ensemble = judged(score, limit=10.0, prob=0.95, confidence=0.95, interpretation="ensemble")
+    assert (ensemble.state, ensemble.proof.more) == ("not enough data", 58)
+    assert (
+        "58 more drives"
+        in limits.reasons_not_judged(judged(score, limit=10.0, interpretation="mixed", prob=0.95, confidence=0.95)[0])[
+            0
+        ]
+    )
+    without = judged(replace(score, details=None), limit=10.0)[1]
+    assert (without.state, without.value) == ("not enough data", None)
+
+
+@pytest.mark.parametrize(
+    ("entry", "problem"),
+    [
+        ({"prob": 95}, "0.95 for 95 %"),
+        ({"confidence": "high"}, "confidence"),
+        ({"interpretation": "always"}, "temporal, ensemble, mixed"),
+        ({"normal": "yes"}, "true or false"),
+        ({"share": 0.9}, "unknown key 'share'"),
+    ],
+)
+def test_terms_that_make_no_sense_are_refused(entry: dict[str, Any], problem: str) -> None:
+    content = {"trajectory": [{"condition": "distance=5", "position_bound_m": {"limit": 1, **entry}}]}
+    with pytest.raises(ConfigError, match=problem):
+        limits.parse_limits(content, "limits")
+    with pytest.raises(ConfigError, match="unknown key 'prob'"):
+        limits.parse_limits(
+            {"trajectory": [{"condition": "distance=5", "position_max_m": {"limit": 1, "prob": 0.9}}]}, "l"
+        )
+
+
+def test_every_report_says_what_mean_plus_3_sigma_proves() -> None:
+    score = long_score()
+    rows = score.rows("confidence", condition="distance=5")
+    assert [row.part for row in rows] == ["99.73 % of position errors", "95 % of position errors"]
+    assert 0.5 < rows[0].value < rows[1].value <= 1.0
+    assert rows[0].independent == score.figure("position").independent
+    ratios = [row.value for row in score.rows("shape")]
+    assert 1.0 >= ratios[0] >= ratios[1] >= 0.0
