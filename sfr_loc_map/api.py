@@ -220,9 +220,11 @@ def _run(estimate: Estimate, truth: Truth, stats: tuple[Path, ...], fused: bool 
             raise ConfigError("a cloud is scored against a source with mapping pairs and truth, not a trajectory")
         read = [*load_run(ScoreInputs(stats=stats)).stats, *_own_stats(estimate)]
         loaded = said_fused(LoadedCloud(estimate.xyz.astype(np.float64), estimate), fused, "the cloud")
-        cloud = ScoredCloud(loaded, load_map_truth(Path(place), estimate.pair_stamps_ns))
+        truths, nav_stamps_ns = load_map_truth(Path(place), estimate.pair_stamps_ns)
+        cloud = ScoredCloud(loaded, truths)
         in_memory = {"cloud": hash_arrays([estimate.to_structured()])}
-        return Run(ScoreInputs(map_truth=Path(place), stats=stats), read, cloud=cloud, in_memory=in_memory)
+        inputs = ScoreInputs(map_truth=Path(place), stats=stats)
+        return Run(inputs, read, cloud=cloud, nav_stamps_ns=nav_stamps_ns, in_memory=in_memory)
     if not isinstance(estimate, Trajectory) and not isinstance(place, Trajectory):
         return load_run(ScoreInputs.of(Path(estimate), Path(place), stats), fused)
     both: dict[str, Any] = {"estimate": estimate, "truth": place}

@@ -93,9 +93,10 @@ def report(
         config = build(AlignedErrorConfig, {"align": align, "max_difference_s": max_difference}, origin="options")
         _draw(results, truth, config, output)
         return
+    from sfr_loc_map.metrics.judge import each_by_its_limits
     from sfr_loc_map.report.page import load_score
 
-    scores = [load_score(path) for path in results]
+    scores = each_by_its_limits([load_score(path) for path in results])
     if is_test:
         if output is not None:
             raise ConfigError(f"'-o {output}' is the page: leave it out beside '--test-report', '--junit'")

@@ -21,7 +21,7 @@ def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> No
     A method that failed has failed. Figures of an estimate and a truth that contradict each other by convention judge
     nothing, whatever the limits; otherwise a limit that was missed counts before one that could not be judged.
     """
-    from sfr_loc_map.metrics.limits import finding_verdicts, reasons_not_judged
+    from sfr_loc_map.metrics.judge import finding_verdicts, reasons_not_judged
 
     if score.failed and (score.contradiction is None or lenient or score.failures):
         wrong = {item.name for item in finding_verdicts(score)}
@@ -40,7 +40,7 @@ def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> No
 
 def check_conditions(truth: Trajectory | None, conditions: Sequence[str], *, lenient: bool) -> None:
     """Check before the work is done that a drive meets conditions."""
-    from sfr_loc_map.metrics.limits import conditions_beyond
+    from sfr_loc_map.metrics.judge import conditions_beyond
 
     parsed = [Condition.parse(text) for text in conditions]
     if truth is not None:

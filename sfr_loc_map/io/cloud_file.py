@@ -58,6 +58,8 @@ class LoadedCloud:
     """The same points; None where the file does not say pixel and pair. Sigma or intensity that it lacks are NaN."""
     grid: Grid = None
     """Width and height of an organised cloud whose pixels follow from the order of its points; None for others."""
+    not_finite: int = 0
+    """Points with a coordinate that is not finite, which are left out."""
 
     def of_images(self, width: int, height: int, name: str) -> LoadedCloud:
         """Return the cloud for images of a size: the order of the points gives pixels of images of that size alone."""
@@ -93,11 +95,12 @@ def load_cloud(path: Path) -> LoadedCloud:
     with np.errstate(invalid="ignore"):  # a NaN that signals is one like the others
         xyz = np.column_stack([np.asarray(columns[name], np.float64) for name in "xyz"])
     finite = np.isfinite(xyz).all(axis=1)
+    not_finite = 0 if grid is not None else int(np.count_nonzero(~finite))  # an organised cloud has a place for each
     farthest = float(np.abs(xyz[finite]).max(initial=0.0))
     if farthest > MAX_POSITION_M:
         raise InputError(f"cloud '{path}' has a coordinate of {farthest:g} m: up to {MAX_POSITION_M:g} m are read")
     if not all(name in columns for name in PIXEL_FIELDS):
-        return LoadedCloud(xyz[finite], None)
+        return LoadedCloud(xyz[finite], None, not_finite=not_finite)
     points = np.zeros(int(finite.sum()), PointCloud.dtype())
     for name, kind in FIELD_TYPES.items():
         values = columns[name][finite] if name in columns else np.full(len(points), np.nan)
@@ -107,7 +110,7 @@ def load_cloud(path: Path) -> LoadedCloud:
                 raise InputError(f"cloud '{path}': field {name} must hold whole numbers from 0 to {limit}")
         with np.errstate(invalid="ignore", over="ignore"):  # what is too large for the type becomes infinite
             points[name] = values
-    return LoadedCloud(xyz[finite], PointCloud.from_structured(points, fused, pair_stamps_ns), grid)
+    return LoadedCloud(xyz[finite], PointCloud.from_structured(points, fused, pair_stamps_ns), grid, not_finite)
 
 
 def _with_pixels(columns: Columns, comments: list[str], width: int, height: int) -> tuple[Columns, list[str]]:

@@ -20,7 +20,7 @@ from sfr_loc_map.live.path import ROW_FIELDS, LivePath
 from sfr_loc_map.live.timeline import LOCALISATION_NODE, EventKind, Timeline, TopicView
 from sfr_loc_map.live.updates import LOCALISATION, REPORT
 from sfr_loc_map.metrics.config import Condition
-from sfr_loc_map.metrics.limits import with_verdict
+from sfr_loc_map.metrics.judge import overall_verdict
 from sfr_loc_map.metrics.score import SCHEMA, Score
 from sfr_loc_map.metrics.score_json import from_json, to_dict
 from sfr_loc_map.report.limit_bars import limit_bars
@@ -97,13 +97,14 @@ class ReportView:
 
     def ended(self, missing: str) -> ReportView:
         """Return the report of a run that is over, which may be incomplete; the figures stay as they are."""
-        score, drive = self.score, self.score.association
-        settings = {} if score.provenance is None else score.provenance.configuration.get("monitor")
-        partial = isinstance(settings, dict) and settings.get("score.trajectory.partial") is True
-        if partial or any(item.name == "missing_max_share" for item in score.verdicts):
+        score, rules = self.score, self.score.rules
+        allows = rules is not None and (
+            rules.partial or any(limit.name == "missing_max_share" for limit in rules.limits)
+        )
+        if allows or score.incomplete is not None or not missing:
             return self
-        missing = score.incomplete or (drive and drive.incomplete) or missing
-        return ReportView(with_verdict(struct_replace(score, incomplete=missing or None)), self.received_s)
+        score = struct_replace(score, incomplete=missing)
+        return ReportView(struct_replace(score, verdict=overall_verdict(score)), self.received_s)
 
     def to_plain(self) -> dict[str, Any]:
         """Return what a page shows, as JSON values."""
@@ -212,9 +213,6 @@ class LiveState:
             nothing: dict[str, Any] = {"overall": None, "tables": [], "limits": [], "events": self.events_to_plain()}
             return {"schema": SCHEMA, "figures": [], "verdicts": [], "live": live | nothing}
         shown, content = report.to_plain(), report.content
-        drive = content.get("association")
-        if not self.ended and content.get("incomplete") is None and drive:
-            content = content | {"association": drive | {"incomplete": None}}
         live |= {name: shown[name] for name in ("overall", "tables", "limits")}
         return content | {"live": live | {"events": self.events_to_plain()}}
 

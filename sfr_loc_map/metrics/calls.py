@@ -22,8 +22,10 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.catalogue import TARGET, Subject, clause_of
+from sfr_loc_map.metrics.completeness import CALLS, MEMORY, calls_completeness
 from sfr_loc_map.metrics.config import CallKind, MappingState
 from sfr_loc_map.metrics.score import (
     CallHistogram,
@@ -184,6 +186,24 @@ def score_calls(calls: Calls, clock: str = HOST_CLOCK, *, details: bool = True) 
             plots[kind.value] = plots_of(calls, mine)
     method = METHOD if any(row.value is not None for row in peaks) else METHOD_UNAVAILABLE
     return ScoredCalls((*times, *peaks), CallRecords(clocks=clocks, memory_method=method), plots)
+
+
+def completeness_rows(
+    calls: Sequence[Calls], expected_ns: Mapping[Task, IntArray | None], place: str = ""
+) -> Iterator[Figure]:
+    """Yield the rows of what of the expected calls was measured; of a kind that several have, those of the last."""
+    found: dict[CallKind, tuple[Calls, NDArray[np.intp]]] = {}
+    for item in calls:
+        kinds = np.array([KINDS.get(state, CallKind.LOCALISATION) for state in item.states], dtype=object)
+        for kind in CallKind:
+            if len(mine := np.flatnonzero(kinds == kind)):
+                found[kind] = item, mine
+    for kind, (item, mine) in found.items():
+        task = Task.LOCALISATION if kind is CallKind.LOCALISATION else Task.MAPPING
+        values = {CALLS: item.seconds[mine]}
+        if np.isfinite(item.peak_bytes[mine]).any():
+            values[MEMORY] = np.where(item.peak_bytes[mine] > 0.0, item.peak_bytes[mine], np.nan)
+        yield from calls_completeness(kind, item.stamps_ns[mine], expected_ns.get(task), values, place)
 
 
 def time_rows(kind: CallKind, seconds: FloatArray) -> Iterator[Figure]:

@@ -15,6 +15,7 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.metrics import formulas
+from sfr_loc_map.metrics.completeness import map_completeness
 from sfr_loc_map.metrics.config import CloudKind, MapScoreConfig
 from sfr_loc_map.metrics.score import (
     CloudRecord,
@@ -185,8 +186,19 @@ class ScoredMap(NamedTuple):
     details: MapDetails | None  #: What plots are drawn from, if the points' pixels are known.
 
 
-def score_map(cloud: PointCloud, truths: Sequence[PairTruth], config: MapScoreConfig) -> ScoredMap:
-    """Return the score of a cloud in LM whose points' pixels are known; MetricsError if it is not of this source."""
+def score_map(
+    cloud: PointCloud,
+    truths: Sequence[PairTruth],
+    config: MapScoreConfig,
+    *,
+    expected_pairs: int | None = None,
+    not_finite: int = 0,
+) -> ScoredMap:
+    """Return the score of a cloud in LM whose points' pixels are known; MetricsError if it is not of this source.
+
+    `expected_pairs` is the number of mapping pairs of the source, by default that of the truths. `not_finite` is the
+    number of points that were dropped because a coordinate is not finite.
+    """
     if cloud.fused is None:
         raise MetricsError("the cloud does not say whether it is fused: set `fused`, coverage depends on it")
     errors = point_errors(cloud, truths)
@@ -209,20 +221,23 @@ def score_map(cloud: PointCloud, truths: Sequence[PairTruth], config: MapScoreCo
         figures.append(coverage_row(part, covered[number : number + 1], ranges[number : number + 1], *scored))
     figures += [figure_row("points", value=len(cloud)), figure_row("pairs", value=len(truths))]
     without_truth = len(cloud) - len(errors.index)
-    without_cloud = len(set(range(len(truths))) - set(cloud.pair.tolist()))
-    for name, count, total in (
-        ("points_without_truth", without_truth, len(cloud)),
-        ("pairs_without_cloud", without_cloud, len(truths)),
-    ):
-        figures.append(figure_row(name, n=total, value=count / total if total else None))
-        figures.append(figure_row(name, part="count", n=total, value=count))
+    bare = [bare_share(image, distance, *scored) for image, distance in zip(covered, ranges, strict=True)]
+    many = len(truths) if expected_pairs is None else expected_pairs
+    figures += map_completeness(len(cloud), not_finite, without_truth, cloud.pair, many, bare)
     figures += sigma_rows(cloud, errors)
     kind = CloudKind.FUSED if cloud.fused else CloudKind.SINGLE_PAIRS
     record = CloudRecord(kind=kind, scored_range_m=scored)
     return ScoredMap(tuple(figures), record, _details(cloud, errors, truths))
 
 
-def score_nearest(xyz: NDArray[np.floating], truths: Sequence[PairTruth], config: MapScoreConfig) -> ScoredMap:
+def score_nearest(
+    xyz: NDArray[np.floating],
+    truths: Sequence[PairTruth],
+    config: MapScoreConfig,
+    *,
+    expected_pairs: int | None = None,
+    not_finite: int = 0,
+) -> ScoredMap:
     """Return the score of points whose pixels are not known: by the nearest true point, seldom the one seen."""
     from scipy.spatial import cKDTree  # slow to import, and seldom needed by a node
 
@@ -233,11 +248,15 @@ def score_nearest(xyz: NDArray[np.floating], truths: Sequence[PairTruth], config
     records["x"], records["y"], records["z"], records["pair"] = (*np.asarray(xyz).T, 255)  # of no pair
     ranges, scored = [truth.ranges_m() for truth in truths], (config.scored_from_m, config.scored_to_m)
     covered = footprint_coverage(PointCloud.from_structured(records), truths, ranges, config.scored_to_m)
+    bare = [bare_share(image, far, *scored) for image, far in zip(covered, ranges, strict=True)]
+    near_pairs = np.flatnonzero(np.asarray(bare) < 1.0)  # no point names its pair
+    many = len(truths) if expected_pairs is None else expected_pairs
     figures = (
         figure_row("nearest_distance", statistics=formulas.statistics(distance)),
         coverage_row(None, covered, ranges, *scored),
         figure_row("points", value=len(xyz)),
         figure_row("pairs", value=len(truths)),
+        *map_completeness(len(xyz), not_finite, 0, near_pairs, many, bare),
     )
     return ScoredMap(figures, CloudRecord(nearest_only=True, scored_range_m=scored), None)
 
@@ -258,6 +277,13 @@ def coverage_row(
     total = sum(int(np.count_nonzero(which)) for which in inside)
     have = sum(int(np.count_nonzero(image[which])) for image, which in zip(covered, inside, strict=True))
     return figure_row("coverage", part=part, n=total, value=have / total if total else None)
+
+
+def bare_share(covered: Mask, distance: FloatArray, low: float, high: float) -> float:
+    """Return the fraction of the true pixels of a pair in a range [low, high) that have no point; 0 without any."""
+    inside = (distance >= low) & (distance < high)
+    total = int(np.count_nonzero(inside))
+    return int(np.count_nonzero(inside & ~covered)) / total if total else 0.0
 
 
 def sigma_rows(cloud: PointCloud, errors: PointErrors) -> Iterator[Figure]:

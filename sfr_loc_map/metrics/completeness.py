@@ -1,28 +1,31 @@
-"""What of a drive an estimate covers: a part of a drive is never a pass of the whole [4.1.1].
+"""Completeness: what was expected of a drive, a map, the calls or a live run, and what of it can be judged.
 
-Where the images are known they are what has to be covered. Otherwise it is the truth's path: what is between
-neighbouring estimates counts as covered unless they are further apart than five of their usual periods, since truth is
-often denser than images. docs/metrics.md, "The whole drive".
+What is expected comes from the source, never from the item under test: the stamps of its images or, where these are
+unknown, the stamps of the ground truth. Each function returns rows of the table of figures. `metrics.judge` decides by
+these rows whether there can be a verdict. docs/metrics.md, "Completeness".
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.metrics.config import Condition, ConditionKind
+from sfr_loc_map.metrics.config import CallKind, Condition, ConditionKind
 from sfr_loc_map.metrics.score import Association, Figure, figure_row
 
-MISSING_SHARE = 0.01  #: An estimate that misses more is incomplete.
-GAP_PERIODS = 5  #: Neighbouring estimates that are more of their usual periods apart cover nothing between them.
+MISSING_SHARE = 0.01  #: An estimate that misses more is reported as incomplete where no limit judges it.
+GAP_PERIODS = 5  #: Neighbouring poses that are more of their usual periods apart cover nothing between them.
 IMAGE_PERIOD_SHARE = 0.4  #: An estimate this near to an image, in periods, is of this image: files round stamps.
+DRIVE, MAP, LIVE, SUITE, CALLS, MEMORY = "drive", "map", "live", "suite", "calls", "memory"
+"""Parts of the rows `judged`; those of calls and of their memory are followed by the kind of call."""
 DOUBLED_SHARE = 0.1  #: With more stamps that occur twice, and other poses at them, a file holds two runs.
 
 
@@ -48,6 +51,7 @@ def completeness(
     association: Association,
     conditions: Sequence[Condition],
     image_stamps_ns: IntArray | None,
+    in_flight_ns: int = 0,
 ) -> tuple[Association, list[Figure]]:
     """Return what of a drive is covered: the association with why it is incomplete, and the rows of the score.
 
@@ -55,32 +59,56 @@ def completeness(
     """
     stamps = single_run_stamps(estimate)
     true_ns, rows = np.unique(truth.stamps_ns, return_index=True)
+    true_ns = settled(true_ns, in_flight_ns)
+    rows = rows[: len(true_ns)]
     steps = np.linalg.norm(np.diff(truth.positions[rows], axis=0), axis=1)
     travelled_m = np.append(0.0, np.cumsum(steps))
-    images: int | None = None
+    tolerance_ns = round(association.tolerance_s * NS_PER_S)
+    needed, images = true_ns, None
     if image_stamps_ns is not None and len(image_stamps_ns):
-        needed = np.unique(image_stamps_ns)
+        needed = settled(np.unique(image_stamps_ns), in_flight_ns)
         images = len(needed)
-        gaps = gaps_in_images(stamps, needed, round(association.tolerance_s * NS_PER_S))
-    else:
-        gaps = gaps_in_truth(stamps, true_ns)
-    sizes = sizes_of(gaps, stamps, true_ns, travelled_m, images)
-    incomplete = why_incomplete(gaps, sizes, conditions, images)
-    given, matched = len(estimate.stamps_ns), association.matched
+    has_estimate = has_near(needed, stamps, nearness_ns(needed, tolerance_ns))
+    has_truth = is_spanned(needed, true_ns, round(association.max_gap_s * NS_PER_S), tolerance_ns)
+    gaps = gaps_of(needed, ~has_estimate)
+    covered = gaps if images else gaps_in_truth(stamps, true_ns)
+    sizes = sizes_of(covered, stamps, true_ns, travelled_m, images)
+    incomplete = why_incomplete(covered, sizes, conditions, images)
+    given, matched, expected = len(estimate.stamps_ns), association.matched, len(needed)
     unmatched, doubled = len(stamps) - matched, association.estimate_duplicates
     counts = {
-        "missing": (gaps.missing, sizes.missing_share, images or len(true_ns)),
-        "lost": (association.lost, share_of(association.lost, matched), matched),
-        "degraded": (association.degraded, share_of(association.degraded, matched), matched),
-        "unmatched": (unmatched, share_of(unmatched, len(stamps)), len(stamps)),
-        "doubled": (doubled, share_of(doubled, given), given),
+        "missing": (int(np.count_nonzero(~has_estimate)), expected),
+        "images_without_truth": (int(np.count_nonzero(~has_truth)), expected),
+        "lost": (association.lost, matched),
+        "degraded": (association.degraded, matched),
+        "unmatched": (unmatched, len(stamps)),
+        "doubled": (doubled, given),
     }
-    figures = [figure_row("judged", n=images or len(true_ns), value=1.0 - sizes.missing_share)]
-    for name, (count, share, total) in counts.items():
-        figures += [figure_row(name, n=total, value=share), figure_row(name, part="count", n=total, value=count)]
-    figures.append(figure_row("longest_gap", part="distance", value=sizes.longest_m))
-    figures.append(figure_row("longest_gap", part="time", unit="s", value=sizes.longest_s))
+    figures = [expected_row(DRIVE, int(np.count_nonzero(has_estimate & has_truth)), expected)]
+    for name, (count, total) in counts.items():
+        figures += share_rows(name, count, total)
+    longest = sizes_of(gaps, stamps, true_ns, travelled_m, images)
+    figures.append(figure_row("longest_gap", part="distance", value=longest.longest_m))
+    figures.append(figure_row("longest_gap", part="time", unit="s", value=longest.longest_s))
     return msgspec.structs.replace(association, images=images, incomplete=incomplete), figures
+
+
+def settled(stamps_ns: IntArray, in_flight_ns: int) -> IntArray:
+    """Return the stamps, which go up, whose results are due: not those of the last nanoseconds of a run."""
+    if not in_flight_ns or not len(stamps_ns):
+        return stamps_ns
+    return np.asarray(stamps_ns[stamps_ns <= stamps_ns.max() - in_flight_ns])
+
+
+def expected_row(part: str, judged: int, expected: int | None) -> Figure:
+    """Return the row of what was expected of a part, and the fraction of it that is judged; null if unknown."""
+    return figure_row("judged", part=part, n=expected, value=None if expected is None else share_of(judged, expected))
+
+
+def share_rows(name: str, count: int, total: int) -> Iterator[Figure]:
+    """Yield the rows of a count as a fraction of a total, and as it is."""
+    yield figure_row(name, n=total, value=share_of(count, total))
+    yield figure_row(name, part="count", n=total, value=count)
 
 
 def share_of(count: int, total: int) -> float | None:
@@ -103,13 +131,41 @@ def single_run_stamps(estimate: Trajectory) -> IntArray:
     return unique
 
 
-def gaps_in_images(stamps: IntArray, needed: IntArray, tolerance_ns: int) -> Gaps:
-    """Return the gaps between estimates of images; stamps of both go up."""
-    near_ns = tolerance_ns
-    if len(needed) > 1:
-        near_ns = max(tolerance_ns, int(IMAGE_PERIOD_SHARE * np.median(np.diff(needed))))
-    first = np.searchsorted(stamps, needed - near_ns, "left")
-    is_absent = first == np.searchsorted(stamps, needed + near_ns, "right")
+def nearness_ns(needed: IntArray, tolerance_ns: int = 0) -> int:
+    """Return how near to a needed stamp another one has to be to be of the same pair; stamps go up."""
+    if len(needed) < 2:
+        return tolerance_ns
+    return max(tolerance_ns, int(IMAGE_PERIOD_SHARE * np.median(np.diff(needed))))
+
+
+def has_near(stamps: IntArray, among: IntArray, near_ns: int) -> Mask:
+    """Tell which stamps have one of the other stamps near them; both go up."""
+    first = np.searchsorted(among, stamps - near_ns, "left")
+    return np.asarray(first < np.searchsorted(among, stamps + near_ns, "right"))
+
+
+def is_spanned(needed: IntArray, true_ns: IntArray, max_gap_ns: int, tolerance_ns: int) -> Mask:
+    """Tell which needed stamps the ground truth covers; stamps of both go up.
+
+    A true pose stands for one usual period of the truth before and after it, so that a truth that is sparser than the
+    images covers the images at both ends. A hole that is longer than `max_gap_ns`, and than five usual periods, covers
+    nothing between its ends.
+    """
+    if not len(true_ns):
+        return np.zeros(len(needed), np.bool_)
+    usual_ns = float(np.median(np.diff(true_ns))) if len(true_ns) > 1 else 0.0
+    reach_ns = max(tolerance_ns, round(usual_ns))
+    before = np.searchsorted(true_ns, needed, "right") - 1
+    after = np.searchsorted(true_ns, needed, "left")
+    since = needed - true_ns[np.maximum(before, 0)]
+    until = true_ns[np.minimum(after, len(true_ns) - 1)] - needed
+    is_inside = (before >= 0) & (after < len(true_ns)) & (since + until <= max(max_gap_ns, GAP_PERIODS * usual_ns))
+    is_beside = ((before >= 0) & (since <= reach_ns)) | ((after < len(true_ns)) & (until <= reach_ns))
+    return np.asarray(is_inside | is_beside)
+
+
+def gaps_of(needed: IntArray, is_absent: Mask) -> Gaps:
+    """Return the gaps between the needed stamps that are there; stamps go up."""
     edges = np.flatnonzero(np.diff(is_absent, prepend=False, append=False))  # a run begins, a run has ended
     begins = needed[np.maximum(edges[::2] - 1, 0)]
     ends = needed[np.minimum(edges[1::2], len(needed) - 1)]
@@ -169,3 +225,63 @@ def why_incomplete(gaps: Gaps, sizes: GapSizes, conditions: Sequence[Condition],
     if images is None:
         text += "; where the truth is longer than the images, score against the source with its images"
     return text
+
+
+# ---- maps, calls and live runs
+
+
+def map_completeness(
+    points: int,
+    not_finite: int,
+    without_truth: int,
+    point_pairs: NDArray[np.integer],
+    expected_pairs: int,
+    bare: Sequence[float],
+) -> Iterator[Figure]:
+    """Yield the rows of a cloud.
+
+    `points` are those of the cloud that are finite, `point_pairs` the pairs that have one, `bare` the fraction of the
+    true pixels of each pair, in the scored range, without a point.
+    """
+    mapped = len(np.unique(point_pairs))
+    yield expected_row(MAP, mapped, expected_pairs)
+    yield from share_rows("pairs_without_cloud", max(expected_pairs - mapped, 0), expected_pairs)
+    yield from share_rows("points_without_truth", without_truth, points)
+    yield from share_rows("points_not_finite", not_finite, points + not_finite)
+    yield figure_row("pixels_without_point", n=len(bare), value=max(bare, default=None))
+
+
+def calls_completeness(
+    kind: CallKind, stamps_ns: IntArray, expected_ns: IntArray | None, values: Mapping[str, FloatArray], place: str = ""
+) -> Iterator[Figure]:
+    """Yield the rows of the calls `(N,)` of one kind against the pairs that were expected.
+
+    `values` are what was measured in each call, by `calls` (time) and `memory`, NaN where not measured. `place` stands
+    before the part of each row. A set of pairs is mapped by one call at the stamp of its last pair, so that at least
+    one such call is expected, at a stamp of the source.
+    """
+    for name, measured in values.items():
+        given = stamps_ns[np.isfinite(measured)]
+        if expected_ns is None or not len(expected_ns):
+            yield expected_row(f"{place}{name} {kind}", 0, None)
+            continue
+        expected, near_ns = np.unique(expected_ns), nearness_ns(np.unique(expected_ns))
+        unique, counts = np.unique(given, return_counts=True)
+        is_of_drive = has_near(unique, expected, near_ns)
+        judged, many = int(np.count_nonzero(has_near(expected, unique, near_ns))), len(expected)
+        if kind not in (CallKind.LOCALISATION, CallKind.MAPPING):
+            judged, many = min(judged, 1), 1
+        yield expected_row(f"{place}{name} {kind}", judged, many)
+        if name == CALLS:
+            part, total = f"{place}{kind}", len(given)
+            other, doubled = int(counts[~is_of_drive].sum()), int((counts - 1).sum())
+            yield figure_row("calls_missing", part=part, n=many, value=share_of(many - judged, many))
+            yield figure_row("calls_other", part=part, n=total, value=share_of(other, total) or 0.0)
+            yield figure_row("calls_doubled", part=part, n=total, value=share_of(doubled, total) or 0.0)
+
+
+def live_completeness(received: int, dropped: int, restarts: int) -> Iterator[Figure]:
+    """Yield the rows of a live run: messages that were received and dropped, and restarts of the score."""
+    yield expected_row(LIVE, received, received + dropped)
+    yield from share_rows("dropped", dropped, received + dropped)
+    yield figure_row("restarts", value=restarts)

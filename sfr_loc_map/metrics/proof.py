@@ -183,8 +183,3 @@ def terms_of(entry: Mapping[str, Any]) -> tuple[Terms, str | None]:
     if word not in [str(kind) for kind in Interpretation]:
         return Terms(), f"'interpretation' is {word!r}: {', '.join(Interpretation)} are possible"
     return Terms(**given)._replace(interpretation=Interpretation(word)), None
-
-
-def terms_of_record(record: ProofRecord) -> Terms:
-    """Return the terms that a verdict was judged by."""
-    return Terms(record.prob, record.confidence, Interpretation(record.interpretation), record.normal)

@@ -206,6 +206,31 @@ def is_lower_bound(limit_name: str) -> bool:
     return limit_name.endswith("_min")
 
 
+class LimitRecord(Record, frozen=True, kw_only=True):
+    """One limit of a requirements file."""
+
+    part: str  #: Part of the limits file.
+    name: str  #: Name of the limit there.
+    limit: float  #: Bound in the unit of the name.
+    condition: str | None = None  #: Condition of the sub-trajectories.
+    id: str | None = None  #: Number of the requirement.
+    text: str | None = None  #: Its text.
+    certain: bool = False  #: Whether a pass requires the whole 95 % interval to be within the limit.
+    prob: float | None = None  #: Share of the errors that a tolerance bound is on; null for other limits.
+    confidence: float | None = None  #: Confidence with which that share has to be shown.
+    interpretation: str | None = None  #: Over what the share is taken.
+    normal: bool | None = None  #: Whether the errors are declared to be normal.
+
+
+class Rules(Record, frozen=True, kw_only=True, omit_defaults=False):
+    """By what the verdicts follow from the table of figures."""
+
+    limits: tuple[LimitRecord, ...] = ()  #: Limits in the order of their file.
+    minimum_count: int = 2  #: Fewer values than this are not enough data.
+    partial: bool = False  #: Whether a part of what was expected is judged as if it were the whole.
+    sha256: str = ""  #: Hash of all of the above.
+
+
 # ---- how estimates were compared with the ground truth
 
 
@@ -602,7 +627,8 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     convention: ConventionRecord | None = None  #: How the poses were converted before they were scored.
     warnings: tuple[str, ...] = ()  #: One line for each.
     contradiction: str | None = None  #: Convention mismatch of estimate and truth: no figure of them judges anything.
-    incomplete: str | None = None  #: Why the estimate does not cover the whole drive, unless a part was asked for.
+    incomplete: str | None = None  #: What of the expected data cannot be judged, unless a part was asked for.
+    rules: Rules | None = None  #: By what the verdicts follow from the figures; null where there are no limits.
     details: Details | None = None  #: What plots are drawn from.
 
     # ---- look-up

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.metrics.judge import contradiction_of
 from sfr_loc_map.metrics.score import SCHEMA, Score
 
 T = TypeVar("T")
@@ -65,9 +66,10 @@ def from_dict(content: object, origin: str = "score") -> Score:
     found = content.get("schema") if isinstance(content, dict) else type(content).__name__
     _check_schema(found, origin)
     try:
-        return msgspec.convert(content, Score)
+        score = msgspec.convert(content, Score)
     except (msgspec.ValidationError, ValueError) as error:
         raise _invalid(error, origin) from error
+    return checked(score, origin)
 
 
 def from_json(text: str | bytes, origin: str = "score") -> Score:
@@ -83,10 +85,22 @@ def from_json(text: str | bytes, origin: str = "score") -> Score:
         problem = " ".join(str(error).split())
         raise InputError(f"{origin} is no JSON ({problem}): give the JSON of sfr score --json") from error
     _check_schema(head.schema, origin)
+    return checked(decoded(text, origin), origin)
+
+
+def decoded(text: str | bytes, origin: str = "score") -> Score:
+    """Return the record of a text as it is, without a look at its verdicts."""
     try:
         return msgspec.json.decode(text, type=Score)
     except (msgspec.ValidationError, ValueError) as error:
         raise _invalid(error, origin) from error
+
+
+def checked(score: Score, origin: str) -> Score:
+    """Return a score whose verdicts follow from its figures; InputError, which names the contradiction, otherwise."""
+    if (problem := contradiction_of(score)) is not None:
+        raise InputError(f"{origin} contradicts itself: {problem}; {SCORE_AGAIN}")
+    return score
 
 
 def _check_schema(found: object, origin: str) -> None:

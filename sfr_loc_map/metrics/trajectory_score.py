@@ -120,10 +120,12 @@ def score_trajectory(
     image_stamps_ns: IntArray | None = None,
     details: bool = True,
     under_way: bool = False,
+    in_flight_ns: int = 0,
 ) -> ScoredTrajectory:
     """Return the score of a trajectory; poses of RB in DS, in any order.
 
-    Images, where their stamps are known, are what an estimate has to cover. MetricsError if a condition is not valid,
+    Images, where their stamps are known, are what an estimate has to cover, otherwise true poses; those of the last
+    `in_flight_ns` may still come. MetricsError if a condition is not valid,
     or no estimate has a ground truth (which is no error while a run is under way).
     """
     conditions = parsed_conditions(config)
@@ -133,7 +135,9 @@ def score_trajectory(
         raise MetricsError(nothing_matched(estimates.trajectory, truth))
     poses = Poses(frames.gt_pos, frames.gt_quat, frames.est_pos, frames.est_quat)
     length_m = formulas.path_length_m(frames.gt_pos)
-    association, covered = completeness(estimates.trajectory, truth, association, conditions, image_stamps_ns)
+    association, covered = completeness(
+        estimates.trajectory, truth, association, conditions, image_stamps_ns, in_flight_ns
+    )
     chosen = [select(condition, config.spacing, frames, length_m) for condition in conditions]
     sums = step_sums(placed.estimates, frames, chosen)
     figures: list[Figure] = []

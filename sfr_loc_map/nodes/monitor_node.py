@@ -47,6 +47,7 @@ from sfr_loc_map.runs.calls import decode_call
 from sfr_loc_map.scoring.monitor_score import MonitorScore, ReportFile
 
 RESTS = 9.0  #: Time without scoring after each score, as a multiple of the processor time that it took.
+IN_FLIGHT_S = 5.0  #: While a run goes on, results of pairs that are younger than this do not count as missing.
 VERDICT_LEVELS = {
     VerdictState.PASS: Level.OK,
     VerdictState.FAIL: Level.ERROR,
@@ -207,7 +208,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     def _on_pose(self, message: PoseStamped) -> None:
         stamp_ns = stamp_of(message)
         pose = transform_from_pose(message.pose, f"nav/pose of stamp {stamp_ns}")
-        self._score.map_inputs.poses[stamp_ns] = pose
+        self._score.map_inputs.add_pose(stamp_ns, pose)
         self._score_maps()
 
     def _on_camera_info(self, side: Side, message: CameraInfo) -> None:
@@ -251,10 +252,12 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._last_ns = max(self._last_ns, stamp_ns)
         self.status.note_arrival()
 
-    def _result(self, *, details: bool = True) -> Score:
+    def _result(self, *, details: bool = True, in_flight_s: float = 0.0) -> Score:
         """Return the score so far, with the configurations that it was made with."""
         configuration = self._configurations | {"monitor": json.loads(self.config_json())}
-        return self._score.result(Provenance(version=__version__, configuration=configuration), details=details)
+        made = Provenance(version=__version__, configuration=configuration)
+        self._score.dropped = sum(count for name, count in self.counts().items() if name.startswith("dropped"))
+        return self._score.result(made, details=details, in_flight_s=in_flight_s)
 
     def _publish(self) -> None:
         """Publish the figures; a long run is scored less often, at most a tenth of the time."""
@@ -263,7 +266,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
             return
         self._changed = False
         try:
-            score = self._result(details=False)
+            score = self._result(details=False, in_flight_s=IN_FLIGHT_S)
         except MetricsError as error:  # two runs in one, for instance
             self.status.error(str(error))
             return

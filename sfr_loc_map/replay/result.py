@@ -166,11 +166,11 @@ def score_replay(
             inputs = replace(inputs, estimate=files.estimate)
         else:
             in_memory["estimate"] = hash_arrays((estimate.stamps_ns, estimate.positions, estimate.quats_xyzw))
-    missing = ""
-    if images is not None and not len(result.estimate):
-        missing = f"no pose for any of {len(images)} images"
-    elif source.nav is not None and len(result.mapped_ns) < len(source.nav):
-        missing = f"the map holds {len(result.mapped_ns)} of {len(source.nav)} pairs"
+    unposed = len(images) if images is not None and not len(result.estimate) else 0
+    nav_stamps_ns, unmapped = None, 0
+    if source.nav is not None:
+        nav_stamps_ns = np.array([pair.pair.stamp_ns for pair in source.nav.pairs()], np.int64)
+        unmapped = 0 if len(result.mapped_ns) == len(nav_stamps_ns) else len(nav_stamps_ns)
     if (cloud := _scored_cloud(source, result)) is not None:
         inputs = replace(inputs, map_truth=source.path, configuration=source.configuration)
         if files is not None:
@@ -178,8 +178,8 @@ def score_replay(
         else:
             in_memory["cloud"] = hash_arrays([cloud.loaded.xyz])
     task = Task.MAPPING if drive is None else Task.LOCALISATION
-    run = scoring.Run(inputs, stats, drive=drive, cloud=cloud, method=record_of_ours(task), missing=missing)
-    run = replace(run, in_memory=in_memory)
+    run = scoring.Run(inputs, stats, drive=drive, cloud=cloud, method=record_of_ours(task), unposed_images=unposed)
+    run = replace(run, in_memory=in_memory, nav_stamps_ns=nav_stamps_ns, unmapped_pairs=unmapped)
     if (node := result.external) is not None:
         run = replace(run, method=node.method, external=node.score, findings=node.findings, convention=node.convention)
     score = scoring.score_run(run, config, limits)

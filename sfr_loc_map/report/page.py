@@ -19,7 +19,7 @@ from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text
 from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.metrics.catalogue import Subject
 from sfr_loc_map.metrics.config import ScoreConfig, VerdictState, label_of
-from sfr_loc_map.metrics.limits import finding_verdicts, with_verdict
+from sfr_loc_map.metrics.judge import finding_verdicts
 from sfr_loc_map.metrics.score import Score, Verdict
 from sfr_loc_map.metrics.score_json import from_json, to_plain
 from sfr_loc_map.report.limit_bars import share_of
@@ -41,9 +41,9 @@ Sections = Sequence[tuple[str, list[Plot]]]
 
 
 def load_score(path: Path) -> Score:
-    """Read a score and derive its verdict again; InputError if the file cannot be read or holds no score."""
+    """Read a score, whose verdicts are derived again; InputError if they differ, or the file holds no score."""
     try:
-        return with_verdict(from_json(read_text(path, MAX_JSON_BYTES), f"'{path}'"))
+        return from_json(read_text(path, MAX_JSON_BYTES), f"'{path}'")
     except (OSError, ValueError) as error:
         problem = error.strerror if isinstance(error, OSError) else error
         raise InputError(f"cannot read score '{path}': {problem}; give the JSON of sfr score --json") from error

@@ -7,16 +7,14 @@ deviations, anomalies, open points, signatures.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
-
-from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.inputs import printable
 from sfr_loc_map.metrics.catalogue import Subject, clause_of
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.limits import with_verdict
+from sfr_loc_map.metrics.judge import each_by_its_limits
 from sfr_loc_map.metrics.score import Score, TargetRecord, Verdict
 from sfr_loc_map.report.page import from_template, overall_of
 from sfr_loc_map.report.score_tables import (
@@ -68,20 +66,9 @@ def clauses_used(scores: Sequence[Score]) -> list[str]:
 
 def render_test_report(scores: Sequence[Score], title: str = "") -> str:
     """Return the report as HTML, without script; it prints on A4."""
-    # a limit of the map has no value in a score of the drive: it is judged where it has one
-    judged = {(item.name, item.condition) for score in scores for item in score.verdicts if item.value is not None}
-    left_out = [
-        {k for k, item in enumerate(score.verdicts) if item.value is None and (item.name, item.condition) in judged}
-        for score in scores
-    ]
-    results = [row for index, score in enumerate(scores) for row in _results(score, index, left_out[index])]
+    scores = each_by_its_limits(scores)
+    results = [row for index, score in enumerate(scores) for row in _results(score, index)]
     states = [row["verdict"] for row in results]
-    scores = [
-        with_verdict(
-            struct_replace(score, verdicts=tuple(item for k, item in enumerate(score.verdicts) if k not in gone))
-        )
-        for score, gone in zip(scores, left_out, strict=True)
-    ]
     overalls = [overall_of(score) for score in scores]
     tables_of_all = [[table_of(item, name) for name in TABLES] for item in scores]
     return from_template(
@@ -147,10 +134,8 @@ def _item(score: Score) -> dict[str, str]:
     return {name: printable(text) for name, text in facts.items()}
 
 
-def _results(score: Score, index: int, left_out: Collection[int]) -> Iterator[dict[str, Any]]:
+def _results(score: Score, index: int) -> Iterator[dict[str, Any]]:
     for place, item in enumerate(score.verdicts):
-        if place in left_out:
-            continue
         unit, key = unit_of(item, *(item.interval or ())), f"verdicts.{place}"
         verdict = NOT_JUDGED if score.contradiction is not None else str(item.state)
         yield {

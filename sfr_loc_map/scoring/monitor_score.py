@@ -23,18 +23,20 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import JUMP_BACK_NS, LOST_VARIANCE, MAX_JSON_BYTES, parse_json, read_text
+from sfr_loc_map.inputs import JUMP_BACK_NS, LOST_VARIANCE, MAX_JSON_BYTES, NS_PER_S, Task, parse_json, read_text
 from sfr_loc_map.io.atomic import check_output, output_target, write_text
 from sfr_loc_map.io.truth import RB_ITSELF, TrackedBody
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, unique_rows
-from sfr_loc_map.metrics.calls import Calls, ScoredCalls, score_calls, stage_of
+from sfr_loc_map.metrics.calls import Calls, ScoredCalls, completeness_rows, score_calls, stage_of
 from sfr_loc_map.metrics.cloud_error import PairTruth, ScoredMap, score_map
+from sfr_loc_map.metrics.completeness import live_completeness, settled
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig
 from sfr_loc_map.metrics.consistency import STEP_SIZE
-from sfr_loc_map.metrics.limits import Limits, judged
-from sfr_loc_map.metrics.score import SCHEMA, Details, Provenance, Score
+from sfr_loc_map.metrics.judge import judged
+from sfr_loc_map.metrics.limits import Limits
+from sfr_loc_map.metrics.score import SCHEMA, Details, Figure, Provenance, Score
 from sfr_loc_map.metrics.trajectory_score import ScoredTrajectory, score_trajectory
 from sfr_loc_map.runs.calls import CallRecord
 
@@ -113,15 +115,25 @@ class MapInputs:
         self.true_points = _Latest[PointImage]()  # `(H, W, 3)` of each pair, metres, LM
         self.poses = _Latest[Transform]()  # `T_lm_navsb` of each pair
         self.clouds = _Latest[PointCloud]()  # as published; the stamp is that of the last pair
+        self.pair_stamps_ns = set[int]()  # of all mapping pairs that came, which maps have to hold
+        self._mapped_until_ns = -1  # stamp of the last pair of the last map
         self._fusions = _Latest[CallRecord]()  # by the stamp of their cloud
+
+    def add_pose(self, stamp_ns: int, T_lm_navsb: Transform) -> None:
+        """Add the pose of a mapping pair."""
+        self.poses[stamp_ns] = T_lm_navsb
+        self.pair_stamps_ns.add(stamp_ns)
 
     def add_call(self, record: CallRecord) -> None:
         """Add a call; that of a fusion names the pairs of its cloud."""
         if record.state == MappingState.FUSED and record.pair_stamps_ns:
             self._fusions[record.stamp_ns] = record
 
-    def take_complete(self) -> Iterator[tuple[PointCloud, list[PairTruth]]]:
-        """Yield, and forget, the clouds whose pairs and truth are known, with the truth of each pair."""
+    def take_complete(self) -> Iterator[tuple[PointCloud, list[PairTruth], int]]:
+        """Yield, and forget, the clouds whose pairs and truth are known, with the truth of each pair.
+
+        The third value is the number of pairs that came since the last map, which the map has to hold.
+        """
         for stamp_ns in list(self.clouds):
             fusion = self._fusions.get(stamp_ns)
             if fusion is None or self.rig is None:
@@ -130,7 +142,10 @@ class MapInputs:
             if not all(stamp in self.true_points and stamp in self.poses for stamp in wanted):
                 continue
             truths = [PairTruth(self.true_points[s], self.poses[s] @ self.rig.T_sb_left, self.rig) for s in wanted]
-            yield replace(self.clouds.pop(stamp_ns), fused=fusion.is_fused), truths
+            last_ns, begin_ns = max(wanted), self._mapped_until_ns
+            expected = sum(begin_ns < stamp <= last_ns for stamp in self.pair_stamps_ns)
+            self._mapped_until_ns = max(begin_ns, last_ns)
+            yield replace(self.clouds.pop(stamp_ns), fused=fusion.is_fused), truths, max(expected, len(wanted))
 
 
 class MonitorScore:
@@ -141,10 +156,13 @@ class MonitorScore:
         self.map_inputs = MapInputs()
         self._config, self._limits, self._body = config, limits, body
         self._latest_ns: dict[str, int] = {}
+        self.restarts = 0  #: How often another time began a new run since the operator's reset.
+        self.dropped = 0  #: Messages that were lost in transport or dropped.
         self.restart()
 
     def restart(self, kind: str = "", stamp_ns: int = 0) -> None:
         """Forget everything but the inputs of maps to come; `kind` is what has begun another run, at a stamp."""
+        self.restarts = self.restarts + 1 if kind else 0
         end_ns = max(self._latest_ns.values(), default=0)
         self._ended_ns = {name: (ns, end_ns) for name, ns in self._latest_ns.items() if kind and name != kind}
         self._latest_ns = {kind: stamp_ns} if kind else {}
@@ -197,8 +215,8 @@ class MonitorScore:
     def score_maps(self) -> bool:
         """Score the clouds whose inputs are complete; the last one counts. Return whether there was one."""
         scored = False
-        for cloud, truths in self.map_inputs.take_complete():
-            self.map_score = score_map(cloud, truths, self._config.map)
+        for cloud, truths, expected in self.map_inputs.take_complete():
+            self.map_score = score_map(cloud, truths, self._config.map, expected_pairs=expected)
             scored = True
         return scored
 
@@ -207,23 +225,26 @@ class MonitorScore:
         provenance: Provenance | None = None,
         *,
         details: bool = True,
-        ended: bool = False,
+        in_flight_s: float = 0.0,
         image_stamps_ns: IntArray | None = None,
     ) -> Score:
-        """Return the score so far; with details, what figures are drawn from. Only what has ended is incomplete."""
-        drive = self._scored_trajectory(image_stamps_ns, details=details)
+        """Return the score so far; with details, what figures are drawn from.
+
+        While a run goes on, results of the last `in_flight_s` seconds are still expected and do not count as missing.
+        """
+        drive = self._scored_trajectory(image_stamps_ns, round(in_flight_s * NS_PER_S), details=details)
         calls = score_calls(self._calls.calls(), details=details) if len(self._calls) else ScoredCalls()
         figures = [
             *(() if drive is None else drive.figures),
             *(() if self.map_score is None else self.map_score.figures),
             *calls.figures,
+            *self._completeness(image_stamps_ns, round(in_flight_s * NS_PER_S)),
         ]
         shown = Details(
             trajectory=None if drive is None else drive.details,
             map=None if self.map_score is None else self.map_score.details,
             calls=dict(calls.plots),
         )
-        allowed = self._config.trajectory.partial or (self._limits is not None and self._limits.allow_missing)
         score = Score(
             figures=tuple(figures),
             association=None if drive is None else drive.association,
@@ -231,12 +252,24 @@ class MonitorScore:
             provenance=provenance,
             cloud=None if self.map_score is None else self.map_score.cloud,
             calls=calls.records if len(self._calls) else None,
-            incomplete=drive.association.incomplete if drive is not None and ended and not allowed else None,
             details=shown if details and shown != Details() else None,
         )
-        return judged(score, self._limits)
+        return judged(score, self._limits, partial=self._config.trajectory.partial)
 
-    def _scored_trajectory(self, image_stamps_ns: IntArray | None, *, details: bool) -> ScoredTrajectory | None:
+    def _completeness(self, image_stamps_ns: IntArray | None, in_flight_ns: int) -> Iterator[Figure]:
+        """Yield what of the expected calls came, and what of the messages was dropped."""
+        expected = image_stamps_ns if image_stamps_ns is not None else self._truth.all()["stamp_ns"]
+        pairs = np.array(sorted(self.map_inputs.pair_stamps_ns), np.int64)
+        known = {Task.LOCALISATION: settled(expected, in_flight_ns), Task.MAPPING: settled(pairs, in_flight_ns)}
+        if len(self._calls):
+            yield from completeness_rows([self._calls.calls()], known)
+        if self.dropped or self.restarts:
+            received = len(self._estimates) + len(self._truth) + len(self._calls)
+            yield from live_completeness(received, self.dropped, self.restarts)
+
+    def _scored_trajectory(
+        self, image_stamps_ns: IntArray | None, in_flight_ns: int, *, details: bool
+    ) -> ScoredTrajectory | None:
         """Return the score of the poses that have come, by the function that scores files."""
         if not len(self._estimates) or not len(self._truth):
             return None
@@ -250,6 +283,7 @@ class MonitorScore:
             image_stamps_ns=image_stamps_ns,
             details=details,
             under_way=True,
+            in_flight_ns=in_flight_ns,
         )
 
     def _given_estimates(self) -> Estimates:

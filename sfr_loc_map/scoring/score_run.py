@@ -22,9 +22,9 @@ from sfr_loc_map.config import flatten
 from sfr_loc_map.errors import ConfigError, InputError, MetricsError, MissingExtraError, SfrError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.pose_convention import PoseConvention
-from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
-from sfr_loc_map.inputs import COMMIT, hash_arrays, hash_path, read_text, refusing
+from sfr_loc_map.inputs import COMMIT, Task, hash_arrays, hash_path, read_text, refusing
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.cloud_file import SUFFIXES as CLOUD_SUFFIXES
@@ -34,11 +34,23 @@ from sfr_loc_map.io.trajectory_file import LoadedTrajectory, read_trajectory_fil
 from sfr_loc_map.io.truth import possible_truth, truth_of_file
 from sfr_loc_map.metrics.aligned_error import aligned_errors
 from sfr_loc_map.metrics.association import UPPER, Estimates
-from sfr_loc_map.metrics.calls import ScoredCalls, joined, score_calls, score_target, with_external
+from sfr_loc_map.metrics.calls import (
+    KINDS,
+    Calls,
+    ScoredCalls,
+    completeness_rows,
+    joined,
+    score_calls,
+    score_target,
+    with_external,
+)
+from sfr_loc_map.metrics.catalogue import TARGET
 from sfr_loc_map.metrics.cloud_error import PairTruth, score_map, score_nearest, truths_of
-from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationMode, CallKind, Condition, ScoreConfig, label_of
+from sfr_loc_map.metrics.completeness import DRIVE, MAP, MEMORY, expected_row, share_rows
+from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationMode, Condition, ScoreConfig, label_of
 from sfr_loc_map.metrics.convention import Diagnosis, converted_estimates, diagnose
-from sfr_loc_map.metrics.limits import Limits, judged
+from sfr_loc_map.metrics.judge import judged, why_incomplete
+from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import (
     Alignment,
     Association,
@@ -160,7 +172,9 @@ class Run:
     findings: tuple[FindingRecord, ...] = ()  #: What was wrong with its answers.
     #: How the poses of `drive` have been converted, None where they have not.
     convention: ConventionRecord | None = None
-    missing: str = ""  #: What of a source has no result, where no estimate or cloud says so.
+    unposed_images: int = 0  #: Images of a drive for which there is no estimate at all.
+    nav_stamps_ns: IntArray | None = None  #: Stamps of the mapping pairs of the source, None where they are not known.
+    unmapped_pairs: int = 0  #: Mapping pairs of the source, where there is no cloud that can be scored.
     in_memory: Mapping[str, str] = field(default_factory=dict)  #: Hash of inputs that are no file, by role.
 
 
@@ -202,7 +216,6 @@ class _Part:
 
     figures: tuple[Figure, ...] = ()
     warnings: tuple[str, ...] = ()
-    incomplete: str | None = None  #: Why the part does not cover the whole drive.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -238,11 +251,7 @@ def score_run(
     cloud = _map_part(run, config)
     calls = _calls_part(run)
     method = _method_of(run)
-    incomplete = run.missing or drive.incomplete or _unanswered(run)
     warnings = [*_convention_warnings(run.convention), *drive.warnings]
-    if incomplete and (config.trajectory.partial or (limits is not None and limits.allow_missing)):
-        warnings.append(f"a part of the drive is judged: {incomplete}")
-        incomplete = None
     warnings += calls.warnings
     warnings += () if method is None else _process_warnings(method, run.stats)
     score = Score(
@@ -261,11 +270,16 @@ def score_run(
         convention=run.convention,
         warnings=tuple(warnings),
         contradiction=drive.contradiction,
-        incomplete=incomplete or None,
         details=_details(drive.details, cloud.details, calls.plots),
     )
-    score = judged(score, limits)
-    return struct_replace(score, warnings=(*score.warnings, *_reading_warnings(score)))
+    score = judged(score, limits, partial=config.trajectory.partial)
+    return struct_replace(score, warnings=(*score.warnings, *_partial_warnings(score), *_reading_warnings(score)))
+
+
+def _partial_warnings(score: Score) -> Iterator[str]:
+    """Yield what is missing of the whole that nothing but the user's consent lets pass."""
+    if score.incomplete is None and (text := why_incomplete(struct_replace(score, rules=None))) is not None:
+        yield f"a part of the drive is judged: {text}"
 
 
 def _with_conditions(config: ScoreConfig, limits: Limits | None) -> ScoreConfig:
@@ -288,6 +302,9 @@ def _details(
 
 def _drive_part(run: Run, config: ScoreConfig, aligned: AlignedErrorConfig | None) -> _DrivePart:
     drive = run.drive
+    if drive is None and run.unposed_images:
+        many = run.unposed_images
+        return _DrivePart(figures=(expected_row(DRIVE, 0, many), *share_rows("missing", many, many)))
     if drive is None:
         return _DrivePart()
     contradiction = _contradiction(drive, config)
@@ -302,7 +319,6 @@ def _drive_part(run: Run, config: ScoreConfig, aligned: AlignedErrorConfig | Non
     return _DrivePart(
         figures=figures,
         warnings=tuple(warnings),
-        incomplete=scored.association.incomplete,
         association=scored.association,
         truth=scored.truth,
         alignment=alignment,
@@ -369,25 +385,21 @@ def truth_warnings(about: TruthRecord) -> Iterator[str]:
         )
 
 
-def _unanswered(run: Run) -> str | None:
-    """Return that an external localiser did not answer all pairs; of a mapper one cloud may be of several pairs."""
-    node = run.external
-    if node is None or node.task != CallKind.LOCALISATION or not node.answers.missing:
-        return None
-    return f"{node.answers.missing} of {node.answers.pairs} pairs have no answer"
-
-
 # ---- the map
 
 
 def _map_part(run: Run, config: ScoreConfig) -> _MapPart:
+    if run.cloud is None and run.unmapped_pairs:
+        many = run.unmapped_pairs
+        return _MapPart(figures=(expected_row(MAP, 0, many), *share_rows("pairs_without_cloud", many, many)))
     if run.cloud is None:
         return _MapPart()
     loaded, truths = run.cloud.loaded, run.cloud.truths
+    pairs = None if run.nav_stamps_ns is None else len(np.unique(run.nav_stamps_ns))
     if loaded.cloud is None:
-        scored = score_nearest(loaded.xyz, truths, config.map)
+        scored = score_nearest(loaded.xyz, truths, config.map, expected_pairs=pairs, not_finite=loaded.not_finite)
     else:
-        scored = score_map(loaded.cloud, truths, config.map)
+        scored = score_map(loaded.cloud, truths, config.map, expected_pairs=pairs, not_finite=loaded.not_finite)
     return _MapPart(
         figures=scored.figures,
         cloud=scored.cloud,
@@ -405,12 +417,39 @@ def _calls_part(run: Run) -> _CallsPart:
         calls = [with_external(item, run.external) for item in calls or [ScoredCalls()]]
     of_host = joined(calls)
     records = of_host.records if calls else None
+    expected = _expected_calls(run)
+    figures = [*of_host.figures, *completeness_rows([_stamped(item, expected) for item in run.stats], expected)]
+    if (node := run.external) is not None and node.process is not None:
+        figures.append(expected_row(f"{MEMORY} {node.task}", 1, 1))  # of its processes over the whole run
     if run.target is None:
-        return _CallsPart(figures=of_host.figures, records=records, plots=of_host.plots)
+        return _CallsPart(figures=tuple(figures), records=records, plots=of_host.plots)
     of_target, target = _scored_target(run, run.target)
-    figures = (*of_host.figures, *of_target)
+    figures += [*of_target, *completeness_rows([_stamped(run.target, expected)], expected, f"{TARGET} ")]
     warnings = tuple(_target_warnings(target))
-    return _CallsPart(figures=figures, records=records, plots=of_host.plots, target=target, warnings=warnings)
+    return _CallsPart(figures=tuple(figures), records=records, plots=of_host.plots, target=target, warnings=warnings)
+
+
+def _expected_calls(run: Run) -> dict[Task, IntArray | None]:
+    """Return the stamps of the pairs that each task has a call for: those of the source, else of the truth."""
+    images = None if run.drive is None else run.drive.image_stamps_ns
+    if images is None and run.drive is not None:
+        images = run.drive.truth.stamps_ns
+    return {Task.LOCALISATION: images, Task.MAPPING: run.nav_stamps_ns}
+
+
+def _stamped(stats: CallStats, expected: Mapping[Task, IntArray | None]) -> Calls:
+    """Return calls with stamps; calls that are only numbered are those of the expected pairs in their order."""
+    if stats.has_stamps:
+        return stats.calls
+    stamps = -1 - stats.calls.stamps_ns
+    for task in Task:
+        is_localisation = task is Task.LOCALISATION
+        mine = np.flatnonzero([(state not in KINDS) == is_localisation for state in stats.calls.states])
+        known = expected.get(task)
+        of_drive = mine[: 0 if known is None else len(np.unique(known))]
+        if known is not None:
+            stamps[of_drive] = np.unique(known)[: len(of_drive)]
+    return replace(stats.calls, stamps_ns=stamps)
 
 
 def _scored_target(run: Run, calls: CallStats) -> tuple[tuple[Figure, ...], TargetRun]:
@@ -525,10 +564,10 @@ def load_run(
     if inputs.cloud is not None and inputs.map_truth is not None:
         loaded = said_fused(load_cloud(inputs.cloud), fused, f"cloud '{inputs.cloud}'")
         stamps_ns = None if loaded.cloud is None else loaded.cloud.pair_stamps_ns
-        truths = load_map_truth(inputs.map_truth, stamps_ns, inputs.config)
+        truths, nav_stamps_ns = load_map_truth(inputs.map_truth, stamps_ns, inputs.config)
         if truths:
             loaded = loaded.of_images(truths[0].rig.width, truths[0].rig.height, f"cloud '{inputs.cloud}'")
-        run = replace(run, cloud=ScoredCloud(loaded, truths))
+        run = replace(run, cloud=ScoredCloud(loaded, truths), nav_stamps_ns=nav_stamps_ns)
 
     in_memory, place, loc, how = Path(IN_MEMORY), inputs.truth, None, inputs.config or AS_IT_IS
     read = place or inputs.map_truth
@@ -624,21 +663,26 @@ def estimates_of(trajectory: Trajectory, stats: Sequence[CallStats] = ()) -> Est
 
 def load_map_truth(
     path: Path, stamps_ns: Sequence[int] | None = None, config: SourceConfig | None = None
-) -> list[PairTruth]:
-    """Read the truth of the mapping pairs of a source, all or those of some stamps in their order."""
+) -> tuple[list[PairTruth], IntArray]:
+    """Read the truth of the mapping pairs of a source, all or those of some stamps in their order; and all stamps."""
     nav = io.open_source(path, config).nav
     if nav is None:
         raise InputError(f"'{path}' has no mapping pairs: a cloud is scored against a source with nav pairs and truth")
-    if stamps_ns is None:
-        return truths_of(list(nav.pairs()), nav.rig)
-    pairs = {item.pair.stamp_ns: item for item in nav.pairs() if item.pair.stamp_ns in set(stamps_ns)}
-    missing = [str(stamp_ns) for stamp_ns in stamps_ns if stamp_ns not in pairs]
+    wanted = None if stamps_ns is None else set(stamps_ns)
+    pairs: dict[int, PosedStereoPair] = {}
+    every: list[int] = []
+    for item in nav.pairs():
+        every.append(item.pair.stamp_ns)
+        if wanted is None or item.pair.stamp_ns in wanted:
+            pairs[item.pair.stamp_ns] = item
+    missing = [str(stamp_ns) for stamp_ns in stamps_ns or () if stamp_ns not in pairs]
     if missing:
         raise InputError(
             f"the cloud was made of pairs of stamps {', '.join(missing)}, which '{path}' does not have: give the "
             "source that it was made from"
         )
-    return truths_of([pairs[stamp_ns] for stamp_ns in stamps_ns], nav.rig)
+    chosen = pairs.values() if stamps_ns is None else [pairs[stamp_ns] for stamp_ns in stamps_ns]
+    return truths_of(list(chosen), nav.rig), np.array(every, np.int64)
 
 
 def said_fused(loaded: LoadedCloud, fused: bool | None, name: str) -> LoadedCloud:

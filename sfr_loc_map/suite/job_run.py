@@ -28,7 +28,8 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.methods.registry import MethodLimits, record_of_ours
 from sfr_loc_map.metrics.cloud_error import truths_of
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.limits import Limits, judged, parse_limits
+from sfr_loc_map.metrics.judge import judged, limits_about, what_of
+from sfr_loc_map.metrics.limits import Limits, parse_limits
 from sfr_loc_map.metrics.score import Provenance, Score
 from sfr_loc_map.metrics.score_json import from_json, to_plain
 from sfr_loc_map.runs.calls import load_call_stats, save_stats
@@ -63,7 +64,8 @@ def run_job(job: Job, scratch: Path, cache: Path) -> Score:
         source = faulty(open_source(path), _faults(job), job.fault_seed)
         run = (_localise if job.kind is JobKind.LOCALISE else _map)(job, source, path, scratch)
         score = score_run(run, config, limits)
-    return struct_replace(judged(score, limits), provenance=_provenance(job, score.provenance, scratch))
+    score = judged(score, limits_about(limits, what_of(score)), partial=job.scoring.partial)
+    return struct_replace(score, provenance=_provenance(job, score.provenance, scratch))
 
 
 def _localise(job: Job, source: Source, truth: Path, scratch: Path) -> Run:

@@ -19,24 +19,24 @@ from numpy.typing import NDArray
 from sfr_loc_map import __version__
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.catalogue import KINDS, Subject
+from sfr_loc_map.metrics.completeness import SUITE, expected_row
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.limits import (
-    Limit,
+from sfr_loc_map.metrics.judge import (
     LimitedFigure,
-    LimitPart,
-    Limits,
+    about,
     condition_of,
     figure_of,
     finding_verdicts,
     incomplete_verdict,
     judged,
+    limits_about,
     meets,
-    parse_limits,
     plain_verdict,
     proof_verdict,
     verdict_on,
-    with_verdict,
+    what_of,
 )
+from sfr_loc_map.metrics.limits import Limit, Limits, parse_limits
 from sfr_loc_map.metrics.proof import Interpretation, Terms, prove, sample_of
 from sfr_loc_map.metrics.score import POOLED, Figure, Score, Verdict, figure_row
 from sfr_loc_map.metrics.score_json import to_plain
@@ -137,12 +137,18 @@ class Summary:
         states = [item.state for group in self.groups for item in group.verdicts]
         if not states:
             return None
-        for worst in (VerdictState.FAIL, VerdictState.INCOMPLETE):
-            if worst in states:
-                return worst
-        complete = len(self.drives) == self.tasks and not self.refusals
-        passed = complete and all(state is VerdictState.PASS for state in states)
+        if VerdictState.FAIL in states:
+            return VerdictState.FAIL
+        if VerdictState.INCOMPLETE in states or self.completeness.value != 1.0:
+            return VerdictState.INCOMPLETE
+        passed = all(state is VerdictState.PASS for state in states)
         return VerdictState.PASS if passed else VerdictState.NOT_ENOUGH_DATA
+
+    @property
+    def completeness(self) -> Figure:
+        """The row of the tasks that were planned, and the fraction of them that has a result."""
+        planned = self.tasks + len(self.refusals)
+        return expected_row(SUITE, len(self.drives), planned or None)
 
     def to_dict(self) -> dict[str, object]:
         """Return it as JSON values; of each drive its key, names, verdicts, and where its score stands."""
@@ -173,9 +179,8 @@ def summarise(store: Store) -> Summary:
     for job, state in entries:
         if state == "done":
             score = store.score(job.key)
-            score = judged(score, limits)
-            applying = tuple(item for item in score.verdicts if _applies(item, score))
-            drives.append(ScoredJob(job, with_verdict(replace(score, verdicts=applying))))
+            of_score = limits_about(limits, what_of(score))
+            drives.append(ScoredJob(job, judged(score, of_score, partial=job.scoring.partial)))
     return Summary(
         tasks=len(entries),
         waiting=sum(state == "waiting" for _, state in entries),
@@ -187,13 +192,6 @@ def summarise(store: Store) -> Summary:
         workers=store.workers(),
         run=store.run,
     )
-
-
-def _applies(verdict: Verdict, score: Score) -> bool:
-    """Tell whether a limit is on what the job made: a map is not judged by the limits of a drive."""
-    if verdict.subject in (Subject.TRAJECTORY, Subject.MAP):
-        return score.has(verdict.subject)
-    return verdict.value is not None
 
 
 def groups_of(drives: Sequence[ScoredJob], limits: Limits | None) -> Iterator[Group]:
@@ -234,22 +232,21 @@ def verdicts_over(
         plain = plain_verdict("convention_mismatch_drives", 0.0, value, state)
         yield _of_group(replace(plain, n=len(scores)), "worst drive", contradicted)
     if parts := [score for score in scores if score.incomplete is not None]:
-        shares = [share for score in parts if (share := score.number("judged")) is not None]
+        shares = [
+            share for score in parts if (share := score.number("judged", subject=Subject.COMPLETENESS)) is not None
+        ]
         # a drive that is not covered is no pass, whatever the figures of the others
         whole = replace(incomplete_verdict(min(shares, default=None)), n=len(scores))
         yield _of_group(whole, "worst drive", len(parts))
+    parts_judged = {part for score in scores for part in what_of(score)}
     for limit in () if limits is None else limits.limits:
+        if about(limit) not in parts_judged:
+            continue  # maps are not judged by the limits of drives
         if limit.terms is not None:
-            if any(score.has(Subject.TRAJECTORY) for score in scores):
-                yield proof_over_drives(limit, limit.terms, results)
+            yield proof_over_drives(limit, limit.terms, results)
             continue
-        values = [found for score in scores if (found := figure_of(limit, score).value) is not None]
-        subject = limit.limited.subject
-        if subject in (Subject.TRAJECTORY, Subject.MAP) and limit.part is not LimitPart.TARGET:
-            if not any(score.has(subject) for score in scores):
-                continue  # maps are not judged by the limits of drives
-        elif not values:
-            continue
+        own = [score for score in scores if about(limit) in what_of(score)]
+        values = [found for score in own if (found := figure_of(limit, score).value) is not None]
         over, count = "worst drive", len(values)
         if limit.condition is not None:
             figure = figure_of(limit, Score(figures=pooled))
@@ -258,6 +255,9 @@ def verdicts_over(
             worst_value = min(values, default=None) if limit.is_lower_bound else max(values, key=abs, default=None)
             figure = LimitedFigure(worst_value)
         verdict = replace(verdict_on(limit, figure, limits.minimum_count if limits else 2), n=count)
+        has_value = [bool(_count_of(limit, score)) for score in own]
+        if verdict.state is VerdictState.PASS and not all(has_value):
+            verdict = replace(verdict, state=VerdictState.INCOMPLETE)  # a drive that cannot be judged is no pass
         yield _of_group(verdict, over, sum(not meets(limit, found) for found in values))
 
 
@@ -280,6 +280,14 @@ def proof_over_drives(limit: Limit, terms: Terms, results: Sequence[tuple[str, S
     return _of_group(verdict, over, exceeding)
 
 
+def _count_of(limit: Limit, score: Score) -> float:
+    """Return of how many values the limited number of a drive is made, 0 where there is no number."""
+    found = figure_of(limit, score)
+    if limit.condition is not None and found.row is not None:
+        return float(found.row.n or 0)
+    return 0.0 if found.value is None else 1.0
+
+
 def _of_group(verdict: Verdict, over: str, missed_by: int) -> GroupVerdict:
     return GroupVerdict(**asdict(verdict), over=over, missed_by=missed_by)
 
@@ -296,7 +304,7 @@ def pool(results: Sequence[tuple[str, Score]], condition: str) -> Iterator[Figur
         used: list[tuple[str, list[Figure]]] = []
         for drive, score in results:
             rows = [_axis_row(score, kind.name, condition, axis) for axis in axes]
-            known = [row for row in rows if row is not None and row.mean is not None and (row.n or 0) > 1]
+            known = [row for row in rows if row is not None and row.mean is not None and (row.n or 0) > 0]
             if len(known) == len(axes):
                 used.append((drive, known))
         has_figure = any(score.rows(kind.name, condition=condition) for _, score in results)
@@ -323,7 +331,9 @@ def pooled_row(figure: str, condition: str, used: Sequence[tuple[str, Sequence[F
     if not used:
         return figure_row(figure, condition, POOLED, n=0, independent=0)
     means = np.array([[row.mean for row in rows] for _, rows in used], np.float64)
-    sigmas = np.array([[row.sigma for row in rows] for _, rows in used], np.float64)
+    if total < 2:
+        return figure_row(figure, condition, POOLED, n=total, independent=many)
+    sigmas = np.array([[row.sigma or 0.0 for row in rows] for _, rows in used], np.float64)
     squares = np.square(sigmas) * (count[:, None] - 1.0)
     mean, sigma = (float(values[0]) for values in _pooled(count, means, squares, np.ones((1, len(count)))))
     found: dict[str, Any] = {"mean": mean, "sigma": sigma, "mean_plus_3sigma": mean + 3.0 * sigma}

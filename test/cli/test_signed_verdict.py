@@ -131,8 +131,8 @@ def test_half_a_drive_is_incomplete_unless_asked_for(judge: Judge) -> None:
     half = rows_of(judge.estimate, slice(201))
     result, score = judge(limits=SUM + "1\n", estimate=half)
     assert result.code == 3
-    assert [item["verdict"] for item in score["verdicts"]] == ["incomplete", "pass"]
-    assert "not judged: incomplete: the estimate covers 50 % of the true path" in result.err
+    assert [item["verdict"] for item in score["verdicts"]] == ["incomplete", "incomplete"]
+    assert "not judged: incomplete: the estimate covers 50.12 % of the true poses" in result.err
     first = next(line for line in result.out.splitlines() if "verdict:" in line or "incomplete:" in line)
     assert first.startswith("incomplete:")
     assert score_rows.number(score, "missing", part="count") == 200
@@ -198,7 +198,7 @@ def test_what_belongs_to_nothing_has_limits(sfr: Sfr, judge: Judge, source: Path
     save_cloud(cloud, PointCloud(*columns, fused=False))
     limits = judge.limits("map:\n  pairs_without_cloud_max_share: 0.4\n")
     result = sfr("score", cloud, source, "--limits", limits, "--json", "-")
-    assert (result.code, json.loads(result.out)["verdicts"][0]["value"]) == (1, 0.5)
+    assert (result.code, json.loads(result.out)["verdicts"][-1]["value"]) == (1, 0.5)
 
 
 def test_two_runs_in_one_file_are_refused(judge: Judge) -> None:
@@ -239,7 +239,8 @@ def test_the_readings_differ_under_drift_and_the_result_says_which_verdict_they_
 def test_three_pairs_to_one_cloud_are_one_call_with_time_and_memory(sfr: Sfr, judge: Judge, source: Path) -> None:
     made, stats = judge.folder / "made.ply", judge.folder / "made.csv"
     assert sfr("map", source, "-o", made, "--stats", stats).code == 0
-    limits = judge.limits("timing:\n  mapping_call_s: 600\nmemory:\n  mapping_call_peak_bytes: 100000000000\n")
+    sky = "map:\n  points_without_truth_max_share: 0.5\n"
+    limits = judge.limits(f"{sky}timing:\n  mapping_call_s: 600\nmemory:\n  mapping_call_peak_bytes: 100000000000\n")
     result = sfr("score", made, source, "--stats", stats, "--limits", limits, "--json", "-")
     assert result.code == 0, result.err
     score = json.loads(result.out)
@@ -247,7 +248,7 @@ def test_three_pairs_to_one_cloud_are_one_call_with_time_and_memory(sfr: Sfr, ju
     assert whole["n"] == 1
     parts = score_rows.number(score, "mapping", "mean") * 2 + score_rows.number(score, "fusion", "mean")
     assert whole["max"] >= 0.99 * parts
-    assert [item["verdict"] for item in score["verdicts"]] == ["pass", "pass"]
+    assert [item["verdict"] for item in score["verdicts"]] == ["pass", "pass", "pass"]
 
 
 @pytest.mark.clause("4.2.1")
@@ -453,10 +454,10 @@ def test_a_difference_that_may_be_chance_is_neither_better_nor_worse(sfr: Sfr, j
 @pytest.mark.clause("4.3.4")
 def test_the_judged_figure_stands_beside_its_limit(sfr: Sfr, judge: Judge, source: Path, cloud: Path) -> None:
     """A limit on p95 beside p95, on the terminal as in the JSON, not beside mean + 3 sigma."""
-    limits = judge.limits("map:\n  point_error_p95_m: 0.3\n  coverage_min: 0.5\n")
+    limits = judge.limits("map:\n  point_error_p95_m: 0.3\n  coverage_min: 0.5\n  points_without_truth_max_share: 1\n")
     result = sfr("score", cloud, source, "--limits", limits, "--json", judge.folder / "s.json")
     score = json.loads((judge.folder / "s.json").read_text())
-    p95, coverage = score["verdicts"]
+    p95, coverage, _ = score["verdicts"]
     assert p95["value"] == score_rows.number(score, "point_error", "p95")
     assert p95["margin"] == pytest.approx(0.3 - p95["value"])
     assert coverage["margin"] == pytest.approx(coverage["value"] - 0.5)

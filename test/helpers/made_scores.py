@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
+from helpers.score_rows import complete
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -14,7 +15,8 @@ from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.calls import Calls, score_calls
 from sfr_loc_map.metrics.cloud_error import PairTruth, score_map
 from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
-from sfr_loc_map.metrics.limits import judged, parse_limits
+from sfr_loc_map.metrics.judge import judged, judged_again
+from sfr_loc_map.metrics.limits import parse_limits
 from sfr_loc_map.metrics.score import Details, InputFile, Provenance, Score
 from sfr_loc_map.metrics.score_json import to_dict
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
@@ -95,7 +97,7 @@ def whole_score(frames: int = 300, side: int = 96, pairs: int = 2) -> Score:
     mapped = score_map(*cloud(side, pairs), MapScoreConfig())
     called = score_calls(calls(frames, pairs))
     score = Score(
-        figures=(*driven.figures, *mapped.figures, *called.figures),
+        figures=(*driven.figures, *mapped.figures, *called.figures, *complete()[2:]),
         association=driven.association,
         truth=driven.truth,
         provenance=made,
@@ -104,6 +106,32 @@ def whole_score(frames: int = 300, side: int = 96, pairs: int = 2) -> Score:
         details=Details(trajectory=driven.details, map=mapped.details, calls=dict(called.plots)),
     )
     return judged(score, parse_limits(LIMITS, "test"))
+
+
+def half(score: Score) -> Score:
+    """The score of an estimate of half of the images."""
+    rows = []
+    for row in score.figures:
+        is_missing = (row.figure, row.part) == ("missing", None)
+        rows.append(replace(row, value=0.5) if is_missing else row)
+    return judged_again(replace(score, figures=tuple(rows)))
+
+
+def of_map(score: Score) -> Score:
+    """The score of the map alone, with its calls."""
+    of_drive_alone = {"drive", None}
+    rows = [
+        row
+        for row in without(score, "trajectory").figures
+        if row.subject != "completeness" or row.part not in of_drive_alone or row.figure.startswith(("p", "c"))
+    ]
+    return replace(without(score, "trajectory"), figures=tuple(rows))
+
+
+def of_drive(score: Score) -> Score:
+    """The score of the drive alone, with its calls."""
+    rows = [row for row in without(score, "map").figures if row.part != "map"]
+    return replace(without(score, "map"), figures=tuple(rows))
 
 
 def without(score: Score, *subjects: str) -> Score:

@@ -2,6 +2,10 @@
 
 from typing import Any
 
+from sfr_loc_map.metrics.completeness import expected_row
+from sfr_loc_map.metrics.config import CallKind
+from sfr_loc_map.metrics.score import Figure
+
 
 def row(score: Any, figure: str, **where: Any) -> dict[str, Any]:
     """The first row of a figure with these values, empty without one."""
@@ -17,3 +21,10 @@ def number(score: Any, figure: str, statistic: str = "value", **where: Any) -> A
 def rows_about(score: Any, *subjects: str) -> list[dict[str, Any]]:
     """The rows about some subjects."""
     return [item for item in score["figures"] if item["subject"] in subjects]
+
+
+def complete() -> tuple[Figure, ...]:
+    """Rows that say that everything that was expected of a drive, a map and all calls is judged."""
+    parts = ["drive", "map", *(f"{what} {kind}" for what in ("calls", "memory") for kind in CallKind)]
+    parts += [f"target {part}" for part in parts[2:]]
+    return tuple(expected_row(part, 1, 1) for part in parts)

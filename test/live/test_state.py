@@ -12,6 +12,7 @@ from helpers.live_run import NODES, call, fill, health
 from helpers.made_scores import HOSTILE, dig, json_of, whole_score
 from sfr_loc_map.live.state import MAX_CALLS, MAX_NODES, LiveState
 from sfr_loc_map.live.updates import GraphView, PoseSample, Report, Sampled, Status, StatusKind, Track, Update
+from sfr_loc_map.metrics.judge import judged
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.report.score_tables import score_tables
 
@@ -39,17 +40,15 @@ def test_state_is_the_report_with_additions_and_the_strings_of_its_tables() -> N
     assert "metrics/report is no JSON" in state.problems[-1]
 
 
-def test_a_run_is_incomplete_once_it_is_over_and_not_before() -> None:
-    score = replace(whole_score(100, 48, 2), verdicts=(), verdict=None)
-    part = replace(score, association=replace(score.association, incomplete="half of it"))
+def test_a_run_is_incomplete_by_its_report_or_by_the_images_of_its_source() -> None:
+    """The page shows the verdict of the report as it is; the end of a run can only add what has no pose."""
+    whole = judged(whole_score(100, 48, 2), None)
+    part = replace(whole, association=replace(whole.association, incomplete="half of it"))
     for partial, verdict in ((False, "incomplete"), (True, "no verdict")):
-        provenance = replace(score.provenance, configuration={"monitor": {"score.trajectory.partial": partial}})
-        report, state = Report(to_json(replace(part, provenance=provenance)), 1.0), LiveState()
+        report, state = Report(to_json(judged(part, None, partial=partial)), 1.0), LiveState()
         state.put(report)
         under_way = state.to_plain(1.0)
-        assert "incomplete" not in under_way
-        assert under_way["association"]["incomplete"] is None
-        assert under_way["live"]["overall"]["state"] == "no verdict"
+        assert under_way["live"]["overall"]["state"] == verdict
         state.end()
         for _ in range(2):
             ended = state.to_plain(1.0)
@@ -57,11 +56,11 @@ def test_a_run_is_incomplete_once_it_is_over_and_not_before() -> None:
             assert ended.get("incomplete") == (None if partial else "half of it")
             assert ended["figures"] == under_way["figures"]
             state.put(report)  # a last one that comes late
-    for known in (score, replace(score, association=None)):  # known by the images of the source
+    for partial in (False, True):  # known by the images of the source
         state = LiveState()
-        state.put(Report(to_json(known), 1.0))
+        state.put(Report(to_json(judged(whole, None, partial=partial)), 1.0))
         state.end("an image has no pose")
-        assert state.to_plain(1.0)["incomplete"] == "an image has no pose"
+        assert state.to_plain(1.0).get("incomplete") == (None if partial else "an image has no pose")
 
 
 def test_memory_is_bounded() -> None:

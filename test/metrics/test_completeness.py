@@ -1,7 +1,5 @@
 """What of a drive is covered, on drives of which parts are left out."""
 
-import itertools
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -31,6 +29,7 @@ class Covered:
 
     def __init__(self, score: Score) -> None:
         self.incomplete, self.matched = score.association.incomplete, score.association.matched
+        self.without_truth = score.number("images_without_truth", part="count")
         self.judged_share, self.missing_share = score.number("judged"), score.number("missing")
         self.missing = score.number("missing", part="count")
         self.unmatched_estimates = score.number("unmatched", part="count")
@@ -58,8 +57,26 @@ def test_half_a_drive_is_not_the_whole() -> None:
 
 
 def test_truth_denser_than_the_images_is_covered() -> None:
-    dense = covered(straight(every=10), straight())
-    assert (dense.judged_share, dense.incomplete) == (1.0, None)
+    images = straight(every=10)
+    dense = covered(images, straight(), images)
+    assert (dense.judged_share, dense.missing, dense.incomplete) == (1.0, 0, None)
+
+
+@pytest.mark.clause("4.1.1")
+def test_poses_chosen_from_a_drive_are_not_the_drive() -> None:
+    """Whoever chooses the poses does not choose what is expected: the images do or, without them, the truth."""
+    for images in (None, straight()):
+        for every in (20, 25):
+            chosen = covered(straight(every=every), straight(), images)
+            assert chosen.missing == COUNT - len(range(0, COUNT, every))
+            assert chosen.judged_share == pytest.approx(1.0 / every, abs=0.003)
+
+
+@pytest.mark.clause("4.1.1")
+def test_images_without_a_truth_are_not_judged() -> None:
+    half = covered(straight(), straight(last=201), straight())
+    assert (half.missing, half.judged_share) == (0, pytest.approx(0.5, abs=0.005))
+    assert half.without_truth == 199  # a true pose stands for one period after it
 
 
 def test_truth_that_goes_on_after_the_images_needs_them_to_be_known() -> None:
@@ -117,36 +134,24 @@ def slow(estimate: list[int], stamps: list[int], x: list[float], images: list[in
     """The same by loops over the stamps, on a drive along x; it shares no code with the package."""
     travelled = [sum(abs(x[j] - x[j - 1]) for j in range(1, i + 1)) for i in range(len(x))]
     gaps, missing = [], 0
-    if images is not None:
-        open_since = last = None
-        for image in images:
-            if image in estimate:
-                if open_since is not None:
-                    gaps.append((open_since, image))
-                open_since, last = None, image
-            else:
-                missing += 1
-                if open_since is None:
-                    open_since = image if last is None else last
-        if open_since is not None:
-            gaps.append((open_since, images[-1]))
-    else:
-        steps = sorted(b - a for a, b in itertools.pairwise(estimate))
-        usual = (steps[(len(steps) - 1) // 2] + steps[len(steps) // 2]) / 2 if steps else 0
-        ends = [stamps[0], *(each for each in estimate if stamps[0] < each < stamps[-1]), stamps[-1]]
-        gaps = [(a, b) for a, b in itertools.pairwise(ends) if b - a > 5 * usual]
-        missing = sum(any(a <= true <= b for a, b in gaps) and true not in estimate for true in stamps)
+    needed = stamps if images is None else images
+    open_since = last = None
+    for image in needed:
+        if image in estimate:
+            if open_since is not None:
+                gaps.append((open_since, image))
+            open_since, last = None, image
+        else:
+            missing += 1
+            if open_since is None:
+                open_since = image if last is None else last
+    if open_since is not None:
+        gaps.append((open_since, needed[-1]))
     metres = [along(b, stamps, travelled) - along(a, stamps, travelled) for a, b in gaps]
     seconds = [(b - a) / SECOND for a, b in gaps]
-    if images is not None:
-        share = 1.0 - missing / len(images)
-    elif travelled[-1] > 0.0:
-        share = 1.0 - sum(metres) / travelled[-1]
-    else:
-        share = 1.0 - sum(seconds) * SECOND / (stamps[-1] - stamps[0])
     return {
         "missing": missing,
-        "judged_share": share,
+        "judged_share": 1.0 - missing / len(needed),
         "longest_gap_m": max(metres, default=0.0),
         "longest_gap_s": max(seconds, default=0.0),
     }
@@ -185,7 +190,7 @@ def test_random_holes_are_those_of_a_slow_loop(seed: int, denser: int, images_kn
         assert getattr(made, name) == pytest.approx(value, abs=1e-9), name
     kind, value = condition.split("=")
     longest = {"distance": expected["longest_gap_m"], "time": expected["longest_gap_s"], "frames": 0.0}[kind]
-    if abs(expected["judged_share"] - 0.99) > 1e-9 and abs(longest - float(value)) > 1e-9:
+    if images_known and abs(expected["judged_share"] - 0.99) > 1e-9 and abs(longest - float(value)) > 1e-9:
         assert (made.incomplete is not None) == (expected["judged_share"] < 0.99 or longest > float(value))
 
 

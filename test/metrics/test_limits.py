@@ -7,19 +7,12 @@ import pytest
 from msgspec.structs import replace
 
 from helpers.random_drives import drive, score_of
+from helpers.score_rows import complete
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.calls import Calls, score_target
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.limits import (
-    PLACES,
-    LimitPart,
-    judged,
-    limits_of,
-    overall_verdict,
-    parse_limits,
-    reasons_not_judged,
-    verdicts,
-)
+from sfr_loc_map.metrics.judge import judged, limits_of, overall_verdict, reasons_not_judged
+from sfr_loc_map.metrics.limits import PLACES, LimitPart, parse_limits
 from sfr_loc_map.metrics.proof import BOUND
 from sfr_loc_map.metrics.score import FindingKind, FindingRecord, Score, figure_row
 
@@ -27,7 +20,7 @@ LIMIT = {"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m
 
 
 def judge(content: dict[str, Any], score: Score) -> list[str]:
-    return [item.state for item in verdicts(parse_limits(content, "limits"), score)]
+    return [item.state for item in judged(score, parse_limits(content, "limits")).verdicts]
 
 
 def with_position(total: float | None, interval: tuple[float, float] | None = None, count: int = 20) -> Score:
@@ -53,7 +46,7 @@ def test_pass_fail_and_not_enough_data() -> None:
     assert judge(LIMIT, Score()) == ["not enough data"]
     signed = {"trajectory": [{"condition": "distance=5", "heading_mean_deg": 0.5}]}
     assert judge(signed, with_position(0.4)) == ["fail"], "a signed mean is judged by its size"
-    verdict = verdicts(parse_limits(LIMIT, "limits"), with_position(0.4, (0.3, 0.7)))[0]
+    verdict = judged(with_position(0.4, (0.3, 0.7)), parse_limits(LIMIT, "limits")).verdicts[0]
     assert (verdict.state, verdict.certain, verdict.interval) == ("pass", False, (0.3, 0.7))
     where = (verdict.subject, verdict.condition, verdict.part, verdict.figure, verdict.statistic)
     assert where == ("trajectory", "distance=5", "pose", "position", "mean_plus_3sigma")
@@ -69,6 +62,7 @@ def test_coverage_is_a_lower_bound_and_times_have_counts() -> None:
             figure_row("coverage", n=2, value=0.9),
             figure_row("localisation", n=1, p95=0.5),
             figure_row("peak", part="mapping", n=1, value=10),
+            *complete(),
         )
     )
     assert judge(content, score) == ["pass", "not enough data", "fail"]
@@ -80,9 +74,9 @@ def test_coverage_is_a_lower_bound_and_times_have_counts() -> None:
 def test_the_target_is_judged_by_its_own_figures() -> None:
     unknown = np.full(2, np.nan)
     figures, target = score_target(Calls(np.arange(2), np.array([0.5, 0.7]), ["", ""], unknown, unknown), "GR740")
-    score = Score(figures=figures, target=target)
+    score = Score(figures=(*figures, *complete()), target=target)
     content = {"target": {"localisation_max_s": 0.6, "localisation_peak_bytes": 5}, "timing": {"localisation_max_s": 1}}
-    got = verdicts(parse_limits(content, "limits"), score)
+    got = judged(score, parse_limits(content, "limits")).verdicts
     assert [(item.name, item.state, item.value) for item in got] == [
         ("localisation_max_s", "not enough data", None),
         ("target localisation_max_s", "fail", 0.7),
@@ -107,10 +101,11 @@ def test_each_name_of_a_limit_finds_its_number() -> None:
             entry = {name: 0.5}
             content = {str(part): [{"condition": "distance=5", **entry}] if part is LimitPart.TRAJECTORY else entry}
             limits = parse_limits(content, "limits")
-            (verdict,) = verdicts(limits, Score(figures=(row,)))
+            score = judged(Score(figures=(row, *complete())), limits)
+            verdict = score.verdicts[-1]
             assert verdict.value == 0.25, name
             assert (verdict.figure, verdict.statistic) == (limited.figure, statistic)
-            assert limits_of([verdict]).limits == limits.limits
+            assert limits_of(score) == limits
 
 
 def test_the_verdict_over_all() -> None:
@@ -118,9 +113,13 @@ def test_the_verdict_over_all() -> None:
     good, bad, unknown = (judged(with_position(total), limits) for total in (0.4, 0.6, None))
     assert [item.verdict for item in (good, bad, unknown)] == ["pass", "fail", "not enough data"]
     assert judged(with_position(0.4), None).verdict is None
-    part = replace(with_position(0.4), incomplete="half of it")
-    assert judged(part, limits).verdict == "incomplete"
-    assert judged(replace(with_position(0.6), incomplete="half of it"), limits).verdict == "fail"
+    half = figure_row("missing", n=2, value=0.5)
+    for total, verdict in ((0.4, "incomplete"), (0.6, "fail")):
+        whole = with_position(total)
+        rows = [half if (row.figure, row.part) == ("missing", None) else row for row in whole.figures]
+        part = judged(replace(whole, figures=tuple(rows)), limits)
+        assert part.verdict == verdict
+        assert part.verdicts[0].name == "missing_max_share"
     assert overall_verdict(replace(good, contradiction="its quaternions are conjugated")) is None
     crash = FindingRecord(kind=FindingKind.CRASHED, count=1, first_stamp_ns=None, text="signal 11")
     assert judged(replace(with_position(0.4), findings=(crash,)), limits).verdict == "fail"

@@ -16,7 +16,7 @@ from helpers.random_drives import drive, score_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.score import COLUMNS, CallHistogram, Columns, InputFile, Provenance, Score, figure_row
-from sfr_loc_map.metrics.score_json import from_dict, from_json, to_dict, to_json
+from sfr_loc_map.metrics.score_json import decoded, from_dict, from_json, from_plain, to_dict, to_json
 
 NUMBERS = st.floats(-1e100, 1e100)
 WORDS = st.text(max_size=5)
@@ -67,10 +67,10 @@ def columns(hint: type, length: int) -> st.SearchStrategy[Any]:
 @given(values(Score))
 def test_every_score_reads_back_as_it_was_written(score: Score) -> None:
     text = to_json(score)
-    read = from_json(text)
+    read = decoded(text)
     assert read == score
     assert to_json(read) == text
-    assert from_dict(json.loads(text)) == score
+    assert from_plain(Score, json.loads(text)) == score
 
 
 def score() -> Score:

@@ -17,7 +17,8 @@ from sfr_loc_map.metrics.aligned_error import aligned_errors
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationConfig, Rebase, TrajectoryScoreConfig
 from sfr_loc_map.metrics.convention import diagnose
-from sfr_loc_map.metrics.limits import parse_limits, verdicts
+from sfr_loc_map.metrics.judge import judged
+from sfr_loc_map.metrics.limits import parse_limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_json, to_json
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
@@ -136,7 +137,7 @@ def test_what_needs_attitudes_is_refused_or_unknown() -> None:
         "limits",
     )
     score = scored(estimate, part)
-    assert [str(item.state) for item in verdicts(limits, score)] == ["not enough data", "pass"]
+    assert [str(item.state) for item in judged(score, limits).verdicts] == ["not enough data", "pass"]
     assert from_json(to_json(score)) == score
     with pytest.raises(MetricsError, match="turn=DEG needs attitudes"):
         score_trajectory(Estimates.of(estimate), part, replace(CONFIG, conditions=("turn=20",)))

@@ -21,7 +21,7 @@ from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.metrics.config import ScoreConfig, score_config
-from sfr_loc_map.metrics.limits import parse_limits
+from sfr_loc_map.metrics.limits import OF_MAP, parse_limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_dict
 from sfr_loc_map.replay.result import ReplayFiles, ReplayResult, save_replay, score_replay
@@ -41,7 +41,8 @@ def mapped(path: Path) -> tuple[Source, MapRun]:
 def of_map(score: Score) -> dict[str, Any]:
     """What a score says of a cloud, as JSON values."""
     plain = to_dict(score)
-    about = [item for item in plain["figures"] if item["subject"] not in ("timing", "memory")]
+    is_of_map = {"map", "consistency"}
+    about = [item for item in plain["figures"] if item["subject"] in is_of_map or item["figure"] in OF_MAP]
     return {"figures": about, "cloud": plain["cloud"]}
 
 
@@ -54,7 +55,7 @@ def live_score(source: Source, run: MapRun, cloud: PointCloud) -> dict[str, Any]
     monitor = MonitorScore(ScoreConfig(), None)
     monitor.map_inputs.rig = source.nav.rig
     for item in source.nav.pairs():
-        monitor.map_inputs.poses[item.pair.stamp_ns] = item.T_lm_navsb
+        monitor.map_inputs.add_pose(item.pair.stamp_ns, item.T_lm_navsb)
         monitor.map_inputs.true_points[item.pair.stamp_ns] = item.truth
     for record in run.records:
         monitor.add_call(replace(record, fused=cloud.fused if record.state == "fused" else None))
@@ -118,10 +119,10 @@ def test_a_replay_is_judged_by_the_images_of_its_source(tmp_path: Path) -> None:
             partial and why is not None
         )
         expected = ["pass"] if rows else ["not enough data"]
-        assert [item.state for item in score.verdicts] == (
-            ["incomplete", *expected] if rows == 6 and not partial else expected
-        )
-        assert overall_of(score).state == ("incomplete" if score.incomplete else expected[0])
+        if score.incomplete:
+            expected = ["incomplete", "incomplete" if rows else "not enough data"]
+        assert [item.state for item in score.verdicts] == expected
+        assert overall_of(score).state == expected[0]
         if rows:
             offline = score_files(ScoreInputs.of(files.estimate, source.path), config)
             about = ((each.association, each.rows(subject="trajectory")) for each in (offline, score))

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 from helpers.made_scores import HOSTILE, whole_score, without
 from sfr_loc_map.cli.main import app
 from sfr_loc_map.metrics.formulas import Statistics
+from sfr_loc_map.metrics.judge import judged_again
 from sfr_loc_map.metrics.score import AnswerCounts, ExternalScore, MethodKind, MethodRecord, Score
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.report.comparison import methods_figures, methods_tables, plain
@@ -29,7 +30,7 @@ def scores() -> list[Score]:
         task="localisation", topic="odom", frames="a -> b", answers=AnswerCounts(pairs=9, answered=9), latency_s=LATENCY
     )
     other = replace(without(whole_score(), "timing", "memory"), method=theirs, external=node)
-    return [replace(whole_score(), method=sfr), other]
+    return [replace(whole_score(), method=sfr), judged_again(other)]
 
 
 def test_each_method_has_a_row_and_a_latency_is_no_time_per_call(scores: list[Score]) -> None:

@@ -14,7 +14,7 @@ from rich.console import Console
 
 from helpers.made_scores import drive, json_of
 from helpers.made_suites import JOB
-from sfr_loc_map.metrics import catalogue, limits, trajectory_score
+from sfr_loc_map.metrics import catalogue, judge, limits, trajectory_score
 from sfr_loc_map.metrics.catalogue import OF_ERRORS, TOTAL, FigureKind, Subject
 from sfr_loc_map.metrics.comparison import compare_scores
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
@@ -45,7 +45,7 @@ def made_score(seed: int = 0, **entry: Any) -> Score:
     score = Score(
         figures=made.figures, association=made.association, truth=made.truth, details=Details(trajectory=made.details)
     )
-    return limits.judged(score, limits.parse_limits({"trajectory": [{"condition": "distance=5", **entry}]}, "test"))
+    return judge.judged(score, limits.parse_limits({"trajectory": [{"condition": "distance=5", **entry}]}, "test"))
 
 
 def on_the_terminal(score: Score) -> str:

@@ -13,7 +13,7 @@ from msgspec.structs import replace
 
 from helpers.made_scores import HOSTILE, dig, json_of, place_of, whole_score, without
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.score_json import from_dict
+from sfr_loc_map.metrics.score_json import from_plain
 from sfr_loc_map.report.page import render_page
 from sfr_loc_map.report.score_figures import score_figures
 from sfr_loc_map.report.tables import MILLIMETRE, number
@@ -59,7 +59,7 @@ def hostile_score() -> Score:
     plain["calls"] = {"clocks": {"localisation": HOSTILE}, "memory_method": HOSTILE}
     plain["verdicts"][0]["name"] = HOSTILE
     plain["details"]["calls"]["localisation"]["series"]["state"][0] = HOSTILE
-    return from_dict(plain)
+    return from_plain(Score, plain)
 
 
 @pytest.fixture(scope="module")

@@ -10,10 +10,11 @@ from typing import Any
 from msgspec.structs import replace
 
 from helpers.cli_result import Sfr
-from helpers.made_scores import HOSTILE, calls, dig, json_of, whole_score, without
+from helpers.made_scores import HOSTILE, calls, dig, half, json_of, of_drive, of_map, whole_score
 from sfr_loc_map.metrics.calls import score_target
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.limits import judged, parse_limits, with_verdict
+from sfr_loc_map.metrics.judge import each_by_its_limits, judged
+from sfr_loc_map.metrics.limits import parse_limits
 from sfr_loc_map.metrics.score import Score, Verdict
 from sfr_loc_map.report.page import load_score
 from sfr_loc_map.report.score_tables import score_tables, table_of
@@ -42,11 +43,7 @@ def scores() -> list[Score]:
     whole = whole_score()
     assert whole.provenance is not None
     of_target, target = score_target(calls(300, 2), "GR740")
-    parts = [
-        replace(whole, figures=(*whole.figures, *of_target), target=target),
-        without(whole, "trajectory", "completeness"),
-        replace(without(whole, "map"), incomplete="the estimate covers 50 % of the images"),
-    ]
+    parts = [replace(whole, figures=(*whole.figures, *of_target), target=target), of_map(whole), half(of_drive(whole))]
     named = [
         replace(part, provenance=replace(whole.provenance, command=command))
         for part, command in zip(parts, COMMANDS, strict=True)
@@ -79,7 +76,7 @@ class Page(HTMLParser):
 def test_every_figure_is_found_in_the_json_and_every_link_leads_to_its_clause_and_command() -> None:
     made = scores()
     text = render_test_report(made)
-    page, plain = Page(text), [json_of(score) for score in made]
+    page, plain = Page(text), [json_of(score) for score in each_by_its_limits(made)]
     assert len(page.figures) > 100
     for score, key, value in page.figures:
         number, found = json.loads(value), dig(plain[score - 1], key)
@@ -104,10 +101,10 @@ def test_every_figure_is_found_in_the_json_and_every_link_leads_to_its_clause_an
 def test_what_stands_first_is_the_worst_and_a_part_is_said_first() -> None:
     made = scores()
     assert "<strong>FAIL</strong>" in render_test_report(made)
-    part = made[2]
-    met = with_verdict(replace(part, verdicts=tuple(replace(item, state=VerdictState.PASS) for item in part.verdicts)))
-    whole = replace(met, incomplete=None)
-    assert "<strong>INCOMPLETE</strong>" in render_test_report([whole, met])
+    loose = parse_limits({"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 100.0}]}, "test")
+    part, whole = judged(made[2], loose), judged(of_drive(made[0]), loose)
+    assert (part.verdict, whole.verdict) == ("incomplete", "pass")
+    assert "<strong>INCOMPLETE</strong>" in render_test_report([whole, part])
     assert part.verdicts[0].state is VerdictState.INCOMPLETE
     assert next(table for table in score_tables(part) if table.name == "verdicts").rows[0][0].text == "incomplete"
 
@@ -123,7 +120,7 @@ def test_junit_says_every_state_in_its_own_word() -> None:
     """pass: nothing; fail: failure; not enough data: skipped; incomplete, and what contradicts: error."""
     made = scores()
     made.append(replace(made[0], contradiction="the quaternions are written the other way round"))
-    part = junit({"part": replace(made[0], verdicts=(), contradiction=None, incomplete="half of it")})
+    part = junit({"part": judged(replace(made[2], association=replace(made[2].association, incomplete="half")), None)})
     assert [case.find("error") is not None for case in ET.fromstring(part).iter("testcase")] == [True]
     root = ET.fromstring(junit({str(n): score for n, score in enumerate(made)}))
     words = {"pass": None, "fail": "failure", "not enough data": "skipped", "incomplete": "error"}
