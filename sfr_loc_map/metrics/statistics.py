@@ -22,6 +22,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray
 
@@ -66,7 +67,7 @@ def interval95(errors: FloatArray, overlap: float, *, unsigned: bool) -> Interva
     group = 1
     while group * MAX_BLOCKS < count:
         group *= 2
-    means, figures, share = resampled(group_sums(offsets, group), mean, overlap, group)
+    means, figures, share = resampled(group_moments(offsets, group), mean, overlap, group)
     share *= 1.0 - 1.0 / independent
     variance_of_mean = float(np.mean(np.sum(np.square(means - mean), axis=1))) / share
     true_size = max(size - variance_of_mean / size, 0.0) if size > 0.0 else 0.0
@@ -91,7 +92,7 @@ def scatter_of_difference(a: FloatArray, b: FloatArray, overlap: float, *, unsig
     share = 1.0
     for errors in (a, b):
         mean = np.mean(errors, axis=0)
-        _, figures, share = resampled(group_sums(errors - mean, 1), mean, overlap)
+        _, figures, share = resampled(group_moments(errors - mean, 1), mean, overlap)
         drawn.append(figures)
     share *= 1.0 - 1.0 / independent
     return scatter_of(drawn[1] - drawn[0], share, independent - 1.0, unsigned=unsigned)
@@ -103,37 +104,54 @@ def scatter_of(figures: FloatArray, share: float, freedom: float, *, unsigned: b
     return Scatter(float(widening * np.std(figures) / np.sqrt(share)), max(freedom, MIN_FREEDOM))
 
 
-def group_sums(offsets: FloatArray, group: int) -> FloatArray:
-    """Return count, sums and sums of squares `(G, 1 + 2 d)` of groups of so many consecutive offsets `(n, d)`."""
-    first = np.arange(0, len(offsets), group)
-    counts = np.diff(first, append=len(offsets))
-    sums = np.add.reduceat(offsets, first)
-    return np.column_stack((counts, sums, np.add.reduceat(np.square(offsets), first)))
+class Moments(NamedTuple):
+    """Number of values n `(...)`, mean and sum of squared deviations from that mean `(..., d)` of some series."""
+
+    n: FloatArray
+    mean: FloatArray
+    squares: FloatArray
+
+    def rows(self, index: NDArray[np.integer]) -> Moments:
+        """Return the moments of the series of an index, in its shape."""
+        return Moments(self.n[index], self.mean[index], self.squares[index])
 
 
-def resampled(
-    groups: FloatArray, mean: FloatArray, overlap: float, size: int = 1
-) -> tuple[FloatArray, FloatArray, float]:
+def group_moments(offsets: FloatArray, size: int) -> Moments:
+    """Return the moments of groups of `size` consecutive offsets `(n, d)`; the last group may be shorter."""
+    first = np.arange(0, len(offsets), size)
+    count = np.diff(first, append=len(offsets))
+    mean = np.add.reduceat(offsets, first) / count[:, None]
+    deviations = offsets - np.repeat(mean, count, axis=0)
+    return Moments(count.astype(np.float64), mean, np.add.reduceat(np.square(deviations), first))
+
+
+def joined(parts: Moments) -> Moments:
+    """Return the moments of series that are joined along the last axis of their number.
+
+    Squares are summed about the common mean (Chan, Golub, LeVeque 1983), so that no digits cancel.
+    """
+    count = np.sum(parts.n, axis=-1)
+    number = parts.n[..., None]
+    mean = np.sum(number * parts.mean, axis=-2) / count[..., None]
+    apart = number * np.square(parts.mean - mean[..., None, :])
+    return Moments(count, mean, np.sum(parts.squares + apart, axis=-2))
+
+
+def resampled(groups: Moments, mean: FloatArray, overlap: float, size: int = 1) -> tuple[FloatArray, FloatArray, float]:
     """Return mean vectors `(B, d)` and figures `(B,)` of resampled series, and the share of the variance they show.
 
-    Groups `(G, 1 + 2 d)` are those of `group_sums`, of `size` offsets each. The same number of groups is drawn the same
-    way each time.
+    `groups` are those of `group_moments`, of `size` offsets from the mean each. The same number of groups is drawn the
+    same way each time.
     """
-    directions = len(mean)
-    block = min(max(1, int(np.ceil(overlap / size))), len(groups))
-    twice = np.concatenate((groups, groups[:block]))
-    until = np.concatenate((np.zeros((1, groups.shape[1])), np.cumsum(twice, axis=0)))
-    blocks = until[block : block + len(groups)] - until[: len(groups)]
-    draws = -(-len(groups) // block)
-    drawn = np.random.default_rng(SEED).integers(0, len(groups), (RESAMPLES, draws), dtype=np.int32)
-    total = np.zeros((RESAMPLES, groups.shape[1]))
-    for rows in drawn.T:
-        total += blocks[rows]
-    counts = total[:, :1]
-    offsets = total[:, 1 : 1 + directions] / counts
-    squares = total[:, 1 + directions :]
-    means = mean + offsets
-    variances = np.maximum(squares - counts * np.square(offsets), 0.0) / np.maximum(counts - 1.0, 1.0)
+    count = len(groups.n)
+    block = min(max(1, int(np.ceil(overlap / size))), count)
+    circle = (np.arange(count)[:, None] + np.arange(block)) % count
+    blocks = joined(groups.rows(circle))
+    draws = -(-count // block)
+    drawn = np.random.default_rng(SEED).integers(0, count, (RESAMPLES, draws), dtype=np.int32)
+    series = joined(blocks.rows(drawn))
+    means = mean + series.mean
+    variances = series.squares / np.maximum(series.n - 1.0, 1.0)[:, None]
     figures = np.linalg.norm(means, axis=1) + 3.0 * np.sqrt(np.sum(variances, axis=1))
     lags = np.arange(1.0, np.ceil(overlap))
     fall = 1.0 - lags / overlap

@@ -68,6 +68,11 @@ class Pieces(NamedTuple):
     poses: Poses  #: Of all frames.
     errors: SubTrajectoryErrors
 
+    def every(self, step: int) -> Pieces:
+        """Return one sub-trajectory of so many."""
+        errors = SubTrajectoryErrors(*(values[::step] for values in self.errors))
+        return self._replace(starts=self.starts[::step], ends=self.ends[::step], errors=errors)
+
     def true_displacement(self) -> FloatArray:
         """Return the true displacements from N to N+x."""
         return formulas.displacement(self.poses.true_position, self.starts, self.ends)
@@ -436,11 +441,9 @@ def every_nth(count: int, most: int) -> int:
 def sub_trajectory_rows(condition: str, pieces: Pieces, stamps_ns: IntArray, length_m: Lengths) -> SubTrajectoryRows:
     """Return the sub-trajectories of a condition, thinned."""
     every = every_nth(len(pieces.starts), DETAIL_ROWS)
-    shown = slice(None, None, every)
-    starts, ends = pieces.starts[shown], pieces.ends[shown]
-    directions = pieces.by_direction()
-    chord_m = formulas.chord_error(pieces.poses, pieces.starts, pieces.ends)
-    others = {kind.name: column(kind.errors_of(pieces)[shown]) for kind in ERRORS if kind.name not in NAMED_COLUMNS}
+    shown = pieces.every(every)
+    starts, ends = shown.starts, shown.ends
+    directions = shown.by_direction()
     return SubTrajectoryRows(
         condition=condition,
         every=every,
@@ -448,16 +451,16 @@ def sub_trajectory_rows(condition: str, pieces: Pieces, stamps_ns: IntArray, len
         end_frame=tuple(ends.tolist()),
         start_stamp_ns=tuple(stamps_ns[starts].tolist()),
         end_stamp_ns=tuple(stamps_ns[ends].tolist()),
-        x_m=column(directions["x"][shown]),
-        y_m=column(directions["y"][shown]),
-        z_m=column(directions["z"][shown]),
-        attitude_deg=column(pieces.errors.attitude_deg[shown]),
-        heading_deg=column(pieces.errors.heading_deg[shown]),
-        chord_m=column(chord_m[shown]),
-        along_m=column(directions["along"][shown]),
-        cross_m=column(directions["cross"][shown]),
+        x_m=column(directions["x"]),
+        y_m=column(directions["y"]),
+        z_m=column(directions["z"]),
+        attitude_deg=column(shown.errors.attitude_deg),
+        heading_deg=column(shown.errors.heading_deg),
+        chord_m=column(formulas.chord_error(shown.poses, starts, ends)),
+        along_m=column(directions["along"]),
+        cross_m=column(directions["cross"]),
         travelled_m=column(length_m[ends] - length_m[starts]),
-        others=others,
+        others={kind.name: column(kind.errors_of(shown)) for kind in ERRORS if kind.name not in NAMED_COLUMNS},
     )
 
 

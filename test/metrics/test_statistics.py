@@ -10,8 +10,9 @@ from sfr_loc_map.metrics.statistics import (
     MAX_BLOCKS,
     chi2_interval95,
     chi2_quantile,
-    group_sums,
+    group_moments,
     interval95,
+    joined,
     student_quantile,
 )
 
@@ -30,12 +31,25 @@ def test_quantiles_are_those_of_printed_tables_and_of_the_library() -> None:
     assert chi2_interval95(12, 4) == pytest.approx(stats.chi2.ppf([0.025, 0.975], 12) / 4)
 
 
-def test_groups_hold_the_sums_of_consecutive_offsets() -> None:
+def test_groups_hold_the_moments_of_consecutive_offsets() -> None:
     offsets = np.random.default_rng(3).normal(size=(11, 2))
-    groups = group_sums(offsets, 4)
-    assert groups[:, 0].tolist() == [4, 4, 3]
-    np.testing.assert_allclose(groups[1, 1:3], offsets[4:8].sum(axis=0))
-    np.testing.assert_allclose(groups[2, 3:], np.square(offsets[8:]).sum(axis=0))
+    groups = group_moments(offsets, 4)
+    assert groups.n.tolist() == [4, 4, 3]
+    np.testing.assert_allclose(groups.mean[1], offsets[4:8].mean(axis=0))
+    np.testing.assert_allclose(groups.squares[2], 3 * np.var(offsets[8:], axis=0))
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e3])
+def test_joined_moments_are_those_of_all_values(offset: float) -> None:
+    """Drawing a value again and again has no scatter, however far the value is from zero."""
+    rng = np.random.default_rng(4)
+    values = rng.normal(size=(12, 3)) + offset
+    parts = group_moments(values, 1)
+    found = joined(parts)
+    np.testing.assert_allclose(found.mean, values.mean(axis=0), rtol=1e-14)
+    np.testing.assert_allclose(found.squares, 12 * np.var(values - offset, axis=0), rtol=1e-9)
+    repeated = joined(parts.rows(np.full((1, 7), 5)))
+    assert np.sqrt(repeated.squares).max() <= 1e-15 * max(offset, 10.0)
 
 
 def test_an_interval_needs_two_independent_sub_trajectories_and_shrinks_with_more() -> None:
