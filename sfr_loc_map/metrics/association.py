@@ -23,7 +23,8 @@ Rows = NDArray[np.intp]
 Number = TypeVar("Number", bound=np.generic)
 UPPER = np.triu_indices(6)  #: Places of the upper triangle of a 6 x 6 covariance, row by row.
 COVARIANCE_SIZE = len(UPPER[0])
-AUTO_STAMPS = 16  #: Stamps of each kind in the common span that `auto` looks at.
+AUTO_STAMPS = 16  #: Stamps of each kind in the common span that `auto` examines.
+MATCHES_PER_STAMP = 4  #: One stamp in so many must match, or `auto` interpolates.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,6 +70,14 @@ class Frames(NamedTuple):
     est_rows: Rows
 
 
+class Matches(NamedTuple):
+    """Pairs of an estimate and a true pose whose stamps agree, by rows of both; stamps go up."""
+
+    est_rows: Rows
+    gt_rows: Rows
+    alone: Rows  #: Rows of estimates without a partner.
+
+
 def associate(estimate: Trajectory, truth: Trajectory, config: AssociationConfig) -> tuple[Frames, Association]:
     """Return the frames, and how they were found: by which mode, and what became of every pose.
 
@@ -76,60 +85,27 @@ def associate(estimate: Trajectory, truth: Trajectory, config: AssociationConfig
     """
     if not estimate.has_attitude:
         raise MetricsError("the estimate has positions alone: give one with attitudes (unit quaternions)")
-    both = estimate.stamps_ns, truth.stamps_ns
-    est_rows, gt_rows = map(unique_rows, both)
-    est_stamps, gt_stamps = map(taken, both, (est_rows, gt_rows))
-    tolerance = round(config.tolerance_s * NS_PER_S)
+    est_rows, gt_rows = unique_rows(estimate.stamps_ns), unique_rows(truth.stamps_ns)
+    tolerance_ns = round(config.tolerance_s * NS_PER_S)
     mode = AssociationMode(config.truth)
     if mode is AssociationMode.AUTO:
-        mode, first_of = AssociationMode.MATCH, AUTO_STAMPS - 1
-        low = max(est_stamps[0], gt_stamps[0]) - tolerance if len(est_stamps) and len(gt_stamps) else 0
-        est, gt = est_stamps[est_stamps >= low], gt_stamps[gt_stamps >= low]
-        if len(est) and len(gt):
-            until = max(est[min(first_of, len(est) - 1)], gt[min(first_of, len(gt) - 1)])
-            until = min(until, est[-1], gt[-1]) + tolerance
-            est, gt = est[est <= until], gt[gt <= until]  # one is empty if its stamps lie between two of the other
-            near = np.searchsorted(gt, est - tolerance, "left") < np.searchsorted(gt, est + tolerance, "right")
-            if not len(est) or not len(gt) or 4 * np.count_nonzero(near) < min(len(est), len(gt)):
-                mode = AssociationMode.INTERPOLATE
-    partner = np.full(len(est_stamps), -1, dtype=np.intp)
-    if len(gt_stamps):
-        at = np.minimum(np.searchsorted(gt_stamps, est_stamps), len(gt_stamps) - 1)
-        equal = gt_stamps[at] == est_stamps
-        partner[equal] = at[equal]
-    if tolerance and np.count_nonzero(partner >= 0) < min(len(est_stamps), len(gt_stamps)):
-        match_nearest(partner, est_stamps, gt_stamps, tolerance)
-    matched = np.flatnonzero(partner >= 0)
-    est, gt = est_rows[matched], gt_rows[partner[matched]]
-    stamps, positions = taken(truth.stamps_ns, gt), taken(truth.positions, gt)
-    quats = unit_quats(taken(truth.quats_xyzw, gt))
-    difference = np.abs(taken(estimate.stamps_ns, est) - stamps)
+        est_stamps, gt_stamps = taken(estimate.stamps_ns, est_rows), taken(truth.stamps_ns, gt_rows)
+        mode = mode_of_stamps(est_stamps, gt_stamps, tolerance_ns)
+    matches = matches_of_stamps(estimate, truth, est_rows, gt_rows, tolerance_ns)
+    frames = matched_frames(estimate, truth, matches)
+    difference = np.abs(taken(estimate.stamps_ns, matches.est_rows) - frames.stamps_ns)
     gaps = np.empty(0, np.int64)
-    if mode is AssociationMode.INTERPOLATE:  # those left over between two true poses that are not too far apart
-        alone = np.flatnonzero(partner < 0)
-        after = np.searchsorted(gt_stamps, est_stamps[alone])
-        inside = (after > 0) & (after < len(gt_stamps))
-        alone, after = alone[inside], after[inside]
-        near = gt_stamps[after] - gt_stamps[after - 1] <= round(config.max_gap_s * NS_PER_S)
-        alone, before, later = est_rows[alone[near]], gt_rows[after[near] - 1], gt_rows[after[near]]
-        gaps = truth.stamps_ns[later] - truth.stamps_ns[before]
-        share = (estimate.stamps_ns[alone] - truth.stamps_ns[before]) / gaps
-        move = truth.positions[later] - truth.positions[before]
-        turned = slerp(unit_quats(truth.quats_xyzw[before]), unit_quats(truth.quats_xyzw[later]), share)
-        stamps = np.concatenate((stamps, estimate.stamps_ns[alone]))
-        positions = np.concatenate((positions, truth.positions[before] + share[:, None] * move))
-        quats, est = np.concatenate((quats, turned)), np.concatenate((est, alone))
-        order = np.argsort(stamps, kind="stable")
-        stamps, positions, quats, est = stamps[order], positions[order], quats[order], est[order]
-    unordered = [int(np.count_nonzero(each[1:] < np.maximum.accumulate(each)[:-1])) for each in both]
+    if mode is AssociationMode.INTERPOLATE:
+        between, gaps = interpolated_frames(estimate, truth, matches.alone, gt_rows, config.max_gap_s)
+        frames = in_time_order(frames, between)
     association = Association(
-        matched=len(est),
-        estimate_poses=len(both[0]),
-        truth_poses=len(both[1]),
-        estimate_duplicates=len(both[0]) - len(est_rows),
-        truth_duplicates=len(both[1]) - len(gt_rows),
-        estimate_unordered=unordered[0],
-        truth_unordered=unordered[1],
+        matched=len(frames.est_rows),
+        estimate_poses=len(estimate.stamps_ns),
+        truth_poses=len(truth.stamps_ns),
+        estimate_duplicates=len(estimate.stamps_ns) - len(est_rows),
+        truth_duplicates=len(truth.stamps_ns) - len(gt_rows),
+        estimate_unordered=unordered(estimate.stamps_ns),
+        truth_unordered=unordered(truth.stamps_ns),
         exact=int(np.count_nonzero(difference == 0)),
         near=int(np.count_nonzero(difference)),
         interpolated=len(gaps),
@@ -139,8 +115,90 @@ def associate(estimate: Trajectory, truth: Trajectory, config: AssociationConfig
         tolerance_s=config.tolerance_s,
         max_gap_s=config.max_gap_s,
     )
-    est_quat = unit_quats(taken(estimate.quats_xyzw, est))
-    return Frames(stamps, positions, quats, taken(estimate.positions, est), est_quat, est), association
+    return frames, association
+
+
+def mode_of_stamps(est_stamps: IntArray, gt_stamps: IntArray, tolerance_ns: int) -> AssociationMode:
+    """Return whether the first common stamps of both suit matching, or the truth has to be interpolated."""
+    if not len(est_stamps) or not len(gt_stamps):
+        return AssociationMode.MATCH
+    begin_ns = max(est_stamps[0], gt_stamps[0]) - tolerance_ns
+    est, gt = est_stamps[est_stamps >= begin_ns], gt_stamps[gt_stamps >= begin_ns]
+    if not len(est) or not len(gt):
+        return AssociationMode.MATCH
+    last = AUTO_STAMPS - 1
+    end_ns = max(est[min(last, len(est) - 1)], gt[min(last, len(gt) - 1)])
+    end_ns = min(end_ns, est[-1], gt[-1]) + tolerance_ns
+    est, gt = est[est <= end_ns], gt[gt <= end_ns]
+    if not len(est) or not len(gt):  # all stamps of one lie between two stamps of the other
+        return AssociationMode.INTERPOLATE
+    is_near = np.searchsorted(gt, est - tolerance_ns, "left") < np.searchsorted(gt, est + tolerance_ns, "right")
+    is_enough = MATCHES_PER_STAMP * np.count_nonzero(is_near) >= min(len(est), len(gt))
+    return AssociationMode.MATCH if is_enough else AssociationMode.INTERPOLATE
+
+
+def matches_of_stamps(
+    estimate: Trajectory, truth: Trajectory, est_rows: Rows, gt_rows: Rows, tolerance_ns: int
+) -> Matches:
+    """Return the pairs of equal stamps, then those of the nearest stamps within the tolerance."""
+    est_stamps, gt_stamps = taken(estimate.stamps_ns, est_rows), taken(truth.stamps_ns, gt_rows)
+    partner = np.full(len(est_stamps), -1, dtype=np.intp)
+    if len(gt_stamps):
+        at = np.minimum(np.searchsorted(gt_stamps, est_stamps), len(gt_stamps) - 1)
+        is_equal = gt_stamps[at] == est_stamps
+        partner[is_equal] = at[is_equal]
+    if tolerance_ns and np.count_nonzero(partner >= 0) < min(len(est_stamps), len(gt_stamps)):
+        match_nearest(partner, est_stamps, gt_stamps, tolerance_ns)
+    is_matched = partner >= 0
+    return Matches(est_rows[is_matched], gt_rows[partner[is_matched]], est_rows[~is_matched])
+
+
+def matched_frames(estimate: Trajectory, truth: Trajectory, matches: Matches) -> Frames:
+    """Return the frames of matched stamps; a frame has the stamp of the truth."""
+    est, gt = matches.est_rows, matches.gt_rows
+    return Frames(
+        stamps_ns=taken(truth.stamps_ns, gt),
+        gt_pos=taken(truth.positions, gt),
+        gt_quat=unit_quats(taken(truth.quats_xyzw, gt)),
+        est_pos=taken(estimate.positions, est),
+        est_quat=unit_quats(taken(estimate.quats_xyzw, est)),
+        est_rows=est,
+    )
+
+
+def interpolated_frames(
+    estimate: Trajectory, truth: Trajectory, alone: Rows, gt_rows: Rows, max_gap_s: float
+) -> tuple[Frames, IntArray]:
+    """Return the frames of estimates between two true poses that are not too far apart, and the gaps of the truth."""
+    gt_stamps = truth.stamps_ns[gt_rows]
+    after = np.searchsorted(gt_stamps, estimate.stamps_ns[alone])
+    is_between = (after > 0) & (after < len(gt_stamps))
+    alone, after = alone[is_between], after[is_between]
+    is_near = gt_stamps[after] - gt_stamps[after - 1] <= round(max_gap_s * NS_PER_S)
+    alone, before, later = alone[is_near], gt_rows[after[is_near] - 1], gt_rows[after[is_near]]
+    gaps = truth.stamps_ns[later] - truth.stamps_ns[before]
+    share = (estimate.stamps_ns[alone] - truth.stamps_ns[before]) / gaps
+    move = truth.positions[later] - truth.positions[before]
+    frames = Frames(
+        stamps_ns=estimate.stamps_ns[alone],
+        gt_pos=truth.positions[before] + share[:, None] * move,
+        gt_quat=slerp(unit_quats(truth.quats_xyzw[before]), unit_quats(truth.quats_xyzw[later]), share),
+        est_pos=estimate.positions[alone],
+        est_quat=unit_quats(estimate.quats_xyzw[alone]),
+        est_rows=alone,
+    )
+    return frames, gaps
+
+
+def in_time_order(frames: Frames, others: Frames) -> Frames:
+    """Return all frames of both in the order of their stamps."""
+    order = np.argsort(np.concatenate((frames.stamps_ns, others.stamps_ns)), kind="stable")
+    return Frames(*(np.concatenate(both)[order] for both in zip(frames, others, strict=True)))
+
+
+def unordered(stamps_ns: IntArray) -> int:
+    """Return how many stamps come after a later one."""
+    return int(np.count_nonzero(stamps_ns[1:] < np.maximum.accumulate(stamps_ns)[:-1]))
 
 
 def unique_rows(stamps_ns: IntArray) -> Rows:
