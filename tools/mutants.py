@@ -197,6 +197,16 @@ MUTATIONS = (
         "1.0 - 1.0 / count) / (1.0 - 1.0 / independent",
         "1.0 - 1.0 / independent) / (1.0 - 1.0 / count",
     ),
+    Mutation("metrics/statistics.py", "np.sum(parts.squares + apart, axis=-2)", "np.sum(parts.squares, axis=-2)"),
+    Mutation("metrics/statistics.py", "1.0 - lags / float(block * size)", "1.0 - lags / float(block)"),
+    Mutation("metrics/statistics.py", "share *= 1.0 - 1.0 / independent\n    return", "return"),
+    Mutation("metrics/comparison.py", "difference = other - first", "difference = first - other"),
+    Mutation("metrics/catalogue.py", 'return kind.clause if part == TARGET else ""', "return kind.clause"),
+    Mutation(
+        "metrics/catalogue.py", 'return kind.clause if call == "localisation" else', "return kind.clause if part else"
+    ),
+    Mutation("metrics/score.py", "if row.part in ((reading, POOLED) if is_of_pieces else (None,)):", "if True:"),
+    Mutation("metrics/association.py", "is_enough = MATCHES_PER_STAMP *", "is_enough = 1 *"),
     Mutation("metrics/aligned_error.py", "np.array([1.0, 1.0, np.sign(", "np.array([1.0, 1.0, abs("),
     # geometry
     Mutation("geometry/rotation.py", "aw * bx + ax * bw + ay * bz - az * by", "aw * bx + ax * bw - ay * bz + az * by"),

@@ -1,0 +1,42 @@
+"""Which row is judged does not depend on the order of the rows."""
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from helpers.made_scores import whole_score
+from sfr_loc_map.metrics.config import Rebase
+from sfr_loc_map.metrics.limits import parse_limits, verdicts
+from sfr_loc_map.metrics.score import POOLED, Score, figure_row
+
+LIMITS = {
+    "trajectory": [{"condition": "distance=5", "position_p95_m": 1.0, "attitude_mean_plus_3sigma_deg": 1.0}],
+    "map": {"point_error_p95_m": 1.0, "coverage_min": 0.5},
+    "timing": {"localisation_p95_s": 1.0},
+    "memory": {"mapping_peak_bytes": 1.0},
+}
+
+
+@pytest.mark.parametrize("reading", [Rebase.POSE, Rebase.DISPLACEMENT])
+def test_verdicts_are_of_the_reading_that_is_judged_whatever_the_order_of_rows(reading: Rebase) -> None:
+    score = whole_score()
+    assert score.association is not None
+    score = replace(score, association=replace(score.association, rebase=reading))
+    limits = parse_limits(LIMITS, "test")
+    expected = [(item.name, item.part, item.value) for item in verdicts(limits, score)]
+    assert {part for name, part, _ in expected if name.startswith(("position", "attitude"))} == {str(reading)}
+    assert {part for name, part, _ in expected if name.startswith(("point", "coverage", "localisation"))} == {None}
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        figures = list(score.figures)
+        rng.shuffle(figures)  # type: ignore[arg-type]
+        shuffled = replace(score, figures=tuple(figures))
+        assert [(item.name, item.part, item.value) for item in verdicts(limits, shuffled)] == expected
+        assert shuffled.figure("position", condition="distance=5") == score.judged_row("position")
+
+
+def test_rows_over_all_drives_are_judged_where_there_is_no_reading() -> None:
+    rows = [figure_row("position", "distance=5", part, n=3, mean=0.1) for part in ("x", POOLED, "y")]
+    found = Score(figures=tuple(rows)).judged_row("position")
+    assert found is rows[1]
+    assert Score(figures=(rows[0],)).judged_row("position") is None
