@@ -1,4 +1,4 @@
-"""Array types of all packages: the name says what an array holds; its shape and unit stand where it is used."""
+"""Array types of all packages: the name says what an array holds; its shape and unit are given where it is used."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ GreyImage = NDArray[np.uint8]  #: Image `(H, W)`, 8 bits.
 ColourImage = NDArray[np.uint8]  #: Image `(H, W, 3)`, 8 bits a channel.
 FloatImage = NDArray[np.float32]  #: Image `(H, W)` of float32: intensity, disparity, weight.
 PointImage = NDArray[np.float32]  #: Points `(H, W, 3)` of the pixels of an image, metres; NaN where there is none.
-FloatArray32 = NDArray[np.float32]  #: Values of float32, where the half of the bytes counts.
+FloatArray32 = NDArray[np.float32]  #: Values of float32, where memory matters.
 
 
 def median(values: NDArray[np.floating[Any]]) -> float:
-    """Return the median of numbers, none of them NaN; NaN without any. Equal to numpy's and many times as fast."""
+    """Return the median of numbers without NaN, or NaN if there are none. It equals numpy's and is faster."""
     count = values.size
     if count == 0:
         return float("nan")

@@ -1,4 +1,4 @@
-"""Structs of cameras and poses that kernels take; numba compiles and caches them as it does numbers and arrays."""
+"""Structs of cameras and poses for kernels: numba compiles and caches them like numbers and arrays."""
 
 from __future__ import annotations
 

@@ -28,8 +28,8 @@ FIELD_TYPES: dict[str, type[np.generic]] = {
     **dict.fromkeys(("x", "y", "z", "sigma", "intensity"), np.float32),
     **{"u": np.uint16, "v": np.uint16, "pair": np.uint8},
 }
-"""Fields of a cloud in the order of the topic `mapping/points` and of the cloud files."""
-COLUMNS = ("xyz", "sigma", "intensity", "u", "v", "pair")
+"""Fields of a point in the order of the topic `mapping/points` and of the cloud files."""
+COLUMNS = ("xyz", "sigma", "intensity", "u", "v", "pair")  #: Arrays of a `PointCloud`, one row per point.
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -41,8 +41,9 @@ class PointCloud(Shown):
     """
 
     xyz: NDArray[np.float32]  #: `(N, 3)`, metres, LM.
-    #: Standard deviation along the ray, metres; made by mapping.disparity.uncertainty (noise, in pixels),
-    #: mapping.reprojection (to metres, calibration) and mapping.multiview.fusion.
+    #: Standard deviation along the ray, metres. The mapper computes it in pixels (disparity.uncertainty), converts it
+    #: to metres (reprojection), reduces it where pairs agree (multiview.fusion), and adds saturation and the
+    #: calibration's part (point_sigma).
     sigma: NDArray[np.float32]
     intensity: NDArray[np.float32]  #: Grey level of the left pixel.
     u: NDArray[np.uint16]  #: Column of the left pixel.
@@ -57,7 +58,8 @@ class PointCloud(Shown):
         """Check shapes and types."""
         count = len(self.xyz)
         for name in COLUMNS:
-            array, kind = getattr(self, name), FIELD_TYPES.get(name, np.float32)
+            array = getattr(self, name)
+            kind = FIELD_TYPES.get(name, np.float32)
             shape = (count, 3) if name == "xyz" else (count,)
             if array.shape != shape or array.dtype != kind:
                 found = f"{array.dtype} {array.shape}"

@@ -1,7 +1,8 @@
-"""The pose of a stereo rig on the rover from a tree of frames, as the drivers of cameras and robots publish them."""
+"""The pose of a stereo rig on the rover, from the tree of frames that drivers of cameras and robots publish."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,13 +13,15 @@ from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY
 from sfr_loc_map.geometry.transform import FrameTree, Transform
 
-RB_FRAME, LOCSB_FRAME, NAVSB_FRAME = "rb", "locsb", "navsb"
+RB_FRAME = "rb"  #: Frame of the rover [3.2.2].
+LOCSB_FRAME = "locsb"  #: Frame of the stereo rig for localisation [3.2.3].
+NAVSB_FRAME = "navsb"  #: Frame of the stereo rig for mapping [3.2.3].
 BASE_FRAMES = (RB_FRAME, "base_link", "base_footprint", "base", "body", "chassis")
-"""Names of the rover's own frame, in the order of trying."""
-COULD_BE = "the rover's frame could also be"  #: In the text where several of `BASE_FRAMES` are joined.
-MAST_XY_RB_M = (0.451, 0.317)  #: Base of the mast (DMA) and the pan axis in RB [3.2.2, 3.2.6].
+"""Names of the rover's own frame; the first one that is joined to the camera is taken."""
+COULD_BE = "the rover's frame could also be"  #: Part of `RigInBody.text` if several of `BASE_FRAMES` are joined.
+MAST_XY_RB_M = (0.451, 0.317)  #: Base of the mast (DMA) and position of the pan axis in RB [3.2.2, 3.2.6].
 TILT_AXIS_Z_RB_M = 0.594  #: Height of the tilt axis in RB [3.2.6].
-TILT_AXIS_X_RB_M = 0.451  #: Place of the tilt axis along RB x at pan 0 [3.2.6].
+TILT_AXIS_X_RB_M = 0.451  #: Position of the tilt axis along RB x at pan 0 [3.2.6].
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,25 +41,27 @@ class FramesConfig:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigInBody:
-    """Where a stereo rig is on the rover, and from which frames that follows."""
+    """The pose of a stereo rig on the rover, and the frames that it was found from."""
 
-    T_rb_sb: Transform
-    text: str  #: `base_link to camera_left_optical_frame`, for messages.
+    T_rb_sb: Transform  #: Takes points in SB to RB.
+    text: str  #: The frames, for messages: `base_link to camera_left_optical_frame`.
 
 
 def rig_in_body(
     frames: FrameTree, camera_frame: str, baseline_m: float, base_frame: str = "", sb_frame: str = LOCSB_FRAME
 ) -> RigInBody | None:
-    """Return the pose of a rig by a frame of SB, else by the frame of its rectified left camera, at any depth.
+    """Return the pose of a rig in its rover; None if no frames of both are joined.
 
-    The camera's frame is optical [REP 103]; one that is not called so and whose z axis points up is taken as x
-    forward, y left, z up, as simulators name it. The base is `base_frame`, else the first of `BASE_FRAMES` that is
-    joined to the camera; frames of one rover may have a prefix (`rover1/base_link`). None where nothing joins them.
+    The pose is that of the frame of SB. If that frame is not joined to the rover's, the pose follows from the frame of
+    the rectified left camera, at any depth of the tree. The camera's frame is optical [REP 103]. If its name does not
+    say so and its z axis points up, its axes are x forward, y left, z up, as of simulators.
+
+    The rover's frame is `base_frame`, or the first of `BASE_FRAMES` that is joined to the camera. Frames of one rover
+    may have a prefix (`rover1/base_link`).
     """
     for frame in (sb_frame, camera_frame.strip("/")):
         joined = frames.joined_to(frame) if frame else []
-        wanted = (base_frame,) if base_frame else BASE_FRAMES  # as they are, or with a prefix
-        bases = [n for base in wanted for n in sorted(joined, key=base.__ne__) if f"/{n}".endswith(f"/{base}")]
+        bases = _frames_of_names(joined, (base_frame,) if base_frame else BASE_FRAMES)
         T_base_frame = frames.find(bases[0], frame) if bases else None
         if T_base_frame is None:
             continue
@@ -65,16 +70,26 @@ def rig_in_body(
             text += f"; {COULD_BE} {' or '.join(bases[1:])}"
         if frame == sb_frame:
             return RigInBody(T_base_frame, text)
-        turn = OPTICAL_IN_BODY.T
+        camera_from_body = OPTICAL_IN_BODY.T
         if "optical" not in frame and T_base_frame.rotation[2, 2] > np.cos(np.pi / 4):
-            text, turn = f"{text}, taken as x forward and z up", np.eye(3)
-        T_left_sb = Transform(turn, turn @ np.array([0.0, -0.5 * baseline_m, 0.0]))
+            text += ", taken as x forward and z up"
+            camera_from_body = np.eye(3)
+        T_left_sb = Transform(camera_from_body, camera_from_body @ np.array([0.0, -0.5 * baseline_m, 0.0]))
         return RigInBody(T_base_frame @ T_left_sb, text)
     return None
 
 
+def _frames_of_names(frames: Sequence[str], names: Sequence[str]) -> list[str]:
+    """Return the frames that have one of the names, in the order of the names; frames with a prefix follow others."""
+    found = []
+    for name in names:
+        found += [frame for frame in frames if frame == name]
+        found += [frame for frame in frames if frame.endswith(f"/{name}")]
+    return found
+
+
 def mast_head_in_rb(pan_rad: float, tilt_rad: float) -> Transform:
-    """Return `T_rb_head`: the mast head, origin where the tilt axis meets the pan axis' x-z plane [3.2.6].
+    """Return `T_rb_head`, the pose of the mast head; its origin is on the tilt axis, at the y of the pan axis.
 
     Pan is about z of RB, positive to the left, and carries the tilt axis; tilt about y of RB at pan 0, positive down.
     """

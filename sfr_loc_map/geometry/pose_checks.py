@@ -1,7 +1,7 @@
-"""Whether what was read as a trajectory can be one: stray stamps, positions beyond any speed, attitudes of nobody.
+"""Checks of trajectories that were read: stray stamps, positions that no speed explains, constant attitudes.
 
-The checks hold for every file and topic. A pose that cannot be true is left out and counted; an attitude that never
-changes along a path that turns is the placeholder of a tracker of positions (GNSS, prism), so positions alone are kept.
+They apply to every file and topic. A pose that cannot be true is ignored and counted. An attitude that never changes
+along a path that turns is the placeholder of a position tracker (GNSS, prism), so that only positions are kept.
 """
 
 from __future__ import annotations
@@ -14,20 +14,22 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
 
-MAX_SPEED_M_PER_S = 100.0  #: Fastest that a carrier of cameras moves; cars, trains and racing drones stay below.
-MIN_JUMP_M = 1.0  #: A jump below may be the noise of a position at two stamps that nearly coincide.
-JUMPS_PER_STEP = 20.0  #: A jump exceeds the median step of the path by this factor.
-MAX_STRAY = 0.1  #: Largest fraction of poses that are left out as stray; more of them are the path itself.
-STRAY_S = 86_400.0  #: A stamp is stray if it is farther from the median stamp than a day and than the drive is long.
+MAX_SPEED_M_PER_S = 100.0  #: Largest speed of a vehicle with cameras; cars, trains and racing drones are slower.
+MIN_JUMP_M = 1.0  #: Smaller jumps, metres, may be the noise of a position at two stamps that nearly coincide.
+JUMPS_PER_STEP = 20.0  #: A jump exceeds the median step of the path by this factor: rovers pause and accelerate.
+MIN_STAMPS = 3  #: Stamps of which one can be stray: of two, neither is.
+MIN_POSITIONS = 4  #: Positions of which one can be a jump.
+MAX_STRAY = 0.1  #: Largest fraction of poses that are ignored as stray; more of them are the path itself.
+STRAY_S = 86_400.0  #: A stamp is stray if it is a day or more from the median stamp, s, and twice the drive's duration.
 SAME_ATTITUDE = 1e-6  #: Largest change of a component of a quaternion that never changes; files round to 1e-6.
-TURN_DEG = 20.0  #: A path turns if the lines along two of its parts differ by more than this.
-PARTS = 12  #: Parts of equal length of which a path is compared; noise of a position hardly turns them.
-SHORTEST_M = 0.5  #: A shorter path may be noise alone.
+TURN_DEG = 20.0  #: A path turns if the lines along two of its parts differ by more than this, deg.
+PARTS = 12  #: Parts of equal length by which a path is compared: long enough that noise of positions hardly turns them.
+SHORTEST_M = 0.5  #: A shorter path, metres, may be noise alone.
 
 
 def stray_stamps(stamps_ns: IntArray) -> Mask:
-    """Tell of each stamp `(N,)` whether it cannot be of this recording: 0 among those of a clock, or days away."""
-    if len(stamps_ns) < 3:
+    """Return which stamps `(N,)` cannot be of this recording: 0 among stamps of a clock, or days from the others."""
+    if len(stamps_ns) < MIN_STAMPS:
         return np.zeros(len(stamps_ns), np.bool_)
     middle = int(np.partition(stamps_ns, len(stamps_ns) // 2)[len(stamps_ns) // 2])
     low, high = np.quantile(stamps_ns.astype(np.float64) - middle, (MAX_STRAY, 1.0 - MAX_STRAY))
@@ -37,36 +39,37 @@ def stray_stamps(stamps_ns: IntArray) -> Mask:
 
 
 def jumping_positions(stamps_ns: IntArray, positions: FloatArray) -> Mask:
-    """Tell of each position `(N, 3)` whether nothing could have moved there and back: few of them, by `MAX_STRAY`.
+    """Return which positions `(N, 3)` cannot be reached from the others; none if they are more than `MAX_STRAY`.
 
-    A position counts as reachable if the last reachable one is within `MAX_SPEED_M_PER_S`; the path begins at the
-    position that most others can be reached from.
+    A position is reachable if the last reachable one is within `MAX_SPEED_M_PER_S`. The search starts, forwards and
+    backwards in time, from the position that is nearest to the median of all.
     """
     count = len(positions)
-    nowhere = np.zeros(count, np.bool_)
-    if count < 4:
-        return nowhere
+    none = np.zeros(count, np.bool_)
+    if count < MIN_POSITIONS:
+        return none
     steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     shortest = max(MIN_JUMP_M, JUMPS_PER_STEP * float(np.median(steps)))
     times_s = (stamps_ns - stamps_ns[0]) / NS_PER_S
     if not (steps > np.maximum(shortest, MAX_SPEED_M_PER_S * np.abs(np.diff(times_s)))).any():
-        return nowhere
+        return none
     centre = np.median(positions, axis=0)
     first = int(np.argmin(np.linalg.norm(positions - centre, axis=1)))
-    good = nowhere.copy()
-    good[first] = True
+    reachable = none.copy()
+    reachable[first] = True
     for order in (range(first + 1, count), range(first - 1, -1, -1)):
         last = first
         for row in order:
             distance = float(np.linalg.norm(positions[row] - positions[last]))
             reach = max(shortest, MAX_SPEED_M_PER_S * abs(times_s[row] - times_s[last]))
             if distance <= reach:
-                good[row], last = True, row
-    return ~good if (~good).mean() <= MAX_STRAY else nowhere
+                reachable[row] = True
+                last = row
+    return ~reachable if (~reachable).mean() <= MAX_STRAY else none
 
 
 def has_constant_attitude(poses: Trajectory) -> bool:
-    """Tell whether every attitude is the same while the path turns."""
+    """Return whether every attitude is the same although the path turns."""
     if len(poses) < 3 or not poses.has_attitude:
         return False
     quats = poses.quats_xyzw
@@ -75,12 +78,12 @@ def has_constant_attitude(poses: Trajectory) -> bool:
 
 
 def path_turns(positions: FloatArray) -> bool:
-    """Tell whether a path `(N, 3)` turns; driving backwards along the same line is no turn."""
+    """Return whether a path `(N, 3)` turns; driving backwards along the same line is not a turn."""
     along_m = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1)))
     if not along_m[-1] >= SHORTEST_M:
         return False
-    places = np.linspace(0.0, along_m[-1], PARTS + 1)
-    points = np.stack([np.interp(places, along_m, positions[:, axis]) for axis in range(3)], axis=1)
+    ends_m = np.linspace(0.0, along_m[-1], PARTS + 1)
+    points = np.stack([np.interp(ends_m, along_m, positions[:, axis]) for axis in range(3)], axis=1)
     parts = np.diff(points, axis=0)
     lengths = np.linalg.norm(parts, axis=1)
     long_enough = lengths >= 0.5 * along_m[-1] / PARTS
@@ -93,22 +96,22 @@ def path_turns(positions: FloatArray) -> bool:
 
 
 def possible_poses(poses: Trajectory) -> tuple[Mask, tuple[str, ...]]:
-    """Return which poses can be true, and what is wrong with the others, a sentence for each kind."""
+    """Return which poses can be true, and one finding for each kind of those that cannot."""
     kept = ~stray_stamps(poses.stamps_ns)
     findings = []
     if not kept.all():
-        findings.append(f"{_of(~kept)} poses have stamps that are 0 or days away from the others: left out")
+        findings.append(f"{_of(~kept)} poses have stamps that are 0 or days away from the others: ignored")
     rows = np.flatnonzero(kept)
     jumping = jumping_positions(poses.stamps_ns[rows], poses.positions[rows])
     if jumping.any():
-        text = f"poses are where only more than {MAX_SPEED_M_PER_S:g} m/s could lead: left out"
+        text = f"poses require speeds of more than {MAX_SPEED_M_PER_S:g} m/s: ignored"
         findings.append(f"{_of(jumping)} {text}")
         kept[rows[jumping]] = False
     return kept, tuple(findings)
 
 
 def rows_of(poses: Trajectory, kept: Mask) -> Trajectory:
-    """Return some of the poses."""
+    """Return the poses of a mask `(N,)`."""
     parts = {name: getattr(poses, name)[kept] for name in ("stamps_ns", "positions", "quats_xyzw")}
     return replace(poses, **parts)
 

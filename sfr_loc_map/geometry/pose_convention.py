@@ -1,7 +1,7 @@
-"""How an estimate from elsewhere writes its poses, and the conversion to poses of RB in DS.
+"""The convention by which an estimate from elsewhere gives its poses, and the conversion to poses of RB in DS.
 
-Each setting declares one thing in which it differs. They are undone in this order: stamps, quaternions, unit, sides,
-inverse, frame of the rover; the world frame last, by `aligned`. What does not differ is passed on to the last bit.
+Each setting declares one difference. The differences are undone in this order: stamps, quaternions, unit, mirroring,
+inversion, frame of the rover (`converted`), world frame (`aligned`). Values without a difference stay bit-identical.
 """
 
 from __future__ import annotations
@@ -19,17 +19,19 @@ from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 
-RB, RB_OPTICAL = "rb", "rb_optical"
+RB = "rb"  #: Frame of the rover [3.2.2].
+RB_OPTICAL = "rb_optical"  #: Origin of RB, optical axes.
 FRAMES = (RB, RB_OPTICAL, "sb", "left", "right", "left_optical", "right_optical")
 """Frames of the rover: RB, RB's origin with optical axes, the stereo rig SB, the cameras with axes of SB or optical."""
-MIRROR = np.array([1.0, -1.0, 1.0])
-FIRST_POSE = "first_pose"
-MAX_OFFSET_NS = 2**62
+MIRROR = np.array([1.0, -1.0, 1.0])  #: Factors of a position whose y axis is reversed.
+MIRROR_QUAT = np.array([-1.0, 1.0, -1.0, 1.0])  #: Factors of the quaternion of such a pose: about x and z reversed.
+FIRST_POSE = "first_pose"  #: World frame that is aligned with the truth at the first pose.
+MAX_OFFSET_NS = 2**62  #: Largest offset of stamps, ns: sums with stamps stay within 64 bits.
 
 
 @dataclass(frozen=True, slots=True)
 class PoseConvention:
-    """In what an estimate differs from poses of RB in DS, orientations as in ROS, metres."""
+    """Differences of an estimate from poses of RB in DS with orientations as in ROS and positions in metres."""
 
     frame: str = param("rb", doc="Frame of the rover that the poses are of.", choices=FRAMES)
     extrinsics: tuple[float, ...] = param(
@@ -68,7 +70,7 @@ class PoseConvention:
 
     @classmethod
     def parse(cls, texts: Sequence[str]) -> PoseConvention:
-        """Return the convention of settings `NAME=VALUE`; ConfigError if one is given twice or is none."""
+        """Return the convention of settings `NAME=VALUE`; ConfigError if one is invalid or given twice."""
         types = {info.name: info.type for info in parameters(cls)}
         values: dict[str, object] = {}
         for text in texts:
@@ -85,7 +87,7 @@ class PoseConvention:
 
     @property
     def settings(self) -> tuple[str, ...]:
-        """What differs, as `parse` takes it."""
+        """The settings that differ from the default, as `parse` takes them."""
         differing = changed(self)
         if self.extrinsics:
             differing = {**differing, "extrinsics": ",".join(map(repr, self.extrinsics))}
@@ -97,7 +99,7 @@ class PoseConvention:
         return bool(self.extrinsics) or self.frame != RB
 
     def T_rb_child(self, rig: StereoRig | None) -> Transform:
-        """Return the pose in RB of the frame that the poses are of; ConfigError if its rig is not known."""
+        """Return the pose in RB of the frame whose poses are given; ConfigError if that requires an unknown rig."""
         if self.extrinsics:
             return Transform.from_quat(self.extrinsics[:3], self.extrinsics[3:])
         if self.frame in (RB, RB_OPTICAL):
@@ -113,21 +115,24 @@ class PoseConvention:
 
 
 def converted(trajectory: Trajectory, convention: PoseConvention, T_rb_child: Transform) -> Trajectory:
-    """Return poses of RB, in the world frame of the estimate, of poses of a child of RB as they were written."""
-    stamps, positions, quats = trajectory.stamps_ns, trajectory.positions, trajectory.quats_xyzw
+    """Return poses of RB in the world frame of the estimate, from its poses of a child of RB in its convention."""
+    stamps = trajectory.stamps_ns
+    positions = trajectory.positions
+    quats = trajectory.quats_xyzw
     if convention.time_offset_ns:
         stamps = stamps + np.int64(convention.time_offset_ns)
-    written = convention.quaternion
-    if written == "wxyz_ds_to_rb":  # what was read as DsToRb has been conjugated as if it were scalar last
+    order = convention.quaternion
+    if order == "wxyz_ds_to_rb":  # columns att_q_DsToRb have been conjugated by the reader, as if scalar last
         quats = quat_conjugate(quats)
-    if "wxyz" in written:
+    if "wxyz" in order:
         quats = quats[:, [1, 2, 3, 0]]
-    if written not in ("xyzw", "wxyz"):
+    if order not in ("xyzw", "wxyz"):
         quats = quat_conjugate(quats)
     if convention.metres_per_unit != 1.0:
         positions = positions * convention.metres_per_unit
     if convention.mirrored:
-        positions, quats = positions * MIRROR, quats * np.array([-1.0, 1.0, -1.0, 1.0])
+        positions = positions * MIRROR
+        quats = quats * MIRROR_QUAT
     if convention.inverse or convention.inverse_motion:
         first = Transform.from_quat(positions[0], quats[0]) if convention.inverse_motion else Transform.identity()
         quats = quat_normalised(quat_conjugate(quats))
@@ -140,6 +145,6 @@ def converted(trajectory: Trajectory, convention: PoseConvention, T_rb_child: Tr
 
 
 def aligned(trajectory: Trajectory, T_ds_world: Transform) -> Trajectory:
-    """Return poses in DS of poses in another world frame."""
+    """Return poses in DS from poses in another world frame."""
     quats = quat_multiply(T_ds_world.quat_xyzw, trajectory.quats_xyzw)
     return Trajectory(trajectory.stamps_ns, T_ds_world.apply(trajectory.positions), quats)

@@ -15,7 +15,9 @@ from numpy.typing import ArrayLike
 from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray
 
-MIN_NORM: Final = 1e-12
+MIN_NORM: Final = 1e-12  #: Smallest norm of a quaternion that can be normalised.
+SMALL_SINE: Final = 1e-6  #: Sine of an angle, below which `slerp` interpolates linearly: exact to 1e-12.
+SMALL_HALF_SINE: Final = 1e-9  #: Sine of half an angle, below which the rotation vector is twice the vector part.
 NO_LENGTH: Final = "a quaternion has no length or is not finite: a rotation needs four finite numbers, not all zero"
 
 
@@ -29,21 +31,21 @@ def quat_normalised(quat_xyzw: ArrayLike) -> FloatArray:
 
 
 def unit_quats(quats_xyzw: FloatArray) -> FloatArray:
-    """Return quaternions `(N, 4)` of unit length; NaN where a quaternion has no length, as of unknown attitudes."""
+    """Return quaternions `(N, 4)` of unit length; NaN for quaternions of zeros, which are unknown attitudes."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(quats_xyzw / np.sqrt(np.sum(np.square(quats_xyzw), axis=-1, keepdims=True)))
 
 
-def slerp(a_xyzw: FloatArray, b_xyzw: FloatArray, share: FloatArray) -> FloatArray:
-    """Return unit quaternions `(N, 4)` at shares `(N,)` (0 at a, 1 at b) of the shortest rotation (Shoemake 1985)."""
+def slerp(a_xyzw: FloatArray, b_xyzw: FloatArray, fraction: FloatArray) -> FloatArray:
+    """Return unit quaternions `(N, 4)` at fractions `(N,)` of the shortest rotation from a to b (Shoemake 1985)."""
     nearest = np.where(np.sum(a_xyzw * b_xyzw, axis=1) < 0.0, -1.0, 1.0)[:, None] * b_xyzw  # q and -q are one rotation
     chord = np.linalg.norm(a_xyzw - nearest, axis=1)
     angle = 2.0 * np.arctan2(chord, np.linalg.norm(a_xyzw + nearest, axis=1))
     sine = np.sin(angle)
-    is_small = ~(sine > 1e-6)
+    is_small = ~(sine > SMALL_SINE)
     divisor = np.where(is_small, 1.0, sine)
-    weight_a = np.where(is_small, 1.0 - share, np.sin((1.0 - share) * angle) / divisor)
-    weight_b = np.where(is_small, share, np.sin(share * angle) / divisor)
+    weight_a = np.where(is_small, 1.0 - fraction, np.sin((1.0 - fraction) * angle) / divisor)
+    weight_b = np.where(is_small, fraction, np.sin(fraction * angle) / divisor)
     return unit_quats(weight_a[:, None] * a_xyzw + weight_b[:, None] * nearest)
 
 
@@ -56,7 +58,8 @@ def quat_conjugate(quat_xyzw: ArrayLike) -> FloatArray:
 
 def quat_multiply(a_xyzw: ArrayLike, b_xyzw: ArrayLike) -> FloatArray:
     """Return the Hamilton product `a b` `(..., 4)`: rotates by b first, then by a."""
-    a, b = np.asarray(a_xyzw, dtype=np.float64), np.asarray(b_xyzw, dtype=np.float64)
+    a = np.asarray(a_xyzw, dtype=np.float64)
+    b = np.asarray(b_xyzw, dtype=np.float64)
     ax, ay, az, aw = (a[..., i] for i in range(4))
     bx, by, bz, bw = (b[..., i] for i in range(4))
     return np.stack(
@@ -78,8 +81,10 @@ def quat_angle(quat_xyzw: ArrayLike) -> FloatArray:
 
 def quat_rotate(quat_xyzw: ArrayLike, vectors: ArrayLike) -> FloatArray:
     """Rotate vectors `(..., 3)` by unit quaternions `(..., 4)`."""
-    quat, vec = np.asarray(quat_xyzw, dtype=np.float64), np.asarray(vectors, dtype=np.float64)
-    axis, scalar = quat[..., :3], quat[..., 3:4]
+    quat = np.asarray(quat_xyzw, dtype=np.float64)
+    vec = np.asarray(vectors, dtype=np.float64)
+    axis = quat[..., :3]
+    scalar = quat[..., 3:4]
     twice = 2.0 * np.cross(axis, vec)
     return np.asarray(vec + scalar * twice + np.cross(axis, twice))
 
@@ -130,6 +135,6 @@ def rotvec_from_matrix(matrix: ArrayLike) -> FloatArray:
     """Return the rotation vector `(3,)`, radians, angle in [0, pi], of one rotation matrix `(3, 3)`."""
     quat = quat_from_matrix(matrix)
     sine = float(np.sqrt(quat[:3] @ quat[:3]))
-    if sine < 1e-9:
+    if sine < SMALL_HALF_SINE:
         return np.asarray(2.0 * quat[:3])
     return np.asarray(quat[:3] * (2.0 * np.arctan2(sine, quat[3]) / sine))

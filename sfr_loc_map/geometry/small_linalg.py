@@ -11,7 +11,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
 from sfr_loc_map.jit import jit, jit_fast_ir_inline
 
 SMALL_ANGLE = 1e-4  #: Angle, rad, below which the series of sine and cosine are used: exact to 1e-16.
-MIN_PIVOT = 1e-300  #: Minimum pivot of a Cholesky factor.
+MIN_PIVOT = 1e-300  #: Smallest square of a diagonal element of a Cholesky factor: it must not be 0 or negative.
 
 
 @jit
@@ -26,7 +26,9 @@ def retract(rotation: FloatArray, x: float, y: float, z: float) -> FloatArray:
     b = 0.5 - angle2 / 24.0 if angle < SMALL_ANGLE else (1.0 - np.cos(angle)) / angle2
     rotated = np.empty((3, 3))
     for c in range(3):
-        p, q, r = rotation[0, c], rotation[1, c], rotation[2, c]
+        p = rotation[0, c]
+        q = rotation[1, c]
+        r = rotation[2, c]
         u = y * r - z * q
         v = z * p - x * r
         w = x * q - y * p
@@ -147,7 +149,7 @@ def fill_inverse_4(s: FloatArray, out: FloatArray) -> None:
 
 @jit
 def reorder_to_rank(values: FloatArray, rank: int) -> float:
-    """Return the number of a rank, from 0, of numbers `(N,)` without NaN, and reorder them about it (Hoare 1961)."""
+    """Return the value of a rank, from 0, of numbers `(N,)` without NaN, and partition them about it (Hoare 1961)."""
     low = 0
     high = len(values) - 1
     while low < high:
@@ -172,7 +174,7 @@ def reorder_to_rank(values: FloatArray, rank: int) -> float:
 
 @jit
 def reorder_to_median(values: FloatArray) -> float:
-    """Return the median of numbers `(N,)`, at least one and none NaN, and reorder them.
+    """Return the median of at least one number `(N,)` without NaN, and reorder the numbers.
 
     It equals `geometry.arrays.median`, for kernels: numba's own takes 2 s to compile.
     """

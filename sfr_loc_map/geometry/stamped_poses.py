@@ -1,4 +1,4 @@
-"""Poses with stamps: between two of them, and thinned to a bounded number."""
+"""Stamped poses: interpolation between two of them, and paths of a bounded number of poses."""
 
 from __future__ import annotations
 
@@ -13,14 +13,17 @@ import numpy as np
 from sfr_loc_map.geometry.transform import Transform, interpolated
 
 T = TypeVar("T")
-MAX_POSES = 2000
-FIRST_SPACING_M = 0.02
+MAX_POSES = 2000  #: Largest number of poses of a thinned path: about the pixels of a figure's width.
+FIRST_SPACING_M = 0.02  #: Initial spacing of a thinned path, metres: 20 m of path have 1000 poses.
 TURN_PER_METRE = math.radians(100.0)
-"""A turn of so much counts as a metre: a rover that turns on the spot leaves poses as well."""
+"""Rotation that counts as a metre of path, rad, so that a rover that turns on the spot leaves poses as well."""
 
 
 def pose_at(poses: Sequence[tuple[int, Transform]], stamp_ns: int, max_gap_ns: int) -> Transform | None:
-    """Return the pose of a stamp, of stamped ones in their order; between two that are not too far apart if need be."""
+    """Return the pose of a stamp, interpolated between two poses at most `max_gap_ns` apart; None if there is none.
+
+    The poses are in the order of their stamps, ns.
+    """
     at = bisect_left(poses, stamp_ns, key=itemgetter(0))
     after_ns, after = poses[at] if at < len(poses) else (0, None)
     if after_ns == stamp_ns:
@@ -32,7 +35,7 @@ def pose_at(poses: Sequence[tuple[int, Transform]], stamp_ns: int, max_gap_ns: i
 
 
 class ThinnedPath(Generic[T]):
-    """Keeps poses at a spacing that doubles when there would be too many; the first and the last one always stay."""
+    """Keeps poses at a spacing that doubles when there are too many; the first and the last pose are always kept."""
 
     def __init__(self, max_poses: int = MAX_POSES) -> None:
         """Start empty; `max_poses` is at least 3."""
@@ -48,17 +51,18 @@ class ThinnedPath(Generic[T]):
 
     @property
     def poses(self) -> Sequence[T]:
-        """What was given with the poses that are left, in order."""
+        """The items that were given with the kept poses, in order."""
         kept = [item for _, item in self._kept]
         if self._last is not None and (not self._kept or self._last is not self._kept[-1]):
             kept.append(self._last[1])
         return kept
 
     def add(self, stamp_ns: int, pose: Transform, item: T) -> None:
-        """Add a pose and what stands for it; a stamp that is not later than the last one starts a new path."""
+        """Add a pose and its item; a stamp that is not later than the last one starts a new path."""
         if self._last_ns is not None and stamp_ns <= self._last_ns:
             self.clear()
-        self._last, self._last_ns = (pose, item), stamp_ns
+        self._last = (pose, item)
+        self._last_ns = stamp_ns
         if not self._kept or _distance(self._kept[-1][0], pose) >= self._spacing_m:
             self._kept.append(self._last)
         if len(self._kept) >= self._max_poses:
@@ -67,5 +71,6 @@ class ThinnedPath(Generic[T]):
 
 
 def _distance(before: Transform, now: Transform) -> float:
+    """Return the distance of two poses, metres, including their rotation by `TURN_PER_METRE`."""
     cosine = 0.5 * (float(np.vdot(before.rotation, now.rotation)) - 1.0)
     return math.dist(before.translation, now.translation) + math.acos(max(-1.0, min(1.0, cosine))) / TURN_PER_METRE

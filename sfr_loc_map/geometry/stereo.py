@@ -15,8 +15,9 @@ from sfr_loc_map.geometry.transform import Transform
 
 OPTICAL_IN_BODY = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Optical axes (x right, y down, z forward) in a frame with x forward, y left, z up, as SB [3.2.3]."""
-SAME_PX = 0.01  #: Change of a camera matrix, or of a disparity by the baseline, below which a rig is the same.
-CAMERA = ("width", "height", "fx", "fy", "cx", "cy", "baseline_m")  #: Numbers of a rig, all but its pose.
+SAME_PX = 0.01
+"""Change of the camera matrix, or of the largest disparity by the baseline, below which a rig is the same, pixels."""
+CAMERA = ("width", "height", "fx", "fy", "cx", "cy", "baseline_m")  #: Fields of a rig without its pose.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,7 +35,7 @@ class StereoRig:
     cx: float
     cy: float
     baseline_m: float  #: Distance between the optical centres.
-    T_rb_sb: Transform | None = None  #: Pose of the stereo bench SB (LOCSB) in RB; None where not known or not needed.
+    T_rb_sb: Transform | None = None  #: Pose of the stereo rig's frame SB (LOCSB) in RB; None if unknown.
 
     def __post_init__(self) -> None:
         """Check the values; GeometryError if one cannot be that of a camera or a rover."""
@@ -71,14 +72,14 @@ class StereoRig:
 
     @property
     def fingerprint(self) -> str:
-        """What tells this rig from others in files: a hash of all its values."""
+        """Hash of all values of the rig, by which files name it."""
         numbers = [self.width, self.height, *self.camera]
         if self.T_rb_sb is not None:
             numbers += [*self.T_rb_sb.translation.tolist(), *self.T_rb_sb.rotation.reshape(-1).tolist()]
         return hashlib.sha256(",".join(float(n).hex() for n in numbers).encode()).hexdigest()[:16]
 
     def same_cameras(self, other: StereoRig) -> bool:
-        """Tell whether both rigs see the same up to `SAME_PX`, extrinsics aside: drivers round their calibration."""
+        """Return whether the cameras of both rigs are the same within `SAME_PX`: drivers round their calibration."""
         if (self.width, self.height) != (other.width, other.height):
             return False
         mine, theirs = (

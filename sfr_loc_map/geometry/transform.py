@@ -1,4 +1,4 @@
-"""Rigid motions, and trees of them."""
+"""Rigid transforms, and trees of frames that they join."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class Transform:
 
     @classmethod
     def from_matrix(cls, matrix: FloatArray) -> Transform:
-        """Return `T_a_b` of a matrix `(3, 4)` or `(4, 4)` that comes from outside."""
+        """Return `T_a_b` of a matrix `(3, 4)` or `(4, 4)`; GeometryError if its rotation is invalid."""
         if not plausible_rotations(matrix[:3, :3]):
             raise GeometryError("a rotation matrix is not orthonormal with determinant +1")
         return cls(matrix[:3, :3].copy(), matrix[:3, 3].copy())
@@ -90,7 +90,8 @@ class Transform:
     def matrix(self) -> FloatArray:
         """Homogeneous matrix `(4, 4)`."""
         matrix = np.eye(4)
-        matrix[:3, :3], matrix[:3, 3] = self.rotation, self.translation
+        matrix[:3, :3] = self.rotation
+        matrix[:3, 3] = self.translation
         return matrix
 
     def inverse(self) -> Transform:
@@ -108,31 +109,35 @@ class Transform:
 
 
 def propagation(displacement: FloatArray) -> FloatArray:
-    """Return F `(6, 6)`, which takes the error of a pose to that of a pose fixed to it, in ROS order.
+    """Return F `(6, 6)`, which maps the error of a pose to that of a pose rigidly attached to it, in ROS order.
 
-    A rotation error `w` about the fixed axes of a frame moves what lies `d`, the displacement, beyond the pose by
-    `w x d`.
+    A rotation error w about the fixed axes of a frame moves a pose at the displacement d by `w x d`.
     """
-    carried, (x, y, z) = np.eye(6), displacement
-    carried[:3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
-    return carried
+    x, y, z = displacement
+    jacobian = np.eye(6)
+    jacobian[:3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
+    return jacobian
 
 
 def propagated_covariance(
     covariance: FloatArray, displacement: FloatArray, rotation: FloatArray = IDENTITY
 ) -> FloatArray:
-    """Return `F P F^T`, what the covariance `(6, 6)` of a pose makes of that of a pose fixed to it."""
-    carried = propagation(displacement)
-    carried[:3, 3:] = carried[:3, 3:] @ rotation
-    carried[:3, :3] = carried[3:, 3:] = rotation
-    return np.asarray(carried @ covariance @ carried.T)
+    """Return `F P F^T`, the covariance of a pose rigidly attached to one with the covariance P `(6, 6)`.
+
+    The errors of the given pose are about axes that the rotation takes to those of the result.
+    """
+    jacobian = propagation(displacement)
+    jacobian[:3, 3:] = jacobian[:3, 3:] @ rotation
+    jacobian[:3, :3] = rotation
+    jacobian[3:, 3:] = rotation
+    return np.asarray(jacobian @ covariance @ jacobian.T)
 
 
-def interpolated(before: Transform, after: Transform, share: float) -> Transform:
-    """Return the transform between two, at a share 0 .. 1 of a motion with constant velocities."""
-    turn = rotvec_from_matrix(before.rotation.T @ after.rotation)
-    rotation = before.rotation @ matrix_from_rotvec(share * turn)
-    return Transform(rotation, before.translation + share * (after.translation - before.translation))
+def interpolated(before: Transform, after: Transform, fraction: float) -> Transform:
+    """Return the transform at a fraction, 0 to 1, of a motion with constant velocities from one to the other."""
+    rotvec = rotvec_from_matrix(before.rotation.T @ after.rotation)
+    rotation = before.rotation @ matrix_from_rotvec(fraction * rotvec)
+    return Transform(rotation, before.translation + fraction * (after.translation - before.translation))
 
 
 class FrameTree:
@@ -142,11 +147,11 @@ class FrameTree:
         self._parents: dict[str, tuple[str, Transform]] = {}
 
     def add(self, parent: str, child: str, T_parent_child: Transform) -> None:
-        """Set the parent of a frame; a later transform replaces an earlier one."""
+        """Set the parent of a frame; a later call replaces an earlier one."""
         self._parents[child] = (parent, T_parent_child)
 
     def find(self, target: str, frame: str) -> Transform | None:
-        """Return `T_target_frame`; None where the frames are not joined."""
+        """Return `T_target_frame`; None if the frames are not joined."""
         if target == frame:
             return None if frame not in self.joined_to(frame) else Transform.identity()
         above = dict(self._above(frame))
@@ -158,17 +163,17 @@ class FrameTree:
         return None
 
     def joined_to(self, frame: str) -> list[str]:
-        """Return all frames that are joined to a frame, itself too, nearest parents first; none if it is not there."""
+        """Return a frame and all frames that are joined to it, nearest parents first; empty if the frame is unknown."""
         above = [name for name, _ in self._above(frame)]
         known = {name for child, (parent, _) in self._parents.items() for name in (child, parent)}
         others = sorted(name for name in known - {*above} if [*self._above(name)][-1][0] == above[-1])
         return [*above, *others] if frame in known else []
 
     def _above(self, frame: str) -> Iterator[tuple[str, Transform]]:
-        """Yield a frame and those above it, each with the transform from the frame to it."""
+        """Yield the frame and its ancestors, each with the transform `T_ancestor_frame`."""
         pose = Transform.identity()
         yield frame, pose
-        for depth in range(len(self._parents)):  # a loop of frames ends, too
+        for depth in range(len(self._parents)):  # bounded, because frames may form a loop
             if frame not in self._parents:
                 return
             frame, step = self._parents[frame]
