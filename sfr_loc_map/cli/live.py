@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from importlib.util import find_spec
 from pathlib import Path
@@ -39,9 +39,12 @@ def require_live() -> None:
 
 
 @contextmanager
-def live_beside(wanted: bool, port: int, namespace: str = "", *, isolated: bool = False) -> Iterator[LivePage | None]:
-    """Show what the `with` block runs on a page, if it is wanted; yield the page, None where none is wanted.
+def live_beside(
+    wanted: bool, port: int, namespace: str = "", remaps: Sequence[str] = (), *, isolated: bool = False
+) -> Iterator[LivePage | None]:
+    """Show what the `with` block runs on a page, if it is wanted; yield the page, None if it is not.
 
+    The page receives topics with the remappings `FROM:=TO` of the nodes.
     The page of a replay (`isolated`) is in the domain that the run chooses, and is served after it until Ctrl-C.
     """
     if not wanted:
@@ -53,7 +56,8 @@ def live_beside(wanted: bool, port: int, namespace: str = "", *, isolated: bool 
 
     if isolated:
         environment.isolate()
-    with LivePage(("--port", str(port), "--namespace", namespace)) as page:
+    words = [word for remap in remaps for word in ("-r", remap)]
+    with LivePage(("--port", str(port), "--namespace", namespace, *words)) as page:
         try:
             yield page
         except NodeError as error:
@@ -72,6 +76,7 @@ def live_beside(wanted: bool, port: int, namespace: str = "", *, isolated: bool 
     epilog=examples(
         "sfr live",
         "sfr live --namespace rover1 --port 0 --open",
+        "sfr live -r loc/left/image_rect:=/eye/left",
         "sfr live --host 0.0.0.0 --token a-long-secret",
         "sfr live --terminal",
     )
@@ -79,6 +84,9 @@ def live_beside(wanted: bool, port: int, namespace: str = "", *, isolated: bool 
 def live(
     former: Annotated[list[Path] | None, Argument(hidden=True)] = None,
     namespace: NamespaceOption = "",
+    remap: Annotated[
+        list[str] | None, Option("-r", metavar="FROM:=TO", help="Remapping of the nodes, as of ROS; repeatable.")
+    ] = None,
     host: Annotated[
         str, Option(metavar="H", help="Address to listen on; but for loopback it needs --token.")
     ] = "127.0.0.1",
@@ -114,7 +122,7 @@ def live(
         from sfr_loc_map.nodes.live_feed import RosFeed
 
         title = namespace
-        stack.enter_context(RosFeed(state, namespace))
+        stack.enter_context(RosFeed(state, namespace, remap or ()))
         if view_of is not None:
             view = stack.enter_context(view_of(state, foxglove_port, title))
             print(f"foxglove: {view.url}", flush=True)

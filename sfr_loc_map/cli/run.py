@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Literal
@@ -69,13 +70,15 @@ def run(
     for item in [f"__ns:=/{namespace.strip('/')}"] * bool(namespace) + (remap or []):
         arguments += ["-r", item]
     nodes, more = node_names(given[:cut]), given[cut + 1 :]
-    with live_beside(live, live_port, namespace), TemporaryDirectory(prefix="sfr-run-") as scratch:
+    with TemporaryDirectory(prefix="sfr-run-") as scratch:
         if config is not None:
             arguments[1:1] = run_arguments(config, Path(scratch) / "parameters.yaml")
             for item in arguments if "monitor_node" in nodes else ():
                 if item.startswith("ground_truth/odometry:="):
                     say(f"sfr run: {item}: it must be nav_msgs/Odometry; others are scored from a recording", err=True)
-        run_nodes(nodes, [*arguments, *more], lambda text: say(f"sfr run: {text}", err=True), respawn=respawn)
+        topics = [rule for word, rule in pairwise([*arguments, *more]) if word == "-r" and not rule.startswith("__")]
+        with live_beside(live, live_port, namespace, topics):
+            run_nodes(nodes, [*arguments, *more], lambda text: say(f"sfr run: {text}", err=True), respawn=respawn)
 
 
 @app.command(

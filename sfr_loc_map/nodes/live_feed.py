@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from threading import Event, Thread
@@ -56,8 +56,9 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 class RosFeed(Peer):
     """A ROS node that receives for the viewers of a state; a context manager that runs its thread."""
 
-    def __init__(self, state: LiveState, namespace: str = "") -> None:
-        super().__init__(page_node_name(os.getpid()), f"/{namespace.strip('/')}")
+    def __init__(self, state: LiveState, namespace: str = "", remaps: Sequence[str] = ()) -> None:
+        """Join the graph; `remaps` are those of the nodes, `FROM:=TO`."""
+        super().__init__(page_node_name(os.getpid()), f"/{namespace.strip('/')}", remaps=remaps)
         self._state = state
         self._space = namespace.strip("/")
         self._gaps: dict[str, TransportGaps] = {}
@@ -66,7 +67,7 @@ class RosFeed(Peer):
         self._depths: dict[str, SampleDepth] = {}
         self._next_images: dict[str, tuple[float, int]] = {}  # by rig: when the next pair is due, stamp of the last
         self._images = TrackedImages(self._show_image)
-        self._maps = MapFeed(state, lambda: bool(self.node.count_publishers(updates.ELEVATION)))
+        self._maps = MapFeed(state, lambda: self._has_publisher(updates.ELEVATION))
         self._map_worker = Worker("sfr-live-maps", Overload.EVERY_PAIR, MAX_MAPS, lambda error, was_message: None)
         self._closed = Event()
         self._thread = Thread(target=self._spin, name="sfr-live-ros", daemon=True)
@@ -139,14 +140,18 @@ class RosFeed(Peer):
             return
         for kind, ending in IMAGE_KINDS:
             topic = f"{name}/{ending}"
-            if self.node.count_publishers(topic):
+            if self._has_publisher(topic):
                 received = partial(self._on_image, name, kind)
                 self._subscriptions[updates.View.IMAGES].append(self._receive(kind, topic, received, IMAGE_QOS))
-                self._image_topics[name] = topic
-                self._state.put(updates.ImageProblem(name, f"{topic} has a publisher; no image has arrived yet"))
+                self._image_topics[name] = full_name = self.node.resolve_topic_name(topic)
+                self._state.put(updates.ImageProblem(name, f"{full_name} has a publisher; no image has arrived yet"))
                 return
-        endings = ", ".join(ending for _, ending in IMAGE_KINDS)
-        self._state.put(updates.ImageProblem(name, f"no publisher of {name}/ ({endings})"))
+        topics = ", ".join(self.node.resolve_topic_name(f"{name}/{ending}") for _, ending in IMAGE_KINDS)
+        reason = f"no publisher of {topics}; other names are given by sfr live -r {name}/image_rect:=TOPIC"
+        self._state.put(updates.ImageProblem(name, reason))
+
+    def _has_publisher(self, topic: str) -> bool:
+        return self.node.count_publishers(self.node.resolve_topic_name(topic)) > 0
 
     def _receive(
         self, kind: type[Any], topic: str, callback: Callable[[bytes, float], None], qos: QoSProfile

@@ -16,7 +16,7 @@ from sfr_loc_map.live.server import DEFAULT_PORT, LiveConfig, LiveServer, serve_
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.signals import handle_signals
 
-NICENESS = 5  #: What only looks on gives way to what it looks at: a third of the weight of other processes.
+NICENESS = 5  #: A third of the processor time of the nodes if both need it (sched(7)).
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -25,6 +25,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser()
     parser.add_argument("--namespace", default="")
     parser.add_argument("--port", type=int, default=DEFAULT_PORT)
+    parser.add_argument("-r", dest="remaps", action="append", default=[])
     parser.add_argument("--end-file", type=Path)
     options = parser.parse_args(arguments)
     os.nice(NICENESS)
@@ -32,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         from sfr_loc_map.nodes.live_feed import RosFeed
 
         state, config = LiveState(), build(LiveConfig, {"port": options.port}, origin="sfr live")
-        with RosFeed(state, options.namespace):
+        with RosFeed(state, options.namespace, options.remaps):
             server = LiveServer(config, state, options.namespace)
             asyncio.run(serve_until_signal(server, end_file=options.end_file))
     except KeyboardInterrupt:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Self
 
 import rclpy
@@ -23,11 +23,19 @@ NO_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
 class Peer:
     """A node with an executor that its owner spins; a context manager that leaves the graph and ends ROS."""
 
-    def __init__(self, name: str, namespace: str = "", *, parameters: bool = False) -> None:
-        """Join the graph, with the services of parameters if wanted; signals stay with the program."""
+    def __init__(
+        self, name: str, namespace: str = "", *, parameters: bool = False, remaps: Sequence[str] = ()
+    ) -> None:
+        """Join the graph, with the services of parameters if wanted; signals stay with the program.
+
+        `remaps` are rules `FROM:=TO` of ROS for the topics of this node.
+        """
         environment.see_whole_graph()
         environment.start_ros()
-        self.node: Node = rclpy.create_node(name, namespace=namespace, start_parameter_services=parameters)
+        words = ["--ros-args", *(word for remap in remaps for word in ("-r", remap))] if remaps else None
+        self.node: Node = rclpy.create_node(
+            name, namespace=namespace, cli_args=words, start_parameter_services=parameters
+        )
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
 

@@ -76,7 +76,7 @@ async def check_panels(browser: Browser, server: LiveServer) -> None:
         await choose(browser, "layer", layer)
         await browser.wait_for(f"{traces('map', 'colorbar.title.text')}[0] === '{title}'")
     await browser.wait_for(f"{values('map')} > 100 && {text('map-note')}.includes('cells of')")
-    await browser.wait_for(f"{values('error')} >= 3 && {traces('error', 'name')}.some((n) => n.startsWith('limit of'))")
+    await browser.wait_for(f"{values('error')} >= 3 && {traces('error', 'name')}.some((n) => n.startsWith('limit '))")
     await browser.wait_for(f"{values('time')} >= 120 && {values('memory')} >= 40 && {values('events')} >= 2")
     assert set(await browser.value(traces("path", "name"))) > {"estimate", "truth", "last pose"}
     assert await browser.value("document.querySelectorAll('#nodes .node').length") == 3

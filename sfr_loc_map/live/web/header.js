@@ -12,6 +12,7 @@ export function showHeader(run, connection) {
   showState(run, isCut);
   showNodesPill(run, isCut);
   showConnection(run, isCut, connection);
+  byId("bookmark").hidden = run.ended;
   byId("report").hidden = !run.nodes?.has_report;
   const problem = run.nodes?.problems.at(-1) ?? "";
   byId("notice").hidden = !problem;

@@ -4,8 +4,8 @@ import { command } from "./connection.js";
 import { byId, element, setText } from "./dom.js";
 import { helpButton } from "./terms.js";
 
-const ICONS = { ok: "✔", warning: "!", error: "✖", stale: "○" };
-const STYLES = { ok: "pass", warning: "open", error: "fail", stale: "stale" };
+const ICONS = { ok: "✔", warning: "!", error: "✖", stale: "○", ended: "■" };
+const STYLES = { ok: "pass", warning: "open", error: "fail", stale: "stale", ended: "stale" };
 const ACTIONS = {
   localisation_node: ["activate", "deactivate", "reset"],
   mapping_node: ["activate", "deactivate", "reset", "finish"],

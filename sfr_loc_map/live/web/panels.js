@@ -1,12 +1,12 @@
 // The other plots: limits, events, map from above, time and memory of the calls.
 
 import { byId, dateTime, length, localTime, setText } from "./dom.js";
-import { axis, colour, draw, limitLine, plain, scaleOf, timeAxis } from "./plots.js";
+import { axis, colour, draw, fitting, limitLine, plain, scaleOf, timeAxis } from "./plots.js";
 
 const SHARE_SHOWN = 1.5; // of a limit, at the end of its bar
 const LIMIT_ROW_PX = 54;
-const LETTER_PX = 6.4; // mean width of a letter in the font of the limits
 const NODES = { localisation_node: ["localisation", "estimate"], mapping_node: ["mapping", "under"] };
+const ROWS = ["run", "limits", "nodes", "localisation"]; // of the events, from below
 const LANES = { tracking: "localisation", degraded: "localisation", lost: "localisation", stale: "localisation" };
 Object.assign(LANES, { node: "nodes", compiling: "nodes", limit: "limits", clock: "run", aborted: "run" });
 const EVENT_KINDS = { tracking: "under", degraded: "degraded", lost: "lost", stale: "stale", compiling: "accent" };
@@ -19,9 +19,7 @@ const MAP_UNITS = { hazard: ["hazard, %", 1], slope: ["slope, deg", 180 / Math.P
 export function showLimits(run) {
   const limits = run.report?.limits ?? [];
   const box = byId("limits-plot");
-  box.style.height = `${Math.max(limits.length, 2) * LIMIT_ROW_PX + 34}px`;
-  const letters = Math.floor(box.clientWidth / LETTER_PX);
-  const cut = (text) => plain(text.length > letters ? `${text.slice(0, letters - 1)}…` : text);
+  const cut = (text) => fitting("limits-plot", text);
   const rows = limits.map((_, place) => place);
   const shares = limits.map((limit) => Math.min(limit.share ?? 0, SHARE_SHOWN));
   const high = limits.map((limit, row) => (limit.high === null ? 0 : Math.max(Math.min(limit.high, SHARE_SHOWN) - shares[row], 0)));
@@ -43,10 +41,11 @@ export function showLimits(run) {
   ]);
   const ticks = { tickvals: [0, 0.5, 1], ticktext: ["0", "50 %", "limit"], range: [0, SHARE_SHOWN], fixedrange: true };
   draw("limits-plot", limits.length ? [trace] : [], {
+    plotHeight: Math.max(limits.length, 2) * LIMIT_ROW_PX + 34,
     margin: { l: 8, r: 8, t: 8, b: 26 },
     xaxis: axis("", ticks),
     yaxis: { visible: false, range: [limits.length - 0.7, -0.8], fixedrange: true },
-    shapes: [{ type: "line", x0: 1, x1: 1, y0: 0, y1: 1, yref: "paper", line: { color: colour("text"), width: 2 } }],
+    shapes: [{ type: "line", x0: 1, x1: 1, y0: 0, y1: 1, yref: "paper", layer: "below", line: { color: colour("text"), width: 2 } }],
     annotations: labels,
     showlegend: false,
   }, run.report ? "No limits were given, so that there is no verdict." : "The monitor has not reported yet.");
@@ -54,7 +53,7 @@ export function showLimits(run) {
 }
 
 function label(row, yshift, text, fill) {
-  return { x: 0, xanchor: "left", y: row, yshift, text, showarrow: false, font: { color: fill, size: 12 } };
+  return { x: 0, xanchor: "left", y: row, yshift, text, showarrow: false, bgcolor: colour("card"), font: { color: fill, size: 12 } };
 }
 
 /** Show what happened when: one row for localisation, nodes, limits and the run, coloured by the kind of event. */
@@ -63,9 +62,10 @@ export function showEvents(run) {
   const traces = Object.keys(EVENT_KINDS).map((kind) => eventTrace(kind, run.events.filter((event) => event.kind === kind), now));
   draw("events-plot", traces.filter((trace) => trace.x.length), {
     barmode: "overlay",
+    plotHeight: 150,
     margin: { l: 8, r: 12, t: 8, b: 30 },
     xaxis: timeAxis("events-plot"),
-    yaxis: axis("", { type: "category", categoryorder: "array", categoryarray: ["run", "limits", "nodes", "localisation"], fixedrange: true }),
+    yaxis: axis("", { type: "category", categoryorder: "array", categoryarray: ROWS, range: [-0.5, ROWS.length - 0.5], fixedrange: true }),
     showlegend: true,
   }, "nothing has happened yet");
 }
@@ -154,8 +154,8 @@ function callTrace(calls, node, figure, factor, suffix, dash = "solid") {
 function drawCalls(id, traces, limits, factor, title) {
   const shown = traces.filter((trace) => trace.x.length);
   const xs = shown.flatMap((trace) => trace.x).sort();
-  if (xs.length) shown.push(...limits.map((limit) => limitLine(xs, limit.bound * factor, `limit of ${limit.name}`)));
+  if (xs.length) shown.push(...limits.map((limit) => limitLine(xs, limit.bound * factor, fitting(id, `limit of ${limit.name}`))));
   const scale = scaleOf(shown.flatMap((trace) => trace.y));
-  draw(id, shown, { xaxis: timeAxis(id), yaxis: axis(title, scale), showlegend: true }, "no call yet");
+  draw(id, shown, { xaxis: timeAxis(id), yaxis: axis(title, scale), showlegend: true, plotHeight: 200 }, "no call yet");
 }
 

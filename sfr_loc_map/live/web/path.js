@@ -1,23 +1,27 @@
 // The path from above, and the position error that is judged.
 
 import { byId, element, length, short } from "./dom.js";
-import { axis, colour, draw, limitLine, scaleOf } from "./plots.js";
+import { axis, colour, draw, fitting, limitLine, scaleOf } from "./plots.js";
 
 const ERROR_LINES = 120; // drawn at most, evenly spread over the path
 const ERROR_SHARE = 0.12; // the largest error is drawn with this share of the extent
 const ELLIPSE_POINTS = 48;
 
-/** Show estimate and truth from above, x to the right and y up; errors and the last covariance are enlarged. */
+/** Show estimate and truth from above, x to the right and y up; each error and the last covariance are enlarged. */
 export function showPath(run) {
   const poses = run.poses;
   const withTruth = poses.filter((pose) => pose.truth_m);
-  const gain = gainOf(poses);
+  const extent = extentOf(poses);
+  const errors = poses.filter((pose) => pose.error_m && !pose.lost).map((pose) => Math.hypot(pose.error_m[0], pose.error_m[1]));
+  const gain = gainOf(errors.reduce((a, b) => Math.max(a, b), 0), extent);
+  const sigma = run.lastPose?.covariance_xy_m2 ? Math.sqrt(Math.max(...run.lastPose.covariance_xy_m2.slice(0, 2))) : 0;
+  const ellipseGain = gainOf(3 * sigma, extent);
   const traces = [
     line("sub-trajectory under way", underWayOf(run), { color: colour("under"), width: 8 }),
     line(`error × ${short(gain)}`, errorLines(withTruth, gain), { color: colour("error"), width: 1 }),
     line("estimate", poses.map((pose) => pose.position_m), { color: colour("estimate"), width: 2.5 }, poses.map(describe)),
     line("truth", withTruth.map((pose) => pose.truth_m), { color: colour("truth"), width: 1.5, dash: "dot" }),
-    line(`3 sigma × ${short(gain)}`, ellipseOf(run.lastPose, 3 * gain), { color: colour("estimate"), width: 1 }),
+    line(`3 sigma × ${short(ellipseGain)}`, ellipseOf(run.lastPose, 3 * ellipseGain), { color: colour("estimate"), width: 1 }),
     dots("lost", poses.filter((pose) => pose.lost).map((pose) => pose.position_m), colour("lost"), "x"),
     dots("last pose", poses.slice(-1).map((pose) => pose.position_m), colour("estimate"), "circle"),
   ].filter((trace) => trace.x.length);
@@ -42,16 +46,19 @@ function describe(pose) {
   return `pose ${pose.n + 1}${pose.lost ? " (lost)" : ""}: ${position} m${error}`;
 }
 
-/** Return the factor, 1, 2 or 5 times a power of ten, that makes the largest error visible beside the path. */
-function gainOf(poses) {
-  const size = (place) => {
+/** Return the larger side of the rectangle around the path, at least one metre. */
+function extentOf(poses) {
+  const sides = [0, 1].map((place) => {
     const values = poses.map((pose) => pose.position_m[place]);
     return values.reduce((a, b) => Math.max(a, b), -Infinity) - values.reduce((a, b) => Math.min(a, b), Infinity);
-  };
-  const errors = poses.filter((pose) => pose.error_m && !pose.lost).map((pose) => Math.hypot(pose.error_m[0], pose.error_m[1]));
-  const largest = errors.reduce((a, b) => Math.max(a, b), 0);
-  if (!largest) return 1;
-  const wanted = (ERROR_SHARE * Math.max(size(0), size(1), 1)) / largest;
+  });
+  return Math.max(...sides, 1);
+}
+
+/** Return the factor, 1, 2 or 5 times a power of ten, that makes a length visible beside a path of some extent. */
+function gainOf(size, extent) {
+  if (!size) return 1;
+  const wanted = (ERROR_SHARE * extent) / size;
   const power = 10 ** Math.floor(Math.log10(wanted));
   return Math.max([5, 2, 1].find((factor) => factor * power <= wanted) * power, 1);
 }
@@ -65,7 +72,7 @@ function errorLines(poses, gain) {
 }
 
 function underWayOf(run) {
-  if (!run.underWay) return [];
+  if (!run.underWay || run.ended) return [];
   return run.poses.filter((pose) => pose.n >= run.underWay.start_n && pose.truth_m).map((pose) => pose.truth_m);
 }
 
@@ -126,7 +133,7 @@ export function showError(run) {
       x: withSigma.map((pose) => pose.distance_m),
       y: withSigma.map((pose) => 3000 * pose.judged_sigma_m),
     },
-    ...limits.map((limit) => limitLine(distances, limit.bound * 1000, `limit of ${limit.name}: ${limit.limit}`)),
+    ...limits.map((limit) => limitLine(distances, limit.bound * 1000, fitting("error-plot", `limit ${limit.limit} of ${limit.name}`))),
   ] : [];
   const scale = scaleOf(traces.flatMap((trace) => trace.y));
   const layout = { xaxis: axis("path travelled, m"), yaxis: axis("position error, mm", scale) };

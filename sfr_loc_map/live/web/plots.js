@@ -7,6 +7,10 @@ import { byId } from "./dom.js";
 const CONFIG = { displayModeBar: false, responsive: true, doubleClick: "autosize" };
 const LOGARITHMIC_FROM = 6; // times the median: a larger value would flatten the others on a linear scale
 const TIME_TICK_PX = 100; // width of a time of day with its distance to the next
+const HEIGHT_PX = 280; // of a plot without its legend
+const LEGEND_ROW_PX = 19;
+const LEGEND_ITEM_PX = 240; // widest usual entry of a legend
+const LETTER_PX = 6.4; // mean width of a letter, 12 px
 
 /** Return the value of a colour of the style sheet. */
 export function colour(name) {
@@ -16,6 +20,12 @@ export function colour(name) {
 /** Return a text that plotly.js, which knows some markup, shows as it is. */
 export function plain(text) {
   return String(text).replaceAll("&", "&amp;").replaceAll("<", "&lt;").replaceAll(">", "&gt;");
+}
+
+/** Return a text that fits into the width of a box, and that plotly.js shows as it is. */
+export function fitting(id, text) {
+  const letters = Math.max(Math.floor((byId(id).clientWidth - 60) / LETTER_PX), 8);
+  return plain(text.length > letters ? `${text.slice(0, letters - 1)}…` : text);
 }
 
 /** Return an axis with a title. */
@@ -39,7 +49,7 @@ export function timeAxis(id) {
 export function scaleOf(values) {
   const positive = values.filter((value) => value > 0).sort((a, b) => a - b);
   const median = positive[Math.floor(positive.length / 2)];
-  return positive.at(-1) > LOGARITHMIC_FROM * median ? { type: "log", dtick: 1 } : { type: "linear", rangemode: "tozero" };
+  return positive.at(-1) > LOGARITHMIC_FROM * median ? { type: "log", nticks: 6 } : { type: "linear", rangemode: "tozero" };
 }
 
 /** Return a dashed horizontal line over the range of x that names a limit in the legend. */
@@ -47,7 +57,7 @@ export function limitLine(xs, value, name) {
   return {
     x: [xs[0], xs.at(-1)],
     y: [value, value],
-    name: plain(name),
+    name,
     mode: "lines",
     line: { color: colour("fail"), width: 1.5, dash: "dash" },
   };
@@ -57,7 +67,12 @@ export function limitLine(xs, value, name) {
 export function draw(id, traces, layout = {}, empty = "no data yet") {
   const box = byId(id);
   const count = traces.reduce((sum, trace) => sum + (trace.z ?? trace.x).length, 0);
+  const { plotHeight = HEIGHT_PX, ...shown } = layout;
+  const legendColumns = Math.max(Math.floor(box.clientWidth / LEGEND_ITEM_PX), 1);
+  const legendRows = layout.showlegend === false || !count ? 0 : Math.ceil(traces.length / legendColumns);
+  box.style.height = `${plotHeight + legendRows * LEGEND_ROW_PX}px`;
   const all = {
+    autosize: true,
     margin: { l: 48, r: 16, t: 8, b: 36 },
     font: { color: colour("text"), size: 11, family: "system-ui, sans-serif" },
     paper_bgcolor: "rgba(0,0,0,0)",
@@ -66,7 +81,7 @@ export function draw(id, traces, layout = {}, empty = "no data yet") {
     dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom", // a finger scrolls the page
     legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom" },
     uirevision: "kept", // a zoom survives new data
-    ...layout,
+    ...shown,
   };
   if (!count) {
     const text = { text: plain(empty), showarrow: false, xref: "paper", yref: "paper", x: 0.5, y: 0.5 };
