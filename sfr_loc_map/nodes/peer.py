@@ -23,9 +23,7 @@ NO_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
 class Peer:
     """A node with an executor that its owner spins; a context manager that leaves the graph and ends ROS."""
 
-    def __init__(
-        self, name: str, namespace: str = "", *, parameters: bool = False, remaps: Sequence[str] = ()
-    ) -> None:
+    def __init__(self, name: str, namespace: str = "", *, parameters: bool = False, remaps: Sequence[str] = ()) -> None:
         """Join the graph, with the services of parameters if wanted; signals stay with the program.
 
         `remaps` are rules `FROM:=TO` of ROS for the topics of this node.

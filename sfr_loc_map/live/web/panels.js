@@ -83,7 +83,7 @@ function eventTrace(kind, events, now) {
     marker: {
       color: colour(EVENT_KINDS[kind]),
       line: { color: colour(EVENT_KINDS[kind]), width: 1 }, // visible, however short the event is
-      pattern: { shape: HATCHED[kind] ?? "", fgcolor: colour("card") },
+      pattern: { shape: HATCHED[kind] ?? "", fillmode: "overlay", fgcolor: colour("card") },
     },
     hovertext: events.map((event) => plain(`${event.text}: ${dateTime(event.from)}, ${seconds(event).toFixed(1)} s`)),
     hoverinfo: "text",
