@@ -6,7 +6,8 @@ from msgspec.structs import replace
 
 from helpers.made_scores import whole_score
 from sfr_loc_map.metrics.config import Rebase
-from sfr_loc_map.metrics.limits import parse_limits, verdicts
+from sfr_loc_map.metrics.judge import judged
+from sfr_loc_map.metrics.limits import parse_limits
 from sfr_loc_map.metrics.score import POOLED, Score, figure_row
 
 LIMITS = {
@@ -23,15 +24,16 @@ def test_verdicts_are_of_the_reading_that_is_judged_whatever_the_order_of_rows(r
     assert score.association is not None
     score = replace(score, association=replace(score.association, rebase=reading))
     limits = parse_limits(LIMITS, "test")
-    expected = [(item.name, item.part, item.value) for item in verdicts(limits, score)]
+    score = judged(score, limits)
+    expected = [(item.name, item.part, item.value) for item in score.verdicts]
     assert {part for name, part, _ in expected if name.startswith(("position", "attitude"))} == {str(reading)}
     assert {part for name, part, _ in expected if name.startswith(("point", "coverage", "localisation"))} == {None}
     rng = np.random.default_rng(1)
     for _ in range(20):
         figures = list(score.figures)
         rng.shuffle(figures)  # type: ignore[arg-type]
-        shuffled = replace(score, figures=tuple(figures))
-        assert [(item.name, item.part, item.value) for item in verdicts(limits, shuffled)] == expected
+        shuffled = judged(replace(score, figures=tuple(figures)), limits)
+        assert [(item.name, item.part, item.value) for item in shuffled.verdicts] == expected
         assert shuffled.figure("position", condition="distance=5") == score.judged_row("position")
 
 
