@@ -1,4 +1,4 @@
-"""Findings of a call: its figures by name, and warnings about input that gives a poor map."""
+"""Findings of a call: its statistics by name, and warnings about input that gives a poor map."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MAX_SATURATED_FRACTION = (
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """Figures and warnings of a call or of a stage of it."""
+    """Statistics and warnings of a call or of one of its stages."""
 
     statistics: Mapping[str, float] = field(default_factory=dict)  #: Figures by name.
     warnings: tuple[str, ...] = ()  #: One line each.

@@ -184,7 +184,15 @@ def fill_pass(scene: HoleScene, surfaces: RightSurfaces, max_cost: np.float32, m
 def _best_hypothesis(
     scene: HoleScene, surfaces: RightSurfaces, max_cost: np.float32, min_margin: np.float32, y: int, x: int
 ) -> np.float32:
-    """Return the disparity of the best hypothesis of a pixel, NaN if none is good enough.
+    """Return the disparity of the best hypothesis of a pixel, NaN if it is not good enough.
+
+    Possible hypotheses correspond to a pixel of the right image that belongs to no other surface. The one of the lowest
+    cost is accepted if all of these hold:
+
+    - its cost is at most `max_cost`;
+    - any other surface around costs more by the margin, which decreases with the effective number of pixels;
+    - it is confirmed: met on opposite sides, or that of the matcher, or cheaper by the margin than disparities
+      `ASIDE_PX` to either side.
 
     If the refined field agrees with the hypothesis, the disparity is that of the field.
     """

@@ -1,7 +1,8 @@
 """The matching cost of a window: truncated absolute differences with adaptive support weights.
 
 A pixel of the window has the more weight, the more similar its grey level is to that of the centre and the nearer it is
-to the centre (Yoon and Kweon 2006), so that the window covers mostly the surface of its centre.
+to the centre (Yoon and Kweon 2006), so that the window covers mostly the surface of its centre. The disparity is
+constant over the window beside jumps (`wrong_surface`), and a plane in holes (`hole_filling`).
 """
 
 from __future__ import annotations
@@ -11,14 +12,12 @@ import numpy as np
 F = np.float32
 
 WINDOW_RADIUS = 4
-"""Half side of the window, pixels. The network beside jumps was trained with the five values here; change them together
-with `tools/train_edge_network.py`."""
+"""Half side of the window, pixels. The network beside jumps was trained with the five values here: train it again
+(`tools/train_edge_network.py`) if one of them changes."""
 MAX_DIFFERENCE = F(30.0)  #: Absolute differences are truncated to this, grey levels: more of them are occlusions.
 MAX_COST = F(1e9)  #: Cost where no pixel of the window is inside the right image, grey levels: larger than any other.
 GREY_SCALE = 8.0  #: Difference at which the weight has decreased to 1/e, grey levels; Yoon and Kweon (2006) take 7.
-DISTANCE_SCALE_PX = (
-    3.0  #: Distance at which the weight has decreased to 1/e, pixels, so that the window's edge has 0.26.
-)
+DISTANCE_SCALE_PX = 3.0  #: Distance at which the weight has decreased to 1/e, pixels; 0.26 at the window's edge.
 
 WEIGHT_BY_GREY = np.exp(-np.arange(256.0) / GREY_SCALE).astype(F)
 """Weight of a pixel by the absolute difference of its grey level from the centre's."""

@@ -12,6 +12,7 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.arrays import FloatImage, GreyImage
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.mapping.disparity.rectification_correction import EXPOSURE_QUANTILES, EXPOSURE_STRIDE
 
 WIDE_COLUMNS = 800
 """Images of this width or more are matched at half their width: a quarter of the cost and less noise, and the
@@ -31,9 +32,7 @@ after the refinement."""
 SPECKLE_PIXELS = 60  #: Segments of fewer pixels are removed: of the order of OpenCV's recommended 50 to 200.
 SPECKLE_STEP = SUBPIXELS  #: Neighbours within a segment differ by no more than this, steps of the matcher: a pixel.
 UNMATCHED = -SUBPIXELS  #: The matcher's value of an unmatched pixel: `minDisparity - 1` in its steps.
-GREY_PERCENTILES = (10.0, 50.0, 90.0)  #: Percentiles by which the exposures of both images are compared.
-GREY_STRIDE = 4  #: Every fourth pixel of every fourth row is compared: percentiles need fewer samples.
-SAME_EXPOSURE_GREY = 8.0  #: Percentiles of equally exposed images differ by less, since the views differ, grey levels.
+SAME_EXPOSURE_GREY = 8.0  #: Quantiles of equally exposed images differ by less than this, grey levels.
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,10 +95,14 @@ def semi_global_matching(left: GreyImage, right: GreyImage, count: int) -> Float
 
 
 def _equalised(left: GreyImage, right: GreyImage) -> GreyImage:
-    """Return the right image with a gain and an offset that give it the percentiles of the left image."""
-    sampled = np.s_[::GREY_STRIDE, ::GREY_STRIDE]
-    left_low, left_median, left_high = np.percentile(left[sampled], GREY_PERCENTILES)
-    right_low, right_median, right_high = np.percentile(right[sampled], GREY_PERCENTILES)
+    """Return the right image with a gain and an offset that give it the quantiles of the left image.
+
+    Without disparities the quantiles are those of the whole images. `correct_rectification` measures the exposure again
+    from corresponding pixels.
+    """
+    sampled = np.s_[::EXPOSURE_STRIDE, ::EXPOSURE_STRIDE]
+    left_low, left_median, left_high = np.quantile(left[sampled], EXPOSURE_QUANTILES)
+    right_low, right_median, right_high = np.quantile(right[sampled], EXPOSURE_QUANTILES)
     change = max(abs(left_low - right_low), abs(left_median - right_median), abs(left_high - right_high))
     if change <= SAME_EXPOSURE_GREY or right_high - right_low < 1.0:
         return right
