@@ -10,7 +10,7 @@ from typer import Argument, Option
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import Align, JsonOption, LenientOption, OverwriteOption
 from sfr_loc_map.cli.output import HTML_SUFFIXES, check_outputs, check_suffix, say, show
-from sfr_loc_map.cli.verdict import conclude
+from sfr_loc_map.cli.verdict import conclude, not_judged
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import ConfigError, NotJudgedError
 from sfr_loc_map.io.atomic import write_text
@@ -93,7 +93,7 @@ def report(
         config = build(AlignedErrorConfig, {"align": align, "max_difference_s": max_difference}, origin="options")
         _draw(results, truth, config, output)
         return
-    from sfr_loc_map.metrics.judge import each_by_its_limits
+    from sfr_loc_map.metrics.judge import common_verdict, each_by_its_limits
     from sfr_loc_map.report.page import load_score
 
     scores = each_by_its_limits([load_score(path) for path in results])
@@ -101,6 +101,10 @@ def report(
         if output is not None:
             raise ConfigError(f"'-o {output}' is the page: leave it out beside '--test-report', '--junit'")
         _write_test_report(scores, test_report, title, junit)
+        _conclude_all(scores, lenient=lenient)
+        if (common := common_verdict(scores)).text:
+            not_judged([common.text], lenient=lenient)
+        return
     elif len(scores) > 1:
         _compare_scores(results, scores, output, json_path)
     else:
@@ -135,7 +139,7 @@ def _conclude_all(scores: list[Score], *, lenient: bool) -> None:
     """Raise the verdict of scores; a missed limit in any of them counts before what could not be judged."""
     undecided: NotJudgedError | None = None
     for score in scores:
-        if not score.verdicts:
+        if not score.verdicts and score.incomplete is None:
             continue
         try:
             conclude(score, (), lenient=lenient)

@@ -37,6 +37,7 @@ class Outcome(StrEnum):
     EQUAL = "equal"
     NO_DIFFERENCE = "no difference shown"
     NOT_ENOUGH_DATA = "not enough data"
+    INCOMPLETE = "incomplete"
 
 
 class PairedDifference(Record, frozen=True, kw_only=True, omit_defaults=False):
@@ -87,10 +88,12 @@ def compare_scores(scores: Sequence[Score], names: Sequence[str]) -> Comparison:
     for score, name in others:
         check_same_data(scores[0], score, (names[0], name))
     pairs = [pair for score, name in others for pair in _paired(scores[0], score, name)]
+    parts = {name for score, name in others if score.incomplete is not None or scores[0].incomplete is not None}
     pairs = [replace(pair, p_corrected=p) for pair, p in zip(pairs, holm([pair.p for pair in pairs]), strict=True)]
     pairs = [
         replace(it, outcome=Outcome.NO_DIFFERENCE) if (it.p_corrected or 0.0) > SIGNIFICANT else it for it in pairs
     ]
+    pairs = [replace(it, outcome=Outcome.INCOMPLETE) if it.name in parts else it for it in pairs]
     whole = tuple(_side_by_side(scores))
     if not pairs and not whole:
         raise MetricsError("the scores have no condition and no figure in common: score the same data alike")

@@ -68,7 +68,8 @@ def rules_of(limits: Limits | None, *, partial: bool) -> Rules | None:
     records = () if limits is None else tuple(_record_of(limit) for limit in limits.limits)
     rules = Rules(limits=records, partial=partial)
     if limits is not None:
-        rules = struct_replace(rules, minimum_count=limits.minimum_count)
+        least = {"minimum_count": limits.minimum_count, "minimum_independent": limits.minimum_independent}
+        rules = struct_replace(rules, **least)
     return struct_replace(rules, sha256=hash_of(rules))
 
 
@@ -91,7 +92,7 @@ def limits_of(score: Score) -> Limits | None:
             interpretation = Interpretation(item.interpretation or Interpretation.TEMPORAL)
             terms = Terms(item.prob, item.confidence, interpretation, bool(item.normal))
         limits.append(Limit(place, item.name, item.limit, condition, item.id, item.text, item.certain, terms))
-    return Limits(tuple(limits), rules.minimum_count)
+    return Limits(tuple(limits), rules.minimum_count, rules.minimum_independent)
 
 
 def _record_of(limit: Limit) -> LimitRecord:
@@ -287,6 +288,34 @@ def why_incomplete(score: Score) -> str | None:
     return "; ".join(dict.fromkeys(texts)) or None
 
 
+# ---- several scores
+
+
+class Common(NamedTuple):
+    """The verdict over several scores; None where there is none in common."""
+
+    state: VerdictState | None
+    text: str = ""
+
+
+WORST_FIRST = (VerdictState.FAIL, VerdictState.INCOMPLETE, VerdictState.NOT_ENOUGH_DATA, None, VerdictState.PASS)
+
+
+def common_verdict(scores: Sequence[Score]) -> Common:
+    """Return the verdict over scores: the worst, and a pass only if all are of one item under test, which is named."""
+    states = [score.verdict for score in scores]
+    worst = min(states, key=WORST_FIRST.index, default=None)
+    items = {None if score.method is None else (score.method.name, score.method.version, score.method.sha256)
+             for score in scores}  # fmt: skip
+    if worst is not VerdictState.PASS or len(scores) < 2:
+        return Common(worst)
+    if None in items:
+        return Common(None, "There is no common verdict: not every score names its item under test.")
+    if len(items) > 1:
+        return Common(None, f"There is no common verdict: the scores are of {len(items)} items under test.")
+    return Common(worst)
+
+
 # ---- verdicts
 
 
@@ -390,8 +419,8 @@ def verdicts(score: Score) -> tuple[Verdict, ...]:
         parts.add(DRIVE)
     for limit in limits.limits:
         if limit.terms is None:
-            verdict = verdict_on(limit, figure_of(limit, score), limits.minimum_count)
-            verdict = struct_replace(verdict, by_reading=_by_reading(limit, score, limits.minimum_count))
+            verdict = verdict_on(limit, figure_of(limit, score), limits)
+            verdict = struct_replace(verdict, by_reading=_by_reading(limit, score, limits))
         else:
             sample = sample_of(score, limit.limited.figure, condition_of(limit))
             verdict = proof_verdict(limit, prove(limit.terms, limit.limit, [[sample]] if sample else []))
@@ -425,6 +454,7 @@ class LimitedFigure(NamedTuple):
     n: int | None = None
     interval: Interval | None = None
     row: Figure | None = None
+    independent: float | None = None  #: How many of the values are independent, None where that is not defined.
 
 
 def figure_of(limit: Limit, score: Score, part: str | None = ANY) -> LimitedFigure:
@@ -441,14 +471,24 @@ def figure_of(limit: Limit, score: Score, part: str | None = ANY) -> LimitedFigu
         return LimitedFigure()
     is_counted = limited.statistic in STATISTICS and not limit.is_on_one_call
     interval = row.interval if limited.statistic == "mean_plus_3sigma" else None
-    return LimitedFigure(row.statistic(limited.statistic), row.n if is_counted else None, interval, row)
+    return LimitedFigure(
+        row.statistic(limited.statistic), row.n if is_counted else None, interval, row, row.independent
+    )
 
 
-def verdict_on(limit: Limit, figure: LimitedFigure, minimum_count: int) -> Verdict:
+def is_enough(limit: Limit, figure: LimitedFigure, limits: Limits) -> bool:
+    """Tell whether a number is made of enough values, of which enough are independent."""
+    if figure.n is not None and figure.n < limits.minimum_count:
+        return False
+    is_of_many = limit.part is LimitPart.TRAJECTORY and figure.independent is not None
+    return not is_of_many or (figure.independent or 0.0) >= limits.minimum_independent
+
+
+def verdict_on(limit: Limit, figure: LimitedFigure, limits: Limits) -> Verdict:
     """Return the verdict on a number; without a count it is not made of many values."""
     value, interval, certain = figure.value, figure.interval, None
     state = VerdictState.NOT_ENOUGH_DATA
-    if value is not None and (figure.n is None or figure.n >= minimum_count):
+    if value is not None and is_enough(limit, figure, limits):
         certain = None if interval is None else not interval[0] <= limit.limit < interval[1]
         counted = limit.part is LimitPart.COMPLETENESS  # not estimated: there is nothing uncertain
         if not meets(limit, value):
@@ -484,7 +524,7 @@ def condition_of(limit: Limit) -> str | None:
 
 def proof_verdict(limit: Limit, proof: Proof) -> Verdict:
     """Return the verdict on a limit with a share and a confidence."""
-    verdict = verdict_on(limit, LimitedFigure(proof.bound), 0)
+    verdict = verdict_on(limit, LimitedFigure(proof.bound), Limits(()))
     return struct_replace(verdict, state=proof.state, n=int(proof.record.independent), proof=proof.record)
 
 
@@ -506,7 +546,7 @@ def meets(limit: Limit, value: float) -> bool:
     return value >= limit.limit if limit.is_lower_bound else abs(value) <= limit.limit
 
 
-def _by_reading(limit: Limit, score: Score, minimum_count: int) -> dict[str, VerdictState]:
+def _by_reading(limit: Limit, score: Score, limits: Limits) -> dict[str, VerdictState]:
     """Return whether the figure of each reading of the document meets a limit; the intervals are of one reading."""
     if limit.condition is None or limit.part is not LimitPart.TRAJECTORY:
         return {}
@@ -514,7 +554,9 @@ def _by_reading(limit: Limit, score: Score, minimum_count: int) -> dict[str, Ver
     found = {str(reading): figure_of(limit, score, reading) for reading in Rebase if not reading.is_fit}
     if any(figure.row is None for figure in found.values()):  # chord errors are the same by each reading
         return {}
-    return {name: verdict_on(loose, figure, minimum_count).state for name, figure in found.items()}
+    independent = figure_of(limit, score).independent  # the readings are of the same sub-trajectories
+    found = {name: figure._replace(independent=independent) for name, figure in found.items()}
+    return {name: verdict_on(loose, figure, limits).state for name, figure in found.items()}
 
 
 # ---- what could not be judged, and why
@@ -540,7 +582,7 @@ def reasons_not_judged(score: Score, asked: Collection[Condition] = ()) -> tuple
     for item in score.verdicts:
         if item.state is VerdictState.NOT_ENOUGH_DATA and item.condition not in unmet:
             over = "" if item.condition is None else f" over {label_of(item.condition)}"
-            few = f"only {item.n} values" if item.n else "no data"
+            few = few_words(item, score)
             interval = item.interval
             if item.proof is not None:
                 few = words_of(item.proof, item.state)
@@ -549,6 +591,18 @@ def reasons_not_judged(score: Score, asked: Collection[Condition] = ()) -> tuple
                 few += ", which it does not have" if interval is None else ""
             reasons.append(f"limit {item.name}{over}: {few}")
     return tuple(reasons)
+
+
+def few_words(item: Verdict, score: Score) -> str:
+    """Return why a limited number is not made of enough data."""
+    rules = score.rules or Rules()
+    if not item.n:
+        return "no data" if item.value is None else "its margin is within the error of the truth"
+    row = score.figure(item.figure or "", condition=item.condition, part=item.part)
+    independent = None if row is None else row.independent
+    if item.n >= rules.minimum_count and independent is not None and independent < rules.minimum_independent:
+        return f"{item.n} values, of which {independent:.3g} are independent ({rules.minimum_independent:g} are needed)"
+    return f"only {item.n} values"
 
 
 def conditions_beyond(truth: Trajectory, conditions: Collection[Condition]) -> tuple[str, ...]:

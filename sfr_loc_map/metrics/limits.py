@@ -46,6 +46,7 @@ class Limited(NamedTuple):
 
 NOTHING = Limited(Subject.TRAJECTORY, "", "")
 COVERAGE_MIN = "coverage_min"  #: The one limit that is a lower bound.
+MINIMUM_INDEPENDENT = 5.0  #: Fewer independent sub-trajectories give no verdict, unless the limits file says so.
 WORST = "worst"  #: Part of a limit on calls: that of the kind of call with the largest number.
 
 
@@ -143,6 +144,7 @@ class Limits:
 
     limits: tuple[Limit, ...]
     minimum_count: int = 2
+    minimum_independent: float = MINIMUM_INDEPENDENT  #: The same of independent sub-trajectories.
 
     @property
     def conditions(self) -> list[Condition]:
@@ -162,10 +164,13 @@ def load_limits(path: Path) -> Limits:
 
 def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
     """Return the limits of a mapping as in the file; ConfigError, which names the origin, if one is not valid."""
-    _check_keys(content, ("minimum_count", *LimitPart), origin)
+    _check_keys(content, ("minimum_count", "minimum_independent", *LimitPart), origin)
     minimum = content.get("minimum_count", 2)
     if not isinstance(minimum, int) or isinstance(minimum, bool) or minimum < 2:
         raise ConfigError(f"{origin}: 'minimum_count' is {minimum!r}: a whole number of at least 2 is needed")
+    independent = content.get("minimum_independent", MINIMUM_INDEPENDENT)
+    if not isinstance(independent, int | float) or isinstance(independent, bool) or not 1 <= independent < 1e9:
+        raise ConfigError(f"{origin}: 'minimum_independent' is {independent!r}: a number of at least 1 is needed")
     entries = content.get("trajectory", [])
     if not isinstance(entries, list):
         raise ConfigError(f"{origin}: 'trajectory' must be a list, one entry a condition ('- condition: ...')")
@@ -187,7 +192,7 @@ def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
                 limits += _limits_of(part, block, f"{origin}: '{part}'", None)
     if not limits:
         raise ConfigError(f"{origin}: no limit in it: give at least one under {', '.join(LimitPart)}")
-    return Limits(tuple(limits), minimum)
+    return Limits(tuple(limits), minimum, float(independent))
 
 
 def _limits_of(part: LimitPart, block: object, origin: str, condition: Condition | None) -> list[Limit]:

@@ -11,6 +11,8 @@ LIMITS_HEAD = """\
 
 # Fewer values than this are not enough data for a verdict. (2 or more)
 minimum_count: 2
+# Fewer independent sub-trajectories than this are not enough, either. A drive of 25 m has five of 5 m.
+minimum_independent: 5
 
 # Errors at the end of sub-trajectories: one entry for each condition.
 trajectory:

@@ -227,6 +227,7 @@ class Rules(Record, frozen=True, kw_only=True, omit_defaults=False):
 
     limits: tuple[LimitRecord, ...] = ()  #: Limits in the order of their file.
     minimum_count: int = 2  #: Fewer values than this are not enough data.
+    minimum_independent: float = 5.0  #: Fewer independent sub-trajectories than this are not enough data.
     partial: bool = False  #: Whether a part of what was expected is judged as if it were the whole.
     sha256: str = ""  #: Hash of all of the above.
 

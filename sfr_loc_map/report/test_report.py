@@ -14,9 +14,9 @@ from typing import Any
 from sfr_loc_map.inputs import printable
 from sfr_loc_map.metrics.catalogue import Subject, clause_of
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.judge import each_by_its_limits
+from sfr_loc_map.metrics.judge import common_verdict, each_by_its_limits
 from sfr_loc_map.metrics.score import Score, TargetRecord, Verdict
-from sfr_loc_map.report.page import from_template, overall_of
+from sfr_loc_map.report.page import Overall, from_template, overall_of
 from sfr_loc_map.report.score_tables import (
     NO_INTERVAL,
     certain_text,
@@ -75,8 +75,8 @@ def render_test_report(scores: Sequence[Score], title: str = "") -> str:
         "test_report.html.j2",
         title=title or "Test report",
         document=DOCUMENT,
-        overall=min(overalls, key=lambda item: ORDER.index(item.state) if item.state in ORDER else len(ORDER)),
-        said=[item.text for item in overalls],
+        overall=overall_of_all(scores, overalls),
+        said=[item.text for item in overalls] + ([common.text] if (common := common_verdict(scores)).text else []),
         counts={word: states.count(word) for word in dict.fromkeys(states)},
         items=[_item(score) for score in scores],
         clauses=[(clause, CLAUSES[clause]) for clause in clauses_used(scores)],
@@ -96,6 +96,14 @@ def render_test_report(scores: Sequence[Score], title: str = "") -> str:
         anomalies=_of_all(scores, _anomalies),
         open_points=_of_all(scores, _open_points),
     )
+
+
+def overall_of_all(scores: Sequence[Score], overalls: Sequence[Overall]) -> Overall:
+    """Return what stands first: the worst verdict, and no pass that scores do not have in common."""
+    common = common_verdict(scores)
+    if common.text:
+        return Overall("no common verdict", common.text, OPEN.css, OPEN.icon)
+    return min(overalls, key=lambda item: ORDER.index(item.state) if item.state in ORDER else len(ORDER))
 
 
 def _of_all(scores: Sequence[Score], texts_of: Callable[[Score], Iterator[str]]) -> list[str]:

@@ -250,11 +250,12 @@ def verdicts_over(
         over, count = "worst drive", len(values)
         if limit.condition is not None:
             figure = figure_of(limit, Score(figures=pooled))
+            figure = figure._replace(independent=sum(figure_of(limit, score).independent or 0.0 for score in own))
             over, count = "pooled", figure.n or 0
         else:  # drives need no least number
             worst_value = min(values, default=None) if limit.is_lower_bound else max(values, key=abs, default=None)
             figure = LimitedFigure(worst_value)
-        verdict = replace(verdict_on(limit, figure, limits.minimum_count if limits else 2), n=count)
+        verdict = replace(verdict_on(limit, figure, limits or Limits(())), n=count)
         has_value = [bool(_count_of(limit, score)) for score in own]
         if verdict.state is VerdictState.PASS and not all(has_value):
             verdict = replace(verdict, state=VerdictState.INCOMPLETE)  # a drive that cannot be judged is no pass

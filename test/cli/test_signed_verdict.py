@@ -26,6 +26,7 @@ from sfr_loc_map.io.trajectory_file import save_trajectory
 
 COUNT, PERIOD_NS, STEP_M = 401, 100_000_000, 0.15
 SKY_ROWS = 30  #: Uppermost rows of the made mapping pairs that see no surface.
+FEW = "minimum_independent: 2\n"
 SUM = "trajectory:\n- condition: distance=5\n  position_mean_plus_3sigma_m: "
 
 
@@ -129,7 +130,7 @@ def test_memory_of_zero_is_not_known(judge: Judge, peak: str, part: str) -> None
 @pytest.mark.clause("4.1.1")
 def test_half_a_drive_is_incomplete_unless_asked_for(judge: Judge) -> None:
     half = rows_of(judge.estimate, slice(201))
-    result, score = judge(limits=SUM + "1\n", estimate=half)
+    result, score = judge(limits=FEW + SUM + "1\n", estimate=half)
     assert result.code == 3
     assert [item["verdict"] for item in score["verdicts"]] == ["incomplete", "incomplete"]
     assert "not judged: incomplete: the estimate covers 50.12 % of the true poses" in result.err
@@ -137,11 +138,11 @@ def test_half_a_drive_is_incomplete_unless_asked_for(judge: Judge) -> None:
     assert first.startswith("incomplete:")
     assert score_rows.number(score, "missing", part="count") == 200
 
-    result, score = judge("--partial", limits=SUM + "1\n", estimate=half)
+    result, score = judge("--partial", limits=FEW + SUM + "1\n", estimate=half)
     assert (result.code, [item["verdict"] for item in score["verdicts"]]) == (0, ["pass"])
     assert "a part of the drive is judged" in result.err
     assert judge(estimate=half)[0].code == 3  # without limits too
-    assert judge(limits=SUM + "0.001\n", estimate=half)[0].code == 1  # a missed limit counts before
+    assert judge(limits=FEW + SUM + "0.001\n", estimate=half)[0].code == 1  # a missed limit counts before
 
 
 def test_a_share_may_be_missing_where_a_limit_says_so(judge: Judge) -> None:
@@ -150,8 +151,8 @@ def test_a_share_may_be_missing_where_a_limit_says_so(judge: Judge) -> None:
         for text in (
             f"completeness:\n  missing_max_share: {share}\n",
             f"completeness:\n  - missing_max_share: {share}\n    id: A\n  - lost_max_share: 0\n",
-            f"{SUM}1\n  missing_max_share: {share}\n",
-            f"{SUM}1\n  missing_max_share: {{limit: {share}, id: A, certain: true}}\n",
+            f"{FEW}{SUM}1\n  missing_max_share: {share}\n",
+            f"{FEW}{SUM}1\n  missing_max_share: {{limit: {share}, id: A, certain: true}}\n",
         ):
             result, score = judge(limits=text, estimate=half)
             assert result.code == code, text
@@ -464,3 +465,80 @@ def test_the_judged_figure_stands_beside_its_limit(sfr: Sfr, judge: Judge, sourc
     row = next(line for line in result.out.splitlines() if "p95" in line and "≤" in line)
     assert "300" in row or "0.3" in row
     assert "mean + 3 sigma" not in row
+
+
+def edited(score: dict[str, Any], place: str, value: Any) -> dict[str, Any]:
+    """A score with another value at a place, such as `verdicts.0.verdict`."""
+    made = json.loads(json.dumps(score))
+    at, names = made, place.split(".")
+    for name in names[:-1]:
+        at = at[int(name)] if isinstance(at, list) else at[name]
+    last = int(names[-1]) if isinstance(at, list) else names[-1]
+    if value is None:
+        del at[last]
+    else:
+        at[last] = value
+    return made
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "said"),
+    [
+        ("verdicts.0.verdict", "pass", "verdict of the verdict on position_mean_plus_3sigma_m is 'pass'"),
+        ("verdicts.0.value", 0.0005, "value of the verdict on position_mean_plus_3sigma_m is 0.0005"),
+        ("verdicts.0.limit", 1.0, "limit of the verdict on position_mean_plus_3sigma_m is 1"),
+        ("verdict", "pass", "verdict is 'pass', from the figures follows 'fail'"),
+        ("rules.limits.0.limit", 1.0, "its limits are not those that it was judged by"),
+        ("rules.partial", True, "its limits are not those that it was judged by"),
+        ("figures.0.mean_plus_3sigma", 0.0005, "|mean| + 3 sigma is"),
+        ("verdicts.0", None, "it has 0 verdicts, from its figures and limits follow 1"),
+    ],
+)
+def test_a_verdict_that_was_edited_is_refused_and_named(judge: Judge, place: str, value: Any, said: str) -> None:
+    result, score = judge(limits=SUM + "0.001\n")
+    assert result.code == 1
+    path = judge.folder / "edited.json"
+    path.write_text(json.dumps(edited(score, place, value)))
+    for options in (("-o", judge.folder / "p.html"), ("--test-report", judge.folder / "t.html")):
+        result = judge.sfr("report", path, *options, "--overwrite")
+        assert result.code == 2
+        assert said in result.err
+        assert result.err.count("\n") == 1
+    path.write_text(json.dumps(score))
+    assert judge.sfr("report", path, "--overwrite").code == 1  # exits as the verdict
+
+
+def test_a_score_without_its_rows_of_completeness_is_incomplete(judge: Judge) -> None:
+    _, score = judge(limits=SUM + "1\n")
+    assert score["verdict"] == "pass"
+    score["figures"] = [row for row in score["figures"] if row["subject"] != "completeness"]
+    path = judge.folder / "edited.json"
+    path.write_text(json.dumps(score))
+    result = judge.sfr("report", path, "--overwrite")
+    assert result.code == 2
+    assert "from its figures and limits follow 2" in result.err
+
+
+def test_a_report_keeps_the_drive_that_cannot_be_judged(judge: Judge) -> None:
+    """Two drives by one limits file: that of the short one stays `not enough data`, and so does the report."""
+    paths = []
+    for name, rows in (("short", slice(0, 50)), ("long", slice(None))):
+        estimate, truth = (rows_of(each, rows) for each in (judge.estimate, judge.truth))
+        _, score = judge(limits=SUM + "1\n", estimate=estimate, truth=truth)
+        paths.append(judge.folder / f"{name}.json")
+        paths[-1].write_text(json.dumps(score))
+    report = judge.folder / "t.html"
+    result = judge.sfr("report", *paths, "--test-report", report)
+    assert result.code == 3
+    text = report.read_text()
+    assert "<strong>NOT ENOUGH DATA</strong>" in text
+    assert "1 not enough data, 1 pass" in text
+
+
+def test_too_few_independent_sub_trajectories_give_no_verdict(judge: Judge) -> None:
+    """17 of 5 m in 30 m overlap: they are worth four; the least number is five, unless the limits file says so."""
+    estimate, truth = (rows_of(each, slice(0, 201)) for each in (judge.estimate, judge.truth))
+    for least, code, verdict in (("", 3, "not enough data"), (FEW, 0, "pass")):
+        result, score = judge(limits=least + SUM + "1\n", estimate=estimate, truth=truth)
+        assert (result.code, score["verdicts"][0]["verdict"]) == (code, verdict)
+        assert ("17 values, of which 4.25 are independent (5 are needed)" in result.err) == (code == 3)

@@ -13,9 +13,9 @@ from helpers.cli_result import Sfr
 from helpers.made_scores import HOSTILE, calls, dig, half, json_of, of_drive, of_map, whole_score
 from sfr_loc_map.metrics.calls import score_target
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.judge import each_by_its_limits, judged
+from sfr_loc_map.metrics.judge import common_verdict, each_by_its_limits, judged
 from sfr_loc_map.metrics.limits import parse_limits
-from sfr_loc_map.metrics.score import Score, Verdict
+from sfr_loc_map.metrics.score import MethodKind, MethodRecord, Score, Verdict
 from sfr_loc_map.report.page import load_score
 from sfr_loc_map.report.score_tables import score_tables, table_of
 from sfr_loc_map.report.test_report import CLAUSES, clause_of_limit, junit, render_test_report
@@ -180,3 +180,14 @@ def test_a_limit_stands_once_where_one_score_judges_it() -> None:
     page = render_test_report([drive, cloud])
     for name in ("R1", "R2", "R5", "R6"):
         assert len(re.findall(f'<th scope="row">{name}<', page)) == 1, name
+
+
+def test_several_items_under_test_have_no_common_pass() -> None:
+    loose = parse_limits({"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 100.0}]}, "test")
+    met = judged(of_drive(whole_score()), loose)
+    ours, theirs = (
+        replace(met, method=MethodRecord(name=name, version="1", kind=MethodKind.PYTHON)) for name in ("ours", "theirs")
+    )
+    for several, heading in (([ours, ours], "PASS"), ([ours, theirs], "NO COMMON VERDICT"), ([ours, met], "NO COMMON")):
+        assert f"<strong>{heading}" in render_test_report(several)
+    assert common_verdict([ours, judged(half(of_drive(whole_score())), loose)]).state == "incomplete"

@@ -1,0 +1,255 @@
+"""No view makes a verdict of an incomplete run: nine views, eleven ways to be incomplete, and the complete run."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from helpers.made_scene import LOC_RIG, NAV_RIG, nav_pair
+from helpers.made_suites import JOB
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.cloud_file import LoadedCloud
+from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.live.state import LiveState
+from sfr_loc_map.live.updates import Report
+from sfr_loc_map.metrics.association import Estimates
+from sfr_loc_map.metrics.cloud_error import truths_of
+from sfr_loc_map.metrics.comparison import compare_scores
+from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
+from sfr_loc_map.metrics.limits import parse_limits
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score_json import from_json, to_json
+from sfr_loc_map.replay.result import ReplayResult, score_replay
+from sfr_loc_map.report.page import overall_of, render_page
+from sfr_loc_map.report.test_report import junit, render_test_report
+from sfr_loc_map.runs.calls import CallRecord, stats_of
+from sfr_loc_map.scoring.monitor_score import MonitorScore
+from sfr_loc_map.scoring.score_run import Run, ScoredCloud, ScoredDrive, ScoreInputs, score_run
+from sfr_loc_map.suite.summary import ScoredJob, Summary, groups_of
+
+COUNT, PERIOD_NS = 401, 100_000_000
+STAMPS = 100 * 10**9 + PERIOD_NS * np.arange(COUNT, dtype=np.int64)
+NAV = [nav_pair(0), nav_pair(1)]
+NAV_STAMPS = [item.pair.stamp_ns for item in NAV]
+CONFIG = ScoreConfig(TrajectoryScoreConfig(conditions=("distance=5",)))
+LIMITS = parse_limits(
+    {
+        "trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 100.0}],
+        "map": {"point_error_p95_m": 100.0},
+        "timing": {"localisation_p95_s": 10.0, "mapping_p95_s": 10.0},
+        "memory": {"localisation_peak_bytes": 1e12},
+    },
+    "test",
+)
+
+
+def drive(noise_m: float = 0.002, rows: Any = slice(None)) -> Trajectory:
+    """60 m along x with an error that walks."""
+    noise = np.cumsum(np.random.default_rng(1).normal(0.0, noise_m, (COUNT, 3)), axis=0)
+    positions = np.column_stack([0.15 * np.arange(COUNT), np.zeros((COUNT, 2))]) + noise
+    return Trajectory(STAMPS[rows], positions[rows], np.tile([0.0, 0.0, 0.0, 1.0], (COUNT, 1))[rows])
+
+
+def points_of(number: int, every: int = 1) -> PointCloud:
+    """A point at the true place of each pixel of a mapping pair."""
+    truth = NAV[number].truth
+    assert truth is not None
+    known = np.isfinite(truth).all(axis=2)
+    v, u = (part[known].astype(np.uint16)[::every] for part in np.indices(truth.shape[:2]))
+    same = np.full(len(u), 0.05, np.float32)
+    number_of_pair = np.full(len(u), number, np.uint8)
+    return PointCloud(truth[known].astype(np.float32)[::every], same, same, u, v, number_of_pair, fused=False)
+
+
+def calls(stamps: Any = STAMPS, state: str = "tracking") -> list[CallRecord]:
+    return [CallRecord(int(stamp), 0.05, state, 10**8, 10**7) for stamp in stamps]
+
+
+@dataclass(frozen=True)
+class Made:
+    """A run; as it is, nothing of it is missing."""
+
+    estimate: Trajectory = field(default_factory=drive)
+    truth: Trajectory = field(default_factory=lambda: drive(0.0))
+    cloud: PointCloud = field(default_factory=lambda: PointCloud.concatenate([points_of(0), points_of(1)]))
+    of_localiser: list[CallRecord] = field(default_factory=calls)
+    of_mapper: list[CallRecord] = field(default_factory=lambda: calls(NAV_STAMPS, "mapped"))
+    nav: tuple[Any, ...] = tuple(NAV)
+
+    @property
+    def records(self) -> list[CallRecord]:
+        """All calls; that of the fusion names the pairs of the cloud."""
+        fusion = replace(calls(NAV_STAMPS[-1:], "fused")[0], pair_stamps_ns=tuple(NAV_STAMPS), fused=False)
+        return [*self.of_localiser, *self.of_mapper, fusion]
+
+
+def in_the_sky() -> Made:
+    """Half of the surface has no truth; the cloud has points there all the same."""
+    nav = []
+    for item in NAV:
+        assert item.truth is not None
+        truth = item.truth.copy()
+        truth[: len(truth) // 2] = np.nan
+        nav.append(replace(item, truth=truth))
+    return Made(nav=tuple(nav))
+
+
+WAYS: dict[str, Callable[[], Made]] = {
+    "half of the estimates": lambda: Made(estimate=drive(rows=slice(0, COUNT // 2))),
+    "every second estimate": lambda: Made(estimate=drive(rows=slice(None, None, 2))),
+    "twenty chosen poses": lambda: Made(estimate=drive(rows=slice(None, None, 20))),
+    "truth of half of the drive": lambda: Made(truth=drive(0.0, slice(0, COUNT // 2))),
+    "times of two calls": lambda: Made(of_localiser=calls(STAMPS[:2])),
+    "calls of another run": lambda: Made(of_localiser=calls(STAMPS + 10**12)),
+    "calls that are counted twice": lambda: Made(of_localiser=[*calls(), *calls(STAMPS[:1])]),
+    "one mapping call of two": lambda: Made(of_mapper=calls(NAV_STAMPS[:1], "mapped")),
+    "a mapping pair without points": lambda: Made(cloud=points_of(0)),
+    "points where there is no truth": in_the_sky,
+    "a few points in all": lambda: Made(cloud=PointCloud.concatenate([points_of(n, 1000) for n in (0, 1)])),
+}
+
+
+class Loc:
+    """The drive of a source: its images are those of the stamps."""
+
+    def __init__(self, truth: Trajectory) -> None:
+        self.stamps_ns, self.rig, self.ground_truth = STAMPS.tolist(), LOC_RIG, truth
+
+    def __len__(self) -> int:
+        return COUNT
+
+    def pairs(self) -> Iterator[Any]:
+        return iter(())
+
+
+class Nav:
+    """The mapping pairs of a source."""
+
+    rig = NAV_RIG
+
+    def __init__(self, pairs: tuple[Any, ...]) -> None:
+        self._pairs = pairs
+
+    def __len__(self) -> int:
+        return len(self._pairs)
+
+    def pairs(self) -> Iterator[Any]:
+        return iter(self._pairs)
+
+
+# ---- the views that score
+
+
+def scored(made: Made) -> Score:
+    truths = truths_of(list(made.nav), NAV_RIG)
+    cloud = ScoredCloud(LoadedCloud(made.cloud.xyz.astype(np.float64), made.cloud), truths)
+    of_drive = ScoredDrive(Estimates.of(made.estimate), made.truth, LOC_RIG, STAMPS)
+    stamps = np.array(NAV_STAMPS, np.int64)
+    run = Run(ScoreInputs(), [stats_of(made.records)], drive=of_drive, cloud=cloud, nav_stamps_ns=stamps)
+    return score_run(run, CONFIG, LIMITS)
+
+
+def replayed(made: Made) -> Score:
+    source = Source(Path(__file__), "sfr", Loc(made.truth), Nav(made.nav))
+    result = ReplayResult(made.estimate, made.cloud, made.records, tuple(NAV_STAMPS))
+    return score_replay(source, result, CONFIG, LIMITS)
+
+
+def saved(made: Made) -> Score:
+    """What the monitor writes to its file, read again; it knows the images of the drive by the truth alone."""
+    monitor = MonitorScore(CONFIG, LIMITS)
+    monitor.map_inputs.rig = NAV_RIG
+    for item in made.nav:
+        monitor.map_inputs.add_pose(item.pair.stamp_ns, item.T_lm_navsb)
+        monitor.map_inputs.true_points[item.pair.stamp_ns] = item.truth
+    for record in made.records:
+        monitor.add_call(record)
+    monitor.map_inputs.clouds[NAV_STAMPS[-1]] = replace(made.cloud, fused=None, pair_stamps_ns=None)
+    assert monitor.score_maps()
+    for poses, add in ((made.estimate, monitor.add_estimate), (made.truth, monitor.add_truth)):
+        for stamp, position, quat in zip(poses.stamps_ns.tolist(), poses.positions, poses.quats_xyzw, strict=True):
+            add(stamp, position, quat, None)  # type: ignore[operator]
+    return from_json(to_json(monitor.result(image_stamps_ns=STAMPS)))
+
+
+# ---- the views that show
+
+
+def of_report(made: Made) -> str:
+    score = from_json(to_json(scored(made)))
+    state = overall_of(score).state
+    assert f"<strong>{state.upper()}</strong>" in render_page(score, figures=False)
+    return state
+
+
+def of_test_report(made: Made) -> str:
+    text = render_test_report([scored(made)])
+    return next(state for state in ("pass", "incomplete") if f"<strong>{state.upper()}</strong>" in text)
+
+
+def of_junit(made: Made) -> str:
+    cases = list(ET.fromstring(junit({"score": scored(made)})).iter("testcase"))
+    assert not any(case.find("failure") is not None for case in cases)
+    return "incomplete" if any(case.find("error") is not None for case in cases) else "pass"
+
+
+def of_suite(made: Made) -> str | None:
+    drives = [ScoredJob(JOB, scored(made))]
+    groups = tuple(groups_of(drives, LIMITS))
+    return Summary(tasks=1, waiting=0, groups=groups, drives=tuple(drives), failures=(), refusals=(), code="").verdict
+
+
+def of_comparison(made: Made) -> str:
+    pairs = compare_scores([scored(Made()), scored(made)], ["complete", "other"]).pairs
+    return "incomplete" if {pair.outcome.value for pair in pairs} <= {"incomplete"} else "pass"
+
+
+def of_live_page(made: Made) -> str:
+    state = LiveState()
+    state.put(Report(to_json(scored(made)), 1.0))
+    return str(state.to_plain(1.0)["live"]["overall"]["state"])
+
+
+VIEWS: dict[str, Callable[[Made], Any]] = {
+    "score": lambda made: scored(made).verdict,
+    "replay": lambda made: replayed(made).verdict,
+    "monitor": lambda made: saved(made).verdict,
+    "report": of_report,
+    "test report": of_test_report,
+    "junit": of_junit,
+    "suite": of_suite,
+    "compare": of_comparison,
+    "live page": of_live_page,
+}
+
+
+@pytest.mark.clause("4.1.1")
+@pytest.mark.parametrize("view", VIEWS)
+@pytest.mark.parametrize("way", WAYS)
+def test_no_view_makes_a_verdict_of_a_part(way: str, view: str) -> None:
+    assert VIEWS[view](WAYS[way]()) == "incomplete"
+
+
+@pytest.mark.parametrize("view", VIEWS)
+def test_every_view_passes_the_complete_run(view: str) -> None:
+    assert VIEWS[view](Made()) == "pass"
+
+
+def test_what_a_live_run_dropped_and_every_restart_are_incomplete() -> None:
+    for dropped, restarts in ((1, 0), (0, 1)):
+        monitor = MonitorScore(CONFIG, LIMITS)
+        for stamp, position, quat in zip(STAMPS.tolist(), drive().positions, drive().quats_xyzw, strict=True):
+            monitor.add_estimate(stamp, position, quat, None)
+            monitor.add_truth(stamp, position, quat)
+        monitor.dropped, monitor.restarts = dropped, restarts
+        score = monitor.result()
+        assert score.verdict == "incomplete"
+        assert ("dropped" in (score.incomplete or "")) == bool(dropped)
+        assert ("restarted 1 times" in (score.incomplete or "")) == bool(restarts)
