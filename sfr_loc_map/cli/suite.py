@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -102,6 +103,7 @@ def run(
 def _run_jobs(jobs: Sequence[Job], store: Store, settings: SuiteSettings, places: int, scheduler: str | None) -> None:
     """Run jobs and keep what comes of each; show a bar on a terminal, a line each elsewhere."""
     from sfr_loc_map.suite.cluster import Crew, connected, run_jobs
+    from sfr_loc_map.suite.summary import summarise
 
     with ExitStack() as stack:
         bar = stack.enter_context(progress_bar("tasks"))
@@ -117,6 +119,9 @@ def _run_jobs(jobs: Sequence[Job], store: Store, settings: SuiteSettings, places
                 say(f"failed: {job.label}: {outcome.cause}", err=True)
             if bar.disable:
                 say(f"{done} of {len(jobs)} tasks", err=True)
+            if settings.stop_when_decided and summarise(store).is_decided:
+                say(f"decided after {done} of {len(jobs)} tasks: the others are not needed", err=True)
+                break
 
 
 @app.command(epilog=examples("sfr suite report runs/today --json summary.json"))
@@ -138,6 +143,41 @@ def report(
     summary = summarise(store)
     write_summary(summary, store)
     _present(summary, store, json_path, junit, mlflow, lenient=lenient)
+
+
+@app.command(epilog=examples("sfr suite plan --prob 0.95 --confidence 0.95 --power 0.9", "sfr suite plan runs/today"))
+def plan(
+    folder: Annotated[Path | None, Argument(metavar="DIR", help="Folder of a suite: plan for its limits.")] = None,
+    prob: Annotated[float | None, Option(metavar="P", help="Share of drives that must meet the limit; 0.9973.")] = None,
+    confidence: Annotated[float | None, Option(metavar="C", help="Confidence with which it is shown; 0.9.")] = None,
+    power: Annotated[float | None, Option(metavar="W", help="Probability that good drives pass; 0.9.")] = None,
+    good: Annotated[
+        float | None, Option(metavar="G", help="Share of failures that is acceptable; (1 - P) / 5.")
+    ] = None,
+    json_path: JsonOption = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Say how many independent drives a requirement with a share and a confidence needs."""
+    from sfr_loc_map.metrics.proof import terms_of
+    from sfr_loc_map.suite.drive_count import count_without_runs, drive_counts, plan_table
+    from sfr_loc_map.suite.summary import limits_of_store, summarise
+
+    check_outputs(json_path, overwrite=overwrite)
+    asked = {"prob": prob, "confidence": confidence, "power": power, "good": good}
+    given = {name: value for name, value in asked.items() if value is not None}
+    if folder is None:
+        terms, problem = terms_of({**given, "interpretation": "ensemble"})
+        if problem is not None:
+            raise ConfigError(problem)
+        counts = [count_without_runs(terms)]
+    elif given:
+        raise ConfigError(
+            f"'--{next(iter(given))}' and a suite: the limits of the suite state it; leave out one of them"
+        )
+    else:
+        store = _open_store(folder)
+        counts = list(drive_counts(summarise(store).drives, limits_of_store(store)))
+    show([asdict(count) for count in counts], json_path, [plan_table(counts)])
 
 
 @app.command(epilog=examples("sfr suite history nights/* --html history.html"))
@@ -212,5 +252,6 @@ def _present(
         for group, item in verdicts
         if item.state is VerdictState.NOT_ENOUGH_DATA
     ]
-    waiting = [f"{summary.waiting} of {summary.tasks} tasks have no result yet"] if summary.waiting and verdicts else []
+    is_open = summary.waiting and verdicts and not summary.is_decided
+    waiting = [f"{summary.waiting} of {summary.tasks} tasks have no result yet"] if is_open else []
     not_judged([*waiting, *incomplete, *undecided], lenient=lenient)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
-from sfr_loc_map.inputs import Task
+from sfr_loc_map.inputs import NS_PER_S, Task
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.catalogue import TARGET, Subject, clause_of
 from sfr_loc_map.metrics.completeness import CALLS, MEMORY, calls_completeness
@@ -179,6 +179,7 @@ def score_calls(calls: Calls, clock: str = HOST_CLOCK, *, details: bool = True) 
         if np.isfinite(calls.seconds[mine]).any():
             clocks[kind.value] = clock
             times += time_rows(kind, calls.seconds[mine])
+            times += deadline_rows(kind, calls.stamps_ns[mine], calls.seconds[mine])
             for name, values in sorted(calls.stage_s.items()):
                 times += stage_rows(kind, name, values[mine])
         peaks += peak_rows(kind, calls, mine)
@@ -213,6 +214,21 @@ def time_rows(kind: CallKind, seconds: FloatArray) -> Iterator[Figure]:
     yield figure_row(kind, part=FIRST, n=1, value=float(known[0]))
     if len(known) > 1:
         yield figure_row(kind, part=AFTER_FIRST, statistics=formulas.statistics(known[1:]))
+
+
+def deadline_rows(kind: CallKind, stamps_ns: IntArray, seconds: FloatArray) -> Iterator[Figure]:
+    """Yield the period of the pairs, the fraction of calls within it, and the time of calls over that of the drive.
+
+    The period is the median difference of the stamps. Nothing is known of calls without stamps, or of a set of pairs.
+    """
+    apart_s = np.diff(np.unique(stamps_ns)) / NS_PER_S
+    known = seconds[np.isfinite(seconds)]
+    if kind is not CallKind.LOCALISATION or not len(apart_s):
+        return
+    period_s = float(np.median(apart_s))
+    yield figure_row("period", part=kind, n=len(apart_s), value=period_s)
+    yield figure_row("within_period", part=kind, n=len(known), value=float(np.mean(known <= period_s)))
+    yield figure_row("processor_share", part=kind, n=len(known), value=float(np.mean(known)) / period_s)
 
 
 def stage_rows(kind: CallKind, stage: str, seconds: FloatArray) -> Iterator[Figure]:

@@ -125,6 +125,8 @@ class PointErrors:
     error_m: FloatArray  #: Distance from the truth [4.3.4].
     range_m: FloatArray  #: Distance of the truth from the left optical centre.
     along_m: FloatArray  #: Part of the error along the ray, positive if too far.
+    vertical_m: FloatArray  #: Error along z of LM, positive if too high.
+    horizontal_m: FloatArray  #: Size of the error in the x-y plane of LM.
     disparity_px: FloatArray  #: `f b / Z - f b / Z_true`, Z the depth along the left optical axis.
 
 
@@ -151,7 +153,9 @@ def point_errors(cloud: PointCloud, truths: Sequence[PairTruth]) -> PointErrors:
         disparity = formulas.disparity_error(truth.rig.fx, truth.rig.baseline_m, depth, true_depth)
         error = formulas.point_error(true, estimated)
         along = np.sum((estimated - true) * ray, axis=1) / distance
-        parts.append((index, error, distance, along, disparity))
+        offset = estimated - true
+        horizontal = np.hypot(offset[:, 0], offset[:, 1])
+        parts.append((index, error, distance, along, offset[:, 2], horizontal, disparity))
     index, *rest = (np.concatenate(column) for column in zip(*parts, strict=True))
     order = np.argsort(index, kind="stable")
     return PointErrors(index[order], *(column[order] for column in rest))
@@ -265,6 +269,10 @@ def error_rows(part: str | None, errors: PointErrors, chosen: Mask) -> Iterator[
     """Yield the rows of the errors of some points, as errors of position and of disparity."""
     disparity_px = errors.disparity_px[chosen]
     known_px = disparity_px[np.isfinite(disparity_px)]
+    vertical_m, horizontal_m = errors.vertical_m[chosen], errors.horizontal_m[chosen]
+    for name, number in (("nmad", formulas.nmad), ("le90", formulas.le90), ("ce90", formulas.ce90)):
+        values = horizontal_m if name == "ce90" else vertical_m
+        yield figure_row(name, part=part, n=len(values), value=number(values) if len(values) else None)
     yield figure_row("point_error", part=part, statistics=formulas.statistics(errors.error_m[chosen]))
     yield figure_row("disparity_error", part=part, statistics=formulas.statistics(known_px))
 

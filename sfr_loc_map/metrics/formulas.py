@@ -212,6 +212,24 @@ def point_error(actual: FloatArray, estimated: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(actual - estimated, axis=1))
 
 
+# ---- beside the document: robust figures of maps (Höhle and Höhle 2009; NATO STANAG 2215)
+
+
+def nmad(vertical: FloatArray) -> float:
+    """Return the normalised median absolute deviation of height errors; of normal ones it is sigma."""
+    return float(1.4826 * np.median(np.abs(vertical - np.median(vertical))))
+
+
+def le90(vertical: FloatArray) -> float:
+    """Return the linear error with a probability of 90 %: the quantile of the sizes of height errors."""
+    return float(np.percentile(np.abs(vertical), 90.0))
+
+
+def ce90(horizontal: FloatArray) -> float:
+    """Return the circular error with a probability of 90 %: the quantile of the sizes of horizontal errors."""
+    return float(np.percentile(horizontal, 90.0))
+
+
 # ---- beside the document: the same errors by direction, without attitudes, and along the ray of a pixel
 
 

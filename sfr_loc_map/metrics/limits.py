@@ -79,7 +79,7 @@ PLACES: dict[LimitPart, dict[str, Limited]] = {
     },
     LimitPart.TIMING: {
         "mapping_call_s": Limited(Subject.TIMING, CallKind.MAPPING_CALL.value, "max", None),
-        **names_of([kind for kind in CATALOGUE if kind.subject is Subject.TIMING], part=None),
+        **names_of([KINDS[kind] for kind in CallKind], part=None),
     },
     LimitPart.MEMORY: {
         f"{call}_{kind.name}_bytes": Limited(Subject.MEMORY, kind.name, "value", call.value)

@@ -20,6 +20,7 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.score import Figure, ProofRecord, Score, SubTrajectoryRows, figure_row
+from sfr_loc_map.metrics.sequential import SequentialTest
 from sfr_loc_map.metrics.tolerance import (
     CONFIDENCE,
     THREE_SIGMA,
@@ -39,6 +40,7 @@ ERRORS = {
     "chord": ("chord_m",),
 }
 """Columns of the sub-trajectories of a score that hold the errors of a figure."""
+SEQUENTIAL = "sequential"  #: Method of a verdict by a sequential test.
 SEED = 20240302  #: Of which sub-trajectory stands for a drive.
 
 
@@ -57,6 +59,14 @@ class Terms(NamedTuple):
     confidence: float = CONFIDENCE  #: Confidence with which that must be shown.
     interpretation: Interpretation = Interpretation.TEMPORAL
     normal: bool = False  #: Whether errors are declared to be normal, which few values cannot show.
+    power: float = CONFIDENCE  #: Probability that drives with the share `good` of failures pass.
+    good: float | None = None  #: Share of failures that is acceptable; with it drives are judged by a sequential test.
+
+    @property
+    def test(self) -> SequentialTest:
+        """The sequential test; a fifth of the share of failures that must not pass is acceptable unless stated."""
+        bad = 1.0 - self.prob
+        return SequentialTest(bad / 5.0 if self.good is None else self.good, bad, self.confidence, self.power)
 
 
 class Proof(NamedTuple):
@@ -115,8 +125,39 @@ def prove(terms: Terms, limit: float, drives: Sequence[Sequence[Sample]]) -> Pro
             return prove_sample(terms, limit, Sample(np.empty(0), 0.0))
         order = (VerdictState.FAIL, VerdictState.NOT_ENOUGH_DATA, VerdictState.PASS)
         return min(proofs, key=lambda proof: (order.index(proof.state), -(proof.bound or 0.0)))
-    chosen = [standing_for(terms.interpretation, number, samples) for number, samples in enumerate(runs)]
-    return prove_sample(terms, limit, Sample(np.array(chosen), float(len(chosen))))
+    sample = sample_over_drives(terms.interpretation, runs)
+    return prove_sample(terms, limit, sample) if terms.good is None else prove_sequentially(terms, limit, sample)
+
+
+def sample_over_drives(interpretation: Interpretation, drives: Sequence[Sequence[Sample]]) -> Sample:
+    """Return the errors that stand for drives, each with its runs."""
+    chosen = [standing_for(interpretation, number, samples) for number, samples in enumerate(drives)]
+    return Sample(np.array(chosen), float(len(chosen)))
+
+
+def prove_sequentially(terms: Terms, limit: float, sample: Sample) -> Proof:
+    """Return the decision of the sequential test over drives in their order; the bound is the largest error."""
+    has_failed = (sample.sizes > limit).tolist()
+    state, drives = terms.test.decision(has_failed)
+    undecided = state is VerdictState.NOT_ENOUGH_DATA
+    more = terms.test.more_without_failure(sum(has_failed), len(has_failed)) if undecided else None
+    largest = float(sample.sizes[:drives].max()) if drives else None
+    return Proof(state, largest, record_of(terms, SEQUENTIAL, float(drives), more))
+
+
+def record_of(terms: Terms, method: str, independent: float, more: int | None) -> ProofRecord:
+    """Return the record of terms and of what was shown."""
+    return ProofRecord(
+        prob=terms.prob,
+        confidence=terms.confidence,
+        interpretation=terms.interpretation.value,
+        normal=terms.normal,
+        good=terms.good,
+        power=None if terms.good is None else terms.power,
+        method=method,
+        independent=independent,
+        more=more,
+    )
 
 
 def standing_for(interpretation: Interpretation, number: int, samples: Sequence[Sample]) -> FloatArray:
@@ -140,16 +181,7 @@ def prove_sample(terms: Terms, limit: float, sample: Sample) -> Proof:
     if state is VerdictState.NOT_ENOUGH_DATA:
         needed = count_needed(sample, limit, prob, confidence, is_normal=terms.normal)
         more = None if needed is None else max(needed - int(sample.independent), 1)
-    record = ProofRecord(
-        prob=prob,
-        confidence=confidence,
-        interpretation=terms.interpretation.value,
-        normal=terms.normal,
-        method=bound.method.value,
-        independent=sample.independent,
-        more=more,
-    )
-    return Proof(state, bound.upper, record)
+    return Proof(state, bound.upper, record_of(terms, bound.method.value, sample.independent, more))
 
 
 def bound_row(figure: str, unit: str, condition: str | None, proof: Proof) -> Figure:
@@ -173,13 +205,19 @@ def words_of(record: ProofRecord, state: VerdictState) -> str:
 def terms_of(entry: Mapping[str, Any]) -> tuple[Terms, str | None]:
     """Return the terms of an entry of a limits file, and what is wrong with them, None for nothing."""
     given = {name: entry[name] for name in Terms._fields if name in entry}
-    for name in ("prob", "confidence"):
+    for name in ("prob", "confidence", "power"):
         value = given.get(name, 0.5)
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.5 <= value < 1.0:
             return Terms(), f"'{name}' is {value!r}: a number from 0.5 to below 1 is needed, 0.95 for 95 %"
+    good = given.get("good", 0.0)
+    most = 1.0 - float(given.get("prob", THREE_SIGMA))
+    if isinstance(good, bool) or not isinstance(good, (int, float)) or not 0.0 <= good < most:
+        return Terms(), f"'good' is {good!r}: a share of failures from 0 to below 1 - prob = {most:g} is needed"
     if "normal" in given and not isinstance(given["normal"], bool):
         return Terms(), f"'normal' is {given['normal']!r}: true or false is needed"
     word = given.pop("interpretation", Interpretation.TEMPORAL)
     if word not in [str(kind) for kind in Interpretation]:
         return Terms(), f"'interpretation' is {word!r}: {', '.join(Interpretation)} are possible"
+    if "good" in given and word == Interpretation.TEMPORAL:
+        return Terms(), "'good' is for drives: it needs the interpretation ensemble or mixed"
     return Terms(**given)._replace(interpretation=Interpretation(word)), None

@@ -161,7 +161,10 @@ class ProofRecord(Record, frozen=True, kw_only=True):
     confidence: float  #: Confidence with which that must be shown.
     interpretation: str  #: `temporal` (every drive), `ensemble` (of drives) or `mixed` (of all errors) [4.1.4.2].
     normal: bool = False  #: Whether the limits file declares that errors are normal.
-    method: str  #: How the bound was computed: `order` of the errors, `tested normal` or `assumed normal`.
+    good: float | None = None  #: Share of failures that is acceptable, of a sequential test.
+    power: float | None = None  #: Probability that drives with that share pass.
+    #: `order` of the errors, `tested normal`, `assumed normal`, or `sequential`: after which drive it was decided.
+    method: str
     independent: float  #: Independent errors: sub-trajectories of the drive that decides, or drives.
     more: int | None = None  #: Without a decision: how many more are needed; null if no number of errors like these is.
 

@@ -173,7 +173,18 @@ def is_time(score: Score, row: Figure) -> bool:
 
 def is_stage(score: Score, row: Figure) -> bool:
     """Tell whether a row has the times of a stage of calls on this host."""
-    return row.subject is Subject.TIMING and row.part not in CALL_PARTS and not _of_target(row)
+    is_of_calls = row.subject is Subject.TIMING and row.figure in [*CallKind]
+    return is_of_calls and row.part not in CALL_PARTS and not _of_target(row)
+
+
+def is_deadline(score: Score, row: Figure) -> bool:
+    """Tell whether a row compares calls on this host with the period of the pairs."""
+    return row.subject is Subject.TIMING and row.figure not in [*CallKind] and not _of_target(row)
+
+
+def deadline_note(score: Score) -> str:
+    """Return how the period is to be read."""
+    return "The period is the median difference of the stamps of the pairs. Times are of one call, wall-clock."
 
 
 def is_by_direction(score: Score, row: Figure) -> bool:
@@ -610,6 +621,7 @@ VIEWS = (
     View("evidence", "How sure", about(Subject.EVIDENCE), evidence_note),
     View("consistency", "Consistency of the uncertainty", about(Subject.CONSISTENCY), nees_note),
     View("time", "Time per call", is_time, clock_text),
+    View("deadline", "Calls against the period", is_deadline, deadline_note),
     View("stages", "Time of stages", is_stage, stages_note),
     View("memory", "Peak resident memory during a call", is_memory, memory_note),
     View("target-time", "Time per call on the target", on_target(Subject.TIMING), target_note),

@@ -44,6 +44,7 @@ class SuiteSettings:
         choices=("pose", "displacement", "position"),
     )
     partial: bool = param(False, doc="Judge an estimate of a part of a drive as if it were the whole, and say so.")
+    stop_when_decided: bool = param(False, doc="End when sequential tests (`good` of a limit) decide all limits.")
     start: str = param("truth", doc="First pose of a drive.", choices=("identity", "truth"))
     repeats: int = param(1, doc="Runs of each task.", low=1, high=1000)
     seed: int = param(0, doc="Seed of which pairs a fault affects.", low=0, high=2**31 - 1)

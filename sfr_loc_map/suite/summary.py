@@ -37,7 +37,7 @@ from sfr_loc_map.metrics.judge import (
     what_of,
 )
 from sfr_loc_map.metrics.limits import Limit, Limits, parse_limits
-from sfr_loc_map.metrics.proof import Interpretation, Terms, prove, sample_of
+from sfr_loc_map.metrics.proof import SEQUENTIAL, Interpretation, Terms, prove, sample_of
 from sfr_loc_map.metrics.score import POOLED, Figure, Score, Verdict, figure_row
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.metrics.statistics import student_quantile
@@ -145,9 +145,24 @@ class Summary:
         return VerdictState.PASS if passed else VerdictState.NOT_ENOUGH_DATA
 
     @property
+    def is_decided(self) -> bool:
+        """Whether sequential tests have decided every limit, so that no more drives are needed."""
+        items = [item for group in self.groups for item in group.verdicts]
+        return bool(items) and all(
+            item.proof is not None
+            and item.proof.method == SEQUENTIAL
+            and item.state in (VerdictState.PASS, VerdictState.FAIL)
+            for item in items
+        )
+
+    @property
     def completeness(self) -> Figure:
-        """The row of the tasks that were planned, and the fraction of them that has a result."""
-        planned = self.tasks + len(self.refusals)
+        """The row of the tasks that were planned, and the fraction of them that has a result.
+
+        Tasks that wait are not needed once sequential tests have decided every limit.
+        """
+        needed = self.tasks - self.waiting if self.is_decided else self.tasks
+        planned = needed + len(self.refusals)
         return expected_row(SUITE, len(self.drives), planned or None)
 
     def to_dict(self) -> dict[str, object]:
@@ -171,10 +186,14 @@ class Summary:
         return {**head, **self.run, **parts, "drives": drives}
 
 
+def limits_of_store(store: Store) -> Limits | None:
+    """Return the limits of a suite's folder."""
+    return next((parse_limits(job.limits, "limits") for job, _ in store.entries() if job.limits), None)
+
+
 def summarise(store: Store) -> Summary:
     """Return what follows from the results of a suite's folder."""
-    entries = store.entries()
-    limits = next((parse_limits(job.limits, "limits") for job, _ in entries if job.limits), None)
+    entries, limits = store.entries(), limits_of_store(store)
     drives = []
     for job, state in entries:
         if state == "done":

@@ -111,3 +111,18 @@ def test_calls_of_a_target_are_apart_from_those_of_the_host() -> None:
     measured, target = score_target(calls([""], [1.0], [7.0]), "GR740")
     assert Score(figures=measured).number("peak", part=f"{TARGET} localisation") == 7.0
     assert target.memory_method == "as measured on GR740"
+
+
+def test_calls_against_the_period_of_the_pairs() -> None:
+    """Pairs every 0.1 s, one of them late; two of ten calls take longer."""
+    stamps = np.arange(10) * 100_000_000
+    stamps[9] += 300_000_000
+    seconds = np.full(10, 0.05)
+    seconds[[3, 7]] = 0.15
+    unknown = np.full(10, np.nan)
+    score = Score(figures=score_calls(Calls(stamps, seconds, ["tracking"] * 10, unknown, unknown)).figures)
+    assert score.number("period") == pytest.approx(0.1)
+    assert score.number("within_period") == pytest.approx(0.8)
+    assert score.number("processor_share") == pytest.approx(0.7)
+    without = score_calls(Calls(np.zeros(10, np.int64), seconds, ["tracking"] * 10, unknown, unknown))
+    assert not Score(figures=without.figures).rows("period"), "calls without stamps have no period"

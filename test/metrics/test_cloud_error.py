@@ -146,3 +146,23 @@ def test_a_bound_belongs_to_the_farther_range_and_what_is_beyond_all_counts_in_t
     assert [got.figure("coverage", part=part).n for part in RANGES] == [1, 1, 1, 0]
     assert got.figure("coverage", part=None).n == 2, "from 0 to less than 10 m"
     assert got.number("point_error", "mean", part="4-10 m") == pytest.approx(0.5)
+
+
+def test_robust_figures_of_heights_are_those_of_normal_errors_and_ignore_gross_ones() -> None:
+    """Height errors of 0.1 m with a bias, one in fifty gross: NMAD is their sigma, LE90 and CE90 the quantiles."""
+    rng = np.random.default_rng(8)
+    truths = [wall(3.0)]
+    v, u = (index.ravel() for index in np.indices((RIG.height, RIG.width)))
+    seen = np.isfinite(truths[0].points[v, u]).all(axis=1)
+    v, u = v[seen], u[seen]
+    true = truths[0].points[v, u].astype(np.float64)
+    offset = rng.normal(0.0, 0.1, (len(u), 3))
+    offset[:, 2] += 0.2
+    offset[::50, 2] += 5.0
+    cloud = points_of(true + offset, np.full(len(u), 0.1), u, v, np.zeros(len(u), int))
+    got = scored(cloud, truths)
+    assert got.number("nmad") == pytest.approx(0.1, rel=0.08)
+    heights, across = offset[:, 2], np.hypot(offset[:, 0], offset[:, 1])
+    assert got.number("le90") == pytest.approx(np.quantile(np.abs(heights), 0.9), rel=1e-4)
+    assert got.number("ce90") == pytest.approx(np.quantile(across, 0.9), rel=1e-4)
+    assert got.figure("point_error").sigma > 0.5, "sigma itself is that of the gross errors"

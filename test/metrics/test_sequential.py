@@ -1,0 +1,56 @@
+"""Plans and sequential tests: error rates against the binomial law and against simulated campaigns."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.metrics.proof import Interpretation, Terms, prove
+from sfr_loc_map.metrics.sequential import SequentialTest
+from sfr_loc_map.metrics.tolerance import Sample, zero_failure_count
+
+TEST = SequentialTest(good=0.01, bad=0.05, confidence=0.95, power=0.9)
+
+
+def test_the_fixed_plan_is_the_smallest_that_keeps_both_risks() -> None:
+    drives, allowed = TEST.fixed_plan()
+    assert stats.binom.cdf(allowed, drives, TEST.bad) <= 0.05
+    assert stats.binom.cdf(allowed, drives, TEST.good) >= 0.9
+    assert stats.binom.cdf(allowed, drives - 1, TEST.bad) > 0.05
+    smaller = int(stats.binom.isf(0.1, drives, TEST.good)) - 1
+    assert smaller < allowed, "with fewer failures allowed good drives would fail"
+    none = SequentialTest(0.0, 0.05, 0.95, 0.9).fixed_plan()
+    assert none == (zero_failure_count(0.95, 0.95), 0)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.01, 0.05, 0.2])
+def test_the_course_is_that_of_simulated_campaigns(share: float) -> None:
+    rng = np.random.default_rng(7)
+    longest = 4 * TEST.fixed_plan().drives
+    ends = [TEST.decision((rng.random(longest) < share).tolist()) for _ in range(1500)]
+    course = TEST.course(share)
+    assert np.mean([drives for _, drives in ends]) == pytest.approx(course.drives, rel=0.06)
+    passed = np.mean([state is VerdictState.PASS for state, _ in ends])
+    assert passed == pytest.approx(course.passed, abs=0.03)
+    assert course.passed + course.failed == pytest.approx(1.0, abs=0.01)
+
+
+def test_the_risks_are_kept_and_drives_are_saved() -> None:
+    """40 % of the fixed plan are saved where drives are clearly good or bad; at the border `good` it is less."""
+    fixed = TEST.fixed_plan().drives
+    assert TEST.course(TEST.bad).passed <= 0.05
+    assert TEST.course(TEST.good).failed <= 0.1
+    saved = {share: 1.0 - TEST.course(share).drives / fixed for share in (0.0, 0.01, 0.05, 0.1)}
+    assert min(saved[0.0], saved[0.05], saved[0.1]) > 0.4
+    assert saved[0.01] > 0.25
+
+
+def test_drives_are_judged_after_each_of_them() -> None:
+    terms = Terms(0.95, 0.95, Interpretation.ENSEMBLE, good=0.01, power=0.9)
+    drives = [[Sample(np.full((5, 3), 0.01), 1.0)]] * 80
+    passed = prove(terms, 0.1, drives)
+    assert (passed.state, passed.record.independent) == ("pass", TEST.more_without_failure(0, 0))
+    open_yet = prove(terms, 0.1, drives[:60])
+    assert (open_yet.state, open_yet.record.more) == ("not enough data", 13)
+    failed = prove(terms, 0.001, drives)
+    assert (failed.state, failed.record.independent) == ("fail", 2)
