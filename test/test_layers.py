@@ -14,7 +14,7 @@ FLOORS = (
     {"methods", "report", "simulation"},
     {"runs"},
     {"scoring"},
-    {"replay", "doctor"},
+    {"doctor"},
     {"live", "suite"},
     {"nodes"},
     {"cli", "api"},

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source
     from sfr_loc_map.localisation.estimate import StartPose
     from sfr_loc_map.nodes.replay.options import ExternalOptions, ReplayOptions
-    from sfr_loc_map.replay.result import ReplayFiles, ReplayResult
+    from sfr_loc_map.scoring.replay_result import ReplayFiles, ReplayResult
     from sfr_loc_map.scoring.score_run import Correction
 
 PLAYED = "How the source is played"
@@ -157,7 +157,7 @@ def replay(
     """Play a source to the nodes over topics, record what they answer, score it."""
     propose("... --out out", why="keeps report, estimate and cloud")
     with live_beside(live, live_port, isolated=True) as page:  # first: its imports are the quicker ones
-        from sfr_loc_map.replay.result import ReplayFiles, save_replay, score_replay
+        from sfr_loc_map.scoring.replay_result import ReplayFiles, save_replay, score_replay
         from sfr_loc_map.scoring.settings import score_settings
 
         opened, read_from = open_as(source, remap, config)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sfr_loc_map.replay.result import ReplayResult, score_replay
 
 from helpers.made_scene import LOC_RIG, NAV_RIG, nav_pair
 from helpers.made_suites import JOB
@@ -26,7 +27,6 @@ from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.limits import parse_limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_json, to_json
-from sfr_loc_map.replay.result import ReplayResult, score_replay
 from sfr_loc_map.report.page import overall_of, render_page
 from sfr_loc_map.report.test_report import junit, render_test_report
 from sfr_loc_map.runs.calls import CallRecord, stats_of

@@ -19,7 +19,7 @@ from sfr_loc_map.nodes.messages import cloud_from_msg, covariance_of, odometry_r
 from sfr_loc_map.nodes.peer import POLL_S
 from sfr_loc_map.nodes.replay.external import ExternalNode
 from sfr_loc_map.nodes.replay.graph_node import ANSWER_TIMEOUT_S, ReplayNode
-from sfr_loc_map.nodes.replay.results import Received
+from sfr_loc_map.nodes.replay.received import Received
 from sfr_loc_map.runs.calls import decode_call
 
 QUEUE_DEPTH = 1000

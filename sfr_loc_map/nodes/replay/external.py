@@ -27,11 +27,11 @@ from sfr_loc_map.metrics.convention import world_at_first_pose
 from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, MethodKind, MethodRecord
 from sfr_loc_map.nodes import messages
 from sfr_loc_map.nodes.processes import ChildProcess
-from sfr_loc_map.nodes.replay.external_run import AnswerBook, ProcessWatch, processes_named
+from sfr_loc_map.nodes.replay.external_answers import AnswerBook, ProcessWatch, processes_named
 from sfr_loc_map.nodes.replay.graph_node import ReplayNode
 from sfr_loc_map.nodes.replay.options import ExternalOptions
-from sfr_loc_map.nodes.replay.results import Received
-from sfr_loc_map.replay.result import ExternalRun
+from sfr_loc_map.nodes.replay.received import Received
+from sfr_loc_map.scoring.replay_result import ExternalRun
 
 DEPTH = 1000
 PUBLISHER_GRACE_S = 2.0

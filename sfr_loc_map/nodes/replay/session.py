@@ -23,7 +23,7 @@ from sfr_loc_map.nodes.replay.graph_node import ReplayNode
 from sfr_loc_map.nodes.replay.options import ReplayOptions, node_arguments
 from sfr_loc_map.nodes.replay.pacing import PairTracker
 from sfr_loc_map.nodes.replay.player import Player
-from sfr_loc_map.nodes.replay.results import Received
+from sfr_loc_map.nodes.replay.received import Received
 from sfr_loc_map.runs.offline import check_count
 
 Say = Callable[[str], None]

@@ -21,8 +21,8 @@ from sfr_loc_map.metrics.config import score_config
 from sfr_loc_map.metrics.score_json import to_dict
 from sfr_loc_map.nodes.replay.options import ReplayOptions
 from sfr_loc_map.nodes.replay.session import ReplaySession, running
-from sfr_loc_map.replay.result import score_replay
 from sfr_loc_map.runs.offline import start_pose
+from sfr_loc_map.scoring.replay_result import score_replay
 
 POSES, PAIRS = 12, 3
 EXACT = 1e-12

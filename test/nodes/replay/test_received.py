@@ -4,7 +4,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.inputs import Task
-from sfr_loc_map.nodes.replay.results import Received
+from sfr_loc_map.nodes.replay.received import Received
 from sfr_loc_map.runs.calls import CallRecord
 
 

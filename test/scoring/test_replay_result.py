@@ -24,10 +24,10 @@ from sfr_loc_map.metrics.config import ScoreConfig, score_config
 from sfr_loc_map.metrics.limits import OF_MAP, parse_limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_dict
-from sfr_loc_map.replay.result import ReplayFiles, ReplayResult, save_replay, score_replay
 from sfr_loc_map.report.page import overall_of
 from sfr_loc_map.runs.offline import MapRun, map_pairs
 from sfr_loc_map.scoring.monitor_score import MonitorScore
+from sfr_loc_map.scoring.replay_result import ReplayFiles, ReplayResult, save_replay, score_replay
 from sfr_loc_map.scoring.score_run import ScoreInputs, score_files
 
 SAMPLE = Path(__file__).parents[2] / "sample" / "sample.mcap"

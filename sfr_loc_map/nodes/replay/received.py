@@ -12,9 +12,9 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.config import MappingState
-from sfr_loc_map.nodes.replay.external_run import AnswerBook
-from sfr_loc_map.replay.result import ExternalRun, ReplayResult
+from sfr_loc_map.nodes.replay.external_answers import AnswerBook
 from sfr_loc_map.runs.calls import CallRecord
+from sfr_loc_map.scoring.replay_result import ExternalRun, ReplayResult
 
 
 @dataclass(slots=True)

@@ -1,5 +1,0 @@
-"""What came out of a replay: its files and its score."""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
