@@ -202,15 +202,13 @@ class Localiser:
         verdict = decide(findings)
         if verdict.refuses:
             return self._refuse(state, verdict, pair.stamp_ns)
-        # the first window has no earlier landmarks to be compared with: it may begin with stale images
         with clock.stage("pyramid"):
-            frame = StereoFrame.of(pair if landmark_map is None else images.pair)
+            frame = StereoFrame.of(images.pair)
         if landmark_map is None:
-            return self._begin(state, frame)
-        if Finding.STALE_ROWS in findings:
-            state = replace(state, ground=state.ground.after_stale_rows(images.stale_rows))
+            return self._begin(state, frame, verdict)
+        state = replace(state, ground=state.ground.after_stale_rows(images.stale_rows))
         has_map = len(landmark_map.landmarks.index) >= self._config.min_tracked
-        verdict = decide(guards.check_landmarks(frame, are_enough=has_map))
+        verdict = decide(findings | guards.check_landmarks(frame, are_enough=has_map))
         if verdict.refuses:
             return self._refuse(state, verdict, pair.stamp_ns, frame)
 
@@ -218,14 +216,15 @@ class Localiser:
         prediction = Prediction(guesses, state.calibration.offset)
         tracks = self._track(frame, landmark_map, prediction, state.recovery, clock)
         ground = self._select_ground(frame, tracks, prediction, state, findings)
-        verdict = decide(ground.findings | guards.check_landmarks(frame, are_enough=ground.tracks.is_trusted))
+        findings |= ground.findings
+        verdict = decide(findings | guards.check_landmarks(frame, are_enough=ground.tracks.is_trusted))
         if verdict.refuses:
             state = replace(state, ground=ground.memory_if_refused)
             return self._refuse(state, verdict, pair.stamp_ns, frame, ground.tracks)
 
         corrected = self._correct_right_camera(ground.tracks, state.calibration, state.shear)
         candidate = Candidate(frame, landmark_map.without(ground.not_ground), ground, corrected)
-        verdict = self._judge(state, candidate, findings | ground.findings)
+        verdict = self._judge(state, candidate, findings)
         if verdict.refuses:
             return self._refuse(state, verdict, pair.stamp_ns, frame, candidate.tracks)
         final = self._complete(candidate, verdict, clock)
@@ -390,7 +389,7 @@ class Localiser:
             if self._relocaliser.is_good_image(frame, count):
                 state = replace(state, failed_recoveries=state.failed_recoveries + 1)
                 if state.failed_recoveries > MAX_ATTEMPTS:
-                    return self._begin(state, frame, tracks)
+                    return self._begin(state, frame, verdict, tracks)
         return self._lose(state, verdict.reason, statistics, tracks)
 
     def _keep(
@@ -410,24 +409,27 @@ class Localiser:
         state = replace(state, path=trajectory.lost(state.path), status=TrackingState.LOST, reason=reason)
         return Outcome(state, statistics, tracks)
 
-    def _begin(self, state: State, frame: StereoFrame, tracks: Tracks | None = None) -> Outcome:
-        """Begin a window at the last known pose; stay lost without enough landmarks.
+    def _begin(self, state: State, frame: StereoFrame, verdict: Verdict, tracks: Tracks | None = None) -> Outcome:
+        """Begin a window at the last known pose.
 
-        The window is degraded if no image has shown the motion since that pose.
+        The localiser stays lost if the pair has too few landmarks, or if its findings do not allow it to be a keyframe.
+        The window is degraded if no image has shown the motion since the last pose.
         """
+        if not verdict.may_be_keyframe:
+            return self._lose(state, verdict.reason, TrackingStatistics(inliers=0), tracks)
         pose = Pose.of(state.path.motion.T_world_left)
         result = self._keyframes.begin(frame, pose, state.calibration, state.ground.excluded.mask)
         found = len(result.landmark_map.landmarks.index)
         statistics = TrackingStatistics(features=found)
-        verdict = decide(guards.check_landmarks(frame, are_enough=found >= self._config.min_tracked))
-        if verdict.refuses:
-            return self._lose(state, verdict.reason, statistics, tracks)
+        few = decide(guards.check_landmarks(frame, are_enough=found >= self._config.min_tracked))
+        if few.refuses:
+            return self._lose(state, few.reason, statistics, tracks)
         keyframes = state.keyframes + 1
         has_gap = state.path.motion.unobserved_s(frame.stamp_ns) > 0.0
         settled_from = keyframes + self._config.window_keyframes - 1 if has_gap else state.settled_from
-        verdict = decide(guards.check_gap(keyframes, settled_from))
+        gap = decide(guards.check_gap(keyframes, settled_from))
         status = TrackingState.DEGRADED
-        if verdict.action is Action.ACCEPT:
+        if gap.action is Action.ACCEPT:
             status = TrackingState.INITIALISING if keyframes == 1 else TrackingState.TRACKING
         path, step = trajectory.restarted(state.path, frame.stamp_ns, result.landmark_map, self._model)
         state = replace(
@@ -441,7 +443,7 @@ class Localiser:
             keyframes=keyframes,
             settled_from=settled_from,
             status=status,
-            reason=verdict.reason,
+            reason=gap.reason,
         )
         return Outcome(state, statistics, tracks, step)
 
