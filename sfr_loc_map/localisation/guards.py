@@ -40,9 +40,9 @@ def check_images(images: ImageComparison) -> Findings:
     """Report images, or parts of them, that repeat the pair before."""
     if images.is_repeated:
         return frozenset({Finding.REPEATED_PAIR})
-    if images.is_left_frozen or images.is_right_frozen:
-        return frozenset({Finding.FROZEN_IMAGE})
-    return _found(Finding.STALE_ROWS, bool(images.stale_rows.any()))
+    is_frozen = images.is_left_frozen or images.is_right_frozen
+    is_torn = bool(images.stale_rows.any())
+    return _found(Finding.FROZEN_IMAGE, is_frozen) | _found(Finding.STALE_ROWS, is_torn)
 
 
 def check_wiring(pair: StereoPair) -> Findings:

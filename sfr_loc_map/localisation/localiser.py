@@ -70,6 +70,7 @@ from sfr_loc_map.localisation.guards import Findings, ShearMean
 from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW, KeyframeJob, KeyframeMaker, KeyframeResult
 from sfr_loc_map.localisation.parallel import BACKGROUND
 from sfr_loc_map.localisation.relocalisation import MAX_ATTEMPTS, RecoveryImages, Relocaliser
+from sfr_loc_map.localisation.stale_images import ImageComparison
 from sfr_loc_map.localisation.state import Outcome, StageClock, State
 from sfr_loc_map.localisation.uncertainty import RoverModel, pose_covariance, symmetric
 
@@ -215,7 +216,7 @@ class Localiser:
         guesses = state.path.motion.predict(pair.stamp_ns, odometry, self._model)
         prediction = Prediction(guesses, state.calibration.offset)
         tracks = self._track(frame, landmark_map, prediction, state.recovery, clock)
-        ground = self._select_ground(frame, tracks, prediction, state, findings)
+        ground = self._select_ground(frame, tracks, prediction, state, images)
         findings |= ground.findings
         verdict = decide(findings | guards.check_landmarks(frame, are_enough=ground.tracks.is_trusted))
         if verdict.refuses:
@@ -251,10 +252,10 @@ class Localiser:
         return found or tracks
 
     def _select_ground(
-        self, frame: StereoFrame, tracks: Tracks, prediction: Prediction, state: State, findings: Findings
+        self, frame: StereoFrame, tracks: Tracks, prediction: Prediction, state: State, images: ImageComparison
     ) -> Ground:
-        """Select the ground's motion. Images with blanked rows cannot be compared with earlier ones."""
-        if Finding.STALE_ROWS in findings:
+        """Select the ground's motion. A left image with blanked parts cannot be compared with earlier ones."""
+        if images.is_left_frozen or images.stale_rows.any():
             return Ground.unselected(tracks, state.ground)
         return self._ground.select(frame, tracks, prediction, state.ground, state.recovery)
 
