@@ -111,6 +111,7 @@ class Selection(NamedTuple):
     """Which tracks follow the ground, and what does not."""
 
     tracks: Tracks
+    motion_px: float  #: Image motion since the compared image by the pose of the tracks, px.
     is_main: bool = True  #: Whether the tracks follow the main motion.
     is_partial: bool = False  #: Whether an unusual fraction of the landmarks does not follow the selected motion.
     not_ground: NDArray[np.intp] = NO_ROWS  #: `(N,)` rows in the window of landmarks that do not move with the ground.
@@ -167,7 +168,7 @@ class GroundSelector:
         after = self._memory_after(case, evidence, selection, compared)
         findings = _findings(case, evidence, selection, after)
         # a partially transferred pair is no image to compare with
-        shows_fixed = evidence.explained.motion_px > COMPARED_PX
+        shows_fixed = selection.motion_px > COMPARED_PX
         is_replaced = shows_fixed or not selection.is_main or compared.age > COMPARED_PAIRS
         if is_replaced and Finding.PARTIAL_TRANSFER not in findings:
             compared = ComparedImage(image, selection.tracks.pose)
@@ -207,9 +208,9 @@ class GroundSelector:
             case Case.UNCONVINCING | Case.ONE_MOTION:
                 explained = evidence.explained
                 not_ground = evidence.main.landmarks.index[explained.on_fixed]
-                return Selection(evidence.main, not_ground=not_ground, fixed=explained.fixed_cells)
+                return Selection(evidence.main, explained.motion_px, not_ground=not_ground, fixed=explained.fixed_cells)
             case Case.UNTRUSTED | Case.CONTRADICTED | Case.PARTIAL_TRANSFER:
-                return Selection(evidence.main)
+                return Selection(evidence.main, evidence.explained.motion_px)
 
     def _beside_body(self, evidence: Evidence) -> Selection:
         """Select the motion beside static texture, which is excluded as the own body."""
@@ -227,20 +228,25 @@ class GroundSelector:
         """Select another motion without the landmarks `(M,)` and cells `(R, C)` that do not follow it."""
         landmarks = evidence.main.landmarks
         tracks = self._refined(evidence, landmarks.subset(~excluded), other)
-        unexplained = self._tools.explained(evidence.pair, tracks).unexplained_fraction
-        is_partial = not unexplained < evidence.memory.usual_unexplained
+        explained = self._tools.explained(evidence.pair, tracks)
         return Selection(
-            tracks, is_main=False, is_partial=is_partial, not_ground=landmarks.index[excluded], fixed=fixed
+            tracks,
+            explained.motion_px,
+            is_main=False,
+            is_partial=not explained.unexplained_fraction < evidence.memory.usual_unexplained,
+            not_ground=landmarks.index[excluded],
+            fixed=fixed,
         )
 
     def _likelier(self, evidence: Evidence) -> Selection:
         """Select the motion with more weight, with all landmarks: the other one may be the ground's."""
         rival = _present(evidence.rival)
-        tracks = evidence.main
-        if evidence.rival_wins:
-            tracks = self._refined(evidence, tracks.landmarks, rival)
         distance = pose_distance(evidence.main.pose, rival.pose)
-        return Selection(tracks, is_main=not evidence.rival_wins, rival_distance=distance)
+        if not evidence.rival_wins:
+            return Selection(evidence.main, evidence.explained.motion_px, rival_distance=distance)
+        tracks = self._refined(evidence, evidence.main.landmarks, rival)
+        motion_px = self._tools.explained(evidence.pair, tracks).motion_px
+        return Selection(tracks, motion_px, is_main=False, rival_distance=distance)
 
     def _main_of_two(self, evidence: Evidence) -> Selection:
         """Select the main motion; what follows the rival, or is fixed to the camera, is excluded."""
@@ -248,7 +254,8 @@ class GroundSelector:
         fixed = evidence.explained.fixed_cells
         moving = self._tools.cells(self._tools.explained(evidence.pair, rival).cell_index[rival.inliers])
         not_ground = evidence.main.landmarks.index[evidence.follows_rival | evidence.explained.on_fixed]
-        return Selection(evidence.main, not_ground=not_ground, fixed=fixed, moving=moving & ~fixed)
+        motion_px = evidence.explained.motion_px
+        return Selection(evidence.main, motion_px, not_ground=not_ground, fixed=fixed, moving=moving & ~fixed)
 
     def _refined(self, evidence: Evidence, landmarks: Landmarks, start: Tracks) -> Tracks:
         """Track landmarks from the pose of some tracks."""
@@ -275,7 +282,7 @@ class GroundSelector:
             settling = max(settling, SETTLING_PAIRS)
         elif Finding.PARTIAL_TRANSFER in doubts:
             settling = max(settling, min(transfers, SETTLING_PAIRS))
-        elif settling > 0 and selection.tracks.is_trusted and evidence.explained.motion_px > MOVED_PX:
+        elif settling > 0 and selection.tracks.is_trusted and selection.motion_px > MOVED_PX:
             settling -= 1
         return GroundMemory(
             excluded=self._excluded_after(evidence, selection),
