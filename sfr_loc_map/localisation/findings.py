@@ -10,9 +10,8 @@ findings only degrade it is accepted.
 | `IDENTICAL_IMAGES` | `guards.check_wiring` |
 | `UNTEXTURED`, `FEW_LANDMARKS` | `guards.check_landmarks` |
 | `CONTRADICTED`, `PARTIAL_TRANSFER`, `UNEXPLAINED`, `UNSETTLED`, `AMBIGUOUS` | `ground_motion` |
-| `SINGULAR` | `guards.check_solution` |
+| `SINGULAR`, `TOO_FAST` | `guards.check_pose` |
 | `SWAPPED`, `ONE_SIDED` | `guards.check_sides` |
-| `TOO_FAST` | `guards.check_motion` |
 | `AFTER_GAP` | `guards.check_gap` |
 | `CALIBRATION`, `SHEARED_ROWS` | `guards.check_calibration`, `guards.check_shear` |
 
@@ -53,8 +52,8 @@ class Finding(Enum):
     FEW_LANDMARKS = auto()  #: Too few landmarks were tracked, or they do not agree on a pose.
     CONTRADICTED = auto()  #: The pose predicts no motion where the image changed.
     SINGULAR = auto()  #: The pose is not finite or not determined.
-    SWAPPED = auto()  #: Left and right image are swapped.
     TOO_FAST = auto()  #: No rover moves that fast.
+    SWAPPED = auto()  #: Left and right image are swapped.
     FROZEN_IMAGE = auto()  #: One image is that of the pair before. It is blanked.
     STALE_ROWS = auto()  #: Some rows are those of the pair before. They are blanked.
     AFTER_GAP = auto()  #: The window began after a motion that no image showed.
@@ -97,8 +96,8 @@ RULES: Final = {
     Finding.FEW_LANDMARKS: Rule(Action.RESTART, StateReason.FEW_LANDMARKS),
     Finding.CONTRADICTED: Rule(Action.KEEP, StateReason.MOVING_REGIONS),
     Finding.SINGULAR: Rule(Action.RESTART, StateReason.IMPLAUSIBLE_MOTION),
-    Finding.SWAPPED: Rule(Action.REJECT, StateReason.NO_STEREO),
     Finding.TOO_FAST: Rule(Action.RESTART, StateReason.IMPLAUSIBLE_MOTION),
+    Finding.SWAPPED: Rule(Action.REJECT, StateReason.NO_STEREO),
     # No keyframe: without the blanked image no landmark can be triangulated.
     Finding.FROZEN_IMAGE: Rule(Action.DEGRADE, StateReason.REPEATED_IMAGES, may_be_keyframe=False),
     # No keyframe: the edges of the blanked rows would be taken for texture.

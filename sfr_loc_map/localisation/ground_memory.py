@@ -23,13 +23,13 @@ from sfr_loc_map.localisation.frontend.tracking import StereoFrame
 # (docs/decisions/0002-localiser.md), so that clean drives have no findings and no error of a faulty drive exceeds five
 # times its stated 3 sigma without one.
 
-LEARNING_PAIRS = 3  #: Moving pairs that one motion must explain before it is the ground's.
-SHORT_DOUBT_PAIRS = 3  #: Agreeing pairs that end the doubt about a ground that was known.
-LONG_DOUBT_PAIRS = 10  #: Agreeing pairs that end the doubt about a ground that was not known.
-STALE_SETTLING_PAIRS = 10  #: Moving pairs that stay degraded after a mostly stale image.
-MOSTLY_STALE = 0.5  #: Fraction of stale rows from which an image is mostly stale: later images may be entirely stale.
+AGREEING_PAIRS = 3
+"""Moving pairs that one motion must explain before it is the ground's, or before a doubtful pair is forgotten."""
+LONG_DOUBT_PAIRS = 10
+"""The same after a doubt that may last: two motions of a ground that was not known, or a mostly stale image."""
 MAX_TRANSFERS = 10  #: Maximum number of consecutive pairs that are taken as partially transferred.
-MIN_UNEXPLAINED = 0.12  #: Fraction of unexplained landmarks, above the typical one, from which a motion is unusual.
+MIN_UNEXPLAINED = 0.12
+"""Fraction of unexplained landmarks, above the typical one, or of moving cells, from which a motion is unusual."""
 MAX_UNEXPLAINED = 0.47  #: Fraction of unexplained landmarks from which a motion is unusual in any case.
 AFTER_TRANSFER = 0.5  #: Factor on `MIN_UNEXPLAINED` after a partially transferred pair.
 TYPICAL_FACTOR = 1.25  #: Factor on the typical fraction of unexplained landmarks.
@@ -51,7 +51,7 @@ class Confidence:
 
     phase: Phase = Phase.LEARNING
     agreed_pairs: int = 0  #: Moving pairs of this phase that one motion explained.
-    required_pairs: int = LEARNING_PAIRS  #: Such pairs that lead to the next phase; not used by a known ground.
+    required_pairs: int = AGREEING_PAIRS  #: Such pairs that lead to the next phase; not used by a known ground.
     contradicting: Mask | None = None  #: In doubt: `(R, C)` cells that contradicted a motion.
 
     def after_agreement(self) -> Confidence:
@@ -74,11 +74,11 @@ class Confidence:
         longer.
         """
         is_in_doubt = self.phase is Phase.IN_DOUBT
-        nearly_recovered = is_in_doubt and self.required_pairs - self.agreed_pairs <= SHORT_DOUBT_PAIRS
+        nearly_recovered = is_in_doubt and self.required_pairs - self.agreed_pairs <= AGREEING_PAIRS
         is_short = self.phase is Phase.KNOWN or nearly_recovered
         if is_in_doubt and self.contradicting is not None:
             cells = self.contradicting | cells
-        required_pairs = SHORT_DOUBT_PAIRS if is_short else LONG_DOUBT_PAIRS
+        required_pairs = AGREEING_PAIRS if is_short else LONG_DOUBT_PAIRS
         return Confidence(Phase.IN_DOUBT, 0, required_pairs, cells)
 
 
@@ -148,5 +148,5 @@ class GroundMemory:
         """Return the memory after a pair with stale rows `(H,)`: later pairs may have stale parts, too."""
         if not stale.any():
             return self
-        settling = STALE_SETTLING_PAIRS if stale.mean() > MOSTLY_STALE else 1
+        settling = LONG_DOUBT_PAIRS if stale.mean() > 0.5 else 1  # after a mostly stale image, all rows may be stale
         return replace(self, transfers=max(self.transfers, 1), settling=max(self.settling, settling))

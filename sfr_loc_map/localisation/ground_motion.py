@@ -31,13 +31,18 @@ from sfr_loc_map.localisation.frontend.image_cells import LEVEL, MOVED_PX, Exclu
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks
 from sfr_loc_map.localisation.ground_evidence import ComparedPair, Evidence, MotionTools, Prediction
-from sfr_loc_map.localisation.ground_memory import MIN_UNEXPLAINED, ComparedImage, Confidence, GroundMemory, Phase
+from sfr_loc_map.localisation.ground_memory import (
+    AGREEING_PAIRS,
+    MIN_UNEXPLAINED,
+    ComparedImage,
+    Confidence,
+    GroundMemory,
+    Phase,
+)
 from sfr_loc_map.localisation.relocalisation import RecoveryImages, Relocaliser
 from sfr_loc_map.localisation.uncertainty import DirectedError
 
 RETRY_RATIO = 1.4  #: Minimum ratio of inliers by which a second refinement replaces the first one.
-MAX_MOVING = 0.12  #: Fraction of excluded moving cells from which a pair is not explained by one motion.
-SETTLING_PAIRS = 3  #: Moving pairs that stay degraded after a contradicted, ambiguous or partially transferred one.
 COMPARED_PX = 3.0  #: Image motion, px, that shows what is fixed to the camera; the compared image is then replaced.
 COMPARED_PAIRS = 10  #: Number of pairs after which the compared image is replaced, however slow the motion.
 FAR_RATIO = 0.06  #: Image motion per pair, fraction of the width, above which a landmark may not be found again.
@@ -279,9 +284,9 @@ class GroundSelector:
         settling = memory.settling
         doubts = _doubts(case, evidence, selection, confidence)
         if Finding.CONTRADICTED in doubts or Finding.AMBIGUOUS in doubts:
-            settling = max(settling, SETTLING_PAIRS)
+            settling = max(settling, AGREEING_PAIRS)
         elif Finding.PARTIAL_TRANSFER in doubts:
-            settling = max(settling, min(transfers, SETTLING_PAIRS))
+            settling = max(settling, min(transfers, AGREEING_PAIRS))
         elif settling > 0 and selection.tracks.is_trusted and selection.motion_px > MOVED_PX:
             settling -= 1
         return GroundMemory(
@@ -312,7 +317,7 @@ def _confidence_after(case: Case, evidence: Evidence) -> Confidence:
         return confidence.after_contradiction(evidence.unexplained_cells)
     if case is not Case.ONE_MOTION or evidence.is_known or evidence.explained.motion_px <= MOVED_PX:
         return confidence
-    if evidence.memory.excluded.moving_fraction < MAX_MOVING and evidence.covers_doubt:
+    if evidence.memory.excluded.moving_fraction < MIN_UNEXPLAINED and evidence.covers_doubt:
         return confidence.after_agreement()
     if confidence.phase is Phase.IN_DOUBT and evidence.is_unusual:
         return confidence.after_contradiction(evidence.unexplained_cells)

@@ -61,11 +61,16 @@ def check_landmarks(frame: StereoFrame, *, are_enough: bool) -> Findings:
     return frozenset({Finding.FEW_LANDMARKS if frame.is_textured else Finding.UNTEXTURED})
 
 
-def check_solution(tracks: Tracks) -> Findings:
-    """Report a pose that is not finite, or whose information matrix is not positive definite."""
+def check_pose(tracks: Tracks, motion: Motion, stamp_ns: int, bounds: MotionBounds) -> Findings:
+    """Report a pose that is not determined, or that no rover can have reached since the last one.
+
+    A determined pose is finite, and its information matrix is positive definite.
+    """
     is_finite = np.isfinite(tracks.information).all() and np.isfinite(np.column_stack(tracks.pose)).all()
     is_determined = is_finite and np.linalg.eigvalsh(tracks.information)[0] > 0.0
-    return _found(Finding.SINGULAR, not is_determined)
+    if not is_determined:
+        return frozenset({Finding.SINGULAR})
+    return _found(Finding.TOO_FAST, not is_plausible(motion, stamp_ns, tracks.pose, bounds))
 
 
 def check_sides(frame: StereoFrame, tracks: Tracks, tracker: Tracker, offset: RightOffset) -> Findings:
@@ -78,11 +83,6 @@ def check_sides(frame: StereoFrame, tracks: Tracks, tracker: Tracker, offset: Ri
         return frozenset()
     is_swapped = tracker.fits_swapped(frame, tracks, offset)
     return frozenset({Finding.SWAPPED if is_swapped else Finding.ONE_SIDED})
-
-
-def check_motion(tracks: Tracks, motion: Motion, stamp_ns: int, bounds: MotionBounds) -> Findings:
-    """Report a pose that no rover can have reached since the last one."""
-    return _found(Finding.TOO_FAST, not is_plausible(motion, stamp_ns, tracks.pose, bounds))
 
 
 def check_gap(keyframes: int, settled_from: int) -> Findings:

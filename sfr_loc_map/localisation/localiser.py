@@ -186,17 +186,19 @@ class Localiser:
         state = replace(state, path=trajectory.arrived(state.path, pair.stamp_ns))
         outcome = self._locate(state, pair, odometry, clock)
         self._state = self._with_pose_from_outside(outcome.state, pair.stamp_ns)
+        estimate = self._estimate(pair.stamp_ns, self._state, outcome, clock)
         if outcome.keyframe is not None:
             self._pending = BACKGROUND.submit(self._keyframes.make, outcome.keyframe)
-        return self._estimate(pair.stamp_ns, self._state, outcome, clock)
+        return estimate
 
     # ---- the stages of a pair
 
     def _locate(self, state: State, pair: StereoPair, odometry: Transform | None, clock: StageClock) -> Outcome:
         """Find the pose of a pair; the stages are those of the module's text."""
-        landmark_map = state.landmark_map
+        # 1 check the images
         images = stale_images.compare(pair, state.images)
         state = replace(state, images=images.memory)
+        landmark_map = state.landmark_map
         findings = guards.check_images(images) | guards.check_wiring(pair)
         if landmark_map is None:
             findings -= {Finding.REPEATED_PAIR}  # both its images are of one moment: a window may begin with it
@@ -212,23 +214,27 @@ class Localiser:
         verdict = decide(findings | guards.check_landmarks(frame, are_enough=has_map))
         if verdict.refuses:
             return self._refuse(state, verdict, pair.stamp_ns, frame)
-
+        # 2 predict
         guesses = state.path.motion.predict(pair.stamp_ns, odometry, self._model)
         prediction = Prediction(guesses, state.calibration.offset)
+        # 3 track, 4 relocalise
         tracks = self._track(frame, landmark_map, prediction, state.recovery, clock)
+        # 5 select the ground's motion
         ground = self._select_ground(frame, tracks, prediction, state, images)
         findings |= ground.findings
         verdict = decide(findings | guards.check_landmarks(frame, are_enough=ground.tracks.is_trusted))
         if verdict.refuses:
             state = replace(state, ground=ground.memory_if_refused)
             return self._refuse(state, verdict, pair.stamp_ns, frame, ground.tracks)
-
+        # 6 correct the right camera
         corrected = self._correct_right_camera(ground.tracks, state.calibration, state.shear)
         candidate = Candidate(frame, landmark_map.without(ground.not_ground), ground, corrected)
+        # 7 judge
         verdict = self._judge(state, candidate, findings)
         if verdict.refuses:
             return self._refuse(state, verdict, pair.stamp_ns, frame, candidate.tracks)
-        final = self._complete(candidate, verdict, clock)
+        # 8 complete, 9 accept
+        final = self._complete(state, candidate, verdict, clock)
         return self._accept(state, candidate, verdict, final)
 
     def _track(
@@ -277,33 +283,39 @@ class Localiser:
 
     def _judge(self, state: State, candidate: Candidate, findings: Findings) -> Verdict:
         """Judge a pose by all guards."""
-        frame, tracks, corrected = candidate.frame, candidate.tracks, candidate.corrected
-        findings |= guards.check_landmarks(frame, are_enough=tracks.is_trusted) | guards.check_solution(tracks)
+        frame = candidate.frame
+        tracks = candidate.tracks
+        corrected = candidate.corrected
+        findings |= self._check_pose(state, frame, tracks)
         if decide(findings).refuses:  # the other guards need a pose
             return decide(findings)
         findings |= guards.check_sides(frame, tracks, self._tracker, corrected.calibration.offset)
-        findings |= guards.check_motion(tracks, state.path.motion, frame.stamp_ns, self._config.motion)
         findings |= guards.check_gap(state.keyframes, state.settled_from)
         findings |= guards.check_calibration(corrected.calibration)
         findings |= guards.check_shear(corrected.shear, corrected.shear_mean)
         return decide(findings)
 
-    def _complete(self, candidate: Candidate, verdict: Verdict, clock: StageClock) -> FinalPose:
+    def _check_pose(self, state: State, frame: StereoFrame, tracks: Tracks) -> Findings:
+        """Return the findings that depend on the pose of a pair alone."""
+        findings = guards.check_landmarks(frame, are_enough=tracks.is_trusted)
+        return findings | guards.check_pose(tracks, state.path.motion, frame.stamp_ns, self._config.motion)
+
+    def _complete(self, state: State, candidate: Candidate, verdict: Verdict, clock: StageClock) -> FinalPose:
         """Decide whether a judged pair becomes a keyframe, and solve for the pose of a keyframe by all landmarks.
 
         The errors of a keyframe accumulate, those of other poses do not: these follow fewer landmarks, which is faster.
-        The pose by all landmarks comes from the images that were judged and is close to the judged pose, so that the
-        verdict holds for it, too. Only its solution is checked again; if that fails, the judged pose stays.
+        The findings of the judgement are those of the images, and hold for the pose by all landmarks, too. What depends
+        on the pose is checked again. If it is refused, the judged pose and its tracks stay.
         """
         tracks = candidate.tracks
         # later pairs are only compared with complete left images
-        is_reference = verdict.may_be_keyframe and tracks.left_inlier_count >= self._config.min_tracked
-        if not (is_reference and self._keyframes.is_needed(tracks, candidate.landmark_map)):
-            return FinalPose(tracks, is_keyframe=False, is_recovery_image=is_reference)
+        is_comparable = verdict.may_be_keyframe and tracks.left_inlier_count >= self._config.min_tracked
+        if not (is_comparable and self._keyframes.is_needed(tracks, candidate.landmark_map)):
+            return FinalPose(tracks, is_keyframe=False, is_recovery_image=is_comparable)
         with clock.stage("refine"):
             complete = self._with_all_landmarks(candidate)
-        is_valid = complete.is_trusted and not guards.check_solution(complete)
-        return FinalPose(complete if is_valid else tracks, is_keyframe=True, is_recovery_image=True)
+        is_refused = decide(self._check_pose(state, candidate.frame, complete)).refuses
+        return FinalPose(tracks if is_refused else complete, is_keyframe=True, is_recovery_image=True)
 
     def _with_all_landmarks(self, candidate: Candidate) -> Tracks:
         """Track the landmarks that were not followed, and solve for the pose by all of them."""

@@ -27,10 +27,17 @@ FLOW_WINDOW = (21, 21)  #: Window of the optical flow, px.
 FLOW_MIN_SIDE = 16  #: Side of the coarsest image of the optical flow, px.
 MAX_FLOW_ROUND_TRIP_PX = 1.0  #: Maximum distance between a point and itself after flow forwards and backwards, px.
 MAX_REPROJECTION_PX = 3.0  #: Gate of an inlier of the perspective pose, px.
-FLOW_ITERATIONS = 300  #: RANSAC iterations with points of the optical flow.
-FLOW_INLIER_RATIO = 0.3  #: Minimum inlier ratio of these points.
-DESCRIPTOR_ITERATIONS = 2000  #: RANSAC iterations with descriptor matches.
-DESCRIPTOR_INLIER_RATIO = 0.05  #: Minimum inlier ratio of descriptor matches.
+
+
+class Ransac(NamedTuple):
+    """Search for a pose by random samples."""
+
+    iterations: int
+    min_inlier_ratio: float
+
+
+FLOW_RANSAC = Ransac(300, 0.3)  #: With points of the optical flow.
+DESCRIPTOR_RANSAC = Ransac(2000, 0.05)  #: With matches of descriptors, of which most are wrong after a long gap.
 
 
 class KnownImage(NamedTuple):
@@ -122,8 +129,7 @@ class Relocaliser:
             return None
         points = points[good]
         uv = moved[good, 0].astype(np.float64)
-        min_inliers = max(enough, FLOW_INLIER_RATIO * len(points))
-        return _pnp(points, uv, self._camera, iterations=FLOW_ITERATIONS, min_inliers=min_inliers)
+        return _pnp(points, uv, self._camera, FLOW_RANSAC, enough)
 
     def _pose_by_descriptors(self, frame: StereoFrame, images: RecoveryImages) -> Pose | None:
         """Return the pose by mutual best matches with the best image; None if too few landmarks agree."""
@@ -143,8 +149,7 @@ class Relocaliser:
         pairs = np.array([(match.queryIdx, match.trainIdx) for match in matches])
         points = points[pairs[:, 0]]
         uv = np.ascontiguousarray(corners[pairs[:, 1]])
-        min_inliers = max(enough, DESCRIPTOR_INLIER_RATIO * len(points))
-        return _pnp(points, uv, self._camera, iterations=DESCRIPTOR_ITERATIONS, min_inliers=min_inliers)
+        return _pnp(points, uv, self._camera, DESCRIPTOR_RANSAC, enough)
 
     def is_good_image(self, frame: StereoFrame, landmark_count: int) -> bool:
         """Return whether a pair shows enough corners, compared with the landmarks of the map, to begin a window."""
@@ -168,15 +173,13 @@ def _sift(image: GreyImage, uv: FloatArray) -> NDArray[np.float32]:
     return np.asarray(descriptors, dtype=np.float32)
 
 
-def _pnp(
-    points: FloatArray, uv: FloatArray, camera: StereoCamera, *, iterations: int, min_inliers: float
-) -> Pose | None:
+def _pnp(points: FloatArray, uv: FloatArray, camera: StereoCamera, ransac: Ransac, enough: int) -> Pose | None:
     """Return the perspective pose from points `(N, 3)` at pixels `(N, 2)` by RANSAC; None if too few agree."""
     matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
     ok, rotvec, translation, inliers = cv2.solvePnPRansac(
-        points, uv, matrix, None, reprojectionError=MAX_REPROJECTION_PX, iterationsCount=iterations
+        points, uv, matrix, None, reprojectionError=MAX_REPROJECTION_PX, iterationsCount=ransac.iterations
     )
-    if not ok or inliers is None or len(inliers) < min_inliers:
+    if not ok or inliers is None or len(inliers) < max(enough, ransac.min_inlier_ratio * len(points)):
         return None
     R_camera_world = np.asarray(cv2.Rodrigues(rotvec)[0], dtype=np.float64)
     position = np.asarray(-(R_camera_world.T @ translation[:, 0]), dtype=np.float64)

@@ -28,8 +28,7 @@ ROW_STEPS: Final = (16, 1)  #: Row steps of the comparison: all rows are compare
 MAX_NOISE: Final = 12.0  #: Standard deviation of a difference, grey levels, above which the scene moved.
 NOISE_MARGIN: Final = 1.1  #: Factor on the variance in the first test, because images are rounded.
 MAX_NEIGHBOUR_CORRELATION: Final = 0.2  #: Correlation of neighbouring differences above which the scene moved.
-UNDEREXPOSED: Final = 8  #: Grey level up to which noise is clipped.
-OVEREXPOSED: Final = 247  #: Grey level from which noise is clipped.
+EXPOSED: Final = (8, 247)  #: Grey levels between which noise is not clipped.
 MIN_PIXELS: Final = 256  #: Minimum number of exposed pixels for a decision.
 MIDDLE_SLOPE: Final = -0.25  #: Slope between that of two exposures (-1/2) and that of a frozen image (0).
 STANDARD_ERRORS: Final = 4.0  #: Standard errors of the slope for a decision.
@@ -151,7 +150,7 @@ def is_repeated_with_noise(before: GreyImage, now: GreyImage) -> bool:
         if variance > MAX_NOISE**2 or not covariance <= MAX_NEIGHBOUR_CORRELATION * variance:
             return False
         first = before[1:-1:step].astype(np.float32)
-        exposed = (first[:, 1:-1] > UNDEREXPOSED) & (first[:, 1:-1] < OVEREXPOSED)
+        exposed = (first[:, 1:-1] > EXPOSED[0]) & (first[:, 1:-1] < EXPOSED[1])
         if np.count_nonzero(exposed) < MIN_PIXELS:
             return False
         # the texture of the rows above and below gives the weight: their noise is independent of this row's

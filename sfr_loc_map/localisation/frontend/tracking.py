@@ -31,8 +31,7 @@ SEARCHED_OFFSET_PX = 0.5
 """Offset of the right image, px, above which landmarks are searched at the offset position. A smaller offset is within
 the capture range of the tracker."""
 ALIGNED_LEVELS = range(LEVELS - 1, 0, -1)  #: Level 0 is not aligned: patches are tracked from some tenths of a pixel.
-FIRST_ITERATIONS = 6  #: Gauss-Newton iterations of the alignment on its first level.
-NEXT_ITERATIONS = 4  #: Gauss-Newton iterations of the alignment on each further level.
+ALIGNMENT_ITERATIONS = (6, 4)  #: Gauss-Newton iterations of the alignment on its first level, on each further level.
 POSE_ITERATIONS = 10  #: Maximum number of Gauss-Newton iterations of the pose.
 INLIER_CHI2_PER_DOF = 9.0  #: Gate of an inlier: squared Mahalanobis residual per degree of freedom (3 sigma).
 MIN_INLIER_RATIO = 0.5  #: Minimum ratio of inliers to landmarks found in a trusted pose.
@@ -120,7 +119,7 @@ class Tracker:
         self, left: Pyramid, landmarks: Landmarks, guesses: Sequence[Pose], levels: Sequence[int] = ALIGNED_LEVELS
     ) -> Pose:
         """Return the pose to some hundredths of a pixel, from the initial guess that fits the first level best."""
-        iterations = FIRST_ITERATIONS
+        iterations, next_iterations = ALIGNMENT_ITERATIONS
         planes = landmarks.planes
         for level in levels:
             patches = landmarks.patches[level]
@@ -131,7 +130,7 @@ class Tracker:
                     align_patches(left[level], patches, homographies, planes, guess, self._camera, iterations)
                 )
             guesses = [max(aligned, key=attrgetter("correlation")).pose]
-            iterations = NEXT_ITERATIONS
+            iterations = next_iterations
         return guesses[0]
 
     def observe(self, frame: StereoFrame, landmarks: Landmarks, start: Pose, offset: RightOffset) -> StereoObservations:
