@@ -16,7 +16,7 @@ from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.localisation.estimate import StartPose
 from sfr_loc_map.localisation.uncertainty import DirectedError, DisparityBias, LocatedCovariance
 
-HISTORY_PAIRS = 1000  #: Number of past pairs to which a pose from outside can be applied.
+HISTORY_PAIRS = 1000  #: Number of past pairs to which a pose from outside can be applied: 100 s at 10 Hz.
 MAX_AHEAD_NS = 10 * NS_PER_S
 """Maximum lead of a pose's stamp over the images. A larger lead indicates another clock; the pose is then applied to
 the next pair."""

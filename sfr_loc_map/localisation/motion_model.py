@@ -14,9 +14,10 @@ from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.uncertainty import RoverModel, Speed
 
-MAX_MISSED_PAIRS = 4  #: Number of missing pairs over which a constant velocity is still extrapolated.
+MAX_MISSED_PAIRS = 4
+"""Number of missing pairs over which a constant velocity is still extrapolated; later the motion may have changed."""
 SLACK_M = 1.0  #: Motion, m, that is plausible whatever the stamps are, because stamps may be equal or jitter.
-SLACK_RAD = 1.0  #: Rotation, rad, that is plausible whatever the stamps are.
+SLACK_RAD = 1.0  #: The same of a rotation, rad.
 
 
 class Guesses(NamedTuple):

@@ -20,13 +20,16 @@ from sfr_loc_map.localisation.frontend.landmarks import BORDER, Landmarks
 from sfr_loc_map.localisation.frontend.pose_solver import RightOffset
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks, is_textured
 
-MAX_ATTEMPTS = 2  #: Number of good images that are compared with the map before a new window begins.
-BEST_LEFT_RATIO = 0.5  #: Minimum ratio of inliers in the left image to landmarks of an image for descriptors.
-NO_POINTS = np.zeros((0, 2))
-FLOW_WINDOW = (21, 21)  #: Window of the optical flow, px.
-FLOW_MIN_SIDE = 16  #: Side of the coarsest image of the optical flow, px.
-MAX_FLOW_ROUND_TRIP_PX = 1.0  #: Maximum distance between a point and itself after flow forwards and backwards, px.
-MAX_REPROJECTION_PX = 3.0  #: Gate of an inlier of the perspective pose, px.
+MAX_ATTEMPTS = 2
+"""Number of good images that are compared with the map before a new window begins. A single one may be blurred."""
+BEST_LEFT_RATIO = 0.5
+"""Minimum ratio of inliers in the left image to landmarks of an image for descriptors: its view is known."""
+NO_POINTS = np.zeros((0, 2))  #: No points.
+FLOW_WINDOW = (21, 21)  #: Window of the optical flow, px: the default of OpenCV.
+FLOW_MIN_SIDE = 16  #: Side of the coarsest image of the optical flow, px: the window must fit.
+MAX_FLOW_ROUND_TRIP_PX = 1.0
+"""Maximum distance of a point from itself after flow forwards and backwards, px (Kalal et al. 2010)."""
+MAX_REPROJECTION_PX = 3.0  #: Gate of an inlier of the perspective pose, px: it is refined to a few hundredths.
 
 
 class Ransac(NamedTuple):
@@ -36,8 +39,8 @@ class Ransac(NamedTuple):
     min_inlier_ratio: float
 
 
-FLOW_RANSAC = Ransac(300, 0.3)  #: With points of the optical flow.
-DESCRIPTOR_RANSAC = Ransac(2000, 0.05)  #: With matches of descriptors, of which most are wrong after a long gap.
+FLOW_RANSAC = Ransac(300, 0.3)  #: With points of the optical flow, most of which are right.
+DESCRIPTOR_RANSAC = Ransac(2000, 0.05)  #: With matches of descriptors, of which most may be wrong.
 
 
 class KnownImage(NamedTuple):

@@ -24,12 +24,15 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatImage, GreyImage, Mask
 from sfr_loc_map.geometry.stereo import StereoPair
 
+# The thresholds were chosen on rendered drives with injected faults and with noise of up to some ten grey levels
+# (docs/decisions/0002-localiser.md).
+
 ROW_STEPS: Final = (16, 1)  #: Row steps of the comparison: all rows are compared if every 16th does not decide.
 MAX_NOISE: Final = 12.0  #: Standard deviation of a difference, grey levels, above which the scene moved.
 NOISE_MARGIN: Final = 1.1  #: Factor on the variance in the first test, because images are rounded.
 MAX_NEIGHBOUR_CORRELATION: Final = 0.2  #: Correlation of neighbouring differences above which the scene moved.
 EXPOSED: Final = (8, 247)  #: Grey levels between which noise is not clipped.
-MIN_PIXELS: Final = 256  #: Minimum number of exposed pixels for a decision.
+MIN_PIXELS: Final = 256  #: Minimum number of exposed pixels for a decision: their slope has an error of about 1/16.
 MIDDLE_SLOPE: Final = -0.25  #: Slope between that of two exposures (-1/2) and that of a frozen image (0).
 STANDARD_ERRORS: Final = 4.0  #: Standard errors of the slope for a decision.
 CALM_QUANTILE: Final = 0.1  #: Quantile of the neighbouring texture from which a pixel is weighted down.
@@ -37,8 +40,9 @@ MAX_CHANGED: Final = 0.1
 """Fraction of the exposed pixels that differ in an image that was not exposed again. A noise of a tenth of a grey level
 makes a tenth of the pixels of two exposures differ."""
 MIN_ROW_RANGE: Final = 8  #: Range of grey levels of a textured row: sky and saturated rows are equal in all images.
-MIN_STALE_FRACTION: Final = 0.05  #: Fraction of stale rows from which an image is partially transferred.
-PROBE: Final = 64  #: Column and row step of a first comparison.
+MIN_STALE_FRACTION: Final = 0.05
+"""Fraction of stale rows from which an image is partially transferred: fewer rows hold few landmarks."""
+PROBE: Final = 64  #: Column and row step of a first comparison, which decides for nearly all images.
 
 
 class StaleRows(NamedTuple):

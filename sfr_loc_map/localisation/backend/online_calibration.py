@@ -23,6 +23,8 @@ from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.localisation.backend.bundle_adjustment import OffsetEstimate
 from sfr_loc_map.localisation.frontend.pose_solver import RightOffset, RightShift
 
+# The values were chosen on rendered drives with injected yaw, pitch and drift (docs/decisions/0002-localiser.md).
+
 MIN_SHIFTS: Final = 8  #: Minimum number of consecutive pairs from which a drift is detected.
 MAX_SHIFTS: Final = 16  #: Maximum number of consecutive pairs from which a drift is detected.
 DRIFT_SIGMAS: Final = 5.0  #: Standard errors of the shift above which the right camera drifts.
@@ -32,10 +34,8 @@ FOLLOWED_ERROR_RATIO: Final = 0.1  #: Standard deviation of a followed drift, as
 FIRST_SIGMA_PX: Final = 0.3  #: Prior standard deviation of the yaw, px.
 YAW_WALK_PX: Final = 0.002  #: Process noise of the yaw per keyframe, px.
 DETECTION_SIGMAS: Final = 4.0  #: Standard deviations above which a yaw is corrected; smaller ones are left alone.
-MAX_CORRECTION_PX: Final = (
-    0.05  #: Maximum change of the yaw correction per keyframe while the remaining yaw is small, px.
-)
-CORRECTION_GAIN: Final = 0.2  #: Maximum change as a ratio to the remaining yaw, while that is large.
+MAX_CORRECTION_PX: Final = 0.05  #: Maximum change of the yaw correction per keyframe, px.
+CORRECTION_GAIN: Final = 0.2  #: Maximum change as a ratio to the remaining yaw, if that is larger.
 UNSETTLED_PX: Final = 0.2  #: Remaining yaw, px, above which poses are degraded.
 MIN_MATCHES: Final = 20  #: Minimum number of stereo matches of a keyframe that updates pitch and roll.
 VERTICAL_NOISE_PX: Final = 0.15  #: Standard deviation of the vertical disparity of a match, px.
