@@ -98,7 +98,7 @@ class GroundMemory:
     compared: ComparedImage | None = None  #: Image of an accepted pose; None before the first window.
     confidence: Confidence = Confidence()
     transfers: int = 0  #: Number of consecutive partially transferred pairs.
-    settling: int = 0  #: Number of moving pairs that are still degraded after a doubtful one.
+    unsettled_pairs: int = 0  #: Number of moving pairs that stay degraded (`Finding.UNSETTLED`).
     typical: float | None = None  #: Typical fraction of unexplained landmarks; None before the first pair.
 
     @classmethod
@@ -109,7 +109,7 @@ class GroundMemory:
     @property
     def is_clear(self) -> bool:
         """Whether no pair before was contradicted, ambiguous or partially transferred."""
-        return self.settling == 0 and self.transfers == 0 and self.confidence.phase is not Phase.IN_DOUBT
+        return self.unsettled_pairs == 0 and self.transfers == 0 and self.confidence.phase is not Phase.IN_DOUBT
 
     @property
     def usual_unexplained(self) -> float:
@@ -140,7 +140,7 @@ class GroundMemory:
             compared=ComparedImage(frame.left[LEVEL].image, pose),
             confidence=self.confidence.after_interruption(),
             transfers=0,
-            settling=0,
+            unsettled_pairs=0,
             typical=None,
         )
 
@@ -148,5 +148,5 @@ class GroundMemory:
         """Return the memory after a pair with stale rows `(H,)`: later pairs may have stale parts, too."""
         if not stale.any():
             return self
-        settling = LONG_DOUBT_PAIRS if stale.mean() > 0.5 else 1  # after a mostly stale image, all rows may be stale
-        return replace(self, transfers=max(self.transfers, 1), settling=max(self.settling, settling))
+        pairs = LONG_DOUBT_PAIRS if stale.mean() > 0.5 else 1  # after a mostly stale image, all rows may be stale
+        return replace(self, transfers=max(self.transfers, 1), unsettled_pairs=max(self.unsettled_pairs, pairs))

@@ -82,24 +82,32 @@ A row asks a question of the evidence (`ground_evidence.Evidence`) only if no ro
 """
 
 
+class Transfers(Enum):
+    """What a case means for the number of consecutive partially transferred pairs."""
+
+    UNCHANGED = auto()
+    ONE_MORE = auto()
+    NONE = auto()
+
+
 class Effect(NamedTuple):
     """What a case reports, and what it teaches about the ground."""
 
     finding: Finding | None = None
     contradicts: bool = False  #: Whether the ground's motion is in doubt after the pair.
-    ends_transfers: bool = False  #: Whether the pair is the first of a row that is not partially transferred.
+    transfers: Transfers = Transfers.UNCHANGED
 
 
 EFFECTS: Final = {
     Case.OWN_BODY: Effect(),
     Case.UNTRUSTED: Effect(),
     Case.CONTRADICTED: Effect(Finding.CONTRADICTED, contradicts=True),
-    Case.PARTIAL_TRANSFER: Effect(Finding.PARTIAL_TRANSFER),
+    Case.PARTIAL_TRANSFER: Effect(Finding.PARTIAL_TRANSFER, transfers=Transfers.ONE_MORE),
     Case.AMBIGUOUS: Effect(Finding.AMBIGUOUS, contradicts=True),
     Case.RIVAL: Effect(),
     Case.MAIN: Effect(),
-    Case.UNCONVINCING: Effect(Finding.AMBIGUOUS, contradicts=True, ends_transfers=True),
-    Case.ONE_MOTION: Effect(ends_transfers=True),
+    Case.UNCONVINCING: Effect(Finding.AMBIGUOUS, contradicts=True, transfers=Transfers.NONE),
+    Case.ONE_MOTION: Effect(transfers=Transfers.NONE),
 }
 """What each case reports and teaches. The memory and the selected tracks give further findings (`_findings`).
 
@@ -275,26 +283,21 @@ class GroundSelector:
         """Return the memory after a pair, by the case."""
         memory = evidence.memory
         confidence = _confidence_after(case, evidence)
-        transfers = 0 if EFFECTS[case].ends_transfers else memory.transfers
+        transfers = memory.transfers
+        match EFFECTS[case].transfers:
+            case Transfers.ONE_MORE:
+                transfers += 1
+            case Transfers.NONE:
+                transfers = 0
         typical = memory.typical
-        if case is Case.PARTIAL_TRANSFER:
-            transfers += 1
         if case is Case.ONE_MOTION:
             typical = memory.typical_after(evidence.explained.unexplained_fraction)
-        settling = memory.settling
-        doubts = _doubts(case, evidence, selection, confidence)
-        if Finding.CONTRADICTED in doubts or Finding.AMBIGUOUS in doubts:
-            settling = max(settling, AGREEING_PAIRS)
-        elif Finding.PARTIAL_TRANSFER in doubts:
-            settling = max(settling, min(transfers, AGREEING_PAIRS))
-        elif settling > 0 and selection.tracks.is_trusted and selection.motion_px > MOVED_PX:
-            settling -= 1
         return GroundMemory(
             excluded=self._excluded_after(evidence, selection),
             compared=compared,
             confidence=confidence,
             transfers=transfers,
-            settling=settling,
+            unsettled_pairs=_unsettled_after(case, evidence, selection, confidence, transfers),
             typical=typical,
         )
 
@@ -324,21 +327,33 @@ def _confidence_after(case: Case, evidence: Evidence) -> Confidence:
     return confidence.after_interruption()
 
 
-def _doubts(case: Case, evidence: Evidence, selection: Selection, after: Confidence) -> frozenset[Finding]:
+def _unsettling_findings(case: Case, evidence: Evidence, selection: Selection, after: Confidence) -> frozenset[Finding]:
     """Return the findings after which further pairs stay degraded; the confidence is that after the pair."""
     finding = EFFECTS[case].finding
-    doubts = set() if finding is None else {finding}
+    findings = set() if finding is None else {finding}
     if selection.is_partial:
-        doubts.add(Finding.PARTIAL_TRANSFER)
+        findings.add(Finding.PARTIAL_TRANSFER)
     if case is Case.ONE_MOTION and (evidence.is_half_unexplained or after.phase is Phase.IN_DOUBT):
-        doubts.add(Finding.AMBIGUOUS)
-    return frozenset(doubts)
+        findings.add(Finding.AMBIGUOUS)
+    return frozenset(findings)
+
+
+def _unsettled_after(case: Case, evidence: Evidence, selection: Selection, after: Confidence, transfers: int) -> int:
+    """Return the number of moving pairs that stay degraded after a pair; a stationary image shows nothing."""
+    pairs = evidence.memory.unsettled_pairs
+    findings = _unsettling_findings(case, evidence, selection, after)
+    if Finding.CONTRADICTED in findings or Finding.AMBIGUOUS in findings:
+        return max(pairs, AGREEING_PAIRS)
+    if Finding.PARTIAL_TRANSFER in findings:
+        return max(pairs, min(transfers, AGREEING_PAIRS))
+    is_moving = selection.tracks.is_trusted and selection.motion_px > MOVED_PX
+    return max(pairs - 1, 0) if is_moving else pairs
 
 
 def _findings(case: Case, evidence: Evidence, selection: Selection, after: GroundMemory) -> frozenset[Finding]:
     """Return all findings in a pair; the memory is that after the pair."""
-    findings = _doubts(case, evidence, selection, after.confidence)
-    if not findings and after.settling > 0 and selection.tracks.is_trusted:
+    findings = _unsettling_findings(case, evidence, selection, after.confidence)
+    if not findings and after.unsettled_pairs > 0 and selection.tracks.is_trusted:
         findings |= {Finding.UNSETTLED}
     if case is Case.ONE_MOTION and evidence.is_known and evidence.is_unusual:
         findings |= {Finding.UNEXPLAINED}

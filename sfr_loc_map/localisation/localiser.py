@@ -337,11 +337,11 @@ class Localiser:
         corrected = candidate.corrected
         ground = candidate.ground
         landmark_map = candidate.landmark_map
-        chi_median, residual_px = residual_statistics(tracks)
+        residuals = residual_statistics(tracks)
         pair = trajectory.AcceptedPair(
             stamp_ns=candidate.frame.stamp_ns,
             tracks=tracks,
-            chi_median=chi_median,
+            chi_median=residuals.chi_median,
             was_known=state.status is not TrackingState.LOST,
             shear=corrected.shear,
             inflation=verdict.inflation,
@@ -364,23 +364,11 @@ class Localiser:
             status=TrackingState.TRACKING if verdict.action is Action.ACCEPT else TrackingState.DEGRADED,
             reason=verdict.reason,
         )
-        offset = corrected.calibration.offset
-        statistics = TrackingStatistics(
-            features=len(tracks.inliers),
-            inliers=tracks.inlier_count,
-            keyframes=state.keyframes,
-            chi_median=chi_median,
-            residual_px=residual_px,
-            vertical_offset_px=offset.v,
-            disparity_offset_px=-offset.u,
-            roll_offset_px=offset.roll,
-            masked_share=state.ground.excluded.fraction,
-        )
         keyframe = None
         if final.is_keyframe:
             mask = state.ground.excluded.mask
             keyframe = KeyframeJob(candidate.frame, tracks, landmark_map.window, state.calibration, mask)
-        return Outcome(state, statistics, tracks, step, keyframe)
+        return Outcome(state, accepted_statistics(state, tracks, residuals), tracks, step, keyframe)
 
     # ---- pairs without an accepted pose
 
@@ -522,14 +510,37 @@ class Localiser:
         )
 
 
-def residual_statistics(tracks: Tracks) -> tuple[float, float]:
-    """Return the median chi-square per degree of freedom, and the median residual of the inliers, px."""
+class ResidualStatistics(NamedTuple):
+    """Residuals of tracks."""
+
+    chi_median: float  #: Median chi-square per degree of freedom; NaN without residuals.
+    residual_px: float  #: Median residual of the inliers, px.
+
+
+def residual_statistics(tracks: Tracks) -> ResidualStatistics:
+    """Return the residuals of tracks."""
     chi2 = tracks.chi2_per_dof
     found = np.isfinite(tracks.observations[:, ::2])
     mean_variance = 0.5 * (tracks.variance[:, :, 0] + tracks.variance[:, :, 2])
     total: FloatArray = np.where(found, mean_variance, 0.0).sum(axis=1)
     residuals = np.sqrt(chi2 * (total / np.maximum(found.sum(axis=1), 1)))
-    return median(chi2[~np.isnan(chi2)]), median(residuals[tracks.inliers])
+    return ResidualStatistics(median(chi2[~np.isnan(chi2)]), median(residuals[tracks.inliers]))
+
+
+def accepted_statistics(state: State, tracks: Tracks, residuals: ResidualStatistics) -> TrackingStatistics:
+    """Return the figures of a pair after which the state is a given one."""
+    offset = state.calibration.offset
+    return TrackingStatistics(
+        features=len(tracks.inliers),
+        inliers=tracks.inlier_count,
+        keyframes=state.keyframes,
+        chi_median=residuals.chi_median,
+        residual_px=residuals.residual_px,
+        vertical_offset_px=offset.v,
+        disparity_offset_px=-offset.u,
+        roll_offset_px=offset.roll,
+        masked_share=state.ground.excluded.fraction,
+    )
 
 
 def displayed(tracks: Tracks) -> LandmarkTracks:
