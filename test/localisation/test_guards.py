@@ -12,6 +12,8 @@ from helpers.made_scene import HEIGHT, true_pose
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.localisation.estimate import StateReason, TrackingState
 from sfr_loc_map.localisation.findings import RULES, Action, Finding, Inflation, decide
+from sfr_loc_map.localisation.guards import check_images
+from sfr_loc_map.localisation.stale_images import compare
 
 DRIVE = drive(16)
 
@@ -72,6 +74,28 @@ def test_one_frozen_camera_is_not_used(side: str, level: float) -> None:
         assert estimate.state is TrackingState.LOST or errors(estimate, true_pose(index))[0] < 0.01
         if 6 <= index < 9 and estimate.state is not TrackingState.LOST:
             assert estimate.reason is StateReason.REPEATED_IMAGES
+
+
+def test_no_window_begins_with_images_of_two_moments() -> None:
+    """The left image of the second pair is that of the first one, so that depths would be wrong."""
+    one_sided = replace(DRIVE[0], right=np.zeros_like(DRIVE[0].right))
+    estimates = run([one_sided, replace(DRIVE[4], left=DRIVE[0].left), DRIVE[5]])
+    assert [(estimate.state, estimate.reason) for estimate in estimates] == [
+        (TrackingState.LOST, StateReason.UNTEXTURED_IMAGES),
+        (TrackingState.LOST, StateReason.REPEATED_IMAGES),
+        (TrackingState.DEGRADED, StateReason.UNSEEN_MOTION),
+    ]
+
+
+def test_a_frozen_image_does_not_hide_the_stale_rows_of_the_other_one() -> None:
+    new = torn(DRIVE[6], DRIVE[5], HEIGHT // 2)
+    memory = compare(DRIVE[5], None).memory
+    images = compare(replace(new, left=DRIVE[5].left), memory)
+    assert check_images(images) == {Finding.FROZEN_IMAGE, Finding.STALE_ROWS}
+    assert not images.pair.left.any()
+    assert not images.pair.right[HEIGHT // 2 :].any()
+    assert images.pair.right[: HEIGHT // 2].any()
+    assert images.stale_rows[HEIGHT // 2 :].all()
 
 
 @pytest.mark.parametrize("share", [0.2, 0.5])
