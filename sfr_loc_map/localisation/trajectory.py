@@ -201,7 +201,7 @@ def _step_to(
     return StepEstimate(
         seconds=seconds,
         motion=step.vector,
-        covariance=of_images + before.unobserved + pose.added.of_step,
+        covariance=of_images + before.shared + pose.added.of_step,
         systematic=systematic_step(step, depth_m, calibration, model),
         noise=published.noise,
         noise_before=before.noise,
@@ -267,7 +267,7 @@ def adjusted(path: PathState, pose: Pose, covariance: FloatArray, *, has_yaw_ste
     published = path.published
     if has_yaw_step:
         moved = DirectedError(metres, radians)
-        published = replace(published, unobserved=published.unobserved + moved.covariance)
+        published = replace(published, shared=published.shared + moved.covariance)
     return replace(
         path,
         motion=replace(path.motion, T_world_left=T_world_left),
@@ -294,9 +294,9 @@ def _step_to_same_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tup
     seconds = 0.0 if before.stamp_ns is None else (stamp_ns - before.stamp_ns) / NS_PER_S
     speed = path.motion.speed
     unobserved = unobserved_motion(speed, path.motion.unobserved_s(stamp_ns), model)
-    growth = np.maximum(unobserved - before.unobserved, unobserved_motion(speed, seconds, model))
+    growth = np.maximum(unobserved - before.shared, unobserved_motion(speed, seconds, model))
     covariance = growth + MIN_VARIANCE * np.eye(6)
-    published = replace(before, stamp_ns=stamp_ns, T_world_left=path.motion.T_world_left, unobserved=unobserved)
+    published = replace(before, stamp_ns=stamp_ns, T_world_left=path.motion.T_world_left, shared=unobserved)
     step = StepEstimate(seconds, np.zeros(6), covariance, np.zeros(6), before.noise, before.noise, ZERO)
     return published, step
 

@@ -244,8 +244,9 @@ class PublishedPose:
 
     stamp_ns: int | None = None  #: Its stamp; None before the first.
     T_world_left: Transform | None = None  #: The pose as it was published; adjustments do not move it.
-    #: `(6, 6)` in RB: what findings added to the step to this pose, which the next step may take back.
-    unobserved: FloatArray = field(default_factory=lambda: ZERO)
+    #: `(6, 6)` in RB: uncertainty of the step to this pose that the next step shares, because that step may take it
+    #: back: what findings added, and the motion of the pose by a correction of the yaw.
+    shared: FloatArray = field(default_factory=lambda: ZERO)
     noise: FloatArray = field(default_factory=lambda: ZERO)  #: White noise `(6, 6)` of it, in RB.
     variance_factor: float | None = None  #: Ratio of residuals found to residuals stated; None before the first.
 
@@ -339,9 +340,10 @@ def inflation_of(
     """
     ambiguity = None
     if Inflation.AMBIGUITY in inflation:  # any of the motions, and standstill, may be the true one
-        sigma_x, _, _, _, _, sigma_heading = np.sqrt(unobserved.diagonal())
+        forwards_m, *_, heading_rad = np.sqrt(unobserved.diagonal())
         ambiguity = DirectedError(
-            max(rival_distance.metres, moved.metres, sigma_x), max(rival_distance.radians, moved.radians, sigma_heading)
+            max(rival_distance.metres, moved.metres, forwards_m),
+            max(rival_distance.radians, moved.radians, heading_rad),
         )
     return AddedError(unobserved if Inflation.UNOBSERVED in inflation else ZERO, ambiguity)
 
@@ -387,7 +389,7 @@ def updated_variance_factor(before: float | None, chi_median: float, sources: Er
 def step_covariance(
     step: StepMotion,
     drift: KeyframeDrift | None,
-    pose_only: FloatArray,
+    given_landmarks: FloatArray,
     depth_m: float,
     variance_factor: float | None,
     model: RoverModel,
@@ -397,7 +399,7 @@ def step_covariance(
     Args:
         step: The motion.
         drift: Uncertainty of the newest keyframe against the one before.
-        pose_only: `(6, 6)` covariance of the pose given the landmarks, which replaces the drift of a first keyframe.
+        given_landmarks: `(6, 6)` covariance of the pose if the landmarks were exact; it stands for a missing drift.
         depth_m: Median depth of the landmarks.
         variance_factor: Ratio of residuals found to residuals stated.
         model: Mount, geometry and error sources.
@@ -405,7 +407,7 @@ def step_covariance(
     sources = model.sources
     size = step.metres / depth_m + step.radians
     if drift is None:
-        covariance = pose_only
+        covariance = given_landmarks
         interval = model.keyframe_rad
     else:
         covariance = drift.covariance
@@ -424,16 +426,16 @@ def step_covariance(
 
 
 def pose_noise(
-    pose_only: FloatArray, rotation: FloatArray, variance_factor: float | None, shear: float, model: RoverModel
+    given_landmarks: FloatArray, rotation: FloatArray, variance_factor: float | None, shear: float, model: RoverModel
 ) -> FloatArray:
     """Return the white noise `(6, 6)` of a pose, of RB in RB.
 
-    `pose_only` is the covariance given the landmarks, `rotation` that of the left camera to the world. A shear of the
-    rows, as a squared ratio to its standard deviation, counts as noise if it exceeds 1.
+    `given_landmarks` is the covariance if the landmarks were exact, `rotation` that of the left camera to the world. A
+    shear of the rows, as a squared ratio to its standard deviation, counts as noise if it exceeds 1.
     """
     sources = model.sources
     factor = 1.0 if variance_factor is None else max(variance_factor, sources.min_variance_factor)
-    noise = sources.white_ratio * factor * max(shear, 1.0) * pose_only
+    noise = sources.white_ratio * factor * max(shear, 1.0) * given_landmarks
     T_rb_left = model.T_rb_left
     noise = propagated_covariance(noise, -T_rb_left.translation, T_rb_left.rotation @ rotation.T)
     noise[3:, 3:] += sources.exposure_rad**2 * np.eye(3)
