@@ -262,11 +262,10 @@ def symmetric(matrix: FloatArray) -> FloatArray:
 def pose_covariance(
     errors: PathErrors, position: FloatArray, depth_m: float, calibration: OnlineCalibration, model: RoverModel
 ) -> FloatArray:
-    """Return the covariance of the left camera at a position, with landmarks at a median depth."""
+    """Return the covariance P of the left camera at a position, with landmarks at a median depth."""
     sources = model.sources
-    covariance = drift_covariance(errors, position, model) + errors.directed_covariance.at(position)
     blur_rad = sources.blur_px / model.fx
-    covariance = covariance + np.diag(np.repeat(np.square([blur_rad * depth_m, blur_rad]), 3))
+    blur = np.diag(np.repeat(np.square([blur_rad * depth_m, blur_rad]), 3))
     # errors that all disparities share: a constant one, the yaw as far as it is unknown, and the path travelled
     # before the yaw was corrected
     bias = errors.bias.total - errors.bias_at_start.total
@@ -274,16 +273,20 @@ def pose_covariance(
     uncorrected = calibration.yaw.target_px * bias - corrected
     unsettled_px = sources.unsettled_yaw_ratio * calibration.remaining_px
     variance_px2 = sources.disparity_px**2 + calibration.yaw_sigma_px**2 + unsettled_px**2
-    covariance[:3, :3] += variance_px2 * np.outer(bias, bias) + np.outer(uncorrected, uncorrected)
+    disparity = np.zeros((6, 6))
+    disparity[:3, :3] = variance_px2 * np.outer(bias, bias) + np.outer(uncorrected, uncorrected)
     # the attitude, which an uncorrected yaw bends, and which the drift of the right camera leaves
     bent_px = sources.bent_attitude_ratio * np.hypot(calibration.yaw_sigma_px, calibration.yaw.target_px)
     attitude_px = np.hypot(bent_px, sources.followed_attitude_ratio * calibration.followed_px)
-    covariance[3:, 3:] += np.eye(3) * (attitude_px / model.fx) ** 2
-    return np.asarray(covariance + errors.unobserved)
+    attitude = np.zeros((6, 6))
+    attitude[3:, 3:] = np.eye(3) * (attitude_px / model.fx) ** 2
+    drift = drift_covariance(errors, position, model)
+    directed = errors.directed_covariance.at(position)
+    return np.asarray(drift + directed + blur + disparity + attitude + errors.unobserved)
 
 
 def drift_covariance(errors: PathErrors, position: FloatArray, model: RoverModel) -> FloatArray:
-    """Return the part of the pose covariance that comes from the start pose and from the drift since."""
+    """Return the parts start and D of the pose covariance, which come from the start pose and the drift since."""
     drift = errors.in_window
     if errors.drift_origin is not None:
         values, vectors = np.linalg.eigh(symmetric(drift - errors.drift_origin.at(position)))
@@ -394,7 +397,7 @@ def step_covariance(
     variance_factor: float | None,
     model: RoverModel,
 ) -> FloatArray:
-    """Return the covariance `(6, 6)` of a motion of the left camera, of RB in RB at the pose before.
+    """Return the covariance Q `(6, 6)` of a motion of the left camera, of RB in RB at the pose before.
 
     Args:
         step: The motion.
@@ -428,7 +431,7 @@ def step_covariance(
 def pose_noise(
     given_landmarks: FloatArray, rotation: FloatArray, variance_factor: float | None, shear: float, model: RoverModel
 ) -> FloatArray:
-    """Return the white noise `(6, 6)` of a pose, of RB in RB.
+    """Return the white noise N `(6, 6)` of a pose, of RB in RB.
 
     `given_landmarks` is the covariance if the landmarks were exact, `rotation` that of the left camera to the world. A
     shear of the rows, as a squared ratio to its standard deviation, counts as noise if it exceeds 1.
