@@ -20,10 +20,9 @@ from sfr_loc_map.geometry.arrays import Mask
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.localisation.frontend.image_cells import Change, Explained, cell_counts, explain
 from sfr_loc_map.localisation.frontend.landmarks import ALIGNED_LANDMARKS, Landmarks
-from sfr_loc_map.localisation.frontend.pose_solver import RightOffset
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks
 from sfr_loc_map.localisation.ground_memory import MAX_TRANSFERS, MAX_UNEXPLAINED, GroundMemory, Phase
-from sfr_loc_map.localisation.motion_model import Guesses
+from sfr_loc_map.localisation.motion_model import Prediction
 from sfr_loc_map.localisation.relocalisation import RecoveryImages, Relocaliser
 
 MAX_CONTRADICTING_UNKNOWN = 0.05  #: Maximum fraction of cells that contradict a motion while the ground is not known.
@@ -36,13 +35,6 @@ MIN_DIFFERENCE_RATIO = 0.05  #: Minimum of the same as a ratio to the image moti
 OLD_WEIGHT = 3.0  #: Weight of a landmark that is older than the newest keyframe; a newer one has 1.
 EXPECTED_WEIGHT = 1.5  #: Factor on the weight of a motion that continues the one before.
 CLEAR_RATIO = 1.4  #: Minimum ratio of the weights of two motions that makes one of them the ground's.
-
-
-class Prediction(NamedTuple):
-    """What is expected of a pair."""
-
-    guesses: Guesses  #: Initial guesses of the left camera's pose.
-    offset: RightOffset  #: Offset of the right camera.
 
 
 class ComparedPair(NamedTuple):

@@ -30,7 +30,7 @@ from sfr_loc_map.localisation.findings import Finding
 from sfr_loc_map.localisation.frontend.image_cells import LEVEL, MOVED_PX, ExcludedCells, change_of
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks
-from sfr_loc_map.localisation.ground_evidence import ComparedPair, Evidence, MotionTools, Prediction
+from sfr_loc_map.localisation.ground_evidence import ComparedPair, Evidence, MotionTools
 from sfr_loc_map.localisation.ground_memory import (
     AGREEING_PAIRS,
     MIN_UNEXPLAINED,
@@ -39,6 +39,7 @@ from sfr_loc_map.localisation.ground_memory import (
     GroundMemory,
     Phase,
 )
+from sfr_loc_map.localisation.motion_model import Prediction
 from sfr_loc_map.localisation.relocalisation import RecoveryImages, Relocaliser
 from sfr_loc_map.localisation.uncertainty import DirectedError
 

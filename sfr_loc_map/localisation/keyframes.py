@@ -109,8 +109,8 @@ class KeyframeMaker:
         """
         start = time.perf_counter()
         empty = SlidingWindow.empty(self._camera, self._config.window_keyframes)
-        nothing_seen = StereoObservations(np.zeros((0, 4)), np.zeros((0, 2, 3)))
-        window = empty.with_keyframe(pose, np.zeros(0, np.intp), nothing_seen)
+        nothing_observed = StereoObservations(np.zeros((0, 4)), np.zeros((0, 2, 3)))
+        window = empty.with_keyframe(pose, np.zeros(0, np.intp), nothing_observed)
         window, calibration = self._with_landmarks(window, frame, calibration.after_restart(), dynamic_mask)
         window = window.adjusted(ADJUSTMENT_ITERATIONS)
         seconds = time.perf_counter() - start
@@ -123,8 +123,8 @@ class KeyframeMaker:
         rows = tracks.landmarks.index
         inliers = tracks.inliers
         window = job.window.without(rows[~inliers])
-        seen = StereoObservations(tracks.observations[inliers], tracks.variance[inliers])
-        window = window.with_keyframe(tracks.pose, rows[inliers], seen)
+        observed = StereoObservations(tracks.observations[inliers], tracks.variance[inliers])
+        window = window.with_keyframe(tracks.pose, rows[inliers], observed)
         calibration, yaw_step_px = job.calibration.with_window(window.right_offset)
         if yaw_step_px != 0.0:
             window = window.with_right_shift(yaw_step_px)
@@ -136,8 +136,8 @@ class KeyframeMaker:
     def _with_landmarks(
         self, window: SlidingWindow, frame: StereoFrame, calibration: OnlineCalibration, dynamic_mask: ImageMask | None
     ) -> tuple[SlidingWindow, OnlineCalibration]:
-        """Detect corners beside the landmarks seen in the newest keyframe, match them, and add those that match."""
-        known = _seen_in_newest(window)
+        """Detect corners beside the landmarks observed in the newest keyframe, match them, and add those that match."""
+        known = _observed_in_newest(window)
         mask, right_mask = self.masks(dynamic_mask)
         corners = find_corners(frame.left[0].image, known[:, :2].copy(), self._max_corners, BORDER, mask)
         if not len(corners):
@@ -163,13 +163,13 @@ class KeyframeMaker:
             inverse_depth=disparity_px * inverse_depth_per_px,
             slopes=found.slope * inverse_depth_per_px,
             patches=found.patches,
-            seen=StereoObservations(np.column_stack((found.uv, right_uv)), np.stack((variance, variance), axis=1)),
+            observed=StereoObservations(np.column_stack((found.uv, right_uv)), np.stack((variance, variance), axis=1)),
         )
         return window.with_landmarks(frame.left, new), calibration
 
 
-def _seen_in_newest(window: SlidingWindow) -> FloatArray:
-    """Return u, v and disparity `(M, 3)` of the active landmarks seen in both images of the newest keyframe, px."""
-    seen = window.problem.observations[window.active, -1]
-    known = np.column_stack((seen[:, :2], seen[:, 0] - seen[:, 2]))
+def _observed_in_newest(window: SlidingWindow) -> FloatArray:
+    """Return u, v and disparity `(M, 3)` of the active landmarks observed in both images of the newest keyframe, px."""
+    observed = window.problem.observations[window.active, -1]
+    known = np.column_stack((observed[:, :2], observed[:, 0] - observed[:, 2]))
     return np.asarray(known[np.isfinite(known).all(axis=1)])

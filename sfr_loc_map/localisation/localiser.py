@@ -63,11 +63,11 @@ from sfr_loc_map.localisation.frontend.patch import SIDE
 from sfr_loc_map.localisation.frontend.pose_solver import RightOffset, right_shift
 from sfr_loc_map.localisation.frontend.sparse_stereo import refine_slopes
 from sfr_loc_map.localisation.frontend.tracking import INLIER_CHI2_PER_DOF, StereoFrame, Tracker, Tracks
-from sfr_loc_map.localisation.ground_evidence import Prediction
 from sfr_loc_map.localisation.ground_memory import GroundMemory
 from sfr_loc_map.localisation.ground_motion import Ground, GroundSelector
 from sfr_loc_map.localisation.guards import Findings, ShearMean
 from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW, KeyframeJob, KeyframeMaker, KeyframeResult
+from sfr_loc_map.localisation.motion_model import Prediction
 from sfr_loc_map.localisation.parallel import BACKGROUND
 from sfr_loc_map.localisation.relocalisation import MAX_ATTEMPTS, RecoveryImages, Relocaliser
 from sfr_loc_map.localisation.stale_images import ImageComparison
@@ -270,15 +270,15 @@ class Localiser:
     ) -> CorrectedTracks:
         """Estimate the shift of the right image, and correct the right observations for a drift of the right camera."""
         lens_px = calibration.lens.likely_px
-        shift = right_shift(tracks.pose, tracks.landmarks.estimates, tracks.seen, self._camera, lens_px)
+        shift = right_shift(tracks.pose, tracks.landmarks.estimates, tracks.observed, self._camera, lens_px)
         if not np.isfinite(shift.variance):  # too few landmarks in both images
             return CorrectedTracks(tracks, calibration, shear)
         calibration, drift_px = calibration.with_lens_residuals(shift).with_shift(shift)
         if drift_px != 0.0:
             observations = tracks.observations.copy()
             observations[:, 2:] -= RightOffset(u=drift_px).at(observations[:, 2:], self._camera)
-            seen = tracks.seen._replace(uv=observations)
-            tracks = self._tracker.solve(tracks.landmarks, seen, tracks.pose)
+            observed = tracks.observed._replace(uv=observations)
+            tracks = self._tracker.solve(tracks.landmarks, observed, tracks.pose)
         return CorrectedTracks(tracks, calibration, shear.with_pair(shift.shear), shift.shear)
 
     def _judge(self, state: State, candidate: Candidate, findings: Findings) -> Verdict:

@@ -12,6 +12,7 @@ from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.localisation.config import MotionBounds
+from sfr_loc_map.localisation.frontend.pose_solver import RightOffset
 from sfr_loc_map.localisation.uncertainty import RoverModel, Speed
 
 MAX_MISSED_PAIRS = 4
@@ -31,6 +32,13 @@ class Guesses(NamedTuple):
     def all(self) -> list[Pose]:
         """All guesses."""
         return [self.expected, self.standstill, *self.others]
+
+
+class Prediction(NamedTuple):
+    """What is expected of a pair."""
+
+    guesses: Guesses  #: Initial guesses of the left camera's pose.
+    offset: RightOffset  #: Offset of the right camera.
 
 
 class MotionSince(NamedTuple):

@@ -51,7 +51,7 @@ class NewLandmarks(NamedTuple):
     inverse_depth: FloatArray  #: `(M,)` 1/m.
     slopes: FloatArray  #: `(M, 2)` change of the inverse depth per pixel along u and v, 1/m.
     patches: Templates  #: Templates at full size.
-    seen: StereoObservations  #: Observations in the host keyframe.
+    observed: StereoObservations  #: Observations in the host keyframe.
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +128,7 @@ class SlidingWindow:
         observations[:, :, 2] -= yaw_px * (1.0 + x * x)
         return replace(self, problem=self.problem._replace(observations=observations))
 
-    def with_keyframe(self, pose: Pose, rows: NDArray[np.intp], seen: StereoObservations) -> SlidingWindow:
+    def with_keyframe(self, pose: Pose, rows: NDArray[np.intp], observed: StereoObservations) -> SlidingWindow:
         """Return the window with a further keyframe that observes the landmarks of some rows `(M,)`.
 
         The oldest keyframe leaves a full window and is marginalised.
@@ -136,9 +136,9 @@ class SlidingWindow:
         problem = self.problem
         count = len(self.active)
         new_uv = np.full((count, 1, 4), np.nan)
-        new_uv[rows, 0] = seen.uv
+        new_uv[rows, 0] = observed.uv
         new_variance = np.ones((count, 1, 2, 3))
-        new_variance[rows, 0] = seen.variance
+        new_variance[rows, 0] = observed.variance
         problem = problem._replace(
             keyframes=_appended(problem.keyframes, pose),
             observations=np.concatenate((problem.observations, new_uv), axis=1),
@@ -182,9 +182,9 @@ class SlidingWindow:
         count = len(new.uv)
         keyframes = len(self.patches)
         new_uv = np.full((count, keyframes, 4), np.nan)
-        new_uv[:, -1] = new.seen.uv
+        new_uv[:, -1] = new.observed.uv
         new_variance = np.ones((count, keyframes, 2, 3))
-        new_variance[:, -1] = new.seen.variance
+        new_variance[:, -1] = new.observed.variance
         uv_inverse_depth = np.column_stack((new.uv, new.inverse_depth))
         return replace(
             self,

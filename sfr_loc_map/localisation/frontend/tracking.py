@@ -36,7 +36,7 @@ POSE_ITERATIONS = 10  #: Maximum number of Gauss-Newton iterations of the pose.
 INLIER_CHI2_PER_DOF = 9.0  #: Gate of an inlier: squared Mahalanobis residual per degree of freedom (3 sigma).
 MIN_INLIER_RATIO = 0.5  #: Minimum ratio of inliers to landmarks found in a trusted pose.
 MIN_FOUND_RATIO = 0.2  #: Minimum ratio of landmarks found to landmarks searched for in a trusted pose.
-SWAPPED_STEREO_FRACTION = 0.6  #: Minimum fraction of inliers seen in both images if left and right are swapped.
+SWAPPED_STEREO_FRACTION = 0.6  #: Minimum fraction of inliers observed in both images if left and right are swapped.
 PIXEL_FLOOR = 0.05  #: Minimum standard deviation of an observation, px.
 RESIDUAL_GAIN = 1.2  #: Variance of the image noise over the squared residual of a patch. Chosen on rendered drives.
 EDGE_FOCAL_PX = 600.0
@@ -85,7 +85,7 @@ class Tracks:
     is_trusted: bool  #: Whether enough landmarks were found, and enough of these agree on the pose.
 
     @property
-    def seen(self) -> StereoObservations:
+    def observed(self) -> StereoObservations:
         """The observations with their variances."""
         return StereoObservations(self.observations, self.variance)
 
@@ -157,9 +157,9 @@ class Tracker:
         variance[:, 1] = self.position_variance(right.covariance, right.residual)
         return StereoObservations(uv, variance)
 
-    def solve(self, landmarks: Landmarks, seen: StereoObservations, start: Pose) -> Tracks:
+    def solve(self, landmarks: Landmarks, observed: StereoObservations, start: Pose) -> Tracks:
         """Return the pose that follows from observations of landmarks."""
-        solution = solve_pose(start, landmarks.estimates, seen, self._camera, POSE_ITERATIONS)
+        solution = solve_pose(start, landmarks.estimates, observed, self._camera, POSE_ITERATIONS)
         chi2_per_dof = solution.linearised.chi2_per_dof
         inliers = chi2_per_dof < INLIER_CHI2_PER_DOF  # False for NaN
         count = int(np.count_nonzero(inliers))
@@ -173,8 +173,8 @@ class Tracker:
             pose=solution.pose,
             information=solution.information,
             landmarks=landmarks,
-            observations=seen.uv,
-            variance=seen.variance,
+            observations=observed.uv,
+            variance=observed.variance,
             chi2_per_dof=chi2_per_dof,
             inliers=inliers,
             inlier_count=count,
