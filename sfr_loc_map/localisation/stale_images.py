@@ -136,6 +136,7 @@ def are_equal(one: GreyImage, other: GreyImage) -> bool:
 
 
 def _blanked(image: GreyImage, rows: Mask) -> GreyImage:
+    """Return an image with some rows `(H,)` black."""
     if not rows.any():
         return image
     blanked = image.copy()
@@ -147,33 +148,51 @@ def is_repeated_with_noise(before: GreyImage, now: GreyImage) -> bool:
     """Return whether an image is an earlier one with new noise. Equal images have no new noise and give False."""
     for step in ROW_STEPS:
         change = np.asarray(cv2.subtract(now[1:-1:step], before[1:-1:step], dtype=cv2.CV_32F), np.float32)
-        # noise is small, and independent from pixel to pixel
-        centred = change - change.mean()
-        variance = float(np.mean(np.square(centred)))
-        covariance = float(np.mean(centred[:, 1:] * centred[:, :-1]))
-        if variance > MAX_NOISE**2 or not covariance <= MAX_NEIGHBOUR_CORRELATION * variance:
+        if not _is_noise(change):
             return False
         first = before[1:-1:step].astype(np.float32)
         exposed = (first[:, 1:-1] > EXPOSED[0]) & (first[:, 1:-1] < EXPOSED[1])
         if np.count_nonzero(exposed) < MIN_PIXELS:
             return False
-        # the texture of the rows above and below gives the weight: their noise is independent of this row's
-        above = np.abs(_second_difference(before[:-2:step].astype(np.float32)))
-        below = np.abs(_second_difference(before[2::step].astype(np.float32)))
-        texture = np.maximum(above, below)[exposed]
-        scale = float(np.quantile(texture, CALM_QUANTILE)) + 1.0
-        weight = np.asarray(1.0 / (np.square(texture) + scale**2), np.float32)
-        # weighted slope of the changes over the first image, relative to their power, and its standard error
-        there = _second_difference(first)[exposed]
-        changes = _second_difference(change)[exposed]
-        power = float(np.sum(weight * np.square(changes)))
-        if power > 0.0:
-            products = weight * there * changes
-            slope = float(np.sum(products)) / power
-            standard_error = float(np.sqrt(np.sum(np.square(products)))) / power
-            if abs(slope - MIDDLE_SLOPE) > STANDARD_ERRORS * standard_error:
-                return slope > MIDDLE_SLOPE
+        slope = _slope(before, change, exposed, step)
+        if slope is not None and abs(slope.value - MIDDLE_SLOPE) > STANDARD_ERRORS * slope.standard_error:
+            return slope.value > MIDDLE_SLOPE
+    # the slope does not decide, because hardly a pixel differs
     return float(np.mean(change[:, 1:-1][exposed] != 0.0)) < MAX_CHANGED and not np.array_equal(before, now)
+
+
+def _is_noise(change: FloatImage) -> bool:
+    """Return whether a change between two images is small, and independent from pixel to pixel."""
+    centred = change - change.mean()
+    variance = float(np.mean(np.square(centred)))
+    covariance = float(np.mean(centred[:, 1:] * centred[:, :-1]))
+    return variance <= MAX_NOISE**2 and covariance <= MAX_NEIGHBOUR_CORRELATION * variance
+
+
+class _Slope(NamedTuple):
+    """Slope of the change over the first image, relative to the power of the change."""
+
+    value: float
+    standard_error: float
+
+
+def _slope(before: GreyImage, change: FloatImage, exposed: Mask, step: int) -> _Slope | None:
+    """Return the slope of changes `(R, W)` over the first image in the exposed pixels `(R, W - 2)`; None if all are 0.
+
+    The weight of a pixel falls with the texture of the rows above and below, whose noise is independent of its own.
+    """
+    above = np.abs(_second_difference(before[:-2:step].astype(np.float32)))
+    below = np.abs(_second_difference(before[2::step].astype(np.float32)))
+    texture = np.maximum(above, below)[exposed]
+    scale = float(np.quantile(texture, CALM_QUANTILE)) + 1.0
+    weight = np.asarray(1.0 / (np.square(texture) + scale**2), np.float32)
+    first = _second_difference(before[1:-1:step].astype(np.float32))[exposed]
+    changes = _second_difference(change)[exposed]
+    power = float(np.sum(weight * np.square(changes)))
+    if power <= 0.0:
+        return None
+    products = weight * first * changes
+    return _Slope(float(np.sum(products)) / power, float(np.sqrt(np.sum(np.square(products)))) / power)
 
 
 def _second_difference(image: FloatImage) -> FloatImage:
