@@ -31,6 +31,7 @@ MIN_STATIC_LANDMARKS = 12  #: Minimum number of landmarks on static texture that
 MIN_AGREEMENT = 0.3  #: Minimum fraction of the landmarks searched for that a rival must explain.
 CONVINCING = 0.6  #: Fraction of these from which a rival is accepted without further tests.
 MIN_DIFFERENCE_PX = 1.0  #: Minimum image motion between two poses that are different motions, px.
+STANDSTILL_RATIO = 0.15  #: Image motion, as a ratio to the expected one, below which a motion is a standstill.
 MIN_DIFFERENCE_RATIO = 0.05  #: Minimum of the same as a ratio to the image motion of the main pose.
 OLD_WEIGHT = 3.0  #: Weight of a landmark that is older than the newest keyframe; a newer one has 1.
 EXPECTED_WEIGHT = 1.5  #: Factor on the weight of a motion that continues the one before.
@@ -215,11 +216,13 @@ class Evidence:
     def has_standstill(self) -> bool:
         """Whether the main motion or its rival is a standstill: a part of the image is then that of the pair before."""
         standstill = self.pair.prediction.guesses.standstill
+        expected = self.pair.prediction.guesses.expected
         motions = [tracks for tracks in (self.main, self.rival) if tracks is not None]
         slower_px = min(
             self.tools.image_motion_px(self.pair, tracks, start=standstill, end=tracks.pose) for tracks in motions
         )
-        return slower_px < MIN_DIFFERENCE_PX
+        expected_px = self.tools.image_motion_px(self.pair, self.main, start=standstill, end=expected)
+        return slower_px < max(MIN_DIFFERENCE_PX, STANDSTILL_RATIO * expected_px)
 
     @cached_property
     def weight_ratio(self) -> float:
