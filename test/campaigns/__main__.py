@@ -14,6 +14,7 @@ CAMPAIGNS = {
     "fuzz": "fuzz.command",
     "history-power": "history_power",
     "interval-coverage": "interval_coverage",
+    "long-monitor": "long_monitor",
     "misbehaviour": "misbehaviour",
     "random-faults": "random_faults",
     "recordings": "recordings.command",
