@@ -161,7 +161,9 @@ def overall_of(score: Score) -> Overall:
     text = f"{part}{passed} of {len(states)} limits met, {failed} missed, {rest} without enough data."
     certain = [item.certain for item in score.verdicts if item.certain is not None]
     if certain:
-        text += f" Certain: {sum(certain)} of the {len(certain)} that have a 95 % interval."
+        text += (
+            f" For {sum(certain)} of {len(certain)} limits with a 95 % interval, the interval does not span the limit."
+        )
     return _overall(state, text, OPEN.icon)
 
 

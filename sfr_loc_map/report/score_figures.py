@@ -311,7 +311,7 @@ def growth(named: Sequence[tuple[str, Score]]) -> list[Plot]:
             data.append(line(name, xy, mode="lines+markers", **style))
     layout = {
         "xaxis": log_axis("length of the sub-trajectory, m", min(distances), max(distances)),
-        "yaxis": log_axis(f"position error, mean + 3 sigma, {unit}", *span(scaled(errors, factor)), steps=(1,)),
+        "yaxis": log_axis(f"position error, mean + 3 sigma, {unit}", *span(scaled(errors, factor))),
     }
     return [Plot("growth", "Position error against path length", "Re-based at each start.", data, layout)]
 
@@ -339,7 +339,7 @@ def _panels(
         for sign in (1.0, -1.0) if title == "heading" else (1.0,) if title == "attitude" else ():
             condition, most = part.rows.condition, largest(errors)
             data += _limit_lines(score, title, ends, most, sign, condition, **place | {"showlegend": sign > 0.0})
-        layout[f"yaxis{suffix}"] = axis(f"{title}, {unit}", zeroline=True)
+        layout[f"yaxis{suffix}"] = axis(f"{title},<br>{unit}", zeroline=True)
     layout["xaxis"] = axis(AT_THE_END)
     return data, layout
 
@@ -469,7 +469,7 @@ def _over_range(score: Score) -> Plot:
     known = [value * 1e3 for value in totals if value] or [1.0]
     layout = {
         "xaxis": log_axis("range from the left camera, m", low, high)
-        | {"range": [math.log10(0.75 * low), math.log10(1.1 * high)]},
+        | {"range": [math.log10(0.5 * low), math.log10(1.1 * high)]},
         "yaxis": log_axis("point error, mm", 0.1, 1e5, steps=(1,))
         | {"range": [math.log10(max(min(known) / 10, 0.1)), math.log10(max(known) * 3)]},
     }

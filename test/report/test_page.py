@@ -186,6 +186,45 @@ def test_in_a_browser_all_is_drawn_a_click_shows_the_frames_and_the_button_the_o
     assert opened(asking, tmp_path)[2] == {"http://elsewhere.invalid/image.png"}, "a request would be seen"
 
 
+PRINT_PROBE = """<script>
+const wait = setInterval(() => {
+  const root = document.documentElement;
+  if (!root.dataset.figures) return;
+  clearInterval(wait);
+  window.dispatchEvent(new Event("beforeprint"));
+  setTimeout(() => {
+    const inside = (plot) => [...plot.querySelectorAll('[class*="title"] text, text[class*="title"]')];
+    const overlap = (a, b) => a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
+    const overlaps = [];
+    let drawn = 0;
+    for (const plot of document.querySelectorAll(".plot")) {
+      const size = plot.querySelector(".main-svg").getBoundingClientRect();
+      if (size.width > 300 && size.width <= 703 && size.height <= 900) drawn += 1;
+      const titles = [...new Set(inside(plot))].filter((text) => text.textContent);
+      const boxes = titles.map((text) => text.getBoundingClientRect());
+      boxes.forEach((box, k) => boxes.slice(k + 1).forEach((other) => {
+        if (overlap(box, other)) overlaps.push(plot.id);
+      }));
+      if (boxes.some((box) => box.left < size.left - 1 || box.top < size.top - 1 || box.bottom > size.bottom + 1)) {
+        overlaps.push("cut-" + plot.id);
+      }
+    }
+    root.dataset.paper = [root.dataset.theme, drawn + "/" + document.querySelectorAll(".plot").length].join(" ");
+    root.dataset.overlaps = [...new Set(overlaps)].join(" ");
+  }, 3000);
+}, 50);
+</script>"""
+
+
+def test_on_paper_every_figure_is_there_as_wide_as_the_page_and_no_title_is_covered(page: str, tmp_path: Path) -> None:
+    """A4 less its margins is 703 CSS pixels wide."""
+    path, count = tmp_path / "report.html", len(specs_of(page))
+    path.write_text(page.replace("</body>", PRINT_PROBE + "</body>"))
+    root, log, _ = opened(path, tmp_path)
+    assert f'data-paper="light {count}/{count}"' in root, (root, log)
+    assert 'data-overlaps=""' in root, root
+
+
 def test_limits_are_drawn_beside_their_figure_and_do_not_flatten_it() -> None:
     score = whole_score()
     limit = score.verdicts[0]

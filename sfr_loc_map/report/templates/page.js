@@ -73,13 +73,20 @@
     Plotly.relayout(spec.name, Object.assign({ height: height }, layout));
   }
 
-  // On paper: light, as wide as the page (A4 less its margins, at 96 CSS pixels an inch), two figures on a page.
+  // On paper: light, as wide as the page (A4 less its margins, at 96 CSS pixels an inch), and no higher than the page.
+  const PAPER_WIDTH = 670, PAPER_HEIGHT = 860, HALF_PAGE = 400;
+
+  function heightOnPaper(spec) {
+    const isStacked = spec.layout.grid !== undefined;
+    return isStacked ? Math.min(spec.height, PAPER_HEIGHT) : Math.min(spec.height, HALF_PAGE);
+  }
+
   let before = null;
   window.addEventListener("beforeprint", () => {
     before = theme;
     theme = "light";
     draw();
-    specs.forEach((spec) => resize(spec, { autosize: false, width: 660 }, Math.min(spec.height, 400)));
+    specs.forEach((spec) => resize(spec, { autosize: false, width: PAPER_WIDTH }, heightOnPaper(spec)));
   });
   window.addEventListener("afterprint", () => {
     theme = before;
