@@ -25,6 +25,7 @@ from sfr_loc_map.metrics.limits import COVERAGE_MIN, OF_MAP, WORST, Limit, Limit
 from sfr_loc_map.metrics.proof import BOUND, Interpretation, Proof, Terms, bound_row, prove, sample_of, words_of
 from sfr_loc_map.metrics.score import ANY, Figure, LimitRecord, Rules, Score, Verdict
 from sfr_loc_map.metrics.statistics import Interval
+from sfr_loc_map.metrics.tolerance import CONFIDENCE
 
 STRICT: dict[str, dict[str, float]] = {
     DRIVE: {"missing": 0.0, "images_without_truth": 0.0},
@@ -90,7 +91,8 @@ def limits_of(score: Score) -> Limits | None:
         terms = None
         if item.prob is not None and item.confidence is not None:
             interpretation = Interpretation(item.interpretation or Interpretation.TEMPORAL)
-            terms = Terms(item.prob, item.confidence, interpretation, bool(item.normal))
+            power = CONFIDENCE if item.power is None else item.power
+            terms = Terms(item.prob, item.confidence, interpretation, bool(item.normal), power, item.good)
         limits.append(Limit(place, item.name, item.limit, condition, item.id, item.text, item.certain, terms))
     return Limits(tuple(limits), rules.minimum_count, rules.minimum_independent)
 

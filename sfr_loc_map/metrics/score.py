@@ -223,6 +223,8 @@ class LimitRecord(Record, frozen=True, kw_only=True):
     confidence: float | None = None  #: Confidence with which that share has to be shown.
     interpretation: str | None = None  #: Over what the share is taken.
     normal: bool | None = None  #: Whether the errors are declared to be normal.
+    power: float | None = None  #: Probability with which drives with the share `good` of failures pass.
+    good: float | None = None  #: Share of failures that is acceptable; with it a sequential test judges drives.
 
 
 class Rules(Record, frozen=True, kw_only=True, omit_defaults=False):
