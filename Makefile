@@ -54,7 +54,7 @@ test-fast: $(COMPILED)  ## Run the tests that need neither running nodes nor sec
 	$(BIN)/python -m pytest $(PARALLEL) -m "not ros and not slow"
 
 test-quick: $(TEST_STAMP)  ## Run the tests of metrics, geometry and localisation: no ROS, no simulator, no replay of the sample
-	$(BIN)/python -m pytest -n 2 -m "not ros and not slow and not sample" test/metrics test/geometry test/localisation
+	$(BIN)/python -m pytest -n 2 --dist loadgroup -m "not ros and not slow and not sample" test/metrics test/geometry test/localisation
 
 faults: $(STAMP)  ## Inject one fault after the other into the nodes (FAULTS=); what was observed goes to out/faults.json
 	$(CAMPAIGN) faults $(FAULTS)

@@ -64,8 +64,8 @@ def localise(
 ) -> None:
     """Our localiser against a plain OpenCV one, ORB-SLAM3 (pyorbslam3) where installed, and any other method."""
     from sfr_loc_map.io.sequence import drive_of
-    from sfr_loc_map.methods.comparison import compare_localisers, methods_to_compare
     from sfr_loc_map.runs.offline import start_pose
+    from sfr_loc_map.suite.method_benchmark import compare_localisers, methods_to_compare
 
     propose("sfr localise SRC -o T.csv --stats S.csv --method NAME", why="one method, to score and compare")
     scoring = TrajectoryScoreConfig(conditions=tuple(condition or ["distance=5"]), spacing=spacing)
@@ -104,7 +104,7 @@ def map_(
 ) -> None:
     """Our mapper against OpenCV's semi-global matching, Pandora where installed, and any other method."""
     from sfr_loc_map.io.sequence import panorama_of
-    from sfr_loc_map.methods.comparison import compare_mappers, methods_to_compare
+    from sfr_loc_map.suite.method_benchmark import compare_mappers, methods_to_compare
 
     propose("sfr map SRC -o C.ply --stats S.csv --method NAME", why="one method, to score and compare")
     check_outputs(json_path, inputs=(source, config), overwrite=overwrite)

@@ -94,7 +94,7 @@ def live(
     token: Annotated[str, Option(metavar="WORD", help="Word that each request must have.")] = "",
     open_browser: Annotated[bool, Option("--open", help="Open the page in the browser.")] = False,
     terminal: Annotated[
-        bool, Option("--terminal", help="Show the figures on this terminal; one line a second where there is none.")
+        bool, Option("--terminal", help="Show the figures on this terminal; one line a second if it is not a terminal.")
     ] = False,
     foxglove: Annotated[
         bool, Option("--foxglove", help="Serve the same over the Foxglove protocol besides, on loopback.")

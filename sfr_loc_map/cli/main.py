@@ -62,7 +62,7 @@ def _run() -> int:
         logging.lastResort.setFormatter(_LineFormatter())
     try:
         code = app(standalone_mode=False, prog_name="sfr")
-    except SystemExit:  # whoever read the output (`| head`) has left before its end
+    except SystemExit:  # the reader of the output (`| head`) has closed it
         return ExitCode.INTERRUPTED
     except (KeyboardInterrupt, typer.Abort):
         code = ExitCode.INTERRUPTED

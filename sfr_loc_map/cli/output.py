@@ -114,7 +114,7 @@ def make_folder(path: Path, option: str) -> None:
 
 
 def show(content: object, place: str | None, tables: Iterable[Table]) -> None:
-    """Write a record as JSON where `--json` says and print the tables; the JSON alone if to standard output."""
+    """Write a record as JSON to the place of `--json` and print the tables; the JSON alone if to standard output."""
     from sfr_loc_map.metrics.score_json import json_line
     from sfr_loc_map.report.tables import print_tables
 

@@ -32,7 +32,7 @@ def init(
 ) -> None:
     """Write a commented configuration and limits to begin with: DIR/configuration.yaml and DIR/limits.yaml.
 
-    Each parameter stands there with its description, unit, range and default. sfr replay, localise and map take the
+    Each parameter is listed with its description, unit, range and default. sfr replay, localise and map take the
     configuration as it is (--config), sfr score and replay the limits (--limits).
 
     With --from it is DIR/sfr.yaml: how SRC is read, each line with what it was inferred from. Exit 1 if something is

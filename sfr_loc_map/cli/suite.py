@@ -102,15 +102,15 @@ def run(
 
 def _run_jobs(jobs: Sequence[Job], store: Store, settings: SuiteSettings, places: int, scheduler: str | None) -> None:
     """Run jobs and keep what comes of each; show a bar on a terminal, a line each elsewhere."""
-    from sfr_loc_map.suite.cluster import Crew, connected, run_jobs
+    from sfr_loc_map.suite.cluster import SuiteWorkers, connected, run_jobs
     from sfr_loc_map.suite.summary import summarise
 
     with ExitStack() as stack:
         bar = stack.enter_context(progress_bar("tasks"))
         client = stack.enter_context(connected(settings, workers=places, scheduler=scheduler))
-        crew = Crew(client, lambda text: say(f"sfr: warning: {one_line(text)}", err=True), settings.wait_s)
-        stack.callback(lambda: store.add_workers(list(crew.records.values())))
-        outcomes = stack.enter_context(closing(run_jobs(client, jobs, settings.timeout_s, store.cache, crew)))
+        at_work = SuiteWorkers(client, lambda text: say(f"sfr: warning: {one_line(text)}", err=True), settings.wait_s)
+        stack.callback(lambda: store.add_workers(list(at_work.records.values())))
+        outcomes = stack.enter_context(closing(run_jobs(client, jobs, settings.timeout_s, store.cache, at_work)))
         shown = bar.add_task("running", total=len(jobs))
         for done, (job, outcome) in enumerate(outcomes, 1):
             store.save(job, outcome)

@@ -30,7 +30,7 @@ def parse_npy(data: bytes) -> NDArray[Any]:
         first = np.lib.format.read_magic(stream) == (1, 0)
         read = np.lib.format.read_array_header_1_0 if first else np.lib.format.read_array_header_2_0
         shape, fortran, dtype = read(stream, max_header_size=MAX_HEADER)
-    except Exception as error:  # whatever Python's tokenizer says of a broken header
+    except Exception as error:  # whatever Python's tokenizer raises for a broken header
         raise ValueError("it is no NPY array, or its header is broken") from error
     if dtype.kind not in "biuf" or dtype.itemsize > 8:
         raise ValueError(f"its elements are {str(dtype)[:40]}: real numbers are needed")

@@ -1,9 +1,9 @@
-"""Outputs that are either whole or not there: one rule for every file and folder that the suite writes.
+"""Outputs that are either complete or absent: one rule for every file and folder that the suite writes.
 
-What is written lies in a hidden folder `.NAME.xxxxxxxx.part` beside the output until it is whole, and takes its name in
-one step. Only a regular file or an empty folder is replaced, of a link what it points to; a full folder if that is
-wanted. The folder that a killed process leaves is removed by the next one that writes to the same name: processes at
-work hold a lock on theirs.
+An output is written in a hidden folder `.NAME.xxxxxxxx.part` beside its place, and is renamed in one step when it is
+complete. Only a regular file or an empty folder is replaced, and a full folder if that is wanted; of a link its target
+is replaced. The hidden folder of a killed process is removed by the next process that writes to the same name, because
+a process holds a lock on its folder while it writes.
 """
 
 from __future__ import annotations

@@ -231,7 +231,7 @@ def pose_of(position: Any, orientation: Any) -> Transform:  # noqa: ANN401 - of 
 def read_odometry(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
     """Read poses with covariances `(N, 6, 6)` (m^2, rad^2), of odometry for one, in the order of recording.
 
-    Poses that are none among others are left out, as the monitor does; a warning says how many.
+    Invalid poses among others are skipped, as the monitor does; a warning reports how many.
     """
     rows, covariances = [], []
     for _, _, message in bag.messages([topic]):

@@ -26,11 +26,11 @@ class Frame:
     parent: str
     is_static: bool
     rows: list[PoseRow] = field(default_factory=list)
-    other_parents: tuple[str, ...] = ()  #: Parents that the frame has besides, where nothing says which one counts.
+    other_parents: tuple[str, ...] = ()  #: Further parents of the frame, if it is unknown which one counts.
 
     @property
     def poses(self) -> Trajectory:
-        """Its poses in the parent; the last one where it is static. GeometryError if one is none."""
+        """Its poses in the parent; the last one if it is static. GeometryError if one is invalid."""
         return trajectory_of(self.rows[-1 if self.is_static else 0 :])
 
 
@@ -97,7 +97,7 @@ def pose_row(message: Any, pose: Any) -> PoseRow:  # noqa: ANN401 - messages
 
 
 def trajectory_of(rows: list[PoseRow]) -> Trajectory:
-    """Return the poses of rows; GeometryError if one is none."""
+    """Return the poses of rows; GeometryError if one is invalid."""
     values = np.array([row for _, row in rows], np.float64).reshape(-1, 7)
     return Trajectory(np.array([stamp for stamp, _ in rows], np.int64), values[:, :3].copy(), values[:, 3:].copy())
 
@@ -115,7 +115,7 @@ def sampled(poses: Trajectory, stamps_ns: IntArray) -> tuple[FloatArray, FloatAr
 
 
 def covered(known_ns: IntArray, stamps_ns: IntArray) -> Mask:
-    """Tell of each stamp whether it lies between known ones that are at most `LONGEST_GAP_S` apart."""
+    """Return for each stamp whether it is between known ones that are at most `LONGEST_GAP_S` apart."""
     after = np.searchsorted(known_ns, stamps_ns).clip(max=len(known_ns) - 1)
     before = np.where(known_ns[after] == stamps_ns, after, (after - 1).clip(0))
     near = known_ns[after] - known_ns[before] <= LONGEST_GAP_S * NS_PER_S

@@ -48,7 +48,7 @@ class _BoundedDirectoryReader(DirectoryReader):
         mode = str(information.get("compression_mode", "")).lower()
         for name in information["relative_file_paths"]:
             file = path / PurePath(str(name)).name
-            if file.exists():  # the library says which are missing
+            if file.exists():  # the library names those that are missing
                 check_regular(file)
                 if mode == "file":
                     check_zstd_file(file)

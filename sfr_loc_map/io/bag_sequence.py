@@ -62,7 +62,7 @@ class _BagPairs:
     """The pairs of the cameras of a task, and what their topics and the configuration say of it."""
 
     task: Task
-    mounted_by = ""  #: What in the bag says where the rig is on the rover; empty where nothing does.
+    mounted_by = ""  #: What in the bag gives the pose of the rig on the rover; empty if nothing does.
 
     def __init__(self, bag: Bag, config: SourceConfig) -> None:
         rig, of_drive = self.task.rig, self.task is Task.LOCALISATION

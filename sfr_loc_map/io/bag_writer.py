@@ -154,7 +154,7 @@ class BagWriter:
 
 @contextmanager
 def _database_errors() -> Iterator[None]:
-    """Turn what sqlite says of a disk into an error of the system, as mcap files raise."""
+    """Turn an error of sqlite about a disk into an error of the system, as mcap files raise."""
     try:
         yield
     except sqlite3.Error as error:
@@ -290,7 +290,7 @@ class BagRecorder:
             self._writer.storage.flush()
 
     def _sync(self) -> None:
-        with suppress(OSError):  # the next write says it
+        with suppress(OSError):  # the next write reports it
             while not self._stop.wait(SYNC_S):
                 self._writer.storage.sync()
 

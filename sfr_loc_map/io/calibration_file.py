@@ -1,4 +1,4 @@
-"""The calibration of a stereo pair from files of other programs, told apart by what they hold.
+"""The calibration of a stereo pair from files of other programs, detected from the content.
 
     Kalibr       camchain.yaml with cam0 and cam1 (pinhole; radtan, equidistant) and T_cn_cnm1, T_cam_imu or T_imu_cam
     EuRoC        cam0/sensor.yaml and cam1/sensor.yaml
@@ -53,7 +53,7 @@ class Calibration:
 def read_calibration(path: Path, size: tuple[int, int] | None = None) -> Calibration:
     """Read a file or a folder; `size`: width and height of the images that it is for, where they are known.
 
-    InputError, in one line, if it is none, is broken, is no pair side by side, or is of images of another size.
+    InputError, in one line, if it is not a calibration, is broken, is not a pair side by side, or is for other images.
     """
     where, T_rb_sb = f"calibration '{path}'", None
     with naming(path), refusing(where):
@@ -283,7 +283,7 @@ def _one(content: Mapping[str, Any], name: str) -> float:
 
 
 def _side_by_side(name: str, cameras: list[CalibratedCamera], names: list[str]) -> tuple[Cameras, str]:
-    """Return the pair of two cameras, of which the geometry says which is the left one."""
+    """Return the pair of two cameras, whose geometry gives which is the left one."""
     if (cameras[0].T_body_cam.inverse() @ cameras[1].T_body_cam).translation[0] < 0:
         cameras, names = cameras[::-1], names[::-1]
     return rectified_cameras(name, *cameras), f"{name}, {names[0]} and {names[1]}"

@@ -31,7 +31,7 @@ Columns = dict[str, NDArray[Any]]  # values of each field, one a point
 Grid = tuple[int, int] | None  # width and height of an organised cloud
 PIXEL_FIELDS = ("u", "v", "pair")
 FUSED, PAIR_STAMPS = "fused", "pair_stamps_ns"
-"""Names of what a file says of its cloud: comments `sfr fused true`, `sfr pair_stamps_ns 1 2 3`, or members of NPZ."""
+"""Names in a file of properties of the cloud: comments `sfr fused true`, `sfr pair_stamps_ns 1 2 3`, members of NPZ."""
 MAX_PAIR_STAMPS = 256  #: As many pairs as the points' `pair` can name.
 MAX_COUNT = 4096  #: Most values of one field of a point of PCD: descriptors have some hundreds.
 PCD_TYPES = {"I1", "I2", "I4", "I8", "U1", "U2", "U4", "U8", "F4", "F8"}

@@ -84,7 +84,7 @@ def open_folder(path: Path) -> Source:
                     numbers = [parse_number(of_row[name]) for name in NAV_COLUMNS[3:]]
                     T_lm_navsb = Transform.from_origin_and_attitude(numbers[:3], numbers[3:])
             points = folder / of_row[TRUTH_COLUMN] if of_row.get(TRUTH_COLUMN) else None
-            if points is not None and not points.is_file():  # said at once, not after an hour of work
+            if points is not None and not points.is_file():  # reported at once, not after an hour of work
                 raise InputError(
                     f"'{table}' names a truth that is not there: {points}; restore it, or leave out its name"
                 )

@@ -171,7 +171,7 @@ def decoded(raw: bytes) -> Samples:
             return Samples(np.ascontiguousarray(simplejpeg.decode_jpeg(raw, "GRAY", strict=True)[:, :, 0]))
     if raw.startswith(PNG_MAGIC):
         raw = _critical_chunks(raw)
-    level = cv2.utils.logging.setLogLevel(0)  # what the library says of a broken one goes into the error
+    level = cv2.utils.logging.setLogLevel(0)  # what the library reports of a broken image goes into the error
     try:
         image = cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:

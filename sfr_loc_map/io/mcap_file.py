@@ -225,7 +225,7 @@ def _summary_start(file: BinaryIO, start: int, end: int) -> int:
 
 
 def _summary(file: BinaryIO, start: int, end: int) -> _Contents | None:
-    """Return what the summary says that the file holds; None if the summary is not complete."""
+    """Return the contents of the file by its summary; None if the summary is not complete."""
     contents = _Contents()
     chunk_count = message_count = schema_count = channel_count = -1
     for opcode, content in _records(_at(file, start, end - start)):
@@ -250,7 +250,7 @@ def _chunk_of_index(content: bytes) -> Chunk:
     start_ns, end_ns, offset, _ = (fields.number("<Q") for _ in range(4))
     channels = frozenset(channel for channel, _ in struct.iter_unpack("<HQ", fields.sized()))
     fields.number("<Q")  # length of the message indexes
-    fields.text()  # compression, which the chunk itself says
+    fields.text()  # compression, which the chunk itself names
     fields.number("<Q")  # compressed size, likewise
     return Chunk(start_ns, end_ns, offset, fields.number("<Q"), channels)
 
@@ -282,7 +282,7 @@ def _scanned(file: BinaryIO, start: int, end: int, *, is_cut_off: bool) -> _Cont
         elif opcode == CHUNK:
             try:
                 unpacked = _chunk_content(file, offset)
-            except Exception:  # whatever a decompressor says of broken data
+            except Exception:  # whatever a decompressor raises for broken data
                 if is_cut_off:
                     break
                 raise

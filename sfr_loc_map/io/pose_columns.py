@@ -53,7 +53,7 @@ NAMES |= {
 NANOSECOND_DIGITS = 9  #: Decimals of a stamp that is in seconds with whole nanoseconds.
 EARLIEST_CLOCK_S = 3e8  #: A clock of 1979 and later; smaller stamps count from the start of a program.
 LATEST_CLOCK_S = 4.62e9  #: 146 years from 1970, the range of stamps; larger ones are in a smaller unit.
-LONGEST_STEP_S = 1000.0  #: Between poses of a file whose layout says seconds.
+LONGEST_STEP_S = 1000.0  #: Longest step between poses of a file whose stamps are seconds.
 METRES = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0}
 TIMES = {"s": NS_PER_S, "sec": NS_PER_S, "secs": NS_PER_S, "seconds": NS_PER_S}
 TIMES |= {"ms": 1_000_000, "msec": 1_000_000, "us": 1_000, "usec": 1_000, "ns": 1, "nsec": 1, "nanoseconds": 1}
@@ -96,10 +96,11 @@ LAYOUTS = (
     Layout("t x y z", (STAMP, *POSITION), "", (4,)),
 )
 """Every layout without a header that is read; docs/formats.md has the same table."""
-HEAD_LINES = 5000  #: Lines by which the layout is told; later rows that do not fit it are broken.
+HEAD_LINES = 5000  #: Lines from which the layout is detected; later rows that do not fit it are broken.
 MAX_FRAME = 1e7  #: Whole numbers below are numbers of frames, above are stamps.
 FIT = 0.9  #: Fraction of rows that fit a layout; broken rows may be among them.
-HALF_FIT = 0.5  #: Fraction by which a layout is told where none fits better, so that the broken rows can be named.
+#: Fraction of fitting rows from which a layout is accepted if no other fits better, so that broken rows can be named.
+HALF_FIT = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,8 +178,8 @@ class PoseColumns:
 def pose_columns(lines: Sequence[str], name: str, columns: str, option: str) -> PoseColumns:
     """Return which columns are read of a table that begins with these lines.
 
-    `columns` is what the user says, `option` how the user says it, for messages. InputError, in one line, if neither a
-    header nor one layout alone says what the columns are.
+    `columns` is what the user gives, `option` its name in messages. InputError, in one line, if neither a
+    header nor a unique layout gives the columns.
     """
     lines = lines[:HEAD_LINES]
     first, separator = _first_row(lines)
@@ -295,7 +296,7 @@ def _by_header(before: Sequence[str], separator: str | None, rows: Sequence[Sequ
 def _aligned(cells: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> list[str]:
     """Return the names of a header, one for each column of the rows.
 
-    A label before the names (`format: t x y z`) is none of them. Names beyond the last column are of values that this
+    A label before the names (`format: t x y z`) is ignored. Names beyond the last column are of values that this
     file does not have. Rows may begin with a number of the row that the header does not name (`write.table` of R).
     """
     names = list(cells)

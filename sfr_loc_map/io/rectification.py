@@ -44,7 +44,7 @@ class RawCamera:
 
     @classmethod
     def of(cls, name: str, info: Any) -> RawCamera:  # noqa: ANN401 - a CameraInfo of any library
-        """Return the calibration that a sensor_msgs/CameraInfo gives; `name` says whose (`loc/left/camera_info`)."""
+        """Return the calibration that a sensor_msgs/CameraInfo gives; `name` is its topic (`loc/left/camera_info`)."""
         lists = (np.asarray(values, np.float64).reshape(-1).tolist() for values in (info.d, info.k, info.r, info.p))
         d, k, r, p = (tuple(values) for values in lists)
         model = str(info.distortion_model)

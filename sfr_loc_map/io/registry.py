@@ -37,12 +37,12 @@ READERS: dict[str, tuple[Callable[[Path], bool], Opener]] = {
 }
 """Name of a format, its test and opener, in the order of trying; a folder with rig.json or pairs.csv is `sfr`.
 
-Formats of trajectories stand in `trajectory_file.py`, those of clouds in `cloud_file.py`.
+Formats of trajectories are in `trajectory_file.py`, those of clouds in `cloud_file.py`.
 """
 
 
 def open_source(path: Path, config: SourceConfig | None = None) -> Source:
-    """Open a source of any format as a configuration says, else the one beside it; each pass opens its files."""
+    """Open a source of any format by a configuration, else by the one beside it; each pass opens its files."""
     path = Path(path)
     name = format_of(path)
     config = source_config(path) if config is None else config
@@ -89,7 +89,7 @@ def _configured(source: Source, config: SourceConfig) -> Source:
 
 
 def read_truth(place: Path, config: TruthConfig | None = None, remap: Mapping[str, str] | None = None) -> Truth:
-    """Read the truth that belongs to a source (bag, folder, file of poses): in it, or where the configuration says.
+    """Read the truth that belongs to a source (bag, folder, file of poses), or to which its configuration refers.
 
     InputError, in one line, if there is none.
     """

@@ -58,7 +58,7 @@ class Source(Shown):
     loc: LocSequence | None
     nav: NavSequence | None
     left_out: int = 0  #: Pairs of files that are listed but not there.
-    configuration: Path | None = None  #: File that says how it is read.
+    configuration: Path | None = None  #: Configuration by which it is read.
     remap: Mapping[str, str] = field(default_factory=dict)  #: Of a bag, names of the suite by those in the bag.
 
     @property

@@ -128,11 +128,11 @@ AS_IT_IS = SourceConfig()  #: A source is read as its own topics and files say.
 
 
 def config_beside(source: Path) -> Path | None:
-    """Return the `sfr.yaml` in the folder of a source, or in the one that it lies in; None without one."""
+    """Return the `sfr.yaml` in the folder of a source, or in its parent folder; None without one."""
     places = (source, source.parent) if source.is_dir() else (source.parent,)
     found = next((place / NAME for place in places if (place / NAME).is_file()), None)
     if found is not None and found.parent != source and not is_bag(source) and _is_of_bag(found):
-        return None  # of a bag that lies beside the source
+        return None  # of a bag beside the source
     return found
 
 
@@ -141,7 +141,7 @@ def _is_of_bag(path: Path) -> bool:
     try:
         config = SourceConfig.of(read_sections(path), path)
     except SfrError:
-        return False  # whoever reads it says what is wrong
+        return False  # whoever reads it reports what is wrong
     return bool(config.remap) or bool(TOPIC.fullmatch(config.truth.source))
 
 

@@ -139,7 +139,7 @@ class Table:
     broken: tuple[str, ...] = ()  #: What is wrong with each row that cannot be read, with the number of its line.
 
     def without(self, good: Mask, problems: Sequence[str]) -> Table:
-        """Return the good rows; `problems` says what is wrong with each other one."""
+        """Return the good rows; `problems` has the reason for each of the others."""
         stamps_ns = self.stamps_ns[good] if len(self.stamps_ns) else self.stamps_ns
         kept = replace(self, lines=self.lines[good], stamps_ns=stamps_ns, values=self.values[good])
         return replace(kept, broken=(*self.broken, *problems))

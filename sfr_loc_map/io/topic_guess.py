@@ -78,7 +78,7 @@ class _Rig(NamedTuple):
     left: SeenTopic
     right: SeenTopic
     rank: int  # in BASES
-    place: str  # what stands before the side
+    place: str  # what comes before the side
     word: str  # of the left side
 
     def has(self, words: re.Pattern[str]) -> bool:

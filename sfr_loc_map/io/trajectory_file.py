@@ -60,7 +60,7 @@ class TrajectoryFormat(StrEnum):
 
 
 ANNOUNCED = (TrajectoryFormat.KITTI, TrajectoryFormat.EUROC, TrajectoryFormat.COLUMNS, TrajectoryFormat.MATRIX)
-"""Formats of which a command says that it has found them."""
+"""Formats that a command announces."""
 MOST_NAMED = 8  #: Columns that a message names.
 WORDS = {
     TrajectoryFormat.CSV: "csv of the suite",
@@ -103,7 +103,7 @@ class LoadedTrajectory:
 
     @property
     def is_announced(self) -> bool:
-        """Whether a command says what was detected: all but the usual forms of the csv of the suite and of TUM."""
+        """Whether a command reports what was detected: all but the usual forms of the csv of the suite and of TUM."""
         columns = self.columns
         unusual = columns is not None and bool(columns.inferred or columns.ignored)
         return self.format in ANNOUNCED or bool(self.left_out) or unusual
@@ -123,7 +123,7 @@ class LoadedTrajectory:
 
 
 def read_trajectory_file(path: Path, columns: str = "", side: str = "") -> LoadedTrajectory:
-    """Read a trajectory; its header, else the layout that all rows fit, tells the format (`pose_columns`).
+    """Read a trajectory; the format is that of its header, else of the layout that all rows fit (`pose_columns`).
 
     Stamps come as they are, in any order. `columns` names the columns where the file does not; `side`: "estimate" or
     "truth", for messages that say how `columns` is given.
@@ -290,7 +290,7 @@ def files_written(path: Path) -> tuple[Path, ...]:
 def save_trajectory(path: Path, trajectory: Trajectory, kind: TrajectoryFormat | None = None) -> None:
     """Write a trajectory, exact to the last bit; KITTI poses with their stamps beside them as `NAME.times.txt`.
 
-    Without a `kind` the name tells it (.txt and .tum, .kitti, .euroc.csv, otherwise csv).
+    Without a `kind` the name gives it (.txt and .tum, .kitti, .euroc.csv, otherwise csv).
     """
     path = Path(path)
     kind = kind or format_of_name(path) or TrajectoryFormat.CSV

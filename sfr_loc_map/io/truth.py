@@ -106,9 +106,10 @@ class TrackedBody:
 
 
 def possible_truth(poses: Trajectory, read_from: str, attitude: str = "auto") -> tuple[Mask, Trajectory]:
-    """Return which poses of a truth can be true, and these poses; what is wrong with the others is said once.
+    """Return which poses of a truth can be true, and these poses; what is wrong with the others is reported once.
 
-    An attitude that never changes along a path that turns is none: positions alone are kept, unless `attitude` is yes.
+    An attitude that never changes along a path that turns is invalid. Positions alone are then kept, unless `attitude`
+    is yes.
     """
     if not len(poses):
         return np.zeros(0, np.bool_), poses

@@ -87,7 +87,7 @@ class CallStats:
     calls: Calls
     covariance: FloatArray | None  # `(N, 21)` upper triangles, NaN where not known; None if none is
     steps: FloatArray | None  # `(N, 48)` steps between the poses, likewise
-    method: MethodRecord | None = None  # None if nobody says which was called
+    method: MethodRecord | None = None  # None if unknown
     findings: tuple[FindingRecord, ...] = ()  # what the method did wrong, one for each kind
     processes: ProcessUsage | None = None  # what the processes of the method took; None where nobody looked
     has_stamps: bool = True  # whether the calls name their pairs; otherwise they are numbered
@@ -99,7 +99,7 @@ class CallStats:
         return {stamp: row for row, (stamp, state) in enumerate(calls) if state not in set(MappingState)}
 
     def estimates(self, trajectory: Trajectory) -> Estimates:
-        """Return poses with what the calls of their stamps said of them."""
+        """Return poses with what the calls of their stamps report of them."""
         rows = self.localised
         at = np.array([rows.get(stamp, -1) for stamp in trajectory.stamps_ns.tolist()], np.intp)
         states = np.array([*self.calls.states, ""], object)[at]
@@ -175,7 +175,7 @@ def call_of_stages(stages: Sequence[CallRecord | CallUsage], seconds: float | No
 def call_of_estimate(
     estimate: PoseEstimate, usage: CallUsage, more: Mapping[str, float] = MappingProxyType({})
 ) -> CallRecord:
-    """Return the call of a localiser that gave an estimate, with more figures than it tells."""
+    """Return the call of a localiser that gave an estimate, with further figures."""
     step = None if estimate.step is None else estimate.step.uncertainty
     about = (estimate.figures | dict(more), estimate.covariance, estimate.reason_text, step)
     return CallRecord(estimate.stamp_ns, *usage.cost(estimate.state), *about)
@@ -275,7 +275,7 @@ def _column(path: Path, rows: list[dict[str, str]], name: str) -> FloatArray:
 
 
 def findings_of(texts: Sequence[str], stamps_ns: Sequence[int]) -> tuple[FindingRecord, ...]:
-    """Return what a method did wrong by the `KIND: text` of each call, one for each kind; other texts are none."""
+    """Return what a method did wrong by the `KIND: text` of each call, one for each kind; other texts are ignored."""
     counted: dict[FindingKind, FindingRecord] = {}
     for text, stamp_ns in zip(texts, stamps_ns, strict=True):
         word, _, rest = text.partition(": ")

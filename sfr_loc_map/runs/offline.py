@@ -124,7 +124,7 @@ def track_video(path: Path, rig: StereoRig) -> Iterator[FrameObserver]:
     """Give an observer that appends an image of the tracks of each pair to a film, which is there if all ends well."""
     if path.suffix not in CODECS:
         raise OutputError(f"'{path}' is not the name of a video: give one that ends in {' or '.join(CODECS)}")
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # quiet, both: what is wrong is told in one line
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # quiet, both: errors are reported in one line
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     with atomic_path(path) as temporary:
         code = cv2.VideoWriter.fourcc(*CODECS[path.suffix])

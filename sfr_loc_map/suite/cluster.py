@@ -1,7 +1,7 @@
 """Runs jobs on Dask: on worker processes of this machine, or on a cluster that is running.
 
-Dask starts the processes, ends one that needs too much memory, starts another in its place, and runs again what was
-lost with it. Here is only what Dask does not know: the time limit of a job, and why a job failed.
+Dask starts the processes, ends one that needs too much memory and starts another in its place. This module adds what
+Dask does not know: the time limit of a job, which workers have the code of the client, and why a job failed.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from sfr_loc_map.suite.specification import SuiteSettings
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-TRIES = 3
-STARTED, OVER_TIME, OVER_MEMORY = "sfr-started", "sfr-over-time", "worker-restart-memory"
-"""Topics of events: the first two are ours, the last is that of Dask's nanny."""
+TRIES = 3  #: How often a job is run at most, if it raises an error or ends its worker.
+OVER_TIME = "sfr-over-time"  #: Topic of the event by which a task reports that it exceeds its time limit.
+OVER_MEMORY = "worker-restart-memory"  #: Topic of the event by which Dask's nanny reports the same of memory.
 ASK_EVERY_S = 1.0  #: How often the scheduler is asked for its workers.
-SAY_AFTER_S = 2.0  #: Time without a worker after which it is said.
-SHOWN = 10  #: Workers of which it is said what they lack.
+SAY_AFTER_S = 2.0  #: Time without a worker after which it is reported.
+SHOWN = 10  #: Workers whose missing code is reported.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -68,10 +68,10 @@ def connected(settings: SuiteSettings, *, workers: int, scheduler: str | None) -
         from distributed import Client, LocalCluster
     except ImportError as error:
         raise MissingExtraError(f"suites run on Dask ({error}): pip install 'sfr_loc_map[suite]'") from error
-    for name in ("distributed", "distributed.client"):  # what is lost is told in one line
+    for name in ("distributed", "distributed.client"):  # what is lost is reported in one line
         logging.getLogger(name).setLevel(logging.CRITICAL)
     options: dict[str, Any] = {
-        "distributed.scheduler.allowed-failures": 0,  # a job that only waited on a worker would be blamed as well
+        "distributed.scheduler.allowed-failures": 0,  # tries are counted here, and a job runs again only if submitted
         **{f"distributed.worker.memory.{name}": False for name in ("target", "spill", "pause")},
         "distributed.worker.memory.terminate": 1.0,
         # a worker may just be restarting when Dask looks for it; without any for long, jobs fail
@@ -116,7 +116,7 @@ def _end(cluster: Any) -> None:  # noqa: ANN401 - distributed is typed in part
 
 @dataclass(slots=True, kw_only=True)
 class WorkerRecord:
-    """A worker of a suite: what it has, what it did, and why it got no task."""
+    """A worker of a suite, as suite.json names it."""
 
     worker: str  #: Its address.
     host: str = ""
@@ -128,131 +128,146 @@ class WorkerRecord:
     set_aside: str = ""  #: How its code differs, so that it gets no task; empty if it may run tasks.
 
 
-class Crew:
-    """The workers of a scheduler: those that have the code of the client, and the others."""
+class SuiteWorkers:
+    """The workers of a scheduler. Those that have the code of the client offer a resource that each task requires."""
 
     def __init__(self, client: Client, say: Callable[[str], None], wait_s: float) -> None:
-        self.client, self.say, self.wait_s = client, say, wait_s
-        self.resource = f"sfr-{code_fingerprint()}"  # that workers with this code offer
+        self.resource = f"sfr-{code_fingerprint()}"
         self.records: dict[str, WorkerRecord] = {}
-        self._alone_since: float | None = time.monotonic()
-        self._said, self._asked, self._places = "", -ASK_EVERY_S, 0
-        self._read = len(client.get_events(JOINED))  # those of runs before
-        with contextlib.suppress(Exception):  # one that cannot even read it offers nothing
+        self._client = client
+        self._say = say
+        self._wait_s = wait_s
+        self._asked_at = -ASK_EVERY_S
+        self._places = 0
+        self._without_since = time.monotonic()  # since when no worker may run a task
+        self._reported = ""
+        self._events_read = len(client.get_events(JOINED))  # those of earlier runs
+        with contextlib.suppress(Exception):  # a worker that cannot read the plugin offers nothing
             client.register_plugin(proof_plugin(self.resource, code_facts()))
 
     def places(self) -> int:
-        """Return how many jobs run at a time on the workers that there are now; say if there is none.
+        """Return how many tasks run at the same time on the present workers; report if none may run a task.
 
-        InputError if there was none for the time that one waits for them.
+        InputError if there has been none for longer than the limit.
         """
         now = time.monotonic()
-        if self._places and now - self._asked < ASK_EVERY_S:
+        if self._places and now - self._asked_at < ASK_EVERY_S:
             return self._places
-        self._asked = now
-        workers = self.client.scheduler_info(n_workers=-1)["workers"]
-        events = self.client.get_events(JOINED)
-        for _, event in events[self._read :]:
+        self._asked_at = now
+        self._read_events()
+        workers = self._client.scheduler_info(n_workers=-1)["workers"]
+        fit = [worker for worker in workers.values() if worker["resources"].get(self.resource, 0) > 0]
+        self._places = sum(int(worker["nthreads"]) for worker in fit)
+        if self._places:
+            self._without_since = now
+            self._reported = ""
+            return self._places
+        waited_s = now - self._without_since
+        reason = self._reason(list(workers))
+        if waited_s > self._wait_s:
+            raise InputError(
+                f"{reason}: none came in {self._wait_s:g} s; results so far are kept, the same command continues"
+            )
+        if waited_s > SAY_AFTER_S and reason != self._reported:
+            self._reported = reason
+            self._say(f"{reason}: waiting {self._wait_s:g} s for one that may run a task")
+        return 0
+
+    def ask_again(self) -> None:
+        """Have the scheduler asked for its workers the next time, because one has died."""
+        self._places = 0
+
+    def count(self, outcome: JobOutcome) -> None:
+        """Count a task that a worker has done."""
+        if outcome.worker:
+            self._record(outcome.worker).done += outcome.cause is None
+
+    def _read_events(self) -> None:
+        """Take what workers have reported of their code when they joined."""
+        events = self._client.get_events(JOINED)
+        for _, event in events[self._events_read :]:
             if event["resource"] == self.resource:
                 record = self._record(event["worker"])
                 record.set_aside = event["lacks"]
                 for name in ("host", "version", "python", "code"):
                     setattr(record, name, event.get(name, ""))
-        self._read = len(events)
-        fit = [worker for worker in workers.values() if worker["resources"].get(self.resource, 0) > 0]
-        self._places = sum(int(worker["nthreads"]) for worker in fit)
-        if self._places:
-            self._alone_since, self._said = None, ""
-            return self._places
-        self._alone_since = self._alone_since or now
-        waited, what = now - self._alone_since, self._lacks(list(workers))
-        if waited > self.wait_s:
-            raise InputError(f"{what}: none came in {self.wait_s:g} s; what was done is kept, the same command goes on")
-        if waited > SAY_AFTER_S and what != self._said:
-            self._said = what
-            self.say(f"{what}: waiting {self.wait_s:g} s for one that may run a task")
-        return 0
+        self._events_read = len(events)
 
     def _record(self, worker: str) -> WorkerRecord:
         return self.records.setdefault(worker, WorkerRecord(worker=worker))
 
-    def _lacks(self, workers: Sequence[str]) -> str:
+    def _reason(self, workers: Sequence[str]) -> str:
+        """Return why no worker may run a task."""
         if not workers:
-            return f"no worker at the scheduler {self.client.scheduler_info()['address']}"
-        unknown = WorkerRecord(worker="", set_aside="has told nothing of its code")
+            return f"no worker at the scheduler {self._client.scheduler_info()['address']}"
+        unknown = WorkerRecord(worker="", set_aside="has not reported its code")
         known = [self.records.get(worker, unknown) for worker in workers]
         lacks = [f"{at.host} ({worker}): {at.set_aside}" for worker, at in zip(workers, known, strict=True)]
         more = f"; and {len(lacks) - SHOWN} more" if len(lacks) > SHOWN else ""
         return f"none of {len(lacks)} workers may run a task: {'; '.join(lacks[:SHOWN])}{more}"
 
-    def count(self, outcome: JobOutcome) -> None:
-        """Count what a worker did."""
-        self._record(outcome.worker).done += outcome.cause is None
-
 
 def run_jobs(
-    client: Client, jobs: Sequence[Job], timeout_s: float, cache: Path, crew: Crew
+    client: Client, jobs: Sequence[Job], timeout_s: float, cache: Path, workers: SuiteWorkers
 ) -> Generator[tuple[Job, JobOutcome]]:
-    """Yield each job with what came of it, as it is done.
+    """Yield each job with its outcome, as it is done.
 
-    Twice as many are handed out as run at a time, so that no worker waits for the next one. Workers that do not see the
-    cache of simulated sources use one of their own.
+    As many jobs are submitted as run at the same time, so that the death of a worker concerns one job: Dask counts it
+    against all tasks that the worker holds, also those that only wait there. A job that ends its worker is tried again.
+    Workers that do not see the cache of simulated sources use one of their own.
     """
     from distributed.scheduler import KilledWorker
 
     waiting = deque(jobs)
-    handed_out: dict[Future[JobOutcome], Job] = {}
+    submitted: dict[Future[JobOutcome], Job] = {}
     done: SimpleQueue[Future[JobOutcome]] = SimpleQueue()
-    tries: Counter[str] = Counter()
-    ended: set[str] = set()
+    deaths: Counter[str] = Counter()
+
+    def submit() -> None:
+        places = workers.places()
+        while waiting and len(submitted) < places:
+            job = waiting.popleft()
+            future = client.submit(
+                run_on_worker,
+                *(job, timeout_s, str(cache.absolute())),
+                key=(f"sfr-{job.kind}", job.key, time.time_ns()),
+                resources={workers.resource: 1},
+                retries=TRIES - 1,
+                pure=False,
+            )
+            submitted[future] = job
+            future.add_done_callback(done.put)
+
     try:
-        while waiting or handed_out:
-            places = crew.places()
-            while waiting and len(handed_out) < 2 * places:
-                job = waiting.popleft()
-                future = client.submit(
-                    run_on_worker,
-                    *(job, timeout_s, str(cache.absolute())),
-                    key=(f"sfr-{job.kind}", job.key, time.time_ns()),
-                    resources={crew.resource: 1},
-                    retries=TRIES - 1,
-                    pure=False,
-                )
-                handed_out[future] = job
-                future.add_done_callback(done.put)
+        while waiting or submitted:
+            submit()
             try:
                 future = done.get(timeout=ASK_EVERY_S)
             except Empty:
                 continue
-            job = handed_out.pop(future)
+            job = submitted.pop(future)
             outcome, error = _result_of(future)
+            future.release()
             if isinstance(error, KilledWorker):
-                worker = error.last_worker.address
-                started = [event["key"] for _, event in client.get_events(STARTED) if event["worker"] == worker]
-                # one of its jobs is to blame: that which ran, not those that only waited there
-                others = {other.key for other in handed_out.values()}
-                if worker not in ended and (not started or started[-1] not in others):
-                    ended.add(worker)
-                    tries[job.key] += error.allowed_failures + 1
-                if tries[job.key] < TRIES:
+                workers.ask_again()
+                deaths[job.key] += error.allowed_failures + 1
+                if deaths[job.key] < TRIES:
                     waiting.appendleft(job)
                     continue
-                outcome = _cause_of_death(client, worker)
+                outcome = _cause_of_death(client, error.last_worker.address, job)
             elif error is not None:
-                message = one_line(f"{type(error).__name__}: {error}")
-                outcome = JobOutcome(cause=FailureCause.FAULT, message=message)
-            if outcome.worker:
-                crew.count(outcome)
+                outcome = JobOutcome(cause=FailureCause.FAULT, message=one_line(f"{type(error).__name__}: {error}"))
+            workers.count(outcome)
+            submit()  # before the caller keeps the outcome, so that no worker waits for it
             yield job, outcome
-            future.release()
     except OSError as error:
         raise InputError(
-            f"the Dask scheduler is gone ({type(error).__name__}): what was done is kept; start it and give the same "
-            "command again"
+            f"the Dask scheduler is gone ({type(error).__name__}): results so far are kept; start it and give the "
+            "same command again"
         ) from error
     finally:
         with contextlib.suppress(Exception):
-            client.cancel(list(handed_out), force=True)
+            client.cancel(list(submitted), force=True)
 
 
 def _result_of(future: Future[JobOutcome]) -> tuple[JobOutcome, BaseException | None]:
@@ -261,21 +276,22 @@ def _result_of(future: Future[JobOutcome]) -> tuple[JobOutcome, BaseException | 
 
     if future.status == "error":
         return JobOutcome(), future.exception()
-    if future.status != "finished":  # the scheduler has forgotten it
-        raise ConnectionError(future.status)
+    if future.status != "finished":
+        raise ConnectionError(f"Dask has forgotten a task: {future.status}")
     try:
         return future.result(), None
     except KilledWorker as error:  # the worker was killed before its result was fetched
         return JobOutcome(), error
 
 
-def _cause_of_death(client: Client, address: str) -> JobOutcome:
+def _cause_of_death(client: Client, address: str, job: Job) -> JobOutcome:
+    """Return the outcome of a job that ended its worker, by what the worker reported."""
     cause, message = FailureCause.DIED, "its worker process was killed or crashed"
     for _, event in client.get_events(OVER_MEMORY):
         if event["worker"] == address:
             cause, message = FailureCause.MEMORY, f"{event['rss'] / 1e6:.0f} MB, more than its worker may use"
     for _, event in client.get_events(OVER_TIME):
-        if event["worker"] == address:
+        if event["worker"] == address and event["job"] == job.key:
             cause, message = FailureCause.TIME, f"not done after {event['seconds']:g} s"
     return JobOutcome(cause=cause, message=message)
 
@@ -286,18 +302,15 @@ def run_on_worker(job: Job, timeout_s: float, cache: str) -> JobOutcome:
     Beyond the time limit the process ends itself: a thread cannot be ended.
     """
     from distributed import get_worker
-    from distributed.utils import sync
 
     from sfr_loc_map.metrics.score_json import to_json
     from sfr_loc_map.suite.job_run import run_job
 
     worker = get_worker()
-    started = {"worker": worker.address, "key": job.key}
-    sync(worker.loop, worker.scheduler.log_event, topic=STARTED, msg=started)  # known before it can end the process
     place = Path(cache) if Path(cache).is_dir() else Path(worker.local_directory) / "sfr-cache"
 
     def end() -> None:
-        worker.log_event(OVER_TIME, {"worker": worker.address, "seconds": timeout_s})
+        worker.log_event(OVER_TIME, {"worker": worker.address, "job": job.key, "seconds": timeout_s})
         time.sleep(0.5)  # until the event is sent
         os._exit(1)
 

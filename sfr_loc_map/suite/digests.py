@@ -34,7 +34,7 @@ LIBRARIES = ("numpy", "numba", "scipy", "opencv-python-headless", "simplejpeg", 
 WITHOUT_EFFECT = frozenset({"cli", "report", "suite"})
 """Parts of the package that no figure of a job depends on, but for the module that runs it."""
 RUNNER = "suite/job_run.py"
-JOINED = "sfr-joined"  #: Topic of the event by which a worker tells what it has.
+JOINED = "sfr-joined"  #: Topic of the event by which a worker reports its code.
 
 
 def stamp_of(path: Path) -> str:

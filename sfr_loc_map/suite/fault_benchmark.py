@@ -19,7 +19,6 @@ from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
-from sfr_loc_map.methods.comparison import SCHEMA
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.score import Score
@@ -28,6 +27,7 @@ from sfr_loc_map.runs.offline import localise, start_pose, trajectory_of
 from sfr_loc_map.signals import hold
 from sfr_loc_map.simulation.faults import parse_fault
 from sfr_loc_map.simulation.faulty_source import FaultyLoc
+from sfr_loc_map.suite.method_benchmark import SCHEMA
 
 FAULTS = (
     "dropped:share=0.2", "repeated:share=0.2", "swapped", "black", "black:burst=5", "black:camera=left",
@@ -45,11 +45,11 @@ VALID = ("initialising", "tracking")  #: States whose pose and covariance are to
 
 
 class Honesty(StrEnum):
-    """What was said of errors."""
+    """How errors were reported."""
 
     SILENT = "silent"  #: Beyond the limit, and called tracking.
     SAID = "said"  #: Degraded or lost pairs, and none beyond the limit that was called tracking.
-    STATED = "stated"  #: All errors within the limit, and nothing else said.
+    STATED = "stated"  #: All errors within the limit, and no pair degraded or lost.
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ class StatedErrors:
 
     @property
     def honesty(self) -> Honesty:
-        """What the localiser said of its errors."""
+        """How the localiser reported its errors."""
         if self.beyond_share:
             return Honesty.SILENT
         return Honesty.SAID if self.degraded + self.lost else Honesty.STATED

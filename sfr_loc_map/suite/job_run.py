@@ -47,7 +47,7 @@ REPLAY = (
 )
 """The command line is above this layer: it is run as the command that it is."""
 TOLD = ("key", "faults", "fault_seed", "configuration", "repeat", "start", "code")
-"""What the provenance of a score says of its job."""
+"""Keys of the job in the provenance of a score."""
 
 
 def run_job(job: Job, scratch: Path, cache: Path) -> Score:

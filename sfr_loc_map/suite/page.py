@@ -46,7 +46,7 @@ def render_summary(summary: Summary) -> str:
 
 
 def _error_plots(summary: Summary) -> list[Plot]:
-    # no text of a user is in the figures: runs stand as their number in the table `groups`
+    # no text of a user is in the figures: runs are shown by their number in the table `groups`
     numbers = {group.runs: n for n, group in enumerate(summary.groups, 1)}
     each = [(numbers[drive.runs], drive.figure) for drive in summary.drives if drive.figure]
     each.sort(key=itemgetter(0))

@@ -64,7 +64,7 @@ def make_plan(
 def _known(
     source: JobSource, facts_of: Callable[[Path], SourceFacts], cache: Path
 ) -> tuple[JobSource, tuple[JobKind, ...]]:
-    """Return a source that lies here, with its hash, and the kinds of jobs that it has the data for."""
+    """Return a source on this host, with its hash, and the kinds of jobs that it has the data for."""
     if source.kind is SourceKind.ESTIMATE:
         return replace(source, sha256=data_hash(source)), (JobKind.SCORE,)
     if source.kind is SourceKind.SIMULATED:

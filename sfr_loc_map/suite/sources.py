@@ -30,7 +30,7 @@ def local_path(source: JobSource, cache: Path) -> Path:
 
 
 def fetch(url: str, cache: Path) -> Path:
-    """Return the place of the copy of a remote source; another version, as the server tells it, is fetched again."""
+    """Return the place of the copy of a remote source; it is fetched again if the server has another version."""
     with _opened(url) as (system, path):
         system.invalidate_cache()
         protocols = (system.protocol,) if isinstance(system.protocol, str) else system.protocol
@@ -54,7 +54,7 @@ def fetch(url: str, cache: Path) -> Path:
 
 
 def _made_once(target: Path, make: Callable[[Path], object]) -> Path:
-    """Return a folder, made by whoever asks first; who asks meanwhile waits."""
+    """Return a folder, made by the first caller; other callers wait meanwhile."""
     target.parent.mkdir(parents=True, exist_ok=True)
     with target.with_name(f"{target.name}.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)

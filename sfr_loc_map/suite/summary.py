@@ -1,8 +1,9 @@
 """What follows from all results of a suite: counts, errors pooled over drives, verdicts, failures.
 
-The sub-trajectories of all drives run alike are one sample, as the specification's statistics ask [4.1.3]: counts,
-means and sigmas of the drives give count, mean and sigma of all their values exactly (Chan, Golub, LeVeque 1983). The
-95 % interval resamples whole drives: errors within one drive are not independent.
+Drives with the same task, configuration and faults form a group. Its sub-trajectories are one sample, as the
+specification's statistics require [4.1.3]: counts, means and sigmas of the drives give count, mean and sigma of all
+values exactly (Chan, Golub, LeVeque 1983). The 95 % interval resamples whole drives, because errors within one drive
+are not independent.
 """
 
 from __future__ import annotations
@@ -63,7 +64,7 @@ class ScoredJob:
 
     @property
     def runs(self) -> tuple[str, str, str]:
-        """What it has in common with those that were run alike: task, configuration, faults."""
+        """What it has in common with the drives of its group: task, configuration, faults."""
         return self.job.kind.value, self.job.configuration, self.job.faults
 
     @property
@@ -94,7 +95,7 @@ class GroupVerdict(Verdict, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Group:
-    """Drives that were run alike: number of drives, of frames and of lost frames, pooled errors, verdicts."""
+    """A group of drives with the same task, configuration and faults: counts, pooled errors, verdicts."""
 
     task: str
     configuration: str
@@ -166,7 +167,7 @@ class Summary:
         return expected_row(SUITE, len(self.drives), planned or None)
 
     def to_dict(self) -> dict[str, object]:
-        """Return it as JSON values; of each drive its key, names, verdicts, and where its score stands."""
+        """Return it as JSON values; of each drive its key, names, verdicts, and the place of its score."""
         parts = {
             name: to_plain(getattr(self, name)) for name in ("verdict", "groups", "failures", "refusals", "workers")
         }

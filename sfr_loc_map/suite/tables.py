@@ -116,7 +116,7 @@ HISTORY: Columns = (
     ("95 % interval", INTERVAL, "ci95"),
     ("see", WORDS, "command"),
 )
-WORST = ("fail", "incomplete", "not enough data")  #: Verdicts that stand first.
+WORST = ("fail", "incomplete", "not enough data")  #: Verdicts that come first.
 NAMED = 5  #: Drives of a change that are named in a table.
 
 
@@ -177,7 +177,7 @@ def suite_tables(summary: Summary) -> list[Table]:
         _table("verdicts", "Verdicts over all drives", VERDICTS, verdicts, of_verdicts),
         _table("failures", "Tasks without a result", FAILURES, failures),
         _table("counts", "Tasks", tuple((name, NONE, name) for name in counts), [counts]),
-        _table("groups", "Runs", GROUPS, groups, "Drives of one number were run alike."),
+        _table("groups", "Runs", GROUPS, groups, "Drives of one number have the same task, configuration and faults."),
         _table("pooled", "Errors over the sub-trajectories of all drives", POOLED, pooled, of_pooled),
         result_table("maps", "Maps, the worst first", maps, pages, Subject.MAP),
         result_table("drives", "Drives, the worst first", worst_first(summary), pages, Subject.TRAJECTORY, of_drives),

@@ -22,7 +22,7 @@ from distributed import WorkerPlugin
 from helpers.made_suites import JOB
 from sfr_loc_map.inputs import hash_path
 from sfr_loc_map.suite import job_run
-from sfr_loc_map.suite.cluster import Crew, connected, run_jobs
+from sfr_loc_map.suite.cluster import SuiteWorkers, connected, run_jobs
 from sfr_loc_map.suite.digests import code_fingerprint
 from sfr_loc_map.suite.job import Job
 from sfr_loc_map.suite.specification import SuiteSettings
@@ -64,9 +64,9 @@ def measured(name: str, tasks: int, seconds: float, sources: list[Path], folder:
     ]
     with connected(SuiteSettings(), workers=WORKERS, scheduler=None) as client:
         client.register_plugin(Sleeping())
-        crew = Crew(client, print, 60.0)
+        at_work = SuiteWorkers(client, print, 60.0)
         begun = time.monotonic()
-        done = sum(outcome.cause is None for _, outcome in run_jobs(client, jobs, 60.0, folder, crew))
+        done = sum(outcome.cause is None for _, outcome in run_jobs(client, jobs, 60.0, folder, at_work))
         wall = time.monotonic() - begun
     gaps = defaultdict[str, list[float]](list)
     slept, span = 0.0, 0.0

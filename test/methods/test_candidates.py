@@ -18,12 +18,12 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.methods.comparison import methods_to_compare
 from sfr_loc_map.methods.isolated_method import IsolatedMethod
 from sfr_loc_map.methods.method_process import MethodCall
 from sfr_loc_map.methods.registry import MethodLimits, find_method
 from sfr_loc_map.metrics.score import MethodKind, MethodRecord
 from sfr_loc_map.runs.offline import localise, map_pairs, map_pairs_with
+from sfr_loc_map.suite.method_benchmark import methods_to_compare
 
 ROOT = Path(__file__).resolve().parents[2]
 TAKEN = {"stated_s", "cpu_s", "cpu_between_s", "threads", "processes"}  #: Seen from outside the process.

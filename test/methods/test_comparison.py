@@ -17,13 +17,13 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.methods.comparison import LIMITS, OURS, PassInput, compare_localisers, run_pass
 from sfr_loc_map.methods.isolated_method import IsolatedMethod
 from sfr_loc_map.methods.method_process import MethodCall
 from sfr_loc_map.methods.registry import Method
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.score import MethodKind
 from sfr_loc_map.runs.offline import start_pose
+from sfr_loc_map.suite.method_benchmark import LIMITS, OURS, PassInput, compare_localisers, run_pass
 
 SCORING = TrajectoryScoreConfig(conditions=("frames=3",), spacing=2)
 METHOD = """

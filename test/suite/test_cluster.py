@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("distributed", reason="needs the extra [suite]")
 from helpers.made_suites import JOB
-from sfr_loc_map.suite.cluster import Crew, FailureCause, connected, run_jobs
+from sfr_loc_map.suite.cluster import FailureCause, SuiteWorkers, connected, run_jobs
 from sfr_loc_map.suite.specification import SuiteSettings
 
 EXPECTED = {
@@ -32,8 +32,8 @@ def test_each_fails_for_its_cause_and_no_other_with_it(tmp_path: Path) -> None:
     jobs = [replace(JOB, source=replace(JOB.source, name=name, sha256=name)) for name in EXPECTED]
     with connected(SuiteSettings(memory_mb=600), workers=2, scheduler=None) as client:
         client.register_plugin(Misbehaving())
-        crew = Crew(client, print, 60.0)
-        found = {job.source.name: outcome for job, outcome in run_jobs(client, jobs, 5.0, tmp_path, crew)}
+        at_work = SuiteWorkers(client, print, 60.0)
+        found = {job.source.name: outcome for job, outcome in run_jobs(client, jobs, 5.0, tmp_path, at_work)}
     for name, (cause, tries, words) in EXPECTED.items():
         if name == "memory" and found[name].cause is FailureCause.DIED:
             continue  # on a busy host the word of Dask on why it ended the process comes too late

@@ -1,7 +1,8 @@
-"""Methods beside each other on the same pairs, in the same run: accuracy, time and memory of each, as JSON.
+"""Several methods on the same pairs in the same run: accuracy, time and memory of each, as JSON.
 
-Each pass gives all pairs to one method after the other; a method that works in the background between calls gets them
-at the rate of their stamps. Figures are medians over the passes.
+Each pass gives all pairs to one method after the other, alone on the machine: tasks of a suite run at the same time,
+so that their times cannot be compared. A method that works in the background between calls gets the pairs at the rate
+of their stamps. Figures are medians over the passes.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ MEMORY = (
 LIMITS = MethodLimits(call_timeout_s=900.0, memory_mb=16_000, restarts=0)
 """Of a method in a comparison; some dense matchers take minutes."""
 COMPARED = ("accuracy", "time_s", "memory_bytes")
-"""Parts of an entry of which the ratios of ours to the others are told."""
+"""Parts of an entry of which the ratios of ours to the others are reported."""
 Figures = dict[str, Any]  #: Figures of a pass, or their medians, as they are written to a file.
 
 
@@ -129,7 +130,7 @@ def compare_localisers(
         found: Figures = {"lost": int(lost.sum())}
         if sequence.ground_truth is None:
             return found
-        # the stereo rig's own frame stands for the rover's where its pose is not known
+        # the frame of the stereo rig is used for the rover's if its pose is unknown
         T_rb_left = sequence.rig.T_sb_left if sequence.rig.T_rb_sb is None else sequence.rig.T_rb_left
         T_ds_first, T_left_rb = T_ds_rb @ T_rb_left, T_rb_left.inverse()
         stamped, T_first_left = [], Transform.identity()
