@@ -41,7 +41,7 @@ from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.worker import Overload
 from sfr_loc_map.nodes.messages import cloud_from_msg, covariance_of, header_msg, odometry_row, transform_from_pose
-from sfr_loc_map.nodes.reception import RunOrder, TransportGaps
+from sfr_loc_map.nodes.reception import AnyOrder, TransportGaps
 from sfr_loc_map.nodes.runner import run
 from sfr_loc_map.runs.calls import decode_call
 from sfr_loc_map.scoring.monitor_score import MonitorScore, ReportFile
@@ -142,8 +142,8 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._score = MonitorScore(self.config.score, None)
         self._gaps: list[TransportGaps] = []
         self._camera_infos: dict[Side, CameraInfo] = {}
-        self._orders: dict[str, RunOrder[tuple[int, Callable[[], None]]]] = {
-            kind: RunOrder(keeps_late=True) for kind in ("estimate", "truth")
+        self._orders: dict[str, AnyOrder[tuple[int, Callable[[], None]]]] = {
+            kind: AnyOrder() for kind in ("estimate", "truth")
         }
         self._early_points: deque[PointCloud2] = deque(maxlen=MAX_PAIRS)
         self._configurations: dict[str, Any] = {}

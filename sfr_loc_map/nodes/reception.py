@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left, insort
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Any, Generic, TypeVar
 
 from sfr_loc_map.inputs import jumped_back
@@ -14,6 +16,9 @@ whose clock is not set)."""
 CLOCK_NOISE_NS = 1_000_000  # tolerance for the wrong order: clocks are read and rounded differently
 LEAP_NS = 3600 * 1_000_000_000  #: A stamp that far ahead of the last one is of another clock.
 AGREEING = 3  #: Stamps of another time in a row that are a new run.
+REGULAR = 10  #: Unknown stamps in a row that are a new run: few shuffled sequences (1 of 3.6 million) are in order.
+PACE = 4  #: Duration of such a row over that at its median step; messages may have been lost.
+JOIN = 2.0  #: Mean steps of a run within which an earlier item joins it.
 
 
 class RunOrder(Generic[T]):
@@ -25,23 +30,17 @@ class RunOrder(Generic[T]):
     present time is added first, the held items are strays. A stamp of zero is no stamp.
     """
 
-    def __init__(self, agreeing: int = AGREEING, *, keeps_late: bool = False) -> None:
-        """Start before the first item; `keeps_late`: late items are accepted, as their order does not matter."""
+    def __init__(self, agreeing: int = AGREEING) -> None:
+        """Start before the first item."""
         self.last_ns: int | None = None
         self.late = self.strays = 0
-        self._agreeing, self._keeps_late = agreeing, keeps_late
+        self._agreeing = agreeing
         self._held: list[tuple[int, T]] = []
 
     def restart(self) -> None:
         """Forget the last stamp and what is held: the next item begins a run."""
         self.last_ns = None
         self._held.clear()
-
-    def release(self) -> list[T]:
-        """Restart, and return the held items: they are of the run that another source has begun."""
-        held = [item for _, item in self._held]
-        self.restart()
-        return held
 
     def add(self, stamp_ns: int, item: T) -> tuple[list[T], bool]:
         """Take an item; return the items that may be processed, in order, and whether a new run begins with them."""
@@ -56,7 +55,7 @@ class RunOrder(Generic[T]):
             return [item], False
         if (stamp_ns < last_ns and not jumped_back(last_ns, stamp_ns)) or stamp_ns == last_ns:
             self.late += 1
-            return [item] if self._keeps_late else [], False
+            return [], False
         if self._held and stamp_ns <= self._held[-1][0]:
             self.strays += len(self._held)
             self._held.clear()
@@ -67,6 +66,108 @@ class RunOrder(Generic[T]):
         items = [held for _, held in self._held]
         self._held.clear()
         return items, stamp_ns < last_ns
+
+
+class AnyOrder(Generic[T]):
+    """Assigns stamped items that come in any order to runs; `strays` counts those that are dropped.
+
+    An item of the time of the run is accepted whenever it comes. An item before the first one of the run is accepted
+    once no gap separates it from the run. Two kinds of items begin a new run: `AGREEING` that follow each other in the
+    order of their stamps and have stamps that were received before, as of a recording that is played again; or
+    `REGULAR` that follow each other in the order of their stamps at a regular pace. The new run has all of them. An
+    item of a known stamp, of zero, or an hour ahead is dropped otherwise.
+    """
+
+    def __init__(self) -> None:
+        """Start before the first item."""
+        self._dropped = 0
+        self._begin([])
+
+    def restart(self) -> None:
+        """Forget all items: the next one begins a run."""
+        self._break_chain()
+        self._dropped += len(self._early)
+        self._begin([])
+
+    def _begin(self, stamps_ns: list[int]) -> None:
+        self._seen = stamps_ns  # stamps of the run, sorted
+        self._early: list[tuple[int, T]] = []  # items before the run, sorted by stamp
+        self._chain: list[tuple[int, T, bool]] = []  # the last items that may begin a run, and whether each is dropped
+
+    def release(self) -> list[T]:
+        """Restart, and return the items that may begin a run: another source has begun one."""
+        items = [item for _, item, _ in self._chain]
+        self._take_chain()
+        self._begin([])
+        return items
+
+    @property
+    def strays(self) -> int:
+        """Number of items that are dropped so far."""
+        return self._dropped + sum(is_dropped for _, _, is_dropped in self._chain) + len(self._early)
+
+    def add(self, stamp_ns: int, item: T) -> tuple[list[T], bool]:
+        """Take an item; return the items that are accepted, and whether a new run begins with them."""
+        if stamp_ns <= 0:
+            self._dropped += 1
+            return [], False
+        last_ns = self._seen[-1] if self._seen else None
+        if last_ns is None or not (jumped_back(last_ns, stamp_ns) or stamp_ns - last_ns >= LEAP_NS):
+            self._break_chain()
+            insort(self._seen, stamp_ns)
+            return [item, *self._joined()], False
+        if self._chain and stamp_ns <= self._chain[-1][0]:
+            self._break_chain()
+        place = bisect_left(self._seen, stamp_ns)
+        is_known = place < len(self._seen) and self._seen[place] == stamp_ns
+        is_early = place == 0 and not is_known
+        is_ahead = stamp_ns > last_ns
+        self._chain.append((stamp_ns, item, is_known or is_ahead))
+        if self._begins_run():
+            found = self._take_chain()
+            return found, not is_ahead
+        if is_early:
+            insort(self._early, (stamp_ns, item), key=lambda entry: entry[0])
+            return self._joined(), False
+        if is_known or is_ahead:
+            return [], False
+        insort(self._seen, stamp_ns)
+        return [item, *self._joined()], False
+
+    def _take_chain(self) -> list[T]:
+        """Begin a run with the items of the chain, and return them."""
+        stamps = [stamp_ns for stamp_ns, _, _ in self._chain]
+        items = [item for _, item, _ in self._chain]
+        self._dropped += sum(stamp_ns not in stamps for stamp_ns, _ in self._early)
+        self._begin(stamps)
+        return items
+
+    def _begins_run(self) -> bool:
+        """Tell whether the items of the chain agree on a run of their own."""
+        if len(self._chain) < AGREEING:
+            return False
+        if all(is_dropped for _, _, is_dropped in self._chain):
+            return True
+        stamps = [stamp_ns for stamp_ns, _, _ in self._chain]
+        steps = sorted(after - before for before, after in pairwise(stamps))
+        return len(stamps) >= REGULAR and stamps[-1] - stamps[0] <= PACE * len(stamps) * steps[len(steps) // 2]
+
+    def _break_chain(self) -> None:
+        self._dropped += sum(is_dropped for _, _, is_dropped in self._chain)
+        self._chain.clear()
+
+    def _joined(self) -> list[T]:
+        """Return, and accept, the early items that no gap separates from the run."""
+        found: list[T] = []
+        while self._early and len(self._seen) > 1:
+            stamp_ns, item = self._early[-1]
+            step_ns = (self._seen[-1] - self._seen[0]) / (len(self._seen) - 1)
+            if self._seen[0] - stamp_ns > JOIN * step_ns:
+                break
+            self._early.pop()
+            self._seen.insert(0, stamp_ns)
+            found.append(item)
+        return found
 
 
 # ---- latency

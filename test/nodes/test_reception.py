@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stamped_poses import ThinnedPath
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.stamp_pairing import StampPairing, match_stamps
-from sfr_loc_map.nodes.reception import LEAP_NS, RunOrder, TransportGaps
+from sfr_loc_map.nodes.reception import LEAP_NS, AnyOrder, RunOrder, TransportGaps
 
 S, MS = 1_000_000_000, 1_000_000
 NOW = 1_800_000_000 * S
@@ -155,3 +156,46 @@ def test_of_several_publishers_no_gap_is_counted() -> None:
     gaps = TransportGaps()
     gaps.set_several(True)
     assert sum(gaps.add({"publication_sequence_number": number}) for number in (1, 9, 2, 10, 3, 11)) == 0
+
+
+def accepted(stamps_ns: Sequence[int]) -> tuple[list[int], list[int], AnyOrder[int]]:
+    """Return the stamps of the last run, the first one of each new run, and the order after them."""
+    order, run, begun = AnyOrder[int](), list[int](), list[int]()
+    for stamp_ns in stamps_ns:
+        items, begins = order.add(stamp_ns, stamp_ns)
+        if begins:
+            begun.append(items[0])
+            run.clear()
+        run += items
+    return run, begun, order
+
+
+@pytest.mark.parametrize("stray_ns", [0, RUN[0] + 10 * LEAP_NS])
+def test_a_shuffled_drive_is_one_run_and_a_stray_among_it_is_dropped(stray_ns: int) -> None:
+    rng = np.random.default_rng(2)
+    for count in (20, 400):
+        drive = [RUN[0] + 10**8 * k for k in range(count)]
+        for _ in range(300):
+            order = rng.permutation(drive).tolist()
+            run, begun, after = accepted(order)
+            assert (sorted(run), begun, after.strays) == (drive, [], 0)
+        run, begun, after = accepted([*order[:7], stray_ns, *order[7:]])
+        assert (sorted(run), begun, after.strays) == (drive, [], 1)
+
+
+@pytest.mark.parametrize("phase_ns", [0, 4 * 10**8, -50 * 10**9])
+@pytest.mark.parametrize("lost", [(), (1,), (2, 3)])
+def test_a_run_that_begins_again_is_a_new_one_of_any_phase(phase_ns: int, lost: tuple[int, ...]) -> None:
+    again = [stamp + phase_ns for index, stamp in enumerate(RUN) if index not in lost]
+    run, begun, _ = accepted([*RUN, *again])
+    assert (run, begun) == (again, again[:1])
+
+
+def test_a_pose_that_is_sent_again_or_is_of_another_time_is_dropped_and_counted() -> None:
+    for stray_ns in (0, RUN[0] - 5 * 10**9, RUN[0] + 10 * LEAP_NS):
+        run, begun, order = accepted([*RUN[:10], stray_ns, *RUN[10:]])
+        assert (run, begun, order.strays) == ([*RUN], [], 1)
+    run, begun, order = accepted([*RUN[:10], RUN[4], *RUN[10:]])
+    assert (run, begun, order.strays) == ([*RUN], [], 1)
+    run, begun, order = accepted([*RUN[:10], RUN[4] + 1000, *RUN[10:]])  # a late one of its own
+    assert (sorted(run), begun, order.strays) == (sorted([*RUN, RUN[4] + 1000]), [], 0)
