@@ -180,9 +180,6 @@ def score(
     for table in (points, pieces):
         check_suffix(table, TABLE_SUFFIXES)
     check_outputs(json_path, html, junit, points, pieces, inputs=read, overwrite=overwrite)
-    if diagnose:
-        _diagnose(estimate, truth, json_path, lenient=lenient)
-        return
     if config_file is None and (truth.is_dir() or is_bag(truth)):
         config_file = named_beside(truth)
     by = judgement(limits, condition, config_file)
@@ -204,6 +201,9 @@ def score(
         limits=by.limits_file,
         command=shlex.join(["sfr", *sys.argv[1:]]),
     )
+    if diagnose:
+        _diagnose(inputs, estimate, json_path, lenient=lenient)
+        return
     inputs = _measured_on(inputs, target, target_timing, target_run)
     if align is not None and inputs.estimate is None:
         raise ConfigError("'--align' is for trajectories: leave it out for a cloud")
@@ -328,7 +328,7 @@ def present(score: Score, json_path: str | None, html: Path | None) -> None:
             warn(warning)
 
 
-def _diagnose(estimate: Path, truth: Path, json_path: str | None, *, lenient: bool) -> None:
+def _diagnose(inputs: ScoreInputs, estimate: Path, json_path: str | None, *, lenient: bool) -> None:
     """Show what explains the disagreement of estimate and truth; raise FailedVerdictError if something does.
 
     The disagreement is the mean error of position per distance travelled and of attitude in radians, re-based at many
@@ -336,9 +336,9 @@ def _diagnose(estimate: Path, truth: Path, json_path: str | None, *, lenient: bo
     """
     from sfr_loc_map.metrics.convention import MIN_POSES
     from sfr_loc_map.report.tables import Cell, Column, Table
-    from sfr_loc_map.scoring.score_run import diagnose_files
+    from sfr_loc_map.scoring.score_run import diagnose_run
 
-    diagnosis = diagnose_files(estimate, truth, ScoreConfig())
+    diagnosis = diagnose_run(inputs, ScoreConfig())
     rows = [(Cell.head("as it is"), Cell.number(diagnosis.disagreement, undefined="no stamp in common"), Cell(""))]
     rows += [
         (Cell.head(f"without: {item.mismatch}"), Cell.number(item.disagreement), Cell(item.setting))
@@ -353,6 +353,6 @@ def _diagnose(estimate: Path, truth: Path, json_path: str | None, *, lenient: bo
                 say(f"sfr score ... --convention {diagnosis.found.setting} corrects it")
         raise FailedVerdictError(f"estimate and truth contradict each other by convention: {diagnosis.found.mismatch}")
     if diagnosis.disagreement is None:
-        not_judged([f"'{estimate}' and '{truth}' have fewer than {MIN_POSES} stamps in common"], lenient=lenient)
+        not_judged([f"'{estimate}' and '{inputs.truth}' have fewer than {MIN_POSES} stamps in common"], lenient=lenient)
     elif json_path != STANDARD_OUTPUT:
         say("no single convention mismatch explains the disagreement, if there is any")

@@ -22,12 +22,13 @@ from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.pose_checks import has_constant_attitude, possible_poses, rows_of
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_multiply, quat_rotate
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
-from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, refusing, stamp_of
+from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, refusing
 from sfr_loc_map.io.bag_files import is_bag
-from sfr_loc_map.io.bag_frames import PoseRow, chain_above, pose_row, read_frames, sampled, trajectory_of
+from sfr_loc_map.io.bag_frames import chain_above, pose_row, read_frames, sampled, trajectory_of
 from sfr_loc_map.io.text_table import check_order
 from sfr_loc_map.io.topic_guess import is_own
 from sfr_loc_map.io.trajectory_file import read_trajectory_file
+from sfr_loc_map.io.true_poses import FIX, ODOMETRY, POINT, POSE, TRANSFORM, WITH_COVARIANCE, TruePoses
 
 if TYPE_CHECKING:
     from sfr_loc_map.io.bag import Bag, Topic
@@ -35,10 +36,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 NO_LEVER = (0.0, 0.0, 0.0)
 NO_TURN = (0.0, 0.0, 0.0, 1.0)
-POINT = "geometry_msgs/msg/PointStamped"
-PATH, FIX = "nav_msgs/msg/Path", "sensor_msgs/msg/NavSatFix"
-NO_FIX = -1  #: `NavSatStatus.STATUS_NO_FIX`.
-WGS84_M, WGS84_FLATTENING = 6_378_137.0, 1.0 / 298.257223563
+PATH = "nav_msgs/msg/Path"
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,11 +220,6 @@ def _with_covariances(bag: Bag, topic: Topic) -> Poses:
     return poses, np.diagonal(covariances, axis1=1, axis2=2)
 
 
-def _plain_poses(bag: Bag, topic: Topic) -> Poses:
-    found = ((message, getattr(message, "pose", None) or message.transform) for _, _, message in bag.messages([topic]))
-    return trajectory_of([pose_row(*each) for each in found]), None
-
-
 def _last_path(bag: Bag, topic: Topic) -> Poses:
     """Return the poses of the last message: each holds those of the messages before."""
     last = None
@@ -239,78 +232,30 @@ def _last_path(bag: Bag, topic: Topic) -> Poses:
     return trajectory_of(rows), None
 
 
-def _fixes(bag: Bag, topic: Topic) -> Poses:
-    """Return positions east, north, up of the first fix; messages without a fix are left out.
-
-    A receiver that has no position yet may write 0, 0 or NaN with the status of a fix: these are left out and counted.
-    """
-    stamps, places, variances = [], [], []
-    invalid = heightless = 0
-    for _, _, message in bag.messages([topic]):
-        if message.status.status > NO_FIX:
-            if not _is_place(message.latitude, message.longitude):
-                invalid += 1
-                continue
-            if not np.isfinite(message.altitude):
-                heightless += 1
-                continue
-            stamps.append(stamp_of(message))
-            places.append((message.latitude, message.longitude, message.altitude))
-            known = np.nan if message.position_covariance_type == 0 else 1.0
-            variances.append([*(known * message.position_covariance[[0, 4, 8]]), np.nan, np.nan, np.nan])
-    if heightless > len(places):
+def _single_poses(bag: Bag, topic: Topic) -> Poses:
+    """Return the poses or positions of messages that have one each."""
+    reader = TruePoses(topic.msgtype)
+    found = [row for _, _, message in bag.messages([topic]) if (row := reader.row(message)) is not None]
+    if reader.heightless > len(found):
         raise ValueError(
-            f"{heightless} of {heightless + len(places)} fixes have no altitude (NaN): the positions are horizontal "
-            "alone, but errors are measured in three dimensions; give a truth with heights"
+            f"{reader.heightless} of {reader.heightless + len(found)} fixes have no altitude (NaN): the positions are "
+            "horizontal alone, but errors are measured in three dimensions; give a truth with heights"
         )
-    if invalid or heightless:
-        text = f"{invalid} fixes at 0, 0 or without numbers and {heightless} without an altitude are left out"
-        _warn_once(f"truth '{topic.bag_name}' of bag '{bag.path}': {text}, {len(places)} are used")
-    positions = enu_m(np.array(places, np.float64).reshape(-1, 3))
-    poses = Trajectory(np.array(stamps, np.int64), positions, np.zeros((len(stamps), 4)))
-    return poses, np.reshape(variances, (-1, 6))
-
-
-def _is_place(latitude: float, longitude: float) -> bool:
-    """Tell whether angles can be those of a fix; 0, 0 is the placeholder of a receiver."""
-    return abs(latitude) <= 90.0 and abs(longitude) <= 360.0 and (latitude, longitude) != (0.0, 0.0)
-
-
-def _points(bag: Bag, topic: Topic) -> Poses:
-    """Return positions of a prism or an antenna."""
-    rows: list[PoseRow] = []
-    for _, _, message in bag.messages([topic]):
-        point = message.point
-        rows.append((stamp_of(message), (point.x, point.y, point.z, 0.0, 0.0, 0.0, 0.0)))
-    return trajectory_of(rows), None
-
-
-def enu_m(places: FloatArray) -> FloatArray:
-    """Return positions east, north, up of the first one, m, of latitude, longitude (deg) and height (m) `(N, 3)`.
-
-    WGS84; geographic to topocentric conversion, EPSG method 9837 (IOGP publication 373-7-2, section 4.1.2).
-    """
-    latitude, longitude = np.radians(places[:, 0]), np.radians(places[:, 1])
-    squared = WGS84_FLATTENING * (2.0 - WGS84_FLATTENING)
-    normal = WGS84_M / np.sqrt(1.0 - squared * np.sin(latitude) ** 2)
-    across = (normal + places[:, 2]) * np.cos(latitude)
-    polar = (normal * (1.0 - squared) + places[:, 2]) * np.sin(latitude)
-    geocentric = np.stack((across * np.cos(longitude), across * np.sin(longitude), polar), axis=1)
-    if not len(geocentric):
-        return geocentric
-    (south, north), (west, east) = ((np.sin(angle[0]), np.cos(angle[0])) for angle in (latitude, longitude))
-    axes = [[-west, east, 0.0], [-south * east, -south * west, north], [north * east, north * west, south]]
-    return np.asarray((geocentric - geocentric[0]) @ np.array(axes).T)
+    if reader.invalid or reader.heightless:
+        text = f"{reader.invalid} fixes at 0, 0 or without numbers and {reader.heightless} without an altitude"
+        _warn_once(f"truth '{topic.bag_name}' of bag '{bag.path}': {text} are left out, {len(found)} are used")
+    variances = np.reshape([variance for _, _, variance in found], (-1, 6))
+    return trajectory_of([(stamp_ns, pose) for stamp_ns, pose, _ in found]), variances
 
 
 TRUTH_TYPES: dict[str, Callable[[Bag, Topic], Poses]] = {
-    "nav_msgs/msg/Odometry": _with_covariances,
-    "geometry_msgs/msg/PoseWithCovarianceStamped": _with_covariances,
-    "geometry_msgs/msg/PoseStamped": _plain_poses,
-    "geometry_msgs/msg/TransformStamped": _plain_poses,
-    POINT: _points,
+    ODOMETRY: _with_covariances,
+    WITH_COVARIANCE: _with_covariances,
+    POSE: _single_poses,
+    TRANSFORM: _single_poses,
+    POINT: _single_poses,
     PATH: _last_path,
-    FIX: _fixes,
+    FIX: _single_poses,
 }
 """Types of topics that truth is read from, and how."""
 

@@ -24,10 +24,12 @@ from std_msgs.msg import Float64, String
 
 from sfr_loc_map import __version__
 from sfr_loc_map.config import param
+from sfr_loc_map.doctor.silence import Reliability, silence_of
 from sfr_loc_map.errors import InputError, MetricsError, SfrError
 from sfr_loc_map.inputs import MAX_TEXT_BYTES, SIDES, Side, Task, parse_json, stamp_of
 from sfr_loc_map.io.image_codec import points_image
 from sfr_loc_map.io.rectification import rig_of_rectified
+from sfr_loc_map.io.true_poses import ODOMETRY, TYPES, TruePoses
 from sfr_loc_map.io.truth import TrackedBody
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.catalogue import KINDS
@@ -40,12 +42,22 @@ from sfr_loc_map.nodes.lifecycle.endpoints import RELIABILITIES, profile
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.worker import Overload
-from sfr_loc_map.nodes.messages import cloud_from_msg, covariance_of, header_msg, odometry_row, transform_from_pose
+from sfr_loc_map.nodes.messages import (
+    cloud_from_msg,
+    covariance_of,
+    header_msg,
+    message_type,
+    odometry_row,
+    transform_from_pose,
+)
+from sfr_loc_map.nodes.publishers import publishers_of
 from sfr_loc_map.nodes.reception import AnyOrder, TransportGaps
 from sfr_loc_map.nodes.runner import run
 from sfr_loc_map.runs.calls import decode_call
 from sfr_loc_map.scoring.monitor_score import MonitorScore, ReportFile
 
+TRUTH = "ground_truth/odometry"  #: Topic of true poses, of any of `TYPES`.
+DIAGNOSED_GROWTH = 1.2  #: A convention mismatch is looked for again once there are so many times the poses.
 RESTS = 9.0  #: Time without scoring after each score, as a multiple of the processor time that it took.
 IN_FLIGHT_S = 5.0  #: While a run goes on, results of pairs that are younger than this do not count as missing.
 VERDICT_LEVELS = {
@@ -120,7 +132,9 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         of_rover, info = (profile(config.input_reliability, depth) for depth in (config.input_depth, 10))
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._receive(Odometry, "localisation/odometry", self._on_estimate, deep)
-        self._receive(Odometry, "ground_truth/odometry", self._on_truth, of_rover)
+        self._truth_qos = of_rover
+        self._forget_truth: Callable[[], object] | None = None
+        self._receive_truth(ODOMETRY)
         self._receive(PoseStamped, "nav/pose", self._on_pose, of_rover)
         for side in SIDES:
             self._receive(CameraInfo, f"nav/{side}/camera_info", partial(self._on_camera_info, side), info)
@@ -145,6 +159,9 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._orders: dict[str, AnyOrder[tuple[int, Callable[[], None]]]] = {
             kind: AnyOrder() for kind in ("estimate", "truth")
         }
+        self._has_truth = False
+        self._contradiction: str | None = None  # of the convention of estimate and truth
+        self._diagnosed_poses = 0  # poses when it was looked for
         self._early_points: deque[PointCloud2] = deque(maxlen=MAX_PAIRS)
         self._configurations: dict[str, Any] = {}
         self._changed = self._unsaved = False
@@ -159,8 +176,37 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         }
         return dropped | super().counts()
 
-    def _receive(self, kind: type[Any], topic: str, callback: Callable[[Any], None], qos: QoSProfile) -> None:
-        """Subscribe with a callback that is called in the worker's thread."""
+    def look_around(self) -> None:
+        """Log what was dropped, take a truth of another type, and say why nothing is scored."""
+        super().look_around()
+        if self._has_truth:
+            return
+        topic = self.resolve_topic_name(TRUTH)
+        publishers = publishers_of(self, topic)
+        published = [publisher.msgtype for publisher in publishers if publisher.msgtype in TYPES]
+        if published and self._truth_type not in published:
+            self._receive_truth(published[0])
+            return
+        if self._orders["estimate"].has_items:
+            found = silence_of(topic, TYPES, publishers, Reliability(self.config.input_reliability))
+            text = f"nothing is scored without true poses on {topic}: {found.text}; {found.fix}"
+            self.status.warn(text, "truth")
+
+    def _receive_truth(self, msgtype: str) -> None:
+        """Subscribe to true poses of a type in place of another one: a topic has one type in a process."""
+        if self._forget_truth is not None:
+            self._forget_truth()
+            self.get_logger().info(f"{TRUTH} is {msgtype}: true poses are read from it")
+        reader = TruePoses(msgtype)
+        self._truth_type = msgtype
+        self._forget_truth = self._receive(
+            message_type(msgtype), TRUTH, partial(self._on_truth, reader), self._truth_qos
+        )
+
+    def _receive(
+        self, kind: type[Any], topic: str, callback: Callable[[Any], None], qos: QoSProfile
+    ) -> Callable[[], object]:
+        """Subscribe with a callback that is called in the worker's thread; return what ends that."""
         gaps = TransportGaps()
         self._gaps.append(gaps)
 
@@ -169,7 +215,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
             size_bytes = len(message.data) if kind is PointCloud2 else 0
             self.worker.enqueue_droppable(partial(callback, message), size_bytes)
 
-        self.endpoints.add_subscription(kind, topic, received, qos)
+        return self.endpoints.add_subscription(kind, topic, received, qos)
 
     # ---- in the worker's thread
 
@@ -178,10 +224,13 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         covariance = covariance_of(message)
         self._add_in_order("estimate", stamp_ns, lambda: self._score.add_estimate(stamp_ns, position, quat, covariance))
 
-    def _on_truth(self, message: Odometry) -> None:
-        stamp_ns, position, quat = odometry_row(message, positions_alone=True)
-        variances = np.diagonal(covariance_of(message))
-        self._add_in_order("truth", stamp_ns, lambda: self._score.add_truth(stamp_ns, position, quat, variances))
+    def _on_truth(self, reader: TruePoses, message: Any) -> None:  # noqa: ANN401 - of one of TYPES
+        row = reader.row(message)
+        if row is None:
+            return
+        stamp_ns, pose, variances = row
+        add = partial(self._score.add_truth, stamp_ns, pose[:3], pose[3:], np.array(variances))
+        self._add_in_order("truth", stamp_ns, add)
 
     def _add_in_order(self, kind: str, stamp_ns: int, add: Callable[[], None]) -> None:
         """Add a pose once its run is known; strays and results of the run before are dropped."""
@@ -197,6 +246,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         for each, at_ns, add_pose in added:
             self._score.note_stamp(each, at_ns)
             add_pose()
+            self._has_truth = self._has_truth or each == "truth"
             self._note(at_ns)
 
     def _on_call(self, task: Task, message: String) -> None:
@@ -257,7 +307,11 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         configuration = self._configurations | {"monitor": json.loads(self.config_json())}
         made = Provenance(version=__version__, configuration=configuration)
         self._score.dropped = sum(count for name, count in self.counts().items() if name.startswith("dropped"))
-        return self._score.result(made, details=details, in_flight_s=in_flight_s)
+        if self._score.poses >= DIAGNOSED_GROWTH * self._diagnosed_poses or self._score.poses < self._diagnosed_poses:
+            self._diagnosed_poses = self._score.poses
+            self._contradiction = self._score.contradiction()
+        contradiction = self._contradiction
+        return self._score.result(made, details=details, in_flight_s=in_flight_s, contradiction=contradiction)
 
     def _publish(self) -> None:
         """Publish the figures; a long run is scored less often, at most a tenth of the time."""
@@ -279,7 +333,8 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._metrics.publish(DiagnosticArray(header=header, status=score_statuses(score)))
         end = time.perf_counter()
         self._rest_until_s = end + RESTS * (time.thread_time() - used_s)  # not what others took of a busy host
-        self.status.note_call(Level.OK, "scoring", {"processing_time_s": end - begin}, {})
+        level, state = (Level.OK, "scoring") if score.contradiction is None else (Level.WARN, score.contradiction)
+        self.status.note_call(level, state, {"processing_time_s": end - begin}, {})
 
     def _finish(self) -> str:
         self._changed, self._rest_until_s = True, 0.0

@@ -102,6 +102,11 @@ class AnyOrder(Generic[T]):
         return items
 
     @property
+    def has_items(self) -> bool:
+        """Whether an item was accepted."""
+        return bool(self._seen)
+
+    @property
     def strays(self) -> int:
         """Number of items that are dropped so far."""
         return self._dropped + sum(is_dropped for _, _, is_dropped in self._chain) + len(self._early)

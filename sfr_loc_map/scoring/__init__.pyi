@@ -1,4 +1,4 @@
 from .replay_result import save_replay as save_replay
 from .replay_result import score_replay as score_replay
-from .score_run import diagnose_files as diagnose_files
+from .score_run import diagnose_run as diagnose_run
 from .score_run import score_files as score_files

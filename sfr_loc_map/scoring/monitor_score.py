@@ -21,7 +21,7 @@ from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, PointImage
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import JUMP_BACK_NS, LOST_VARIANCE, MAX_JSON_BYTES, NS_PER_S, Task, parse_json, read_text
 from sfr_loc_map.io.atomic import check_output, output_target, write_text
@@ -39,6 +39,7 @@ from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import SCHEMA, Details, Figure, Provenance, Score
 from sfr_loc_map.metrics.trajectory_score import ScoredTrajectory, score_trajectory
 from sfr_loc_map.runs.calls import CallRecord
+from sfr_loc_map.scoring.contradiction import contradiction_of
 
 T = TypeVar("T")
 MAX_STAGES = 16  #: Stages whose times are kept: their names come from the network.
@@ -227,10 +228,12 @@ class MonitorScore:
         details: bool = True,
         in_flight_s: float = 0.0,
         image_stamps_ns: IntArray | None = None,
+        contradiction: str | None = None,
     ) -> Score:
         """Return the score so far; with details, what figures are drawn from.
 
         While a run goes on, results of the last `in_flight_s` seconds are still expected and do not count as missing.
+        `contradiction` is what the method of that name found.
         """
         drive = self._scored_trajectory(image_stamps_ns, round(in_flight_s * NS_PER_S), details=details)
         calls = score_calls(self._calls.calls(), details=details) if len(self._calls) else ScoredCalls()
@@ -252,6 +255,8 @@ class MonitorScore:
             provenance=provenance,
             cloud=None if self.map_score is None else self.map_score.cloud,
             calls=calls.records if len(self._calls) else None,
+            warnings=() if contradiction is None else (contradiction,),
+            contradiction=contradiction,
             details=shown if details and shown != Details() else None,
         )
         return judged(score, self._limits, partial=self._config.trajectory.partial)
@@ -271,13 +276,11 @@ class MonitorScore:
         self, image_stamps_ns: IntArray | None, in_flight_ns: int, *, details: bool
     ) -> ScoredTrajectory | None:
         """Return the score of the poses that have come, by the function that scores files."""
-        if not len(self._estimates) or not len(self._truth):
+        truth, estimates = self._given_truth(), self._given_estimates()
+        if truth is None or estimates is None:
             return None
-        rows = self._truth.all()
-        poses = Trajectory(rows["stamp_ns"], rows["position"], rows["quat"])
-        truth = self._body.applied(poses, rows["variances"])
         return score_trajectory(
-            self._given_estimates(),
+            estimates,
             truth,
             self._config.trajectory,
             image_stamps_ns=image_stamps_ns,
@@ -286,7 +289,28 @@ class MonitorScore:
             in_flight_ns=in_flight_ns,
         )
 
-    def _given_estimates(self) -> Estimates:
+    def contradiction(self) -> str | None:
+        """Return the convention mismatch of estimate and truth so far, None without one; takes 0.1 s and more."""
+        truth, estimates = self._given_truth(), self._given_estimates()
+        if truth is None or estimates is None:
+            return None
+        return contradiction_of(estimates.trajectory, truth, self._config.trajectory.association)
+
+    @property
+    def poses(self) -> int:
+        """Number of estimates and true poses so far."""
+        return len(self._estimates) + len(self._truth)
+
+    def _given_truth(self) -> Truth | None:
+        if not len(self._truth):
+            return None
+        rows = self._truth.all()
+        poses = Trajectory(rows["stamp_ns"], rows["position"], rows["quat"])
+        return self._body.applied(poses, rows["variances"])
+
+    def _given_estimates(self) -> Estimates | None:
+        if not len(self._estimates):
+            return None
         rows, said = self._estimates.all(), self._steps.all()
         trajectory = Trajectory(rows["stamp_ns"], rows["position"], rows["quat"])
         covariance = None if np.isnan(rows["covariance"]).all() else rows["covariance"]

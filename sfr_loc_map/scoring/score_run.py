@@ -75,6 +75,7 @@ from sfr_loc_map.metrics.score import (
 )
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.runs.calls import CallStats, load_call_stats
+from sfr_loc_map.scoring.contradiction import contradiction_of
 
 _log = logging.getLogger(__name__)
 TARGET_FILE, TARGET_RESULTS = "target.json", ("estimate.csv", "cloud_0.ply")
@@ -307,7 +308,8 @@ def _drive_part(run: Run, config: ScoreConfig, aligned: AlignedErrorConfig | Non
         return _DrivePart(figures=(expected_row(DRIVE, 0, many), *share_rows("missing", many, many)))
     if drive is None:
         return _DrivePart()
-    contradiction = _contradiction(drive, config)
+    association = config.trajectory.association
+    contradiction = contradiction_of(drive.estimates.trajectory, drive.truth, association, drive.rig)
     scored = score_trajectory(drive.estimates, drive.truth, config.trajectory, image_stamps_ns=drive.image_stamps_ns)
     figures, alignment = scored.figures, None
     if aligned is not None:
@@ -326,16 +328,6 @@ def _drive_part(run: Run, config: ScoreConfig, aligned: AlignedErrorConfig | Non
         details=scored.details,
         data_sha256=hash_arrays((drive.truth.stamps_ns, drive.truth.positions)),
     )
-
-
-def _contradiction(drive: ScoredDrive, config: ScoreConfig) -> str | None:
-    """Return the convention mismatch that explains how estimate and truth disagree, and its remedy; None without."""
-    association = config.trajectory.association
-    found = diagnose(drive.estimates.trajectory, drive.truth, association, drive.rig, every=False).found
-    if found is None:
-        return None
-    remedy = f"--convention {found.setting} or --apply-diagnosis corrects it; " if found.setting else ""
-    return f"{found.sentence} ({remedy}sfr score EST TRUTH --diagnose shows every hypothesis)"
 
 
 def _frame_warnings(drive: ScoredDrive, association: Association) -> Iterator[str]:
@@ -704,11 +696,14 @@ def said_fused(loaded: LoadedCloud, fused: bool | None, name: str) -> LoadedClou
 # ---- beside the score
 
 
-def diagnose_files(estimate: Path, truth: Path, config: ScoreConfig) -> Diagnosis:
-    """Return which single convention mismatch explains how the trajectories of two files disagree."""
-    drive = load_drive(estimate, truth)
+def diagnose_run(inputs: ScoreInputs, config: ScoreConfig) -> Diagnosis:
+    """Return which single convention mismatch explains how the trajectories of files disagree."""
+    drive = load_run(inputs).drive
+    if drive is None:
+        raise MetricsError(f"'{inputs.truth}' and the estimate are no trajectories: a diagnosis is of poses")
     if not drive.truth.has_attitude:
-        raise MetricsError(f"the truth '{truth}' has positions alone: no convention mismatch can be told from them")
+        text = "has positions alone: no convention mismatch can be told from them"
+        raise MetricsError(f"the truth '{inputs.truth}' {text}")
     return diagnose(drive.estimates.trajectory, drive.truth, config.trajectory.association, drive.rig)
 
 

@@ -21,7 +21,8 @@ from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.bag import TYPESTORE
 from sfr_loc_map.io.registry import read_truth
 from sfr_loc_map.io.trajectory_file import read_trajectory_file, save_trajectory, trajectory_text
-from sfr_loc_map.io.truth import TruthConfig, enu_m
+from sfr_loc_map.io.true_poses import enu_m
+from sfr_loc_map.io.truth import TruthConfig
 
 T = TYPESTORE.types
 COUNT = 40

@@ -1,21 +1,31 @@
 """The monitor node over DDS."""
 
 import json
+import math
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PointStamped, PoseStamped, PoseWithCovarianceStamped, TransformStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import NavSatFix
 from std_msgs.msg import Float64, String
 
 from helpers.made_scene import PERIOD_NS, START_NS
 from helpers.node_scenes import params, raw
 from helpers.peers import Capture, LocalNode, Manager
 from helpers.score_rows import row
+from sfr_loc_map.geometry.rotation import matrix_from_quat
+from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io import bag_messages
+from sfr_loc_map.nodes.diagnostics import Level
+from sfr_loc_map.nodes.messages import header_msg, pose_msg, transform_msg
 from sfr_loc_map.nodes.monitor_node import MonitorNode
 
 NO_TURN = np.array([0.0, 0.0, 0.0, 1.0])
@@ -101,3 +111,109 @@ def test_a_stray_pose_is_dropped_and_counted_and_a_run_that_begins_again_restart
         node.wait_for("the score restarts")
         peer.until(lambda: association_of(report).get("matched") == 5, "the report of the new run")
         assert node.node.counts()["dropped_stray"] == 1
+
+
+@contextmanager
+def tracker(kind: type[Any]) -> Iterator[Any]:
+    """A publisher of true poses in a participant of its own: a topic has one type in each."""
+    context = rclpy.Context()
+    rclpy.init(args=[], context=context)
+    node = rclpy.create_node("tracker", context=context)
+    yield node.create_publisher(kind, "ground_truth/odometry", 100)
+    node.destroy_node()
+    rclpy.try_shutdown(context=context)
+
+
+def turning_drive(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return positions and quaternions of a curve with yaw, pitch and roll."""
+    s = np.linspace(0.0, 6.0, count)
+    quats = np.column_stack((0.05 * np.sin(s), 0.08 * np.cos(s), np.sin(0.2 * s), np.cos(0.2 * s)))
+    quats /= np.linalg.norm(quats, axis=1)[:, None]
+    return np.column_stack((s, 1.5 * np.sin(0.5 * s), 0.1 * s)), quats
+
+
+def truth_message(kind: type[Any], stamp_ns: int, position: np.ndarray, quat: np.ndarray) -> Any:
+    """Return a true pose as a message of a type."""
+    message = kind(header=header_msg(stamp_ns, "map"))
+    pose = pose_msg(Transform.from_quat(position, quat), quat)
+    if kind is PoseStamped:
+        message.pose = pose
+    elif kind in (Odometry, PoseWithCovarianceStamped):
+        message.pose.pose = pose
+    elif kind is TransformStamped:
+        message = transform_msg(message.header, "rb", pose)
+    elif kind is PointStamped:
+        message.point = pose.position
+    else:
+        east, north, up = position.tolist()
+        message.latitude = 60.0 + math.degrees(north / 6_378_137.0)
+        message.longitude = 24.0 + math.degrees(east / (6_378_137.0 * math.cos(math.radians(60.0))))
+        message.altitude = up
+    return message
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [PoseStamped, TransformStamped, PoseWithCovarianceStamped, PointStamped, NavSatFix],
+    ids=lambda k: k.__name__,
+)
+def test_the_truth_may_have_each_type_that_is_scored_of_files(ros: None, capfd: Capture, kind: type[Any]) -> None:
+    arguments = params("publish_period_s:=0.1", "score.trajectory.conditions:=['distance=1']")
+    positions, quats = turning_drive(40)
+    with ExitStack() as stack:
+        peer = stack.enter_context(Manager("monitor_node"))
+        node = stack.enter_context(LocalNode(peer, capfd, MonitorNode, *arguments))
+        report = peer.listen(String, "metrics/report", latched=True)
+        stamps = [START_NS + k * 10**8 for k in range(40)]
+
+        def send_estimate(k: int) -> None:
+            message = bag_messages.odometry(stamps[k], positions[k], quats[k])
+            peer.publish(Odometry, "localisation/odometry", raw(message))
+
+        send_estimate(0)
+        peer.until(lambda: node.node._orders["estimate"].has_items, "the estimate")
+        node.node.look_around()
+        assert "nothing is scored without true poses on /ground_truth/odometry: no publisher is there" in node.text
+        truth = stack.enter_context(tracker(kind))
+        peer.until(lambda: node.node.count_publishers("/ground_truth/odometry"), "the publisher")
+        node.node.look_around()
+        peer.until(truth.get_subscription_count, "the subscription")
+        for k in range(40):
+            if k:
+                send_estimate(k)
+            truth.publish(truth_message(kind, stamps[k], positions[k], quats[k]))
+        peer.until(lambda: association_of(report).get("matched") == 40, "the report of the whole drive")
+        score = json.loads(report[-1].data)
+        errors = [item for item in score["figures"] if item["figure"] == "position" and item.get("part") != "growth"]
+        error = next(item for item in errors if item.get("condition") == "distance=1")
+        assert error["n"] > 0
+        assert error["mean"] < 0.02
+        assert score["truth"]["attitude"] is (kind not in (PointStamped, NavSatFix))
+
+
+def test_a_truth_of_another_type_is_named(ros: None, capfd: Capture) -> None:
+    with Manager("monitor_node") as peer, LocalNode(peer, capfd, MonitorNode) as node, tracker(String):
+        peer.publish(Odometry, "localisation/odometry", raw(bag_messages.odometry(START_NS, np.zeros(3), NO_TURN)))
+        peer.until(lambda: node.node._orders["estimate"].has_items, "the estimate")
+        peer.until(lambda: node.node.count_publishers("/ground_truth/odometry"), "the publisher")
+        node.node.look_around()
+        assert "the type is std_msgs/msg/String: nav_msgs/msg/Odometry or" in node.text
+
+
+def test_a_truth_in_ned_is_found_live_as_offline(ros: None, capfd: Capture) -> None:
+    arguments = params("publish_period_s:=0.1", "score.trajectory.conditions:=['distance=1']", "health.period_s:=0.1")
+    positions, quats = turning_drive(40)
+    to_ned = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    with Manager("monitor_node") as peer, LocalNode(peer, capfd, MonitorNode, *arguments):
+        report = peer.listen(String, "metrics/report", latched=True)
+        body = np.diag([1.0, -1.0, -1.0])
+        for k in range(40):
+            stamp_ns, turn = START_NS + k * 10**8, matrix_from_quat(quats[k])
+            estimate = Transform(to_ned @ turn @ body, to_ned @ positions[k])
+            true = Transform(turn, positions[k])
+            for topic, pose in (("localisation/odometry", estimate), ("ground_truth/odometry", true)):
+                message = bag_messages.odometry(stamp_ns, pose.translation, pose.quat_xyzw)
+                peer.publish(Odometry, topic, raw(message))
+        peer.until(lambda: association_of(report).get("matched") == 40, "the report of the whole drive")
+        peer.well(Level.WARN, "the estimate looks wrong:")
+        assert json.loads(report[-1].data)["contradiction"]

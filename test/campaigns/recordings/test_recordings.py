@@ -15,7 +15,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import FrameTree, Transform
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig, source_config
-from sfr_loc_map.io.truth import enu_m
+from sfr_loc_map.io.true_poses import enu_m
 
 
 @pytest.fixture(scope="session")
