@@ -29,8 +29,13 @@ WORK = Path("out") / "screens"  # relative, as reports name their inputs
 SAMPLE = Path("sample") / "sample.mcap"
 LIMITS = ("--limits", Path("sample") / "limits.yaml")
 SFR = (str(Path(sys.executable).with_name("sfr")),)
-FILM_S, FRAMES, FILM_SIZE, SHOWN_WIDTH, RATE, SOURCE_S = 10.0, 50, (1180, 1200), 880, 3, 104.5
+FILM_S, FRAMES, FILM_SIZE, SHOWN_WIDTH, RATE, SOURCE_S = 10.0, 50, (1180, 1200), 880, 1, 95.0
 LARGEST_FILM_BYTES = 3_000_000
+LIVE_SHOTS = (
+    ("live-light", 1280, 1260, "light"),
+    ("live-dark", 1280, 1260, "dark"),
+    ("live-phone", 390, 2400, "light"),
+)
 
 FILMED = """
 const sheet = new CSSStyleSheet();
@@ -102,7 +107,7 @@ async def film(url: str) -> list[Image.Image]:
     async with Browser(width, height) as browser:
         await browser.open(url)
         await browser.wait_for("document.readyState === 'complete'")
-        await browser.wait_for("document.body.innerText.includes('tracking')")
+        await browser.wait_for("document.body.innerText.includes('tracking')", 300)  # a first start compiles
         await browser.value(FILMED)
         begin = time.monotonic()
         for number in range(FRAMES):
@@ -113,6 +118,29 @@ async def film(url: str) -> list[Image.Image]:
     return frames
 
 
+async def page_shots(url: str) -> None:
+    """Save the live page in three looks: light, dark, and on a phone."""
+    async with Browser(1280, 900) as browser:
+        await browser.open(url)
+        await browser.wait_for("document.getElementById('error-plot').dataset.values > 2", 300)
+        for name, width, height, scheme in LIVE_SHOTS:
+            size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+            await browser.call("Emulation.setDeviceMetricsOverride", **size)
+            await browser.call("Emulation.setScrollbarsHidden", hidden=True)
+            features = [{"name": "prefers-color-scheme", "value": scheme}]
+            await browser.call("Emulation.setEmulatedMedia", features=features)
+            await asyncio.sleep(2.0)  # until all plots are drawn again
+            said = await browser.call("Page.captureScreenshot", format="png")
+            image = Image.open(io.BytesIO(base64.b64decode(said["data"])))
+            image.convert("RGB").save(IMAGES.parent / f"{name}.webp", quality=80, method=6)
+
+
+async def film_and_shots(url: str) -> list[Image.Image]:
+    """Film the live page, and save shots of it meanwhile."""
+    frames, _ = await asyncio.gather(film(url), page_shots(url))
+    return frames
+
+
 def make_film() -> None:
     """Replay the sample, film its live page."""
     words = ("replay", SAMPLE, "--start", "truth", "--rate", RATE, "--live", "--live-port", 0)
@@ -120,7 +148,7 @@ def make_film() -> None:
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as replay:
         assert replay.stdout is not None
         url = next(found[0] for line in replay.stdout if (found := re.search(r"http://\S+", line)))
-        frames = asyncio.run(film(url))
+        frames = asyncio.run(film_and_shots(url))
         replay.send_signal(signal.SIGINT)  # the page of an ended run is served until then
         replay.stdout.read()
     if replay.returncode not in (0, 130):
@@ -149,8 +177,8 @@ def run_commands() -> None:
         estimate, stats = WORK / f"{name}.csv", ("--stats", WORK / f"{name}.stats.csv")
         sfr("localise", SAMPLE, "--start", "truth", "-o", estimate, *stats, "--method", name)
         sfr("score", estimate, SAMPLE, *stats, "--condition", "distance=5", "--json", WORK / f"{name}.json")
-    sfr("compare", WORK / "sfr.json", WORK / "opencv.json", "--html", WORK / "comparison.html")
-    sfr("plot", WORK / "sfr.csv", WORK / "opencv.csv", "--truth", SAMPLE, "-o", WORK / "paths.html")
+    sfr("report", WORK / "sfr.json", WORK / "opencv.json", "-o", WORK / "comparison.html", codes=(0, 3))
+    sfr("report", WORK / "sfr.csv", WORK / "opencv.csv", "--truth", SAMPLE, "-o", WORK / "paths.html")
     sfr("report", WORK / "run" / "report.json", "--test-report", WORK / "signed.html")
     suite = WORK / "suite.yaml"
     suite.write_text(

@@ -36,6 +36,7 @@ NODES = ("localisation_node", "mapping_node", "monitor_node")
 STEP_NS = NS_PER_S // 10
 LIMITS = {
     "minimum_count": 5,
+    "minimum_independent": 1,
     "trajectory": [
         {"condition": "distance=5", "position_mean_plus_3sigma_m": 0.1, "heading_mean_plus_3sigma_deg": 0.01}
     ],

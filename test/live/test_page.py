@@ -20,6 +20,8 @@ from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.live.server import LiveServer
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import Action, ImageProblem, PoseSample, Report, Status, StatusKind
+from sfr_loc_map.metrics.judge import judged
+from sfr_loc_map.metrics.limits import parse_limits
 from sfr_loc_map.metrics.score_json import to_json
 
 pytestmark = [
@@ -80,7 +82,7 @@ async def check_panels(browser: Browser, server: LiveServer) -> None:
     await browser.wait_for(f"{values('time')} >= 120 && {values('memory')} >= 40 && {values('events')} >= 2")
     assert set(await browser.value(traces("path", "name"))) > {"estimate", "truth", "last pose"}
     assert await browser.value("document.querySelectorAll('#nodes .node').length") == 3
-    assert "fail" in await browser.value(text("verdict"))
+    assert live["overall"]["state"] in await browser.value(text("verdict"))
     bars = await browser.value(traces("limits", "hovertext") + "[0]")
     assert len(bars) == len(live["limits"]) == len(server.state.to_plain(0.0)["verdicts"]) > 3
     assert all(limit["text"] in bar for limit, bar in zip(live["limits"], bars, strict=True))
@@ -107,7 +109,8 @@ async def check_states(browser: Browser, state: LiveState) -> None:
     await browser.wait_for("document.querySelector('.frame.lost .badge')?.textContent === 'LOST: FEW_LANDMARKS'")
     await browser.wait_for(f"{traces('events', 'name')}.includes('lost')")
     await browser.wait_for(f"{text('nodes')}.includes('stale: silent') && {text('nodes-pill')}.includes('silent')")
-    await browser.wait_for("/^○ fail, \\d+ s old$/.test(document.getElementById('verdict').textContent.trim())")
+    verdict = state.to_plain(0.0)["live"]["overall"]["state"]
+    await browser.wait_for(f"/^○ {verdict}, \\d+ s old$/.test({text('verdict')}.trim())")
     await browser.wait_for(f"{text('overall')}.includes('_node silent for')")
     keep_alive(state, AHEAD_S)
     await browser.wait_for(f"!{text('nodes')}.includes('stale: silent')")
@@ -144,10 +147,9 @@ async def check_commands(browser: Browser, operator: Recorder) -> None:
 
 async def check_hostile_names(browser: Browser, state: LiveState) -> None:
     """Names that are scripts stay texts."""
-    score = whole_score(100, 48, 2)
     long = HOSTILE + "x" * 5000
-    verdict = structs.replace(score.verdicts[0], name=HOSTILE)
-    hostile = structs.replace(score, warnings=(long,), verdicts=(verdict,))
+    limits = parse_limits({"memory": {"localisation_peak_bytes": {"limit": 2e9, "id": HOSTILE, "text": HOSTILE}}}, "")
+    hostile = judged(structs.replace(whole_score(100, 48, 2), warnings=(long,)), limits)
     state.put(Report(to_json(hostile), time.time()))
     state.put(
         Status("monitor_node", StatusKind.HEALTH, 2, long, {"lifecycle": long, "dropped_" + long: long}, time.time())

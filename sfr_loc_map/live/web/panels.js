@@ -1,7 +1,7 @@
 // The other plots: limits, events, map from above, time and memory of the calls.
 
 import { byId, dateTime, length, localTime, setText } from "./dom.js";
-import { axis, colour, draw, fitting, limitLine, plain, scaleOf, timeAxis } from "./plots.js";
+import { LEGEND_LINE_PX, axis, colour, draw, fitting, limitLine, plain, scaleOf, timeAxis } from "./plots.js";
 
 const SHARE_SHOWN = 1.5; // of a limit, at the end of its bar
 const LIMIT_ROW_PX = 54;
@@ -19,7 +19,7 @@ const MAP_UNITS = { hazard: ["hazard, %", 1], slope: ["slope, deg", 180 / Math.P
 export function showLimits(run) {
   const limits = run.report?.limits ?? [];
   const box = byId("limits-plot");
-  const cut = (text) => fitting("limits-plot", text);
+  const cut = (text) => fitting("limits-plot", text, 16);
   const rows = limits.map((_, place) => place);
   const shares = limits.map((limit) => Math.min(limit.share ?? 0, SHARE_SHOWN));
   const high = limits.map((limit, row) => (limit.high === null ? 0 : Math.max(Math.min(limit.high, SHARE_SHOWN) - shares[row], 0)));
@@ -154,7 +154,7 @@ function callTrace(calls, node, figure, factor, suffix, dash = "solid") {
 function drawCalls(id, traces, limits, factor, title) {
   const shown = traces.filter((trace) => trace.x.length);
   const xs = shown.flatMap((trace) => trace.x).sort();
-  if (xs.length) shown.push(...limits.map((limit) => limitLine(xs, limit.bound * factor, fitting(id, `limit of ${limit.name}`))));
+  if (xs.length) shown.push(...limits.map((limit) => limitLine(xs, limit.bound * factor, fitting(id, `limit of ${limit.name}`, LEGEND_LINE_PX))));
   const scale = scaleOf(shown.flatMap((trace) => trace.y));
   draw(id, shown, { xaxis: timeAxis(id), yaxis: axis(title, scale), showlegend: true, plotHeight: 200 }, "no call yet");
 }

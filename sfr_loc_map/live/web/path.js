@@ -1,7 +1,7 @@
 // The path from above, and the position error that is judged.
 
 import { byId, element, length, short } from "./dom.js";
-import { axis, colour, draw, fitting, limitLine, scaleOf } from "./plots.js";
+import { LEGEND_LINE_PX, axis, colour, draw, fitting, limitLine, scaleOf } from "./plots.js";
 
 const ERROR_LINES = 120; // drawn at most, evenly spread over the path
 const ERROR_SHARE = 0.12; // the largest error is drawn with this share of the extent
@@ -133,7 +133,7 @@ export function showError(run) {
       x: withSigma.map((pose) => pose.distance_m),
       y: withSigma.map((pose) => 3000 * pose.judged_sigma_m),
     },
-    ...limits.map((limit) => limitLine(distances, limit.bound * 1000, fitting("error-plot", `limit ${limit.limit} of ${limit.name}`))),
+    ...limits.map((limit) => limitLine(distances, limit.bound * 1000, fitting("error-plot", `limit ${limit.limit} of ${limit.name}`, LEGEND_LINE_PX))),
   ] : [];
   const scale = scaleOf(traces.flatMap((trace) => trace.y));
   const layout = { xaxis: axis("path travelled, m"), yaxis: axis("position error, mm", scale) };

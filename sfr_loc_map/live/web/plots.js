@@ -11,6 +11,7 @@ const HEIGHT_PX = 280; // of a plot without its legend
 const LEGEND_ROW_PX = 19;
 const LEGEND_ITEM_PX = 240; // widest usual entry of a legend
 const LETTER_PX = 6.4; // mean width of a letter, 12 px
+export const LEGEND_LINE_PX = 60; // the sample of a line before its name in a legend
 
 /** Return the value of a colour of the style sheet. */
 export function colour(name) {
@@ -22,9 +23,9 @@ export function plain(text) {
   return String(text).replaceAll("&", "&amp;").replaceAll("<", "&lt;").replaceAll(">", "&gt;");
 }
 
-/** Return a text that fits into the width of a box, and that plotly.js shows as it is. */
-export function fitting(id, text) {
-  const letters = Math.max(Math.floor((byId(id).clientWidth - 60) / LETTER_PX), 8);
+/** Return a text that fits into the width of a box beside `used` pixels, and that plotly.js shows as it is. */
+export function fitting(id, text, used) {
+  const letters = Math.max(Math.floor((byId(id).clientWidth - used) / LETTER_PX), 8);
   return plain(text.length > letters ? `${text.slice(0, letters - 1)}…` : text);
 }
 
