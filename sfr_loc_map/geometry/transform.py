@@ -21,6 +21,7 @@ from sfr_loc_map.geometry.rotation import (
 )
 
 IDENTITY = np.eye(3)
+"""Rotation between frames of the same axes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

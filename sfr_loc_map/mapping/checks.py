@@ -53,7 +53,10 @@ def check_images(pair: StereoPair, rig: StereoRig) -> None:
 
 
 def check_matches(pair: StereoPair, disparity: DisparityMap, disparity_count: int) -> None:
-    """Raise MappingError if so few textured pixels match that the matches are due to chance."""
+    """Raise MappingError if so few textured pixels match that the matches are due to chance.
+
+    If too few pixels are textured, the fraction is NaN and the pair passes, with a warning of `findings_of_pair`.
+    """
     matched = disparity.matched_fraction
     if matched < MIN_MATCHED_FRACTION:
         raise MappingError(

@@ -14,15 +14,13 @@ from sfr_loc_map.mapping.point_sigma import is_yaw_significant
 
 LOW_MATCHED_FRACTION = 0.6
 """Fraction of matched textured pixels below which a warning is given: twice that of `checks.MIN_MATCHED_FRACTION`."""
-MIN_VERTICAL_WARNING_PX = (
-    0.3  #: Smallest vertical disparity that causes a warning, pixels: a usual residual distortion.
-)
+MIN_VERTICAL_WARNING_PX = 0.3
+"""Smallest vertical disparity that causes a warning, pixels: the residual distortion of a usual calibration."""
 VERTICAL_WARNING_FACTOR = 3.0
 """Vertical disparity over the configured residual distortion that causes a warning: three standard deviations."""
 MAX_GAIN = 1.15  #: Gain, or one over it, beyond which a warning is given: a fifth of a stop of exposure.
-MAX_SATURATED_FRACTION = (
-    0.1  #: Fraction of saturated pixels beyond which a warning is given: such a part has no points.
-)
+MAX_SATURATED_FRACTION = 0.1
+"""Fraction of saturated pixels beyond which a warning is given: most of them have no points."""
 
 
 @dataclass(frozen=True, slots=True)

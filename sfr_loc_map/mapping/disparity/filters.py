@@ -58,7 +58,7 @@ def depth_ratio(disparity: FloatImage, reach: int) -> FloatImage:
     return np.asarray(cv2.dilate(clipped, _square(reach)) / clipped, F)
 
 
-def within(pixels: Mask, reach: int) -> Mask:
+def dilated(pixels: Mask, reach: int) -> Mask:
     """Return which pixels are within `reach` rows and columns of one that is set."""
     return np.asarray(cv2.dilate(pixels.astype(np.uint8), _square(reach))).astype(np.bool_)
 

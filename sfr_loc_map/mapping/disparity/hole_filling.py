@@ -19,7 +19,7 @@ from numba import prange
 from sfr_loc_map.geometry.arrays import FloatImage, IntArray, Mask
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
-from sfr_loc_map.mapping.disparity.filters import SURFACE_JUMP_PX, depth_ratio, within
+from sfr_loc_map.mapping.disparity.filters import SURFACE_JUMP_PX, depth_ratio, dilated
 from sfr_loc_map.mapping.disparity.matching_cost import (
     MAX_COST,
     MAX_DIFFERENCE,
@@ -39,9 +39,8 @@ VALID_WEIGHT = F(0.3)  #: Weight of valid pixels in a window: they repeat the di
 COST_PERCENTILE = 93.0
 """A filled pixel matches no worse than this percentage of the valid pixels beside holes. Real images match less well
 than rendered ones, so that no fixed cost suits both."""
-BESIDE_HOLE_PX = (
-    3  #: Distance within which a valid pixel is beside a hole, pixels: its window then reaches into the hole.
-)
+BESIDE_HOLE_PX = 3
+"""Distance within which a valid pixel is beside a hole, pixels: its window then reaches into the hole."""
 COST_STRIDE = 5  #: Every fifth valid pixel beside holes is used for the percentile: thousands of samples suffice.
 MIN_SAMPLES = 50  #: Samples that the percentile requires: three or four are then beyond it.
 MARGIN_SIGMAS = 1.5
@@ -63,6 +62,7 @@ NEARBY_PX = 7  #: Rows or columns within which the depths are compared: somewhat
 DIRECTIONS = np.array([[0, 1], [0, -1], [1, 0], [-1, 0], [1, 1], [-1, -1], [1, -1], [-1, 1]])
 """Rows and columns of a step; opposite directions follow each other."""
 DIRECTION_COUNT = len(DIRECTIONS)
+"""Number of hypotheses of a pixel."""
 
 
 class HoleScene(NamedTuple):
@@ -127,7 +127,7 @@ def fill_holes(disparity: DisparityMap) -> DisparityMap:
     px, added = _filled(scene, max_cost, min_margin)
     valid = disparity.valid | added
     for _ in range(PASSES - 1):
-        scene = _scene(disparity, px, valid, unsaturated & within(added, REACH))
+        scene = _scene(disparity, px, valid, unsaturated & dilated(added, REACH))
         px, added = _filled(scene, max_cost, min_margin)
         valid = valid | added
     near_enough = depth_ratio(np.where(valid, px, F(0.0)), NEARBY_PX) < MAX_DEPTH_RATIO
@@ -155,7 +155,7 @@ def _filled(scene: HoleScene, max_cost: np.float32, min_margin: np.float32) -> F
 
 def _max_cost(scene: HoleScene) -> np.float32:
     """Return the largest matching cost of a filled pixel, grey levels; 0 if too few pixels are beside holes."""
-    beside_holes = np.flatnonzero(within(~scene.valid, BESIDE_HOLE_PX) & scene.valid)
+    beside_holes = np.flatnonzero(dilated(~scene.valid, BESIDE_HOLE_PX) & scene.valid)
     costs = own_costs(scene, beside_holes[::COST_STRIDE])
     if len(costs) < MIN_SAMPLES:
         return F(0.0)

@@ -16,7 +16,7 @@ WINDOW_RADIUS = 4
 (`tools/train_edge_network.py`) if one of them changes."""
 MAX_DIFFERENCE = F(30.0)  #: Absolute differences are truncated to this, grey levels: more of them are occlusions.
 MAX_COST = F(1e9)  #: Cost where no pixel of the window is inside the right image, grey levels: larger than any other.
-GREY_SCALE = 8.0  #: Difference at which the weight has decreased to 1/e, grey levels; Yoon and Kweon (2006) take 7.
+GREY_SCALE = 8.0  #: Difference at which the weight has decreased to 1/e, grey levels: a few times the noise.
 DISTANCE_SCALE_PX = 3.0  #: Distance at which the weight has decreased to 1/e, pixels; 0.26 at the window's edge.
 
 WEIGHT_BY_GREY = np.exp(-np.arange(256.0) / GREY_SCALE).astype(F)

@@ -20,13 +20,13 @@ DERIVATIVE_NEAR = F(0.5 * (1.0 - 2.0 * 0.1065))  #: Tap at one pixel of a centra
 DERIVATIVE_FAR = F(0.5 * 0.1065)  #: Tap at two pixels of the same.
 SLOPE_BORDER = 2  #: Columns at either border without a slope: the smoothed central difference has five taps.
 ROUNDING_NOISE = 0.3
-"""Standard deviation of a residual due to rounding, in steps of the grey levels: `1 / sqrt(12)` by the left image, and
-little more by the interpolated right one."""
+"""Smallest standard deviation of a residual due to rounding, in steps of the grey levels: that of one image,
+`1 / sqrt(12)`."""
 GREY_STRIDE = 4  #: Every fourth pixel of every fourth row is read for the steps between grey levels.
 DEFAULT_VARIANCE = F(25.0)
 """Variance of a residual if too few residuals are available, grey levels squared: that of a noisy camera."""
 NOISE_BINS = 8  #: Ranges of the grey level in which the noise is measured, with equal numbers of residuals.
-MIN_PER_BIN = 50  #: Residuals that each range requires: the variance then has a relative standard deviation of 25 %.
+MIN_PER_BIN = 50  #: Residuals that each range requires: the variance then has a relative standard deviation of 33 %.
 SAMPLED_PIXELS = np.s_[::8, ::4]  #: Pixels whose residuals measure the noise: 30 000 of a megapixel.
 SAMPLED_CELLS = np.s_[::4, ::2]  #: The cells of these pixels.
 

@@ -17,11 +17,11 @@ from sfr_loc_map.jit import jit_rows
 F = np.float32
 
 FLAT_PX = 5
-"""A pixel is invalid if the square of this side around it is completely saturated, pixels: smoothness bridges smaller
-squares, because the slope of a pixel needs five columns."""
+"""A pixel is invalid if the square of this side around it is completely saturated, pixels: its slope, of five columns
+and three rows, is then 0."""
 NEIGHBOURHOOD_PX = 11
-"""Side of the square in which saturated pixels increase the uncertainty of a pixel, pixels: about the radius over which
-the refinement smooths."""
+"""Side of the square in which saturated pixels increase the uncertainty of a pixel, pixels: of the order of the radius
+over which the refinement smooths."""
 SIGMA_GROWTH = F(1.5)
 """Relative growth of sigma in a completely saturated neighbourhood. Chosen on rendered, half clipped ground."""
 
@@ -39,11 +39,6 @@ class Saturation:
     flat: Mask  #: `(H, W)`, the square around the pixel is completely saturated in one of the images.
     neighbourhood: GreyImage  #: `(H, W)`, saturated fraction of the pixel's neighbourhood, 0 to 255.
     fraction: float  #: Fraction of the pixels that are saturated in either image.
-
-    @classmethod
-    def none(cls, shape: tuple[int, ...]) -> Saturation:
-        """Return the saturation of images `(H, W)` without saturated pixels."""
-        return cls(np.zeros(shape, np.bool_), np.zeros(shape, np.uint8), 0.0)
 
 
 def measure_saturation(left: GreyImage, right: GreyImage, disparity_px: FloatImage) -> Saturation:

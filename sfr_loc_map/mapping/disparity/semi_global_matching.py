@@ -20,9 +20,8 @@ refinement has cells of two pixels anyway. Smaller images are matched at full wi
 (docs/decisions/0003)."""
 DISPARITY_STEP = 16  #: OpenCV's matcher searches a multiple of this many disparities.
 SUBPIXELS = 16  #: Steps per pixel of the disparities of OpenCV's matcher.
-SMALL_JUMP_PENALTY = (
-    8  #: P1 of Hirschmueller (2008): cost of a change of disparity by one pixel. OpenCV: 8 per channel.
-)
+SMALL_JUMP_PENALTY = 8
+"""P1 of Hirschmueller (2008): cost of a change of disparity by one pixel. OpenCV recommends 8 per channel."""
 LARGE_JUMP_PENALTY = 32  #: P2 of Hirschmueller (2008): cost of a larger change. OpenCV recommends 32 per channel.
 MAX_LEFT_RIGHT_PX = 1  #: Largest difference of the left-right check, pixels of the matched images; the usual value.
 MAX_DERIVATIVE = 31  #: Derivatives of the images are clipped to this, grey levels. Others: docs/decisions/0003.

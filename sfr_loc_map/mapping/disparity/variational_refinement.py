@@ -132,15 +132,15 @@ def refine(left: FloatImage, right: FloatImage, initial_cells: FloatImage) -> Re
     The right image has equal exposure and no vertical disparity. The initial field (`field_from_disparity`) is correct
     to about a pixel.
     """
-    scene = prepare_left(left)
-    right = padded(right)
+    reference = prepare_left(left)
+    padded_right = padded(right)
     cells = initial_cells
-    linear = linearise(scene, right, cells)
+    linear = linearise(reference, padded_right, cells)
     for warp in range(NOISY_WARPS):
         if warp == WARPS and median(linear.equations.information) > NOISY_PX**-2:
             break
         cells, weights = coarse_to_fine_step(cells, linear.equations)
-        linear = linearise(scene, right, cells)
+        linear = linearise(reference, padded_right, cells)
     height, width = left.shape
     deviation = np.sqrt(linear.variance)
     normalised = (linear.residual - upsample_nearest(linear.offset, 2)) / upsample_nearest(deviation, 2)

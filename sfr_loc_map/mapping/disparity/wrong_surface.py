@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, IntArray, Mask, median
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
-from sfr_loc_map.mapping.disparity.filters import SURFACE_JUMP_PX, depth_ratio, within
+from sfr_loc_map.mapping.disparity.filters import SURFACE_JUMP_PX, depth_ratio, dilated
 from sfr_loc_map.mapping.disparity.matching_cost import (
     MAX_COST,
     MAX_DIFFERENCE,
@@ -35,9 +35,9 @@ SMALL_JUMP_PX = F(0.7)
 from 0.7 px on have twice the squared error of those from 1.5 px on (docs/decisions/0003)."""
 SURFACE_RADIUS = 3
 """Half side of the square in which other surfaces are searched, pixels: smoothing moves edges by a cell or two."""
-OCCLUDER_COLUMNS = (
-    6  #: Columns to either side in which a surface is searched that occludes the pixel in the right image.
-)
+OCCLUDER_COLUMNS = 6
+"""Columns to either side in which a surface is searched that occludes the pixel in the right image: twice the radius
+of the search for other surfaces."""
 SAME_COLUMN_PX = F(1.0)  #: Pixels whose right columns differ by no more correspond to the same right pixel.
 LOG_ODDS_AT_1_PX = F(3.3)
 """Log odds above which a pixel is invalid, if the median sigma of the pair is 1 pixel. The threshold is this value plus
@@ -138,7 +138,7 @@ def beside_jump(disparity: FloatImage) -> Mask:
     """Return which pixels `(H, W)` are at or near a jump of disparity."""
     square = np.ones((3, 3), np.uint8)
     jump = np.asarray(cv2.dilate(disparity, square) - cv2.erode(disparity, square), F) > SMALL_JUMP_PX
-    return within(jump, SURFACE_RADIUS)
+    return dilated(jump, SURFACE_RADIUS)
 
 
 @jit_rows

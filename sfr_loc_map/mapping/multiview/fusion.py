@@ -41,7 +41,7 @@ SAME_SAMPLE_PX = F(0.02)
 """Points closer than this in an image are one sample, pixels: the images have the same pose, and rounding moves points
 by less."""
 AGREEMENT_STRIDE = 4  #: The agreement of poses is measured by every fourth point: medians need fewer samples.
-MIN_OVERLAP = 1000  #: Points in common that a statement about poses requires: medians are then known to 4 %.
+MIN_OVERLAP = 1000  #: Points in common that a statement about poses requires: its spreads are then known to 7 %.
 MAX_RANGE_RATIO = 1.8
 """Measured over expected range differences above which poses disagree; correct poses have 1 or less
 (docs/mapping.md)."""

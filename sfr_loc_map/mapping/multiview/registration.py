@@ -30,6 +30,7 @@ MAX_ITERATIONS = 6  #: Gauss-Newton steps at each blur; the next blur continues 
 ROTATION_STEP_RAD = 2e-4  #: Step of the numerical derivatives: a sixth of a pixel at a focal length of 800 pixels.
 TRANSLATION_STEP_M = 1e-3  #: Step of the numerical derivatives: a sixth of a pixel at 5 m and the same focal length.
 DERIVATIVE_STEPS = np.array([ROTATION_STEP_RAD] * 3 + [TRANSLATION_STEP_M] * 3)
+"""Steps of the six parameters: rotation vector, translation."""
 CONVERGED_STEP = 1e-5  #: The estimate has converged if no parameter changes by more than this, rad and m: 0.01 pixels.
 PRIOR_SIGMAS = np.array([np.deg2rad(0.5)] * 3 + [0.02] * 3)
 """Standard deviations of the error of a given pose, rad and m: a quarter and a fifth of the largest accepted motion.

@@ -1,7 +1,5 @@
 """Holes in a scene of two planes whose truth is known: which take a surface, and which stay empty."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from helpers.disparity_world import two_planes
@@ -30,9 +28,8 @@ class TwoPlanes:
         """Return what is filled of a hole in which nothing was matched."""
         valid = self.visible & ~hole
         disparity, matched = np.where(valid, self.truth, F(0.0)), np.where(valid, self.truth, F(np.nan))
-        saturation = Saturation.none(valid.shape)
-        if may is not None:
-            saturation = replace(saturation, flat=~may)
+        flat = np.zeros(valid.shape, bool) if may is None else ~may
+        saturation = Saturation(flat, np.zeros(valid.shape, np.uint8), 0.0)
         given = DisparityMap(
             px=disparity,
             sigma_px=np.full_like(disparity, 0.1),
