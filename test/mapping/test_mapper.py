@@ -199,7 +199,7 @@ def test_images_that_cannot_match_are_refused_by_name(name: str) -> None:
         mapped(replace(made, pair=StereoPair(7, *corrupt(made.pair.left, made.pair.right))))
 
 
-def test_wrong_size_and_index_are_refused() -> None:
+def test_wrong_size_and_index_and_maps_of_other_methods_are_refused() -> None:
     made = make_world(slope)
     mapper = Mapper(made.rig, MappingConfig())
     with pytest.raises(MappingError, match="the rig has"):
@@ -207,6 +207,9 @@ def test_wrong_size_and_index_are_refused() -> None:
     for index in (-1, 3):
         with pytest.raises(MappingError, match="index"):
             mapper.process(made.pair, T_LM_NAVSB, index)
+    foreign = replace(mapper.process(made.pair, T_LM_NAVSB, 0), fusion_input=None)
+    with pytest.raises(MappingError, match="stamp"):
+        mapper.fuse([foreign])
 
 
 @pytest.mark.slow

@@ -115,7 +115,7 @@ def _compare(index: int, views: Sequence[PairView], rig: StereoRig) -> Compariso
     The preferred view is the one with the larger weight, or the first one of two with equal weights.
     """
     view = views[index]
-    own_weight = view.images.weight[view.cloud.v, view.cloud.u]
+    own_weight = view.point_weights()
     total_weight = own_weight.copy()
     weighted_difference = np.zeros_like(own_weight)
     merged = np.zeros(len(view.cloud), np.bool_)

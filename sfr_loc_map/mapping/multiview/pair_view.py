@@ -37,7 +37,6 @@ class ViewImages(NamedTuple):
 
     disparity: FloatImage  #: Pixels; NaN where invalid.
     sigma: FloatImage  #: Standard deviation of the range, metres; infinite without a point.
-    weight: FloatImage  #: Weight in the fusion, 1 / m^2; 0 without a point.
     grey: FloatImage  #: Grey level; NaN without a point.
 
 
@@ -61,21 +60,15 @@ class PairView:
 
     @cached_property
     def images(self) -> ViewImages:
-        """Disparity, sigma, weight and grey level of each pixel.
-
-        The weight is `feather / sigma^2`. The feather decreases towards the border, so that the fusion leaves no seam.
-        """
-        height, width = self.disparity_px.shape
-        sigma = np.full((height, width), np.inf, F)
+        """Disparity, sigma and grey level of each pixel."""
+        sigma = np.full(self.disparity_px.shape, np.inf, F)
         sigma[self.cloud.v, self.cloud.u] = self.cloud.sigma
-        rows = np.arange(height, dtype=F)
-        columns = np.arange(width, dtype=F)
-        border_distance_y = np.minimum(rows, height - 1 - rows) + F(1.0)
-        border_distance_x = np.minimum(columns, width - 1 - columns) + F(1.0)
-        border_distance = np.minimum(border_distance_y[:, None], border_distance_x[None])
-        feather = np.minimum(border_distance / F(FEATHER_PX), F(1.0))
-        weight = np.asarray(feather / np.square(sigma), F)
-        return ViewImages(self.disparity_px, sigma, weight, self.grey_image())
+        return ViewImages(self.disparity_px, sigma, self.grey_image())
+
+    def point_weights(self) -> FloatImage:
+        """Return the weight of each point in the fusion `(N,)`, 1 / m^2."""
+        rows, columns = self.disparity_px.shape
+        return _point_weights(self.cloud.sigma, self.cloud.u, self.cloud.v, rows, columns)
 
     def grey_image(self, blur_px: float = 0.0) -> FloatImage:
         """Return the left image `(H, W)` at the points, blurred over them by a Gaussian; NaN elsewhere."""
@@ -134,6 +127,29 @@ def reproject_into_view(
 
 
 @jit_rows_inline
+def _weight(sigma: np.float32, row: int, column: int, rows: int, columns: int) -> np.float32:
+    """Return the weight `feather / sigma^2` of a pixel in the fusion, 1 / m^2.
+
+    The feather decreases towards the border of the image, so that the fusion leaves no seam there.
+    """
+    border_distance = min(min(row, rows - 1 - row), min(column, columns - 1 - column)) + 1
+    feather = min(F(border_distance) / F(FEATHER_PX), F(1.0))
+    weight: np.float32 = feather / (sigma * sigma)
+    return weight
+
+
+@jit_rows
+def _point_weights(
+    sigma: NDArray[np.float32], u: NDArray[np.uint16], v: NDArray[np.uint16], rows: int, columns: int
+) -> FloatImage:
+    """Return the weights of points `(N,)` from their sigma and pixels."""
+    weights = np.empty_like(sigma)
+    for n in prange(len(sigma)):
+        weights[n] = _weight(sigma[n], int(v[n]), int(u[n]), rows, columns)
+    return weights
+
+
+@jit_rows_inline
 def _bilinear(image: FloatImage, i: int, j: int, t: float, s: float) -> float:
     """Interpolate at row `i + t` and column `j + s`, t and s from 0 to 1."""
     upper = (1 - s) * image[i, j] + s * image[i, j + 1]
@@ -177,16 +193,16 @@ def _sample_view(xyz: FloatImage, T_left_lm: Pose, camera: StereoCamera, images:
         nearest_column = j + int(s > 0.5)
         upper = images.disparity[i]
         lower = images.disparity[i + 1]
-        weight = images.weight[nearest_row, nearest_column]
+        sigma = images.sigma[nearest_row, nearest_column]
         largest = max(max(upper[j], upper[j + 1]), max(lower[j], lower[j + 1]))
         smallest = min(min(upper[j], upper[j + 1]), min(lower[j], lower[j + 1]))
         disparity = _bilinear(images.disparity, i, j, t, s)
-        if not (largest - smallest < SURFACE_JUMP_PX and disparity > 0.0 and weight > 0.0):
+        if not (largest - smallest < SURFACE_JUMP_PX and disparity > 0.0 and sigma < np.inf):
             continue
         range_per_depth = np.sqrt(x * x + y * y + z * z) / z
         difference[n] = (scale / disparity - z) * range_per_depth
-        sigmas[n] = images.sigma[nearest_row, nearest_column]
-        weights[n] = weight
+        sigmas[n] = sigma
+        weights[n] = _weight(sigma, nearest_row, nearest_column, rows, cols)
         grey[n] = _bilinear(images.grey, i, j, t, s)
         if nearest_row + SHIFT_PX < rows and nearest_column + SHIFT_PX < cols:
             grey_shifted[n] = images.grey[nearest_row + SHIFT_PX, nearest_column + SHIFT_PX]
