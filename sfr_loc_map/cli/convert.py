@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -64,7 +63,6 @@ def convert(
     """
     from sfr_loc_map.io.convert import ConvertOptions, Layout
     from sfr_loc_map.io.convert import convert as run
-    from sfr_loc_map.io.pairs_file import write_pairs
     from sfr_loc_map.io.trajectory_file import FILE_SUFFIXES, format_of_name
 
     layout = None if to is None else Layout(to)
@@ -72,53 +70,71 @@ def convert(
     if source.suffix.lower() in CLOUDS and not source.is_dir():
         if options != ConvertOptions() or remap:
             raise ConfigError(f"'{source}' is a cloud: of the options '--overwrite' alone is for clouds")
-        from sfr_loc_map.io.cloud_file import load_cloud, save_cloud
-
-        check_suffix(destination, CLOUDS)
-        check_outputs(destination, inputs=(source,), overwrite=overwrite)
-        cloud = load_cloud(source).cloud
-        if cloud is None:
-            raise InputError(
-                f"cloud '{source}' has no pixel and pair of its points (fields u, v, pair), which are required: "
-                "give it to sfr score as it is"
-            )
-        save_cloud(destination, cloud)
-        say(f"{len(cloud)} points: {destination}", err=True)
-        return propose("sfr", "score", destination, "SRC", why="against the truth of the mapping pairs")
+        _convert_cloud(source, destination, overwrite=overwrite)
+        return
     is_poses = not source.is_dir() and source.suffix in FILE_SUFFIXES
+    if is_poses and layout is not None:
+        raise ConfigError(f"'--to {layout}' writes images: '{source}' is a trajectory alone")
     if is_poses or (layout is None and format_of_name(destination) is not None):
-        if layout is not None:
-            raise ConfigError(f"'--to {layout}' writes images: '{source}' is a trajectory alone")
         of_poses = columns_of(columns)[0]
-        return _convert_trajectory(
+        _convert_trajectory(
             source, destination, remap, config, is_poses=is_poses, overwrite=overwrite, columns=of_poses
         )
-    room: AbstractContextManager[Path] = output_folder(destination, overwrite=overwrite, inputs=(source,))
-    if is_pairs := destination.suffix == PAIRS and layout is None:
+        return
+    if destination.suffix == PAIRS and layout is None:
         if options != ConvertOptions():
             raise ConfigError(f"'{destination}' will be pairs for a target, which are exact: leave out options of bags")
-        check_outputs(destination, inputs=(source, config), overwrite=overwrite)
-        room = nullcontext(destination)
+        _convert_pairs(source, destination, remap, config, overwrite=overwrite)
+        return
     opened, _ = open_as(source, remap, config)
-    if layout is not None and opened.loc is not None and opened.nav is not None:
-        warn(f"the mapping pairs of '{source}' are left out: the layout of {layout} has none")
-    parts = (opened.loc,) if layout is not None else (opened.loc, opened.nav)
+    parts = [part for part in (opened.loc, opened.nav) if part is not None]
+    if layout is not None:
+        if opened.loc is not None and opened.nav is not None:
+            warn(f"the mapping pairs of '{source}' are ignored: the layout of {layout} has none")
+        parts = [] if opened.loc is None else [opened.loc]
+    room = output_folder(destination, overwrite=overwrite, inputs=(source,))
     with room as place, naming(source), progress_bar("pairs") as bar:
-        task = bar.add_task("converting", total=sum(len(part) for part in parts if part is not None))
-        if is_pairs:
-            from sfr_loc_map.runs.offline import start_pose
-
-            has_truth = opened.loc is not None and opened.loc.ground_truth is not None
-            start = start_pose(opened.loc, "truth").T_ds_rb if opened.loc is not None and has_truth else None
-            count = write_pairs(place, opened, start, lambda done: bar.update(task, completed=done))
-        else:
-            count = run(opened, place, options, lambda done: bar.update(task, completed=done))
+        task = bar.add_task("converting", total=sum(map(len, parts)))
+        count = run(opened, place, options, lambda done: bar.update(task, completed=done))
     say(f"{count} pairs: {destination}", err=True)
-    if is_pairs:
-        why = "on the target (docs/howto/target.md), then sfr score results SRC"
-        propose("./harness", destination, "results", why=why)
-    else:
-        propose("sfr", "info", destination, why="is it complete")
+    propose("sfr", "info", destination, why="is it complete")
+
+
+def _convert_cloud(source: Path, destination: Path, *, overwrite: bool) -> None:
+    """Write a cloud in another format."""
+    from sfr_loc_map.io.cloud_file import load_cloud, save_cloud
+
+    check_suffix(destination, CLOUDS)
+    check_outputs(destination, inputs=(source,), overwrite=overwrite)
+    cloud = load_cloud(source).cloud
+    if cloud is None:
+        raise InputError(
+            f"cloud '{source}' lacks the pixel and pair of each point (u, v, pair): it cannot be converted"
+        )
+    save_cloud(destination, cloud)
+    say(f"{len(cloud)} points: {destination}", err=True)
+    propose("sfr", "score", destination, "SRC", why="against the truth of the mapping pairs")
+
+
+def _convert_pairs(
+    source: Path, destination: Path, remap: list[str] | None, config: Path | None, *, overwrite: bool
+) -> None:
+    """Write the pairs of a source for a target board; a drive with a truth starts at its first true pose."""
+    from sfr_loc_map.io.pairs_file import write_pairs
+    from sfr_loc_map.runs.offline import start_pose
+
+    check_outputs(destination, inputs=(source, config), overwrite=overwrite)
+    opened, _ = open_as(source, remap, config)
+    start = None
+    if opened.loc is not None and opened.truth is not None:
+        start = start_pose(opened.loc, "truth").T_ds_rb
+    with naming(source), progress_bar("pairs") as bar:
+        total = sum(len(part) for part in (opened.loc, opened.nav) if part is not None)
+        task = bar.add_task("converting", total=total)
+        count = write_pairs(destination, opened, start, lambda done: bar.update(task, completed=done))
+    say(f"{count} pairs: {destination}", err=True)
+    why = "on the target (docs/howto/target.md), then sfr score results SRC"
+    propose("./harness", destination, "results", why=why)
 
 
 def _convert_trajectory(
