@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any
@@ -69,7 +68,7 @@ def _init_from(
     """Write the configuration that is inferred from a source, and limits; report what is missing."""
     from sfr_loc_map.doctor.source_proposal import propose_config
     from sfr_loc_map.io.source_config import NAME
-    from sfr_loc_map.metrics.limits_template import CONDITION, POSES, POSITIONS, limits_text
+    from sfr_loc_map.metrics.limits_template import CONDITION, POSES, POSITIONS, is_edited, limits_text
 
     path, limits = folder / NAME, folder / "limits.yaml"
     if folder.is_dir():
@@ -77,9 +76,7 @@ def _init_from(
     found = propose_config(source, sections, path)
     make_folder(folder, "name")
     if "limits" not in found.sections:
-        there = limits.read_text(encoding="utf-8", errors="replace") if limits.exists() else ""
-        condition = (re.findall("- condition: (.*)", there) or [""])[0]
-        kept = limits.exists() and there not in (limits_text(condition, active) for active in (POSES, POSITIONS))
+        kept = limits.exists() and is_edited(limits.read_text(encoding="utf-8", errors="replace"))
         found.sections["limits"] = limits.name
         found.reasons["limits"] = "it was there, and is kept" if kept else "placeholders: write those of your document"
         if not kept:

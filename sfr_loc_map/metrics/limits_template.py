@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from sfr_loc_map.metrics.limits import NAMES, LimitPart
 
 LIMITS_HEAD = """\
@@ -42,3 +44,11 @@ def limits_text(condition: str = CONDITION, active: tuple[str, ...] = POSES) -> 
         lines += ["", f"# {meaning}.", f"# {part}:"]
         lines += [f"#   {name}: {1.0e9 if name.endswith('_bytes') else 0.5}" for name in NAMES[LimitPart(part)]]
     return "\n".join(lines) + "\n"
+
+
+def is_edited(text: str) -> bool:
+    """Tell whether the text of a limits file differs from every one that `limits_text` writes."""
+    condition = re.search("- condition: (.*)", text)
+    if condition is None:
+        return True
+    return text not in (limits_text(condition[1], POSES), limits_text(condition[1], POSITIONS))
