@@ -1,7 +1,9 @@
 """Which single convention mismatch would explain that an estimate and the truth disagree? And its correction.
 
 Each is undone in turn and the disagreement measured again. One is named only if undoing it leaves a half or less of the
-disagreement (a third, if numbers are fitted to undo it).
+disagreement (a third, if numbers are fitted to undo it), explains nine tenths of all sub-trajectories, and is better
+than the plain reading by that factor on the median of them. A few outliers explain nothing, frames that are left out
+are not explained, and what a scale error of the estimate explains as well is no mismatch of a convention.
 
 The disagreement is that whatever the placing of the world frame: the mean over sub-trajectories of the position error
 as a share of the path and the attitude error in radians, root of the sum of squares, re-based by the whole pose.
@@ -11,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -44,6 +45,8 @@ GAIN, GAIN_FITTED = 2.0, 3.0
 """Undoing a mismatch must make the disagreement this many times smaller; the second where numbers were fitted."""
 AGREES = 1e-3  #: A disagreement below this (a thousandth of the path, or 0.06 degrees) needs no explanation.
 EXPLAINED = 0.25  #: What is left must be less than this (a quarter of the path, or 14 degrees).
+EXPLAINED_SHARE = 0.9  #: So many of all sub-trajectories must be explained; those that are left out are not.
+HONEST_SCALES = (0.8, 1.25)  #: Scales of an estimate that are an error of its method, not of its unit.
 LATE_GAIN, LATE_POSES = 2.0, 30
 """So many times smaller are the squared differences of rotations from pose to pose if each is compared with that of the
 pair before, at so many poses, where an estimate lags behind by one pair."""
@@ -56,6 +59,13 @@ AS_GOOD = 1.1  #: An offset to the stamps of the truth themselves is taken for t
 STAMP_NOISE_NS = 1_000
 LOOKS_WRONG = "the estimate looks wrong:"
 Poses = tuple[FloatArray, FloatArray]  #: Positions `(N, 3)` and unit quaternions `(N, 4)`.
+
+
+class Tried(NamedTuple):
+    """A hypothesis, and what it leaves of the disagreement of each sub-trajectory, infinite where it leaves it out."""
+
+    hypothesis: Hypothesis
+    left: FloatArray
 
 
 class Hypothesis(Record, frozen=True, kw_only=True):
@@ -95,27 +105,30 @@ def diagnose(
     frames = associate(estimate, truth, config)[0]
     true, found = (frames.gt_pos, frames.gt_quat), (frames.est_pos, frames.est_quat)
     has_frames = len(frames.stamps_ns) >= MIN_POSES
-    before = disagreement(true, found) if has_frames else None
+    plain = disagreements(true, found) if has_frames else None
+    before = None if plain is None else float(np.mean(plain))
     if before is not None and before < AGREES and not every:
         return Diagnosis(disagreement=before, hypotheses=(), found=None)
-    hypotheses: list[Hypothesis] = []
+    tried: list[Tried] = []
     for item in [*MISMATCHES, *frame_mismatches(true, found, rig)] if has_frames else []:
         if item.applies(*found):
-            hypotheses.append(
-                Hypothesis(
-                    mismatch=item.name,
-                    sentence=f"{LOOKS_WRONG} {item.sentence}",
-                    disagreement=disagreement(true, item.undo(*found)),
-                    fitted=item.is_fitted,
-                    setting=item.setting,
-                )
+            left = disagreements(true, item.undo(*found))
+            hypothesis = Hypothesis(
+                mismatch=item.name,
+                sentence=f"{LOOKS_WRONG} {item.sentence}",
+                disagreement=float(np.mean(left)),
+                fitted=item.is_fitted,
+                setting=item.setting,
             )
-    hypotheses += _time_offset(estimate, truth, before)
-    hypotheses.sort(key=attrgetter("disagreement"))
-    best = _best_of(hypotheses, before)
+            tried.append(Tried(hypothesis, left))
+    tried += _time_offset(estimate, truth, before)
+    tried.sort(key=lambda item: item.hypothesis.disagreement)
+    best = _best_of(tried, plain)
+    if best is not None and plain is not None and _is_scale_error(true, found, best):
+        best = None
     if best is None and before is not None and before >= AGREES:
         best = _one_pair_late(true, found, frames.stamps_ns, before)
-    return Diagnosis(disagreement=before, hypotheses=tuple(hypotheses), found=best)
+    return Diagnosis(disagreement=before, hypotheses=tuple(item.hypothesis for item in tried), found=best)
 
 
 def _in_order(poses: Trajectory, step: int) -> Trajectory:
@@ -124,21 +137,36 @@ def _in_order(poses: Trajectory, step: int) -> Trajectory:
     return Trajectory(poses.stamps_ns[rows], poses.positions[rows], poses.quats_xyzw[rows])
 
 
-def _best_of(hypotheses: Sequence[Hypothesis], before: float | None) -> Hypothesis | None:
+def _best_of(tried: Sequence[Tried], plain: FloatArray | None) -> Hypothesis | None:
     """Return the hypothesis that explains a disagreement, a simpler one rather than one with fitted numbers."""
-    if before is not None and before < AGREES:
+    if plain is not None and np.mean(plain) < AGREES:
         return None
-    possible = []
-    for item in hypotheses:
-        gain = GAIN_FITTED if item.fitted else GAIN
-        most = EXPLAINED if before is None else min(EXPLAINED, before / gain)
-        if item.disagreement <= most:
-            possible.append(item)
+    possible = [item.hypothesis for item in tried if _explains(item, plain)]
     simple = [item for item in possible if not item.fitted]
     best = next(iter(possible), None)
     if best is not None and simple and simple[0].disagreement <= SIMPLER * best.disagreement:
         return simple[0]
     return best
+
+
+def _explains(tried: Tried, plain: FloatArray | None) -> bool:
+    """Tell whether a hypothesis explains the disagreement of nearly all sub-trajectories, not that of a few."""
+    gain = GAIN_FITTED if tried.hypothesis.fitted else GAIN
+    most = EXPLAINED if plain is None else min(EXPLAINED, float(np.mean(plain)) / gain)
+    usual = EXPLAINED if plain is None else float(np.mean(plain))
+    if tried.hypothesis.disagreement > most or np.mean(tried.left <= usual) < EXPLAINED_SHARE:
+        return False
+    return plain is None or bool(np.median(plain) >= gain * np.median(tried.left))
+
+
+def _is_scale_error(true: Poses, found: Poses, best: Hypothesis) -> bool:
+    """Tell whether the estimate's own scale explains the disagreement about as well as a hypothesis does."""
+    starts, ends = _eighths(len(true[0]))
+    true_m, found_m = (np.linalg.norm(p[ends] - p[starts], axis=1) for p in (true[0], found[0]))
+    scale = float(true_m @ found_m) / max(float(found_m @ found_m), 1e-12)
+    if not HONEST_SCALES[0] <= scale <= HONEST_SCALES[1]:
+        return False
+    return disagreement(true, (scale * found[0], found[1])) <= SIMPLER * best.disagreement
 
 
 def _one_pair_late(true: Poses, found: Poses, stamps_ns: IntArray, before: float) -> Hypothesis | None:
@@ -159,13 +187,18 @@ def _one_pair_late(true: Poses, found: Poses, stamps_ns: IntArray, before: float
 
 def disagreement(truth: Poses, estimate: Poses) -> float:
     """Return the disagreement of estimated poses with the truth, both in time order."""
+    return float(np.mean(disagreements(truth, estimate)))
+
+
+def disagreements(truth: Poses, estimate: Poses) -> FloatArray:
+    """Return the disagreement of each sub-trajectory."""
     starts, ends = _eighths(len(truth[0]))
     errors = pose_reading(formulas.Poses(*truth, *estimate), starts, ends)
     until_m = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(truth[0], axis=0), axis=1)))
     lengths_m = until_m[ends] - until_m[starts]
     lengths_m = np.maximum(lengths_m, max(0.1 * float(lengths_m.mean()), 1e-9))  # never much less than the mean
     of_path = np.linalg.norm(errors.position_m, axis=1) / lengths_m
-    return float(np.mean(np.hypot(of_path, np.radians(errors.attitude_deg))))
+    return np.asarray(np.hypot(of_path, np.radians(errors.attitude_deg)))
 
 
 def _eighths(count: int) -> tuple[IntArray, IntArray]:
@@ -327,14 +360,14 @@ def _upright(quats: FloatArray) -> FloatArray:
     return np.where(quats[:, 3:] < 0.0, -quats, quats)
 
 
-def _time_offset(estimate: Trajectory, truth: Trajectory, before: float | None) -> Iterator[Hypothesis]:
+def _time_offset(estimate: Trajectory, truth: Trajectory, before: float | None) -> Iterator[Tried]:
     est_ns, gt_ns = estimate.stamps_ns, truth.stamps_ns
     if min(len(est_ns), len(gt_ns)) < MIN_POSES:
         return
     step = int(np.median(np.diff(est_ns)))
     base = 0 if before is not None else int(gt_ns[0]) - int(est_ns[0])
     reach = max(20 * step, 2 * NS_PER_S)
-    best, least = base, np.inf
+    best, least, explained = base, np.inf, np.full(1, np.inf)
     while True:
         is_last = reach < max(step // 500, 1000)
         if not is_last:
@@ -350,8 +383,8 @@ def _time_offset(estimate: Trajectory, truth: Trajectory, before: float | None) 
             return
         for shift in shifts:
             first, last = np.searchsorted(est_ns, gt_ns[[0, -1]] - shift).tolist()
-            if last - first < max(MIN_POSES, len(est_ns) // 2):
-                continue
+            if last - first < max(MIN_POSES, round(EXPLAINED_SHARE * len(est_ns))):
+                continue  # nothing is explained by leaving frames out
             chosen = slice(first, last, max(1, (last - first) // 800))
             stamps = est_ns[chosen] + shift
             after = np.searchsorted(gt_ns, stamps, side="right")
@@ -361,15 +394,16 @@ def _time_offset(estimate: Trajectory, truth: Trajectory, before: float | None) 
                 start + share[:, None] * (truth.positions[after] - start),
                 slerp(unit_quats(truth.quats_xyzw[after - 1]), unit_quats(truth.quats_xyzw[after]), share),
             )
-            value = disagreement(true, (estimate.positions[chosen], unit_quats(estimate.quats_xyzw[chosen])))
+            left_of_each = disagreements(true, (estimate.positions[chosen], unit_quats(estimate.quats_xyzw[chosen])))
+            value = float(np.mean(left_of_each))
             if is_last and value <= AS_GOOD * least:
                 best = shift
             elif value < least:
-                best, least = shift, value
+                best, least, explained = shift, value, left_of_each
         if is_last:
             break
         reach = reach * 4 // OFFSET_STEPS
-    yield _of_offset(best, step, least)
+    yield Tried(_of_offset(best, step, least), explained)
 
 
 def _of_offset(offset_ns: int, step_ns: int, left: float) -> Hypothesis:

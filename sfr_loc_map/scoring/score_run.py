@@ -29,6 +29,7 @@ from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.cloud_file import SUFFIXES as CLOUD_SUFFIXES
 from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud
+from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import AS_IT_IS, SourceConfig, source_config
 from sfr_loc_map.io.trajectory_file import LoadedTrajectory, read_trajectory_file
 from sfr_loc_map.io.truth import possible_truth, truth_of_file
@@ -569,6 +570,7 @@ def load_run(
     named = replace(inputs, configuration=how.path, truth_file=truth_file, calibration=calibration)
     run = replace(run, inputs=named)
     given = how.truth
+    opened: Source | None = None
     if place is None and truth is not None:
         true = LoadedTrajectory(in_memory, truth)
     elif place is None:
@@ -577,11 +579,13 @@ def load_run(
         true = LoadedTrajectory(place, truth_of_file(place, given, how.remap))
         if is_bag(place) or not place.is_file():
             with suppress(SfrError):  # true poses alone: whoever needs the images reports what is wrong with them
-                loc = io.open_source(place, how).loc
+                opened = io.open_source(place, how)
+                loc = opened.loc
     elif place.is_file():
         true = read_trajectory_file(place, given.columns, "truth")
     else:
-        loc = io.open_source(place, how).loc
+        opened = io.open_source(place, how)
+        loc = opened.loc
         if loc is None or loc.ground_truth is None:
             text = f"'{place}' has no true poses (groundtruth.csv, ground_truth/odometry): give a source with truth"
             raise InputError(text)
@@ -609,12 +613,22 @@ def load_run(
     elif place is not None and place.is_file() and not is_bag(place):
         true = replace(true, trajectory=possible_truth(true.trajectory, f"of '{place}'")[1])
     notes = tuple(item.text for item in (found, true) if item.is_announced)
+    run = replace(run, nav_stamps_ns=_nav_stamps(opened, stats))
     rig, images = None, None
     if loc is not None:
         rig = loc.rig
         with suppress(InputError):  # it has no whole pair
             images = np.asarray(loc.stamps_ns, np.int64)
     return replace(run, drive=ScoredDrive(estimates, true.trajectory, rig, images, notes))
+
+
+def _nav_stamps(source: Source | None, stats: Sequence[CallStats]) -> IntArray | None:
+    """Return the stamps of the mapping pairs of a source if there are calls of a mapper to compare with them."""
+    if source is None or source.nav is None:
+        return None
+    if not any(state in KINDS for item in stats for state in item.calls.states):
+        return None
+    return np.array([item.pair.stamp_ns for item in source.nav.pairs()], np.int64)
 
 
 def load_target(path: Path) -> TargetRecord:

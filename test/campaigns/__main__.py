@@ -13,6 +13,7 @@ CAMPAIGNS = {
     "faults": "node_faults",
     "fuzz": "fuzz.command",
     "history-power": "history_power",
+    "honest-drives": "honest_drives",
     "interval-coverage": "interval_coverage",
     "long-monitor": "long_monitor",
     "misbehaviour": "misbehaviour",

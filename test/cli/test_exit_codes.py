@@ -96,6 +96,7 @@ def test_a_limit_without_data_is_not_judged(
 
 def test_a_missed_limit_counts_before_one_without_data(sfr: Sfr, tmp_path: Path, files: tuple[Path, Path]) -> None:
     text = "trajectory:\n  - condition: distance=5\n    position_mean_m: 0\nmap:\n  coverage_min: 0.5\n"
+    text += "minimum_independent: 2\n"
     result = sfr("score", *files, "--limits", limits_file(tmp_path / "limits.yaml", text))
     assert result.code == ExitCode.FAILED
     assert result.err.startswith("sfr: 1 of 2 limits missed")

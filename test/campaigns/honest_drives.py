@@ -1,0 +1,31 @@
+"""Random honest drives: how often does the diagnosis accuse an estimate of a mismatch of convention?
+
+python -m campaigns honest-drives [--drives 1000] [--seed 0]
+
+Noise, drift, a scale error of about 1 %, outliers, last frames that are off, short, straight and standing drives.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+from helpers.honest_drives import honest_drive
+from sfr_loc_map.metrics.config import AssociationConfig
+from sfr_loc_map.metrics.convention import diagnose
+
+
+def main(arguments: list[str]) -> int:
+    """Diagnose the drives and print each accusation; 1 if there is one."""
+    parser = argparse.ArgumentParser(prog="python -m campaigns honest-drives")
+    parser.add_argument("--drives", type=int, default=1000)
+    parser.add_argument("--seed", type=int, default=0)
+    given = parser.parse_args(arguments)
+    accused = 0
+    for seed in range(given.seed, given.seed + given.drives):
+        kind, estimate, truth = honest_drive(seed)
+        found = diagnose(estimate, truth, AssociationConfig(), every=False).found
+        if found is not None:
+            accused += 1
+            print(f"seed {seed}, {kind}: {found.sentence}")
+    print(f"{accused} of {given.drives} honest drives accused")
+    return 1 if accused else 0
