@@ -59,14 +59,14 @@ def completeness(
     """
     stamps = single_run_stamps(estimate)
     true_ns, rows = np.unique(truth.stamps_ns, return_index=True)
-    true_ns = settled(true_ns, in_flight_ns)
+    true_ns = settled(true_ns, stamps, in_flight_ns)
     rows = rows[: len(true_ns)]
     steps = np.linalg.norm(np.diff(truth.positions[rows], axis=0), axis=1)
     travelled_m = np.append(0.0, np.cumsum(steps))
     tolerance_ns = round(association.tolerance_s * NS_PER_S)
     needed, images = true_ns, None
     if image_stamps_ns is not None and len(image_stamps_ns):
-        needed = settled(np.unique(image_stamps_ns), in_flight_ns)
+        needed = settled(np.unique(image_stamps_ns), stamps, in_flight_ns)
         images = len(needed)
     has_estimate = has_near(needed, stamps, nearness_ns(needed, tolerance_ns))
     has_truth = is_spanned(needed, true_ns, round(association.max_gap_s * NS_PER_S), tolerance_ns)
@@ -93,11 +93,17 @@ def completeness(
     return msgspec.structs.replace(association, images=images, incomplete=incomplete), figures
 
 
-def settled(stamps_ns: IntArray, in_flight_ns: int) -> IntArray:
-    """Return the stamps, which go up, whose results are due: not those of the last nanoseconds of a run."""
+def settled(stamps_ns: IntArray, results_ns: IntArray, in_flight_ns: int) -> IntArray:
+    """Return the ascending stamps whose results are due.
+
+    Due are those up to the last result, and those that are older than the time that results may take.
+    """
     if not in_flight_ns or not len(stamps_ns):
         return stamps_ns
-    return np.asarray(stamps_ns[stamps_ns <= stamps_ns.max() - in_flight_ns])
+    due_ns = stamps_ns.max() - in_flight_ns
+    if len(results_ns):
+        due_ns = max(due_ns, results_ns.max())
+    return np.asarray(stamps_ns[stamps_ns <= due_ns])
 
 
 def expected_row(part: str, judged: int, expected: int | None) -> Figure:

@@ -29,7 +29,7 @@ from sfr_loc_map.io.truth import RB_ITSELF, TrackedBody
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, unique_rows
-from sfr_loc_map.metrics.calls import Calls, ScoredCalls, completeness_rows, score_calls, stage_of
+from sfr_loc_map.metrics.calls import KINDS, Calls, ScoredCalls, completeness_rows, score_calls, stage_of
 from sfr_loc_map.metrics.cloud_error import PairTruth, ScoredMap, score_map
 from sfr_loc_map.metrics.completeness import live_completeness, settled
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig
@@ -265,9 +265,14 @@ class MonitorScore:
         """Yield what of the expected calls came, and what of the messages was dropped."""
         expected = image_stamps_ns if image_stamps_ns is not None else self._truth.all()["stamp_ns"]
         pairs = np.array(sorted(self.map_inputs.pair_stamps_ns), np.int64)
-        known = {Task.LOCALISATION: settled(expected, in_flight_ns), Task.MAPPING: settled(pairs, in_flight_ns)}
         if len(self._calls):
-            yield from completeness_rows([self._calls.calls()], known)
+            calls = self._calls.calls()
+            is_mapping = np.array([state in KINDS for state in calls.states])
+            known = {
+                Task.LOCALISATION: settled(expected, calls.stamps_ns[~is_mapping], in_flight_ns),
+                Task.MAPPING: settled(pairs, calls.stamps_ns[is_mapping], in_flight_ns),
+            }
+            yield from completeness_rows([calls], known)
         if self.dropped or self.restarts:
             received = len(self._estimates) + len(self._truth) + len(self._calls)
             yield from live_completeness(received, self.dropped, self.restarts)

@@ -183,6 +183,21 @@ def test_what_is_still_in_flight_is_not_missing() -> None:
     assert partial.result().incomplete is None
 
 
+def test_results_of_the_last_seconds_count() -> None:
+    """A result that came while its time was still running is not one of another stamp, and its image is due."""
+    monitor, poses = MonitorScore(ScoreConfig(CONFIG), None), small_drive(3)[0].trajectory
+    for stamp, position, quat in zip(poses.stamps_ns.tolist(), poses.positions, poses.quats_xyzw, strict=True):
+        monitor.add_truth(stamp, position, quat)
+        monitor.add_estimate(stamp, position, quat, None)
+        monitor.add_call(CallRecord(stamp, 0.035, "tracking", None, None, {}))
+    score = monitor.result(in_flight_s=1e3)
+    judged = {row.part: row for row in score.figures if row.figure == "judged"}
+    assert judged["drive"].n == judged["calls localisation"].n == len(poses)
+    assert judged["drive"].value == judged["calls localisation"].value == 1.0
+    assert not score.incomplete
+    assert {row.value for row in score.figures if row.figure == "calls_other"} <= {0.0}
+
+
 def report(name: str) -> str:
     return f'{{"schema": "sfr-score/2", "warnings": ["{name}"]}}'
 
