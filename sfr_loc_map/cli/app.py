@@ -109,8 +109,9 @@ class _Group(TyperGroup):
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401 - as above
         """Return the subcommands of `sfr` in the order of PANELS; those of a group as they were added."""
         names = super().list_commands(ctx)
-        order = [name for panel in PANELS.values() for name in panel]
-        return sorted(names, key=order.index) if ctx.parent is None else names
+        in_panels = [name for panel in PANELS.values() for name in panel]
+        order = {name: place for place, name in enumerate(in_panels)}
+        return names if ctx.parent is not None else sorted(names, key=lambda name: order.get(name, len(order)))
 
 
 def help_without_command(context: typer.Context) -> None:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 app = command_group("Suites of runs: many sources, configurations and faults, resumed where they stopped.")
 
 JunitOption = Annotated[Path | None, Option(metavar="F.xml", help="Write verdicts and failures as JUnit XML.")]
-MlflowOption = Annotated[str | None, Option(metavar="URI", help="Log it as a run of MLflow (extra \\[mlflow]).")]
+MlflowOption = Annotated[str | None, Option(metavar="URI", help="Log it as a run of MLflow (extra mlflow).")]
 FolderArgument = Annotated[Path, Argument(metavar="DIR", help="Folder of a suite, as made by sfr suite run.")]
 
 
