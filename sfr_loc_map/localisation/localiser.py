@@ -426,7 +426,8 @@ class Localiser:
         if few.refuses:
             return self._lose(state, few.reason, statistics, tracks)
         keyframes = state.keyframes + 1
-        has_gap = state.path.motion.unobserved_s(frame.stamp_ns) > 0.0
+        known_ns = state.path.motion.known_ns
+        has_gap = known_ns is not None and known_ns < frame.stamp_ns  # images show the motion up to a later start pose
         settled_from = keyframes + self._config.window_keyframes - 1 if has_gap else state.settled_from
         gap = decide(guards.check_gap(keyframes, settled_from))
         status = TrackingState.DEGRADED

@@ -21,7 +21,7 @@ from helpers.made_scene import HEIGHT, LOC_RIG, PERIOD_NS, START_NS, T_RB_LOCSB,
 from sfr_loc_map.errors import ConfigError, GeometryError, LocalisationError
 from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.stereo import StereoPair
-from sfr_loc_map.geometry.transform import Transform, propagated_covariance
+from sfr_loc_map.geometry.transform import Transform, interpolated, propagated_covariance
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, StateReason, TrackingState
 from sfr_loc_map.localisation.frontend.tracking import Tracks
@@ -197,6 +197,18 @@ def test_a_pose_set_while_lost_is_of_its_stamp_or_the_next_pair(*, stamped: bool
     np.testing.assert_allclose(found[0].T_ds_rb.matrix, pose.matrix, atol=1e-9)
     for index, estimate in enumerate(found, 16):
         assert errors(estimate, true_pose(index))[0] < sigma(estimate)
+
+
+@pytest.mark.parametrize("late", [0.4, 1.0, 2.7])
+def test_a_start_pose_of_a_later_stamp_than_the_first_pair_degrades_nothing(late: float) -> None:
+    """A ground truth that begins after the images: the images show the motion up to the start pose."""
+    before = int(late)
+    pose = interpolated(true_pose(before), true_pose(before + 1), late - before)
+    start = StartPose(pose, stamp_ns=START_NS + round(late * PERIOD_NS))
+    found = run(DRIVE[:12], Localiser(LOC_RIG, LocalisationConfig(), start))
+    assert {estimate.state for estimate in found} == {TrackingState.INITIALISING, TrackingState.TRACKING}
+    for index in range(before + 1, 12):
+        assert errors(found[index], true_pose(index))[0] < 0.003
 
 
 # ---- images that show nothing, or nothing that is known

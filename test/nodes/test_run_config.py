@@ -6,9 +6,15 @@ from pathlib import Path
 
 import pytest
 import yaml
+from rosbags.rosbag2 import Reader, Writer
 
+from helpers.made_scene import write_bag
 from sfr_loc_map.config import build
+from sfr_loc_map.doctor.source_proposal import propose_config
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.inputs import SIDES
+from sfr_loc_map.io.bag import TYPESTORE
+from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.nodes.localisation_node import LocalisationNodeConfig
 from sfr_loc_map.nodes.mapping_node import MappingNodeConfig
 from sfr_loc_map.nodes.monitor_node import MonitorNodeConfig
@@ -58,3 +64,30 @@ def test_what_nodes_cannot_do_is_said(tmp_path: Path) -> None:
     config.write_text("calibration: {stereo_layout: side_by_side}\n")
     with pytest.raises(ConfigError, match="are for recordings"):
         run_arguments(config, tmp_path / "parameters.yaml")
+
+
+def test_compressed_topics_of_a_recording_reach_the_nodes(tmp_path: Path) -> None:
+    bag = tmp_path / "cam"
+    with Reader(write_bag(tmp_path / "ours.mcap", 3, 0, jpeg_quality=95)) as reader, Writer(bag, version=9) as writer:
+        names = {
+            c.id: c.topic.replace("/loc/", "/front/").replace("image_rect", "image_raw") for c in reader.connections
+        }
+        kinds = {c.id: c.msgtype for c in reader.connections}
+        added = {each: writer.add_connection(names[each], kinds[each], typestore=TYPESTORE) for each in names}
+        for connection, recorded_ns, data in reader.messages():
+            writer.write(added[connection.id], recorded_ns, data)
+    proposal = propose_config(bag, {}, tmp_path / "sfr.yaml")
+    (tmp_path / "sfr.yaml").write_text(proposal.text())
+    loc = open_source(bag, proposal.config).loc
+    assert loc is not None
+    assert len(list(loc.pairs())) == 3
+    wanted = {f"loc/{side}/image_raw/compressed": f"/front/{side}/image_raw/compressed" for side in SIDES}
+    old = yaml.safe_dump({"topics": {name.removesuffix("/compressed"): topic for name, topic in wanted.items()}})
+    for text in (proposal.text(), old):
+        (tmp_path / "sfr.yaml").write_text(text)
+        arguments = run_arguments(tmp_path / "sfr.yaml", tmp_path / "parameters.yaml")
+        remaps = dict(word.split(":=") for word in arguments if ":=" in word)
+        assert wanted.items() <= remaps.items()
+        nodes = yaml.safe_load((tmp_path / "parameters.yaml").read_text())
+        (values,) = (node["ros__parameters"] for name, node in nodes.items() if name.endswith("localisation_node"))
+        assert values["input.rectify"] is True
