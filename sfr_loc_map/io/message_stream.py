@@ -21,6 +21,7 @@ from sfr_loc_map.io.sequence import Source
 POSE_TOPIC = "nav/pose"
 TRUTH_TOPIC = "ground_truth/odometry"
 POINTS_TOPIC = "ground_truth/points"
+TRUTH_TOPICS = (TRUTH_TOPIC, POINTS_TOPIC)
 
 
 @dataclass(frozen=True, slots=True)

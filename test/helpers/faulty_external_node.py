@@ -8,7 +8,9 @@ from typing import Any
 
 import rclpy
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import PointCloud2
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "external_node.py"
 SPEC = importlib.util.spec_from_file_location("external_node", EXAMPLE)
@@ -49,4 +51,6 @@ node = example.ExternalOdometry()
 node.publisher = FaultyPublisher(node.publisher)
 latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # as no replay publishes it
 node.create_subscription(PoseWithCovarianceStamped, "initialpose", print, latched)
+for topic, kind in (("ground_truth/odometry", Odometry), ("ground_truth/points", PointCloud2)):
+    node.create_subscription(kind, topic, lambda message: print("the truth is here", flush=True), QoSProfile(depth=10))
 rclpy.spin(node)

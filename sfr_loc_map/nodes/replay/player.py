@@ -72,8 +72,13 @@ class Player:
         self._node.wait_for(lambda: bool(self._poses_set), ANSWER_TIMEOUT_S, lambda: problem)
 
     def play(self, messages: Iterator[Message], published: Callable[[Message], None]) -> None:
-        """Publish messages when they are due; `published` is called after each and may wait for results."""
+        """Publish messages of the advertised topics when they are due.
+
+        `published` is called after each and may wait for results.
+        """
         for message in messages:
+            if message.topic not in self._publishers:
+                continue
             while not self.stopped and (wait_s := self._wait_s(message)):
                 self._node.spin_for(min(wait_s, POLL_S))
             if self.stopped:

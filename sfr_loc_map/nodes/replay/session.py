@@ -87,6 +87,8 @@ def running(source: Source, options: ReplayOptions, say: Say) -> Iterator[Replay
     environment.isolate()
     environment.prepare()
     topics = message_stream.topics_of(source)
+    if options.external is not None:  # whoever is on the domain may listen: the score has the truth from the source
+        topics = {name: kind for name, kind in topics.items() if name not in message_stream.TRUTH_TOPICS}
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="sfr-replay-")))
         os.environ.setdefault("ROS_LOG_DIR", str(folder / "log"))
