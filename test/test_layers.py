@@ -14,7 +14,7 @@ FLOORS = (
     {"methods", "report", "simulation"},
     {"runs"},
     {"scoring"},
-    {"doctor"},
+    {"doctor", "evidence"},
     {"live", "suite"},
     {"nodes"},
     {"cli", "api"},

@@ -100,6 +100,13 @@ CATALOGUE = (
     FigureKind("confidence", Subject.EVIDENCE, "", "1", "confidence that mean + 3 sigma exceeds"),
     FigureKind("shape", Subject.EVIDENCE, "", "1", "sigma of position errors over the largest"),
     FigureKind("normality", Subject.EVIDENCE, "", "1", "significance of position errors as normal"),
+    # what runs without a truth show (evidence): not in the document
+    FigureKind("difference", Subject.EVIDENCE, "", "m", "difference of positions"),
+    FigureKind("attitude_difference", Subject.EVIDENCE, "", "deg", "difference of attitudes"),
+    FigureKind("difference_nees", Subject.EVIDENCE, "", "1", "normalised difference squared (NEES)"),
+    FigureKind("error_at_least", Subject.EVIDENCE, "", "m", "one of both runs has an error (rmse) of at least"),
+    FigureKind("agreement", Subject.EVIDENCE, "", "1", "p-value of the difference by the covariances"),
+    FigureKind("hat_sigma", Subject.EVIDENCE, "", "m", "sigma by the three-cornered hat"),
     FigureKind("bound", Subject.EVIDENCE, "", "1", "tolerance bound"),
 )
 KINDS: dict[str, FigureKind] = {kind.name: kind for kind in CATALOGUE}

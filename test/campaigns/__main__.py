@@ -9,6 +9,7 @@ import sys
 from importlib import import_module
 
 CAMPAIGNS = {
+    "check-detection": "check_detection",
     "drivers": "driver_pairs",
     "faults": "node_faults",
     "fuzz": "fuzz.command",

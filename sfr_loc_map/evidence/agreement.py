@@ -1,0 +1,191 @@
+"""Do two runs agree as their covariances predict? Normalised squares of their difference over sub-trajectories.
+
+Both runs share the calibration: a wrong baseline, focal length or mounting moves both alike and cannot show. So the
+systematic errors are left out of the prediction, `Q_a + Q_b` of the steps and of the noise of the poses. Runs that
+share images have noise in common, so that their difference is smaller than predicted; only a difference that is too
+large is a finding. At least one of both runs has an error of half of their difference, whatever is in common.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import gammaincc
+
+from sfr_loc_map.evidence.variants import Run
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.rotation import matrix_from_quat
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import propagated_covariance
+from sfr_loc_map.metrics import formulas
+from sfr_loc_map.metrics.association import Frames, associate
+from sfr_loc_map.metrics.config import AssociationConfig, Condition
+from sfr_loc_map.metrics.consistency import (
+    StepSums,
+    normalised_square,
+    relative_covariance,
+    relative_error,
+    sums_of_steps,
+)
+from sfr_loc_map.metrics.score import Figure, figure_row
+from sfr_loc_map.metrics.statistics import chi2_interval95
+from sfr_loc_map.metrics.trajectory_score import select
+
+SIGNIFICANCE = 0.05  #: Probability of a false finding, over all comparisons of a recording.
+MIN_WINDOWS = 3  #: Fewer sub-trajectories are not enough data.
+DEGREES = 6  #: Components of the error of a pose.
+SPACING = 5  #: Frames from one start of a sub-trajectory to the next.
+
+
+class CheckResult(StrEnum):
+    """What runs without a truth show; never that a limit is met."""
+
+    CONSISTENT = "consistent"
+    INCONSISTENT = "inconsistent"
+    NOT_ENOUGH_DATA = "not enough data"
+
+
+class Windows(NamedTuple):
+    """The differences of two runs over sub-trajectories, and their normalised squares where covariances are known."""
+
+    position_m: FloatArray  #: `(n, 3)`
+    attitude_deg: FloatArray  #: `(n,)`
+    squares: FloatArray  #: `(m,)` of sub-trajectories that share no frame.
+    lost: int  #: Frames at which one of the runs was lost.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Agreement:
+    """The comparison of two runs over one condition."""
+
+    name: str
+    condition: str
+    windows: Windows
+    probability: float | None  #: Of such squares, or larger ones, if the covariances hold; None of too few.
+
+
+def compare(first: Run, other: Run, condition: Condition) -> Agreement:
+    """Return how two runs differ over the sub-trajectories of a condition; distances are those of the first run."""
+    moved = as_forward(other)
+    frames, _ = associate(first.estimates.trajectory, moved, AssociationConfig(truth="match"))
+    length_m = formulas.path_length_m(frames.est_pos)
+    starts, ends = select(condition, SPACING, frames._replace(gt_pos=frames.est_pos), length_m)
+    differences = np.array([relative_error(frames, *pair) for pair in zip(starts.tolist(), ends.tolist(), strict=True)])
+    differences = differences.reshape(-1, DEGREES)
+    squares = np.array(squares_of(first, other, frames, starts, ends))
+    rows_of_other = rows_at(other, frames.stamps_ns)
+    lost = first.estimates.lost[frames.est_rows] | other.estimates.lost[rows_of_other]
+    attitude_deg = np.degrees(np.linalg.norm(differences[:, 3:], axis=1))
+    windows = Windows(differences[:, :3], attitude_deg, squares, int(np.count_nonzero(lost)))
+    probability = None
+    if len(squares) >= MIN_WINDOWS:
+        probability = float(gammaincc(0.5 * DEGREES * len(squares), 0.5 * squares.sum()))
+    return Agreement(
+        name=f"{first.name} - {other.name}", condition=condition.setting, windows=windows, probability=probability
+    )
+
+
+def as_forward(run: Run) -> Trajectory:
+    """Return the poses of a run at the stamps of the pairs, in their order."""
+    poses = run.estimates.trajectory
+    if not run.is_backward:
+        return poses
+    return Trajectory(run.mirror_ns - poses.stamps_ns[::-1], poses.positions[::-1], poses.quats_xyzw[::-1])
+
+
+def rows_at(run: Run, stamps_ns: IntArray) -> IntArray:
+    """Return the rows of the estimates of pairs."""
+    return np.searchsorted(run.estimates.trajectory.stamps_ns, run.own_stamps(stamps_ns))
+
+
+def squares_of(first: Run, other: Run, frames: Frames, starts: IntArray, ends: IntArray) -> list[float]:
+    """Return the normalised squares of the differences over sub-trajectories that share no frame."""
+    if first.estimates.steps is None or other.estimates.steps is None:
+        return []
+    compared = np.unique(np.concatenate((starts, ends)))
+    sums = sums_of_steps(first.estimates, first.estimates.steps, frames.est_rows[compared])
+    rows = rows_at(other, frames.stamps_ns)
+    others = sums_of_steps(other.estimates, other.estimates.steps, rows[compared])
+    turns = matrix_from_quat(frames.est_quat) @ np.swapaxes(matrix_from_quat(frames.gt_quat), -1, -2)
+    found, free_from = [], 0
+    for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
+        between = slice(start, end + 1)
+        if start < free_from or first.estimates.lost[frames.est_rows[between]].any():
+            continue
+        if other.estimates.lost[rows[between]].any():
+            continue
+        own = growth(sums[int(frames.est_rows[start])], sums[int(frames.est_rows[end])], frames.est_pos[end])
+        theirs = growth_of_other(other, others, rows, frames, start, end)
+        if own is None or theirs is None:
+            continue
+        free_from = end
+        turn = np.kron(np.eye(2), turns[start])
+        found.append(normalised_square(relative_error(frames, start, end), own + turn @ theirs @ turn.T))
+    return found
+
+
+def growth(start: StepSums, end: StepSums, position: FloatArray) -> FloatArray | None:
+    """Return the covariance of the end given the start without the errors that all steps share."""
+    none = np.zeros_like(start.systematic)
+    return relative_covariance(start._replace(systematic=none), end._replace(systematic=none), position)
+
+
+def growth_of_other(
+    other: Run, sums: dict[int, StepSums], rows: IntArray, frames: Frames, start: int, end: int
+) -> FloatArray | None:
+    """Return the same of the other run, in its own axes.
+
+    A backward run gives the covariance of the start given the end; the error of the end given the start is its
+    negative, carried over the displacement.
+    """
+    if not other.is_backward:
+        return growth(sums[int(rows[start])], sums[int(rows[end])], frames.gt_pos[end])
+    reverse = growth(sums[int(rows[end])], sums[int(rows[start])], frames.gt_pos[start])
+    return None if reverse is None else propagated_covariance(reverse, frames.gt_pos[end] - frames.gt_pos[start])
+
+
+# ---- what follows
+
+
+def result_of(agreements: Sequence[Agreement]) -> CheckResult:
+    """Return the result over all comparisons (Bonferroni)."""
+    known = [item.probability for item in agreements if item.probability is not None]
+    if not known:
+        return CheckResult.NOT_ENOUGH_DATA
+    return CheckResult.INCONSISTENT if min(known) * len(known) < SIGNIFICANCE else CheckResult.CONSISTENT
+
+
+def agreement_rows(agreement: Agreement) -> list[Figure]:
+    """Return the rows of the table of figures of a comparison."""
+    windows, where = agreement.windows, (agreement.condition, agreement.name)
+    position = formulas.statistics(windows.position_m)
+    rows = [
+        figure_row("difference", *where, statistics=position),
+        figure_row("attitude_difference", *where, statistics=formulas.statistics(windows.attitude_deg)),
+    ]
+    count = len(windows.squares)
+    low, high = chi2_interval95(DEGREES * count, count) if count else (None, None)
+    mean = float(windows.squares.mean()) if count else None
+    rows.append(figure_row("difference_nees", *where, n=count, mean=mean, low95=low, high95=high, value=DEGREES))
+    least = None if position.rmse is None else 0.5 * position.rmse
+    rows.append(figure_row("error_at_least", *where, n=position.n, value=least))
+    rows.append(figure_row("agreement", *where, n=count, value=agreement.probability))
+    return rows
+
+
+def three_cornered_hat(a: FloatArray, b: FloatArray, c: FloatArray) -> tuple[float, float, float] | None:
+    """Return the sigma of each of three estimates from their errors' differences `(n, 3)`: a - b, a - c, b - c.
+
+    It holds for errors that are independent of each other; what all three share stays hidden. None where a variance
+    comes out negative, which independent errors of so few values do not exclude.
+    """
+    ab, ac, bc = (float(np.sum(np.var(values, axis=0, ddof=1))) for values in (a, b, c))
+    variances = 0.5 * np.array([ab + ac - bc, ab + bc - ac, ac + bc - ab])
+    if (variances < 0.0).any():
+        return None
+    first, second, third = np.sqrt(variances).tolist()
+    return first, second, third

@@ -1,0 +1,127 @@
+"""`sfr check`: what a recording shows of its own localisation, without a truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import islice
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.evidence.agreement import (
+    Agreement,
+    CheckResult,
+    agreement_rows,
+    compare,
+    result_of,
+    three_cornered_hat,
+)
+from sfr_loc_map.evidence.variants import PairsInMemory, Run, Variant, run_variant
+from sfr_loc_map.io.sequence import LocSequence
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.metrics.config import Condition, label_of
+from sfr_loc_map.metrics.score import Figure, figure_row
+from sfr_loc_map.report.tables import Cell, Column, Table, Unit, fitting
+
+ROWS_OF_A_COMPARISON = 5  #: Rows of `agreement_rows`.
+MIN_PAIRS = 20
+COMPARED = (
+    (Variant.FORWARD, Variant.BACKWARD),
+    (Variant.FORWARD, Variant.EVERY_SECOND),
+    (Variant.LEFT_HALF, Variant.RIGHT_HALF),
+)
+"""Runs that are compared with each other."""
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """What the runs over a recording show."""
+
+    result: CheckResult
+    figures: tuple[Figure, ...]
+    agreements: tuple[Agreement, ...]
+    forward: Run  #: The run that a user makes.
+
+
+def check_drive(
+    sequence: LocSequence,
+    config: LocalisationConfig,
+    conditions: Sequence[Condition],
+    most_pairs: int,
+    others: Sequence[Run] = (),
+    progress: Callable[[], None] = lambda: None,
+) -> Check:
+    """Run the localiser in each variant over the first pairs of a drive and compare; other estimates join in."""
+    drive = PairsInMemory(sequence.rig, list(islice(sequence.pairs(), most_pairs)))
+    if len(drive) < MIN_PAIRS:
+        raise InputError(f"the drive has {len(drive)} pairs: a check needs at least {MIN_PAIRS}")
+    runs = {variant: run_variant(drive, config, variant, progress) for variant in Variant}
+    pairs = [(runs[first], runs[other]) for first, other in COMPARED]
+    ours = [compare(first, other, condition) for condition in conditions for first, other in pairs]
+    theirs = [compare(runs[Variant.FORWARD], other, condition) for condition in conditions for other in others]
+    figures = [row for agreement in (*ours, *theirs) for row in agreement_rows(agreement)]
+    if len(others) == 2:
+        figures += [row for condition in conditions for row in hat_rows(runs[Variant.FORWARD], others, condition)]
+    return Check(result_of(ours), tuple(figures), tuple(ours), runs[Variant.FORWARD])
+
+
+def hat_rows(forward: Run, others: Sequence[Run], condition: Condition) -> list[Figure]:
+    """Return the sigma of each of three estimates."""
+    pairs = ((forward, others[0]), (forward, others[1]), (others[0], others[1]))
+    parts = [compare(first, other, condition).windows.position_m for first, other in pairs]
+    count = min(map(len, parts))
+    sigmas = three_cornered_hat(*parts) if count > 1 else None
+    return [
+        figure_row("hat_sigma", condition.setting, run.name, n=count, value=None if sigmas is None else sigmas[number])
+        for number, run in enumerate((forward, *others))
+    ]
+
+
+def check_table(check: Check) -> Table:
+    """Return the comparisons as a table, one line each; the cells name their places in the figures."""
+    titles = ("difference, rmse", "NEES", "expected below", "n", "p", "one of both is off by")
+    columns = (Column("runs", words=True), Column("over", words=True), Column("unit"), *map(Column, titles))
+    rows = []
+    for place in range(0, len(check.figures) - ROWS_OF_A_COMPARISON + 1, ROWS_OF_A_COMPARISON):
+        difference, _, nees, least, agreement = check.figures[place : place + ROWS_OF_A_COMPARISON]
+        if difference.figure != "difference":
+            break
+        unit = fitting(Unit("m"), difference.rmse, least.value)
+        rows.append(
+            (
+                Cell.head(difference.part or ""),
+                Cell(label_of(difference.condition)),
+                Cell(unit.symbol),
+                Cell.number(difference.rmse, f"figures.{place}.rmse", unit),
+                Cell.number(nees.mean, f"figures.{place + 2}.mean"),
+                Cell.number(nees.high95, f"figures.{place + 2}.high95"),
+                Cell.number(nees.n, f"figures.{place + 2}.n"),
+                Cell.number(agreement.value, f"figures.{place + 4}.value"),
+                Cell.number(least.value, f"figures.{place + 3}.value", unit),
+            )
+        )
+    note = (
+        "NEES: squared difference over the covariances of both runs, 6 on average if they hold. What both share is "
+        "not part of it: the calibration, which cannot show, and the noise of common images, which makes differences "
+        "smaller. At least one of both runs has the error in the last column; it may be larger. p: probability of such "
+        "a difference if the covariances hold."
+    )
+    return Table("check", "Runs that should agree", columns, tuple(rows), note)
+
+
+def hat_table(check: Check) -> Table:
+    """Return the sigmas of three estimates."""
+    rows = [
+        (
+            Cell.head(row.part or ""),
+            Cell(label_of(row.condition)),
+            Cell("m"),
+            Cell.number(row.value, f"figures.{place}.value"),
+        )
+        for place, row in enumerate(check.figures)
+        if row.figure == "hat_sigma"
+    ]
+    columns = (Column("estimate", words=True), Column("over", words=True), Column("unit"), Column("sigma"))
+    note = (
+        "Three-cornered hat: errors are taken as independent; what the estimates share, as the calibration, is hidden."
+    )
+    return Table("hat", "Three estimates", columns, tuple(rows), note)

@@ -1,0 +1,109 @@
+"""Runs of the localiser over one recording that should agree: another direction, other pairs, other landmarks."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.arrays import GreyImage, IntArray
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.estimate import StartPose
+from sfr_loc_map.metrics.association import Estimates
+from sfr_loc_map.runs.calls import stats_of
+from sfr_loc_map.runs.offline import localise, trajectory_of
+
+Progress = Callable[[], None]
+
+
+class Variant(StrEnum):
+    """How the localiser is run."""
+
+    FORWARD = "forward"  #: As it is.
+    BACKWARD = "backward"  #: The pairs in reverse order.
+    EVERY_SECOND = "every second pair"
+    LEFT_HALF = "left half"  #: Landmarks of the left half of the left image alone.
+    RIGHT_HALF = "right half"
+
+
+@dataclass(frozen=True, slots=True)
+class PairsInMemory:
+    """Some pairs of a drive as a drive, without its truth."""
+
+    rig: StereoRig
+    kept: Sequence[StereoPair]
+    ground_truth: Trajectory | None = None
+
+    @property
+    def stamps_ns(self) -> Sequence[int]:
+        """Stamps of the pairs."""
+        return [pair.stamp_ns for pair in self.kept]
+
+    def __len__(self) -> int:
+        return len(self.kept)
+
+    def pairs(self) -> Iterator[StereoPair]:
+        """Yield the pairs."""
+        return iter(self.kept)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Run:
+    """What the localiser estimated; stamps of a backward run are mirrored, so that they increase."""
+
+    name: str
+    estimates: Estimates
+    mirror_ns: int = 0  #: Sum of the stamp of a pair and of its estimate; 0 of a run that is not backward.
+
+    @property
+    def is_backward(self) -> bool:
+        """Whether time ran backward."""
+        return self.mirror_ns != 0
+
+    def own_stamps(self, stamps_ns: IntArray) -> IntArray:
+        """Return the stamps of estimates of pairs."""
+        return self.mirror_ns - stamps_ns if self.is_backward else stamps_ns
+
+
+def run_variant(drive: PairsInMemory, config: LocalisationConfig, variant: Variant, progress: Progress) -> Run:
+    """Return the estimates of one run; InputError if it needs a mask file that cannot be read."""
+    kept, mirror_ns = list(drive.kept), 0
+    if variant is Variant.BACKWARD:
+        mirror_ns = kept[0].stamp_ns + kept[-1].stamp_ns
+        kept = [replace(pair, stamp_ns=mirror_ns - pair.stamp_ns) for pair in reversed(kept)]
+    elif variant is Variant.EVERY_SECOND:
+        kept = kept[::2]
+    with tempfile.TemporaryDirectory() as folder:
+        if variant in (Variant.LEFT_HALF, Variant.RIGHT_HALF):
+            mask = Path(folder) / "half.png"
+            cv2.imwrite(str(mask), half_mask(drive.rig, variant, config.left_mask))
+            config = replace(config, left_mask=str(mask))
+        results = localise(replace(drive, kept=kept), config, StartPose(Transform.identity()))
+        done = []
+        for result in results:
+            done.append(result)
+            progress()
+    trajectory = trajectory_of(estimate for estimate, _ in done)
+    return Run(variant.value, stats_of([record for _, record in done]).estimates(trajectory), mirror_ns)
+
+
+def half_mask(rig: StereoRig, variant: Variant, given: str) -> GreyImage:
+    """Return the mask of one half of the left image, within the mask that was configured."""
+    is_left = np.arange(rig.width) < rig.width // 2
+    kept = is_left if variant is Variant.LEFT_HALF else ~is_left
+    mask = np.tile(np.where(kept, 255, 0).astype(np.uint8), (rig.height, 1))
+    if not given:
+        return mask
+    found = cv2.imread(given, cv2.IMREAD_GRAYSCALE)
+    if found is None or found.shape != mask.shape:
+        raise InputError(f"'{given}' is no mask of {rig.width} x {rig.height} px: give one, or leave it out")
+    return np.minimum(mask, np.asarray(found, np.uint8))

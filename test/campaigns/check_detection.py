@@ -1,0 +1,64 @@
+"""What `sfr check` detects: `python -m campaigns check-detection SRC ...`, drives with truth, one line a fault.
+
+Each drive is checked as it is and with a fault injected. The lower bound of the error that the check states is compared
+with the true error of the forward run; the last line is their rank correlation. Kept in docs/measurements.md.
+"""
+
+from __future__ import annotations
+
+from itertools import islice
+from pathlib import Path
+
+from scipy.stats import spearmanr
+
+from sfr_loc_map.evidence.check import check_drive
+from sfr_loc_map.evidence.variants import PairsInMemory
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.sequence import drive_of
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.trajectory_score import score_trajectory
+from sfr_loc_map.simulation.faults import parse_fault
+from sfr_loc_map.simulation.perturber import Perturber
+
+FAULTS = (
+    *("", "noisy:amount=10,share=1", "blurred:amount=2.5,share=1", "yaw:amount=0.1", "baseline:amount=1.005"),
+    *("dropped:share=0.1", "shear:amount=1,share=1"),
+)
+"""Faults of the detection table; the first is none."""
+CONDITIONS = (Condition.parse("distance=1"), Condition.parse("distance=5"))
+JUDGED = "distance=5"
+MOST_PAIRS = 300
+
+
+def main(arguments: list[str]) -> int:
+    """Print what the check finds on each drive with each fault."""
+    bounds, errors = [], []
+    for path in map(Path, arguments):
+        drive = drive_of(open_source(path))
+        truth = drive.ground_truth
+        clean = list(islice(drive.pairs(), MOST_PAIRS))
+        for text in FAULTS:
+            faults = [parse_fault(text)] if text else []
+            perturber = Perturber(faults, 1, len(clean), drive.rig)
+            kept = [pair for _, pair in perturber.pairs(clean)]
+            sequence = PairsInMemory(perturber.rig, kept)
+            found = check_drive(sequence, LocalisationConfig(), CONDITIONS, MOST_PAIRS)
+            known = [item for item in found.agreements if item.probability is not None]
+            worst = min(known, key=lambda item: item.probability or 0.0, default=None)
+            least = [row.value for row in found.figures if row.figure == "error_at_least" and row.condition == JUDGED]
+            bound = max((value for value in least if value is not None), default=float("nan"))
+            scored = score_trajectory(found.forward.estimates, truth, TrajectoryScoreConfig(conditions=(JUDGED,)))
+            error = Score(figures=scored.figures).number("position", "rmse") or float("nan")
+            shown = "" if worst is None else f"{worst.name} over {worst.condition}, p {worst.probability:.2g}"
+            lost = int(found.forward.estimates.lost.sum())
+            print(
+                f"{path.name}; {text or 'none'}; {found.result}; {shown}; at least {1e3 * bound:.2f} mm; "
+                f"true rmse {1e3 * error:.2f} mm; {lost} lost",
+                flush=True,
+            )
+            bounds.append(bound)
+            errors.append(error)
+    print(f"rank correlation of bound and error over {len(bounds)} runs: {spearmanr(bounds, errors).statistic:.2f}")
+    return 0

@@ -1,0 +1,110 @@
+"""Runs that should agree: differences whose law is known, in both directions of time; the three-cornered hat."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from sfr_loc_map.evidence.agreement import CheckResult, compare, result_of, three_cornered_hat
+from sfr_loc_map.evidence.variants import Run
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.metrics.association import UPPER, Estimates
+from sfr_loc_map.metrics.config import Condition
+from sfr_loc_map.metrics.consistency import STEP_SIZE
+
+STAMPS = 1_000_000_000 + np.arange(400) * 100_000_000
+SIGMA_M, SIGMA_RAD = 1e-3, 2e-4
+CONDITION = Condition.parse("distance=2")
+
+
+def true_steps(rng: np.random.Generator) -> tuple[Rotation, np.ndarray]:
+    """Motions of 0.1 m that wind."""
+    turns = Rotation.from_rotvec(rng.normal(0, 0.03, (len(STAMPS) - 1, 3)))
+    return turns, np.tile([0.1, 0.0, 0.0], (len(STAMPS) - 1, 1))
+
+
+def run_of(
+    name: str, turns: Rotation, moves: np.ndarray, seed: int, *, mirror_ns: int = 0, drift_m: float = 0.0
+) -> Run:
+    """A run whose steps have errors of the covariance that it states, and of a drift that it does not."""
+    rng = np.random.default_rng(seed)
+    moves = moves + rng.normal(0, SIGMA_M, moves.shape) + [0.0, drift_m, 0.0]
+    turns = turns * Rotation.from_rotvec(rng.normal(0, SIGMA_RAD, (len(moves), 3)))
+    attitude, position = Rotation.from_rotvec([0.0, 0.0, float(seed)]), np.zeros(3)
+    positions, quats = [position], [attitude.as_quat()]
+    for turn, move in zip(turns, moves, strict=True):
+        position = position + attitude.apply(move)
+        attitude = attitude * turn
+        positions.append(position)
+        quats.append(attitude.as_quat())
+    steps = np.zeros((len(STAMPS), STEP_SIZE))
+    steps[:, :21] = np.diag([SIGMA_M**2] * 3 + [SIGMA_RAD**2] * 3)[UPPER]
+    steps[:, 21:27] = 0.1  # what all steps share is left out, whatever its size
+    trajectory = Trajectory(STAMPS, np.array(positions), np.array(quats))
+    covariance = np.tile((1e-6 * np.eye(6))[UPPER], (len(STAMPS), 1))
+    return Run(name, Estimates.of(trajectory, covariance=covariance, steps=steps), mirror_ns)
+
+
+def reversed_steps(turns: Rotation, moves: np.ndarray) -> tuple[Rotation, np.ndarray]:
+    """The motions in reverse order and direction."""
+    inverse = turns.inv()
+    return inverse[::-1], -inverse.apply(moves)[::-1]
+
+
+@pytest.mark.parametrize("backward", [False, True])
+def test_independent_runs_differ_as_their_covariances_predict(backward: bool) -> None:
+    rng = np.random.default_rng(0)
+    squares = []
+    for seed in range(12):
+        turns, moves = true_steps(rng)
+        first = run_of("a", turns, moves, 2 * seed)
+        steps = reversed_steps(turns, moves) if backward else (turns, moves)
+        other = run_of("b", *steps, 2 * seed + 1, mirror_ns=int(STAMPS[0] + STAMPS[-1]) * backward)
+        found = compare(first, other, CONDITION)
+        squares.append(found.windows.squares)
+        assert len(found.windows.squares) >= 12
+    mean = np.concatenate(squares).mean()
+    assert mean == pytest.approx(6.0, abs=4 * np.sqrt(12.0 / len(np.concatenate(squares))))
+
+
+def test_a_drift_that_is_not_stated_is_found_and_bounds_the_error() -> None:
+    turns, moves = true_steps(np.random.default_rng(1))
+    first, other = run_of("a", turns, moves, 1), run_of("b", turns, moves, 2)
+    drifting = run_of("c", turns, moves, 3, drift_m=2e-3)
+    agreeing, differing = compare(first, other, CONDITION), compare(first, drifting, CONDITION)
+    assert result_of([agreeing]) is CheckResult.CONSISTENT
+    assert result_of([agreeing, differing]) is CheckResult.INCONSISTENT
+    sizes = np.linalg.norm(differing.windows.position_m, axis=1)
+    assert 0.5 * np.sqrt(np.mean(sizes**2)) < 20 * 2e-3 * 1.2, "no more than the drift over 20 steps"
+    assert np.mean(sizes) > 0.6 * 20 * 2e-3
+
+
+def test_too_few_sub_trajectories_are_not_enough_data() -> None:
+    turns, moves = true_steps(np.random.default_rng(1))
+    runs = run_of("a", turns, moves, 1), run_of("b", turns, moves, 2)
+    far = compare(*runs, Condition.parse("distance=30"))
+    assert far.probability is None
+    assert result_of([far]) is CheckResult.NOT_ENOUGH_DATA
+
+
+def test_false_findings_are_as_rare_as_stated() -> None:
+    """p is uniform where covariances hold: 200 pairs of runs, five comparisons each would share 5 %."""
+    rng = np.random.default_rng(5)
+    found = []
+    for seed in range(60):
+        turns, moves = true_steps(rng)
+        runs = run_of("a", turns, moves, 1000 + seed), run_of("b", turns, moves, 2000 + seed)
+        found.append(result_of([compare(*runs, CONDITION)]) is CheckResult.INCONSISTENT)
+    assert np.mean(found) < 0.05 + 3 * np.sqrt(0.05 * 0.95 / 60)
+
+
+def test_the_hat_gives_each_sigma_and_refuses_what_it_cannot() -> None:
+    rng = np.random.default_rng(3)
+    a, b, c = (rng.normal(0, sigma, (4000, 3)) for sigma in (1.0, 2.0, 3.0))
+    found = three_cornered_hat(a - b, a - c, b - c)
+    assert found == pytest.approx([np.sqrt(3), 2 * np.sqrt(3), 3 * np.sqrt(3)], rel=0.1)
+    shared = rng.normal(0, 5.0, (4000, 3))
+    hidden = three_cornered_hat((a + shared) - (b + shared), a - c, b - c)
+    assert hidden == pytest.approx(found), "what is shared stays hidden"
+    assert three_cornered_hat(a * 0.1, a, a * 0.1) is None
