@@ -16,14 +16,16 @@ A sparse, keyframe-based stereo odometry with a sliding window, in the order of 
 10. Keyframe: the pair joins the window, which is adjusted in the background (bundle adjustment with marginalisation,
     OKVIS, Leutenegger et al. 2015; `keyframes`).
 
+A pair is refused after stage 1, 5 or 7, as soon as one of its findings asks for it. The later stages are skipped.
+
 The state between two pairs is one immutable value (`state.State`); each stage takes values and returns values. What a
 pair changes in the state:
 
 | pair | changes |
 |---|---|
 | accepted (`_accept`) | all fields: only here path, map, calibration, ground and recovery images learn from a pose |
-| kept (`_keep`) | images (not by a repeated pair), ground (doubt about it), covariance and step in the path |
-| lost (`_lose`) | images, ground (after stale rows), failed recoveries; the path forgets its velocity |
+| kept (`_keep`) | images (not by a repeated pair), ground (it is in doubt), covariance and step in the path |
+| lost (`_lose`) | images, ground (if rows are stale), failed recoveries; the path forgets its velocity |
 | begins a window (`_begin`) | all fields: the window starts at the last known pose |
 
 A pose from outside is applied after each pair (`_with_pose_from_outside`). The result of a keyframe is taken over
