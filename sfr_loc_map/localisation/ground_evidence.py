@@ -35,7 +35,7 @@ STANDSTILL_RATIO = 0.15  #: Image motion, as a ratio to the expected one, below 
 MIN_DIFFERENCE_RATIO = 0.05  #: Minimum of the same as a ratio to the image motion of the main pose.
 OLD_WEIGHT = 3.0  #: Weight of a landmark that is older than the newest keyframe; a newer one has 1.
 EXPECTED_WEIGHT = 1.5  #: Factor on the weight of a motion that continues the one before.
-CLEAR_RATIO = 1.4  #: Minimum ratio of the weights of two motions that makes one of them the ground's.
+CLEAR_RATIO = 1.4  #: Minimum ratio of the weights, or of the inliers, that makes one of two solutions the better one.
 
 
 class ComparedPair(NamedTuple):

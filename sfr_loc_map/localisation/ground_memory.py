@@ -31,7 +31,6 @@ MAX_TRANSFERS = 10  #: Maximum number of consecutive pairs that are taken as par
 MIN_UNEXPLAINED = 0.12
 """Fraction of unexplained landmarks, above the typical one, or of moving cells, from which a motion is unusual."""
 MAX_UNEXPLAINED = 0.47  #: Fraction of unexplained landmarks from which a motion is unusual in any case.
-AFTER_TRANSFER = 0.5  #: Factor on `MIN_UNEXPLAINED` after a partially transferred pair.
 TYPICAL_FACTOR = 1.25  #: Factor on the typical fraction of unexplained landmarks.
 RISING_GAIN = 0.1  #: Gain of the typical fraction for a pair with a larger fraction.
 FALLING_GAIN = 0.5  #: Gain of the typical fraction for a pair with a smaller fraction.
@@ -118,7 +117,7 @@ class GroundMemory:
 
     def is_usual(self, unexplained: float) -> bool:
         """Return whether a fraction of unexplained landmarks is usual for the ground."""
-        margin = AFTER_TRANSFER * MIN_UNEXPLAINED if self.transfers else MIN_UNEXPLAINED
+        margin = 0.5 * MIN_UNEXPLAINED if self.transfers else MIN_UNEXPLAINED  # parts of it may be stale again
         return unexplained < min(margin + TYPICAL_FACTOR * (self.typical or 0.0), MAX_UNEXPLAINED)
 
     def typical_after(self, unexplained: float) -> float | None:

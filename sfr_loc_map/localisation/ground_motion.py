@@ -30,7 +30,7 @@ from sfr_loc_map.localisation.findings import Finding
 from sfr_loc_map.localisation.frontend.image_cells import LEVEL, MOVED_PX, ExcludedCells, change_of
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks
-from sfr_loc_map.localisation.ground_evidence import ComparedPair, Evidence, MotionTools
+from sfr_loc_map.localisation.ground_evidence import CLEAR_RATIO, ComparedPair, Evidence, MotionTools
 from sfr_loc_map.localisation.ground_memory import (
     AGREEING_PAIRS,
     MIN_UNEXPLAINED,
@@ -43,7 +43,6 @@ from sfr_loc_map.localisation.motion_model import Prediction
 from sfr_loc_map.localisation.relocalisation import RecoveryImages, Relocaliser
 from sfr_loc_map.localisation.uncertainty import DirectedError
 
-RETRY_RATIO = 1.4  #: Minimum ratio of inliers by which a second refinement replaces the first one.
 COMPARED_PX = 3.0  #: Image motion, px, that shows what is fixed to the camera; the compared image is then replaced.
 COMPARED_PAIRS = 10  #: Number of pairs after which the compared image is replaced, however slow the motion.
 FAR_RATIO = 0.06  #: Image motion per pair, fraction of the width, above which a landmark may not be found again.
@@ -201,7 +200,7 @@ class GroundSelector:
         explained = self._tools.explained(pair, main)
         if main.is_trusted and explained.unexplained_fraction > MIN_UNEXPLAINED:
             again = self._tools.tracker.refine(pair.frame, main.landmarks, main.pose, pair.prediction.offset)
-            if again.inlier_count > RETRY_RATIO * main.inlier_count:
+            if again.inlier_count > CLEAR_RATIO * main.inlier_count:
                 main = again
                 explained = self._tools.explained(pair, again)
         return Evidence(self._tools, pair, main, explained, memory)

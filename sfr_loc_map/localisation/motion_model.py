@@ -13,12 +13,11 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.frontend.pose_solver import RightOffset
-from sfr_loc_map.localisation.uncertainty import RoverModel, Speed
+from sfr_loc_map.localisation.uncertainty import DirectedError, RoverModel, Speed
 
 MAX_MISSED_PAIRS = 4
 """Number of missing pairs over which a constant velocity is still extrapolated; later the motion may have changed."""
-SLACK_M = 1.0  #: Motion, m, that is plausible whatever the stamps are, because stamps may be equal or jitter.
-SLACK_RAD = 1.0  #: The same of a rotation, rad.
+SLACK = DirectedError(1.0, 1.0)  #: Motion, m and rad, that is plausible whatever the stamps are: stamps may jitter.
 
 
 class Guesses(NamedTuple):
@@ -119,6 +118,6 @@ def is_plausible(motion: Motion, stamp_ns: int, pose: Pose, bounds: MotionBounds
     last = motion.T_world_left
     metres = np.linalg.norm(pose.position - last.translation)
     radians = np.linalg.norm(rotvec_from_matrix(last.rotation.T @ pose.rotation))
-    max_m = SLACK_M + bounds.max_speed_m_s * seconds
-    max_rad = SLACK_RAD + bounds.max_turn_rad_s * seconds
+    max_m = SLACK.metres + bounds.max_speed_m_s * seconds
+    max_rad = SLACK.radians + bounds.max_turn_rad_s * seconds
     return bool(metres <= max_m and radians <= max_rad)

@@ -22,8 +22,6 @@ from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tra
 
 MAX_ATTEMPTS = 2
 """Number of good images that are compared with the map before a new window begins. A single one may be blurred."""
-BEST_LEFT_RATIO = 0.5
-"""Minimum ratio of inliers in the left image to landmarks of an image for descriptors: its view is known."""
 NO_POINTS = np.zeros((0, 2))  #: No points.
 FLOW_WINDOW = (21, 21)  #: Window of the optical flow, px: the default of OpenCV.
 FLOW_MIN_SIDE = 16  #: Side of the coarsest image of the optical flow, px: the window must fit.
@@ -78,7 +76,7 @@ class RecoveryImages(NamedTuple):
     def with_tracked(self, image: GreyImage, tracks: Tracks) -> RecoveryImages:
         """Return the images with one whose pose was accepted."""
         known = KnownImage(image, tracks.observations[:, :2], tracks.landmarks)
-        is_best = tracks.left_inlier_count >= BEST_LEFT_RATIO * len(tracks.inliers)
+        is_best = tracks.left_inlier_count >= 0.5 * len(tracks.inliers)
         return RecoveryImages(known, known if is_best else self.best, is_last_best=is_best)
 
     def with_keyframe(self, landmarks: Landmarks) -> RecoveryImages:
