@@ -1,11 +1,15 @@
 """What is remembered about the ground's motion between two pairs, and in which phase its knowledge is.
 
-The ground is identified by its motion. The phases:
+The ground is identified by its motion. It begins in the phase `LEARNING`:
 
-- `LEARNING`: no single motion has explained several moving pairs yet.
-- `KNOWN`: one has.
-- `IN_DOUBT`: two motions competed, or the image contradicted the motion. The ground is learnt again after several pairs
-  that agree on a motion, which must also be seen where the image contradicted it.
+| phase | meaning | next phase |
+|---|---|---|
+| `LEARNING` | no single motion has explained several moving pairs yet | `KNOWN` after several pairs that agree |
+| `KNOWN` | one motion has explained them | `LEARNING` with a new window |
+| `IN_DOUBT` | the image contradicted the motion, or two competed | `LEARNING` after several pairs that agree |
+
+A contradiction or a second motion leads from each phase to `IN_DOUBT`. To end it, the motion must also be observed where
+the image contradicted it.
 """
 
 from __future__ import annotations

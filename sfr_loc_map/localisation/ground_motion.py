@@ -67,11 +67,15 @@ CASES: Final[tuple[tuple[Case, Callable[[Evidence], bool]], ...]] = (
     (Case.OWN_BODY, lambda e: not e.is_credible and e.beside_static is not None),
     (Case.UNTRUSTED, lambda e: not e.main.is_trusted),
     (Case.CONTRADICTED, lambda e: e.is_contradicted and e.rival is None),
+    # parts of the images are stale, as those of the pair before were
     (Case.PARTIAL_TRANSFER, lambda e: e.is_unusual and not e.is_contradicted and e.repeats_transfer),
+    # two motions, of which one is a standstill
     (Case.PARTIAL_TRANSFER, lambda e: e.rival is not None and e.may_be_transfer and e.has_standstill),
+    # two moving motions
     (Case.AMBIGUOUS, lambda e: e.rival is not None and not (e.is_known and e.is_winner_clear)),
     (Case.RIVAL, lambda e: e.rival is not None and e.rival_wins),
     (Case.MAIN, lambda e: e.rival is not None),
+    # one motion
     (Case.PARTIAL_TRANSFER, lambda e: e.is_unusual and e.may_be_transfer and e.is_half_unexplained),
     (Case.UNCONVINCING, lambda e: e.is_half_unexplained and not e.is_known),
     (Case.ONE_MOTION, lambda e: True),

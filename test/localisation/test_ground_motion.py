@@ -21,6 +21,8 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import drive_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
+from sfr_loc_map.localisation.ground_memory import AGREEING_PAIRS, LONG_DOUBT_PAIRS, Confidence, Phase
+from sfr_loc_map.localisation.ground_motion import CASES, EFFECTS, Case
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.simulation.faults import parse_fault
 from sfr_loc_map.simulation.perturber import Perturber
@@ -49,6 +51,31 @@ def worst_ratio(estimates: Sequence[PoseEstimate]) -> float:
 
 def masked(estimates: Sequence[PoseEstimate]) -> list[float]:
     return [item.statistics.masked_share or 0.0 for item in estimates]
+
+
+def test_each_case_has_a_row_and_an_effect() -> None:
+    assert {case for case, _ in CASES} == set(Case) == set(EFFECTS)
+
+
+def after_agreements(confidence: Confidence, pairs: int) -> Phase:
+    """Return the phase after some pairs that one motion explains."""
+    for _ in range(pairs):
+        confidence = confidence.after_agreement()
+    return confidence.phase
+
+
+def test_doubt_lasts_longer_for_a_ground_that_was_not_known() -> None:
+    cells = np.ones((2, 3), np.bool_)
+    learning = Confidence()
+    assert after_agreements(learning, AGREEING_PAIRS - 1) is Phase.LEARNING
+    assert after_agreements(learning, AGREEING_PAIRS) is Phase.KNOWN
+    known = Confidence(Phase.KNOWN)
+    for before, pairs in ((known, AGREEING_PAIRS), (learning, LONG_DOUBT_PAIRS)):
+        doubt = before.after_contradiction(cells)
+        assert after_agreements(doubt, pairs - 1) is Phase.IN_DOUBT
+        assert after_agreements(doubt, pairs) is Phase.LEARNING
+        assert doubt.after_interruption() is doubt
+    assert known.after_interruption().phase is Phase.LEARNING
 
 
 def test_the_own_body_is_found_by_the_first_motion_and_left_out() -> None:
