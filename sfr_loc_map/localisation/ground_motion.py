@@ -130,7 +130,7 @@ class Selection(NamedTuple):
     tracks: Tracks
     motion_px: float  #: Image motion since the compared image by the pose of the tracks, px.
     is_main: bool = True  #: Whether the tracks follow the main motion.
-    is_partial: bool = False  #: Whether an unusual fraction of the landmarks does not follow the selected motion.
+    is_partial: bool = False  #: Whether parts of the images are of another moment than the selected motion.
     not_ground: NDArray[np.intp] = NO_ROWS  #: `(N,)` rows in the window of landmarks that do not move with the ground.
     fixed: Mask | None = None  #: `(R, C)` cells that are fixed to the camera.
     moving: Mask | None = None  #: `(R, C)` cells that move otherwise than the ground.
@@ -175,8 +175,7 @@ class GroundSelector:
         """Return the ground's motion in a pair. The main tracks may follow any motion, trusted or not."""
         assert memory.compared is not None, "a window has begun"
         compared = memory.compared._replace(age=memory.compared.age + 1)
-        image = frame.left[LEVEL].image
-        change = change_of(compared.image, image)
+        change = change_of(compared.image, frame.left[LEVEL].image)
         far_px = FAR_RATIO * self._tools.shape[1] * compared.age if memory.is_clear else np.inf
         pair = ComparedPair(frame, prediction, recovery, change, compared.pose, far_px)
         evidence = self._evidence(pair, main, memory)
@@ -184,11 +183,6 @@ class GroundSelector:
         selection = self._selection(case, evidence)
         after = self._memory_after(case, evidence, selection, compared)
         findings = _findings(case, evidence, selection, after)
-        # a partially transferred pair is no image to compare with
-        shows_fixed = selection.motion_px > COMPARED_PX
-        is_replaced = shows_fixed or not selection.is_main or compared.age > COMPARED_PAIRS
-        if is_replaced and Finding.PARTIAL_TRANSFER not in findings:
-            compared = ComparedImage(image, selection.tracks.pose)
         return Ground(
             tracks=selection.tracks,
             findings=findings,
@@ -196,7 +190,7 @@ class GroundSelector:
             rival_distance=selection.rival_distance,
             memory=after,
             memory_if_refused=after if case is Case.CONTRADICTED else memory,
-            compared=compared,
+            compared=self._compared_after(pair, selection, compared),
         )
 
     def _evidence(self, pair: ComparedPair, main: Tracks, memory: GroundMemory) -> Evidence:
@@ -208,6 +202,14 @@ class GroundSelector:
                 main = again
                 explained = self._tools.explained(pair, again)
         return Evidence(self._tools, pair, main, explained, memory)
+
+    def _compared_after(self, pair: ComparedPair, selection: Selection, compared: ComparedImage) -> ComparedImage:
+        """Return the image that the next pair is compared with; a partially transferred one is not taken."""
+        shows_fixed = selection.motion_px > COMPARED_PX
+        is_replaced = shows_fixed or not selection.is_main or compared.age > COMPARED_PAIRS
+        if not is_replaced or selection.is_partial:
+            return compared
+        return ComparedImage(pair.frame.left[LEVEL].image, selection.tracks.pose)
 
     # ---- the tracks of a case
 
@@ -226,7 +228,9 @@ class GroundSelector:
                 explained = evidence.explained
                 not_ground = evidence.main.landmarks.index[explained.on_fixed]
                 return Selection(evidence.main, explained.motion_px, not_ground=not_ground, fixed=explained.fixed_cells)
-            case Case.UNTRUSTED | Case.CONTRADICTED | Case.PARTIAL_TRANSFER:
+            case Case.PARTIAL_TRANSFER:
+                return Selection(evidence.main, evidence.explained.motion_px, is_partial=True)
+            case Case.UNTRUSTED | Case.CONTRADICTED:
                 return Selection(evidence.main, evidence.explained.motion_px)
 
     def _beside_body(self, evidence: Evidence) -> Selection:
