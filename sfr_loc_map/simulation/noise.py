@@ -79,7 +79,10 @@ def value2(x: float, y: float, seed: np.uint32) -> tuple[float, float, float]:
 
 @jit
 def gradient2(x: float, y: float, seed: np.uint32) -> tuple[float, float, float]:
-    """Return gradient noise (Perlin 2002), about [-1, 1] with standard deviation near 0.3, and its derivatives."""
+    """Return gradient noise (Perlin 2002), about [-1, 1] with standard deviation near 0.3, and its derivatives.
+
+    The factor 1.4 scales the range of the noise of unit gradients, +-0.71, to +-1.
+    """
     xf, yf = math.floor(x), math.floor(y)
     i, j = int(xf), int(yf)
     a, b = x - xf, y - yf
@@ -126,8 +129,8 @@ def _signed(value: np.uint32) -> float:
 
 @jit
 def _direction(value: np.uint32) -> tuple[float, float]:
-    """Return a unit vector, the 1024 directions being enough to hide the grid."""
-    angle = (value >> np.uint32(22)) * 0.006135923151542565
+    """Return a unit vector in one of 1024 directions, which are enough to hide the grid."""
+    angle = (value >> np.uint32(22)) * 0.006135923151542565  # 2 pi / 1024
     return math.cos(angle), math.sin(angle)
 
 

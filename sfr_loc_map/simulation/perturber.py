@@ -19,18 +19,21 @@ from sfr_loc_map.simulation.faults import IMAGE_KINDS, RIG_KINDS, ROTATION_AXES,
 
 READ_NOISE = 1.0  #: Noise of a camera that is left when no light comes in, grey levels.
 BODY_DEPTH, OBJECT_DEPTH, SHADOW_DEPTH = 6.0, 8.0, 12.0
-"""Depth of the own body, of a crossing object and of the ground in the own shadow, baselines."""
-TEXTURE_CONTRAST = 30.0  #: Standard deviation of the texture of body and object, grey levels.
-SHADOW_BRIGHTNESS, DIRT_BRIGHTNESS = 0.35, 0.4  #: Factors on grey levels in the own shadow and under dirt.
+"""Depth of the own body, of a crossing object and of the ground in the own shadow, baselines: 0.7, 1.0 and 1.4 m with
+the rig of the simulator, nearer than the ground in the middle of its image.
+"""
+TEXTURE_CONTRAST = 30.0  #: Standard deviation of the texture of body and object, grey levels (chosen by eye).
+SHADOW_BRIGHTNESS, DIRT_BRIGHTNESS = 0.35, 0.4
+"""Factors on grey levels in the own shadow, which the sky alone lights, and under dirt (chosen by eye)."""
 SCRATCH_LIGHT = 60.0  #: Grey levels by which the strongest scratches are brighter or darker.
-SPOT_RADIUS = 0.04  #: Typical radius of a spot of dirt, as a share of the image's width.
-SPEED = 0.006  #: Motion of a texture from pair to pair, as a share of the image's width.
+SPOT_RADIUS = 0.04  #: Typical radius of a spot of dirt, fraction of the image's width (chosen by eye).
+SPEED = 0.006  #: Motion of a texture from pair to pair, fraction of the image's width: 3 px at 512.
 ALL_PAIRS = (*RIG_KINDS, *ROTATION_AXES, FaultKind.SHIFT, FaultKind.CLOCK)  #: Kinds that affect all pairs.
 REPEATING = (FaultKind.REPEATED, FaultKind.FROZEN)  #: Kinds that show the images of a pair before.
 EPISODES = (FaultKind.FADE, FaultKind.OBJECT, FaultKind.ARM)
-"""Kinds whose bursts are whole: one begins only where it can end."""
+"""Kinds whose bursts are complete: a burst begins only if it can end within the sequence."""
 DRIFT_PAIRS = 100.0  #: Pairs over which a drift reaches its amount.
-UNAFFECTED = -1  #: Start of the burst of a pair that is in none.
+UNAFFECTED = -1  #: Start of the burst of a pair without a fault.
 LAST_STAMP_NS = 2**63 - 1  #: Largest stamp of 64 bits.
 
 

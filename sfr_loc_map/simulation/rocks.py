@@ -24,6 +24,12 @@ RANGE_PER_DIAMETER = 180.0
 FARTHEST_M = 350.0  #: Largest distance of a rock from the path, m; the ground reaches 512 m from its centre.
 SHAPES = 24  #: Different rock shapes of each level of detail; all rocks are scaled and rotated copies of them.
 LEVEL_PIXELS = (14.0, 48.0, 200.0)  #: Apparent sizes, in pixels of an 800 px lens, from which a finer shape is used.
+ICOSAHEDRON = (
+    (0, 11, 5), (0, 5, 1), (0, 1, 7), (0, 7, 10), (0, 10, 11), (1, 5, 9), (5, 11, 4), (11, 10, 2), (10, 7, 6),
+    (7, 1, 8), (3, 9, 4), (3, 4, 2), (3, 2, 6), (3, 6, 8), (3, 8, 9), (4, 9, 5), (2, 4, 11),
+    (6, 2, 10), (8, 6, 7), (9, 8, 1),
+)  # fmt: skip
+"""Corners of the faces of an icosahedron, counter-clockwise from outside, by the points of `_sphere`."""
 LENS_PX = 800.0  #: Focal length of the lens for which apparent sizes are computed, about that of the mapping cameras.
 
 
@@ -70,7 +76,11 @@ def place_rocks(seed: int, config: RockConfig, terrain: Terrain, path: FloatArra
 
 
 def rock_meshes(seed: int, config: RockConfig, rocks: Rocks) -> list[Mesh]:
-    """Return the triangles of placed rocks, those of one shape and level in a mesh."""
+    """Return the triangles of placed rocks, those of one shape and level in a mesh.
+
+    A rock is at most 40 % narrower and 15 to 60 % lower than long, which spans the axis ratios of ejected rocks
+    (Capaccioni et al. 1984: 1 to 0.7 to 0.5 on average).
+    """
     rng = np.random.default_rng([seed, 3])
     count = len(rocks.diameters)
     # any heading, tilted by some 15 degrees, as rocks rest on flat sides
@@ -128,12 +138,15 @@ def _scatter_rocks(
 
 
 def _library(seed: int, angular: float, level: int) -> list[tuple[FloatArray, FloatArray, NDArray[np.int32]]]:
-    """Return shapes as points, normals, triangles; the same shapes at every level."""
+    """Return shapes as points, normals, triangles; the same shapes at every level.
+
+    A shape is a ball cut by 7 to 13 planes, with lumps in three octaves. The numbers were chosen by eye beside images
+    of Mars rovers; no figure of a benchmark depends on a single one of them.
+    """
     directions, triangles = _sphere(level)
     shapes = []
     for number in range(SHAPES):
         rng = np.random.default_rng([seed, 4, number])
-        # a ball cut by planes, with lumps
         planes = int(rng.integers(7, 14))
         sides = rng.normal(size=(planes, 3))
         sides /= np.linalg.norm(sides, axis=1, keepdims=True)
@@ -161,11 +174,9 @@ def _sphere(level: int) -> tuple[FloatArray, NDArray[np.int32]]:
     g = (1 + 5**0.5) / 2
     points: list[tuple[float, float, float]] = [(-1, g, 0), (1, g, 0), (-1, -g, 0), (1, -g, 0), (0, -1, g), (0, 1, g)]
     points += [(0, -1, -g), (0, 1, -g), (g, 0, -1), (g, 0, 1), (-g, 0, -1), (-g, 0, 1)]
-    faces = "0b5051017 07a0ab159 5b4ba2a76 718394342 326368389 49524b62a 867981"
-    numbers = [int(digit, 16) for digit in faces.replace(" ", "")]
     vertices = np.array(points, dtype=np.float64)
     vertices /= np.linalg.norm(vertices, axis=1, keepdims=True)
-    triangles = np.array(numbers, dtype=np.int32).reshape(-1, 3)
+    triangles = np.array(ICOSAHEDRON, dtype=np.int32)
     for _ in range(level):
         edges = np.sort(np.concatenate((triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]])), axis=1)
         unique, inverse = np.unique(edges, axis=0, return_inverse=True)
@@ -270,7 +281,10 @@ def _with_pebble(
     weight: float,
     bump: float,
 ) -> PebbleCover:
-    """Return the effect with one more pebble under the others."""
+    """Return the effect with one more pebble under the others.
+
+    Edges are blurred over a pixel. The rim's slope makes the pebble look round; its factors were chosen by eye.
+    """
     cover, tone, sx, sy, shadow = seen
     reach = pebble.reach + pixel
     if dx * dx + dy * dy > reach * reach:
@@ -296,7 +310,11 @@ def _with_pebble(
 
 @jit
 def _scatter(i0: np.int32, j0: np.int32, k: int, field: PebbleField, out: NDArray[np.void]) -> int:
-    """Write the pebbles of four cells of a size; return their number."""
+    """Write the pebbles of four cells of a size; return their number.
+
+    Half axes of 0.16 to 0.42 cells keep each pebble near its cell, so that four cells hold all that reach a position.
+    The xor constants separate the hashes of one pebble; tones and tilts were chosen by eye.
+    """
     count = 0
     key, fill = field.seed ^ _PEBBLE ^ np.uint32(977 * k), _filled(field.fill, k)
     for m in range(4):
@@ -329,7 +347,7 @@ def _scatter(i0: np.int32, j0: np.int32, k: int, field: PebbleField, out: NDArra
 
 @jit_inline
 def _filled(fill: float, k: int) -> float:
-    """Return the share of the cells of a size that have a pebble."""
+    """Return the share of the cells of a size that have a pebble: more of the smaller ones, as in nature."""
     return min(fill * (0.25 + 0.26 * k), 0.95)
 
 

@@ -97,7 +97,11 @@ def ground_texture(count: int, hits: GroundHits, bump: float, terrain: TerrainPa
 
 @jit
 def plates(x: float, y: float, footprint: float, seed: np.uint32) -> tuple[float, float, float]:
-    """Return the darkness 0 to 1 of cracks between plates of bare rock, and slopes: a warped Voronoi pattern."""
+    """Return the darkness 0 to 1 of cracks between plates of bare rock, and slopes: a warped Voronoi pattern.
+
+    Plates are about 0.42 m wide, cracks 9 mm, and plates are tilted by up to 0.08; noise makes the edges jagged. The
+    sizes were chosen by eye beside images of bedrock.
+    """
     cell = 0.42
     wx = x / cell + 0.35 * value2(x * 2.1, y * 2.1, seed ^ _PLATE)[0]
     wy = y / cell + 0.35 * value2(x * 2.1 + 7.0, y * 2.1, seed ^ _PLATE)[0]
@@ -245,7 +249,10 @@ def _footprint(normal: FloatArray, ray: FloatArray, small: float) -> float:
 def _brightness(
     normal: Vector, mu: float, distance: float, albedo: float, sunlit: float, lit: float, parameters: ShadingParameters
 ) -> float:
-    """Return the brightness of a surface in the light of sun and sky, through the haze."""
+    """Return the brightness of a surface in the light of sun and sky, through the haze.
+
+    A level surface sees the whole sky and a vertical one 55 % of it; pebbles that block the sun block part of the sky.
+    """
     nx, ny, nz = normal
     length = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
     nx, ny, nz = nx * length, ny * length, nz * length
@@ -265,7 +272,11 @@ def _ground(
     parameters: ShadingParameters,
     cache: PebbleCache,
 ) -> tuple[float, float, float, float]:
-    """Return reflectance, slopes of the fine relief, and the share of the sun that pebbles leave, of one hit."""
+    """Return reflectance, slopes of the fine relief, and the share of the sun that pebbles leave, of one hit.
+
+    Sand and rock are brighter than gravel by 20 to 27 %. The reflectance is limited to 0.2 to 3.3 times its mean. The
+    weights were chosen by eye.
+    """
     x, y, small, footprint = hits.x[m], hits.y[m], hits.range[m] * pixel_rad, hits.footprint[m]
     sand, gravel, rock = texture.sand[m], texture.gravel[m], texture.rock[m]
     tone, sx, sy = texture.tone[m], texture.slope_x[m], texture.slope_y[m]
@@ -286,7 +297,10 @@ def _ground(
 
 @jit
 def _stone(point: FloatArray, footprint: float, number: int, parameters: ShadingParameters) -> tuple[float, Vector]:
-    """Return reflectance and bump gradient of a rock's surface."""
+    """Return reflectance and bump gradient of a rock's surface: seven octaves from 0.24 m down to 4 mm.
+
+    Amplitudes were chosen by eye; half of the rocks are dusty, which makes them brighter.
+    """
     x, y, z, seed = point[0], point[1], point[2], parameters.terrain.seed
     h = mix(np.uint32(number) ^ seed ^ _STONE)
     tone = 0.5 * (unit(h) - 0.5)

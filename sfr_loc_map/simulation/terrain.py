@@ -80,7 +80,11 @@ def smooth_step(low: float, high: float, value: float) -> float:
 
 @jit_inline
 def materials(x: float, y: float, ground: TerrainParameters) -> tuple[float, float, float]:
-    """Return the shares of sand, gravel and bedrock at a position; they add up to 1."""
+    """Return the shares of sand, gravel and bedrock at a position; they add up to 1.
+
+    Patches come from noise with cells of 3.9, 1.1 and 0.26 m (gravel) and 2.7, 0.5 and 0.26 m (rock). Its grids are
+    rotated against each other so that no direction stands out. A threshold with a soft edge makes shares of them.
+    """
     bedrock, seed = ground.bedrock, ground.seed
     a = value2(x * 0.23 + 0.11 * y, y * 0.23 - 0.11 * x, seed ^ _SAND)[0]
     b = value2(x * 0.9 - 0.3 * y, y * 0.9 + 0.3 * x, seed ^ _SAND ^ np.uint32(1))[0]
@@ -153,7 +157,10 @@ def _ripples(x: float, y: float, parameters: TerrainParameters) -> float:
 
 @jit
 def _crater_profile(r: float, depth: float, rim: float) -> float:
-    """Bowl and raised rim of an aged crater, smooth everywhere; `r` in crater radii."""
+    """Bowl and raised rim of an aged crater, smooth everywhere; `r` in crater radii.
+
+    The bowl is nearly flat inside 0.4 radii. The rim is highest at 1.02 and twice as wide outside as inside.
+    """
     if r > 2.2:
         return 0.0
     bowl = math.exp(-((r / 0.72) ** 4))
