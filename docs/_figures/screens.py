@@ -122,7 +122,7 @@ async def page_shots(url: str) -> None:
     """Save the live page in three looks: light, dark, and on a phone."""
     async with Browser(1280, 900) as browser:
         await browser.open(url)
-        await browser.wait_for("document.getElementById('error-plot').dataset.values > 2", 300)
+        await browser.wait_for("document.documentElement.dataset.poses > 100", 400)  # a first start compiles
         for name, width, height, scheme in LIVE_SHOTS:
             size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
             await browser.call("Emulation.setDeviceMetricsOverride", **size)
@@ -130,6 +130,7 @@ async def page_shots(url: str) -> None:
             features = [{"name": "prefers-color-scheme", "value": scheme}]
             await browser.call("Emulation.setEmulatedMedia", features=features)
             await asyncio.sleep(2.0)  # until all plots are drawn again
+            await browser.wait_for("document.getElementById('connection').textContent.includes('connected')")
             said = await browser.call("Page.captureScreenshot", format="png")
             image = Image.open(io.BytesIO(base64.b64decode(said["data"])))
             image.convert("RGB").save(IMAGES.parent / f"{name}.webp", quality=80, method=6)

@@ -1,4 +1,4 @@
-"""What a run looks like while it goes on: its state, and the server that shows it. Knows no ROS."""
+"""Views of a run while it goes on: its state, the page with its server, the terminal, Foxglove. Imports no ROS."""
 
 import lazy_loader
 

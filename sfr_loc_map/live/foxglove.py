@@ -18,13 +18,13 @@ from sfr_loc_map.live.path import Point
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import CloudSample, ElevationSample, ImageSample, Media, View
 
-HOST = "127.0.0.1"  #: The protocol has no token, so other hosts are not let in: a tunnel (ssh -L) reaches it.
-BACKLOG_MESSAGES = 64  #: Messages that wait for a client; beyond them the SDK drops the oldest.
+HOST = "127.0.0.1"  #: The protocol has no token, so that other hosts are refused; a tunnel (ssh -L) reaches it.
+BACKLOG_MESSAGES = 64  #: Maximum messages that wait for a client; the SDK drops the oldest.
 TICK_S, PERIOD_S = 0.1, 1.0  #: Time between two looks at images and maps, two messages of figures and paths.
 FIGURES, ESTIMATE, TRUTH, POINTS, GRID = "/figures", "/path/estimate", "/path/truth", "/mapping/points", "/mapping/grid"
 IMAGES = ("/loc/left", "/loc/right", "/nav/left", "/nav/right")
 VIEWS = {**dict.fromkeys(IMAGES, View.IMAGES), POINTS: View.CLOUDS, GRID: View.MAPS}
-"""What a feed has to make for a topic."""
+"""View that a feed prepares for a topic."""
 CHANNELS = {
     ESTIMATE: channels.PosesInFrameChannel,
     TRUTH: channels.PosesInFrameChannel,
@@ -44,14 +44,14 @@ class FoxgloveView:
         self._state, self._port, self._title = state, port, title
         self._context = context = foxglove.Context()
         figures = foxglove.Channel(FIGURES, schema={"type": "object", "title": "sfr-live/1"}, context=context)
-        self._channels: dict[str, Any] = {FIGURES: figures}  # whose classes have no common one
+        self._channels: dict[str, Any] = {FIGURES: figures}  # their classes have no common base
         self._channels |= {topic: kind(topic, context=context) for topic, kind in CHANNELS.items()}
         self._server: WebSocketServer | None = None
         self._stopped = Event()
         self._thread = Thread(target=self._run, name="sfr-live-foxglove", daemon=True)
 
     def __enter__(self) -> FoxgloveView:
-        """Begin to serve; NodeError if the port cannot be listened on."""
+        """Begin to serve; NodeError if the port is not available."""
         options: dict[str, Any] = {"message_backlog_size": BACKLOG_MESSAGES, "context": self._context}
         try:
             self._server = foxglove.start_server(name=f"sfr live {self._title}", host=HOST, port=self._port, **options)
@@ -94,7 +94,7 @@ class FoxgloveView:
 
 
 def _message(media: Media) -> Any:  # noqa: ANN401 - messages have no common class
-    """Return an image, a cloud (error NaN where not known), or a map with its layers."""
+    """Return an image, a cloud (error NaN if unknown), or a map with its layers."""
     stamp = _stamp(media.stamp_ns)
     if isinstance(media, ImageSample):
         frame = media.topic.replace("/", "_")

@@ -17,7 +17,7 @@ class Keyboard:
     """Reads single keys without waiting, where standard input is a terminal in the foreground; a context manager."""
 
     def __init__(self) -> None:
-        """Find out whether there is a keyboard; a terminal that is not the controlling one has none."""
+        """Find out whether keys can be read: standard input must be the controlling terminal."""
         self._descriptor = sys.stdin.fileno() if sys.stdin is not None and sys.stdin.isatty() else -1
         try:
             self.is_there = self._descriptor >= 0 and os.tcgetpgrp(self._descriptor) == os.getpgrp()
@@ -26,7 +26,7 @@ class Keyboard:
         self._before: list[Any] = []
 
     def __enter__(self) -> Keyboard:
-        """Deliver each key at once; Ctrl-C still interrupts."""
+        """Deliver each key without waiting for a line; Ctrl-C still interrupts."""
         if self.is_there:
             self._before = termios.tcgetattr(self._descriptor)
             tty.setcbreak(self._descriptor)

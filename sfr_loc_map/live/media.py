@@ -14,13 +14,13 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.live.updates import ELEVATION, POINTS, CloudSample, ElevationSample, ImageSample
 from sfr_loc_map.mapping.config import MAX_PAIRS
 
-IMAGE_WIDTH = 640  #: Widest image that is shown, pixels.
-JPEG_QUALITY = 75
-MAX_POINTS = 40_000  #: Most points of a cloud that are shown.
-CELL_M = 0.1
-MAX_SIDE = 512  #: Cells along each axis of a grid that is made of a cloud; beyond them they are larger.
-MAX_CELLS = 30_000  #: Most cells that are shown.
-WORST = frozenset({"hazard", "step"})  #: Layers of which the worst of several cells is shown.
+IMAGE_WIDTH = 640  #: Maximum width of a shown image, px.
+JPEG_QUALITY = 75  #: Of 100; artefacts are not visible at this size.
+MAX_POINTS = 40_000  #: Maximum number of shown points of a cloud.
+CELL_M = 0.1  #: Cell of a grid that is made of a cloud, m; that of the mapper by default.
+MAX_SIDE = 512  #: Maximum cells along an axis of a grid that is made of a cloud; a larger area has larger cells.
+MAX_CELLS = 30_000  #: Maximum number of shown cells.
+WORST = frozenset({"hazard", "step"})  #: Layers whose thinned cells show their maximum.
 
 
 def image_sample(
@@ -47,7 +47,7 @@ def image_sample(
 
 
 class CloudTruth:
-    """Keeps the true points of the last pairs of a map, and tells how far points are from those of their pixels."""
+    """Keeps the true points of the last pairs of a map, and compares points with those of their pixels."""
 
     def __init__(self) -> None:
         self._truths: deque[tuple[int, PointImage]] = deque(maxlen=MAX_PAIRS)
@@ -58,7 +58,7 @@ class CloudTruth:
         self._truths.append((stamp_ns, points))
 
     def errors(self, cloud: PointCloud) -> FloatArray32 | None:
-        """Return the distances `(N,)` float32, metres, NaN where a point has no truth; None where none has."""
+        """Return the distances `(N,)` float32, metres, NaN for points without truth; None if no point has truth."""
         error = np.full(len(cloud), np.nan, np.float32)
         for number, (_, truth) in enumerate(self._truths):
             rows = np.flatnonzero(cloud.pair == number)
@@ -78,10 +78,10 @@ def cloud_samples(
     *,
     with_grid: bool = True,
 ) -> tuple[CloudSample, ElevationSample | None]:
-    """Return a cloud `(N, 3)` thinned for the screen, and a map from above of the means over the points of each cell.
+    """Return a cloud `(N, 3)` thinned for the screen, and a map from above with the means over each cell.
 
-    Points without a number are left out, then every k-th is kept. Sigma and the distance to the truth are `(N,)`,
-    metres; NaN or None where they are not known. An empty cloud has no map.
+    Points that are not finite are ignored. Sigma and the distance to the truth are `(N,)`, metres; NaN or None if
+    unknown. An empty cloud has no map.
     """
     points = np.asarray(xyz, np.float32).reshape(-1, 3)
     known = np.isfinite(points).all(axis=1)
@@ -111,7 +111,7 @@ def cloud_samples(
 def cells_of(
     points: FloatArray32, origin_m: tuple[float, float], cell_m: float, shape: tuple[int, int]
 ) -> NDArray[np.intp]:
-    """Return the cell of each point `(N, >= 2)`, counted along the rows; -1 outside the grid."""
+    """Return the index of the cell of each point `(N, >= 2)`, row by row; -1 outside the grid."""
     at = np.floor((points[:, :2] - np.asarray(origin_m, np.float32)) / cell_m).astype(np.intp)
     rows, columns = shape
     inside = (at >= 0).all(axis=1) & (at[:, 0] < columns) & (at[:, 1] < rows)
@@ -119,7 +119,7 @@ def cells_of(
 
 
 def means_of(cell: NDArray[np.intp], values: FloatArray32, size: int) -> NDArray[np.float64]:
-    """Return the mean of the values in each cell, NaN without."""
+    """Return the mean of the finite values of each cell; NaN for an empty cell."""
     known = np.isfinite(values) & (cell >= 0)
     count = np.bincount(cell[known], minlength=size)
     total = np.bincount(cell[known], values[known].astype(np.float64), minlength=size)
@@ -127,7 +127,7 @@ def means_of(cell: NDArray[np.intp], values: FloatArray32, size: int) -> NDArray
 
 
 def with_layer(sample: ElevationSample, name: str, values: NDArray[np.floating]) -> ElevationSample:
-    """Return a grid with one more layer `(rows, columns)`, or with another one of that name."""
+    """Return a grid with a layer `(rows, columns)` added or replaced."""
     names = tuple(known for known in sample.names if known != name)
     kept = sample.layers[..., [sample.names.index(known) for known in names]]
     layers = np.concatenate([kept, np.asarray(values, np.float32)[..., None]], axis=-1)
@@ -135,7 +135,7 @@ def with_layer(sample: ElevationSample, name: str, values: NDArray[np.floating])
 
 
 def thinned(sample: ElevationSample) -> ElevationSample:
-    """Return larger cells where there are more than a screen shows: means, worst hazard and step, sums of counts."""
+    """Return a grid of at most `MAX_CELLS` cells: means, maxima of hazard and step, sums of counts."""
     rows, columns, layers = sample.layers.shape
     every = max(int(np.ceil(np.sqrt(rows * columns / MAX_CELLS))), 1)
     if every == 1:

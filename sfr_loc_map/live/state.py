@@ -1,4 +1,4 @@
-"""The state of a run while it goes on, of bounded memory: one feed writes it, every view shows it."""
+"""The state of a run while it goes on. One feed writes it, every view reads it; its memory is bounded."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ from sfr_loc_map.report.score_tables import score_tables
 from sfr_loc_map.report.tables import Cell, Table
 
 MAX_NODES, MAX_TOPICS, MAX_STAMPS, MAX_PROBLEMS, MAX_CALLS = 32, 32, 2000, 20, 600
-MAX_VALUES, MAX_LETTERS = 100, 300  #: Of the health of a node that are kept.
+MAX_VALUES, MAX_LETTERS = 100, 300  #: Values of a node's health that are kept, and letters of each.
 MAX_REPORT_CHARACTERS = 8_000_000
 STALE_AFTER_S, STALE_PERIODS = 1.5, 1.6
-"""A node reports its health each second; one that has not for so long, or for so many of its own periods, is stale."""
+"""A node reports its health each second. Without a report for this time and for this many periods it is stale."""
 LEVELS = ("ok", "warning", "error", "stale")
-CALL_TIMES = ("processing_time_s", "latency_transport_s", "latency_receive_to_publish_s")  #: Drawn, each apart.
+CALL_TIMES = ("processing_time_s", "latency_transport_s", "latency_receive_to_publish_s")  #: Shown times.
 
 
 @dataclass(slots=True)
 class NodeView:
-    """What a node says of itself: its last health, the result of its last call, its last input that was unusable."""
+    """What a node reports: its last health, the result of its last call, its last unusable input."""
 
     name: str
     level: int = 3
@@ -53,7 +53,7 @@ class NodeView:
     periods: deque[float] = field(default_factory=lambda: deque(maxlen=5))
 
     def add(self, status: updates.Status) -> None:
-        """Take a status in."""
+        """Process a status."""
         message, now_s = status.message[:MAX_LETTERS], status.received_s
         self.heard_s = max(self.heard_s, now_s)
         if status.kind is updates.StatusKind.INPUT:
@@ -67,12 +67,12 @@ class NodeView:
             self.values = {name[:MAX_LETTERS]: text[:MAX_LETTERS] for name, text in kept}
 
     def is_stale(self, now_s: float) -> bool:
-        """Tell whether it has been silent for too long."""
+        """Return whether the node has been silent for too long."""
         period = statistics.median(self.periods) if len(self.periods) > 2 else 0.0
         return now_s - self.heard_s > max(STALE_AFTER_S, STALE_PERIODS * period)
 
     def to_plain(self, now_s: float) -> dict[str, Any]:
-        """Return it as JSON values."""
+        """Return the node as JSON values."""
         stale = self.is_stale(now_s)
         return {
             "name": self.name,
@@ -89,14 +89,14 @@ class NodeView:
 
 
 class ReportView:
-    """One report: its score, the JSON values of that, and what is shown of it."""
+    """One report: its score, the JSON values of the score, and the tables and bars that are shown."""
 
     def __init__(self, score: Score, received_s: float) -> None:
         self.score, self.received_s, self.content = score, received_s, to_dict(score)
         self.overall, self.tables, self.bars = overall_of(score), score_tables(score), limit_bars(score)
 
     def ended(self, missing: str) -> ReportView:
-        """Return the report of a run that is over, which may be incomplete; the figures stay as they are."""
+        """Return the report of a run that is over, which may be incomplete; the figures are unchanged."""
         score, rules = self.score, self.score.rules
         allows = rules is not None and (
             rules.partial or any(limit.name == "missing_max_share" for limit in rules.limits)
@@ -132,13 +132,13 @@ def _table_to_plain(table: Table) -> dict[str, Any]:
 
 
 class LiveState:
-    """What is known of a run. Methods may be called in any thread; who reads several attributes holds `lock`."""
+    """What is known of a run. Methods may be called in any thread; a reader of several attributes holds `lock`."""
 
     def __init__(self) -> None:
         self.lock = RLock()
-        self.on_change: Callable[[], None] = lambda: None  # called in the thread of the feed, after each record
-        self.operator: updates.Operator | None = None  # set by the feed once it can carry out what is asked
-        self.looks: dict[object, frozenset[updates.View]] = {}  # what each of those who look on wants to see
+        self.on_change: Callable[[], None] = lambda: None  # called in the thread of the feed after each record
+        self.operator: updates.Operator | None = None  # set by the feed once commands can be carried out
+        self.looks: dict[object, frozenset[updates.View]] = {}  # views that each viewer shows
         self.path = LivePath()
         self.report: ReportView | None = None
         self.nodes: dict[str, NodeView] = {}
@@ -147,13 +147,13 @@ class LiveState:
         self.image_problems: dict[str, str] = {}  # why images cannot be shown, by topic
         self.topics: dict[str, TopicView] = {}
         self.lost: dict[str, int] = {}  # messages that did not arrive here, by topic
-        self.problems: deque[str] = deque(maxlen=MAX_PROBLEMS)  # what could not be read, the latest last
+        self.problems: deque[str] = deque(maxlen=MAX_PROBLEMS)  # inputs that could not be read, the latest last
         self.timeline = Timeline()
-        self.ended_s: float | None = None  # when; a run that is under way is not incomplete
-        self.aborted: dict[str, Any] | None = None  # by what, and when, seconds
-        self.report_page = b""  # of a run that is over: HTML
-        self._missing = ""  # what is known to be missing at the end
-        self._result_s = 0.0  # when the last result came that a verdict can be made of
+        self.ended_s: float | None = None  # time of the end; a run that goes on is not incomplete
+        self.aborted: dict[str, Any] | None = None  # `by`: cause, `at`: time, seconds
+        self.report_page = b""  # report of a run that is over, HTML
+        self._missing = ""  # what the estimate is known to lack at the end
+        self._result_s = 0.0  # time of the last result that contributes to the verdict
         self._published: OrderedDict[int, float] = OrderedDict()
         self._call_count = 0
         self._heard_s = 0.0
@@ -165,27 +165,27 @@ class LiveState:
 
     @property
     def wanted(self) -> frozenset[updates.View]:
-        """What somebody looks at; a feed makes nothing else of it."""
+        """Views that at least one viewer shows; a feed prepares no others."""
         return frozenset[updates.View]().union(*list(self.looks.values()))
 
     @property
     def actions(self) -> list[updates.Action]:
-        """What can be asked now."""
+        """Actions that are possible now."""
         return [] if self.operator is None else sorted(self.operator.actions)
 
     def run(self, command: updates.Command) -> str:
-        """Carry a command out and say what was done; an SfrError says why it cannot be done."""
+        """Carry out a command and return what was done; SfrError with the reason if it is impossible."""
         if self.operator is None:
             raise InputError(f"'{command.action}' is not possible (yet): no nodes have been joined")
         return self.operator.run(command)
 
     def put(self, update: updates.Update) -> None:
-        """Take a record in; one that makes no sense is noted as a problem."""
+        """Process a record; an invalid one is kept as a problem."""
         with self.lock:
             try:
                 received_s, published_s = (float(getattr(update, name, 0.0)) for name in ("received_s", "published_s"))
                 if not (math.isfinite(received_s) and math.isfinite(published_s)):
-                    raise ValueError(f"a {type(update).__name__} whose time is no number is left out")
+                    raise ValueError(f"{type(update).__name__} ignored: its time is not a finite number")
                 self._heard_s = max(self._heard_s, received_s)
                 self._take_in(update)
             except (SfrError, ValueError, OverflowError) as error:
@@ -193,7 +193,7 @@ class LiveState:
         self.on_change()
 
     def end(self, missing: str = "", aborted: str = "", now_s: float = 0.0) -> None:
-        """Take note that the run is over, or was aborted by something: what its estimate does not cover is missing."""
+        """Note that the run is over, or was aborted: from now on an uncovered part of the drive is missing."""
         with self.lock:
             if self.ended_s is None:
                 self.timeline.end(now_s)
@@ -217,7 +217,7 @@ class LiveState:
         return content | {"live": live | {"events": self.events_to_plain()}}
 
     def live_to_plain(self, now_s: float) -> dict[str, Any]:
-        """Return what `state.json` adds to the score, as JSON values, but for what changes with the report only."""
+        """Return what `state.json` adds to the score as JSON values, except what changes with the report only."""
         with self.lock:
             silent = {name: node.heard_s for name, node in self.nodes.items() if node.heard_s and node.is_stale(now_s)}
             if not self.ended:
@@ -251,12 +251,12 @@ class LiveState:
             }
 
     def events_to_plain(self) -> list[dict[str, Any]]:
-        """Return the events of the run as JSON values: times of the clock, of a recording places in it."""
+        """Return the events of the run as JSON values; times are seconds of the clock."""
         with self.lock:
             return self.timeline.to_plain()
 
     def _stale_reasons(self, topics: dict[str, Any], silent: dict[str, float], now_s: float) -> list[str]:
-        """Say why what is shown is not of this moment; a run that is over has no reason to."""
+        """Return why the shown data is stale; empty for a run that is over."""
         if self.ended:
             return []
         words = ((LOCALISATION, "pose"), (REPORT, "figures"))
@@ -333,11 +333,11 @@ class LiveState:
 
 
 def _call_to_plain(n: int, status: updates.Status) -> dict[str, Any] | None:
-    """Return the call that a status describes as JSON values, None where a number of it cannot be read."""
+    """Return the call of a status as JSON values; None if one of its numbers cannot be read."""
     values = status.values
     try:
         times = {name: float(values[name]) for name in CALL_TIMES if name in values}
-        memory = int(values.get("peak_rss_bytes", 0)) or None  # 0 is not known
+        memory = int(values.get("peak_rss_bytes", 0)) or None  # 0: unknown
         stamp_ns = int(values["stamp_ns"])
     except (KeyError, ValueError):
         return None

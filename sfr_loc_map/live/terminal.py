@@ -1,6 +1,6 @@
-"""A run shown on a terminal while it goes on, for a shell far away, 80 columns wide; lines, where there is no terminal.
+"""A run on a terminal of 80 columns while it goes on, for example over ssh; one line a second without a terminal.
 
-The strings are those of the tables. A verdict and a level are told by a word and a sign; colour only repeats them.
+The strings are those of the tables. Verdicts and levels have a word and a sign; colour only repeats them.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from sfr_loc_map.report.tables import ABSENT, METRE, MIB, MILLISECOND, OPEN, VER
 PERIOD_S, LINE_PERIOD_S, KEY_PERIOD_S = 0.5, 1.0, 0.05
 """Time between two drawings of the screen, two lines, two looks at the keys."""
 LEVELS = {"ok": ("✔", "green"), "warning": ("!", "yellow"), "error": ("✖", "bold red"), "stale": ("?", "bold yellow")}
-BAD, WIDE = "bold red", 80  #: Style of what went wrong; columns from which on all of a node is shown.
+BAD, WIDE = "bold red", 80  #: Style of a failure; columns from which on all figures of a node are shown.
 WAITING = "no figures yet: waiting for metrics/report of the monitor"
 
 
 class Terminal:
-    """Draws a state until q is pressed. Of a player, space pauses and the arrows go back and on."""
+    """Draws a state until q is pressed."""
 
     def __init__(self, state: LiveState, title: str, console: Console | None = None) -> None:
         self._state, self._title = state, title
@@ -81,7 +81,7 @@ class Terminal:
 
 
 def one_line_of(state: LiveState, now_s: float) -> str:
-    """Return what is shown in one line: verdict with its age or end, headline figures, state, nodes."""
+    """Return one line: verdict with its age or end, headline figures, state, nodes."""
     with state.lock:
         live, report = state.live_to_plain(now_s), state.report
         word, text, _ = _verdict(state, live)
@@ -98,7 +98,7 @@ def one_line_of(state: LiveState, now_s: float) -> str:
 
 
 def _verdict(state: LiveState, live: dict[str, Any]) -> tuple[str, str, str]:
-    """Return the verdict with its sign, age or end; what is to be said of it; its style."""
+    """Return the verdict with its sign, age or end; its explanation; its style."""
     report, aborted = state.report, live["aborted"]
     style, word, text = OPEN.colour, "waiting", WAITING
     if report is not None:
@@ -172,7 +172,7 @@ def _costs(node: dict[str, Any], live: dict[str, Any]) -> tuple[str, str]:
 
 
 def _now(live: dict[str, Any]) -> Iterator[str]:
-    """Say where the rover is and how the sub-trajectory under way stands."""
+    """Yield the pose, its error and the sub-trajectory under way."""
     if (row := live["localisation"]) is not None:
         word = "lost" if row["lost"] else one_line(row["state"]) or "state unknown"
         place = " ".join(f"{value:.2f}" for value in row["position_m"])
@@ -188,7 +188,7 @@ def _now(live: dict[str, Any]) -> Iterator[str]:
 
 
 def _notes(state: LiveState, live: dict[str, Any]) -> Iterator[str]:
-    """Say what is wrong with nodes, what was dropped and why, what could not be read."""
+    """Yield problems of nodes, dropped messages with their causes, unreadable inputs."""
     for node in live["nodes"]:
         name = one_line(node["name"])
         if node["level"] in ("warning", "error"):

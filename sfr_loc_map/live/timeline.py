@@ -1,4 +1,4 @@
-"""What has happened in a run, as intervals of time: how localisation stood, nodes, jumps of the stamps, limits."""
+"""Events of a run as time intervals: the state of localisation, nodes, jumps of the stamps, missed limits."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from sfr_loc_map.metrics.score import Verdict
 
 MAX_EVENTS, MAX_TEXT = 400, 200
 STALE_S, STALE_PERIODS = 1.6, 3.0
-"""A topic is stale where it has not come for so long, or for so many of its own periods."""
-FLICKER_S = 0.5  #: Tracking between two such intervals of one kind that is shorter does not part them.
-GAP_S, GAP_PERIODS = 2.0, 20.0  #: A step of the stamps that is longer, and longer than so many usual ones, is told.
+"""A topic is stale if it was not received for this time, and for this many of its own periods."""
+FLICKER_S = 0.5  #: Shorter tracking between two intervals of one kind does not separate them, s.
+GAP_S, GAP_PERIODS = 2.0, 20.0  #: A step of the stamps above this time, s, and this many usual steps is an event.
 LOCALISATION_NODE, POSE = "localisation_node", "pose"
 SILENT = "{}: silent"
-COMPILING = "compiling"  #: First word of what a node says while it does.
+COMPILING = "compiling"  #: First word of a node's message while it compiles.
 
 
 class EventKind(StrEnum):
@@ -37,7 +37,7 @@ class EventKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class TopicView:
-    """When a topic was last received, its last stamp, and the smoothed time between two messages (0: not known)."""
+    """When a topic was last received, its last stamp, and the smoothed time between two messages (0: unknown)."""
 
     stamp_ns: int | None
     received_s: float
@@ -45,26 +45,26 @@ class TopicView:
 
     @classmethod
     def after(cls, before: TopicView | None, stamp_ns: int | None, received_s: float) -> TopicView:
-        """Return the view of a message, that of the one before given."""
+        """Return the view after a message; `before` is the view until then."""
         passed_s = 0.0 if before is None else max(received_s - before.received_s, 0.0)
         known = before is not None and before.period_s
         return cls(stamp_ns, received_s, 0.8 * known + 0.2 * passed_s if known else passed_s)
 
     def is_stale(self, now_s: float) -> bool:
-        """Tell whether nothing has come for longer than its period explains; what came once has none."""
+        """Return whether nothing was received for longer than the period explains; a single message has no period."""
         return self.period_s > 0.0 and now_s - self.received_s > max(STALE_S, STALE_PERIODS * self.period_s)
 
     def to_plain(self, now_s: float, lost: int) -> dict[str, Any]:
-        """Return it as JSON values."""
+        """Return the topic as JSON values."""
         stamp = None if self.stamp_ns is None else str(self.stamp_ns)
         age_s = round(max(now_s - self.received_s, 0.0), 3)
-        rate_hz = round(1.0 / self.period_s, 2) if self.period_s > 1e-6 else None  # none of what is all of one moment
+        rate_hz = round(1.0 / self.period_s, 2) if self.period_s > 1e-6 else None  # unknown if all came at one time
         return {"stamp_ns": stamp, "age_s": age_s, "rate_hz": rate_hz, "stale": self.is_stale(now_s), "lost": lost}
 
 
 @dataclass(slots=True)
 class Event:
-    """One interval, seconds; `to_s` is None while it goes on, and equal to `from_s` for what takes no time."""
+    """One interval, seconds; `to_s` is None while it goes on, and equal to `from_s` for an instant."""
 
     lane: str
     from_s: float
@@ -74,7 +74,7 @@ class Event:
 
 
 class Timeline:
-    """Collects events; times are those of the caller: of the clock, or places in a recording. Its memory is bounded."""
+    """Collects events, with times of the clock that the caller gives, seconds. Its memory is bounded."""
 
     def __init__(self) -> None:
         self.version = 0  # changes with every event that begins or ends
@@ -85,7 +85,7 @@ class Timeline:
         self._step_s = 0.0  # of the stamps of poses, smoothed
 
     def take(self, update: updates.Update, at_s: float) -> None:
-        """Take in what a pose or a status tells."""
+        """Process a pose or a status."""
         if isinstance(update, updates.PoseSample) and update.track is updates.Track.ESTIMATE:
             self._take_pose(update, at_s)
         elif isinstance(update, updates.Status) and update.kind is updates.StatusKind.CALL:
@@ -96,27 +96,27 @@ class Timeline:
                 if self._pose is not None and POSE in self._open:
                     self._note_tracking(at_s, lost=self._open[POSE].kind is EventKind.LOST)
         elif isinstance(update, updates.Status) and update.kind is updates.StatusKind.HEALTH:
-            bad = update.level == 2 and update.node != LOCALISATION_NODE  # what is lost is told as such
+            bad = update.level == 2 and update.node != LOCALISATION_NODE  # a lost pose is an event of its own
             kind = EventKind.NODE if bad else None
             if update.message.lower().startswith(COMPILING):
                 kind = EventKind.COMPILING
             self.note(update.node, at_s, kind, f"{update.node}: {update.message}")
 
     def look(self, now_s: float, silent: Mapping[str, float]) -> None:
-        """Note what has not come up to now: poses, and nodes that are silent since a time."""
+        """Note missing poses, and nodes that have been silent since a time."""
         if self._pose is not None and self._pose.is_stale(now_s):
             self.note(POSE, self._pose.received_s, EventKind.STALE, "no pose")
         for node, since_s in silent.items():
             self.note(node, since_s, EventKind.NODE, SILENT.format(node))
 
     def judge(self, verdicts: Iterable[tuple[Verdict, str]], at_s: float) -> None:
-        """Note which limits are missed, each with what is said of it."""
+        """Note which limits are missed, each with its text."""
         for item, text in verdicts:
             missed = EventKind.LIMIT if item.state == "fail" else None
             self.note(f"limit {item.name} {item.condition}", at_s, missed, text)
 
     def note(self, lane: str, at_s: float, kind: EventKind | None, text: str = "") -> None:
-        """Let the event of a lane begin, go on with another text, or (None) end."""
+        """Begin the event of a lane, continue it with another text, or end it (None)."""
         now = self._open.get(lane)
         if now is not None and now.kind is kind:
             now.text = text[:MAX_TEXT]
@@ -143,17 +143,17 @@ class Timeline:
         self._open[lane] = self._add(Event(lane, at_s, None, kind, text[:MAX_TEXT]))
 
     def mark(self, at_s: float, kind: EventKind, text: str) -> None:
-        """Add an event that takes no time."""
+        """Add an instant."""
         self.version += 1
         self._add(Event(kind, at_s, at_s, kind, text[:MAX_TEXT]))
 
     def end(self, at_s: float) -> None:
-        """End what goes on."""
+        """End all events that go on."""
         for lane in list(self._open):
             self.note(lane, at_s, None)
 
     def to_plain(self) -> list[dict[str, Any]]:
-        """Return the events as JSON values, in the order of their begin."""
+        """Return the events as JSON values, ordered by their begin."""
         ordered = sorted(self.events, key=lambda event: event.from_s)
         return [{"from": e.from_s, "to": e.to_s, "kind": e.kind.value, "text": e.text} for e in ordered]
 

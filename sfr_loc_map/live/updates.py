@@ -1,7 +1,6 @@
-"""What passes between a feed and the live state: small frozen records of what has happened, commands the other way.
+"""Records that a feed (the ROS node) hands to the live state, and commands of an operator to the nodes.
 
-A feed receives a run: the ROS node. Times are seconds of the host's system
-clock, stamps are those of the messages.
+Times are seconds of the host's system clock, stamps are those of the messages.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from sfr_loc_map.inputs import LOST_VARIANCE, one_line
 LOCALISATION, TRUTH, REPORT = "localisation/odometry", "ground_truth/odometry", "metrics/report"
 POINTS, TRUE_POINTS, TRACKS = "mapping/points", "ground_truth/points", "localisation/tracks"
 ELEVATION, HAZARD = "mapping/elevation", "mapping/hazard"
-MAX_TEXT = 200  #: Letters of a command's texts that are kept.
+MAX_TEXT = 200  #: Maximum letters of a command's texts.
 
 
 class Track(StrEnum):
@@ -32,7 +31,7 @@ class Track(StrEnum):
 
 
 class StatusKind(StrEnum):
-    """What a status of /diagnostics is about; the value is the last part of its name."""
+    """Subject of a status on /diagnostics; the value is the last part of its name."""
 
     CALL = "call"
     HEALTH = "health"
@@ -68,13 +67,13 @@ class PoseSample:
 
     @property
     def is_lost(self) -> bool:
-        """Whether the covariance says that the pose is not known."""
+        """Whether the covariance marks the pose as lost."""
         return self.covariance is not None and bool((np.diagonal(self.covariance) >= LOST_VARIANCE).all())
 
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """One status of a node on /diagnostics; levels are 0 well, 1 warning, 2 error, 3 stale."""
+    """One status of a node on /diagnostics; levels are 0 ok, 1 warning, 2 error, 3 stale."""
 
     node: str
     kind: StatusKind
@@ -86,7 +85,7 @@ class Status:
 
 @dataclass(frozen=True, slots=True)
 class Sampled:
-    """When the images of a stamp were published, by which the delay of all that follows from them is told."""
+    """When the image of a stamp was published, to measure the delay of the results."""
 
     topic: str
     stamp_ns: int
@@ -117,7 +116,7 @@ class ImageProblem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CloudSample:
-    """One cloud, thinned for the screen; metres, LM; float32, NaN where not known."""
+    """One cloud, thinned for the screen; metres, LM; float32, NaN if unknown."""
 
     view: ClassVar[View] = View.CLOUDS
     topic: str
@@ -136,11 +135,11 @@ class ElevationSample:
     topic: str
     stamp_ns: int
     origin_m: tuple[float, float]  # corner of cell (0, 0), LM
-    cell_m: float  # as it is shown
+    cell_m: float  # of the shown cells
     names: tuple[str, ...]
-    layers: FloatArray32  # (rows along y, columns along x, names), NaN where not known
+    layers: FloatArray32  # (rows along y, columns along x, names), NaN if unknown
     published_s: float
-    every: int = 1  # cells of the grid, along each axis, for one that is shown
+    every: int = 1  # cells of the grid along each axis in a shown cell
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +156,7 @@ Update = Report | PoseSample | Status | Sampled | Media | ImageProblem | GraphVi
 
 
 class Action(StrEnum):
-    """What may be asked of the nodes."""
+    """Requests to the nodes."""
 
     ACTIVATE = "activate"
     DEACTIVATE = "deactivate"
@@ -169,7 +168,7 @@ class Action(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One request: of which node, the words of a bookmark, as far as the action needs them."""
+    """One request, with the node or the text of a bookmark if the action needs it."""
 
     action: Action
     node: str = ""
@@ -177,16 +176,16 @@ class Command:
 
     @classmethod
     def parse(cls, text: bytes) -> Command:
-        """Return the command of JSON that a stranger may have written; InputError if it is none."""
+        """Return the command of untrusted JSON; InputError if it is invalid."""
         try:
             found = msgspec.json.decode(text, type=cls)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-            raise InputError(f"no command: {error}") from error
+            raise InputError(f"invalid command: {error}") from error
         return replace(found, node=one_line(found.node)[:MAX_TEXT], text=one_line(found.text)[:MAX_TEXT])
 
 
 class Operator(Protocol):
-    """Carries commands out: the nodes' services. `run` says what was done, and may take seconds."""
+    """Carries out commands by the nodes' services. `run` returns what was done, and may take seconds."""
 
     @property
     def actions(self) -> frozenset[Action]: ...  # noqa: D102
