@@ -65,6 +65,19 @@ def test_poses_of_the_optical_frame_in_another_world_are_scored_as_those_of_rb(
     assert "diagnosed" not in score["convention"]
 
 
+def test_a_diagnosis_reads_columns_as_a_score_does(
+    sfr: Sfr, tmp_path: Path, source: Path, estimate: Trajectory
+) -> None:
+    rows = np.column_stack((1e3 * estimate.positions, estimate.quats_xyzw)).tolist()
+    lines = [",".join(map(repr, (*row, stamp))) for row, stamp in zip(rows, estimate.stamps_ns.tolist(), strict=True)]
+    (tmp_path / "theirs.txt").write_text("\n".join(("a,b,c,d,e,f,g,h", *lines)))
+    words = ["score", tmp_path / "theirs.txt", source, "--diagnose"]
+    assert sfr(*words).code == 2
+    found = sfr(*words, "--columns", "x=a,y=b,z=c,qx=d,qy=e,qz=f,qw=g,t=h[ns]")
+    assert found.code == 1, found.err
+    assert "--convention metres_per_unit=0.001 corrects it" in found.out
+
+
 def test_a_diagnosis_is_applied_only_where_asked_for_and_the_score_says_so(
     sfr: Sfr, tmp_path: Path, source: Path, estimate: Trajectory
 ) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -69,6 +70,13 @@ def image(encoding: str, pixels: np.ndarray, head: Any) -> Any:
     return T["sensor_msgs/msg/Image"](head, height, width, encoding, 0, len(data) // height, data)
 
 
+def planar(grey: GreyImage, head: Any) -> Any:
+    """Return an image whose first plane is the luma; the second one holds two colours for four pixels."""
+    found = image("nv12", grey, head)
+    colours = np.full(found.data.size // 2, 128, np.uint8)
+    return replace(found, data=np.append(found.data, colours))
+
+
 def with_luma_at(place: int, encoding: str) -> Encode:
     def encode(grey: GreyImage, head: Any) -> Any:
         samples = np.full((*grey.shape, 2), 128, np.uint8)
@@ -90,6 +98,9 @@ def compressed(ending: str, about: str, *settings: int) -> Encode:
 ENCODE: dict[str, Encode] = {
     "mono8": lambda grey, head: image("mono8", grey, head),
     "mono16": lambda grey, head: image("mono16", grey.astype(np.uint16) * 257, head),
+    "mono12": lambda grey, head: image("mono16", grey.astype(np.uint16) * 16, head),
+    "mono10": lambda grey, head: image("mono16", grey.astype(np.uint16) * 4, head),
+    "nv12": lambda grey, head: planar(grey, head),
     "rgb8": lambda grey, head: image("rgb8", np.repeat(grey[:, :, None], 3, 2), head),
     "bgra8": lambda grey, head: image("bgra8", cv2.cvtColor(grey, cv2.COLOR_GRAY2BGRA), head),
     "bayer_rggb8": lambda grey, head: image("bayer_rggb8", grey, head),
@@ -97,6 +108,7 @@ ENCODE: dict[str, Encode] = {
     "uyvy": with_luma_at(1, "yuv422"),
     "jpeg": compressed(".jpg", "bgr8; jpeg compressed bgr8", cv2.IMWRITE_JPEG_QUALITY, 90),
     "png": compressed(".png", "mono8; png compressed "),
+    "bayer_png": compressed(".png", "bayer_rggb8; png compressed "),
 }
 
 

@@ -202,6 +202,14 @@ ENCODED = {
     "compressed_jpeg": ("jpeg", 1.5, "JPEG of quality 90 on top of that of the sample"),
     "compressed_png": ("png", 0.01, "PNG loses nothing"),
     "grey_16_bit": ("mono16", 0.01, "16 bits that are 257 times 8 bits"),
+    "grey_12_bit": (
+        "mono12",
+        0.3,
+        "16 times 8 bits: the depth is found, rounding changes half of the pixels by a grey level",
+    ),
+    "grey_10_bit": ("mono10", 0.1, "4 times 8 bits: the depth is found, rounding changes one pixel of a hundred"),
+    "luma_plane": ("nv12", 0.01, "the first plane is the grey image"),
+    "bayer_png": ("bayer_png", 3.0, "a mosaic in a PNG: the images are blurred by a pixel"),
     "colour": ("rgb8", 0.01, "the luma of equal red, green and blue is that value"),
     "bayer": ("bayer_rggb8", 3.0, "a mosaic is interpolated: the images are blurred by a pixel"),
     "yuv_yuyv": ("yuyv", 0.01, "the luma is the grey image"),
@@ -210,12 +218,22 @@ ENCODED = {
 
 
 def encoded(encoding: str) -> Make:
-    ending = "/compressed" if encoding in ("jpeg", "png") else ""
+    ending = "/compressed" if encoding in ("jpeg", "png", "bayer_png") else ""
     return lambda folder, drive: Made(stereo(drive, ending, encoding=encoding).write(folder / encoding))
 
 
 for _name, (_encoding, _loses, _why) in ENCODED.items():
     row(_loses, _why)(encoded(_encoding), _name)
+
+
+@row(0.01, "P alone describes rectified images, as image_proc publishes them beside the raw camera_info")
+def rectified_beside_raw_info(folder: Path, drive: Drive) -> Made:
+    recording = stereo(drive)
+    for _, topic, message in recording.messages:
+        if topic.endswith("camera_info"):
+            message.d[:] = (-0.1, 0.02, 0.001, -0.001, 0.0)
+            message.k[:] *= 1.03
+    return Made(recording.write(folder / "bag"))
 
 
 # ---- no camera_info: a calibration beside the bag
