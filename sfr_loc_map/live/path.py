@@ -79,7 +79,7 @@ class LivePath:
         self._starts: deque[tuple[PathRow, Point, FloatArray | None, int, Transform]] = deque(maxlen=MAX_OPEN_STARTS)
         self._to_truth: Transform | None = None
         self._positions_alone = False
-        self._last: tuple[Point, float] | None = None
+        self._last: tuple[Point, Point | None, float] | None = None  # estimate as sent, truth, distance
 
     def add(self, sample: PoseSample, published_s: float | None = None) -> None:
         """Add a pose, and when its image was published; a stamp far behind the latest one begins a new run."""
@@ -119,18 +119,18 @@ class LivePath:
         if covariance is not None:
             part = turned @ covariance[:3, :3] @ turned.T
             covariance_xy = float(part[0, 0]), float(part[1, 1]), float(part[0, 1])
-        travelled = _point((estimate if truth is None else truth).translation)
-        distance_m = 0.0 if self._last is None else self._last[1] + math.dist(self._last[0], travelled)
-        self._last = (travelled, distance_m)
+        at = _point(estimate.translation)
+        true_at = None if truth is None else _point(truth.translation)
+        distance_m = self._distance_m(sample.position, true_at)
         row = PathRow(
             n=self._count,
             stamp_ns=sample.stamp_ns,
             received_s=sample.received_s,
             published_s=published_s,
-            position_m=_point(estimate.translation),
+            position_m=at,
             covariance_xy_m2=covariance_xy,
             lost=lost,
-            truth_m=None if truth is None else travelled,
+            truth_m=true_at,
             error_m=None if truth is None else _point(estimate.translation - truth.translation),
             distance_m=distance_m,
         )
@@ -143,6 +143,21 @@ class LivePath:
                 self._every *= 2
                 self.rows = self.rows[::2]
                 self.version += 1
+
+    def _distance_m(self, sent: Point, true_at: Point | None) -> float:
+        """Return the distance travelled: each step along the truth where both of its poses have one, else as estimated.
+
+        The step from a pose without a truth to one with a truth is never from one frame to the other.
+        """
+        distance_m = 0.0
+        if self._last is not None:
+            last_sent, last_true, distance_m = self._last
+            if last_true is not None and true_at is not None:
+                distance_m += math.dist(last_true, true_at)
+            else:
+                distance_m += math.dist(last_sent, sent)
+        self._last = sent, true_at, distance_m
+        return distance_m
 
     def _follow(
         self, row: PathRow, sample: PoseSample, covariance: FloatArray | None, estimate: Transform, truth: Transform

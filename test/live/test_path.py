@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 import pytest
@@ -38,6 +39,17 @@ def test_estimate_is_shown_in_the_frame_of_the_truth() -> None:
         assert row.error_m == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
         assert row.position_m == pytest.approx(drive(row.n).translation.tolist(), abs=1e-9)
     assert path.rows[-1].distance_m == pytest.approx(19 * math.hypot(0.1, 0.02))
+
+
+@pytest.mark.parametrize("known", [range(5, 20), range(12), [*range(6), *range(12, 20)]])
+def test_the_distance_travelled_has_no_step_from_one_frame_to_the_other(known: Iterable[int]) -> None:
+    """The truth begins late, ends early or has a gap; the start pose is far from the identity."""
+    path, other_frame, with_truth = LivePath(), turned(5.0, -30.0, 1.0), set(known)
+    for number in range(20):
+        if number in with_truth:
+            path.add(pose(Track.TRUTH, number, drive(number)))
+        path.add(pose(Track.ESTIMATE, number, other_frame @ drive(number)))
+    assert path.rows[-1].distance_m == pytest.approx(path.rows[-1].n * math.hypot(0.1, 0.02))
 
 
 def test_sub_trajectory_under_way_is_rebased_at_its_start() -> None:
