@@ -55,6 +55,7 @@ def check(
     runs share, as the calibration, stays hidden.
     """
     from sfr_loc_map.evidence.agreement import CheckResult
+    from sfr_loc_map.evidence.calibration import calibration_table
     from sfr_loc_map.evidence.check import check_drive, check_table, hat_table
     from sfr_loc_map.evidence.variants import Run, Variant
     from sfr_loc_map.io.sequence import drive_of
@@ -73,12 +74,23 @@ def check(
         count = min(len(sequence), pairs)
         task = bar.add_task("checking", total=count * len(Variant) - count // 2)
         found = check_drive(sequence, parameters, conditions, pairs, others, lambda: bar.advance(task))
-    content = {"schema": "sfr-check/1", "result": found.result.value, "figures": to_plain(found.figures)}
-    show(content, json_path, [table for table in (check_table(found), hat_table(found)) if table.rows])
+    content = {
+        "schema": "sfr-check/1",
+        "result": found.result.value,
+        "calibration": list(found.calibration),
+        "figures": to_plain(found.figures),
+    }
+    show(
+        content,
+        json_path,
+        [table for table in (check_table(found), hat_table(found), calibration_table(found.figures)) if table.rows],
+    )
     say(
         f"check: {found.result}. This is no accuracy: what all runs share does not show",
         err=json_path == STANDARD_OUTPUT,
     )
+    for text in found.calibration:
+        say(f"calibration: {text}", err=json_path == STANDARD_OUTPUT)
     if found.result is CheckResult.INCONSISTENT:
         known = [item for item in found.agreements if item.probability is not None]
         worst = min(known, key=lambda item: item.probability or 0.0)

@@ -15,6 +15,7 @@ from sfr_loc_map.evidence.agreement import (
     result_of,
     three_cornered_hat,
 )
+from sfr_loc_map.evidence.calibration import offset_rows, right_camera_offsets
 from sfr_loc_map.evidence.variants import PairsInMemory, Run, Variant, run_variant
 from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -30,6 +31,8 @@ COMPARED = (
     (Variant.LEFT_HALF, Variant.RIGHT_HALF),
 )
 """Runs that are compared with each other."""
+CALIBRATED = (Variant.FORWARD, Variant.BACKWARD, Variant.LEFT_HALF, Variant.RIGHT_HALF)
+"""Runs that estimate the rotation of the right camera, each from all pairs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +43,7 @@ class Check:
     figures: tuple[Figure, ...]
     agreements: tuple[Agreement, ...]
     forward: Run  #: The run that a user makes.
+    calibration: tuple[str, ...] = ()  #: What of the calibration file should be redone, one phrase each.
 
 
 def check_drive(
@@ -61,7 +65,10 @@ def check_drive(
     figures = [row for agreement in (*ours, *theirs) for row in agreement_rows(agreement)]
     if len(others) == 2:
         figures += [row for condition in conditions for row in hat_rows(runs[Variant.FORWARD], others, condition)]
-    return Check(result_of(ours), tuple(figures), tuple(ours), runs[Variant.FORWARD])
+    offsets = right_camera_offsets([runs[variant] for variant in CALIBRATED], sequence.rig)
+    figures += [row for offset in offsets for row in offset_rows(offset)]
+    wrong = tuple(offset.text for offset in offsets if offset.is_wrong)
+    return Check(result_of(ours), tuple(figures), tuple(ours), runs[Variant.FORWARD], wrong)
 
 
 def hat_rows(forward: Run, others: Sequence[Run], condition: Condition) -> list[Figure]:

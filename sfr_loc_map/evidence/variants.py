@@ -17,7 +17,7 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.estimate import StartPose
+from sfr_loc_map.localisation.estimate import StartPose, TrackingStatistics
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.runs.calls import stats_of
 from sfr_loc_map.runs.offline import localise, trajectory_of
@@ -62,6 +62,7 @@ class Run:
 
     name: str
     estimates: Estimates
+    statistics: tuple[TrackingStatistics, ...] = ()  #: Figures of the calls.
     mirror_ns: int = 0  #: Sum of the stamp of a pair and of its estimate; 0 of a run that is not backward.
 
     @property
@@ -93,7 +94,8 @@ def run_variant(drive: PairsInMemory, config: LocalisationConfig, variant: Varia
             done.append(result)
             progress()
     trajectory = trajectory_of(estimate for estimate, _ in done)
-    return Run(variant.value, stats_of([record for _, record in done]).estimates(trajectory), mirror_ns)
+    estimates = stats_of([record for _, record in done]).estimates(trajectory)
+    return Run(variant.value, estimates, tuple(estimate.statistics for estimate, _ in done), mirror_ns)
 
 
 def half_mask(rig: StereoRig, variant: Variant, given: str) -> GreyImage:

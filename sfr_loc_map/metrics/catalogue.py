@@ -97,8 +97,8 @@ CATALOGUE = (
     FigureKind("nees_not_usable", Subject.CONSISTENCY, "", "1", "sub-trajectories whose covariance cannot be tested"),
     FigureKind("nees_from_steps", Subject.CONSISTENCY, "", "1", "sub-trajectories tested by the covariance of steps"),
     # what the figures prove (metrics.proof): not in the document
-    FigureKind("confidence", Subject.EVIDENCE, "", "1", "confidence that mean + 3 sigma exceeds"),
-    FigureKind("shape", Subject.EVIDENCE, "", "1", "sigma of position errors over the largest"),
+    FigureKind("confidence", Subject.EVIDENCE, "", "1", "confidence of mean + 3 sigma"),
+    FigureKind("shape", Subject.EVIDENCE, "", "1", "relative sigma of position errors"),
     FigureKind("normality", Subject.EVIDENCE, "", "1", "significance of position errors as normal"),
     # what runs without a truth show (evidence): not in the document
     FigureKind("difference", Subject.EVIDENCE, "", "m", "difference of positions"),
@@ -106,6 +106,8 @@ CATALOGUE = (
     FigureKind("difference_nees", Subject.EVIDENCE, "", "1", "normalised difference squared (NEES)"),
     FigureKind("error_at_least", Subject.EVIDENCE, "", "m", "one of both runs has an error (rmse) of at least"),
     FigureKind("agreement", Subject.EVIDENCE, "", "1", "p-value of the difference by the covariances"),
+    FigureKind("right_camera", Subject.EVIDENCE, "", "px", "offset of the right camera from its calibration"),
+    FigureKind("depth_error", Subject.EVIDENCE, "", "m", "error of depth by the offset in yaw"),
     FigureKind("hat_sigma", Subject.EVIDENCE, "", "m", "sigma by the three-cornered hat"),
     FigureKind("bound", Subject.EVIDENCE, "", "1", "tolerance bound"),
 )

@@ -33,7 +33,7 @@ MIN_TESTED = 200
 """With fewer values a test of normality accepts errors with heavy tails (Student's t with three degrees of freedom: one
 in two of 20 values, one in six of 60, one in twenty of 100), whose bound would then be far too small."""
 ACCEPTED = 0.25  #: Significance below which values are not taken as normal, for the same reason not the usual 0.05.
-RISK = 0.5
+RISK = 0.4
 """Fraction of the risk `1 - confidence` for the normal factor. The rest is for what the factor takes as known: the
 ratio of the sigmas, and that the test accepts normal errors whatever their sigma."""
 MOST = 1_000_000  #: Largest number of drives that is stated.

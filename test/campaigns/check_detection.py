@@ -29,7 +29,7 @@ FAULTS = (
 """Faults of the detection table; the first is none."""
 CONDITIONS = (Condition.parse("distance=1"), Condition.parse("distance=5"))
 JUDGED = "distance=5"
-MOST_PAIRS = 300
+MOST_PAIRS = 110  #: Some 8 to 10 m of the rendered drives.
 
 
 def main(arguments: list[str]) -> int:
@@ -55,7 +55,8 @@ def main(arguments: list[str]) -> int:
             lost = int(found.forward.estimates.lost.sum())
             print(
                 f"{path.name}; {text or 'none'}; {found.result}; {shown}; at least {1e3 * bound:.2f} mm; "
-                f"true rmse {1e3 * error:.2f} mm; {lost} lost",
+                f"true rmse {1e3 * error:.2f} mm; {lost} lost; "
+                f"{'; '.join(found.calibration) or 'calibration: nothing'}",
                 flush=True,
             )
             bounds.append(bound)

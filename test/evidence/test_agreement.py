@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from sfr_loc_map.evidence.agreement import CheckResult, compare, result_of, three_cornered_hat
+from sfr_loc_map.evidence.calibration import calibration_table, offset_rows, right_camera_offsets
 from sfr_loc_map.evidence.variants import Run
+from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.localisation.estimate import TrackingStatistics
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.consistency import STEP_SIZE
@@ -43,7 +48,7 @@ def run_of(
     steps[:, 21:27] = 0.1  # what all steps share is left out, whatever its size
     trajectory = Trajectory(STAMPS, np.array(positions), np.array(quats))
     covariance = np.tile((1e-6 * np.eye(6))[UPPER], (len(STAMPS), 1))
-    return Run(name, Estimates.of(trajectory, covariance=covariance, steps=steps), mirror_ns)
+    return Run(name, Estimates.of(trajectory, covariance=covariance, steps=steps), mirror_ns=mirror_ns)
 
 
 def reversed_steps(turns: Rotation, moves: np.ndarray) -> tuple[Rotation, np.ndarray]:
@@ -108,3 +113,24 @@ def test_the_hat_gives_each_sigma_and_refuses_what_it_cannot() -> None:
     hidden = three_cornered_hat((a + shared) - (b + shared), a - c, b - c)
     assert hidden == pytest.approx(found), "what is shared stays hidden"
     assert three_cornered_hat(a * 0.1, a, a * 0.1) is None
+
+
+def test_a_right_camera_that_is_off_is_named_with_its_cost() -> None:
+    rig = StereoRig(512, 512, 400.0, 400.0, 255.5, 255.5, 0.12)
+
+    def run(vertical: float, yaw: float) -> Run:
+        turns, moves = true_steps(np.random.default_rng(1))
+        statistics = [TrackingStatistics()] * 10
+        statistics += [TrackingStatistics(vertical_offset_px=vertical, disparity_offset_px=yaw)] * 20
+        return replace(run_of("a", turns, moves, 1), statistics=tuple(statistics))
+
+    runs = [run(0.01, 0.70), run(-0.02, 0.68), run(0.01, 0.72), run(0.0, 0.69)]
+    pitch, yaw = right_camera_offsets(runs, rig)
+    assert (pitch.angle, pitch.is_wrong, yaw.angle, yaw.is_wrong) == ("pitch", False, "yaw", True)
+    assert yaw.px == pytest.approx(0.6975)
+    assert yaw.degrees == pytest.approx(0.1, abs=0.002)
+    assert yaw.depth_error_m == pytest.approx(16 * 0.6975 / 48.0)
+    assert "yaw" in yaw.text
+    assert not right_camera_offsets([run(0.0, 1.0), run(0.0, -1.0)], rig)[1].is_wrong, "runs that disagree show nothing"
+    table = calibration_table([row for offset in (pitch, yaw) for row in offset_rows(offset)])
+    assert len(table.rows) == 3
