@@ -83,18 +83,18 @@ def measure_right_camera(disparity: DisparityMap, rig: StereoRig) -> CameraRotat
     what it has left, a polynomial of normalised coordinates (x, y).
     """
     removed = disparity.correction.vertical
-    left, saddle_sigma_px = _fit_vertical_disparity(disparity, rig)
+    remaining, saddle_sigma_px = _fit_vertical_disparity(disparity, rig)
     side = GRID_POINTS * 1j
     v, u = np.mgrid[-1.0:1.0:side, -1.0:1.0:side]
     x = 0.5 * rig.width * u / rig.fx
     y = 0.5 * rig.height * v / rig.fy
-    distortion = left.along_y * y + left.saddle * x * y + left.square * y * y + removed.stretch_px * v
-    vertical = left.constant + left.along_x * x + removed.offset_px + removed.tilt_px * u + distortion
+    distortion = remaining.along_y * y + remaining.saddle * x * y + remaining.square * y * y + removed.stretch_px * v
+    vertical = remaining.constant + remaining.along_x * x + removed.offset_px + removed.tilt_px * u + distortion
     return CameraRotation(
-        yaw_rad=-left.saddle / rig.fy,
+        yaw_rad=-remaining.saddle / rig.fy,
         yaw_sigma_rad=saddle_sigma_px / rig.fy,
-        roll_rad=-2.0 * removed.tilt_px / rig.width - left.along_x / rig.fy,
-        pitch_rad=(removed.offset_px + left.constant) / rig.fy,
+        roll_rad=-2.0 * removed.tilt_px / rig.width * (rig.fx / rig.fy) - remaining.along_x / rig.fy,
+        pitch_rad=(removed.offset_px + remaining.constant) / rig.fy,
         vertical_rms_px=float(np.sqrt(np.mean(np.square(vertical)))),
         distortion_rms_px=float(np.std(distortion)),
     )
@@ -128,12 +128,13 @@ def _fit_vertical_disparity(disparity: DisparityMap, rig: StereoRig) -> Vertical
 
 
 def without_roll(disparity: DisparityMap, rotation: CameraRotation, rig: StereoRig) -> DisparityMap:
-    """Return the disparities without the error `-roll fy y` that a roll of the right camera causes.
+    """Return the disparities without the error `-roll fx y` that a roll of the right camera causes.
 
     Rolls that shift the rows by less than `MIN_ROTATION_PX` at the image's edge are not compensated.
     """
-    if abs(rotation.roll_rad) * 0.5 * rig.width < MIN_ROTATION_PX:
+    if abs(rotation.roll_rad) * 0.5 * rig.width * (rig.fy / rig.fx) < MIN_ROTATION_PX:
         return disparity
     rows_below_centre = np.arange(rig.height, dtype=np.float64) - rig.cy
-    compensated = disparity.px + F(rotation.roll_rad) * rows_below_centre.astype(F)[:, None]
+    px_per_row = F(rotation.roll_rad * (rig.fx / rig.fy))
+    compensated = disparity.px + px_per_row * rows_below_centre.astype(F)[:, None]
     return replace(disparity, px=np.asarray(compensated, F))

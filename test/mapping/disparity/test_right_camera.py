@@ -1,5 +1,6 @@
 """Exposure and vertical disparity of a right camera are compensated; its rotation is found, told, and in sigma."""
 
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -94,7 +95,9 @@ def test_left_over_distortion_is_no_yaw_and_is_covered_by_sigma(made: Any, decen
     assert np.nanmedian(np.square(random)) > 5.0
 
 
-def test_a_roll_is_taken_out_of_the_disparities(made: Any) -> None:
+@pytest.mark.parametrize("fy", [250.0, 350.0])
+def test_a_roll_is_taken_out_of_the_disparities(made: World, fy: float) -> None:
+    made = replace(made, rig=replace(made.rig, fy=fy))
     result = mapped(made, (0.0, 0.0, 0.25))
     assert result.statistics["right_roll_deg"] == pytest.approx(0.25, abs=0.015)
     error = (result.disparity_px - made.disparity)[INNER]
