@@ -44,7 +44,6 @@ def findings_of_pair(
 ) -> Findings:
     """Return the findings of a pair's map with so many points, given the configured uncertainty of the calibration."""
     correction = disparity.correction
-    is_yaw_known = math.isfinite(rotation.yaw_sigma_rad)
     statistics = {
         "points": float(point_count),
         "density": point_count / disparity.px.size,
@@ -54,8 +53,8 @@ def findings_of_pair(
         "vertical_offset_px": correction.vertical.offset_px,
         "vertical_offset_largest_px": correction.vertical.max_px,
         "matched_share": disparity.matched_fraction,
-        "right_yaw_deg": math.degrees(rotation.yaw_rad) if is_yaw_known else math.nan,
-        "right_yaw_sigma_deg": math.degrees(rotation.yaw_sigma_rad) if is_yaw_known else math.nan,
+        "right_yaw_deg": math.degrees(rotation.yaw_rad) if rotation.is_measured else math.nan,
+        "right_yaw_sigma_deg": math.degrees(rotation.yaw_sigma_rad) if rotation.is_measured else math.nan,
         "right_roll_deg": math.degrees(rotation.roll_rad),
         "saturated_share": disparity.saturation.fraction,
     }

@@ -5,7 +5,8 @@ right camera, causes an error of `Z^2 / (fx baseline)` of the depth for each pix
 any pair, and averaging over points or pairs does not reduce it.
 
 The configured uncertainty of the calibration (`CalibrationUncertainty`, the parameters `mapping.calibration`) holds
-before a pair is seen. What a pair shows of its right camera can only increase it (`calibration_sigma`).
+before a pair is seen. What a pair shows of its right camera increases the part of yaw and pitch. It replaces that of
+the residual distortion, which can decrease if the pair shows less vertical disparity (`calibration_sigma`).
 """
 
 from __future__ import annotations
@@ -73,7 +74,8 @@ def calibration_sigma(rotation: CameraRotation, rig: StereoRig, configured: Cali
 
     Residual distortion causes an error along rows of the size of the vertical disparity. An offset and a roll may have
     other causes, so beyond the configured distortion only the rest of the vertical disparity is taken as distortion. If
-    the configured distortion is 0, none is added.
+    the vertical disparity could not be measured, the distortion is at least the configured one. If the configured
+    distortion is 0, none is added.
     """
     yaw_rad = math.radians(configured.yaw_deg)
     if is_yaw_significant(rotation, rig, configured):
@@ -83,7 +85,9 @@ def calibration_sigma(rotation: CameraRotation, rig: StereoRig, configured: Cali
         pitch_rad = math.hypot(pitch_rad, rotation.pitch_rad)
     distortion_px = 0.0
     if configured.distortion_px > 0.0:
-        distortion_px = min(rotation.vertical_rms_px, max(configured.distortion_px, rotation.distortion_rms_px))
+        distortion_px = max(configured.distortion_px, rotation.distortion_rms_px)
+        if rotation.is_measured:
+            distortion_px = min(distortion_px, rotation.vertical_rms_px)
     return CalibrationSigma(
         yaw_rad=yaw_rad,
         pitch_rad=pitch_rad,

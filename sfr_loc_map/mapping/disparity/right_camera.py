@@ -14,6 +14,7 @@ these shapes, and its effect on x is about as large as that on y.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -54,6 +55,11 @@ class CameraRotation:
     pitch_rad: float  #: About x; a positive pitch turns the camera up. Rotation that is equivalent to the offset.
     vertical_rms_px: float  #: Root mean square of the vertical disparity over the image.
     distortion_rms_px: float  #: Root mean square of the vertical disparity without its offset and roll.
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether enough pixels were valid; otherwise only what the correction has removed is known."""
+        return math.isfinite(self.yaw_sigma_rad)
 
 
 class VerticalPolynomial(NamedTuple):
