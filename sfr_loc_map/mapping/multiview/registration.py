@@ -47,7 +47,7 @@ class RegisteredViews(NamedTuple):
     """Result of the registration."""
 
     views: Sequence[PairView]  #: Views at their registered poses.
-    findings: Findings = Findings()  #: Motions, and poses that could not be changed.
+    findings: Findings = Findings()  #: Motions, and poses that could not be registered or were not changed.
 
 
 def register_views(views: Sequence[PairView], rig: StereoRig) -> RegisteredViews:
@@ -58,6 +58,10 @@ def register_views(views: Sequence[PairView], rig: StereoRig) -> RegisteredViews
         motion = estimate_motion(registered, view, rig)
         if motion is None:
             registered.append(view)
+            warning = (
+                f"pair {index} overlaps the pairs before it too little to be registered: its pose is left as given"
+            )
+            findings += Findings(warnings=(warning,))
             continue
         rotation_deg = float(np.rad2deg(np.linalg.norm(rotvec_from_matrix(motion.rotation))))
         translation_m = float(np.linalg.norm(motion.translation))
