@@ -54,7 +54,10 @@ from sfr_loc_map.mapping.reprojection import reproject
 class FusionInput:
     """What the fusion requires of a pair beside its cloud."""
 
-    view: PairView  #: Points with the sigma by which pairs are fused, that of noise and smoothing alone.
+    rig: StereoRig  #: Rig of the pair.
+    #: Points with the sigma by which pairs are fused, that of noise and smoothing alone. Saturation and calibration
+    #: are no weights of the fusion (`point_sigma`): they are added to the sigma of the fused points.
+    view: PairView
     saturation: Saturation  #: Saturated pixels, which increase sigma.
     calibration: CalibrationSigma  #: Uncertainty of the calibration given what the pair shows.
 
@@ -142,7 +145,7 @@ class Mapper:
             random_sigma=sigma.random,
             T_lm_left=T_lm_left,
             disparity_px=view.disparity_px,
-            fusion_input=FusionInput(view, disparity.saturation, calibration),
+            fusion_input=FusionInput(self._rig, view, disparity.saturation, calibration),
             statistics=findings.statistics,
             warnings=findings.warnings,
         )
@@ -151,7 +154,7 @@ class Mapper:
         """Return one cloud of up to three pairs; the `pair` of its points is the position of their map in the order."""
         if not 1 <= len(maps) <= MAX_PAIRS:
             raise MappingError(f"a map is fused from 1 to {MAX_PAIRS} pairs: got {len(maps)}")
-        inputs = [_fusion_input(item) for item in maps]
+        inputs = [_fusion_input(item, self._rig) for item in maps]
         ground = without_fixed_content([item.view.with_index(index) for index, item in enumerate(inputs)], self._rig)
         registered = RegisteredViews(ground.views)
         if self._config.refine_poses:
@@ -172,8 +175,14 @@ class Mapper:
         )
 
 
-def _fusion_input(pair_map: PairMap) -> FusionInput:
-    """Return what the fusion requires of a pair; raises MappingError if the map is that of another method."""
-    if pair_map.fusion_input is None:
-        raise MappingError(f"the map of stamp {pair_map.stamp_ns} is not one of this mapper's: fuse maps of `process`")
-    return pair_map.fusion_input
+def _fusion_input(pair_map: PairMap, rig: StereoRig) -> FusionInput:
+    """Return what the fusion requires of a pair; raises MappingError for a map of another method or of other cameras."""
+    found = pair_map.fusion_input
+    if found is None:
+        raise MappingError(f"the map of stamp {pair_map.stamp_ns} was not made by `Mapper.process`: fuse maps of it")
+    if not found.rig.same_cameras(rig):
+        raise MappingError(
+            f"the map of stamp {pair_map.stamp_ns} was made with other cameras than those of this mapper: fuse maps of "
+            "one rig"
+        )
+    return found

@@ -210,6 +210,9 @@ def test_wrong_size_and_index_and_maps_of_other_methods_are_refused() -> None:
     foreign = replace(mapper.process(made.pair, T_LM_NAVSB, 0), fusion_input=None)
     with pytest.raises(MappingError, match="stamp"):
         mapper.fuse([foreign])
+    wider = Mapper(replace(made.rig, baseline_m=1.5 * made.rig.baseline_m))
+    with pytest.raises(MappingError, match="other cameras"):
+        mapper.fuse([wider.process(made.pair, T_LM_NAVSB, 0)])
 
 
 @pytest.mark.slow
