@@ -176,7 +176,7 @@ class Mapper:
 
 
 def _fusion_input(pair_map: PairMap, rig: StereoRig) -> FusionInput:
-    """Return what the fusion requires of a pair; raises MappingError for a map of another method or of other cameras."""
+    """Return what the fusion requires of a pair; raises MappingError for a map of another method or other cameras."""
     found = pair_map.fusion_input
     if found is None:
         raise MappingError(f"the map of stamp {pair_map.stamp_ns} was not made by `Mapper.process`: fuse maps of it")

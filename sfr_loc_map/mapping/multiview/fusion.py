@@ -2,7 +2,8 @@
 
 Every point is reprojected into the disparity images of the other pairs. If both agree within their uncertainty, the
 point moves along its own ray to the mean weighted by inverse variance, so that the points of all pairs are on one
-surface. If another pair with the lower variance observes a farther surface at that pixel, the point is dropped.
+surface. If another pair with the larger weight observes a farther surface at that pixel, the point is dropped. Of two
+equal weights that of the earlier pair counts as the larger one. A weight is `1 / sigma^2`, reduced near the border.
 
 The points are samples of the ground. All others are kept, each on the ray of its own pixel: where the ground is seen at
 a grazing angle, the rows of one image are centimetres apart, and those of another pair are between them. Of two points
@@ -71,6 +72,7 @@ class Comparison(NamedTuple):
 
     total_weight: FloatImage  #: `(N,)`, weight of the point and of the views that agree, 1 / m^2.
     weighted_difference: FloatImage  #: `(N,)`, sum of weight times range difference of these views, 1 / m.
+    noise: FloatImage  #: `(N,)`, variance of the weighted sum of these ranges, the sum of weight^2 sigma^2, 1 / m^2.
     merged: Mask  #: `(N,)`, another view agrees.
     duplicate: Mask  #: `(N,)`, a preferred view has the same sample.
     conflict: Mask  #: `(N,)`, a preferred view observes a farther surface.
@@ -118,6 +120,7 @@ def _compare(index: int, views: Sequence[PairView], rig: StereoRig) -> Compariso
     own_weight = view.point_weights()
     total_weight = own_weight.copy()
     weighted_difference = np.zeros_like(own_weight)
+    noise = np.square(own_weight * view.cloud.sigma)
     merged = np.zeros(len(view.cloud), np.bool_)
     duplicate = np.zeros_like(merged)
     conflict = np.zeros_like(merged)
@@ -134,19 +137,21 @@ def _compare(index: int, views: Sequence[PairView], rig: StereoRig) -> Compariso
         weight = np.where(agree, seen.weight, F(0.0))
         total_weight[points] += weight
         weighted_difference[points] += weight * seen.difference
+        noise[points] += np.square(weight * seen.sigma)
         merged[points] |= agree
         duplicate[points] |= agree & is_preferred & (seen.offset_px < SAME_SAMPLE_PX)
         conflict[points] |= is_preferred & (seen.difference > AGREE_SIGMAS * sigma)
         findings += _agreement_findings((index, other_index), (view, other), seen)
-    return Comparison(total_weight, weighted_difference, merged, duplicate, conflict, findings)
+    return Comparison(total_weight, weighted_difference, noise, merged, duplicate, conflict, findings)
 
 
 def _fused_points(view: PairView, found: Comparison) -> PointCloud:
     """Return the points of a view that are kept, moved along their rays to the weighted mean with the other views.
 
-    With the ranges r_i and the weights w_i of the point and of the views that agree, the new range is
-    `sum w_i r_i / sum w_i` and its variance `c sigma^2 + (1 - c) / sum w_i`, c the fraction that all pairs have in
-    common. Weights are less than `1 / sigma^2` near the border of an image, where the variance is therefore overstated.
+    With the ranges r_i, their standard deviations s_i and the weights w_i of the point and of the views that agree, the
+    new range is `sum w_i r_i / sum w_i`. Its variance is `c sigma^2 + (1 - c) sum w_i^2 s_i^2 / (sum w_i)^2`, with
+    sigma that of the point and c the fraction of the variance that all pairs have in common. Away from the border of
+    the images the weights are `1 / s_i^2`, and the last term is `(1 - c) / sum w_i`.
     """
     kept = np.flatnonzero(~(found.duplicate | found.conflict))
     cloud = view.cloud.select(kept)
@@ -156,7 +161,8 @@ def _fused_points(view: PairView, found: Comparison) -> PointCloud:
     rays = points - view.T_lm_left.translation.astype(F)
     ranges = np.sqrt(np.einsum("ij,ij->i", rays, rays))
     step = found.weighted_difference[kept[moved]] / total_weight / ranges
-    variance = COMMON_VARIANCE * np.square(cloud.sigma[moved]) + (1.0 - COMMON_VARIANCE) / total_weight
+    independent = found.noise[kept[moved]] / np.square(total_weight)
+    variance = COMMON_VARIANCE * np.square(cloud.sigma[moved]) + (1.0 - COMMON_VARIANCE) * independent
     xyz = cloud.xyz.copy()
     xyz[moved] = points + rays * step[:, None]
     sigma = cloud.sigma.copy()

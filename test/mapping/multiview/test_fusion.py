@@ -66,6 +66,20 @@ def test_the_feather_reduces_weights_towards_the_border_and_leaves_sigma() -> No
     np.testing.assert_allclose(seen.weight, view.point_weights()[seen.point_indices])
 
 
+def test_sigma_near_the_border_is_that_of_the_mean_with_reduced_weights() -> None:
+    """Two equally uncertain views agree: the mean of both is better than either one at any distance from the border."""
+    views = [plane_view(4.0, 0.1, i, ASIDE[i]) for i in range(2)]
+    cloud = fuse_views(views, RIG).cloud
+    own = views[0].cloud
+    fused = cloud.select(cloud.pair == 0)
+    single = views[0].images.sigma[fused.v, fused.u]
+    merged = fused.sigma != single
+    assert merged.sum() > 0.9 * len(own)
+    assert (fused.sigma[merged] < single[merged]).all()
+    both = np.sqrt(COMMON_VARIANCE + 0.5 * (1.0 - COMMON_VARIANCE))
+    assert np.median(fused.sigma[merged] / single[merged]) == pytest.approx(both, abs=0.01)
+
+
 @pytest.mark.parametrize(("depth_m", "conflicts"), [(5.0, True), (3.0, False)])
 def test_a_point_is_dropped_if_a_better_view_sees_through_it(depth_m: float, conflicts: bool) -> None:
     """A better view that sees something nearer is occluded itself: the point stays."""
