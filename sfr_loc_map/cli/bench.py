@@ -186,12 +186,12 @@ def _present(result: dict[str, Any], json_path: str | None) -> None:
     from sfr_loc_map.report.benchmark_tables import benchmark_tables
 
     show(result, json_path, benchmark_tables(result))
-    said = {} if json_path == STANDARD_OUTPUT else result
-    for name, reason in said.get("missing", {}).items():
+    reported = {} if json_path == STANDARD_OUTPUT else result
+    for name, reason in reported.get("missing", {}).items():
         say(f"left out: {name}: {reason}")
-    for name, reason in said.get("failed", {}).items():
+    for name, reason in reported.get("failed", {}).items():
         say(f"failed: {name}: {reason}")
-    for name, texts in said.get("findings", {}).items():
+    for name, texts in reported.get("findings", {}).items():
         more = f" (and {len(texts) - 1} more)" if len(texts) > 1 else ""
         say(f"found: {name}: {texts[0]}{more}")
     if "interrupted" in result:

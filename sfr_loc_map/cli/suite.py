@@ -239,8 +239,8 @@ def _present(
         say(text, err=True)
     if summary.verdict is not None:
         counts = summary.counts
-        said = f"verdict: {summary.verdict}. {counts['done']} of {counts['tasks']} tasks have a result"
-        say(said, err=json_path == STANDARD_OUTPUT)
+        reported = f"verdict: {summary.verdict}. {counts['done']} of {counts['tasks']} tasks have a result"
+        say(reported, err=json_path == STANDARD_OUTPUT)
     if missed := sum(item.state is VerdictState.FAIL for _, item in verdicts):
         judged = sum(item.state is not VerdictState.INCOMPLETE for _, item in verdicts)
         raise FailedVerdictError(f"{missed} of {judged} limits over all drives missed")

@@ -31,10 +31,10 @@ def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> No
             missed.append(f"{name} {item.value:.6g} {'>' if name == item.name else 'against'} {item.limit:g}")
         others = [item for item in score.verdicts if item.name not in wrong]
         count = sum(item.state is not VerdictState.INCOMPLETE for item in others)
-        said = [f"the method failed: {', '.join(item.kind for item in score.failures)}"] if wrong else []
-        said += [] if score.incomplete is None else [f"incomplete: {score.incomplete}"]
-        said += [f"{len(missed)} of {count} limits missed: {', '.join(missed)}"] if missed else []
-        raise FailedVerdictError("; ".join(said))
+        reasons = [f"the method failed: {', '.join(item.kind for item in score.failures)}"] if wrong else []
+        reasons += [] if score.incomplete is None else [f"incomplete: {score.incomplete}"]
+        reasons += [f"{len(missed)} of {count} limits missed: {', '.join(missed)}"] if missed else []
+        raise FailedVerdictError("; ".join(reasons))
     not_judged(reasons_not_judged(score, asked), lenient=lenient)
 
 
@@ -57,7 +57,7 @@ def not_judged(reasons: Sequence[str], *, lenient: bool) -> None:
 
 
 def conclude_findings(method: MethodRecord, records: Sequence[CallRecord]) -> None:
-    """Say what a method did wrong; raise FailedVerdictError if anything, as all outputs are written."""
+    """Report what a method did wrong; raise FailedVerdictError if anything, as all outputs are written."""
     from sfr_loc_map.runs.calls import findings_of
 
     found = findings_of([record.finding for record in records], [record.stamp_ns for record in records])
