@@ -61,6 +61,7 @@ class TrajectoryFormat(StrEnum):
 
 ANNOUNCED = (TrajectoryFormat.KITTI, TrajectoryFormat.EUROC, TrajectoryFormat.COLUMNS, TrajectoryFormat.MATRIX)
 """Formats that a command announces."""
+CONFIGURED = "configured truth"  #: A truth that `truth.source` names, also for commands without --columns.
 MOST_NAMED = 8  #: Columns that a message names.
 WORDS = {
     TrajectoryFormat.CSV: "csv of the suite",
@@ -126,7 +127,7 @@ def read_trajectory_file(path: Path, columns: str = "", side: str = "") -> Loade
     """Read a trajectory; the format is that of its header, else of the layout that all rows fit (`pose_columns`).
 
     Stamps come as they are, in any order. `columns` names the columns where the file does not; `side`: "estimate" or
-    "truth", for messages that say how `columns` is given.
+    "truth" or `CONFIGURED`, for messages that say how `columns` is given.
     """
     path = Path(path)
     name = f"'{path}'"
@@ -141,6 +142,8 @@ def read_trajectory_file(path: Path, columns: str = "", side: str = "") -> Loade
         )
         return _loaded(path, table, TrajectoryFormat.CSV, signs=CONJUGATED)
     option = f"--columns '{side}:COLUMNS'" if side else "--columns 'COLUMNS'"
+    if side == CONFIGURED:
+        option = "--set 'truth.columns=COLUMNS'"
     found = pose_columns(lines, name, columns, option)
     return _read_columns(path, blocks, name, found)
 

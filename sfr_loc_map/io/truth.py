@@ -27,7 +27,7 @@ from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.bag_frames import chain_above, pose_row, read_frames, sampled, trajectory_of
 from sfr_loc_map.io.text_table import check_order
 from sfr_loc_map.io.topic_guess import is_own
-from sfr_loc_map.io.trajectory_file import read_trajectory_file
+from sfr_loc_map.io.trajectory_file import CONFIGURED, read_trajectory_file
 from sfr_loc_map.io.true_poses import FIX, ODOMETRY, POINT, POSE, TRANSFORM, WITH_COVARIANCE, TruePoses
 
 if TYPE_CHECKING:
@@ -161,6 +161,7 @@ def truth_of_file(place: Path, config: TruthConfig = TruthConfig(), remap: Mappi
 
     InputError, in one line, if there is none.
     """
+    side = "truth"
     if is_bag(place):
         from sfr_loc_map.io.bag import Bag
 
@@ -171,8 +172,10 @@ def truth_of_file(place: Path, config: TruthConfig = TruthConfig(), remap: Mappi
         file = Path(config.source)
         if not file.exists():
             raise InputError(f"truth '{file}' is neither a file nor a topic of '{place}': give one of both")
-        return truth_of_file(file, replace(config, source=""))
-    loaded = read_trajectory_file(place, config.columns, "truth")
+        if is_bag(file):
+            return truth_of_file(file, replace(config, source=""))
+        place, side = file, CONFIGURED
+    loaded = read_trajectory_file(place, config.columns, side)
     return config.applied(loaded.trajectory, read_from=loaded.text)
 
 

@@ -55,6 +55,25 @@ def test_a_folder_of_images_and_a_chain_of_kalibr_are_a_source(
     assert loc.rig.T_rb_sb is not None
 
 
+def test_the_advice_of_init_on_columns_of_the_truth_can_be_followed(tmp_path: Path, sfr: Sfr) -> None:
+    poses = drive()
+    images(tmp_path / "drive", "ns")
+    (tmp_path / "camchain.yaml").write_text(kalibr("TUM-VI", *CHAINS["T_imu_cam"]))
+    text = rows(seconds(poses), poses.positions, separator=";", header="Zeit[s];Rechts[m];Hoch[m];Höhe[m]")
+    (tmp_path / "station.csv").write_text(text.replace(".", ","), encoding="utf-8")
+    words = ["--from", tmp_path / "drive", "--calibration", tmp_path / "camchain.yaml"]
+    words += ["--set", "extrinsics.quat_xyzw=[0.0, 0.0, 0.0, 1.0]", "--set", f"truth.source={tmp_path / 'station.csv'}"]
+    first = sfr("init", tmp_path / "rover", *words)
+    assert "name the columns: --set 'truth.columns=t=HEADER,x=HEADER,y=HEADER,z=HEADER'" in first.err
+    given = ["--set", "truth.columns=t=Zeit,x=Rechts,y=Hoch,z=Höhe", "--overwrite"]
+    done = sfr("init", tmp_path / "rover", *words, *given)
+    assert done.code == 0, done.err
+    truth = open_source(tmp_path / "drive", source_config(tmp_path / "drive", tmp_path / "rover" / "sfr.yaml")).loc
+    assert truth is not None
+    assert truth.ground_truth is not None
+    np.testing.assert_allclose(truth.ground_truth.positions, poses.positions, atol=1e-12)
+
+
 def test_images_that_are_not_named_by_a_time_are_refused(tmp_path: Path, sfr: Sfr) -> None:
     for side in ("left", "right"):
         (tmp_path / "drive" / side).mkdir(parents=True)
