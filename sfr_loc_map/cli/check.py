@@ -96,5 +96,7 @@ def check(
         worst = min(known, key=lambda item: item.probability or 0.0)
         differing = f"{worst.name} over {worst.condition} differ by more than their covariances predict"
         raise FailedVerdictError(f"{differing} (p {worst.probability:.2g})")
+    if found.calibration:
+        raise FailedVerdictError("the calibration does not fit the recording: each offset is named above")
     if found.result is CheckResult.NOT_ENOUGH_DATA:
         not_judged(["fewer than three sub-trajectories: give a smaller --condition"], lenient=lenient)

@@ -32,7 +32,7 @@ from sfr_loc_map.metrics.consistency import (
     sums_of_steps,
 )
 from sfr_loc_map.metrics.score import Figure, figure_row
-from sfr_loc_map.metrics.statistics import chi2_interval95
+from sfr_loc_map.metrics.statistics import chi2_interval95, student_quantile
 from sfr_loc_map.metrics.trajectory_score import select
 
 SIGNIFICANCE = 0.05  #: Probability of a false finding, over all comparisons of a recording.
@@ -55,6 +55,8 @@ class Windows(NamedTuple):
     position_m: FloatArray  #: `(n, 3)`
     attitude_deg: FloatArray  #: `(n,)`
     squares: FloatArray  #: `(m,)` of sub-trajectories that share no frame.
+    lengths_m: FloatArray  #: `(n, 2)` straight distances by both runs.
+    apart: int  #: Sub-trajectories that share no frame.
     lost: int  #: Frames at which one of the runs was lost.
 
 
@@ -80,13 +82,26 @@ def compare(first: Run, other: Run, condition: Condition) -> Agreement:
     rows_of_other = rows_at(other, frames.stamps_ns)
     lost = first.estimates.lost[frames.est_rows] | other.estimates.lost[rows_of_other]
     attitude_deg = np.degrees(np.linalg.norm(differences[:, 3:], axis=1))
-    windows = Windows(differences[:, :3], attitude_deg, squares, int(np.count_nonzero(lost)))
+    moves = (frames.est_pos[ends] - frames.est_pos[starts], frames.gt_pos[ends] - frames.gt_pos[starts])
+    lengths_m = np.stack([np.linalg.norm(move, axis=1) for move in moves], axis=1)
+    windows = Windows(
+        differences[:, :3], attitude_deg, squares, lengths_m, count_apart(starts, ends), int(np.count_nonzero(lost))
+    )
     probability = None
     if len(squares) >= MIN_WINDOWS:
         probability = float(gammaincc(0.5 * DEGREES * len(squares), 0.5 * squares.sum()))
     return Agreement(
         name=f"{first.name} - {other.name}", condition=condition.setting, windows=windows, probability=probability
     )
+
+
+def count_apart(starts: IntArray, ends: IntArray) -> int:
+    """Return how many sub-trajectories, taken from the first on, share no frame."""
+    count = free_from = 0
+    for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
+        if start >= free_from:
+            count, free_from = count + 1, end
+    return count
 
 
 def as_forward(run: Run) -> Trajectory:
@@ -175,6 +190,25 @@ def agreement_rows(agreement: Agreement) -> list[Figure]:
     rows.append(figure_row("error_at_least", *where, n=position.n, value=least))
     rows.append(figure_row("agreement", *where, n=count, value=agreement.probability))
     return rows
+
+
+def scale_row(agreement: Agreement) -> Figure:
+    """Return by how much longer the first run is than the other, as a fraction, with its 95 % interval.
+
+    The interval takes sub-trajectories as independent that share no frame; where the other one is wheel odometry
+    without slip, the scale is that of the baseline over the focal length.
+    """
+    lengths_m = agreement.windows.lengths_m
+    known = lengths_m[(lengths_m > 0.0).all(axis=1)]
+    count = len(known)
+    independent = float(min(agreement.windows.apart, count))
+    if independent < MIN_WINDOWS:
+        return figure_row("scale", agreement.condition, agreement.name, n=count)
+    scales = known[:, 0] / known[:, 1] - 1.0
+    mean, sigma = float(np.mean(scales)), float(np.std(scales, ddof=1))
+    half = student_quantile(0.975, independent - 1.0) * sigma / np.sqrt(independent)
+    bounds = {"low95": mean - half, "high95": mean + half}
+    return figure_row("scale", agreement.condition, agreement.name, "", None, n=count, value=mean, **bounds)
 
 
 def three_cornered_hat(a: FloatArray, b: FloatArray, c: FloatArray) -> tuple[float, float, float] | None:

@@ -14,12 +14,15 @@ import numpy as np
 
 from sfr_loc_map.evidence.variants import Run
 from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.score import Figure, figure_row
 from sfr_loc_map.metrics.statistics import student_quantile
 from sfr_loc_map.report.tables import Cell, Column, Table, Unit
 
 ANGLES = {"pitch": "vertical_offset_px", "roll": "roll_offset_px", "yaw": "disparity_offset_px"}
 """Statistic of the localiser by the angle that causes it."""
+NAMES = {"right_camera": "right camera, ", "depth_error": "error of depth ", "scale": "excess of length, "}
+"""Figures of the table of the calibration, and how their names begin."""
 LARGE_PX = 0.2  #: Smaller offsets are corrected on the way and cost less than matching noise.
 RANGE_M = 4.0  #: Range at which the error of depth is stated.
 
@@ -84,8 +87,9 @@ def calibration_table(figures: Sequence[Figure]) -> Table:
     """Return the offsets of the right camera as a table."""
     rows = []
     for place, row in enumerate(figures):
-        if row.figure in ("right_camera", "depth_error"):
-            name = f"{row.part} of the right camera" if row.figure == "right_camera" else f"error of depth {row.part}"
+        if row.figure in NAMES:
+            over = f" over {label_of(row.condition)}" if row.condition else ""
+            name = f"{NAMES[row.figure]}{row.part}{over}"
             cell = Cell.number(row.value, f"figures.{place}.value")
             interval = Cell.interval(row.interval, f"figures.{place}", Unit())
             rows.append((Cell.head(name), Cell(row.unit), cell, interval, Cell.number(row.n, f"figures.{place}.n")))

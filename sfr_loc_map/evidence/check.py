@@ -13,6 +13,7 @@ from sfr_loc_map.evidence.agreement import (
     agreement_rows,
     compare,
     result_of,
+    scale_row,
     three_cornered_hat,
 )
 from sfr_loc_map.evidence.calibration import offset_rows, right_camera_offsets
@@ -63,6 +64,7 @@ def check_drive(
     ours = [compare(first, other, condition) for condition in conditions for first, other in pairs]
     theirs = [compare(runs[Variant.FORWARD], other, condition) for condition in conditions for other in others]
     figures = [row for agreement in (*ours, *theirs) for row in agreement_rows(agreement)]
+    figures += [scale_row(agreement) for agreement in theirs]
     if len(others) == 2:
         figures += [row for condition in conditions for row in hat_rows(runs[Variant.FORWARD], others, condition)]
     offsets = right_camera_offsets([runs[variant] for variant in CALIBRATED], sequence.rig)

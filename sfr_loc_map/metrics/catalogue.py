@@ -108,6 +108,7 @@ CATALOGUE = (
     FigureKind("agreement", Subject.EVIDENCE, "", "1", "p-value of the difference by the covariances"),
     FigureKind("right_camera", Subject.EVIDENCE, "", "px", "offset of the right camera from its calibration"),
     FigureKind("depth_error", Subject.EVIDENCE, "", "m", "error of depth by the offset in yaw"),
+    FigureKind("scale", Subject.EVIDENCE, "", "1", "excess of length"),
     FigureKind("hat_sigma", Subject.EVIDENCE, "", "m", "sigma by the three-cornered hat"),
     FigureKind("bound", Subject.EVIDENCE, "", "1", "tolerance bound"),
 )

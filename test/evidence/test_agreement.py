@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sfr_loc_map.evidence.agreement import CheckResult, compare, result_of, three_cornered_hat
+from sfr_loc_map.evidence.agreement import CheckResult, compare, result_of, scale_row, three_cornered_hat
 from sfr_loc_map.evidence.calibration import calibration_table, offset_rows, right_camera_offsets
 from sfr_loc_map.evidence.variants import Run
 from sfr_loc_map.geometry.stereo import StereoRig
@@ -83,6 +83,15 @@ def test_a_drift_that_is_not_stated_is_found_and_bounds_the_error() -> None:
     sizes = np.linalg.norm(differing.windows.position_m, axis=1)
     assert 0.5 * np.sqrt(np.mean(sizes**2)) < 20 * 2e-3 * 1.2, "no more than the drift over 20 steps"
     assert np.mean(sizes) > 0.6 * 20 * 2e-3
+
+
+def test_the_scale_against_wheels_shows_a_wrong_baseline() -> None:
+    turns, moves = true_steps(np.random.default_rng(1))
+    stereo, wheels = run_of("stereo", turns, 1.005 * moves, 1), run_of("wheels", turns, moves, 2)
+    row = scale_row(compare(stereo, wheels, CONDITION))
+    assert row.low95 < 0.005 < row.high95
+    assert row.low95 > 0.0, "the scale is significant"
+    assert scale_row(compare(stereo, wheels, Condition.parse("distance=39"))).value is None
 
 
 def test_too_few_sub_trajectories_are_not_enough_data() -> None:

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
 import pytest
 
-from helpers.loc_drive import drive
+from helpers.cli_result import Sfr
+from helpers.loc_drive import drive, run
 from helpers.made_scene import LOC_RIG
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.evidence.check import check_drive, check_table
 from sfr_loc_map.evidence.variants import PairsInMemory, Run
+from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.trajectory_file import save_trajectory
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.runs.offline import trajectory_of
 
 
 def test_a_drive_agrees_with_itself_and_every_comparison_is_a_row() -> None:
@@ -37,3 +46,27 @@ def test_a_drive_agrees_with_itself_and_every_comparison_is_a_row() -> None:
 def test_a_short_drive_is_refused() -> None:
     with pytest.raises(InputError, match="at least 20"):
         check_drive(PairsInMemory(LOC_RIG, drive(10)), LocalisationConfig(), [Condition.parse("frames=5")], 40)
+
+
+def test_the_command_writes_rows_and_takes_two_other_estimates(
+    sfr: Sfr, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The drive of the suite's own tests with its own estimate and a noisy one: three sigmas, or null for each."""
+    pairs = drive(40)
+    truth = trajectory_of(run(pairs))
+    rng = np.random.default_rng(2)
+    noisy = replace(truth, positions=truth.positions + rng.normal(0, 0.01, truth.positions.shape))
+    for name, poses in (("a.csv", truth), ("b.csv", noisy)):
+        save_trajectory(tmp_path / name, poses)
+    opened = Source(tmp_path, "made", PairsInMemory(LOC_RIG, pairs), None)
+    monkeypatch.setattr("sfr_loc_map.cli.check.open_as", lambda *_: (opened, None))
+    options = ("--condition", "frames=5", "--json", tmp_path / "check.json")
+    found = sfr("check", tmp_path, *options, "--estimate", tmp_path / "a.csv", "--estimate", tmp_path / "b.csv")
+    assert found.code in (0, 1)
+    content = json.loads((tmp_path / "check.json").read_text())
+    assert content["result"] == "consistent"
+    rows = {(row["figure"], row.get("part")): row for row in content["figures"]}
+    assert {("hat_sigma", name) for name in ("forward", "a.csv", "b.csv")} <= set(rows)
+    assert rows["difference", "forward - b.csv"]["rmse"] > 10 * rows["difference", "forward - a.csv"]["rmse"]
+    assert "no accuracy" in found.out
+    assert sfr("check", tmp_path, *["--estimate", tmp_path / "a.csv"] * 3).code == 2
