@@ -17,6 +17,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
+from msgspec.structs import asdict
 from msgspec.structs import replace as replace_row
 from numpy.typing import NDArray
 
@@ -40,7 +41,8 @@ from sfr_loc_map.metrics.score import (
 )
 
 HOST_CLOCK = "host monotonic"
-NODE_CLOCK = "as the node reports (<node>/call)"
+OUTSIDE_CLOCK = "host monotonic, from publishing a pair to the answer"
+STATED = "stated"  #: Part of what an external node states of its own calls.
 METHOD = "kernel high-water mark of resident memory (VmHWM), set back before each call"
 METHOD_UNAVAILABLE = "not measured: this system has no resettable high-water mark (/proc/self/clear_refs)"
 KINDS: dict[str, CallKind] = {
@@ -314,17 +316,25 @@ def stage_of(figure: str) -> str | None:
 
 
 def with_external(scored: ScoredCalls, node: ExternalScore) -> ScoredCalls:
-    """Return scored calls with the clock of an external node's own times, and the memory of its processes."""
-    kind, records, figures = CallKind(node.task), scored.records, scored.figures
-    if kind in records.clocks:
-        records = replace_row(records, clocks={**records.clocks, kind.value: NODE_CLOCK})
-    peaks = {row.part: row for row in figures if row.figure == "peak"}
-    known = peaks.get(kind)
-    if node.process is not None and (known is None or known.value is None):
-        others = [row for part, row in peaks.items() if part != kind and row.value is not None]
-        beside = f"; others: {records.memory_method}" if others else ""
-        peak = figure_row("peak", part=kind, value=node.process.peak_rss_bytes or None)
-        is_own = {("peak", kind.value), ("above_idle", kind.value)}
-        figures = (*(row for row in figures if (row.figure, row.part) not in is_own), peak)
-        records = replace_row(records, memory_method=f"{kind}: {node.process.method}{beside}")
-    return scored._replace(figures=figures, records=records)
+    """Return scored calls with time and memory of an external node as measured from outside.
+
+    What the node states of itself has the part `stated`, which no limit is on.
+    """
+    kind, records, figures = CallKind(node.task), scored.records, []
+    for row in scored.figures:
+        is_time = row.figure == kind
+        is_memory = row.subject is Subject.MEMORY and row.part == kind
+        figures.append(
+            replace_row(row, part=" ".join(filter(None, (STATED, row.part)))) if is_time or is_memory else row
+        )
+    clocks = {name: clock for name, clock in records.clocks.items() if name != kind}
+    if node.latency_s is not None:
+        figures.append(figure_row(kind, **asdict(node.latency_s)))
+        clocks[kind.value] = OUTSIDE_CLOCK
+    method = records.memory_method
+    if node.process is not None:
+        figures.append(figure_row("peak", part=kind, value=node.process.peak_rss_bytes or None))
+        others = any(row.figure == "peak" and row.part != kind and row.value is not None for row in scored.figures)
+        method = f"{kind}: {node.process.method}{f'; others: {records.memory_method}' if others else ''}"
+    records = replace_row(records, clocks=clocks, memory_method=method)
+    return scored._replace(figures=tuple(figures), records=records)

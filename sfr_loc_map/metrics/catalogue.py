@@ -93,6 +93,7 @@ CATALOGUE = (
     FigureKind("calls_doubled", Subject.COMPLETENESS, "", "1", "calls with a repeated stamp"),
     FigureKind("dropped", Subject.COMPLETENESS, "", "1", "messages dropped"),
     FigureKind("restarts", Subject.COMPLETENESS, "", "1", "restarts of the live score"),
+    FigureKind("truth_error", Subject.CONSISTENCY, "", "m", "error of the ground truth"),
     FigureKind("nees", Subject.CONSISTENCY, "", "1", "normalised error squared (NEES)"),
     FigureKind("nees_not_usable", Subject.CONSISTENCY, "", "1", "sub-trajectories whose covariance cannot be tested"),
     FigureKind("nees_from_steps", Subject.CONSISTENCY, "", "1", "sub-trajectories tested by the covariance of steps"),

@@ -26,6 +26,7 @@ from sfr_loc_map.metrics.proof import BOUND, Interpretation, Proof, Terms, bound
 from sfr_loc_map.metrics.score import ANY, Figure, LimitRecord, Rules, Score, Verdict
 from sfr_loc_map.metrics.statistics import Interval
 from sfr_loc_map.metrics.tolerance import CONFIDENCE
+from sfr_loc_map.metrics.truth_error import ATTITUDE
 
 STRICT: dict[str, dict[str, float]] = {
     DRIVE: {"missing": 0.0, "images_without_truth": 0.0},
@@ -54,6 +55,8 @@ SAYS = {
     "dropped": "{percent} % of the messages of the live run were dropped",
     "restarts": "the live score restarted {value} times",
 }
+COVERAGE_FACTORS = {"mean_plus_3sigma": 3.0, "max": 3.0, "p99": 3.0, "p95": 2.0}
+"""Standard deviations of the truth's error that a statistic may be off by, 1 for others."""
 NOT_DUE = "nothing of the {part} is due yet"
 ROUNDING = 1e-9  #: Relative difference up to which a stored number is the derived one.
 UNKNOWN = "what was expected of the {part} is unknown: score against the source"
@@ -457,6 +460,7 @@ class LimitedFigure(NamedTuple):
     interval: Interval | None = None
     row: Figure | None = None
     independent: float | None = None  #: How many of the values are independent, None where that is not defined.
+    truth_error: float = 0.0  #: What the error of the truth may change the number by.
 
 
 def figure_of(limit: Limit, score: Score, part: str | None = ANY) -> LimitedFigure:
@@ -473,9 +477,19 @@ def figure_of(limit: Limit, score: Score, part: str | None = ANY) -> LimitedFigu
         return LimitedFigure()
     is_counted = limited.statistic in STATISTICS and not limit.is_on_one_call
     interval = row.interval if limited.statistic == "mean_plus_3sigma" else None
-    return LimitedFigure(
-        row.statistic(limited.statistic), row.n if is_counted else None, interval, row, row.independent
-    )
+    count = row.n if is_counted else None
+    error = truth_error_of(limit, score)
+    return LimitedFigure(row.statistic(limited.statistic), count, interval, row, row.independent, error)
+
+
+def truth_error_of(limit: Limit, score: Score) -> float:
+    """Return what the error of the truth may change a limited number by: that of both ends of a sub-trajectory."""
+    limited = limit.limited
+    if limit.part is not LimitPart.TRAJECTORY:
+        return 0.0
+    part = None if limited.figure in ("position", "chord") else ATTITUDE
+    sigma = score.number("truth_error", part=part) or 0.0
+    return COVERAGE_FACTORS.get(limited.statistic, 1.0) * float(np.sqrt(2.0)) * sigma
 
 
 def is_enough(limit: Limit, figure: LimitedFigure, limits: Limits) -> bool:
@@ -493,7 +507,9 @@ def verdict_on(limit: Limit, figure: LimitedFigure, limits: Limits) -> Verdict:
     if value is not None and is_enough(limit, figure, limits):
         certain = None if interval is None else not interval[0] <= limit.limit < interval[1]
         counted = limit.part is LimitPart.COMPLETENESS  # not estimated: there is nothing uncertain
-        if not meets(limit, value):
+        if figure.truth_error and abs(margin_of(limit, value)) <= figure.truth_error:
+            state = VerdictState.NOT_ENOUGH_DATA
+        elif not meets(limit, value):
             state = VerdictState.FAIL
         elif certain or counted or not limit.certain:
             state = VerdictState.PASS
@@ -598,8 +614,14 @@ def reasons_not_judged(score: Score, asked: Collection[Condition] = ()) -> tuple
 def few_words(item: Verdict, score: Score) -> str:
     """Return why a limited number is not made of enough data."""
     rules = score.rules or Rules()
+    limits = limits_of(score) or Limits(())
+    for limit in limits.limits:
+        same = (limit.key, limit.limit, condition_of(limit)) == (item.name, item.limit, item.condition)
+        error = truth_error_of(limit, score) if same else 0.0
+        if error and item.margin is not None and abs(item.margin) <= error:
+            return f"its margin of {item.margin:.3g} is within the error of the truth, {error:.3g}"
     if not item.n:
-        return "no data" if item.value is None else "its margin is within the error of the truth"
+        return "no data"
     row = score.figure(item.figure or "", condition=item.condition, part=item.part)
     independent = None if row is None else row.independent
     if item.n >= rules.minimum_count and independent is not None and independent < rules.minimum_independent:

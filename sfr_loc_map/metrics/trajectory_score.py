@@ -39,6 +39,7 @@ from sfr_loc_map.metrics.score import (
     figure_row,
 )
 from sfr_loc_map.metrics.statistics import interval95
+from sfr_loc_map.metrics.truth_error import truth_error_rows
 
 READINGS: dict[Rebase, Callable[[Poses, IntArray, IntArray], SubTrajectoryErrors]] = {
     Rebase.POSE: formulas.pose_reading,
@@ -167,6 +168,7 @@ def score_trajectory(
     )
     plotted = TrajectoryDetails(path=path_rows(placed.estimates, frames, length_m), sub_trajectories=tuple(rows))
     about = truth_record(truth, frames, placed.placement)
+    figures += truth_error_rows(truth, frames.stamps_ns if association.interpolated else frames.stamps_ns[:0])
     return ScoredTrajectory((*figures, *covered), association, about, plotted if details else None)
 
 

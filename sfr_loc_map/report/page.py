@@ -200,7 +200,8 @@ def run_facts(score: Score) -> tuple[tuple[str, str], ...]:
             usual, given = _texts(to_plain(flatten(ScoreConfig()))), _texts(to_plain(made.configuration))
             texts = (f"{name} {text}" for name, text in given.items() if usual.get(name) != text)
             facts["Configuration"] = "; ".join(texts) or "defaults"
-        host = ", ".join(f"Python {value}" if name == "python" else value for name, value in made.host.items())
+        known = {name: made.host[name] for name in ("machine", "system", "python") if name in made.host}
+        host = ", ".join(f"Python {value}" if name == "python" else value for name, value in known.items())
         by = f"by sfr_loc_map {made.version or UNKNOWN}{f' on {host}' if host else ''}"
         facts["Scored"] = f"{made.time or 'time unknown'} {by}"
     return tuple((name, text) for name, text in facts.items() if text)

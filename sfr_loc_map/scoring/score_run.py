@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import logging
+import os
 import platform
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -47,7 +48,7 @@ from sfr_loc_map.metrics.calls import (
 )
 from sfr_loc_map.metrics.catalogue import TARGET
 from sfr_loc_map.metrics.cloud_error import PairTruth, score_map, score_nearest, truths_of
-from sfr_loc_map.metrics.completeness import DRIVE, MAP, MEMORY, expected_row, share_rows
+from sfr_loc_map.metrics.completeness import CALLS, DRIVE, MAP, MEMORY, expected_row, share_rows
 from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationMode, Condition, ScoreConfig, label_of
 from sfr_loc_map.metrics.convention import Diagnosis, converted_estimates, diagnose
 from sfr_loc_map.metrics.judge import judged, why_incomplete
@@ -412,8 +413,12 @@ def _calls_part(run: Run) -> _CallsPart:
     records = of_host.records if calls else None
     expected = _expected_calls(run)
     figures = [*of_host.figures, *completeness_rows([_stamped(item, expected) for item in run.stats], expected)]
-    if (node := run.external) is not None and node.process is not None:
-        figures.append(expected_row(f"{MEMORY} {node.task}", 1, 1))  # of its processes over the whole run
+    if (node := run.external) is not None:
+        figures = [row for row in figures if row.part not in (f"{CALLS} {node.task}", f"{MEMORY} {node.task}")]
+        answers = node.answers
+        figures.append(expected_row(f"{CALLS} {node.task}", answers.answered, answers.pairs))
+        if node.process is not None:
+            figures.append(expected_row(f"{MEMORY} {node.task}", 1, 1))  # of its processes over the whole run
     if run.target is None:
         return _CallsPart(figures=tuple(figures), records=records, plots=of_host.plots)
     of_target, target = _scored_target(run, run.target)
@@ -513,9 +518,25 @@ def _provenance(run: Run, config: ScoreConfig, truth_sha256: str | None, map_tru
         command=inputs.command,
         inputs=files,
         configuration=flatten(config),
-        host={"machine": platform.machine(), "system": platform.system(), "python": platform.python_version()},
+        host=host_facts(),
         time=datetime.now(UTC).isoformat(timespec="seconds"),
     )
+
+
+def host_facts() -> dict[str, str]:
+    """Return what is known of this host: machine, system, Python; processor, kernel, load and governor."""
+    found = {"machine": platform.machine(), "system": platform.system(), "python": platform.python_version()}
+    found["kernel"] = platform.release()
+    with suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+        names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+        found["processor"] = names[0] if names else "unknown"
+    with suppress(OSError):
+        found["load"] = f"{os.getloadavg()[0]:.2f} of {os.cpu_count()} processors"
+    with suppress(OSError):
+        governor = Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
+        found["governor"] = governor.read_text(encoding="utf-8").strip()
+    return found
 
 
 def _existing(name: str) -> Path | None:

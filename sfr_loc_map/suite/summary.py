@@ -270,7 +270,11 @@ def verdicts_over(
         over, count = "worst drive", len(values)
         if limit.condition is not None:
             figure = figure_of(limit, Score(figures=pooled))
-            figure = figure._replace(independent=sum(figure_of(limit, score).independent or 0.0 for score in own))
+            of_each = [figure_of(limit, score) for score in own]
+            figure = figure._replace(
+                independent=sum(each.independent or 0.0 for each in of_each),
+                truth_error=max((each.truth_error for each in of_each), default=0.0),
+            )
             over, count = "pooled", figure.n or 0
         else:  # drives need no least number
             worst_value = min(values, default=None) if limit.is_lower_bound else max(values, key=abs, default=None)

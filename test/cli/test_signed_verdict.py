@@ -542,3 +542,23 @@ def test_too_few_independent_sub_trajectories_give_no_verdict(judge: Judge) -> N
         result, score = judge(limits=least + SUM + "1\n", estimate=estimate, truth=truth)
         assert (result.code, score["verdicts"][0]["verdict"]) == (code, verdict)
         assert ("17 values, of which 4.25 are independent (5 are needed)" in result.err) == (code == 3)
+
+
+def test_a_verdict_within_the_error_of_the_truth_is_not_enough_data(judge: Judge) -> None:
+    """A truth at 1 Hz of a drive that swings by 0.15 m, images at 10 Hz: interpolation is off by millimetres."""
+    along = STEP_M * np.arange(COUNT)
+    swing = np.column_stack([along, 0.15 * np.sin(0.07 * np.arange(COUNT)), np.zeros(COUNT)])
+    true = replace(judge.truth, positions=swing)
+    sparse = rows_of(true, slice(None, None, 10))
+    _, score = judge("--frames", "images", limits=SUM + "1\n", estimate=true, truth=sparse)
+    value = score_rows.number(score, "position", "mean_plus_3sigma")
+    error = score_rows.number(score, "truth_error")
+    assert score_rows.number(score, "truth_error", part="interpolation") == error
+    off = np.interp(along, along[::10], swing[::10, 1]) - swing[:, 1]
+    assert error == pytest.approx(float(np.sqrt(np.mean(off**2))), rel=0.2)
+    assert value > 0.005  # of a perfect estimate
+    allowed = "completeness:\n  missing_max_share: 1\n"
+    for limit, code, verdict in ((0.8 * value, 3, "not enough data"), (1.0, 0, "pass")):
+        result, score = judge("--frames", "images", limits=f"{allowed}{SUM}{limit}\n", estimate=true, truth=sparse)
+        assert (result.code, score["verdicts"][0]["verdict"]) == (code, verdict)
+        assert ("within the error of the truth" in result.err) == (code == 3)

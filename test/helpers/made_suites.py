@@ -37,6 +37,7 @@ def results(folder: Path) -> dict[str, object]:
         score = json.loads(path.read_text())
         score["figures"] = [item for item in score["figures"] if item["subject"] not in MEASURED]
         score["provenance"].pop("time")
+        score["provenance"]["host"].pop("load", None)
         scores[path.stem] = score
     return scores
 

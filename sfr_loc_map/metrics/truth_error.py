@@ -1,0 +1,57 @@
+"""The error of the ground truth itself: interpolation, stated noise, lever arm.
+
+A verdict whose margin lies within this error is not enough data (`metrics.judge`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth
+from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.metrics.score import Figure, figure_row
+
+ATTITUDE = "attitude"  #: Part of the row of the attitude.
+
+
+def truth_error_rows(truth: Trajectory, frames_ns: IntArray) -> Iterator[Figure]:
+    """Yield the error of a ground truth at frames: the total of the position, its parts, and that of the attitude.
+
+    The rows hold standard deviations, m and deg. Of a truth that is taken as exact at every frame all are 0.
+    """
+    known = truth if isinstance(truth, Truth) else Truth(truth.stamps_ns, truth.positions, truth.quats_xyzw)
+    errors_m = interpolation_errors(truth, frames_ns)
+    parts = {
+        "interpolation": float(np.sqrt(np.mean(np.square(errors_m)))) if len(errors_m) else 0.0,
+        "noise": float(np.sqrt(3.0)) * known.sigma_m,
+        "lever arm": float(np.linalg.norm(known.lever_arm_m)) * float(np.radians(known.sigma_deg)),
+    }
+    yield figure_row("truth_error", n=len(frames_ns), value=float(np.linalg.norm(list(parts.values()))))
+    for name, value in parts.items():
+        yield figure_row("truth_error", part=name, value=value)
+    yield figure_row("truth_error", part=ATTITUDE, unit="deg", value=float(np.sqrt(3.0)) * known.sigma_deg)
+
+
+def interpolation_errors(truth: Trajectory, frames_ns: IntArray) -> FloatArray:
+    """Return the error of linear interpolation `(F,)` at frames, m, from the curvature of the truth; 0 at its poses.
+
+    Between poses h apart, at the fraction s, the error is `s (1 - s) h^2 |a| / 2` with the acceleration a (de Boor
+    1978, chapter III). The larger acceleration of both poses counts.
+    """
+    stamps_ns, rows = np.unique(truth.stamps_ns, return_index=True)
+    if len(stamps_ns) < 3 or not len(frames_ns):
+        return np.zeros(len(frames_ns))
+    time_s = (stamps_ns - stamps_ns[0]) / NS_PER_S
+    at_s = (frames_ns - stamps_ns[0]) / NS_PER_S
+    velocity = np.diff(truth.positions[rows], axis=0) / np.diff(time_s)[:, None]
+    between_s = 0.5 * (time_s[2:] - time_s[:-2])
+    inner = np.linalg.norm(np.diff(velocity, axis=0), axis=1) / between_s
+    acceleration = np.concatenate([inner[:1], inner, inner[-1:]])
+    after = np.clip(np.searchsorted(time_s, at_s, "left"), 1, len(time_s) - 1)
+    apart_s = time_s[after] - time_s[after - 1]
+    share = np.clip((at_s - time_s[after - 1]) / apart_s, 0.0, 1.0)
+    largest = np.maximum(acceleration[after - 1], acceleration[after])
+    return np.asarray(0.5 * share * (1.0 - share) * np.square(apart_s) * largest)
