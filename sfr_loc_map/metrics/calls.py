@@ -320,7 +320,8 @@ def with_external(scored: ScoredCalls, node: ExternalScore) -> ScoredCalls:
 
     What the node states of itself has the part `stated`, which no limit is on.
     """
-    kind, records, figures = CallKind(node.task), scored.records, []
+    kind, records, figures = CallKind(node.task), scored.records, list[Figure]()
+    measured = list[Figure]()
     for row in scored.figures:
         is_time = row.figure == kind
         is_memory = row.subject is Subject.MEMORY and row.part == kind
@@ -329,12 +330,12 @@ def with_external(scored: ScoredCalls, node: ExternalScore) -> ScoredCalls:
         )
     clocks = {name: clock for name, clock in records.clocks.items() if name != kind}
     if node.latency_s is not None:
-        figures.append(figure_row(kind, **asdict(node.latency_s)))
+        measured.append(figure_row(kind, **asdict(node.latency_s)))
         clocks[kind.value] = OUTSIDE_CLOCK
     method = records.memory_method
     if node.process is not None:
-        figures.append(figure_row("peak", part=kind, value=node.process.peak_rss_bytes or None))
+        measured.append(figure_row("peak", part=kind, value=node.process.peak_rss_bytes or None))
         others = any(row.figure == "peak" and row.part != kind and row.value is not None for row in scored.figures)
         method = f"{kind}: {node.process.method}{f'; others: {records.memory_method}' if others else ''}"
     records = replace_row(records, clocks=clocks, memory_method=method)
-    return scored._replace(figures=tuple(figures), records=records)
+    return scored._replace(figures=(*measured, *figures), records=records)

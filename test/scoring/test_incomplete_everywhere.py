@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sfr_loc_map.replay.result import ReplayResult, score_replay
 
 from helpers.made_scene import LOC_RIG, NAV_RIG, nav_pair
 from helpers.made_suites import JOB
@@ -31,6 +30,7 @@ from sfr_loc_map.report.page import overall_of, render_page
 from sfr_loc_map.report.test_report import junit, render_test_report
 from sfr_loc_map.runs.calls import CallRecord, stats_of
 from sfr_loc_map.scoring.monitor_score import MonitorScore
+from sfr_loc_map.scoring.replay_result import ReplayResult, score_replay
 from sfr_loc_map.scoring.score_run import Run, ScoredCloud, ScoredDrive, ScoreInputs, score_run
 from sfr_loc_map.suite.summary import ScoredJob, Summary, groups_of
 
