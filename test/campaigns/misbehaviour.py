@@ -22,7 +22,10 @@ from helpers.cli_result import Result, Sfr
 from helpers.made_scene import true_pose, write_folder
 
 SFR = (sys.executable, "-P", "-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
-LIMITS = "trajectory: [{{condition: frames=3, position_mean_plus_3sigma_m: {limit}}}]\n"
+LIMITS = """\
+minimum_independent: 1  # the drive is short
+trajectory: [{{condition: frames=3, position_mean_plus_3sigma_m: {limit}}}]
+"""
 CALL_TIMEOUT_S, MEMORY_MB = 3, 400
 
 
